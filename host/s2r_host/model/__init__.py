@@ -1,0 +1,1 @@
+"""From an estimated joint and two clouds to a loadable physics model."""

@@ -1,0 +1,1 @@
+"""From depth frames to what moved and along which joint."""

@@ -1,0 +1,1 @@
+"""Sampling model-predictive control through contact: iCEM on MuJoCo batches."""

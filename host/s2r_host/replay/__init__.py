@@ -1,0 +1,1 @@
+"""Replaying recorded plans and comparing the recordings."""

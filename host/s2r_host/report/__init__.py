@@ -1,0 +1,1 @@
+"""Run reports: one HTML file that opens offline."""

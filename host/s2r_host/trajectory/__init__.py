@@ -1,0 +1,1 @@
+"""Time laws: from joint paths to trajectories the executor admits."""

@@ -1,0 +1,1 @@
+"""CAN and CAN FD layouts shared by executor and drives, and the stand-in bus for python-can."""

@@ -1,0 +1,1 @@
+"""Generated protobuf classes (committed; `scripts/generate` rebuilds them)."""

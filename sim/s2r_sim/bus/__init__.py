@@ -1,0 +1,1 @@
+"""The CAN bus model and the emulated CiA 402 drives on it."""

@@ -1,0 +1,1 @@
+"""A D415-like active-stereo depth camera by ray casting."""
