@@ -89,12 +89,16 @@ def open_envelope(wire: bytes) -> pb.Envelope:
     if magic != MAGIC:
         raise MessageRefusedError(Refusal.MALFORMED, f"message starts with {magic!r}, expected {MAGIC!r}")
     if zlib.crc32(rest) != crc:
-        raise MessageRefusedError(Refusal.MALFORMED, "message checksum (CRC-32) does not match: damaged in transit")
+        raise MessageRefusedError(
+            Refusal.MALFORMED, "message checksum (CRC-32) does not match: damaged in transit"
+        )
     envelope = pb.Envelope()
     try:
         envelope.ParseFromString(rest)
     except DecodeError as error:
-        raise MessageRefusedError(Refusal.MALFORMED, f"message envelope cannot be decoded: {error}") from error
+        raise MessageRefusedError(
+            Refusal.MALFORMED, f"message envelope cannot be decoded: {error}"
+        ) from error
     if envelope.schema_version != SCHEMA_VERSION:
         raise MessageRefusedError(
             Refusal.MALFORMED,
@@ -112,7 +116,9 @@ def open_body(envelope: pb.Envelope, expected: type[M]) -> M:
     """
     name = expected.DESCRIPTOR.full_name
     if envelope.kind != name:
-        raise MessageRefusedError(Refusal.MALFORMED, f"expected a {name} here, got {envelope.kind or 'nothing'}")
+        raise MessageRefusedError(
+            Refusal.MALFORMED, f"expected a {name} here, got {envelope.kind or 'nothing'}"
+        )
     body = expected()
     try:
         body.ParseFromString(envelope.body)

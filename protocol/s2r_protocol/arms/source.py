@@ -1,0 +1,226 @@
+"""Reading ``arm.yaml``, the one source of an arm: links, joints, shapes, limits, home pose."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from s2r_protocol.exits import UsageError
+
+Vector3 = tuple[float, float, float]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class ArmDescriptionError(UsageError):
+    """An arm description is missing, incomplete or contradicts itself."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Link(_Strict):
+    """A rigid body: mass [kg], centre of mass [m] and principal inertia about it [kg m²], axes as the link's."""
+
+    name: str
+    mass: Positive
+    com: Vector3
+    inertia: tuple[Positive, Positive, Positive]
+
+    @model_validator(mode="after")
+    def _inertia_is_possible(self) -> Link:
+        a, b, c = sorted(self.inertia)
+        if a + b < c * (1 - 1e-9):
+            raise ValueError(
+                f"link '{self.name}': principal inertias {self.inertia} violate the triangle inequality; "
+                "no body has them"
+            )
+        return self
+
+
+class Joint(_Strict):
+    """A revolute joint; ``origin`` [m] is the child's frame in the parent's, axes parallel at zero."""
+
+    name: str
+    parent: str
+    child: str
+    axis: Literal["x", "y", "z"]
+    origin: Vector3
+    q: tuple[float, float]
+    dq_max: Positive
+    ddq_max: Positive
+    dddq_max: Positive
+    tau_max: Positive
+
+    @model_validator(mode="after")
+    def _range_is_open(self) -> Joint:
+        if not self.q[0] < self.q[1]:
+            raise ValueError(f"joint '{self.name}': q_min {self.q[0]} is not below q_max {self.q[1]}")
+        return self
+
+
+class Mount(_Strict):
+    """A rigid attachment: ``origin`` [m] and roll-pitch-yaw [rad] of the child in its parent."""
+
+    parent: str
+    child: str
+    origin: Vector3
+    rpy: Vector3
+
+
+class Tool(_Strict):
+    """The tool frame, fixed in a link."""
+
+    name: str
+    parent: str
+    origin: Vector3
+    rpy: Vector3
+
+
+class Rod(_Strict):
+    """A capsule (round ends) or cylinder (flat ends) around the segment a-b [m]."""
+
+    link: str
+    name: str
+    type: Literal["capsule", "cylinder"]
+    a: Vector3
+    b: Vector3
+    radius: Positive
+
+
+class Box(_Strict):
+    """A box with half extents [m], axes as the link's."""
+
+    link: str
+    name: str
+    type: Literal["box"]
+    center: Vector3
+    half: tuple[Positive, Positive, Positive]
+
+
+Shape = Annotated[Rod | Box, Field(discriminator="type")]
+
+
+class ArmSource(_Strict):
+    """Everything ``arm.yaml`` says. Joints form one chain from ``base``; mounts hang off it."""
+
+    name: str
+    vendor: str
+    base: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    mounts: tuple[Mount, ...] = ()
+    tool: Tool
+    shapes: tuple[Shape, ...]
+    collision_exclude: tuple[tuple[str, str], ...] = ()
+    q_home: tuple[float, ...]
+
+    @model_validator(mode="after")
+    def _names_fit_together(self) -> ArmSource:
+        links = [link.name for link in self.links]
+        _refuse_duplicates("link", links)
+        _refuse_duplicates("joint", [j.name for j in self.joints])
+        _refuse_duplicates("shape", [s.name for s in self.shapes])
+        for what, used in (
+            ("base", [self.base]),
+            ("joints", [n for j in self.joints for n in (j.parent, j.child)]),
+            ("mounts", [n for m in self.mounts for n in (m.parent, m.child)]),
+            ("tool", [self.tool.parent]),
+            ("shapes", [s.link for s in self.shapes]),
+            ("collision_exclude", [n for pair in self.collision_exclude for n in pair]),
+        ):
+            unknown = sorted(set(used) - set(links))
+            if unknown:
+                raise ValueError(f"{what}: unknown link {unknown[0]!r}; this arm has {', '.join(links)}")
+        _refuse_broken_chain(self)
+        if len(self.q_home) != len(self.joints):
+            raise ValueError(f"q_home has {len(self.q_home)} values for {len(self.joints)} joints")
+        for joint, q in zip(self.joints, self.q_home, strict=True):
+            if not joint.q[0] <= q <= joint.q[1]:
+                raise ValueError(f"q_home: joint '{joint.name}' = {q} rad is outside {list(joint.q)} rad")
+        return self
+
+    def children_of(self, link: str) -> list[Joint | Mount]:
+        """Joints and mounts that hang directly off a link, in file order."""
+        return [c for c in (*self.joints, *self.mounts) if c.parent == link]
+
+    def shapes_of(self, link: str) -> list[Rod | Box]:
+        """Shapes of one link, in file order."""
+        return [s for s in self.shapes if s.link == link]
+
+    def link_named(self, name: str) -> Link:
+        """The link with that name."""
+        return next(link for link in self.links if link.name == name)
+
+
+def _refuse_duplicates(what: str, names: list[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{what} name {name!r} occurs {names.count(name)} times")
+
+
+def _refuse_broken_chain(source: ArmSource) -> None:
+    """Every link but the base has exactly one parent, and the joints follow each other."""
+    parents = {link.name: 0 for link in source.links}
+    for connection in (*source.joints, *source.mounts):
+        parents[connection.child] += 1
+    for name, count in parents.items():
+        expected = 0 if name == source.base else 1
+        if count != expected:
+            raise ValueError(f"link '{name}' has {count} parents, expected {expected}")
+    carried = source.base
+    for joint in source.joints:
+        if joint.parent != carried:
+            raise ValueError(
+                f"joint '{joint.name}' hangs off '{joint.parent}', expected '{carried}': joints form one chain"
+            )
+        carried = joint.child
+
+
+def read_source(path: Path) -> ArmSource:
+    """Read and check an ``arm.yaml``.
+
+    Raises:
+        ArmDescriptionError: The file is missing, not YAML, or incomplete; every problem is listed.
+    """
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ArmDescriptionError(
+            f"no arm description at {path}; a folder with an arm.yaml is needed"
+        ) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ArmDescriptionError(f"{path} is not readable YAML: {error}") from error
+    if not isinstance(raw, dict):
+        raise ArmDescriptionError(
+            f"{path} holds {type(raw).__name__}, expected the keys of an arm description"
+        )
+    try:
+        return ArmSource.model_validate(raw)
+    except ValidationError as error:
+        problems = "\n".join(f"  {_where(e['loc'], raw)}: {_plain(e['msg'])}" for e in error.errors())
+        raise ArmDescriptionError(f"{path} is not a complete arm description:\n{problems}") from error
+
+
+def _plain(message: str) -> str:
+    return message.removeprefix("Value error, ")
+
+
+def _where(loc: tuple[int | str, ...], raw: dict[str, object]) -> str:
+    """``joints[2] (joint3).dq_max`` instead of pydantic's tuple."""
+    text = ""
+    node: object = raw
+    for part in loc:
+        if isinstance(part, int):
+            node = node[part] if isinstance(node, list) and part < len(node) else None
+            name = node.get("name") if isinstance(node, dict) else None
+            text += f"[{part}]" + (f" ({name})" if name else "")
+        elif isinstance(node, dict) and part not in node and part in ("capsule", "cylinder", "box"):
+            continue  # the discriminator of a union, no key of the file
+        else:
+            node = node.get(part) if isinstance(node, dict) else None
+            text += f".{part}" if text else part
+    return text or "arm"
