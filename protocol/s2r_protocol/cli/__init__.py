@@ -1,0 +1,1 @@
+"""The ``s2r`` command: one lazy root over the commands of every installed part."""

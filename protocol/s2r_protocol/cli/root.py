@@ -1,0 +1,77 @@
+"""Entry point of ``s2r``: finds a subcommand, runs it, and turns errors into a sentence and an exit code."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import traceback
+from collections.abc import Sequence
+
+import click
+
+from s2r_protocol.cli.commands import COMMANDS
+from s2r_protocol.exits import ExitCode, NotReadyError, S2RError
+
+
+class _LazyGroup(click.Group):
+    """A group that knows its commands' names and summaries, and imports only the one that is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        command = COMMANDS.get(cmd_name)
+        return None if command is None else _load(cmd_name)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, command.summary) for name, command in COMMANDS.items()])
+
+
+def _load(name: str) -> click.Command:
+    command = COMMANDS[name]
+    module, attribute = command.target.split(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except ModuleNotFoundError as error:
+        if error.name is None or not command.extra:
+            raise
+        raise NotReadyError(
+            f"'s2r {name}' needs the module {error.name!r}, which is not installed here. "
+            f"Install it with: pip install 'sim2real2[{command.extra}]'"
+        ) from error
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="sim2real2", prog_name="s2r")
+def s2r() -> None:
+    """Sim2Real²: build the physics of an articulated object, plan in it, move it to an exact joint value.
+
+    This is software: it carries no performance level. Emergency stop and safe torque off are hardware.
+
+    Exit codes: 0 ok, 1 bug, 2 usage, 3 machine not ready, 4 refused, 5 peer unreachable,
+    6 stopped by protection, 7 difference found, 130 interrupted.
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run ``s2r`` and exit with the documented code."""
+    try:
+        code = s2r.main(args=arguments, prog_name="s2r", standalone_mode=False)
+    except S2RError as error:
+        click.echo(f"s2r: {error}", err=True)
+        code = error.exit_code
+    except click.exceptions.Abort:
+        click.echo("s2r: interrupted", err=True)
+        code = ExitCode.INTERRUPTED
+    except KeyboardInterrupt:
+        click.echo("s2r: interrupted", err=True)
+        code = ExitCode.INTERRUPTED
+    except click.ClickException as error:
+        error.show()
+        code = ExitCode.USAGE
+    except Exception:  # noqa: BLE001 - the last line of defence: a bug must end with exit 1 and its traceback
+        traceback.print_exc()
+        click.echo("s2r: this is a bug in s2r; please report it with the lines above", err=True)
+        code = ExitCode.BUG
+    sys.exit(int(code or ExitCode.OK))
