@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -209,10 +209,10 @@ def _plain(message: str) -> str:
     return message.removeprefix("Value error, ")
 
 
-def _where(loc: tuple[int | str, ...], raw: dict[str, object]) -> str:
+def _where(loc: tuple[int | str, ...], raw: dict[str, Any]) -> str:
     """``joints[2] (joint3).dq_max`` instead of pydantic's tuple."""
     text = ""
-    node: object = raw
+    node: Any = raw  # whatever the user wrote
     for part in loc:
         if isinstance(part, int):
             node = node[part] if isinstance(node, list) and part < len(node) else None

@@ -24,8 +24,12 @@ class Command:
 
 
 COMMANDS: dict[str, Command] = {
-    "demo": Command("s2r_sim.demo.cli:demo", "host,sim", "Open a never-seen drawer end to end on the stand-in."),
-    "doctor": Command("s2r_protocol.cli.doctor:doctor", "", "Check this machine, or an arm description of yours."),
+    "demo": Command(
+        "s2r_sim.demo.cli:demo", "host,sim", "Open a never-seen drawer end to end on the stand-in."
+    ),
+    "doctor": Command(
+        "s2r_protocol.cli.doctor:doctor", "", "Check this machine, or an arm description of yours."
+    ),
     "executor": Command("s2r_executor.cli:executor", "", "Admit plans and stream setpoints to the drives."),
     "sim-arm": Command("s2r_sim.cli:sim_arm", "sim", "The stand-in: arm, object, drives, bus and camera."),
     "world": Command("s2r_sim.cli:world", "sim", "Draw and commit to hidden worlds for the stand-in."),
@@ -33,6 +37,8 @@ COMMANDS: dict[str, Command] = {
     "build-model": Command(
         "s2r_host.model.cli:build_model", "host", "Two depth views in, a physics model (URDF, MJCF) out."
     ),
-    "replay": Command("s2r_host.cli_replay:replay", "host", "Send a recorded plan again and overlay both recordings."),
+    "replay": Command(
+        "s2r_host.cli_replay:replay", "host", "Send a recorded plan again and overlay both recordings."
+    ),
     "stop": Command("s2r_host.cli_stop:stop", "", "Stop the arm on its path, from any terminal."),
 }

@@ -1,0 +1,27 @@
+# Two commands on a fresh machine: `make demo` and `make test`. Each does all its set-up.
+SEED ?= 1
+
+.PHONY: demo test check build lock generate clean
+
+demo:   ## open a never-seen drawer end to end on the stand-in
+	scripts/bootstrap demo
+	.venv/bin/s2r demo --seed $(SEED)
+
+test:   ## set up everything, then run what CI runs
+	scripts/bootstrap test
+	scripts/check
+
+check:  ## what CI runs, without the set-up
+	scripts/check
+
+build:  ## rebuild the native core after a C++ edit
+	scripts/bootstrap --rebuild test
+
+lock:   ## refresh locks/ from pyproject.toml
+	scripts/lock
+
+generate: ## refresh committed generated files
+	scripts/generate
+
+clean:
+	rm -rf .venv build runs

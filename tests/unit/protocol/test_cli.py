@@ -1,0 +1,74 @@
+"""The root command: lazy, and every end has its documented exit code."""
+
+import subprocess
+import sys
+
+import click
+import pytest
+
+from s2r_protocol import exits
+from s2r_protocol.cli import root
+from s2r_protocol.cli.commands import COMMANDS
+
+
+def _exit_code(monkeypatch, error, capsys):
+    def fail():
+        raise error
+
+    monkeypatch.setattr(root, "_load", lambda name: click.Command(name, callback=fail))
+    with pytest.raises(SystemExit) as ended:
+        root.main(["stop"])
+    return ended.value.code, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (exits.UsageError("no such file"), 2),
+        (exits.NotReadyError("no wheel"), 3),
+        (exits.RefusedError("joint1 too fast"), 4),
+        (exits.UnreachableError("no executor"), 5),
+        (exits.ProtectionStopError("following error"), 6),
+        (KeyboardInterrupt(), 130),
+        (click.BadParameter("not a number"), 2),
+    ],
+)
+def test_errors_end_with_a_sentence_and_their_code(monkeypatch, capsys, error, code):
+    got, err = _exit_code(monkeypatch, error, capsys)
+    assert got == code
+    assert "Traceback" not in err
+    assert str(error) in err
+
+
+def test_an_unexpected_error_is_a_bug_with_its_traceback(monkeypatch, capsys):
+    got, err = _exit_code(monkeypatch, ZeroDivisionError("oops"), capsys)
+    assert got == 1
+    assert "Traceback" in err
+    assert "this is a bug" in err
+
+
+def test_a_missing_extra_names_the_install_that_helps(monkeypatch):
+    def missing(name):
+        raise ModuleNotFoundError(f"No module named {name!r}", name="open3d")
+
+    monkeypatch.setattr(root.importlib, "import_module", missing)
+    with pytest.raises(exits.NotReadyError, match=r"pip install 'sim2real2\[host\]'"):
+        root._load("run")
+
+
+def test_help_imports_none_of_the_heavy_packages():
+    code = (
+        "import sys\nfrom s2r_protocol.cli.root import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "heavy = {'numpy', 'mujoco', 'open3d', 'zenoh', 'pinocchio', 'cv2'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    for name in COMMANDS:
+        assert name in run.stdout
+
+
+def test_every_command_of_the_table_loads():
+    for name in COMMANDS:
+        assert isinstance(root._load(name), click.Command), name
