@@ -1,0 +1,429 @@
+"""The host's side of the wire: the only host module that turns messages into domain objects and back.
+
+One :class:`ExecutorLink` holds one Zenoh session to one executor; one :class:`CameraLink` holds its own
+session to the camera process, so that a megabyte of depth never queues in front of a heartbeat.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import secrets
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from google.protobuf.message import Message
+
+from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedError, PeerUnreachableError
+from s2r_host.link_camera import CameraLink, Capture
+from s2r_host.link_session import ask, open_session
+from s2r_host.link_types import (
+    LATCHED,
+    MOVING,
+    ExecutorIdentity,
+    ExecutorStatus,
+    Payload,
+    TimedPath,
+    Verdict,
+    identity_from_message,
+    refusal_error,
+    status_from_message,
+    stop_error,
+)
+from s2r_protocol import codec
+from s2r_protocol.faults import Cause, ExecutorState, Refusal
+from s2r_protocol.keys import ArmKeys
+from s2r_protocol.proto import s2r_pb2 as pb
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from s2r_protocol.arms import ArmDescription
+
+logger = logging.getLogger(__name__)
+
+HEARTBEAT_PERIOD_S = 0.01
+
+__all__ = [
+    "CameraLink",
+    "Capture",
+    "ExecutorIdentity",
+    "ExecutorLink",
+    "ExecutorStatus",
+    "Payload",
+    "TimedPath",
+    "Verdict",
+]
+
+R = TypeVar("R", bound=Message)
+
+
+class ExecutorLink:
+    """A session with one executor: hello, lease, heartbeat, plans, control, recordings.
+
+    Use as a context manager; leaving it returns the lease and closes the session. Thread-safe for one
+    commanding thread plus :meth:`stop` from any other.
+    """
+
+    def __init__(
+        self,
+        endpoint: str,
+        arm: ArmDescription,
+        keys: ArmKeys | None = None,
+        connect_timeout_s: float = 5.0,
+        query_timeout_s: float = 5.0,
+    ) -> None:
+        """Connect and check that both sides mean the same arm.
+
+        Args:
+            endpoint: Zenoh endpoint, e.g. ``tcp/127.0.0.1:7447``.
+            arm: The arm the host plans for; its hashes must be the executor's.
+            keys: Cell and arm names; by default cell "lab" and the arm's own name.
+            connect_timeout_s: How long to retry (every 100 ms) until the executor answers hello.
+            query_timeout_s: How long to wait for a verdict (admission of a long plan takes a while).
+
+        Raises:
+            PeerUnreachableError: Nobody answered in time.
+            ArmMismatchError: The executor runs another arm model or other limits.
+        """
+        self._endpoint = endpoint
+        self._arm = arm
+        self._keys = keys or ArmKeys(arm=arm.name)
+        self._timeout_s = query_timeout_s
+        self._sender = f"host:{os.getpid()}-{secrets.token_hex(2)}"
+        self._lock = threading.Lock()
+        self._seq = 0
+        self._epoch = 0
+        self._heart: _Heart | None = None
+        self._session: zenoh.Session = open_session(endpoint)
+        try:
+            self.identity, _ = self._greet(connect_timeout_s)
+            check_same_arm(self.identity, arm)
+        except BaseException:
+            self._session.close()
+            raise
+
+    # -- asking -------------------------------------------------------------------------------------
+
+    def status(self) -> ExecutorStatus:
+        """The executor's state right now.
+
+        Raises:
+            PeerUnreachableError: No answer.
+        """
+        return self._greet(self._timeout_s)[1]
+
+    def recording(self, plan_seq: int, timeout_s: float = 20.0) -> bytes:
+        """The MCAP bytes the executor recorded of one plan; waits until the file is complete.
+
+        Raises:
+            CommandRefusedError: There is no such recording.
+            PeerUnreachableError: No answer.
+        """
+        deadline = time.monotonic() + timeout_s
+        while True:
+            request = pb.RecordingRequest(plan_seq=plan_seq)
+            replies = [
+                codec.open_body(codec.open_envelope(wire), pb.RecordingReply)
+                for wire in self._ask_all(self._keys.recording, codec.seal(request, self._address()))
+            ]
+            if any(reply.reason for reply in replies):
+                reason = next(reply.reason for reply in replies if reply.reason)
+                raise CommandRefusedError(
+                    f"executor at {self._endpoint} has no recording of plan {plan_seq}: {reason}"
+                )
+            if all(reply.complete for reply in replies):
+                return b"".join(reply.mcap for reply in replies)
+            if time.monotonic() > deadline:
+                raise CommandRefusedError(
+                    f"recording of plan {plan_seq} is still incomplete after {timeout_s:g} s; is the plan still running?"
+                )
+            time.sleep(0.1)
+
+    # -- the right to move ----------------------------------------------------------------------------
+
+    def take_lease(self) -> None:
+        """Take the lease and start the heartbeat.
+
+        Raises:
+            CommandRefusedError: Somebody else holds it.
+        """
+        reply = self._command(self._keys.lease, pb.LeaseRequest(release=False), pb.LeaseReply)
+        if not reply.granted:
+            raise CommandRefusedError(
+                f"lease refused: {reply.reason or 'held by ' + reply.holder}; stop that client or wait until it ends",
+                Refusal.NO_LEASE,
+            )
+        self._epoch = reply.epoch
+        self._heart = _Heart(self._session, self._keys.heartbeat, lambda count: self._heartbeat_bytes(count))
+
+    def return_lease(self) -> None:
+        """Stop the heartbeat and give the lease back; harmless without one."""
+        if self._heart is None:
+            return
+        try:
+            self._command(self._keys.lease, pb.LeaseRequest(release=True), pb.LeaseReply)
+        finally:
+            self._heart.stop()
+            self._heart = None
+
+    @contextmanager
+    def leased(self) -> Iterator[None]:
+        """Hold the lease inside the block. Long computations belong outside: they may starve the heartbeat."""
+        self.take_lease()
+        try:
+            yield
+        finally:
+            self.return_lease()
+
+    # -- commands -------------------------------------------------------------------------------------
+
+    def arm_drives(self, timeout_s: float = 10.0) -> ExecutorStatus:
+        """Enable the drives (DISARMED -> HOLD) and wait until the executor holds; no-op when it already does.
+
+        Raises:
+            CommandRefusedError: The executor refused, e.g. because a fault is latched.
+            ArmStoppedError: Arming ended in a fault.
+        """
+        status = self.status()
+        if status.state == ExecutorState.HOLD:
+            return status
+        self._control(pb.ARM)
+        return self._wait(
+            lambda now: now.state == ExecutorState.HOLD, "arming", stalled_s=timeout_s, wall_limit_s=timeout_s
+        )
+
+    def disarm(self) -> None:
+        """Switch the drives off (HOLD -> DISARMED)."""
+        self._control(pb.DISARM)
+
+    def stop(self) -> Verdict:
+        """Stop on the path, then hold. Needs no lease; may be called from any thread and any state."""
+        return self._control(pb.STOP)
+
+    def pause(self) -> Verdict:
+        """Bring path time to a stand-still."""
+        return self._control(pb.PAUSE)
+
+    def resume(self) -> Verdict:
+        """Go on after a pause."""
+        return self._control(pb.RESUME)
+
+    def set_speed(self, scale: float) -> Verdict:
+        """Play plans at ``scale`` in (0, 1] of their planned speed."""
+        return self._control(pb.SET_SPEED, scale)
+
+    def reset(self) -> Verdict:
+        """Clear a latch whose cause is gone."""
+        return self._control(pb.RESET)
+
+    def send_plan(self, path: TimedPath, label: str, payload: Payload | None = None) -> Verdict:
+        """Send a plan through admission; it starts at once when accepted.
+
+        Raises:
+            CommandRefusedError: With the verdict's sentence: joint, time, quantity, value and limit.
+            PeerUnreachableError: No answer.
+        """
+        body = pb.Plan(
+            joint_names=self._arm.joint_names,
+            t=np.asarray(path.t, float),
+            q=np.asarray(path.q, float).ravel(),
+            dq=np.asarray(path.dq, float).ravel(),
+            ddq=np.asarray(path.ddq, float).ravel(),
+            label=label,
+        )
+        if payload is not None and payload.mass_kg > 0.0:
+            body.payload_mass = payload.mass_kg
+            body.payload_com.extend(payload.com_m)
+        return self._judged(self._keys.plan, body, f"plan '{label}'")
+
+    def wait_done(
+        self,
+        verdict: Verdict,
+        on_status: Callable[[ExecutorStatus], None] | None = None,
+        stalled_s: float = 5.0,
+    ) -> ExecutorStatus:
+        """Wait until an accepted plan has ended at rest inside its goal tolerance.
+
+        There is no limit on the wall time of the plan (a stepped clock may be slow); there is one on the
+        executor's ticks standing still.
+
+        Args:
+            verdict: Of :meth:`send_plan`.
+            on_status: Called with every status seen, about 50 times a second.
+            stalled_s: Largest wall time without a new tick [s].
+
+        Raises:
+            ArmStoppedError: The plan was stopped by a protection or on request.
+            PeerUnreachableError: The executor fell silent.
+        """
+
+        def done(now: ExecutorStatus) -> bool:
+            if on_status is not None:
+                on_status(now)
+            if now.plan_seq != verdict.seq:
+                return False
+            if now.plan_done and now.state == ExecutorState.HOLD:
+                return True
+            if now.state not in MOVING and (now.epoch != verdict.epoch or now.cause != Cause.NONE):
+                raise stop_error(now)
+            return False
+
+        return self._wait(done, f"plan {verdict.seq}", stalled_s)
+
+    def wait_at_rest(self, stalled_s: float = 5.0) -> ExecutorStatus:
+        """Wait until nothing moves, whatever state that ends in."""
+        return self._wait(lambda now: now.state not in MOVING, "coming to rest", stalled_s, latched_ok=True)
+
+    # -- plumbing -------------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Return the lease if held and close the session."""
+        try:
+            self.return_lease()
+        except (PeerUnreachableError, CommandRefusedError) as error:
+            logger.warning("lease was not returned: %s", error)
+        finally:
+            self._session.close()
+
+    def __enter__(self) -> ExecutorLink:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _wait(
+        self,
+        condition: Callable[[ExecutorStatus], bool],
+        what: str,
+        stalled_s: float,
+        wall_limit_s: float | None = None,
+        latched_ok: bool = False,
+    ) -> ExecutorStatus:
+        started = time.monotonic()
+        last_tick, last_change = -1, started
+        while True:
+            now = self.status()
+            if condition(now):
+                return now
+            if now.state in LATCHED and not latched_ok:
+                raise stop_error(now)
+            wall = time.monotonic()
+            if now.tick != last_tick:
+                last_tick, last_change = now.tick, wall
+            if wall - last_change > stalled_s:
+                raise PeerUnreachableError(
+                    f"executor at {self._endpoint}: its clock stands still at tick {now.tick} for {stalled_s:g} s "
+                    f"while {what}; is the arm or its stand-in still on the bus?"
+                )
+            if wall_limit_s is not None and wall - started > wall_limit_s:
+                raise ArmStoppedError(
+                    f"executor is still {now.state.name} after {wall_limit_s:g} s of {what}", now.cause
+                )
+            time.sleep(0.02)
+
+    def _address(self) -> codec.Address:
+        with self._lock:
+            self._seq += 1
+            return codec.Address(
+                sender=self._sender,
+                boot_id=self.identity.boot_id,
+                epoch=self._epoch,
+                seq=self._seq,
+                model_hash=self._arm.model_hash,
+                limit_hash=self._arm.limit_hash,
+            )
+
+    def _heartbeat_bytes(self, count: int) -> bytes:
+        return codec.seal(pb.Heartbeat(count=count), self._address())
+
+    def _ask_all(self, key: str, wire: bytes) -> list[bytes]:
+        replies = ask(self._session, key, wire, self._timeout_s)
+        if not replies:
+            raise PeerUnreachableError(
+                f"executor at {self._endpoint} did not answer on '{key}' within {self._timeout_s:g} s; "
+                "it refused the message unread or is dead: look at its output"
+            )
+        return replies
+
+    def _command(self, key: str, body: Message, expected: type[R]) -> R:
+        envelope = codec.open_envelope(self._ask_all(key, codec.seal(body, self._address()))[0])
+        if envelope.kind == pb.Verdict.DESCRIPTOR.full_name and expected is not pb.Verdict:
+            raise refusal_error(codec.open_body(envelope, pb.Verdict), f"'{key}'")
+        return codec.open_body(envelope, expected)
+
+    def _judged(self, key: str, body: Message, what: str) -> Verdict:
+        verdict = self._command(key, body, pb.Verdict)
+        if verdict.epoch:
+            self._epoch = verdict.epoch
+        if not verdict.accepted:
+            raise refusal_error(verdict, what)
+        return Verdict(verdict.seq, verdict.epoch, verdict.duration)
+
+    def _control(self, kind: pb.ControlKind, value: float = 0.0) -> Verdict:
+        return self._judged(self._keys.control, pb.Control(kind=kind, value=value), pb.ControlKind.Name(kind))
+
+    def _greet(self, timeout_s: float) -> tuple[ExecutorIdentity, ExecutorStatus]:
+        wire = codec.seal(pb.Hello(client=self._sender, software="s2r"), codec.Address(sender=self._sender))
+        deadline = time.monotonic() + timeout_s
+        while True:
+            replies = ask(self._session, self._keys.hello, wire, min(1.0, timeout_s))
+            if replies:
+                break
+            if time.monotonic() > deadline:
+                raise PeerUnreachableError(
+                    f"no executor answered at {self._endpoint} within {timeout_s:g} s; "
+                    "start it with 's2r executor' or correct --executor"
+                )
+            time.sleep(0.1)
+        body = codec.open_body(codec.open_envelope(replies[0]), pb.HelloReply)
+        status = status_from_message(body.status)
+        if not self._heart:
+            self._epoch = body.epoch
+        return identity_from_message(body), status
+
+
+class _Heart:
+    """A thread that says "still here" every 10 ms until stopped."""
+
+    def __init__(self, session: zenoh.Session, key: str, beat: Callable[[int], bytes]) -> None:
+        self._publisher = session.declare_publisher(key)
+        self._beat = beat
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="s2r-heartbeat", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._publisher.undeclare()
+
+    def _run(self) -> None:
+        count = 0
+        while not self._ended.wait(HEARTBEAT_PERIOD_S):
+            count += 1
+            self._publisher.put(self._beat(count))
+
+
+def check_same_arm(identity: ExecutorIdentity, arm: ArmDescription) -> None:
+    """Refuse to go on when host and executor mean different arms.
+
+    Raises:
+        ArmMismatchError: Names what differs and the first digits of both hashes.
+    """
+    for what, theirs, ours in (
+        ("model", identity.model_hash, arm.model_hash),
+        ("limits", identity.limit_hash, arm.limit_hash),
+    ):
+        if theirs != ours:
+            raise ArmMismatchError(
+                f"executor runs arm '{identity.arm}' with {what} {theirs.hex()[:12] or 'unknown'}, this host has "
+                f"'{arm.name}' with {what} {ours.hex()[:12]}; start both with the same arm description and release"
+            )

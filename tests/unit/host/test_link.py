@@ -1,0 +1,282 @@
+"""The link against a small executor that speaks the real wire on a real session."""
+
+import dataclasses
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+import zenoh
+
+from s2r_host.cli_stop import send_stop
+from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedError, PeerUnreachableError
+from s2r_host.link import ExecutorLink
+from s2r_host.link_session import open_session
+from s2r_protocol import codec
+from s2r_protocol.arms import load_arm
+from s2r_protocol.exits import ExitCode
+from s2r_protocol.faults import Cause, ExecutorState, Refusal
+from s2r_protocol.keys import ArmKeys
+from s2r_protocol.proto import s2r_pb2 as pb
+
+
+@dataclasses.dataclass(frozen=True)
+class Path:
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+class FakeExecutor:
+    """Answers hello, lease, plan, control and recording; plans end when the test says so."""
+
+    def __init__(self, endpoint: str, arm) -> None:
+        self.arm = arm
+        self.status = pb.Status(
+            state=ExecutorState.DISARMED, q_ref=[0.0] * 7, q_meas=[0.0] * 7, epoch=3, speed_scale=1.0
+        )
+        self.beats = []
+        self.plans = []
+        self.refuse = None
+        self.ticking = True
+        self.recording_parts = []
+        config = zenoh.Config()
+        config.insert_json5("mode", '"peer"')
+        config.insert_json5("listen/endpoints", f'["{endpoint}"]')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        self.session = zenoh.open(config)
+        keys = ArmKeys()
+        for key, answer in (
+            (keys.hello, self.on_hello),
+            (keys.lease, self.on_lease),
+            (keys.plan, self.on_plan),
+            (keys.control, self.on_control),
+            (keys.recording, self.on_recording),
+        ):
+            self.session.declare_queryable(key, lambda query, answer=answer: self.reply(query, answer))
+        self.session.declare_subscriber(keys.heartbeat, lambda sample: self.beats.append(sample))
+
+    def reply(self, query, answer) -> None:
+        envelope = codec.open_envelope(query.payload.to_bytes())
+        self.status.tick += self.ticking
+        bodies = answer(envelope)
+        for body in bodies if isinstance(bodies, list) else [bodies]:
+            query.reply(query.key_expr, codec.seal(body, codec.Address("executor", boot_id=77)))
+        query.drop()
+
+    def on_hello(self, envelope):
+        return pb.HelloReply(
+            boot_id=77,
+            epoch=self.status.epoch,
+            arm=self.arm.name,
+            model_hash=self.arm.model_hash,
+            limit_hash=self.arm.limit_hash,
+            joint_names=self.arm.joint_names,
+            tick_ns=1_000_000,
+            status=self.status,
+            host_timeout_ms=500,
+        )
+
+    def on_lease(self, envelope):
+        release = codec.open_body(envelope, pb.LeaseRequest).release
+        if self.refuse:
+            return pb.LeaseReply(granted=False, holder="host:1", reason=self.refuse)
+        self.status.lease_holder = "" if release else envelope.sender
+        return pb.LeaseReply(granted=True, epoch=self.status.epoch, holder=envelope.sender)
+
+    def on_plan(self, envelope):
+        if self.refuse:
+            return pb.Verdict(accepted=False, code=Refusal.VELOCITY, reason=self.refuse, seq=envelope.seq)
+        plan = codec.open_body(envelope, pb.Plan)
+        self.plans.append((envelope, plan))
+        self.status.state = ExecutorState.RUN
+        self.status.plan_seq = envelope.seq
+        self.status.plan_done = False
+        return pb.Verdict(accepted=True, seq=envelope.seq, duration=plan.t[-1], epoch=self.status.epoch)
+
+    def on_control(self, envelope):
+        kind = codec.open_body(envelope, pb.Control).kind
+        if kind == pb.ARM:
+            self.status.state = ExecutorState.HOLD
+        if kind == pb.STOP:
+            self.status.epoch += 1
+            self.status.cause = Cause.STOP_REQUESTED
+            self.status.state = ExecutorState.HOLD
+        return pb.Verdict(accepted=True, seq=envelope.seq, epoch=self.status.epoch)
+
+    def on_recording(self, envelope):
+        return self.recording_parts or [pb.RecordingReply(reason="no such plan")]
+
+    def finish(self, state=ExecutorState.HOLD, cause=Cause.NONE) -> None:
+        self.status.plan_done = cause == Cause.NONE
+        self.status.cause = cause
+        self.status.state = state
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_arm("xmate3pro")
+
+
+@pytest.fixture
+def executor(arm):
+    endpoint = free_endpoint()
+    fake = FakeExecutor(endpoint, arm)
+    fake.endpoint = endpoint
+    yield fake
+    fake.session.close()
+
+
+@pytest.fixture
+def link(executor, arm):
+    with ExecutorLink(executor.endpoint, arm, connect_timeout_s=5.0, query_timeout_s=1.0) as link:
+        yield link
+
+
+@pytest.fixture
+def path():
+    t = np.array([0.0, 1.0])
+    q = np.array([np.zeros(7), np.full(7, 0.1)])
+    return Path(t, q, np.zeros((2, 7)), np.zeros((2, 7)))
+
+
+def test_absent_executor_is_unreachable_with_the_endpoint_in_the_text(arm):
+    endpoint = free_endpoint()
+    with pytest.raises(PeerUnreachableError, match=endpoint) as caught:
+        ExecutorLink(endpoint, arm, connect_timeout_s=0.3)
+    assert caught.value.exit_code == ExitCode.UNREACHABLE
+
+
+def test_another_model_is_refused_with_both_hashes(executor, arm):
+    class OtherArm:
+        name, dof, joint_names = arm.name, arm.dof, arm.joint_names
+        model_hash, limit_hash = b"\x01" * 32, arm.limit_hash
+
+    with pytest.raises(ArmMismatchError, match="010101010101") as caught:
+        ExecutorLink(executor.endpoint, OtherArm())
+    assert arm.model_hash.hex()[:12] in str(caught.value)
+    assert caught.value.exit_code == ExitCode.REFUSED
+
+
+def test_other_limits_are_refused(executor, arm):
+    class OtherArm:
+        name, dof, joint_names = arm.name, arm.dof, arm.joint_names
+        model_hash, limit_hash = arm.model_hash, b"\x02" * 32
+
+    with pytest.raises(ArmMismatchError, match="limits"):
+        ExecutorLink(executor.endpoint, OtherArm())
+
+
+def test_heartbeat_lives_exactly_as_long_as_the_lease(executor, link):
+    assert not executor.beats
+    with link.leased():
+        deadline = time.monotonic() + 5.0
+        while len(executor.beats) < 5 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        beat = codec.open_envelope(executor.beats[-1].payload.to_bytes())
+        assert beat.boot_id == 77
+        assert beat.epoch == 3
+    counts = [
+        codec.open_body(codec.open_envelope(s.payload.to_bytes()), pb.Heartbeat).count for s in executor.beats
+    ]
+    assert counts == list(range(1, len(counts) + 1))
+    assert len(counts) >= 5
+    assert executor.status.lease_holder == ""
+
+
+def test_lease_held_by_another_is_refused_by_name(executor, link):
+    executor.refuse = "held by host:1 since 12 s"
+    with pytest.raises(CommandRefusedError, match="held by host:1"):
+        link.take_lease()
+
+
+def test_plan_carries_names_hashes_knots_and_rising_numbers(executor, link, path, arm):
+    with link.leased():
+        link.arm_drives()
+        first = link.send_plan(path, "push 1")
+        executor.finish()
+        assert link.wait_done(first).plan_done
+        link.send_plan(path, "push 2")
+        executor.finish()
+    (one, plan), (two, _) = executor.plans
+    assert two.seq > one.seq
+    assert one.model_hash == arm.model_hash
+    assert tuple(plan.joint_names) == arm.joint_names
+    assert np.array_equal(np.reshape(plan.q, (2, 7)), path.q)
+    assert plan.label == "push 1"
+
+
+def test_refused_plan_raises_the_verdicts_sentence(executor, link, path):
+    executor.refuse = "joint 'joint2': velocity 3.1 rad/s at t = 0.4 s is over 2.618 rad/s"
+    with pytest.raises(CommandRefusedError, match="joint2.*2.618") as caught:
+        link.send_plan(path, "too fast")
+    assert caught.value.code == Refusal.VELOCITY
+    assert caught.value.exit_code == ExitCode.REFUSED
+
+
+def test_protection_stop_ends_the_wait_with_its_cause(executor, link, path):
+    verdict = link.send_plan(path, "push")
+    threading.Timer(0.1, lambda: executor.finish(ExecutorState.FAULT, Cause.FOLLOWING)).start()
+    with pytest.raises(ArmStoppedError, match="FOLLOWING") as caught:
+        link.wait_done(verdict)
+    assert caught.value.cause == Cause.FOLLOWING
+    assert caught.value.exit_code == ExitCode.PROTECTION
+
+
+def test_requested_stop_ends_the_wait_too(executor, link, path):
+    verdict = link.send_plan(path, "push")
+    send_stop(executor.endpoint, ArmKeys(), timeout_s=2.0)
+    with pytest.raises(ArmStoppedError, match="on request"):
+        link.wait_done(verdict)
+
+
+def test_executor_that_dies_during_a_plan_is_noticed(executor, link, path):
+    verdict = link.send_plan(path, "push")
+    executor.session.close()
+    with pytest.raises(PeerUnreachableError):
+        link.wait_done(verdict)
+
+
+def test_clock_that_stands_still_is_noticed(executor, link, path):
+    verdict = link.send_plan(path, "push")
+    executor.ticking = False
+    with pytest.raises(PeerUnreachableError, match="stands still"):
+        link.wait_done(verdict, stalled_s=0.2)
+
+
+def test_recording_is_put_together_from_its_chunks(executor, link):
+    executor.recording_parts = [
+        pb.RecordingReply(plan_seq=1, complete=True, mcap=b"one"),
+        pb.RecordingReply(plan_seq=1, complete=True, mcap=b"two"),
+    ]
+    assert link.recording(1) == b"onetwo"
+
+
+def test_missing_recording_is_refused_with_the_reason(executor, link):
+    with pytest.raises(CommandRefusedError, match="no such plan"):
+        link.recording(9)
+
+
+def test_stop_needs_no_lease(executor):
+    verdict, before = send_stop(executor.endpoint, ArmKeys(), timeout_s=2.0)
+    assert verdict.accepted
+    assert before.lease_holder == ""
+
+
+def test_stop_without_executor_says_that_nothing_was_stopped():
+    with pytest.raises(PeerUnreachableError, match="nothing was stopped"):
+        send_stop(free_endpoint(), ArmKeys(), timeout_s=0.2)
+
+
+def test_session_to_nobody_opens_at_once_and_answers_nothing():
+    session = open_session(free_endpoint())
+    assert list(session.get("lab/xmate3pro/hello", timeout=0.2)) == []
+    session.close()
