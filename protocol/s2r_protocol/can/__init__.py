@@ -1,1 +1,1 @@
-"""CAN and CAN FD layouts shared by executor and drives, and the stand-in bus for python-can."""
+"""CAN and CAN FD layouts shared by executor and drives, bus timing, and the stand-in bus for python-can."""
