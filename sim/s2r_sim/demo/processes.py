@@ -1,0 +1,93 @@
+"""Starting, watching and ending the demo's processes."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from s2r_protocol.exits import ExitCode, S2RError
+
+_READY_TIMEOUT_S = 60.0
+_END_TIMEOUT_S = 10.0
+
+
+class PeerFailedError(S2RError, RuntimeError):
+    """A process of the demo ended or did not get ready."""
+
+    def __init__(self, text: str, exit_code: int) -> None:
+        super().__init__(text)
+        known = exit_code in iter(ExitCode)
+        self.exit_code = ExitCode(exit_code) if known and exit_code else ExitCode.UNREACHABLE
+
+
+def s2r_command(*arguments: str | Path) -> list[str]:
+    """The command line of one ``s2r`` subcommand, run by this very interpreter."""
+    return [sys.executable, "-m", "s2r_protocol", *map(str, arguments)]
+
+
+def free_port() -> int:
+    """A TCP port on loopback that nobody listens on right now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@contextmanager
+def peer(name: str, arguments: Sequence[str | Path], folder: Path) -> Iterator[None]:
+    """Run ``s2r …`` beside us until the block ends; its output goes to ``<folder>/<name>.log``.
+
+    The process gets a session of its own, so Ctrl-C in the terminal reaches the host first: the arm is brought to rest
+    before executor and stand-in go.
+
+    Raises:
+        PeerFailedError: It ended or was not ready within 60 s; the text quotes the end of its log.
+    """
+    log_path, ready = folder / f"{name}.log", folder / f"{name}.ready"
+    ready.unlink(missing_ok=True)
+    with log_path.open("w") as log:
+        process = subprocess.Popen(
+            [*s2r_command(*arguments), "--ready-file", str(ready)],
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            _wait_until_ready(name, process, ready, log_path)
+            yield
+        finally:
+            _end(process)
+            ready.unlink(missing_ok=True)
+
+
+def _wait_until_ready(name: str, process: subprocess.Popen[bytes], ready: Path, log_path: Path) -> None:
+    deadline = time.monotonic() + _READY_TIMEOUT_S
+    while not ready.exists():
+        code = process.poll()
+        if code is not None:
+            raise PeerFailedError(f"{name} ended with exit code {code} before it was ready:\n{_tail(log_path)}", code)
+        if time.monotonic() > deadline:
+            text = f"{name} was not ready within {_READY_TIMEOUT_S:.0f} s:\n{_tail(log_path)}"
+            raise PeerFailedError(text, ExitCode.UNREACHABLE)
+        time.sleep(0.02)
+
+
+def _tail(log_path: Path, lines: int = 12) -> str:
+    return "\n".join(log_path.read_text(errors="replace").splitlines()[-lines:])
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """SIGINT first, as an operator would; SIGKILL only when that is not heard."""
+    if process.poll() is not None:
+        return
+    process.send_signal(signal.SIGINT)
+    try:
+        process.wait(_END_TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
