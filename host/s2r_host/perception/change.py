@@ -1,0 +1,92 @@
+"""What changed between two views: moved for sure, static for sure, or unknown."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from s2r_host.perception.view import DepthView, Seen, View
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SURE_M = 0.005  # how much deeper than the noise band the other view must see to call a point moved
+
+
+class Change(enum.IntEnum):
+    """Label of a point of one view with respect to the other view."""
+
+    UNKNOWN = 0  # hidden, out of sight or no return in the other view
+    STATIC = 1  # the other view sees a surface there too
+    MOVED = 2  # the other view saw through the place: the surface left it
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """Labels (`Change`, uint8) per point of both views, and the measured noise factor."""
+
+    before: NDArray[np.uint8]
+    after: NDArray[np.uint8]
+
+
+def compare(before: View, after: View) -> Changes:
+    """Label every point of both views against the other one."""
+    return Changes(_label(before, after), _label(after, before))
+
+
+def _label(view: View, other: View) -> NDArray[np.uint8]:
+    found = other.look(view.points, view.sigma_m)
+    label = np.full(len(view.points), Change.UNKNOWN, dtype=np.uint8)
+    label[found.seen == Seen.SURFACE] = Change.STATIC
+    sure = other.look(view.points, view.sigma_m, extra_m=SURE_M).seen
+    if isinstance(view, DepthView):
+        moved = _clean_image(sure == Seen.FREE, view)
+    else:
+        # Without a camera "nothing near" is all there is: moved or hidden. Treated as moved, with less trust.
+        far = (sure == Seen.OUT) | ((sure == Seen.NO_RETURN))
+        moved = _clean_cloud(far, view)
+    label[moved] = Change.MOVED
+    return label
+
+
+def _clean_image(moved: Mask, view: DepthView) -> Mask:
+    """Drop specks and one-pixel rims (depth edges jitter by a pixel)."""
+    image = np.zeros(view.shape[0] * view.shape[1], np.uint8)
+    image[view.flat] = moved
+    image = image.reshape(view.shape)
+    opened = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=8)
+    keep = np.zeros(count, bool)
+    keep[1:] = stats[1:, cv2.CC_STAT_AREA] >= 30
+    return keep[labels].ravel()[view.flat]
+
+
+def _clean_cloud(moved: Mask, view: View) -> Mask:
+    """Keep moved points most of whose neighbours moved too."""
+    if not moved.any():
+        return moved
+    _, neighbour = cKDTree(view.points).query(view.points[moved], k=12)
+    keep = moved[neighbour].mean(axis=1) > 0.6
+    result = moved.copy()
+    result[np.flatnonzero(moved)[~keep]] = False
+    return result
+
+
+def measured_noise_scale(before: DepthView, after: DepthView) -> float:
+    """Ratio of the frame-to-frame depth noise to the model, from pixels of two equal cameras.
+
+    Only temporal noise shows up here, so the result is bounded below by 1: the fixed pattern noise moves past a moving part.
+    """
+    both = (before.depth > 0) & (after.depth > 0)
+    difference = (after.depth - before.depth)[both]
+    sigma = np.sqrt(2.0) * (0.0004 + 0.0014 * before.depth[both] ** 2)
+    ratio = np.abs(difference / sigma)
+    calm = ratio[ratio < 4.0]
+    if calm.size < 500:
+        return 1.0
+    return float(np.clip(np.median(calm) / 0.6745, 1.0, 2.5))

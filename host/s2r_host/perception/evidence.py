@@ -1,0 +1,112 @@
+"""How well a one-joint motion explains both views, free space included.
+
+Every point that moved for sure is carried into the other view. It should land on a surface that was not there
+before. Landing behind a seen surface proves nothing; landing where the camera looked through, or on a surface
+that did not change, speaks against the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.change import Change, Changes
+from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.view import Seen, View
+
+Array = NDArray[np.float64]
+
+COST_FREE = 1.2
+COST_STATIC = 0.8
+COST_NORMAL = 0.7
+COST_UNSEEN = 0.55
+COST_ON_SURFACE = 0.35  # at the rim of the tolerance band; 0 at its centre
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A sample of surely moved points of one view with what is needed to carry them over."""
+
+    points: Array
+    normals: Array
+    normal_ok: NDArray[np.bool_]
+    sigma_m: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Two views, their change labels, and the region in which motion is looked for."""
+
+    before: View
+    after: View
+    changes: Changes
+    candidate_before: NDArray[np.bool_]
+    candidate_after: NDArray[np.bool_]
+
+    def moved_before(self) -> NDArray[np.int64]:
+        """Indices of surely moved points of the first view inside the region."""
+        return np.flatnonzero((self.changes.before == Change.MOVED) & self.candidate_before)
+
+    def moved_after(self) -> NDArray[np.int64]:
+        """Indices of surely moved points of the second view inside the region."""
+        return np.flatnonzero((self.changes.after == Change.MOVED) & self.candidate_after)
+
+
+def probe(view: View, index: NDArray[np.int64], most: int, rng: np.random.Generator) -> Probe:
+    """A random sample of at most ``most`` of the given points."""
+    chosen = index if len(index) <= most else rng.choice(index, most, replace=False)
+    return Probe(view.points[chosen], view.normals[chosen], view.normal_ok[chosen], view.sigma_m[chosen])
+
+
+def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: float) -> Array:
+    """Cost per hypothesis and point.
+
+    Args:
+        X: Transforms into the view, shape (hypotheses, 4, 4).
+        part: Points to carry.
+        view: The view they are carried into.
+        label: Change labels of that view's points.
+        extra_m: Widening of the surface band (coarse grids need it).
+
+    Returns:
+        Costs, shape (hypotheses, points).
+    """
+    p = np.einsum("hij,nj->hni", X[:, :3, :3], part.points) + X[:, None, :3, 3]
+    n = np.einsum("hij,nj->hni", X[:, :3, :3], part.normals)
+    h, m = p.shape[:2]
+    sigma = np.broadcast_to(part.sigma_m, (h, m)).ravel()
+    found = view.look(p.reshape(-1, 3), sigma, extra_m)
+    index = np.maximum(found.index, 0)
+    cost = np.full(h * m, COST_UNSEEN)
+    cost[found.seen == Seen.FREE] = COST_FREE
+    surface = found.seen == Seen.SURFACE
+    band = 3.0 * np.hypot(view.sigma_m[index], sigma) + extra_m
+    target_n = view.normals[index]
+    # Gap across the surface, not along the ray, so that steep surfaces are judged fairly.
+    offset = np.abs(np.einsum("ni,ni->n", p.reshape(-1, 3) - view.points[index], target_n))
+    reach = np.where(view.normal_ok[index], np.minimum(offset / band, 1.0), 0.7)
+    cost[surface] = COST_ON_SURFACE * reach[surface] ** 2
+    cosine = np.abs(np.einsum("ni,ni->n", n.reshape(-1, 3), target_n))
+    both_ok = np.broadcast_to(part.normal_ok, (h, m)).ravel() & view.normal_ok[index]
+    cost[surface & both_ok & (cosine < 0.8)] = COST_NORMAL
+    cost[surface & (label[index] == Change.STATIC)] = COST_STATIC
+    return cost.reshape(h, m)
+
+
+def score(motions: list[JointMotion], scene: Scene, before: Probe, after: Probe, extra_m: float) -> Array:
+    """Mean cost per motion (0 = everything explained), shape (motions,); both directions share one mean."""
+    if not motions:
+        return np.zeros(0)
+    X = np.stack([m.transform() for m in motions])
+    X_back = np.linalg.inv(X)
+    total = np.zeros(len(motions))
+    count = len(before.points) + len(after.points)
+    for start in range(0, len(motions), 512):
+        part = slice(start, start + 512)
+        if len(before.points):
+            total[part] += carry(X[part], before, scene.after, scene.changes.after, extra_m).sum(axis=1)
+        if len(after.points):
+            total[part] += carry(X_back[part], after, scene.before, scene.changes.before, extra_m).sum(axis=1)
+    return total / max(count, 1)

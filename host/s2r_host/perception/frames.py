@@ -1,0 +1,150 @@
+"""Depth views: an organised depth image of one camera, or a bare point cloud.
+
+Frames: "base" is one fixed frame with z up, "camera" the OpenCV camera frame (x right, y down, z forward).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.errors import BadViewError
+
+FloatArray = NDArray[np.floating]
+
+NEAREST_M = 0.05
+FARTHEST_M = 20.0
+FEWEST_POINTS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class DepthFrame:
+    """One depth image and the camera that took it.
+
+    Attributes:
+        depth_m: Depth along the optical axis [m], shape (h, w); 0 = no return.
+        K: Pinhole matrix [px], shape (3, 3).
+        X_base_camera: Pose of the OpenCV camera frame in the base frame, shape (4, 4).
+        colour: RGB, uint8, shape (h, w, 3), or None.
+    """
+
+    depth_m: NDArray[np.float32]
+    K: NDArray[np.float64]
+    X_base_camera: NDArray[np.float64]
+    colour: NDArray[np.uint8] | None = None
+
+    def __post_init__(self) -> None:
+        _check_depth(self.depth_m)
+        _check_camera(self.K, self.X_base_camera, self.depth_m.shape)
+
+    def points_base(self) -> NDArray[np.float64]:
+        """Every pixel as a point in the base frame [m], shape (h, w, 3); NaN where there is no return."""
+        return backproject(self.depth_m, self.K, self.X_base_camera)
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """A point cloud without an image grid.
+
+    Attributes:
+        points: Points [m], shape (n, 3).
+        p_camera: Where the camera stood, in the same frame, shape (3,), or None if unknown (then nothing is
+            known about free space).
+        colour: RGB, uint8, shape (n, 3), or None.
+    """
+
+    points: NDArray[np.float64]
+    p_camera: NDArray[np.float64] | None = None
+    colour: NDArray[np.uint8] | None = None
+
+    def __post_init__(self) -> None:
+        _check_points(self.points)
+
+
+def backproject(
+    depth_m: FloatArray, K: NDArray[np.float64], X_base_camera: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Points of all pixels in the base frame [m], shape (h, w, 3); NaN where depth is 0."""
+    h, w = depth_m.shape
+    u, v = np.meshgrid(np.arange(w), np.arange(h))
+    z = np.where(depth_m > 0, depth_m, np.nan).astype(np.float64)
+    p_C = np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=-1)
+    return p_C @ X_base_camera[:3, :3].T + X_base_camera[:3, 3]
+
+
+def _check_depth(depth_m: FloatArray) -> None:
+    if depth_m.ndim != 2 or depth_m.size == 0:
+        raise BadViewError(f"depth has shape {depth_m.shape}; expected a (height, width) image in metres")
+    if not np.isfinite(depth_m).all():
+        bad = int((~np.isfinite(depth_m)).sum())
+        raise BadViewError(
+            f"depth holds {bad} values that are not finite; write 0 where the camera has no return"
+        )
+    valid = depth_m[depth_m != 0]
+    if valid.size < FEWEST_POINTS:
+        raise BadViewError(
+            f"depth holds {valid.size} returns, at least {FEWEST_POINTS} are needed; is the view empty?"
+        )
+    _check_range("depth", valid)
+
+
+def _check_range(what: str, distance_m: FloatArray) -> None:
+    if distance_m.min() < 0:
+        raise BadViewError(f"{what} holds negative values (least {distance_m.min():.3g} m)")
+    median = float(np.median(distance_m))
+    if median > FARTHEST_M:
+        raise BadViewError(
+            f"{what} has a median of {median:.4g} m, beyond {FARTHEST_M:g} m: these look like millimetres;"
+            " give metres"
+        )
+    if median < NEAREST_M:
+        raise BadViewError(
+            f"{what} has a median of {median:.3g} m, nearer than {NEAREST_M:g} m; give metres, not kilometres"
+        )
+
+
+def _check_camera(
+    K: NDArray[np.float64], X_base_camera: NDArray[np.float64], shape: tuple[int, ...]
+) -> None:
+    if K.shape != (3, 3) or not np.isfinite(K).all() or K[0, 0] <= 0 or K[1, 1] <= 0:
+        raise BadViewError(
+            "K must be a finite 3x3 pinhole matrix with positive focal lengths in pixels, got\n" + str(K)
+        )
+    h, w = shape
+    if not (-w < K[0, 2] < 2 * w and -h < K[1, 2] < 2 * h):
+        raise BadViewError(
+            f"principal point ({K[0, 2]:.1f}, {K[1, 2]:.1f}) px does not belong to a {w}x{h} image;"
+            " are the intrinsics of another resolution?"
+        )
+    R = X_base_camera[:3, :3]
+    if X_base_camera.shape != (4, 4) or not np.isfinite(X_base_camera).all():
+        raise BadViewError("T_base_camera must be a finite 4x4 matrix")
+    if np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
+        raise BadViewError(
+            "the rotation in T_base_camera is not a rotation matrix"
+            f" (|R Rᵀ - 1| = {np.abs(R @ R.T - np.eye(3)).max():.3g}, det {np.linalg.det(R):.3f})"
+        )
+    if np.abs(X_base_camera[:3, 3]).max() > FARTHEST_M:
+        raise BadViewError(
+            f"T_base_camera puts the camera {np.abs(X_base_camera[:3, 3]).max():.4g} m away; give metres"
+        )
+
+
+def _check_points(points: NDArray[np.float64]) -> None:
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise BadViewError(f"a cloud has shape (points, 3), got {points.shape}")
+    if len(points) < FEWEST_POINTS:
+        raise BadViewError(f"the cloud holds {len(points)} points, at least {FEWEST_POINTS} are needed")
+    if not np.isfinite(points).all():
+        bad = int((~np.isfinite(points).all(axis=1)).sum())
+        raise BadViewError(f"the cloud holds {bad} points that are not finite; drop them before writing")
+    extent = np.ptp(np.percentile(points, [5, 95], axis=0), axis=0)
+    if extent.max() > FARTHEST_M:
+        raise BadViewError(
+            f"the cloud spans {extent.max():.4g} m, beyond {FARTHEST_M:g} m: these look like millimetres;"
+            " give metres"
+        )
+    if extent.max() < 0.01:
+        raise BadViewError(f"the cloud spans only {extent.max() * 1e3:.3g} mm; give metres")

@@ -1,0 +1,197 @@
+"""Candidate motions from the structure of what moved: normals, plane crossings, edges, pivots.
+
+A hypothesis source is a function ``(Structure) -> list of axes``; a network's modes join as one more source.
+Every axis is then scanned over its joint value by `scan`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.change import Change
+from s2r_host.perception.evidence import Probe, Scene, score
+from s2r_host.perception.motion import JointMotion, JointType, perpendicular_basis
+from s2r_host.perception.planes import Plane, crossing_line, find_planes
+
+Array = NDArray[np.float64]
+
+SLIDES_M = np.concatenate([np.arange(0.008, 0.1, 0.008), np.arange(0.1, 0.42, 0.016)])
+TURNS_RAD = np.radians(np.concatenate([np.arange(4, 40, 4.0), np.arange(40, 125, 8.0)]))
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """A line (revolute) or a direction (prismatic) without a joint value; ``source`` says where it came from."""
+
+    joint_type: JointType
+    origin: Array
+    direction: Array
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Flat pieces of what moved and of what surrounds it.
+
+    Attributes:
+        moved: Planes among points that left (first view).
+        arrived: Planes among points that appeared or may have appeared (second view).
+        static: Planes of the unchanged surroundings.
+        low, high: Box around the moved points [m], shape (3,).
+    """
+
+    moved: list[Plane]
+    arrived: list[Plane]
+    static: list[Plane]
+    low: Array
+    high: Array
+
+
+def structure(scene: Scene, rng: np.random.Generator) -> Structure:
+    """Find the planes that suggest axes."""
+    a, b = scene.moved_before(), scene.moved_after()
+    moved_points = np.concatenate([scene.before.points[a], scene.after.points[b]])
+    low, high = np.percentile(moved_points, [2, 98], axis=0)
+    margin = 0.15
+    box_before = _inside(scene.before.points, low - margin, high + margin) & scene.before.normal_ok
+    box_after = _inside(scene.after.points, low - margin, high + margin) & scene.after.normal_ok
+    left = (scene.changes.before != Change.STATIC) & box_before & scene.candidate_before
+    came = (scene.changes.after != Change.STATIC) & box_after & scene.candidate_after
+    rest = (scene.changes.before == Change.STATIC) & box_before
+    return Structure(
+        moved=_planes(scene.before, left, rng, 5),
+        arrived=_planes(scene.after, came, rng, 5),
+        static=_planes(scene.before, rest, rng, 4),
+        low=low,
+        high=high,
+    )
+
+
+def axes(shape: Structure) -> list[Axis]:
+    """All candidate axes, duplicates within 4 degrees and 15 mm removed."""
+    found = _slides(shape) + _crossings(shape) + _edges(shape)
+    found += _pivots(shape)
+    kept: list[Axis] = []
+    for axis in found:
+        if not any(_same(axis, other) for other in kept):
+            kept.append(axis)
+    return kept
+
+
+def scan(found: list[Axis], scene: Scene, before: Probe, after: Probe) -> tuple[list[JointMotion], Array]:
+    """Try every axis at a grid of joint values in both senses; motions and their costs."""
+    motions: list[JointMotion] = []
+    for axis in found:
+        values = SLIDES_M if axis.joint_type == "prismatic" else TURNS_RAD
+        for value in values:
+            motions.append(JointMotion(axis.joint_type, axis.origin, axis.direction, float(value)))
+            motions.append(JointMotion(axis.joint_type, axis.origin, -axis.direction, float(value)))
+    return motions, score(motions, scene, before, after, extra_m=0.006)
+
+
+def best_distinct(
+    motions: list[JointMotion], cost: Array, anchors: Array, most: int
+) -> list[tuple[JointMotion, float]]:
+    """The cheapest motions that move the anchor points (n, 3) differently, both families represented."""
+    chosen: list[tuple[JointMotion, float]] = []
+    where: list[Array] = []
+    quota = {"prismatic": most // 3, "revolute": most - most // 3}
+    for i in np.argsort(cost, kind="stable")[:3000]:
+        motion = motions[int(i)]
+        if quota[motion.joint_type] == 0:
+            continue
+        X = motion.transform()
+        at = anchors @ X[:3, :3].T + X[:3, 3]
+        near = [
+            j
+            for j, other in enumerate(where)
+            if np.sqrt(((at - other) ** 2).sum(axis=1).mean()) < 0.012
+            and chosen[j][0].joint_type == motion.joint_type
+        ]
+        if near:
+            continue
+        quota[motion.joint_type] -= 1
+        chosen.append((motion, float(cost[i])))
+        where.append(at)
+        if not any(quota.values()):
+            break
+    return chosen
+
+
+def _inside(points: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    return ((points >= low) & (points <= high)).all(axis=1)
+
+
+def _planes(view: object, mask: NDArray[np.bool_], rng: np.random.Generator, most: int) -> list[Plane]:
+    index = np.flatnonzero(mask)
+    if len(index) < 60:
+        return []
+    index = rng.permutation(index)[:5000]
+    return find_planes(view.points[index], view.normals[index], rng, most)  # type: ignore[attr-defined]
+
+
+def _slides(shape: Structure) -> list[Axis]:
+    centre = 0.5 * (shape.low + shape.high)
+    found = []
+    for name, planes in (("moved", shape.moved), ("arrived", shape.arrived), ("static", shape.static)):
+        for plane in planes:
+            found.append(Axis("prismatic", centre, plane.normal, f"normal of a {name} plane"))
+    for plane in shape.moved[:2]:
+        for direction in plane.edge_directions:
+            found.append(Axis("prismatic", centre, direction, "edge of a moved plane"))
+    found.append(Axis("prismatic", centre, np.array([0, 0, 1.0]), "vertical"))
+    return found
+
+
+def _crossings(shape: Structure) -> list[Axis]:
+    found = []
+    pairs = [(a, b, "moved x arrived") for a in shape.moved for b in shape.arrived]
+    pairs += [(a, b, "moved x static") for a in shape.moved for b in shape.static]
+    pairs += [(a, b, "arrived x static") for a in shape.arrived for b in shape.static]
+    for a, b, name in pairs:
+        line = crossing_line(a, b)
+        if line is None:
+            continue
+        point, direction = line
+        nearest = point + direction * (direction @ (0.5 * (shape.low + shape.high) - point))
+        if _inside(nearest[None], shape.low - 0.2, shape.high + 0.2)[0]:
+            found.append(Axis("revolute", nearest, direction, f"crossing {name}"))
+    return found
+
+
+def _edges(shape: Structure) -> list[Axis]:
+    found = []
+    for name, planes in (("moved", shape.moved[:3]), ("arrived", shape.arrived[:3])):
+        for plane in planes:
+            for i in range(4):
+                a, b = plane.corners[i], plane.corners[(i + 1) % 4]
+                length = float(np.linalg.norm(b - a))
+                if length > 0.02:
+                    found.append(Axis("revolute", 0.5 * (a + b), (b - a) / length, f"edge of a {name} plane"))
+    return found
+
+
+def _pivots(shape: Structure) -> list[Axis]:
+    """Axes along plane normals and the vertical through a 5 x 5 grid over the moved region."""
+    directions = [np.array([0, 0, 1.0])]
+    directions += [plane.normal for plane in shape.static[:3] + shape.moved[:2]]
+    centre, half = 0.5 * (shape.low + shape.high), 0.5 * (shape.high - shape.low)
+    found = []
+    for direction in directions:
+        e1, e2 = perpendicular_basis(direction)
+        r1, r2 = np.abs(e1) @ half + 0.02, np.abs(e2) @ half + 0.02
+        for s in np.linspace(-1, 1, 5):
+            for t in np.linspace(-1, 1, 5):
+                found.append(Axis("revolute", centre + s * r1 * e1 + t * r2 * e2, direction, "pivot grid"))
+    return found
+
+
+def _same(a: Axis, b: Axis) -> bool:
+    if a.joint_type != b.joint_type or abs(float(a.direction @ b.direction)) < np.cos(np.radians(3)):
+        return False
+    if a.joint_type == "prismatic":
+        return True
+    return float(np.linalg.norm(np.cross(a.origin - b.origin, b.direction))) < 0.012

@@ -1,0 +1,63 @@
+"""90 % intervals of an estimate: the refinement's covariance plus the spread of surviving hypotheses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.motion import line_distance
+from s2r_host.perception.refine import Refined
+
+Array = NDArray[np.float64]
+
+Z90 = 1.645
+CHI90_2 = 2.146  # radius of the 90 % disc of a 2D normal distribution
+# What the model leaves out (calibration of the camera, edge fattening, play): a floor per quantity.
+FLOOR_TILT_RAD = np.radians(0.5)
+FLOOR_SHIFT_M = 0.0025
+FLOOR_SLIDE_M = 0.0006
+FLOOR_TURN_RAD = np.radians(0.3)
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """90 % intervals.
+
+    Attributes:
+        axis_angle_rad: The true direction lies within this angle.
+        axis_offset_m: The true line passes the estimated origin within this distance (0 for a slide).
+        delta: Low and high end of the motion [rad or m].
+    """
+
+    axis_angle_rad: float
+    axis_offset_m: float
+    delta: tuple[float, float]
+
+
+def intervals90(weighted: list[tuple[Refined, float]], centre: Array) -> Intervals:
+    """Intervals of the first (best) motion, widened by the others of its family in proportion to belief."""
+    best = weighted[0][0]
+    kind = best.motion.joint_type
+    covariance = best.covariance
+    tilt2 = float(max(np.trace(covariance[:2, :2]) / 2, 0.0)) + FLOOR_TILT_RAD**2
+    floor_delta = FLOOR_TURN_RAD if kind == "revolute" else FLOOR_SLIDE_M
+    delta2 = float(covariance[-1, -1]) + floor_delta**2
+    shift2 = float(np.trace(covariance[2:4, 2:4]) / 2) + FLOOR_SHIFT_M**2 if kind == "revolute" else 0.0
+    same = [(r, w) for r, w in weighted if r.motion.joint_type == kind]
+    total = sum(w for _, w in same) or 1.0
+    for other, w in same[1:]:
+        share = w / total
+        cosine = np.clip(best.motion.direction @ other.motion.direction, -1, 1)
+        tilt2 += share * float(np.arccos(cosine)) ** 2 / 2
+        delta2 += share * (other.motion.delta - best.motion.delta) ** 2
+        if kind == "revolute":
+            foot = best.motion.origin + ((centre - best.motion.origin) @ best.motion.direction) * best.motion.direction
+            shift2 += share * float(line_distance(other.motion.origin, other.motion.direction, foot[None])[0]) ** 2 / 2
+    half = Z90 * float(np.sqrt(delta2))
+    return Intervals(
+        axis_angle_rad=float(min(CHI90_2 * np.sqrt(tilt2), np.pi)),
+        axis_offset_m=float(CHI90_2 * np.sqrt(shift2)),
+        delta=(best.motion.delta - half, best.motion.delta + half),
+    )

@@ -1,0 +1,242 @@
+"""Two-way robust refinement of a one-joint motion: point to plane on surfaces, point to line on edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from s2r_host.perception.change import Change
+from s2r_host.perception.evidence import Scene
+from s2r_host.perception.motion import JointMotion, perpendicular_basis, rotation, unit
+from s2r_host.perception.view import Seen, View
+
+Array = NDArray[np.float64]
+
+SOFT_M = 0.002  # scale of the soft-L1 loss on surfaces
+EDGE_SOFT_M = 0.004  # edges of a stereo image are ragged by several pixels
+EDGE_WEIGHT = 0.5
+CORRELATED_POINTS = 30.0  # neighbouring pixels share their matching window, hence their error
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """Everything of one direction (points of one view carried into the other) that stays fixed."""
+
+    points: Array
+    normals: Array
+    normal_ok: NDArray[np.bool_]
+    sigma_m: Array
+    edge_points: Array
+    target: View
+    target_label: NDArray[np.uint8]
+    target_edges: Array
+    target_edge_across: Array  # direction in the image plane normal to the edge, unit
+    edge_tree: cKDTree | None
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A refined motion.
+
+    Attributes:
+        motion: The motion.
+        residual_m: Robust spread of the point-to-plane residuals [m].
+        covariance: Of the local parameters (see `perturbed`), with residual scale.
+        used: Number of surface points that took part.
+        systems: Rows (jacobian, residual) are not kept; only their count.
+    """
+
+    motion: JointMotion
+    residual_m: float
+    covariance: Array
+    used: int
+
+
+def sides(scene: Scene, rng: np.random.Generator, most: int = 2500) -> tuple[Side, Side]:
+    """Prepare both directions: candidate part points (everything near that is not surely static)."""
+    edges_before = _edges(scene.before, scene.changes.before, scene.candidate_before)
+    edges_after = _edges(scene.after, scene.changes.after, scene.candidate_after)
+    box = _moved_box(scene)
+    forward = _side(
+        scene.before, scene.changes.before, scene.candidate_before, box, scene.after,
+        scene.changes.after, edges_before, edges_after, rng, most,
+    )  # fmt: skip
+    backward = _side(
+        scene.after, scene.changes.after, scene.candidate_after, box, scene.before,
+        scene.changes.before, edges_after, edges_before, rng, most,
+    )  # fmt: skip
+    return forward, backward
+
+
+def refine(
+    start: JointMotion, both: tuple[Side, Side], rounds: int = 8, first_gate_m: float = 0.02
+) -> Refined | None:
+    """Gauss-Newton with re-association in every round; None if nothing overlaps.
+
+    Args:
+        start: Where to begin.
+        both: From `sides`.
+        rounds: Re-associations; the association gate shrinks from ``first_gate_m`` to 6 mm over them.
+        first_gate_m: First gate [m].
+    """
+    motion = start
+    gates = np.geomspace(first_gate_m, 0.006, rounds)
+    n_params = len(_steps(motion))
+    hessian, scale, used = np.eye(n_params), 0.01, 0
+    for gate in gates:
+        J, r, w, surface = _system(motion, both, float(gate))
+        if surface.sum() < 30:
+            return None
+        hessian = (J * w[:, None]).T @ J
+        damping = np.diag(1e-4 * np.diag(hessian) + 1e-9)
+        step = -np.linalg.solve(hessian + damping, (J * w[:, None]).T @ r)
+        step = _limited(step, motion)
+        motion = perturbed(motion, step)
+        scale = 1.4826 * float(np.median(np.abs(r[surface])))
+        used = int(surface.sum())
+    J, r, w, surface = _system(motion, both, 0.006)
+    if surface.sum() < 30:
+        return None
+    hessian = (J * w[:, None]).T @ J + 1e-9 * np.eye(n_params)
+    scale = 1.4826 * float(np.median(np.abs(r[surface])))
+    spread = max(scale, 0.0005)
+    covariance = np.linalg.inv(hessian) * spread**2 * CORRELATED_POINTS
+    return Refined(motion.positive(), scale, covariance, used)
+
+
+def perturbed(motion: JointMotion, step: Array) -> JointMotion:
+    """Motion with local parameters changed.
+
+    Prismatic: (tilt1, tilt2, delta); revolute: (tilt1, tilt2, shift1, shift2, delta). Tilts [rad] turn the
+    direction about the two basis vectors of `perpendicular_basis`, shifts [m] move the line along them.
+    """
+    e1, e2 = perpendicular_basis(motion.direction)
+    tilt = step[0] * e1 + step[1] * e2
+    angle = float(np.linalg.norm(tilt))
+    direction = motion.direction
+    if angle > 1e-12:
+        direction = unit(rotation(tilt / angle, angle) @ direction)
+    origin = motion.origin
+    if motion.joint_type == "revolute":
+        origin = origin + step[2] * e1 + step[3] * e2
+    return replace(motion, origin=origin, direction=direction, delta=motion.delta + float(step[-1]))
+
+
+def _steps(motion: JointMotion) -> Array:
+    """Finite-difference steps of the local parameters."""
+    if motion.joint_type == "prismatic":
+        return np.array([1e-5, 1e-5, 1e-6])
+    return np.array([1e-5, 1e-5, 1e-6, 1e-6, 1e-5])
+
+
+def _limited(step: Array, motion: JointMotion) -> Array:
+    """No more than 12 degrees of tilt, 3 cm of shift, 3 cm or 12 degrees of delta in one round."""
+    limit = np.array([0.2, 0.2, 0.03] if motion.joint_type == "prismatic" else [0.2, 0.2, 0.03, 0.03, 0.2])
+    return step / max(1.0, float(np.max(np.abs(step) / limit)))
+
+
+def _system(
+    motion: JointMotion, both: tuple[Side, Side], gate_m: float
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """Jacobian, residuals [m], robust weights, and which rows are surface rows."""
+    X = motion.transform()
+    steps = _steps(motion)
+    moved = [perturbed(motion, np.eye(len(steps))[k] * steps[k]).transform() for k in range(len(steps))]
+    D_forward = np.stack([(M - X) / s for M, s in zip(moved, steps, strict=True)])
+    X_back = np.linalg.inv(X)
+    D_back = np.stack([(np.linalg.inv(M) - X_back) / s for M, s in zip(moved, steps, strict=True)])
+    blocks = []
+    for side, T, D in ((both[0], X, D_forward), (both[1], X_back, D_back)):
+        blocks.append(_surface_rows(side, T, D, gate_m))
+        blocks.append(_edge_rows(side, T, D, gate_m))
+    J = np.concatenate([b[0] for b in blocks])
+    r = np.concatenate([b[1] for b in blocks])
+    w = np.concatenate([b[2] for b in blocks])
+    surface = np.concatenate([np.full(len(b[1]), k % 2 == 0) for k, b in enumerate(blocks)])
+    return J, r, w, surface
+
+
+def _surface_rows(side: Side, T: Array, D: Array, gate_m: float) -> tuple[Array, Array, Array]:
+    empty = np.zeros((0, len(D))), np.zeros(0), np.zeros(0)
+    if len(side.points) == 0:
+        return empty
+    p = side.points @ T[:3, :3].T + T[:3, 3]
+    found = side.target.look(p, side.sigma_m, extra_m=gate_m)
+    index = np.maximum(found.index, 0)
+    n = side.target.normals[index]
+    r = np.einsum("ni,ni->n", p - side.target.points[index], n)
+    turned = side.normals @ T[:3, :3].T
+    aligned = np.abs(np.einsum("ni,ni->n", turned, n)) > 0.85
+    use = (
+        (found.seen == Seen.SURFACE) & side.target.normal_ok[index] & side.normal_ok & aligned
+        & (np.abs(r) < gate_m) & (side.target_label[index] != Change.STATIC)
+    )  # fmt: skip
+    if not use.any():
+        return empty
+    q = np.concatenate([side.points[use], np.ones((int(use.sum()), 1))], axis=1)
+    J = np.einsum("kij,nj,ni->nk", D[:, :3, :], q, n[use])
+    w = 1.0 / np.sqrt(1.0 + (r[use] / SOFT_M) ** 2)
+    return J, r[use], w
+
+
+def _edge_rows(side: Side, T: Array, D: Array, gate_m: float) -> tuple[Array, Array, Array]:
+    empty = np.zeros((0, len(D))), np.zeros(0), np.zeros(0)
+    if len(side.edge_points) == 0 or side.edge_tree is None:
+        return empty
+    p = side.edge_points @ T[:3, :3].T + T[:3, 3]
+    distance, index = side.edge_tree.query(p, distance_upper_bound=2.0 * gate_m)
+    use = np.isfinite(distance)
+    if not use.any():
+        return empty
+    index = index[use]
+    m = side.target_edge_across[index]
+    r = np.einsum("ni,ni->n", p[use] - side.target_edges[index], m)
+    q = np.concatenate([side.edge_points[use], np.ones((int(use.sum()), 1))], axis=1)
+    J = np.einsum("kij,nj,ni->nk", D[:, :3, :], q, m)
+    # Scaled to the surface rows: an edge pixel tells (2 mm / 4 mm)² as much, at most.
+    w = EDGE_WEIGHT * (SOFT_M / EDGE_SOFT_M) ** 2 / np.sqrt(1.0 + (r / EDGE_SOFT_M) ** 2)
+    return J, r, w
+
+
+def _moved_box(scene: Scene) -> tuple[Array, Array]:
+    points = np.concatenate([scene.before.points[scene.moved_before()], scene.after.points[scene.moved_after()]])
+    low, high = np.percentile(points, [1, 99], axis=0)
+    return low - 0.05, high + 0.05
+
+
+def _side(
+    view: View, label: NDArray[np.uint8], candidate: NDArray[np.bool_], box: tuple[Array, Array],
+    target: View, target_label: NDArray[np.uint8],
+    edges: tuple[Array, Array], target_edges: tuple[Array, Array], rng: np.random.Generator, most: int,
+) -> Side:  # fmt: skip
+    inside = ((view.points > box[0]) & (view.points < box[1])).all(axis=1)
+    sure = np.flatnonzero((label == Change.MOVED) & candidate & view.normal_ok)
+    maybe = np.flatnonzero((label == Change.UNKNOWN) & candidate & inside & view.normal_ok)
+    chosen = np.concatenate([rng.permutation(sure)[:most], rng.permutation(maybe)[: most // 2]])
+    p, _ = edges
+    p_in = p[((p > box[0]) & (p < box[1])).all(axis=1)]
+    q, across = target_edges
+    return Side(
+        view.points[chosen], view.normals[chosen], view.normal_ok[chosen], view.sigma_m[chosen],
+        p_in[rng.permutation(len(p_in))[:600]], target, target_label, q, across,
+        cKDTree(q) if len(q) >= 20 else None,
+    )  # fmt: skip
+
+
+def _edges(view: View, label: NDArray[np.uint8], candidate: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Occluding-edge points that are not static, and the direction across the edge as the camera sees it."""
+    index = np.flatnonzero(view.edge & (label != Change.STATIC) & candidate)
+    if len(index) < 20 or view.p_camera is None:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    p = view.points[index]
+    _, neighbour = cKDTree(p).query(p, k=min(9, len(p)))
+    centred = p[neighbour] - p[neighbour].mean(axis=1, keepdims=True)
+    values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))
+    straight = values[:, 1] < 0.25 * values[:, 2]
+    across = np.cross(vectors[:, :, 2], p - view.p_camera)
+    length = np.linalg.norm(across, axis=1)
+    keep = straight & (length > 1e-6)
+    return p[keep], across[keep] / length[keep, None]

@@ -1,0 +1,141 @@
+"""Reasons to answer nothing: views that are no pair, a camera that moved, two parts that moved."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.change import Change, Changes
+from s2r_host.perception.errors import AbstainError, BadViewError
+from s2r_host.perception.evidence import Scene
+from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.segment import Parts
+from s2r_host.perception.view import DepthView, Seen, View
+
+Array = NDArray[np.float64]
+
+MOST_CAMERA_SHIFT_M = 0.004
+
+
+def check_pair(before: View, after: View) -> None:
+    """Refuse the same file twice and views without overlap.
+
+    Raises:
+        BadViewError: Nothing can be compared.
+    """
+    if len(before.points) == len(after.points) and np.array_equal(before.points, after.points):
+        raise BadViewError("both views are identical, number for number; give one before and one after the motion")
+    seen = after.look(before.points[:: max(1, len(before.points) // 3000)], 0.002).seen
+    shared = float(np.isin(seen, (Seen.SURFACE, Seen.FREE, Seen.HIDDEN)).mean())
+    if shared < 0.2:
+        raise BadViewError(
+            f"only {100 * shared:.0f} % of the first view lies in the sight of the second; the views do not overlap,"
+            " or their frames differ"
+        )
+
+
+def check_same_camera(before: View, after: View, changes: Changes, rng: np.random.Generator) -> None:
+    """Refuse a pair whose unmoving surroundings do not coincide.
+
+    Aligns the surroundings by a small free motion; if that fits clearly better than the given poses, the camera
+    (or its calibration) moved.
+
+    Raises:
+        AbstainError: By how much the surroundings seem to have moved.
+    """
+    use = np.flatnonzero(before.normal_ok)
+    if len(use) < 300:
+        return
+    use = rng.permutation(use)[:4000]
+    p, sigma = before.points[use], before.sigma_m[use]
+    centre = p.mean(axis=0)
+    X = np.eye(4)
+    fit_now = _matched(p, sigma, after, np.eye(4))
+    for gate in (0.05, 0.05, 0.04, 0.03, 0.02, 0.015, 0.01, 0.008):
+        step = _align_step(p, sigma, after, X, centre, gate)
+        if step is None:
+            return
+        X = step @ X
+    fit_then = _matched(p, sigma, after, X)
+    shift = np.linalg.norm(p @ X[:3, :3].T + X[:3, 3] - p, axis=1)
+    moved_m = float(np.median(shift))
+    if moved_m > MOST_CAMERA_SHIFT_M and fit_then > fit_now + 0.08 and fit_then > 0.5:
+        raise AbstainError(
+            f"the surroundings moved by {moved_m * 1e3:.0f} mm between the views ({100 * fit_then:.0f} % of the scene"
+            f" agrees after moving it, {100 * fit_now:.0f} % as given): the camera moved; fix it, or give the pose of"
+            " each view"
+        )
+    static = float((changes.before == Change.STATIC).mean())
+    if static < 0.1:
+        raise AbstainError(
+            f"only {100 * static:.0f} % of the first view is unchanged in the second; the camera moved or the views"
+            " show different scenes"
+        )
+
+
+def check_second_part(scene: Scene, parts: Parts, motion: JointMotion, rng: np.random.Generator) -> None:
+    """Refuse a pair in which a second rigid piece moved differently.
+
+    Raises:
+        AbstainError: Names the size of the second piece.
+    """
+    # A second piece is claimed only if it is large and flat: hands and cables move too and are ignored.
+    from s2r_host.perception.planes import find_planes
+
+    left = scene.moved_before()
+    left = left[~parts.before[left]]
+    own = int(parts.before.sum())
+    left = left[scene.before.normal_ok[left]]
+    if len(left) < max(400, 0.3 * own):
+        return
+    planes = find_planes(scene.before.points[left], scene.before.normals[left], rng, 2, 0.003)
+    if not planes or planes[0].size < max(400, 0.3 * own):
+        return
+    raise AbstainError(
+        f"two parts moved: besides the {own} points of the {motion.joint_type} part, a flat piece of"
+        f" {planes[0].size} points near {np.round(planes[0].centre, 3).tolist()} m moved differently; move one part"
+        " at a time or give --region"
+    )
+
+
+def _align_step(p: Array, sigma: Array, after: View, X: Array, centre: Array, gate_m: float) -> Array | None:
+    """One Gauss-Newton step of rigid point-to-plane alignment as a transform (4, 4)."""
+    at = p @ X[:3, :3].T + X[:3, 3]
+    found = after.look(at, sigma, extra_m=gate_m)
+    index = np.maximum(found.index, 0)
+    n = after.normals[index]
+    r = np.einsum("ni,ni->n", at - after.points[index], n)
+    use = (found.seen == Seen.SURFACE) & after.normal_ok[index] & (np.abs(r) < gate_m)
+    if use.sum() < 200:
+        return None
+    arm = np.cross(at[use] - centre, n[use])
+    J = np.concatenate([arm, n[use]], axis=1)
+    w = 1.0 / np.sqrt(1.0 + (r[use] / 0.002) ** 2)
+    H = (J * w[:, None]).T @ J
+    # Directions that no surface fixes stay put.
+    H += np.diag([1e-3 * H[:3, :3].trace()] * 3 + [1e-3 * H[3:, 3:].trace()] * 3)
+    step = -np.linalg.solve(H, (J * w[:, None]).T @ r[use])
+    angle = float(np.linalg.norm(step[:3]))
+    R = np.eye(3)
+    if angle > 1e-12:
+        from s2r_host.perception.motion import rotation
+
+        R = rotation(step[:3] / angle, angle)
+    result = np.eye(4)
+    result[:3, :3] = R
+    result[:3, 3] = centre - R @ centre + step[3:]
+    return result
+
+
+def _matched(p: Array, sigma: Array, after: View, X: Array) -> float:
+    """Share of the points that can be judged and lie on a surface of the other view."""
+    at = p @ X[:3, :3].T + X[:3, 3]
+    found = after.look(at, sigma)
+    judged = np.isin(found.seen, (Seen.SURFACE, Seen.FREE, Seen.HIDDEN))
+    if isinstance(after, DepthView):
+        index = np.maximum(found.index, 0)
+        offset = np.abs(np.einsum("ni,ni->n", at - after.points[index], after.normals[index]))
+        on = (found.seen == Seen.SURFACE) & (offset < 3 * after.sigma_m[index])
+    else:
+        on = found.seen == Seen.SURFACE
+    return float(on.sum() / max(1, judged.sum()))

@@ -1,0 +1,83 @@
+"""Which points belong to the moving part, once the motion is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from s2r_host.perception.change import Change
+from s2r_host.perception.evidence import Scene
+from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.view import Seen, View
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+NORMAL_LENGTH_M = 0.03  # a right angle between normals counts like 4 cm of distance
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Masks over the points of both views."""
+
+    before: Mask
+    after: Mask
+
+
+def segment(scene: Scene, motion: JointMotion) -> Parts:
+    """Split both views into the moving part and the rest."""
+    X = motion.transform()
+    before = _one(scene.before, scene.changes.before, scene.candidate_before, scene.after, scene.changes.after, X)
+    after = _one(
+        scene.after, scene.changes.after, scene.candidate_after, scene.before, scene.changes.before, np.linalg.inv(X)
+    )
+    return Parts(before, after)
+
+
+def _one(
+    view: View, label: NDArray[np.uint8], candidate: Mask, other: View, other_label: NDArray[np.uint8], X: Array
+) -> Mask:
+    p = view.points @ X[:3, :3].T + X[:3, 3]
+    travel = np.linalg.norm(p - view.points, axis=1)
+    found = other.look(p, view.sigma_m, extra_m=0.002)
+    index = np.maximum(found.index, 0)
+    lands = (found.seen == Seen.SURFACE) & (other_label[index] != Change.STATIC)
+    turned = view.normals @ X[:3, :3].T
+    aligned = np.abs(np.einsum("ni,ni->n", turned, other.normals[index])) > 0.8
+    lands &= aligned | ~(view.normal_ok & other.normal_ok[index])
+    hidden = (found.seen == Seen.HIDDEN) | (found.seen == Seen.NO_RETURN) | (found.seen == Seen.OUT)
+    visible_motion = travel > 3.0 * view.sigma_m
+    part = candidate & (lands & (label != Change.STATIC))
+    part |= candidate & (label == Change.MOVED) & hidden
+    rest = (label == Change.STATIC) & visible_motion & ~_slides_in_itself(view, X, travel)
+    rest |= (label == Change.MOVED) & (found.seen == Seen.FREE)
+    rest &= ~part
+    return _vote(view, part, rest, candidate)
+
+
+def _slides_in_itself(view: View, X: Array, travel: Array) -> Mask:
+    """Points whose motion lies within their own surface: looking unchanged says nothing about them."""
+    step = view.points @ X[:3, :3].T + X[:3, 3] - view.points
+    across = np.abs(np.einsum("ni,ni->n", step, view.normals))
+    return view.normal_ok & (across < 3.0 * view.sigma_m) & (travel > 0)
+
+
+def _vote(view: View, part: Mask, rest: Mask, candidate: Mask) -> Mask:
+    """Undecided points take the majority of their five nearest decided neighbours."""
+    undecided = candidate & ~part & ~rest
+    if not part.any():
+        return part
+    low, high = np.percentile(view.points[part], [1, 99], axis=0)
+    near = undecided & ((view.points > low - 0.04) & (view.points < high + 0.04)).all(axis=1)
+    around = rest & ((view.points > low - 0.08) & (view.points < high + 0.08)).all(axis=1)
+    result = part.copy()
+    if not near.any() or not around.any():
+        return result
+    decided = np.concatenate([np.flatnonzero(part), np.flatnonzero(around)])
+    features = np.concatenate([view.points, NORMAL_LENGTH_M * view.normals], axis=1)
+    _, neighbour = cKDTree(features[decided]).query(features[near], k=min(5, len(decided)))
+    result[np.flatnonzero(near)] = (neighbour < int(part.sum())).mean(axis=1) > 0.5
+    return result
