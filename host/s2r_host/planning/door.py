@@ -1,0 +1,48 @@
+"""Requests that are refused before anything is computed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.planning.scene import Scene
+from s2r_host.planning.task import PlanRefusedError, PlanRequest
+
+
+def check_numbers(request: PlanRequest) -> None:
+    """Refuse numbers that are not finite, wrong joint counts and moves of nothing."""
+    arm = request.arm
+    q = np.asarray(request.q_initial, dtype=float)
+    if q.shape != (arm.dof,):
+        raise PlanRefusedError(f"q_initial has shape {q.shape}; arm {arm.name!r} needs ({arm.dof},)")
+    for name, value in (("s_initial", request.s_initial), ("s_target", request.s_target)):
+        if not np.isfinite(value):
+            raise PlanRefusedError(f"{name} = {value} is not a finite number")
+    for name, value in zip(arm.joint_names, q, strict=True):
+        if not np.isfinite(value):
+            raise PlanRefusedError(f"joint {name!r}: q_initial = {value} is not a finite number")
+    limits = arm.limits
+    for i, name in enumerate(arm.joint_names):
+        if not limits.q_min[i] <= q[i] <= limits.q_max[i]:
+            raise PlanRefusedError(
+                f"joint {name!r} (index {i}): q_initial = {q[i]:.3f} rad is outside "
+                f"[{limits.q_min[i]:.3f}, {limits.q_max[i]:.3f}] rad"
+            )
+
+
+def check_target(request: PlanRequest, scene: Scene, tolerance: float) -> None:
+    """Refuse targets that are where the joint already is, or where it cannot be."""
+    unit = "m" if scene.prismatic else "rad"
+    s_initial, s_target = request.s_initial, request.s_target
+    if abs(s_target - s_initial) < tolerance:
+        raise PlanRefusedError(
+            f"joint {request.joint!r}: s_target = {s_target:.4f} {unit} equals s_initial = {s_initial:.4f} {unit} "
+            f"within the success band of {tolerance:g} {unit}: there is nothing to move"
+        )
+    if scene.s_range is None:
+        return
+    low, high = scene.s_range
+    for name, value, slack in (("s_initial", s_initial, tolerance), ("s_target", s_target, 0.0)):
+        if not low - slack <= value <= high + slack:
+            raise PlanRefusedError(
+                f"joint {request.joint!r}: {name} = {value:.4f} {unit} is beyond its range [{low:.4f}, {high:.4f}] {unit}"
+            )

@@ -1,0 +1,298 @@
+"""Receding-horizon planning through contact: iCEM in the coarse model, every action executed in the fine one."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from s2r_host.planning.door import check_numbers, check_target
+from s2r_host.planning.execution import FineWorld, Report
+from s2r_host.planning.hooking import Hook, find_hook
+from s2r_host.planning.icem import Icem
+from s2r_host.planning.rewards import Task, rewards
+from s2r_host.planning.rollouts import Rollouts, ramp
+from s2r_host.planning.scene import Scene, build_scene
+from s2r_host.planning.settings import PlanSettings, Stage
+from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult, StepTrace
+
+logger = logging.getLogger(__name__)
+
+_LANDING_STEPS = 9  # halvings of the last action until the hold ends on target
+
+
+def plan_manipulation(request: PlanRequest) -> PlanResult:
+    """Plan how the arm moves the object's joint from ``s_initial`` to ``s_target``.
+
+    Every action is chosen by rollouts in the coarse model and executed in the fine model, whose state the next
+    rollouts start from. The plan is delivered only after the fine model has held the target for ``hold_s`` and a
+    replay has found no unexpected contact at any substep and no torque beyond its limit; else the next stage of
+    the cascade tries, and after the last one the result says why there is no plan.
+
+    Raises:
+        PlanRefusedError: The request is impossible or absurd; the text says which.
+        OutOfReachError: The arm cannot get its fingertip behind the part.
+        SceneFileError: The object file is unusable.
+    """
+    start_wall, start_cpu = time.perf_counter(), time.process_time()
+    check_numbers(request)
+    settings = request.settings
+    scene = build_scene(request.arm, request.object_mjcf, request.joint, settings)
+    tolerance = settings.tolerance_m if scene.prismatic else settings.tolerance_rad
+    check_target(request, scene, tolerance)
+    world = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial)
+    _check_start(world)
+    hook = find_hook(scene, world, request.object_mjcf, request.s_target, settings)
+    task = Task(request.s_initial, request.s_target, tolerance)
+    attempts = []
+    for index, stage in enumerate(settings.cascade):
+        attempt = _Attempt(scene, stage, index, settings, task, hook, world, request.seed)
+        attempt.run()
+        attempts.append(attempt)
+        if attempt.reason is None:
+            break
+        logger.info("stage %d of the plan failed: %s", index, attempt.reason)
+    result = attempts[-1].result(attempts)
+    return replace(result, cpu_s=time.process_time() - start_cpu, wall_s=time.perf_counter() - start_wall)
+
+
+def _check_start(world: FineWorld) -> None:
+    contact = world.check_now().contact
+    if contact is not None:
+        raise PlanRefusedError(
+            f"the start pose is in contact: {contact}; move the arm away from the object first"
+        )
+
+
+@dataclass
+class _Attempt:
+    """One stage of the cascade, from the start pose to the held target or to a reason for failing."""
+
+    scene: Scene
+    stage: Stage
+    index: int
+    settings: PlanSettings
+    task: Task
+    hook: Hook
+    world: FineWorld
+    seed: int
+    targets: list[np.ndarray] = field(default_factory=list)
+    trace: list[StepTrace] = field(default_factory=list)
+    env_steps: int = 0
+    reason: str | None = "not run"
+    played: Report = field(default_factory=Report)
+    path: list[tuple[np.ndarray, float]] = field(default_factory=list)
+    touch_step: int | None = None
+    steps_done: int = 0
+
+    def run(self) -> None:
+        """Plan and execute until the target is held, or give up."""
+        initial = self.world.save()
+        try:
+            self.reason = self._search()
+            if self.reason is None:
+                self.world.restore(initial)
+                self.reason = self._replay()
+        finally:
+            self.world.restore(initial)
+
+    def _search(self) -> str | None:
+        settings = self.settings
+        limits = self.scene.arm.limits
+        low = limits.q_min + settings.joint_margin_rad
+        high = limits.q_max - settings.joint_margin_rad
+        icem = self._sampler()
+        capacity = 2 * self.stage.population + 2 * icem.settings.elites + 1
+        rollouts = Rollouts(self.scene, self.stage, settings, capacity)
+        target = self.world.q
+        self.targets = [target]
+        for step in range(settings.max_steps):
+            icem.begin()
+            for _ in range(icem.settings.iterations):
+                samples = icem.sample()
+                facts = rollouts.run(
+                    self.world.data.qpos,
+                    self.world.data.qvel,
+                    _accumulate(target, samples, low, high),
+                    self.hook.p_part,
+                )
+                icem.update(samples, rewards(facts, self.task, settings.weights))
+            self.env_steps = rollouts.env_steps
+            before = self.world.save()
+            ranked, values = icem.ranked()
+            goal, rank, report = self._execute(target, ranked[:, 0], low, high, before)
+            self._note(step, float(values[rank]), rank, report)
+            problem = self._problem(report)
+            if problem is not None:
+                return problem
+            landed = self._land(before, target, goal)
+            if landed is not None:
+                self.targets.append(landed)
+                return None
+            target = goal
+            self.targets.append(goal)
+            icem.advance()
+        unit = "m" if self.scene.prismatic else "rad"
+        return (
+            f"the target was not reached in {settings.max_steps} control steps: s = {self.world.s:.4f} {unit}, "
+            f"target {self.task.s_target:.4f} {unit}, fingertip {self.trace[-1].distance_m:.3f} m from its place"
+        )
+
+    def _sampler(self) -> Icem:
+        settings = self.settings
+        scale = self.stage.population / settings.icem.population
+        elites = max(2, round(settings.icem.elites * scale))
+        icem_settings = replace(settings.icem, population=self.stage.population, elites=elites)
+        rng = np.random.default_rng([self.seed, self.index])
+        return Icem(icem_settings, np.full(self.scene.dof, settings.action_max_rad), rng)
+
+    def _execute(
+        self, target: np.ndarray, actions: np.ndarray, low: np.ndarray, high: np.ndarray, before: np.ndarray
+    ) -> tuple[np.ndarray, int, Report]:
+        """Execute the best-ranked action that the fine model finds harmless; if none is, the best one."""
+        first: tuple[np.ndarray, Report] | None = None
+        for rank, action in enumerate(actions[: self.settings.retries]):
+            goal = np.clip(target + action, low, high)
+            report = self._play(target, goal)
+            if report.contact is None and report.torque_share <= self.settings.torque_margin:
+                return goal, rank, report
+            first = first or (goal, report)
+            self.world.restore(before)
+        assert first is not None
+        self._play(target, first[0])
+        return first[0], 0, first[1]
+
+    def _play(self, start: np.ndarray, goal: np.ndarray) -> Report:
+        substeps = round(self.settings.control_dt_s / self.settings.fine_timestep_s)
+        return self.world.play(ramp(np.stack([start, goal])[None], substeps)[0])
+
+    def _land(self, before: np.ndarray, target: np.ndarray, goal: np.ndarray) -> np.ndarray | None:
+        """The share of the action just executed after which standing still ends on target, as a joint target.
+
+        Leaves the world after the whole action when there is none.
+        """
+        after = self.world.save()
+        if self._missing() > 0.25 * abs(self.task.s_target - self.task.s_initial) + 5.0 * self.task.tolerance:
+            return None
+        low, high = self._held(before, target, target), self._held(before, target, goal)
+        shares = (0.0, 1.0)
+        landed: np.ndarray | None = None
+        if low * high <= 0.0:
+            for _ in range(_LANDING_STEPS):
+                middle = sum(shares) / 2.0
+                candidate = target + middle * (goal - target)
+                missing = self._held(before, target, candidate)
+                if abs(missing) < 0.5 * self.task.tolerance:
+                    landed = candidate
+                    break
+                shares = (middle, shares[1]) if missing * low > 0.0 else (shares[0], middle)
+        self.world.restore(after)
+        return landed
+
+    def _missing(self) -> float:
+        return abs(self.task.s_target - self.world.s)
+
+    def _held(self, before: np.ndarray, target: np.ndarray, goal: np.ndarray) -> float:
+        """Signed rest ``s_target - s`` after going to ``goal`` and holding it; infinite if that touches anything."""
+        self.world.restore(before)
+        report = self._play(target, goal).merged(self._hold(goal))
+        harmless = report.contact is None and report.torque_share <= self.settings.torque_margin
+        return self.task.s_target - self.world.s if harmless else np.inf
+
+    def _hold(self, goal: np.ndarray) -> Report:
+        substeps = round(self.settings.hold_s / self.settings.fine_timestep_s)
+        return self.world.play(np.broadcast_to(goal, (substeps, len(goal))))
+
+    def _replay(self) -> str | None:
+        """Play the whole plan again from the start and check what the delivery promises."""
+        self.played, self.path, self.touch_step = Report(), [(self.world.q, self.world.s)], None
+        hold_steps = round(self.settings.hold_s / self.settings.control_dt_s)
+        self.targets += [self.targets[-1]] * hold_steps
+        for step, (start, goal) in enumerate(zip(self.targets[:-1], self.targets[1:], strict=True)):
+            report = self._play(start, goal)
+            self.played = self.played.merged(report)
+            self.path.append((self.world.q, self.world.s))
+            if report.touched and self.touch_step is None:
+                self.touch_step = step + 1
+        problem = self._problem(self.played)
+        if problem is not None:
+            return problem
+        final = [abs(self.task.s_target - s) for _, s in self.path[-hold_steps:]]
+        if (
+            final[-1] >= self.task.tolerance
+            or abs(final[-1] - final[len(final) // 2]) > self.task.tolerance / 2
+        ):
+            return f"the target is not held: s = {self.world.s:.4f} at the end of the hold"
+        return None
+
+    def _problem(self, report: Report) -> str | None:
+        """Why a motion may not be delivered, in words, or None."""
+        if report.contact is not None:
+            return f"touches something unexpected: {report.contact}"
+        if report.torque_share > self.settings.torque_margin:
+            name = self.scene.arm.joint_names[report.torque_joint]
+            limit = self.scene.arm.limits.tau_max[report.torque_joint]
+            return (
+                f"joint {name!r}: torque {report.torque_share * limit:.1f} N·m exceeds "
+                f"{self.settings.torque_margin:.0%} of its limit {limit:.1f} N·m"
+            )
+        return None
+
+    def _note(self, step: int, predicted: float, rank: int, report: Report) -> None:
+        data, body = self.world.data, self.scene.part_body
+        tip = data.site_xpos[self.scene.tool_site]
+        place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self.hook.p_part
+        distance_m = float(np.linalg.norm(tip - place))
+        self.steps_done = step + 1
+        self.trace.append(
+            StepTrace(
+                self.index,
+                step,
+                self.world.s,
+                distance_m,
+                predicted,
+                rank,
+                report.torque_share,
+                report.contact,
+            )
+        )
+
+    def result(self, attempts: list[_Attempt]) -> PlanResult:
+        """This attempt as the answer, with the costs of all of them."""
+        path = self.path or [(self.targets[0], self.task.s_initial)]
+        s = np.array([value for _, value in path])
+        hold_steps = round(self.settings.hold_s / self.settings.control_dt_s)
+        return PlanResult(
+            success=self.reason is None,
+            q_cmd=np.array(self.targets),
+            q_meas=np.array([q for q, _ in path]),
+            s=s,
+            control_dt_s=self.settings.control_dt_s,
+            s_initial=self.task.s_initial,
+            s_target=self.task.s_target,
+            final=float(s[-1]),
+            error=self.task.s_target - float(s[-1]),
+            reason=self.reason or "held on target",
+            touch_step=self.touch_step,
+            hold_step=max(len(self.targets) - 1 - hold_steps, 0),
+            stage=self.index,
+            control_steps=sum(a.steps_done for a in attempts),
+            env_steps=sum(a.env_steps for a in attempts),
+            cpu_s=0.0,
+            wall_s=0.0,
+            torque_share=self.played.torque_share,
+            p_part=self.hook.p_part,
+            trace=tuple(entry for a in attempts for entry in a.trace),
+        )
+
+
+def _accumulate(target: np.ndarray, actions: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Joint targets that follow from actions: target = previous target + action, within the joints' range.
+
+    Not measured position plus action: servo lag would then add up, and the plan would not be a list of targets.
+    """
+    targets = np.clip(target + np.cumsum(actions, axis=1), low, high)
+    start = np.broadcast_to(target, (len(actions), 1, len(target)))
+    return np.concatenate([start, targets], axis=1)

@@ -1,0 +1,90 @@
+"""Rollouts of many action sequences in the coarse model, on the threads of ``mujoco.batch``."""
+
+from __future__ import annotations
+
+import mujoco
+import mujoco.batch
+import numpy as np
+
+from s2r_host.planning.rewards import StepFacts
+from s2r_host.planning.scene import Scene
+from s2r_host.planning.settings import PlanSettings, Stage
+
+_CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
+
+
+class Rollouts:
+    """Evaluates joint-target sequences from one start state. One per plan and Python thread."""
+
+    def __init__(self, scene: Scene, stage: Stage, settings: PlanSettings, capacity: int) -> None:
+        """Args: scene; stage of the cascade; settings; ``capacity``, the most sequences per call."""
+        self._scene = scene
+        self._servo = settings.servo
+        self._control_dt_s = settings.control_dt_s
+        self._substeps = round(settings.control_dt_s / stage.timestep_s)
+        model = scene.rollout_model(stage)
+        self._batch = mujoco.batch.Batch(model, nsim=capacity, nthread=settings.threads)
+        self._qpos = self._batch.bind("qpos")
+        self._qvel = self._batch.bind("qvel")
+        self._warmstart = self._batch.bind("qacc_warmstart")
+        self.env_steps = 0
+
+    def run(self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, p_part: np.ndarray) -> StepFacts:
+        """Play sequences of joint targets from one state.
+
+        Args:
+            qpos, qvel: Start state of arm and object, (nq,), (nv,).
+            targets: Joint targets including the one in force at the start, (rollout, steps + 1, dof) [rad].
+            p_part: The point that the fingertip is measured against, part frame [m], (3,).
+
+        Returns:
+            What the reward needs, with ``steps`` entries along time.
+        """
+        rollouts, steps = targets.shape[0], targets.shape[1] - 1
+        ids = np.arange(rollouts)
+        self._qpos[ids] = qpos
+        self._qvel[ids] = qvel
+        self._warmstart[ids] = 0.0  # the same start for every rollout, whatever was computed before
+        control = ramp(targets, self._substeps)
+        record = self._batch.rollout(
+            control.shape[1], control, _CONTROL, ("qpos", "qvel", "sensordata", "ncon"), ids=ids
+        )
+        self.env_steps += rollouts * steps
+        return self._facts(record, qvel, targets, p_part)
+
+    def _facts(self, record: dict, qvel: np.ndarray, targets: np.ndarray, p_part: np.ndarray) -> StepFacts:
+        scene, n = self._scene, self._substeps
+        dof = scene.dof
+        s = record["qpos"][:, n - 1 :: n, scene.s_qpos]
+        q = record["qpos"][:, n - 1 :: n, :dof]
+        dq = record["qvel"][:, n - 1 :: n, :dof]
+        before = np.broadcast_to(qvel[:dof], (len(dq), 1, dof))
+        ddq = np.diff(dq, axis=1, prepend=before) / self._control_dt_s
+        # Sensors and contacts describe the state before a substep: one substep behind qpos.
+        tip = record["sensordata"][:, :, :3]
+        touches = record["sensordata"][:, :, 3:].sum(axis=2)
+        collides = record["ncon"].reshape(touches.shape) > touches
+        after = np.minimum(np.arange(n, tip.shape[1] + 1, n), tip.shape[1] - 1)
+        return StepFacts(
+            distance_m=np.linalg.norm(tip[:, after] - p_part, axis=2),
+            s=s,
+            touches=_any_within(touches > 0, n),
+            collides=_any_within(collides, n),
+            dq=dq,
+            ddq=ddq,
+            load=(self._servo.kp * (targets[:, 1:] - q) - self._servo.kd * dq) / scene.arm.limits.tau_max,
+        )
+
+
+def ramp(targets: np.ndarray, substeps: int) -> np.ndarray:
+    """Joint targets at every substep: straight lines between control steps, (rollout, steps * substeps, dof)."""
+    share = (np.arange(substeps) + 1.0) / substeps
+    start, end = targets[:, :-1, None], targets[:, 1:, None]
+    values = start + share[None, None, :, None] * (end - start)
+    return np.ascontiguousarray(values.reshape(len(targets), -1, targets.shape[2]))
+
+
+def _any_within(flags: np.ndarray, substeps: int) -> np.ndarray:
+    """Per control step, True if the flag, which lags one substep, was up at any of its substeps."""
+    lagged = np.concatenate([flags[:, 1:], flags[:, -1:]], axis=1)
+    return lagged.reshape(len(flags), -1, substeps).any(axis=2)

@@ -1,0 +1,257 @@
+"""Two models from one belief: arm and object in a coarse model for rollouts and a fine one for execution.
+
+Both come from the same arm description and the same object file, so they have the same joints in the same
+order: first the arm's, then the object's. The coarse model trades contact detail for speed; nothing is
+delivered that only the coarse model has seen.
+"""
+
+from __future__ import annotations
+
+import copy
+import enum
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from s2r_host.errors import HostError
+from s2r_host.planning.settings import PlanSettings, ServoSettings, Stage
+from s2r_protocol.arms import ArmDescription
+from s2r_protocol.exits import UsageError
+
+OBJECT_PREFIX = "object/"  # keeps the object's names apart from the arm's
+TIP_SENSOR = "tip_in_part"
+FINGER_PREFIX = "finger"  # shapes of the tool that are meant to touch the part
+
+_ROBOT_BIT, _WORLD_BIT = 1, 2
+
+
+class SceneFileError(HostError, UsageError):
+    """The object file cannot be read, or lacks the joint or the tool that the task names."""
+
+
+class GeomKind(enum.IntEnum):
+    """What a geom belongs to, as far as contacts are concerned."""
+
+    WORLD = 0  # table, static parts of the object, parts that are not the task's
+    PART = 1  # the part that is to be moved
+    ROBOT = 2  # links, gripper
+    FINGER = 3  # the shapes of the tool that may touch the part
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Arm, object and table, compiled twice.
+
+    Attributes:
+        coarse: Rollout model; its time step is set by :meth:`rollout_model`.
+        fine: Execution model.
+        arm: The arm description both were made from.
+        joint: Name of the object's joint, as in the object file.
+        prismatic: True for a slide (s in m), False for a hinge (s in rad).
+        s_range: Lower and upper limit of the joint, or None when it has none.
+        s_qpos: Index of s in ``qpos``; the arm's joints are ``qpos[:dof]``.
+        s_dof: Index of its speed in ``qvel``.
+        part_body: Body that the joint moves.
+        tool_site: Site of the fingertip.
+        geom_kind: GeomKind of every geom, (ngeom,).
+    """
+
+    coarse: mujoco.MjModel
+    fine: mujoco.MjModel
+    arm: ArmDescription
+    joint: str
+    prismatic: bool
+    s_range: tuple[float, float] | None
+    s_qpos: int
+    s_dof: int
+    part_body: int
+    tool_site: int
+    geom_kind: np.ndarray
+
+    @property
+    def dof(self) -> int:
+        """Number of the arm's joints."""
+        return self.arm.dof
+
+    def rollout_model(self, stage: Stage) -> mujoco.MjModel:
+        """The coarse model at a stage's time step, with or without the arm's collisions with itself."""
+        model = copy.copy(self.coarse)
+        model.opt.timestep = stage.timestep_s
+        if stage.self_collision:
+            robot = self.geom_kind >= GeomKind.ROBOT
+            model.geom_conaffinity[robot & (model.geom_contype != 0)] |= _ROBOT_BIT
+        return model
+
+    def part_motion(self, data: mujoco.MjData, p_world: np.ndarray) -> np.ndarray:
+        """Unit direction in which a point of the part moves with growing s; p_world (3,) or (n, 3) [m]."""
+        joint = self.fine.joint(OBJECT_PREFIX + self.joint).id
+        axis, anchor = data.xaxis[joint], data.xanchor[joint]
+        if self.prismatic:
+            return np.broadcast_to(axis, np.shape(p_world)).copy()
+        sweep = np.cross(axis, np.asarray(p_world) - anchor)
+        return sweep / np.maximum(np.linalg.norm(sweep, axis=-1, keepdims=True), 1e-9)
+
+
+def build_scene(arm: ArmDescription, object_mjcf: str | Path, joint: str, settings: PlanSettings) -> Scene:
+    """Put arm, object and table together and compile both models.
+
+    Args:
+        arm: The arm; its base stands at the origin of the object file's frame, on the table plane z = 0.
+        object_mjcf: MJCF file of the object, in the arm's base frame.
+        joint: The object's joint that the task is about: a slide or a hinge.
+        settings: Time steps and servo gains.
+
+    Raises:
+        SceneFileError: The file cannot be read or compiled, or has no such joint.
+    """
+    fine = _compile(arm, object_mjcf, joint, settings.servo, fine=True)
+    fine.opt.timestep = settings.fine_timestep_s
+    coarse = _compile(arm, object_mjcf, joint, settings.servo, fine=False)
+    joint_id = fine.joint(OBJECT_PREFIX + joint).id
+    part = int(fine.jnt_bodyid[joint_id])
+    limited = bool(fine.jnt_limited[joint_id])
+    low, high = fine.jnt_range[joint_id]
+    return Scene(
+        coarse=coarse,
+        fine=fine,
+        arm=arm,
+        joint=joint,
+        prismatic=bool(fine.jnt_type[joint_id] == mujoco.mjtJoint.mjJNT_SLIDE),
+        s_range=(float(low), float(high)) if limited else None,
+        s_qpos=int(fine.jnt_qposadr[joint_id]),
+        s_dof=int(fine.jnt_dofadr[joint_id]),
+        part_body=part,
+        tool_site=fine.site(arm.tool_frame).id,
+        geom_kind=_geom_kinds(fine, arm, part),
+    )
+
+
+def _compile(
+    arm: ArmDescription, object_mjcf: str | Path, joint: str, servo: ServoSettings, *, fine: bool
+) -> mujoco.MjModel:
+    spec = _arm_spec(arm, servo, fine=fine)
+    thing = _object_spec(object_mjcf, joint)
+    spec.attach(thing, prefix=OBJECT_PREFIX, frame=spec.worldbody.add_frame())
+    spec.worldbody.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[2.0, 2.0, 0.1],
+        contype=_WORLD_BIT,
+        conaffinity=_ROBOT_BIT,
+    )
+    option = spec.option
+    option.gravity = [0.0, 0.0, -9.81]
+    if fine:
+        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    else:
+        option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+        option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+        _add_sensors(spec, arm, joint)
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise SceneFileError(
+            f"object file {object_mjcf}: arm and object do not compile together: {error}"
+        ) from error
+
+
+def _arm_spec(arm: ArmDescription, servo: ServoSettings, *, fine: bool) -> mujoco.MjSpec:
+    """The arm with position servos and gravity compensation. Only the fine model saturates its torques."""
+    spec = mujoco.MjSpec.from_string(arm.mjcf)
+    for key in list(spec.keys):
+        spec.delete(key)
+    for body in spec.bodies[1:]:
+        body.gravcomp = 1.0
+    for geom in spec.geoms:
+        geom.contype = _ROBOT_BIT
+        geom.priority = 1  # the robot's friction decides
+        geom.friction = [servo.finger_friction, 0.005, 0.0001]
+        geom.conaffinity = _WORLD_BIT | _ROBOT_BIT if fine else _WORLD_BIT
+    declared = {frozenset((e.bodyname1, e.bodyname2)) for e in spec.excludes}
+    for first, second in arm.collision_exclude:
+        if frozenset((first, second)) not in declared:
+            spec.add_exclude(bodyname1=first, bodyname2=second)
+    for name, tau_max in zip(arm.joint_names, arm.limits.tau_max, strict=True):
+        joint = spec.joint(name)
+        joint.armature = servo.armature
+        joint.damping = [servo.damping, 0.0, 0.0]
+        joint.actgravcomp = True
+        if fine:
+            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            joint.actfrcrange = [-tau_max, tau_max]
+        actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.set_to_position(kp=servo.kp, kv=servo.kd)
+    return spec
+
+
+def _object_spec(object_mjcf: str | Path, joint: str) -> mujoco.MjSpec:
+    """The object, its geoms set to meet the robot only; visual geoms stay visual."""
+    if not Path(object_mjcf).is_file():
+        raise SceneFileError(f"object file {object_mjcf}: no such file")
+    try:
+        spec = mujoco.MjSpec.from_file(str(object_mjcf))
+    except ValueError as error:
+        raise SceneFileError(f"object file {object_mjcf}: {error}") from error
+    names = [j.name for j in spec.joints]
+    if joint not in names:
+        raise SceneFileError(
+            f"object file {object_mjcf}: no joint {joint!r}; it has {', '.join(names) or 'none'}"
+        )
+    kind = spec.joint(joint).type
+    if kind not in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE):
+        raise SceneFileError(f"object file {object_mjcf}: joint {joint!r} is neither a slide nor a hinge")
+    for key in list(spec.keys):
+        spec.delete(key)
+    for geom in spec.geoms:
+        geom.margin = geom.gap = 0.0
+        if geom.contype or geom.conaffinity:
+            geom.contype, geom.conaffinity = _WORLD_BIT, _ROBOT_BIT
+    return spec
+
+
+def _add_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str) -> None:
+    """Fingertip in the part's frame, and how often each finger shape touches the part."""
+    part = spec.joint(OBJECT_PREFIX + joint).parent.name
+    spec.add_sensor(
+        name=TIP_SENSOR,
+        type=mujoco.mjtSensor.mjSENS_FRAMEPOS,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=arm.tool_frame,
+        reftype=mujoco.mjtObj.mjOBJ_XBODY,
+        refname=part,
+    )
+    for geom in spec.geoms:
+        if geom.name.startswith(FINGER_PREFIX):
+            spec.add_sensor(
+                name=f"touch_{geom.name}",
+                type=mujoco.mjtSensor.mjSENS_CONTACT,
+                objtype=mujoco.mjtObj.mjOBJ_GEOM,
+                objname=geom.name,
+                reftype=mujoco.mjtObj.mjOBJ_XBODY,
+                refname=part,
+                intprm=[1, 0, 1],  # data = found (the number of contacts), no reduction, one slot
+            )
+
+
+def _geom_kinds(model: mujoco.MjModel, arm: ArmDescription, part: int) -> np.ndarray:
+    base = model.body(arm.source.base).id
+    kinds = np.full(model.ngeom, GeomKind.WORLD)
+    for geom in range(model.ngeom):
+        body = int(model.geom_bodyid[geom])
+        chain = _ancestors(model, body)
+        if base in chain:
+            finger = model.geom(geom).name.startswith(FINGER_PREFIX)
+            kinds[geom] = GeomKind.FINGER if finger else GeomKind.ROBOT
+        elif part in chain:
+            kinds[geom] = GeomKind.PART
+    return kinds
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
+    chain = [body]
+    while chain[-1]:
+        chain.append(int(model.body_parentid[chain[-1]]))
+    return chain
