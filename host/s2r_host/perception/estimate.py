@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from s2r_host.perception import hypotheses as hyp
 from s2r_host.perception.change import compare, measured_noise_scale
 from s2r_host.perception.errors import AbstainError
-from s2r_host.perception.evidence import Probe, Scene, probe, score
+from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry, probe, score
 from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.intervals import Intervals, intervals90
 from s2r_host.perception.motion import JointMotion, JointType, line_distance
@@ -251,27 +251,38 @@ def _prior(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> fl
     """Physical preferences in units of cost: short motions, hinges near their part, fewer parameters."""
     if motion.joint_type == "prismatic":
         return 0.02 * motion.delta / 0.3
-    X_back = np.linalg.inv(motion.transform())
-    carried = probes[1].points @ X_back[:3, :3].T + X_back[:3, 3]
-    distance = line_distance(motion.origin, motion.direction, np.concatenate([probes[0].points, carried]))
-    reach = float(np.percentile(distance, 2))
-    far = min(1.0, max(0.0, reach - 0.03) / 0.1)
+    fits = _fitting_points(motion, scene, probes)
+    if len(fits) == 0:
+        return 0.1
+    # Near the hinge the part moves less than the change test sees; so much distance is no evidence.
+    blind = 0.012 / max(2 * np.sin(motion.delta / 2), 0.02)
+    reach = float(np.percentile(line_distance(motion.origin, motion.direction, fits), 2))
+    far = min(1.0, max(0.0, reach - 0.03 - blind) / 0.08)
     return 0.01 + 0.02 * motion.delta / 1.5 + 0.10 * far
+
+
+def _fitting_points(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> Array:
+    """Surely moved points, in the pose of the first view, that land on a matching surface (n, 3)."""
+    X = motion.transform()
+    X_back = np.linalg.inv(X)
+    found = []
+    if len(probes[0].points):
+        cost = carry(X[None], probes[0], scene.after, scene.changes.after, 0.001)[0]
+        found.append(probes[0].points[cost <= COST_ON_SURFACE])
+    if len(probes[1].points):
+        cost = carry(X_back[None], probes[1], scene.before, scene.changes.before, 0.001)[0]
+        found.append((probes[1].points @ X_back[:3, :3].T + X_back[:3, 3])[cost <= COST_ON_SURFACE])
+    return np.concatenate(found)
 
 
 def _explained(motion: JointMotion, scene: Scene, rng: np.random.Generator) -> float:
     """Share of surely moved points whose cost is that of a matching surface."""
-    from s2r_host.perception.evidence import COST_ON_SURFACE, carry
-
-    X = motion.transform()[None]
-    a = probe(scene.before, scene.moved_before(), 1500, rng)
-    b = probe(scene.after, scene.moved_after(), 1500, rng)
-    costs = []
-    if len(a.points):
-        costs.append(carry(X, a, scene.after, scene.changes.after, 0.001)[0])
-    if len(b.points):
-        costs.append(carry(np.linalg.inv(X), b, scene.before, scene.changes.before, 0.001)[0])
-    return float((np.concatenate(costs) <= COST_ON_SURFACE + 1e-9).mean())
+    probes = (
+        probe(scene.before, scene.moved_before(), 1500, rng),
+        probe(scene.after, scene.moved_after(), 1500, rng),
+    )
+    count = len(probes[0].points) + len(probes[1].points)
+    return len(_fitting_points(motion, scene, probes)) / max(count, 1)
 
 
 def _judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: float) -> list[str]:

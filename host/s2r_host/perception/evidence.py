@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from s2r_host.perception.change import Change, Changes
 from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.planes import find_planes
 from s2r_host.perception.view import Seen, View
 
 Array = NDArray[np.float64]
@@ -22,17 +23,25 @@ COST_FREE = 1.2
 COST_STATIC = 0.8
 COST_NORMAL = 0.7
 COST_UNSEEN = 0.55
+COST_INSIDE = 0.65  # behind a surface that did not change, so perhaps inside a solid
+COST_FOREIGN = 0.6  # per point of a patch that the motion does not explain at all: a hand, a cable, a shadow
+PATCH_M = 0.05
 COST_ON_SURFACE = 0.35  # at the rim of the tolerance band; 0 at its centre
 
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """A sample of surely moved points of one view with what is needed to carry them over."""
+    """A sample of surely moved points of one view with what is needed to carry them over.
+
+    ``patch`` (n, patches) says which flat piece or which 5 cm cell a point belongs to, one 1 per row. A patch is
+    explained or foreign as a whole: so the free space that a slipped plate violates is not outvoted by a hand.
+    """
 
     points: Array
     normals: Array
     normal_ok: NDArray[np.bool_]
     sigma_m: Array
+    patch: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +66,25 @@ class Scene:
 def probe(view: View, index: NDArray[np.int64], most: int, rng: np.random.Generator) -> Probe:
     """A random sample of at most ``most`` of the given points."""
     chosen = index if len(index) <= most else rng.choice(index, most, replace=False)
-    return Probe(view.points[chosen], view.normals[chosen], view.normal_ok[chosen], view.sigma_m[chosen])
+    p, n = view.points[chosen], view.normals[chosen]
+    return Probe(p, n, view.normal_ok[chosen], view.sigma_m[chosen], _patches(p, n, view.normal_ok[chosen], rng))
+
+
+def _patches(p: Array, n: Array, ok: NDArray[np.bool_], rng: np.random.Generator) -> Array:
+    if len(p) == 0:
+        return np.zeros((0, 0))
+    number = np.full(len(p), -1)
+    flat = np.flatnonzero(ok)
+    if len(flat) >= 60:
+        for k, plane in enumerate(find_planes(p[flat], n[flat], rng, most=4)):
+            near = np.abs((p - plane.centre) @ plane.normal) < 0.006
+            near &= ~ok | (np.abs(n @ plane.normal) > 0.9)
+            number[near & (number < 0)] = k
+    cell = np.floor(p / PATCH_M).astype(np.int64)
+    _, cell_number = np.unique(cell, axis=0, return_inverse=True)
+    number = np.where(number >= 0, number, 10 + cell_number.ravel())
+    _, number = np.unique(number, return_inverse=True)
+    return np.eye(int(number.max()) + 1)[number]
 
 
 def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: float) -> Array:
@@ -81,6 +108,7 @@ def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: 
     index = np.maximum(found.index, 0)
     cost = np.full(h * m, COST_UNSEEN)
     cost[found.seen == Seen.FREE] = COST_FREE
+    cost[(found.seen == Seen.HIDDEN) & (label[index] == Change.STATIC)] = COST_INSIDE
     surface = found.seen == Seen.SURFACE
     band = 3.0 * np.hypot(view.sigma_m[index], sigma) + extra_m
     target_n = view.normals[index]
@@ -106,7 +134,15 @@ def score(motions: list[JointMotion], scene: Scene, before: Probe, after: Probe,
     for start in range(0, len(motions), 512):
         part = slice(start, start + 512)
         if len(before.points):
-            total[part] += carry(X[part], before, scene.after, scene.changes.after, extra_m).sum(axis=1)
+            cost = carry(X[part], before, scene.after, scene.changes.after, extra_m)
+            total[part] += _by_patch(cost, before)
         if len(after.points):
-            total[part] += carry(X_back[part], after, scene.before, scene.changes.before, extra_m).sum(axis=1)
+            cost = carry(X_back[part], after, scene.before, scene.changes.before, extra_m)
+            total[part] += _by_patch(cost, after)
     return total / max(count, 1)
+
+
+def _by_patch(cost: Array, part: Probe) -> Array:
+    """Summed cost per hypothesis where a patch costs no more than a foreign one."""
+    size = part.patch.sum(axis=0)
+    return np.minimum(cost @ part.patch, COST_FOREIGN * size).sum(axis=1)
