@@ -141,7 +141,7 @@ class ExecutorLink:
                 return b"".join(reply.mcap for reply in replies)
             if time.monotonic() > deadline:
                 raise CommandRefusedError(
-                    f"recording of plan {plan_seq} is still incomplete after {timeout_s:g} s; is the plan still running?"
+                    f"recording of plan {plan_seq} is incomplete after {timeout_s:g} s; is the plan still running?"
                 )
             time.sleep(0.1)
 

@@ -18,7 +18,7 @@ from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
 
 if TYPE_CHECKING:
-    from s2r_host.perception import DepthFrame
+    from s2r_host.perception.frames import DepthFrame
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class CameraLink:
         Raises:
             PeerUnreachableError: No answer, or the camera reports an error.
         """
-        from s2r_host.perception import DepthFrame
+        from s2r_host.perception.frames import DepthFrame
 
         body = self._request(camera, timeout_s)
         if body.error:

@@ -216,7 +216,7 @@ def test_plan_carries_names_hashes_knots_and_rising_numbers(executor, link, path
 
 def test_refused_plan_raises_the_verdicts_sentence(executor, link, path):
     executor.refuse = "joint 'joint2': velocity 3.1 rad/s at t = 0.4 s is over 2.618 rad/s"
-    with pytest.raises(CommandRefusedError, match="joint2.*2.618") as caught:
+    with pytest.raises(CommandRefusedError, match=r"joint2.*2\.618") as caught:
         link.send_plan(path, "too fast")
     assert caught.value.code == Refusal.VELOCITY
     assert caught.value.exit_code == ExitCode.REFUSED

@@ -1,0 +1,1 @@
+"""Where the arm can go: inverse kinematics, collision-free motions, pushes, retreats."""

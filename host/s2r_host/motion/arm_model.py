@@ -1,0 +1,91 @@
+"""The arm as the motion code sees it: forward kinematics, Jacobian and collision shapes (Pinocchio)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from s2r_protocol.arms import ArmDescription
+
+LIMIT_MARGIN_RAD = 0.02
+TIP_RADIUS_M = 0.04
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModel:
+    """Kinematics and shapes of one arm. Not thread-safe: it owns one Pinocchio workspace."""
+
+    arm: ArmDescription
+
+    @cached_property
+    def model(self) -> pin.Model:
+        """Pinocchio model; joint order is the arm's."""
+        return pin.buildModelFromXML(self.arm.urdf)
+
+    @cached_property
+    def data(self) -> pin.Data:
+        """Workspace of :attr:`model`."""
+        return self.model.createData()
+
+    @cached_property
+    def shapes(self) -> pin.GeometryModel:
+        """The arm's primitive collision shapes, without pairs."""
+        return pin.buildGeomFromUrdfString(self.model, self.arm.urdf, pin.GeometryType.COLLISION)
+
+    @cached_property
+    def tool_id(self) -> int:
+        """Frame index of the fingertip."""
+        return self.model.getFrameId(self.arm.tool_frame)
+
+    @cached_property
+    def q_min(self) -> np.ndarray:
+        """Lower joint limits with a margin [rad], shape (dof,)."""
+        return self.arm.limits.q_min + LIMIT_MARGIN_RAD
+
+    @cached_property
+    def q_max(self) -> np.ndarray:
+        """Upper joint limits with a margin [rad], shape (dof,)."""
+        return self.arm.limits.q_max - LIMIT_MARGIN_RAD
+
+    def inside_limits(self, q: np.ndarray) -> bool:
+        """Whether every joint keeps the margin to its limits."""
+        return bool(np.all(q >= self.q_min) and np.all(q <= self.q_max))
+
+    def tool_pose(self, q: np.ndarray) -> np.ndarray:
+        """X_base_tool at q, shape (4, 4)."""
+        pin.framesForwardKinematics(self.model, self.data, q)
+        return self.data.oMf[self.tool_id].homogeneous.copy()
+
+    def link_of(self, shape_index: int) -> str:
+        """Name of the link a shape belongs to."""
+        return self.model.frames[self.shapes.geometryObjects[shape_index].parentFrame].name
+
+    def shape_placements(self, q: np.ndarray) -> list[pin.SE3]:
+        """Pose of every collision shape in the base frame at q."""
+        data = self.shapes.createData()
+        pin.updateGeometryPlacements(self.model, self.data, self.shapes, data, q)
+        return [pin.SE3(data.oMg[i]) for i in range(self.shapes.ngeoms)]
+
+    @cached_property
+    def tip_shapes(self) -> frozenset[int]:
+        """Shapes of the fingertip: those within 4 cm of the tool frame, the only ones meant to touch."""
+        q = pin.neutral(self.model)
+        p_tool = self.tool_pose(q)[:3, 3]
+        return frozenset(
+            i
+            for i, placement in enumerate(self.shape_placements(q))
+            if np.linalg.norm(placement.translation - p_tool) < TIP_RADIUS_M
+        )
+
+    @cached_property
+    def lever_m(self) -> np.ndarray:
+        """Largest distance of any point of the arm from each joint's axis [m], shape (dof,), an upper bound."""
+        q = pin.neutral(self.model)
+        pin.framesForwardKinematics(self.model, self.data, q)
+        p_tool = self.data.oMf[self.tool_id].translation
+        return np.array(
+            [np.linalg.norm(p_tool - self.data.oMi[i].translation) for i in range(1, self.model.njoints)]
+        )

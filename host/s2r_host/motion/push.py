@@ -1,0 +1,155 @@
+"""From push proposals to joint paths: the first proposal whose every part is reachable and free."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from s2r_host.errors import NoMotionError
+from s2r_host.motion.arm_model import ArmModel
+from s2r_host.motion.cartesian import straight_line
+from s2r_host.motion.collision import Clearance, CollisionChecker
+from s2r_host.motion.front import Front
+from s2r_host.motion.inverse import InverseKinematics, seeds_around
+from s2r_host.motion.joint_motion import plan_joint_motion
+from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
+from s2r_host.motion.push_proposals import PushProposal
+from s2r_host.motion.scene import Scene
+
+PART = "pushed part"
+FREE = Clearance()
+# While pushing, the tip touches on purpose; the rest of the arm only must not reach the object.
+PUSHING = Clearance(obstacle_m=0.006, table_m=0.008, tip_m=None)
+
+
+@dataclass(frozen=True, eq=False)
+class PushScene:
+    """Obstacles of a push: what stays where it is, and the part that gives way along the push."""
+
+    static: tuple[Obstacle, ...]
+    part: Obstacle
+
+    @property
+    def all(self) -> tuple[Obstacle, ...]:
+        """Everything, as found."""
+        return (*self.static, self.part)
+
+
+def push_scene(scene: Scene, front: Front) -> PushScene:
+    """Split the observed points: what lies before or behind the front's outline moves, the rest stays."""
+    moves = front.covers(scene.p_base)
+    return PushScene(
+        static=(table_obstacle(), cloud_obstacle(scene.p_base[~moves], scene.p_camera)),
+        part=cloud_obstacle(scene.p_base[moves], scene.p_camera, name=PART),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PushMotion:
+    """Joint paths of one push, each of shape (n, dof): there, the push itself, back out, home.
+
+    Attributes:
+        approach: From the start posture to the stand-off.
+        push: From the stand-off straight to the end of the push.
+        retreat: Straight back to the stand-off.
+        home: From the stand-off to the posture given as home.
+        proposal: What it realises.
+        tried: How many proposals were looked at.
+        reasons: Why the earlier ones fell out, counted.
+    """
+
+    approach: np.ndarray
+    push: np.ndarray
+    retreat: np.ndarray
+    home: np.ndarray
+    proposal: PushProposal
+    tried: int
+    reasons: dict[str, int]
+
+
+def plan_push(
+    arm: ArmModel,
+    scene: PushScene,
+    proposals: Iterable[PushProposal],
+    q_start: np.ndarray,
+    q_home: np.ndarray,
+    rng: np.random.Generator,
+    max_tried: int = 200,
+) -> PushMotion:
+    """The first proposal with an approach, a straight push and a way home.
+
+    Raises:
+        NoMotionError: None of them; the text counts why.
+    """
+    free = CollisionChecker(arm, scene.all, FREE)
+    pushing = CollisionChecker(arm, scene.all, PUSHING)
+    ik = InverseKinematics(arm)
+    seeds = seeds_around(arm, q_home, rng, count=4)
+    reasons: dict[str, int] = {}
+    tried = 0
+    for proposal in proposals:
+        if tried >= max_tried:
+            break
+        tried += 1
+        found = _realise(arm, ik, free, pushing, proposal, seeds, reasons)
+        if found is None:
+            continue
+        push = found
+        try:
+            approach = plan_joint_motion(free, q_start, push[0], rng, what="approach")
+            home = plan_joint_motion(free, push[0], q_home, rng, what="way home")
+        except NoMotionError as error:
+            _count(reasons, str(error))
+            continue
+        return PushMotion(approach, push, push[::-1].copy(), home, proposal, tried, reasons)
+    counted = "; ".join(
+        f"{count} × {reason}" for reason, count in sorted(reasons.items(), key=lambda kv: -kv[1])
+    )
+    raise NoMotionError(
+        f"none of {tried} push proposals can be carried out ({counted or 'no point of the front qualifies'}); "
+        "move the object closer to the middle of the arm's workspace"
+    )
+
+
+def _realise(
+    arm: ArmModel,
+    ik: InverseKinematics,
+    free: CollisionChecker,
+    pushing: CollisionChecker,
+    proposal: PushProposal,
+    seeds: Sequence[np.ndarray],
+    reasons: dict[str, int],
+) -> np.ndarray | None:
+    """The push as a joint path, or None with the reason counted."""
+    for q in ik.solve_any(proposal.X_base_tool, seeds):
+        if (pair := free.touching(q)) is not None:
+            _count(reasons, f"stand-off not free ({pair})")
+            continue
+        path = straight_line(arm, ik, q, proposal.p_end)
+        if path is None:
+            _count(reasons, "straight push out of reach")
+            continue
+        if (pair := _first_hit(arm, pushing, proposal, path)) is not None:
+            _count(reasons, f"push not free ({pair})")
+            continue
+        return path
+    _count(reasons, "no posture reaches the stand-off or none was free")
+    return None
+
+
+def _first_hit(
+    arm: ArmModel, pushing: CollisionChecker, proposal: PushProposal, path: np.ndarray
+) -> str | None:
+    """What the arm would touch during the push, the pushed part giving way as the tip advances."""
+    for q in path:
+        advance = max(0.0, float((arm.tool_pose(q)[:3, 3] - proposal.p_contact) @ proposal.direction))
+        pushing.place(PART, advance * proposal.direction)
+        if (pair := pushing.touching(q)) is not None:
+            return pair
+    return None
+
+
+def _count(reasons: dict[str, int], reason: str) -> None:
+    reasons[reason] = reasons.get(reason, 0) + 1

@@ -1,0 +1,59 @@
+"""The observed scene: object points above the table, the arm's own pixels left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from s2r_host.errors import EmptyCloudError
+from s2r_host.motion.robot_mask import DepthView, back_project
+
+MIN_POINTS = 500
+
+
+@dataclass(frozen=True)
+class Region:
+    """Box of the base frame in which the object is looked for [m]."""
+
+    x_m: tuple[float, float] = (0.2, 1.3)
+    y_m: tuple[float, float] = (-0.7, 0.7)
+    z_m: tuple[float, float] = (0.008, 0.9)
+
+    def contains(self, p_base: np.ndarray) -> np.ndarray:
+        """Bool of shape (...,) for points of shape (..., 3); NaN is outside."""
+        spans = (self.x_m, self.y_m, self.z_m)
+        inside = [(p_base[..., i] > low) & (p_base[..., i] < high) for i, (low, high) in enumerate(spans)]
+        return np.logical_and.reduce(inside)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Object points in the base frame [m], shape (n, 3), and where they were seen from, shape (3,)."""
+
+    p_base: np.ndarray
+    p_camera: np.ndarray
+
+
+def observed_scene(
+    view: DepthView, arm_mask: np.ndarray | None = None, region: Region | None = None
+) -> Scene:
+    """Points of the object, seen in one frame.
+
+    Raises:
+        EmptyCloudError: Fewer than 500 points lie in the region.
+    """
+    region = region or Region()
+    p_base = back_project(view)
+    keep = region.contains(p_base)
+    if arm_mask is not None:
+        keep &= ~arm_mask
+    count = int(keep.sum())
+    if count < MIN_POINTS:
+        seen = int(np.isfinite(p_base[..., 0]).sum())
+        raise EmptyCloudError(
+            f"depth frame shows {count} points of an object (needs {MIN_POINTS}) in x {region.x_m}, y {region.y_m}, "
+            f"z {region.z_m} m; {seen} of {p_base.shape[0] * p_base.shape[1]} pixels have depth at all. "
+            "Is the object in view and the camera calibrated?"
+        )
+    return Scene(p_base[keep], np.asarray(view.X_base_camera)[:3, 3].copy())

@@ -1,0 +1,290 @@
+"""Kinematics, collision checks and pushes on a synthetic drawer in front of the arm."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from s2r_host.errors import EmptyCloudError, NoMotionError, SceneError
+from s2r_host.motion.arm_model import ArmModel
+from s2r_host.motion.cartesian import straight_line
+from s2r_host.motion.collision import Clearance, CollisionChecker
+from s2r_host.motion.escape import plan_escape
+from s2r_host.motion.front import find_front
+from s2r_host.motion.inverse import InverseKinematics, seeds_around
+from s2r_host.motion.joint_motion import plan_joint_motion
+from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
+from s2r_host.motion.push import plan_push, push_scene
+from s2r_host.motion.push_proposals import PushSettings, push_points, push_proposals, tool_orientation
+from s2r_host.motion.robot_mask import back_project, robot_mask
+from s2r_host.motion.scene import Region, Scene, observed_scene
+from s2r_protocol.arms import load_arm
+
+P_CAMERA = np.array([0.05, -0.45, 0.75])
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return ArmModel(load_arm("xmate3pro"))
+
+
+@pytest.fixture(scope="module")
+def home(arm):
+    return arm.arm.q_home
+
+
+def rectangle(p0, along, across, step=0.003):
+    a, b = np.linalg.norm(along), np.linalg.norm(across)
+    s, t = np.meshgrid(np.arange(0, 1, step / a), np.arange(0, 1, step / b))
+    return p0 + s.reshape(-1, 1) * along + t.reshape(-1, 1) * across
+
+
+def drawer_scene(yaw=0.15, noise_m=0.001, seed=0):
+    """Cabinet front 30 x 24 cm at x = 0.62, drawer front 26 x 14 cm standing 7 cm out, bar handle on it."""
+    rng = np.random.default_rng(seed)
+    x, y, z = np.eye(3)
+    cabinet = rectangle([0.62, -0.15, 0.01], 0.30 * y, 0.24 * z)
+    hole = (np.abs(cabinet[:, 1]) < 0.13) & (cabinet[:, 2] > 0.06) & (cabinet[:, 2] < 0.20)
+    parts = [
+        cabinet[~hole],
+        rectangle([0.62, -0.15, 0.25], 0.30 * y, 0.30 * x),
+        rectangle([0.55, -0.13, 0.06], 0.26 * y, 0.14 * z),
+        rectangle([0.55, -0.13, 0.20], 0.26 * y, 0.07 * x),
+        rectangle([0.515, -0.05, 0.125], 0.10 * y, 0.012 * z),
+        rectangle([0.515, -0.05, 0.137], 0.10 * y, 0.010 * x),
+    ]
+    points = np.concatenate(parts)
+    R = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    points = (points - [0.6, 0, 0]) @ R.T + [0.6, 0, 0]
+    return Scene(points + rng.normal(0, noise_m, points.shape), P_CAMERA), R @ np.array([-1.0, 0, 0])
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return drawer_scene()
+
+
+def test_inverse_kinematics_reaches_the_pose_inside_the_limits(arm, home):
+    X = np.eye(4)
+    X[:3, :3] = tool_orientation(np.array([1.0, 0, 0]), 1.2, 0.0, 0.0)
+    X[:3, 3] = [0.5, 0.1, 0.2]
+    solutions = InverseKinematics(arm).solve_any(X, seeds_around(arm, home, np.random.default_rng(0)))
+    assert solutions
+    for q in solutions:
+        assert np.abs(arm.tool_pose(q) - X).max() < 2e-3
+        assert arm.inside_limits(q)
+
+
+def test_inverse_kinematics_says_none_for_a_pose_out_of_reach(arm, home):
+    X = np.eye(4)
+    X[:3, 3] = [2.0, 0.0, 0.3]
+    assert InverseKinematics(arm).solve(X, home) is None
+
+
+def test_straight_line_stays_on_the_line_and_keeps_the_orientation(arm, home):
+    X = arm.tool_pose(home)
+    goal = X[:3, 3] + [0.06, 0.02, -0.05]
+    path = straight_line(arm, InverseKinematics(arm), home, goal)
+    along = (goal - X[:3, 3]) / np.linalg.norm(goal - X[:3, 3])
+    for q in path:
+        Y = arm.tool_pose(q)
+        off = Y[:3, 3] - X[:3, 3]
+        assert np.linalg.norm(off - along * (off @ along)) < 5e-4
+        assert np.abs(Y[:3, :3] - X[:3, :3]).max() < 4e-3
+    assert np.linalg.norm(arm.tool_pose(path[-1])[:3, 3] - goal) < 5e-4
+
+
+def test_tip_shapes_are_the_two_finger_pads(arm):
+    assert {arm.link_of(i) for i in arm.tip_shapes} == {"gripper"}
+    assert len(arm.tip_shapes) == 2
+
+
+def test_home_is_free_and_a_posture_in_the_table_is_not(arm, home):
+    checker = CollisionChecker(arm, [table_obstacle()])
+    assert checker.is_free(home)
+    assert "table" in checker.touching(np.array([0.0, 1.4, 0.0, 0.5, 0.0, 0.3, 0.0]))
+
+
+def test_cloud_point_on_the_forearm_is_noticed_by_name(arm, home):
+    p = arm.shape_placements(home)[-1].translation
+    checker = CollisionChecker(arm, [cloud_obstacle(p[None] + np.zeros((3, 1)), name="cloud")])
+    assert checker.touching(home) == "gripper against cloud"
+
+
+def test_only_the_tip_may_touch_when_asked(arm, home):
+    p_tip = arm.tool_pose(home)[:3, 3] + [0, 0, -0.012]
+    touching = CollisionChecker(arm, [cloud_obstacle(p_tip[None])], Clearance(tip_m=None, obstacle_m=0.005))
+    strict = CollisionChecker(arm, [cloud_obstacle(p_tip[None])], Clearance(tip_m=0.01, obstacle_m=0.005))
+    assert touching.is_free(home)
+    assert not strict.is_free(home)
+
+
+def test_motion_around_a_wall_is_free_at_every_centimetre(arm, home):
+    wall = rectangle([0.25, 0.0, 0.0], np.array([0.3, 0, 0]), np.array([0, 0, 0.42]), 0.01)
+    checker = CollisionChecker(arm, [table_obstacle(), cloud_obstacle(wall)])
+    q_goal = home.copy()
+    q_goal[0] = -0.6
+    assert not checker.line_is_free(home, q_goal)
+    path = plan_joint_motion(checker, home, q_goal, np.random.default_rng(1))
+    assert np.array_equal(path[0], home)
+    assert np.array_equal(path[-1], q_goal)
+    assert checker.path_is_free(path)
+
+
+def test_motion_from_a_blocked_start_names_what_blocks(arm, home):
+    p = arm.tool_pose(home)[:3, 3]
+    checker = CollisionChecker(arm, [cloud_obstacle(p[None], name="cup")])
+    with pytest.raises(NoMotionError, match="start posture is not free: gripper against cup"):
+        plan_joint_motion(checker, home, home + 0.1, np.random.default_rng(0))
+
+
+def test_front_is_the_drawer_and_not_the_cabinet_behind_it(scene):
+    points, normal = scene
+    front = find_front(points)
+    assert np.degrees(np.arccos(front.normal @ normal)) < 1.0
+    assert front.offset_m == pytest.approx(normal @ [0.6, 0, 0] + 0.05, abs=1e-3)
+    assert front.area_m2 == pytest.approx(0.26 * 0.14, rel=0.35)
+    assert len(front.p_handle) > 20
+
+
+def test_scene_without_upright_plane_is_refused():
+    flat = rectangle([0.4, -0.2, 0.05], np.array([0.4, 0, 0]), np.array([0, 0.4, 0]))
+    with pytest.raises(SceneError, match="no upright plane"):
+        find_front(Scene(flat, P_CAMERA))
+
+
+def test_push_points_keep_away_from_handle_and_edges(scene):
+    points, _ = scene
+    front = find_front(points)
+    settings = PushSettings()
+    chosen = push_points(front, settings)
+    assert len(chosen) > 3
+    flat, handle = front.in_plane(chosen), front.in_plane(front.p_handle)
+    assert min(np.linalg.norm(handle - p, axis=1).min() for p in flat) > settings.handle_margin_m
+    low, high = front.in_plane(front.p_plane).min(axis=0), front.in_plane(front.p_plane).max(axis=0)
+    assert np.all(flat > low + 0.015)
+    assert np.all(flat < high - 0.015)
+
+
+def test_proposals_touch_the_plane_with_their_foremost_corner(scene):
+    front = find_front(scene[0])
+    for proposal, _ in zip(push_proposals(front), range(40), strict=False):
+        R = proposal.X_base_tool[:3, :3]
+        corners = [proposal.p_contact + R @ [a * 0.0135, b * 0.0075, 0] for a in (-1, 1) for b in (-1, 1)]
+        ahead = max(corner @ proposal.direction for corner in corners)
+        assert ahead == pytest.approx(-front.offset_m, abs=1e-9)
+        assert np.linalg.norm(proposal.p_end - proposal.p_contact) == pytest.approx(0.045)
+
+
+def test_a_drawer_in_front_of_the_arm_can_be_pushed(arm, home, scene):
+    points, _ = scene
+    front = find_front(points)
+    parts = push_scene(points, front)
+    motion = plan_push(arm, parts, push_proposals(front), home, home, np.random.default_rng(0))
+    assert np.array_equal(motion.approach[0], home)
+    assert np.array_equal(motion.approach[-1], motion.push[0])
+    assert np.array_equal(motion.home[-1], home)
+    tip = arm.tool_pose(motion.push[-1])[:3, 3]
+    assert np.linalg.norm(tip - motion.proposal.p_end) < 5e-4
+    again = plan_push(arm, parts, push_proposals(front), home, home, np.random.default_rng(0))
+    assert np.array_equal(motion.push, again.push)
+
+
+def test_a_drawer_out_of_reach_is_refused_with_counted_reasons(arm, home):
+    points, _ = drawer_scene()
+    far = Scene(points.p_base + np.array([1.0, 0, 0]), P_CAMERA)
+    front = find_front(far)
+    with pytest.raises(NoMotionError, match=r"none of \d+ push proposals.*no posture"):
+        plan_push(
+            arm,
+            push_scene(far, front),
+            push_proposals(front, max_points=2),
+            home,
+            home,
+            np.random.default_rng(0),
+        )
+
+
+def test_escape_backs_off_before_it_leaves_a_gap(arm, home):
+    import coal
+
+    X = arm.tool_pose(home)
+    tip = X[:3, 3]
+    bar, front = np.eye(4), np.eye(4)
+    bar[:3, 3] = tip + np.array([-0.021, 0, 0.01])
+    front[:3, 3] = tip + np.array([0.04, 0, 0.01])
+    shapes = [
+        Obstacle("handle", coal.Box(0.012, 0.2, 0.012), bar),
+        Obstacle("front", coal.Box(0.02, 0.3, 0.12), front),
+        table_obstacle(),
+    ]
+    q_away = home + np.array([0.8, 0, 0, 0, 0, 0, 0])
+    escape = plan_escape(arm, shapes, shapes, home, q_away, np.array([-1.0, 0, 0]), np.random.default_rng(0))
+    tight = CollisionChecker(arm, shapes, Clearance(obstacle_m=0.001, tip_m=0.001))
+    assert np.array_equal(escape.out[0], home)
+    assert tight.path_is_free(escape.out[3:])
+    assert np.linalg.norm(arm.tool_pose(escape.out[-1])[:3, 3] - tip) > 0.04
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    depth_m: np.ndarray
+    K: np.ndarray
+    X_base_camera: np.ndarray
+
+
+def view_of(points, shape=(120, 160), f=110.0):
+    """Nearest-point depth image of a point set, seen from the side of the arm."""
+    z = np.array([0.45, 0.0, 0.25]) - P_CAMERA
+    z /= np.linalg.norm(z)
+    x = np.cross(z, [0, 0, 1.0])
+    x /= np.linalg.norm(x)
+    X = np.eye(4)
+    X[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    X[:3, 3] = P_CAMERA
+    local = (points - P_CAMERA) @ X[:3, :3]
+    u = np.round(local[:, 0] / local[:, 2] * f + shape[1] / 2).astype(int)
+    v = np.round(local[:, 1] / local[:, 2] * f + shape[0] / 2).astype(int)
+    depth = np.full(shape, np.inf)
+    inside = (u >= 0) & (u < shape[1]) & (v >= 0) & (v < shape[0]) & (local[:, 2] > 0.05)
+    np.minimum.at(depth, (v[inside], u[inside]), local[inside, 2])
+    depth[~np.isfinite(depth)] = 0.0
+    return View(
+        depth.astype(np.float32), np.array([[f, 0, shape[1] / 2], [0, f, shape[0] / 2], [0, 0, 1.0]]), X
+    )
+
+
+def test_back_projection_puts_points_where_they_were(scene):
+    points, _ = scene
+    view = view_of(points.p_base)
+    p = back_project(view)
+    p = p[np.isfinite(p[..., 0])]
+    from scipy.spatial import cKDTree
+
+    assert cKDTree(points.p_base).query(p)[0].max() < 0.012
+
+
+def test_robot_mask_covers_the_arm_and_nothing_else(arm, home, scene):
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(4000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    on_arm = np.concatenate([p.translation + 0.015 * directions for p in arm.shape_placements(home)[-14:]])
+    view = view_of(np.concatenate([scene[0].p_base, on_arm]))
+    only_arm = view_of(on_arm)
+    mask = robot_mask(arm, home, view)
+    arm_pixels = (only_arm.depth_m > 0) & np.isclose(view.depth_m, only_arm.depth_m)
+    assert mask[arm_pixels].mean() > 0.95
+    object_pixels = (view.depth_m > 0) & ~arm_pixels
+    assert mask[object_pixels].mean() < 0.02
+
+
+def test_empty_cloud_is_refused_with_the_counts():
+    view = View(np.zeros((60, 80), np.float32), np.diag([60.0, 60.0, 1.0]), np.eye(4))
+    with pytest.raises(EmptyCloudError, match=r"shows 0 points.*0 of 4800 pixels"):
+        observed_scene(view)
+
+
+def test_region_leaves_out_the_table_and_far_walls():
+    region = Region()
+    points = np.array([[0.5, 0, 0.1], [0.5, 0, 0.001], [3.0, 0, 0.1], [np.nan, 0, 0]])
+    assert region.contains(points).tolist() == [True, False, False, False]
