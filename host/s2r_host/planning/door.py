@@ -44,5 +44,6 @@ def check_target(request: PlanRequest, scene: Scene, tolerance: float) -> None:
     for name, value, slack in (("s_initial", s_initial, tolerance), ("s_target", s_target, 0.0)):
         if not low - slack <= value <= high + slack:
             raise PlanRefusedError(
-                f"joint {request.joint!r}: {name} = {value:.4f} {unit} is beyond its range [{low:.4f}, {high:.4f}] {unit}"
+                f"joint {request.joint!r}: {name} = {value:.4f} {unit} is beyond its range "
+                f"[{low:.4f}, {high:.4f}] {unit}"
             )

@@ -29,7 +29,8 @@ logger = logging.getLogger(__name__)
 PAD_M = 0.012  # the point that should meet the part, this far behind the end of the fingertip
 _PUSH_M = (0.008, 0.016, 0.024, 0.034)  # how far along the motion the part is felt for
 _BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out
-_PLACES, _SPREAD = 4000, 64
+_BEHIND_M = (0.010, 0.016, 0.024)  # how far behind a geom places are looked for
+_STEP_M, _SPREAD = 0.02, 160
 
 
 class OutOfReachError(HostError, RefusedError):
@@ -129,8 +130,8 @@ def find_hook(
         nearest = np.linalg.norm(p_world, axis=1).min()
         raise OutOfReachError(
             f"object {Path(object_mjcf).name}: out of reach: the arm {scene.arm.name!r} has no collision-free joint "
-            f"solution at any of {min(len(order), settings.hooks)} places behind the part (nearest {nearest:.2f} m from "
-            f"the base) both now and at s = {s_target:.3f}; move the object"
+            f"solution at any of {min(len(order), settings.hooks)} places behind the part "
+            f"(nearest {nearest:.2f} m from the base) both now and at s = {s_target:.3f}; move the object"
         )
     logger.debug(
         "hook at %s m in the part's frame, %d free places", np.round(best[1].p_part, 3), len(p_world)
@@ -142,19 +143,17 @@ def _free_places(
     scene: Scene, data: mujoco.MjData, probe: HandProbe, sign: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Tool tips (n, 3), rotations (n, 3, 3) and clearances (n,) [m] where the hand is free and can push."""
-    centres = _grid_around_part(scene, data)
+    centres = _points_behind(scene, data, sign)
     directions = sign * scene.part_motion(data, centres)
-    # First with the fingertip's size alone, in one orientation per place: cheap, and it removes most places.
-    keep = _behind_part(scene, data, centres, directions)
-    centres, directions = centres[keep], directions[keep]
-    chosen = _spread(centres, _SPREAD)
-    centres, directions = centres[chosen], directions[chosen]
+    keep = _sees_part(scene, data, centres, directions)
+    chosen = np.flatnonzero(keep)[_spread(centres[keep], _SPREAD)]
     tips, rotations, ways = [], [], []
-    for centre, direction in zip(centres, directions, strict=True):
+    for centre, direction in zip(centres[chosen], directions[chosen], strict=True):
         for R in _orientations(direction):
-            tips.append(centre + PAD_M * R[:, 2])
-            rotations.append(R)
-            ways.append(direction)
+            if _ray(scene, data, centre, -R[:, 2])[0] > _BACK_M[-1] + PAD_M:
+                tips.append(centre + PAD_M * R[:, 2])
+                rotations.append(R)
+                ways.append(direction)
     if not tips:
         return np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0)
     p, R, way = np.array(tips), np.array(rotations), np.array(ways)
@@ -174,15 +173,31 @@ def _free_places(
     return p[good], R[good], clearance[good]
 
 
-def _grid_around_part(scene: Scene, data: mujoco.MjData) -> np.ndarray:
-    """Points around the part, no more than a few thousand, above the table, (n, 3)."""
-    low, high = _part_box(scene, data)
-    low, high = low - 0.03, high + 0.03
-    low[2] = max(low[2], 0.012)
-    size = np.maximum(high - low, 1e-3)
-    step = max(0.008, float(np.cbrt(np.prod(size) / _PLACES)))
-    axes = [np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+def _points_behind(scene: Scene, data: mujoco.MjData, sign: float) -> np.ndarray:
+    """Points a finger's half thickness and more behind every geom of the part, as it moves, (n, 3).
+
+    Geom by geom, because a grid around the whole part would miss a thin bar.
+    """
+    model = scene.fine
+    geoms = np.flatnonzero((scene.geom_kind == GeomKind.PART) & (model.geom_contype != 0))
+    per_side = 9 if len(geoms) <= 16 else 4
+    points = []
+    for geom in geoms:
+        R = data.geom_xmat[geom].reshape(3, 3)
+        centre = data.geom_xpos[geom] + R @ model.geom_aabb[geom, :3]
+        ahead = sign * scene.part_motion(data, centre)
+        across = np.cross(ahead, [0.0, 0.0, 1.0] if abs(ahead[2]) < 0.9 else [1.0, 0.0, 0.0])
+        across /= np.linalg.norm(across)
+        frame = np.column_stack([ahead, across, np.cross(ahead, across)])
+        reach = np.abs(frame.T @ R) @ model.geom_aabb[geom, 3:]
+        counts = [int(np.clip(np.ceil(2.0 * r / _STEP_M), 1, per_side)) for r in reach[1:]]
+        sides = [(np.arange(n) + 0.5) / n * 2.0 - 1.0 for n in counts]
+        for behind in _BEHIND_M:
+            for u in sides[0]:
+                for v in sides[1]:
+                    points.append(centre + frame @ [-reach[0] - behind, u * reach[1], v * reach[2]])
+    above = np.array(points)
+    return above[above[:, 2] > 0.012]
 
 
 def _part_box(scene: Scene, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
@@ -198,17 +213,22 @@ def _part_box(scene: Scene, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray
     return low, high
 
 
-def _behind_part(scene: Scene, data: mujoco.MjData, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
+def _sees_part(scene: Scene, data: mujoco.MjData, points: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Points from which the part is the first thing met along the direction, within the feeling distance."""
     keep = np.zeros(len(points), dtype=bool)
-    geom = np.zeros(1, dtype=np.int32)
-    groups = np.ones(6, dtype=np.uint8)
-    hand = scene.fine.site_bodyid[scene.tool_site]
-    reach = _PUSH_M[-1] + 0.01
     for i, (point, direction) in enumerate(zip(points, directions, strict=True)):
-        distance = mujoco.mj_ray(scene.fine, data, point, direction, groups, 1, int(hand), geom)
-        keep[i] = 0.004 < distance < reach and scene.geom_kind[geom[0]] == GeomKind.PART
+        distance_m, geom = _ray(scene, data, point, direction)
+        keep[i] = 0.004 < distance_m < _PUSH_M[-1] + 0.01 and scene.geom_kind[geom] == GeomKind.PART
     return keep
+
+
+def _ray(scene: Scene, data: mujoco.MjData, point: np.ndarray, direction: np.ndarray) -> tuple[float, int]:
+    """Distance [m] to the first geom of object or table along a unit direction, and that geom; inf and -1 for none."""
+    geom = np.zeros(1, dtype=np.int32)
+    distance_m = mujoco.mj_ray(scene.fine, data, point, direction, None, 1, -1, geom)
+    if geom[0] < 0 or scene.geom_kind[geom[0]] >= GeomKind.ROBOT:
+        return np.inf, -1
+    return float(distance_m), int(geom[0])
 
 
 def _orientations(direction: np.ndarray) -> list[np.ndarray]:
@@ -218,7 +238,7 @@ def _orientations(direction: np.ndarray) -> list[np.ndarray]:
     side = np.cross([0.0, 0.0, 1.0], ahead)
     down = np.array([0.0, 0.0, -1.0])
     rotations = []
-    for a in (-1.0, -0.5, 0.0, 0.5, 1.0):
+    for a in (-1.0, -0.5, -0.25, 0.0, 0.5, 1.0):
         for b in (-1.0, 0.0, 1.0):
             for c in (0.0, 1.0):
                 axis = a * ahead + b * side + c * down

@@ -112,7 +112,7 @@ def joint_weights(weights: RewardWeights, dof: int) -> np.ndarray:
 
 
 def rewards(facts: StepFacts, task: Task, weights: RewardWeights) -> np.ndarray:
-    """Value of every rollout, (rollout,): the mean over its steps of the sum of the paper's five terms and the load term."""
+    """Value of every rollout, (rollout,): the mean over its steps of the five terms and the load term."""
     total = (
         r_dist(facts.distance_m, weights)
         + r_target(facts.s, task, weights)

@@ -124,8 +124,8 @@ class ServoSettings:
         kd: Damping [N·m·s/rad].
         armature: Inertia of the turning motor parts as seen at the joint [kg·m²].
         damping: Viscous joint friction [N·m·s/rad].
-        finger_friction: Coefficient between robot and object, whatever the object file says. Low on purpose (the
-            authors plan with 0): a plan that holds by shape holds for any friction, one that drags by friction does not.
+        finger_friction: Coefficient between robot and object, whatever the object file says. Low on purpose
+            (the authors plan with 0): a plan that holds by shape holds for any friction, one that drags does not.
     """
 
     kp: float = 3000.0

@@ -1,0 +1,161 @@
+"""From a joint path to a trajectory that the executor admits without a second try.
+
+TOPP-RA (Pham and Pham, IEEE T-RO 2018) finds the fastest speed along the path under velocity, acceleration and
+torque limits. Its acceleration jumps, so the speed profile is averaged over a short window, which bounds the jerk;
+knots are taken from the averaged profile, the exact extrema of the quintics between them are measured, and the whole
+is slowed by one factor until every limit holds. Of several windows the one with the shortest result wins.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+import toppra
+from scipy.interpolate import CubicSpline
+from toppra.constraint import JointAccelerationConstraint, JointTorqueConstraint, JointVelocityConstraint
+
+from s2r_host.trajectory.path import smooth_path
+from s2r_host.trajectory.torque import InverseDynamics, torque_stretch
+from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError, check_positions
+from s2r_protocol.arms import ArmDescription
+
+# TOPP-RA reports every step of its solver at warning level when a grid point is nearly singular.
+logging.getLogger("toppra").setLevel(logging.ERROR)
+
+_WINDOWS_S = (0.04, 0.08, 0.15, 0.25, 0.4)
+_PROFILE_DT_S = 0.004
+_MIN_KNOT_DT_S = 0.008
+
+
+@dataclass(frozen=True)
+class TimeLawSettings:
+    """How a path is timed.
+
+    Attributes:
+        share: Share of the velocity, acceleration and jerk limits that is used.
+        torque_share: Share of the torque limits that is used.
+        deviation_rad: How far the smoothed path may leave the straight lines between the given points.
+        speed: 1 is as fast as the limits allow; 0.5 takes twice the time.
+        max_knots: Most knots of the result.
+    """
+
+    share: float = 0.95
+    torque_share: float = 0.9
+    deviation_rad: float = 0.004
+    speed: float = 1.0
+    max_knots: int = 400
+
+    def __post_init__(self) -> None:
+        for name in ("share", "torque_share", "speed"):
+            value = getattr(self, name)
+            if not 0.0 < value <= 1.0:
+                raise ValueError(
+                    f"time law setting {name} = {value!r} is not allowed: it must be within (0, 1]"
+                )
+        if self.max_knots < 10:
+            raise ValueError(f"time law setting max_knots = {self.max_knots} is not allowed: at least 10")
+
+
+def time_law(q_path: np.ndarray, arm: ArmDescription, settings: TimeLawSettings | None = None) -> Trajectory:
+    """Time a joint path within velocity, acceleration, jerk and torque limits, from rest to rest.
+
+    Args:
+        q_path: Joint positions [rad], (n, dof), e.g. the targets of a plan's control steps.
+        arm: Its limits and dynamics.
+        settings: See TimeLawSettings.
+
+    Returns:
+        Knots whose quintic segments stay within the limits everywhere, zero velocity and acceleration at both ends.
+
+    Raises:
+        TrajectoryError: The path does not move, is not finite, leaves the position limits, or cannot be held
+            against gravity.
+    """
+    settings = settings or TimeLawSettings()
+    if np.ndim(q_path) == 2 and np.shape(q_path)[1] != arm.dof:
+        raise TrajectoryError(f"the path has {np.shape(q_path)[1]} joints; arm {arm.name!r} has {arm.dof}")
+    path = smooth_path(q_path, settings.deviation_rad)
+    dynamics = InverseDynamics(arm)
+    t, speed = _fastest(path, arm, dynamics, settings)
+    best: Trajectory | None = None
+    for window_s in _WINDOWS_S:
+        trajectory = _knots(path, _averaged(t, speed, path.x[-1], window_s), settings)
+        trajectory = trajectory.stretched(limit_stretch(trajectory, arm, settings.share))
+        if best is None or trajectory.duration_s < best.duration_s:
+            best = trajectory
+    assert best is not None
+    best = best.stretched(torque_stretch(best, arm, dynamics, settings.torque_share) / settings.speed)
+    check_positions(best, arm)
+    return best
+
+
+def limit_stretch(trajectory: Trajectory, arm: ArmDescription, share: float) -> float:
+    """Factor that brings the largest of velocity, acceleration and jerk exactly to its share of the limit."""
+    limits = arm.limits
+    velocity = (trajectory.peak(1) / (share * limits.dq_max)).max()
+    acceleration = (trajectory.peak(2) / (share * limits.ddq_max)).max()
+    jerk = (trajectory.peak(3) / (share * limits.dddq_max)).max()
+    # 1 + 1e-9: the limit itself must not be exceeded by a rounding error.
+    return float(max(velocity, np.sqrt(acceleration), np.cbrt(jerk)) * (1.0 + 1e-9))
+
+
+def _fastest(
+    path: CubicSpline, arm: ArmDescription, dynamics: InverseDynamics, settings: TimeLawSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and speeds along the path [rad/s] of the time-optimal profile, at a grid over the path."""
+    limits = arm.limits
+    both = np.array([-1.0, 1.0])
+    # A little less than the torque share: the averaging moves accelerations along the path.
+    tau = 0.95 * settings.torque_share * limits.tau_max
+    constraints = [
+        JointVelocityConstraint(settings.share * limits.dq_max[:, None] * both),
+        JointAccelerationConstraint(settings.share * limits.ddq_max[:, None] * both),
+        JointTorqueConstraint(dynamics, tau[:, None] * both, np.zeros(arm.dof)),
+    ]
+    grid = np.linspace(0.0, path.x[-1], 201)
+    instance = toppra.algorithm.TOPPRA(
+        constraints, _ToppraPath(path), gridpoints=grid, solver_wrapper="seidel"
+    )
+    _, speed, _ = instance.compute_parameterization(0.0, 0.0)
+    if speed is None or not np.isfinite(speed).all():
+        raise TrajectoryError(
+            f"no speed along the path keeps arm {arm.name!r} within its limits: can it hold its weight everywhere?"
+        )
+    middle = np.maximum((speed[:-1] + speed[1:]) / 2.0, 1e-6)
+    return np.concatenate([[0.0], np.cumsum(np.diff(grid) / middle)]), speed
+
+
+class _ToppraPath(toppra.SplineInterpolator):
+    """A spline of ours where TOPP-RA expects one of its own."""
+
+    def __init__(self, path: CubicSpline) -> None:
+        super().__init__(path.x, path(path.x), bc_type="natural" if len(path.x) > 2 else "not-a-knot")
+
+
+def _averaged(t: np.ndarray, speed: np.ndarray, length: float, window_s: float) -> CubicSpline:
+    """Speed over time, averaged twice over half a window; its integral is exactly the path's length."""
+    half = max(1, round(window_s / 2.0 / _PROFILE_DT_S))
+    count = int(np.ceil(t[-1] / _PROFILE_DT_S)) + 1
+    samples = np.concatenate([np.interp(np.arange(count) * _PROFILE_DT_S, t, speed), np.zeros(3)])
+    kernel = np.ones(half + 1) / (half + 1)
+    samples = np.convolve(np.convolve(samples, kernel), kernel)
+    samples = np.concatenate([[0.0], samples, [0.0]])
+    samples[[0, 1, -1, -2]] = 0.0
+    profile = CubicSpline(np.arange(len(samples)) * _PROFILE_DT_S, samples, bc_type="clamped")
+    travelled = float(profile.integrate(0.0, profile.x[-1]))
+    return CubicSpline(profile.x * (length / travelled), samples, bc_type="clamped")
+
+
+def _knots(path: CubicSpline, profile: CubicSpline, settings: TimeLawSettings) -> Trajectory:
+    """Positions, velocities and accelerations at even times, by the chain rule."""
+    duration_s = float(profile.x[-1])
+    count = int(np.clip(np.ceil(duration_s / _MIN_KNOT_DT_S), 10, settings.max_knots - 1)) + 1
+    t = np.linspace(0.0, duration_s, count)
+    travelled = profile.antiderivative()
+    x = np.clip(travelled(t), 0.0, path.x[-1])[:, None]
+    dx, ddx = profile(t)[:, None], profile(t, 1)[:, None]
+    x[0], x[-1], dx[[0, -1]], ddx[[0, -1]] = 0.0, path.x[-1], 0.0, 0.0
+    q, slope, bend = path(x[:, 0]), path(x[:, 0], 1), path(x[:, 0], 2)
+    return Trajectory(t, q, slope * dx, bend * dx**2 + slope * ddx)

@@ -1,0 +1,52 @@
+"""Joint torques of a motion by inverse dynamics, and how much slower it must be to stay within the limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
+from s2r_protocol.arms import ArmDescription
+
+
+class InverseDynamics:
+    """Recursive Newton-Euler for one arm with its tool, without payload. Not for several threads."""
+
+    def __init__(self, arm: ArmDescription) -> None:
+        """Args: the arm, whose URDF is read."""
+        self._model = pin.buildModelFromXML(arm.urdf)
+        self._data = self._model.createData()
+
+    def __call__(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """Torques [N·m], (dof,), for position, velocity and acceleration, (dof,) each."""
+        return pin.rnea(self._model, self._data, np.asarray(q), np.asarray(dq), np.asarray(ddq)).copy()
+
+    def along(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """Torques at many states, (n, dof)."""
+        return np.array([self(*state) for state in zip(q, dq, ddq, strict=True)])
+
+
+def torque_stretch(
+    trajectory: Trajectory, arm: ArmDescription, dynamics: InverseDynamics, share: float
+) -> float:
+    """Factor, at least 1, by which the trajectory must be slowed to need no more than a share of the torque limits.
+
+    Slowing divides everything but gravity by the factor's square. Checked at the knots and midway between them.
+
+    Raises:
+        TrajectoryError: Gravity alone exceeds the share somewhere; no speed helps.
+    """
+    times = np.sort(np.concatenate([trajectory.t, (trajectory.t[:-1] + trajectory.t[1:]) / 2.0]))
+    q, dq, ddq = trajectory.sample(times)
+    still = np.zeros_like(q)
+    gravity = dynamics.along(q, still, still)
+    motion = dynamics.along(q, dq, ddq) - gravity
+    limit = share * arm.limits.tau_max
+    room = limit - np.sign(motion) * gravity
+    if (np.abs(gravity) > limit).any() or (room <= 0.0).any():
+        at, joint = np.unravel_index(int((np.abs(gravity) / limit).argmax()), gravity.shape)
+        raise TrajectoryError(
+            f"joint {arm.joint_names[joint]!r} (index {joint}): holding the arm at {times[at]:.2f} s takes "
+            f"{abs(gravity[at, joint]):.1f} N·m, more than {share:.0%} of {arm.limits.tau_max[joint]:.1f} N·m"
+        )
+    return float(np.sqrt(max(1.0, (np.abs(motion) / room).max())))
