@@ -1,0 +1,301 @@
+"""The run's own MCAP: what the host saw, estimated and planned, with the executor's recordings merged in.
+
+Profile ``ros2``, CDR messages only, so that ROS 2 tools, Rerun and rosbags open it as it is. Written as the run
+goes: a run that dies leaves a file that ends early, not an empty one.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from s2r_host.errors import RecordingError
+from s2r_host.link_camera import Capture
+from s2r_host.link_types import TimedPath
+from s2r_protocol.ros2 import pack, unpack
+from s2r_protocol.ros2.definitions import schema_text
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+TEXT = "std_msgs/msg/String"
+
+
+def stamp(stamp_ns: int) -> dict[str, int]:
+    """Nanoseconds since the Unix epoch as a ROS time."""
+    return {"sec": stamp_ns // 1_000_000_000, "nanosec": stamp_ns % 1_000_000_000}
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedPlan:
+    """One plan of a recording.
+
+    Attributes:
+        number: Counts the plans of the run from 1.
+        seq: The executor's number of it, 0 when it never was accepted.
+        label: E.g. "push 1".
+        stamp_ns: When it was sent, Unix time.
+        t, q, dq, ddq: Knots: [s], [rad], ..., shapes (n,) and (n, dof).
+    """
+
+    number: int
+    seq: int
+    label: str
+    stamp_ns: int
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+
+
+class RunRecorder:
+    """Writes ``run.mcap``. A context manager; leaving it finishes the file."""
+
+    def __init__(self, path: Path, namespace: str, joint_names: tuple[str, ...]) -> None:
+        """Open the file.
+
+        Args:
+            path: Where to write.
+            namespace: Common prefix of all topics, e.g. ``/lab/xmate3pro``.
+            joint_names: In the arm's order.
+        """
+        self._file = path.open("wb")
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library="s2r")
+        self._namespace = namespace.rstrip("/")
+        self._joint_names = joint_names
+        self._channels: dict[tuple[str, str], int] = {}
+        self._schemas: dict[str, int] = {}
+        self._plans = 0
+
+    def add_capture(self, name: str, capture: Capture) -> None:
+        """One depth frame as a 32-bit float image with its camera matrix and pose."""
+        now = time.time_ns()
+        frame = capture.frame
+        height, width = frame.depth_m.shape
+        header = {"stamp": stamp(now), "frame_id": f"camera_{capture.camera}"}
+        image = {
+            "header": header,
+            "height": height,
+            "width": width,
+            "encoding": "32FC1",
+            "is_bigendian": 0,
+            "step": 4 * width,
+            "data": np.frombuffer(np.ascontiguousarray(frame.depth_m, "<f4").tobytes(), np.uint8),
+        }
+        prefix = f"camera/{capture.camera}"
+        self._put(f"{prefix}/depth/image_raw", "sensor_msgs/msg/Image", image, now)
+        if frame.colour is not None:
+            colour = np.ascontiguousarray(frame.colour)
+            rgb = {**image, "encoding": "rgb8", "step": 3 * width, "data": colour.reshape(-1)}
+            self._put(f"{prefix}/color/image_raw", "sensor_msgs/msg/Image", rgb, now)
+        K = np.asarray(frame.K, float)
+        P = np.hstack([K, np.zeros((3, 1))])
+        info = {
+            "header": header,
+            "height": height,
+            "width": width,
+            "distortion_model": "plumb_bob",
+            "d": [0.0] * 5,
+            "k": K.ravel(),
+            "r": np.eye(3).ravel(),
+            "p": P.ravel(),
+        }
+        self._put(f"{prefix}/depth/camera_info", "sensor_msgs/msg/CameraInfo", info, now)
+        pose = np.asarray(frame.X_base_camera, float).tolist()
+        self.add_note("view", {"name": name, "camera_stamp_ns": capture.stamp_ns, "X_base_camera": pose})
+
+    def add_plan(self, path: TimedPath, label: str, seq: int) -> int:
+        """One plan with all its knots; its number in this run."""
+        now = time.time_ns()
+        self._plans += 1
+        points = [
+            {
+                "positions": path.q[i],
+                "velocities": path.dq[i],
+                "accelerations": path.ddq[i],
+                "time_from_start": stamp(round(path.t[i] * 1e9)),
+            }
+            for i in range(len(path.t))
+        ]
+        message = {
+            "header": {"stamp": stamp(now), "frame_id": "base"},
+            "joint_names": list(self._joint_names),
+            "points": points,
+        }
+        self._put("plan", TRAJECTORY, message, now)
+        note = {"number": self._plans, "seq": seq, "label": label, "duration_s": float(path.t[-1])}
+        self.add_note("plan", note, now)
+        return self._plans
+
+    def add_note(self, kind: str, values: Mapping[str, Any], now_ns: int | None = None) -> None:
+        """Anything else the run knows, as JSON text: estimates, measurements, verdicts."""
+        text = json.dumps({"kind": kind, **values}, sort_keys=True)
+        self._put("run", TEXT, {"data": text}, now_ns or time.time_ns())
+
+    def add_recording(self, mcap: bytes) -> int:
+        """Merge an executor's recording; the number of messages taken over.
+
+        Raises:
+            RecordingError: The bytes are no MCAP file.
+        """
+        count = 0
+        try:
+            for schema, channel, message in make_reader(io.BytesIO(mcap)).iter_messages():
+                if schema is None:
+                    continue
+                key = (channel.topic, schema.name)
+                if key not in self._channels:
+                    if schema.name not in self._schemas:
+                        self._schemas[schema.name] = self._writer.register_schema(
+                            schema.name, schema.encoding, schema.data
+                        )
+                    self._channels[key] = self._writer.register_channel(
+                        channel.topic,
+                        channel.message_encoding,
+                        self._schemas[schema.name],
+                        dict(channel.metadata),
+                    )
+                self._writer.add_message(
+                    self._channels[key],
+                    message.log_time,
+                    message.data,
+                    message.publish_time,
+                    message.sequence,
+                )
+                count += 1
+        except (McapError, EOFError) as error:
+            raise RecordingError(
+                f"the executor's recording ({len(mcap)} bytes) cannot be read: {error}"
+            ) from error
+        return count
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._writer.finish()
+        self._file.close()
+
+    def __enter__(self) -> RunRecorder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _put(self, topic: str, type_name: str, values: Mapping[str, Any], now_ns: int) -> None:
+        full = f"{self._namespace}/{topic}"
+        key = (full, type_name)
+        if key not in self._channels:
+            if type_name not in self._schemas:
+                self._schemas[type_name] = self._writer.register_schema(
+                    type_name, "ros2msg", schema_text(type_name).encode()
+                )
+            self._channels[key] = self._writer.register_channel(full, "cdr", self._schemas[type_name])
+        self._writer.add_message(self._channels[key], now_ns, pack(type_name, values), now_ns)
+
+
+def read_plans(path: Path) -> list[RecordedPlan]:
+    """All plans of a run's recording, in the order they were sent.
+
+    Raises:
+        RecordingError: The file is missing, damaged or holds no plan.
+    """
+    trajectories = [unpack(TRAJECTORY, data) for _, _, data in _messages(path, TRAJECTORY)]
+    notes = [note for note in read_notes(path) if note["kind"] == "plan"]
+    if not trajectories:
+        raise RecordingError(f"{path} holds no plan; was the run stopped before the first motion?")
+    return [_recorded_plan(body, note) for body, note in zip(trajectories, notes, strict=True)]
+
+
+def read_notes(path: Path) -> list[dict[str, Any]]:
+    """The host's notes, in order.
+
+    Raises:
+        RecordingError: The file is missing or damaged.
+    """
+    texts = [unpack(TEXT, data)["data"] for topic, _, data in _messages(path, TEXT) if topic.endswith("/run")]
+    return [json.loads(text) for text in texts]
+
+
+@dataclass(frozen=True, eq=False)
+class JointTrack:
+    """One topic of JointState over time: ``stamp_ns`` (n,), ``q`` [rad] and ``dq`` [rad/s] (n, dof)."""
+
+    stamp_ns: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+
+    @property
+    def t(self) -> np.ndarray:
+        """Seconds since the first message, shape (n,)."""
+        return (self.stamp_ns - self.stamp_ns[0]) * 1e-9 if len(self.stamp_ns) else np.zeros(0)
+
+
+def joint_track(recording: Path | bytes, topic_end: str = "joint_states") -> JointTrack:
+    """Measured joints (``joint_states``) or references (``joint_commands``) of a recording.
+
+    Raises:
+        RecordingError: The recording is damaged or has no such topic.
+    """
+    rows = [
+        (log_time, unpack(JOINT_STATE, data))
+        for topic, log_time, data in _messages(recording, JOINT_STATE)
+        if topic.endswith("/" + topic_end)
+    ]
+    if not rows:
+        raise RecordingError(f"the recording has no messages on a topic that ends with '{topic_end}'")
+    stamps = np.array([_stamp_ns(body) for _, body in rows])
+    order = np.argsort(stamps, kind="stable")
+    q = np.array([body["position"] for _, body in rows])
+    dq = np.array([body["velocity"] for _, body in rows])
+    return JointTrack(stamps[order], q[order], dq[order])
+
+
+def _stamp_ns(body: Mapping[str, Any]) -> int:
+    time_of = body["header"]["stamp"]
+    return int(time_of["sec"]) * 1_000_000_000 + int(time_of["nanosec"])
+
+
+def _messages(recording: Path | bytes, type_name: str) -> Iterator[tuple[str, int, bytes]]:
+    try:
+        stream = io.BytesIO(recording) if isinstance(recording, bytes) else recording.open("rb")
+    except OSError as error:
+        raise RecordingError(f"recording {recording}: {error.strerror}") from error
+    with stream:
+        try:
+            for schema, channel, message in make_reader(stream).iter_messages():
+                if schema is not None and schema.name == type_name:
+                    yield channel.topic, message.log_time, message.data
+        except (McapError, EOFError) as error:
+            name = "recording" if isinstance(recording, bytes) else str(recording)
+            raise RecordingError(f"{name} is damaged: {error}; recover it with 'mcap recover'") from error
+
+
+def _recorded_plan(body: Mapping[str, Any], note: Mapping[str, Any]) -> RecordedPlan:
+    points = body["points"]
+
+    def column(name: str) -> np.ndarray:
+        return np.array([point[name] for point in points], float)
+
+    t = np.array([p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points])
+    return RecordedPlan(
+        note["number"],
+        note["seq"],
+        note["label"],
+        _stamp_ns(body),
+        t,
+        column("positions"),
+        column("velocities"),
+        column("accelerations"),
+    )
