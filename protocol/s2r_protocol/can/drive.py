@@ -60,13 +60,28 @@ SW_FOLLOWS = 0x1000  # cyclic synchronous modes: the drive follows the command v
 SW_FOLLOWING_ERROR = 0x2000
 SW_BRAKE_RELEASED = 0x4000  # manufacturer specific
 
-# Controlword (0x6040) commands, and the masks that recognise them (CiA 402, table "command coding").
-CW_SHUTDOWN = 0x0006
-CW_SWITCH_ON = 0x0007
-CW_ENABLE = 0x000F
-CW_QUICK_STOP = 0x0002
-CW_DISABLE_VOLTAGE = 0x0000
-CW_FAULT_RESET = 0x0080
+CW_FAULT_RESET = 0x0080  # controlword (0x6040), acts on its rising edge
+
+
+class DriveCommand(enum.IntEnum):
+    """What a controlword (0x6040) asks of the state machine; the value is the usual controlword."""
+
+    DISABLE_VOLTAGE = 0x0000
+    QUICK_STOP = 0x0002
+    SHUTDOWN = 0x0006
+    SWITCH_ON = 0x0007  # also "disable operation"
+    ENABLE_OPERATION = 0x000F
+
+
+def command_of(controlword: int) -> DriveCommand:
+    """Decode a controlword (CiA 402, table "command coding")."""
+    if not controlword & 0x02:
+        return DriveCommand.DISABLE_VOLTAGE
+    if not controlword & 0x04:
+        return DriveCommand.QUICK_STOP
+    if not controlword & 0x01:
+        return DriveCommand.SHUTDOWN
+    return DriveCommand.ENABLE_OPERATION if controlword & 0x08 else DriveCommand.SWITCH_ON
 
 
 def state_of(statusword: int) -> DriveState:

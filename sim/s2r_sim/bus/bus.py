@@ -1,0 +1,153 @@
+"""The bus with its drives: clients' frames in, physics ticks, drives' frames out.
+
+The frame that begins a period (SET, or SYNC) advances time by one tick in both clocks. In lock-step nothing else does.
+With the real clock a period without it advances too, half a period late: the drives then extrapolate, and stop
+themselves.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+
+from s2r_protocol.can.frames import (
+    CAN_EFF_FLAG,
+    CAN_EFF_MASK,
+    CAN_ERR_CRTL,
+    CAN_ERR_CRTL_TX_OVERFLOW,
+    CAN_ERR_FLAG,
+    CLASSIC_BYTES,
+    FD_BYTES,
+    CanFrame,
+)
+from s2r_sim.bus.classic_nodes import ClassicNodes
+from s2r_sim.bus.fd_nodes import FdNodes
+from s2r_sim.bus.hub import Client, Hub
+from s2r_sim.bus.wire import Wire
+from s2r_sim.plant import Plant
+
+logger = logging.getLogger(__name__)
+
+RUN_OUT_NS = 2_000_000_000  # simulated time in which drives without a master come to rest
+RESYNC_NS = 20_000_000  # a machine that stalled longer does not catch up: time stretches
+_TX_FULL = CanFrame(
+    CAN_ERR_CRTL, bytes([0, CAN_ERR_CRTL_TX_OVERFLOW, 0, 0, 0, 0, 0, 0]), is_error=True
+).pack()
+
+
+class Bus:
+    """Runs the stand-in's time. Single-threaded; only :meth:`stop` may be called from elsewhere."""
+
+    def __init__(self, hub: Hub, wire: Wire, nodes: FdNodes | ClassicNodes, plant: Plant) -> None:
+        self.hub = hub
+        self.wire = wire
+        self.nodes = nodes
+        self.plant = plant
+        self.ticks = 0
+        self.ignored = 0  # packets that are no CAN frame
+        self._window_ns = plant.t_ns
+        self._running = True
+
+    def stop(self) -> None:
+        """Leave the loop; may be called from a signal handler or another thread."""
+        self._running = False
+        self.hub.wake()
+
+    def run_lockstep(self, pace: float) -> None:
+        """Advance one tick per SET or SYNC; idle without a master.
+
+        Args:
+            pace: At most this many simulated seconds per second; 0 = as fast as possible.
+        """
+        allowed_ns = time.monotonic_ns()
+        wall_tick_ns = int(self.nodes.tick_ns / pace) if pace > 0 else 0
+        while self._running:
+            for client, packet in self.hub.receive(None):
+                if packet is None:
+                    self._master_left(client)
+                elif self._begins_period(packet) and wall_tick_ns:
+                    now = time.monotonic_ns()
+                    allowed_ns = max(allowed_ns + wall_tick_ns, now - RESYNC_NS)
+                    if allowed_ns > now:
+                        time.sleep((allowed_ns - now) * 1e-9)
+                    self.take(client, packet)
+                else:
+                    self.take(client, packet)
+
+    def run_real(self, pace: float) -> None:
+        """Advance with the wall clock, in step with the master's SET or SYNC while there is one."""
+        wall_tick_ns = int(self.nodes.tick_ns / pace)
+        deadline_ns = time.monotonic_ns() + wall_tick_ns
+        while self._running:
+            wait_ns = max(deadline_ns - time.monotonic_ns(), 0)
+            for client, packet in self.hub.receive(wait_ns * 1e-9):
+                if packet is None:
+                    self._forget(client)
+                    continue
+                self.take(client, packet)
+                if self._begins_period(packet):
+                    deadline_ns = time.monotonic_ns() + wall_tick_ns * 3 // 2
+            now = time.monotonic_ns()
+            if now >= deadline_ns:
+                self.tick()
+                deadline_ns = max(deadline_ns + wall_tick_ns, now - RESYNC_NS)
+
+    def take(self, client: Client, packet: bytes) -> None:
+        """A client transmits. A frame that begins a period is followed by one tick."""
+        if len(packet) not in (FD_BYTES, CLASSIC_BYTES):
+            self.ignored += 1
+            return
+        self.wire.offer(packet, client, self.plant.t_ns, self.ticks)
+        if self._begins_period(packet):
+            client.is_master = True
+            self.tick()
+        else:
+            self._carry(self._window_ns + self.wire.tick_ns)
+        self._report_refused()
+
+    def tick(self) -> None:
+        """One period: what is on the wire arrives, physics advances, the drives answer."""
+        end_ns = self._window_ns + self.wire.tick_ns
+        synced = self._carry(end_ns, until_sync=True)
+        self.plant.master_tick = self.nodes.master_tick
+        self.plant.advance(self.wire.tick_ns)
+        for packet in self.nodes.answers():
+            self.wire.offer(packet, None, self.wire.free_ns if synced else self._window_ns, self.ticks)
+        self._carry(end_ns)
+        self.wire.close_tick(end_ns)
+        self._window_ns = end_ns
+        self.ticks += 1
+
+    def _carry(self, end_ns: int, until_sync: bool = False) -> bool:
+        """Deliver frames that fit before ``end_ns``; True when it ended with the frame that begins a period."""
+        while (frame := self.wire.next(end_ns)) is not None:
+            self.hub.broadcast(frame.packet, frame.sender)
+            if frame.sender is not None:
+                self.nodes.receive(frame.can_id, frame.packet)
+            if until_sync and frame.can_id == self.nodes.sync_id:
+                return True
+        return False
+
+    def _begins_period(self, packet: bytes) -> bool:
+        raw = int.from_bytes(packet[:4], "little")
+        return raw & (CAN_EFF_FLAG | CAN_ERR_FLAG | CAN_EFF_MASK) == self.nodes.sync_id
+
+    def _report_refused(self) -> None:
+        for frame in self.wire.refused:
+            if isinstance(frame.sender, Client):
+                self.hub.send(frame.sender, _TX_FULL)
+        self.wire.refused.clear()
+
+    def _master_left(self, client: Client) -> None:
+        """Lock-step time would stand still for ever: let the drives' own watchdogs bring the arm to rest."""
+        self._forget(client)
+        if not client.is_master or self.plant.at_rest:
+            return
+        logger.warning("%r, the bus master, left while the drives were on: they stop by themselves", client)
+        end_ns = self.plant.t_ns + RUN_OUT_NS
+        while not self.plant.at_rest and self.plant.t_ns < end_ns:
+            self.tick()
+
+    def _forget(self, client: Client) -> None:
+        if client.is_master:
+            self.nodes.forget_master()

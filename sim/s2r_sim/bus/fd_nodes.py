@@ -1,0 +1,100 @@
+"""Seven drives behind the CAN FD packing: one SET in, one STAT from each out."""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc_hqx
+
+from s2r_protocol.can import fd
+from s2r_protocol.can.drive import BRAKE_RELEASED, FOLLOWING_WARNING, Control, DriveCommand, DriveState
+from s2r_protocol.can.frames import CANFD_BRS, CANFD_FDF, FD_BYTES
+from s2r_protocol.can.units import COUNTS_PER_RAD, TORQUE_UNIT, VELOCITY_UNIT, saturated_i16
+from s2r_sim.drives import Drive
+
+_HEADER = struct.Struct("<IBBBB")
+_COMMANDS = {
+    Control.DISABLE: DriveCommand.DISABLE_VOLTAGE,
+    Control.SWITCH_ON: DriveCommand.SWITCH_ON,
+    Control.ENABLE: DriveCommand.ENABLE_OPERATION,
+    Control.QUICK_STOP: DriveCommand.QUICK_STOP,
+    Control.FAULT_RESET: DriveCommand.DISABLE_VOLTAGE,
+}
+
+
+class FdNodes:
+    """Frames in, frames out. A damaged or repeated SET is ignored: the watchdog then counts it as missing.
+
+    Attributes:
+        sync_id: The frame that begins a period.
+        refused: SET frames ignored because of length, checksum, command or counter.
+    """
+
+    sync_id = fd.SET_ID
+    tick_ns = fd.TICK_NS
+
+    def __init__(self, drives: list[Drive]) -> None:
+        self.drives = drives
+        self.refused = 0
+        self.master_tick = 0  # unwrapped from the 16 bits on the wire
+        self._seq: int | None = None
+        self._tick = 0
+        self._answer_due = False
+        self._padding = bytes(FD_BYTES - _HEADER.size - fd.STAT.size)
+
+    def receive(self, can_id: int, packet: bytes) -> None:
+        """Take a frame off the wire."""
+        if can_id != fd.SET_ID:
+            return
+        payload = packet[8 : 8 + packet[4]]
+        if len(packet) != FD_BYTES or len(payload) != fd.SET.size:
+            self.refused += 1
+            return
+        seq, ctrl, tick, crc, *slots = fd.SET.unpack(payload)
+        if crc != fd.set_crc(payload) or ctrl not in _COMMANDS or seq == self._seq:
+            self.refused += 1
+            return
+        self._seq, self._tick = seq, tick
+        self.master_tick += (tick - self.master_tick) & 0xFFFF
+        self._answer_due = True
+        command, reset = _COMMANDS[Control(ctrl)], ctrl == Control.FAULT_RESET
+        climbs = command in (DriveCommand.SWITCH_ON, DriveCommand.ENABLE_OPERATION)
+        for i, drive in enumerate(self.drives):
+            # "become switched on" includes the step the state machine wants first
+            first = climbs and drive.state == DriveState.SWITCH_ON_DISABLED
+            drive.command(DriveCommand.SHUTDOWN if first else command, reset)
+            drive.set_point(
+                slots[3 * i] / COUNTS_PER_RAD,
+                slots[3 * i + 1] * VELOCITY_UNIT,
+                slots[3 * i + 2] * TORQUE_UNIT,
+            )
+
+    def forget_master(self) -> None:
+        """The next SET may carry any counter."""
+        self._seq = None
+
+    def answers(self) -> list[bytes]:
+        """Frames the drives send after the period they were asked about."""
+        if not self._answer_due:
+            return []
+        self._answer_due = False
+        return [self._stat(drive) for drive in self.drives]
+
+    def _stat(self, drive: Drive) -> bytes:
+        state = int(drive.state)
+        if drive.brake_released:
+            state |= BRAKE_RELEASED
+        if drive.following_warning:
+            state |= FOLLOWING_WARNING
+        body = fd.STAT_BODY.pack(
+            self._seq or 0,
+            state,
+            round(drive.q_meas * COUNTS_PER_RAD),
+            saturated_i16(drive.dq_meas / VELOCITY_UNIT),
+            saturated_i16(drive.tau_meas / TORQUE_UNIT),
+            self._tick,
+            drive.error,
+            drive.temp_C,
+        )
+        crc = crc_hqx(bytes((drive.node,)), crc_hqx(body, 0xFFFF))
+        header = _HEADER.pack(fd.STAT_ID + drive.node, fd.STAT.size, CANFD_FDF | CANFD_BRS, 0, 0)
+        return header + body + crc.to_bytes(2, "little") + self._padding

@@ -1,0 +1,135 @@
+"""The wire: who transmits when, how long it takes, what gets lost.
+
+Every frame occupies the bus for its worst-case bit time; when several wait, the lowest identifier wins. Frames that do
+not fit before the end of the window wait for the next one, as on a real bus that is too full.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from s2r_protocol.can.frames import CAN_EFF_FLAG, CAN_EFF_MASK, FD_BYTES
+from s2r_protocol.can.timing import BitRate, frame_ns
+from s2r_protocol.exits import UsageError
+
+ACTIONS = ("drop", "corrupt", "delay", "enobufs")
+
+
+@dataclass(frozen=True)
+class Injection:
+    """A disturbance of the bus, timed by tick.
+
+    Attributes:
+        action: "drop" (transmitted, received by nobody), "corrupt" (one payload bit flips undetected by CAN), "delay"
+            (one tick late), "enobufs" (the sender's queue is full: an error frame instead of a transmission).
+        can_id: Frames it hits; None: all.
+        first_tick, last_tick: Inclusive.
+    """
+
+    action: str
+    can_id: int | None
+    first_tick: int
+    last_tick: int
+
+    @classmethod
+    def parse(cls, text: str) -> Injection:
+        """Read ``action:identifier@first-last``, such as ``drop:0x181@100-103`` or ``corrupt:*@50``.
+
+        Raises:
+            UsageError: The text does not follow this form.
+        """
+        match = re.fullmatch(r"(\w+):(\*|0[xX][0-9a-fA-F]+|\d+)@(\d+)(?:-(\d+))?", text)
+        if match is None or match[1] not in ACTIONS:
+            raise UsageError(
+                f"injection {text!r} is not of the form ACTION:ID@FIRST[-LAST] with ACTION one of {', '.join(ACTIONS)}"
+            )
+        can_id = None if match[2] == "*" else int(match[2], 0)
+        first = int(match[3])
+        return cls(match[1], can_id, first, int(match[4]) if match[4] else first)
+
+
+class Waiting(NamedTuple):
+    """A frame that wants the bus: raw packet, identifier for arbitration, who sent it (None: a drive)."""
+
+    ready_ns: int
+    can_id: int
+    packet: bytes
+    sender: object
+    lost: bool = False
+
+
+class Wire:
+    """Arbitration and bit time of one bus segment. Times are simulated nanoseconds."""
+
+    def __init__(self, tick_ns: int, rate: BitRate, injections: Sequence[Injection] = ()) -> None:
+        self.tick_ns = tick_ns
+        self._rate = rate
+        self._injections = list(injections)
+        self._waiting: list[Waiting] = []
+        self._duration_ns: dict[tuple[bool, int], int] = {}
+        self._busy_ns = 0
+        self.free_ns = 0
+        self.loads: deque[float] = deque(maxlen=100)  # of the last ticks
+        self.refused: list[Waiting] = []  # transmit queue full; the hub tells the sender
+
+    @property
+    def load(self) -> float:
+        """Share of the last hundred ticks during which the bus was busy."""
+        return sum(self.loads) / len(self.loads) if self.loads else 0.0
+
+    def offer(self, packet: bytes, sender: object, now_ns: int, tick: int) -> None:
+        """A node wants to transmit a packed frame."""
+        can_id = int.from_bytes(packet[:4], "little") & (CAN_EFF_FLAG | CAN_EFF_MASK)
+        frame = Waiting(now_ns, can_id, packet, sender)
+        if self._injections:
+            frame = self._disturb(frame, tick)
+        if frame is not None:
+            self._waiting.append(frame)
+
+    def next(self, end_ns: int) -> Waiting | None:
+        """The next frame whose transmission ends by ``end_ns``, lost ones passed over."""
+        while self._waiting:
+            start = max(self.free_ns, min(w.ready_ns for w in self._waiting))
+            frame = min((w for w in self._waiting if w.ready_ns <= start), key=lambda w: w.can_id)
+            duration = self._duration(frame.packet)
+            if start + duration > end_ns:
+                return None
+            self._waiting.remove(frame)
+            self.free_ns = start + duration
+            self._busy_ns += duration
+            if not frame.lost:
+                return frame
+        return None
+
+    def close_tick(self, end_ns: int) -> None:
+        """The window is over: account for its load."""
+        self.free_ns = max(self.free_ns, end_ns)
+        self.loads.append(self._busy_ns / self.tick_ns)
+        self._busy_ns = 0
+
+    def _duration(self, packet: bytes) -> int:
+        key = (len(packet) == FD_BYTES, packet[4])
+        if key not in self._duration_ns:
+            self._duration_ns[key] = frame_ns(key[1], key[0], self._rate)
+        return self._duration_ns[key]
+
+    def _disturb(self, frame: Waiting, tick: int) -> Waiting | None:
+        for rule in self._injections:
+            if not rule.first_tick <= tick <= rule.last_tick or rule.can_id not in (None, frame.can_id):
+                continue
+            if rule.action == "drop":
+                return frame._replace(lost=True)
+            if rule.action == "corrupt":
+                position = 8 + tick % max(frame.packet[4], 1)
+                damaged = bytearray(frame.packet)
+                damaged[position] ^= 1 << (tick % 8)
+                return frame._replace(packet=bytes(damaged))
+            if rule.action == "delay":
+                return frame._replace(ready_ns=frame.ready_ns + self.tick_ns)
+            self.refused.append(frame)
+            return None
+        return frame

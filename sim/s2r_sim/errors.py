@@ -1,0 +1,17 @@
+"""Errors of the stand-in that end a command with a sentence."""
+
+from __future__ import annotations
+
+from s2r_protocol.exits import NotReadyError, UsageError
+
+
+class WorldFileError(UsageError):
+    """A world file cannot be read, or says something impossible."""
+
+
+class TruthFileError(UsageError):
+    """A truth log cannot be read."""
+
+
+class StandInError(NotReadyError):
+    """The stand-in cannot start or go on on this machine."""

@@ -1,0 +1,168 @@
+"""Arm, object and table in MuJoCo, stepped one millisecond at a time under joint torques."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from s2r_protocol.arms import ArmDescription
+from s2r_sim.errors import WorldFileError
+from s2r_sim.objects.catalogue import add_object
+from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
+from s2r_sim.world import ArmTruth, WorldSpec
+
+STEP_NS = 1_000_000
+FINGER_FRICTION = 0.6
+TABLE_RGBA = (0.42, 0.44, 0.46, 1.0)
+# Rotor inertia times gear ratio squared [kg·m²]: large with harmonic gears; it keeps a stiff drive loop calm.
+ROTOR_INERTIA_BIG = 0.6
+ROTOR_INERTIA_WRIST = 0.15
+WRIST_TORQUE_Nm = 50.0  # joints with a lower torque limit count as wrist joints
+
+
+def rotor_inertia(arm: ArmDescription) -> np.ndarray:
+    """Reflected rotor inertia per joint [kg·m²], shape (dof,)."""
+    return np.where(arm.limits.tau_max < WRIST_TORQUE_Nm, ROTOR_INERTIA_WRIST, ROTOR_INERTIA_BIG)
+
+
+def nominal_arm(arm: ArmDescription) -> mujoco.MjModel:
+    """The arm as described, alone: what a drive's gravity compensation knows."""
+    return mujoco.MjSpec.from_string(arm.mjcf).compile()
+
+
+def build_world(arm: ArmDescription, world: WorldSpec) -> mujoco.MjModel:
+    """The hidden world as a MuJoCo model. The camera process builds the same one."""
+    spec = mujoco.MjSpec.from_string(arm.mjcf)
+    spec.modelname = "stand-in"
+    option = spec.option
+    option.timestep = STEP_NS * 1e-9
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10.0
+    spec.memory = 8 * 1024 * 1024
+    _make_true(spec, arm, world.arm)
+    spec.worldbody.add_geom(
+        name="table",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[2.0, 2.0, 0.1],
+        rgba=TABLE_RGBA,
+        friction=[0.5, 0.005, 0.0001],
+    )
+    add_object(spec, world.object)
+    return spec.compile()
+
+
+def _make_true(spec: mujoco.MjSpec, arm: ArmDescription, truth: ArmTruth) -> None:
+    dof = arm.dof
+    for name, values in truth.model_dump().items():
+        if len(values) != dof:
+            raise WorldFileError(f"arm.{name} has {len(values)} entries, arm {arm.name} has {dof} joints")
+    inertia = rotor_inertia(arm)
+    for i, joint in enumerate(arm.source.joints):
+        mj_joint = spec.joint(joint.name)
+        mj_joint.frictionloss = truth.coulomb_Nm[i]
+        mj_joint.damping = [truth.viscous_Nms_rad[i], 0, 0]
+        mj_joint.armature = float(inertia[i])
+        link = spec.body(joint.child)
+        link.mass *= truth.link_mass_scale[i]
+        link.inertia = np.asarray(link.inertia) * truth.link_mass_scale[i]
+    for geom in spec.geoms:
+        if geom.name.startswith("finger"):
+            geom.friction = [FINGER_FRICTION, 0.005, 0.0001]
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Whether any part of the arm touches something, and how hard [N] it presses on the moving part."""
+
+    part: bool
+    base: bool
+    table: bool
+    part_force_N: float
+
+
+class Physics:
+    """The world's state. All arm arrays have shape (dof,) in the arm's joint order."""
+
+    def __init__(self, arm: ArmDescription, world: WorldSpec) -> None:
+        self.arm = arm
+        self.model = build_world(arm, world)
+        self.data = mujoco.MjData(self.model)
+        self.dof = arm.dof
+        self._q_index = np.array([self.model.joint(name).qposadr[0] for name in arm.joint_names])
+        self._v_index = np.array([self.model.joint(name).dofadr[0] for name in arm.joint_names])
+        self._object_q = int(self.model.joint(JOINT).qposadr[0])
+        self._object_v = int(self.model.joint(JOINT).dofadr[0])
+        self._side = self._geom_sides()
+        self.data.qpos[self._q_index] = arm.q_home
+        self.data.qpos[self._object_q] = world.object.opening_m
+        mujoco.mj_forward(self.model, self.data)
+        self._refuse_collision_at_start()
+        self._nominal = nominal_arm(arm)
+        self._nominal_data = mujoco.MjData(self._nominal)
+        self._bias = np.zeros(self._nominal.nv)
+
+    def _geom_sides(self) -> np.ndarray:
+        """Per geom: 1 arm, 2 moving part, 3 object base, 4 anything else (the table)."""
+        roots = {PART_BODY: 2, BASE_BODY: 3}
+        sides = np.full(self.model.ngeom, 4)
+        arm_bodies = {"base", *(joint.child for joint in self.arm.source.joints)}
+        arm_bodies |= {mount.child for mount in self.arm.source.mounts}
+        for geom in range(self.model.ngeom):
+            name = self.model.body(self.model.geom_bodyid[geom]).name
+            sides[geom] = 1 if name in arm_bodies else roots.get(name, 4)
+        return sides
+
+    def _refuse_collision_at_start(self) -> None:
+        contacts = self.contacts()
+        if contacts.part or contacts.base:
+            raise WorldFileError(
+                "the object stands where the arm is in its home pose; move it (object.x_front_m, object.y_m)"
+            )
+
+    @property
+    def q(self) -> list[float]:
+        """Joint positions [rad]."""
+        return self.data.qpos[self._q_index].tolist()
+
+    @property
+    def dq(self) -> list[float]:
+        """Joint velocities [rad/s]."""
+        return self.data.qvel[self._v_index].tolist()
+
+    @property
+    def object_value(self) -> float:
+        """True coordinate of the object's joint [m or rad]."""
+        return float(self.data.qpos[self._object_q])
+
+    def nominal_bias(self, q: list[float], dq: list[float]) -> list[float]:
+        """Gravity and velocity torques of the arm as described [N·m]: what its drives compensate."""
+        model, data = self._nominal, self._nominal_data
+        data.qpos[:] = q
+        data.qvel[:] = dq
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_rne(model, data, 0, self._bias)
+        return self._bias.tolist()
+
+    def step(self, tau: list[float]) -> None:
+        """Advance by one step under joint torques [N·m]."""
+        self.data.qfrc_applied[self._v_index] = tau
+        mujoco.mj_step(self.model, self.data)
+
+    def contacts(self) -> Contacts:
+        """What the arm touches now."""
+        force = np.zeros(6)
+        touched, pressed = set(), 0.0
+        for i in range(self.data.ncon):
+            sides = sorted(self._side[g] for g in self.data.contact[i].geom)
+            if sides[0] != 1 or sides[1] == 1 or self.data.contact[i].efc_address < 0:
+                continue
+            touched.add(int(sides[1]))
+            if sides[1] == 2:
+                mujoco.mj_contactForce(self.model, self.data, i, force)
+                pressed += float(force[0])
+        return Contacts(2 in touched, 3 in touched, 4 in touched, pressed)

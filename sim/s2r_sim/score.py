@@ -1,0 +1,125 @@
+"""Read the truth log and say what the object's joint really did. For the scorer, never for the host."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from s2r_sim.errors import TruthFileError
+from s2r_sim.truth import CONTACT_COLUMNS
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """A truth log; every array has shape (rows,) or (rows, dof).
+
+    Attributes:
+        t: Simulated time [s].
+        master_tick: Executor's tick of the newest set-point.
+        s: True joint coordinate of the object [m or rad].
+        q: True arm joints [rad].
+        contact_part, contact_base, contact_table: Whether the arm touched these.
+        part_force_N: Normal force of the arm on the moving part.
+    """
+
+    t: np.ndarray
+    master_tick: np.ndarray
+    s: np.ndarray
+    q: np.ndarray
+    contact_part: np.ndarray
+    contact_base: np.ndarray
+    contact_table: np.ndarray
+    part_force_N: np.ndarray
+
+    def s_at(self, t: float) -> float:
+        """True coordinate at simulated time ``t`` [s] (the newest row not after it)."""
+        return float(self.s[max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)])
+
+    def s_at_tick(self, master_tick: int) -> float:
+        """True coordinate when the executor's ``master_tick`` was in force."""
+        return float(self.s[max(int(np.searchsorted(self.master_tick, master_tick, side="right")) - 1, 0)])
+
+
+@dataclass(frozen=True)
+class FinalState:
+    """True joint values in the host's coordinate: 0 = as found, + = out of the cabinet.
+
+    Attributes:
+        as_found: Raw coordinate at the start (a drawer is closed at 0); the offset of the others.
+        before_plan: Just before the planned manipulation; None if its time was not given.
+        final: At the end of the log.
+    """
+
+    as_found: float
+    before_plan: float | None
+    final: float
+
+    def delta(self, s_target: float) -> float:
+        """Remaining error to a target in the host's coordinate: target minus final."""
+        return s_target - self.final
+
+    def delta_r(self, s_target: float) -> float:
+        """Remaining error relative to the distance that was asked for.
+
+        Raises:
+            ValueError: The state before the plan is not known, or is the target already.
+        """
+        if self.before_plan is None or s_target == self.before_plan:
+            raise ValueError(f"relative error needs a start other than the target, got {self.before_plan}")
+        return self.delta(s_target) / (s_target - self.before_plan)
+
+
+def read_truth(truth_csv: Path) -> Truth:
+    """Read a truth log; a half-written last row is left out.
+
+    Raises:
+        TruthFileError: It cannot be read or holds no row.
+    """
+    try:
+        with Path(truth_csv).open(newline="") as file:
+            header, *lines = list(csv.reader(file))
+    except (OSError, ValueError) as error:
+        raise TruthFileError(f"truth log {truth_csv} cannot be read: {error}") from error
+    rows = [line for line in lines if len(line) == len(header)]
+    if not rows or header[:3] != ["t_s", "master_tick", "object"]:
+        raise TruthFileError(
+            f"truth log {truth_csv} holds no rows of truth; was the stand-in run with --truth?"
+        )
+    table = np.array(rows, dtype=float)
+    part, base, on_table, force = (table[:, header.index(name)] for name in CONTACT_COLUMNS)
+    return Truth(
+        t=table[:, 0],
+        master_tick=table[:, 1].astype(np.int64),
+        s=table[:, 2],
+        q=table[:, 3 : len(header) - len(CONTACT_COLUMNS)],
+        contact_part=part.astype(bool),
+        contact_base=base.astype(bool),
+        contact_table=on_table.astype(bool),
+        part_force_N=force,
+    )
+
+
+def final_state(
+    truth_csv: Path, t_before_plan: float | None = None, tick_before_plan: int | None = None
+) -> FinalState:
+    """True object joint value at the start, before the plan and at the end.
+
+    Args:
+        truth_csv: The stand-in's log.
+        t_before_plan: Simulated time at which the planned manipulation began, or
+        tick_before_plan: the executor's tick at that moment (as in its status).
+
+    Raises:
+        TruthFileError: The log cannot be read.
+    """
+    truth = read_truth(truth_csv)
+    before = None
+    if tick_before_plan is not None:
+        before = truth.s_at_tick(tick_before_plan)
+    elif t_before_plan is not None:
+        before = truth.s_at(t_before_plan)
+    found = float(truth.s[0])
+    return FinalState(found, None if before is None else before - found, float(truth.s[-1]) - found)
