@@ -48,7 +48,7 @@ def _label(view: View, other: View) -> NDArray[np.uint8]:
         moved = _clean_image(sure == Seen.FREE, view)
     else:
         # Without a camera "nothing near" is all there is: moved or hidden. Treated as moved, with less trust.
-        far = (sure == Seen.OUT) | ((sure == Seen.NO_RETURN))
+        far = (sure == Seen.OUT) | (sure == Seen.NO_RETURN)
         moved = _clean_cloud(far, view)
     label[moved] = Change.MOVED
     return label

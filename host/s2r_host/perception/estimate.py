@@ -23,7 +23,7 @@ from s2r_host.perception.intervals import Intervals, intervals90
 from s2r_host.perception.motion import JointMotion, JointType, line_distance
 from s2r_host.perception.refine import Refined, refine, sides
 from s2r_host.perception.segment import Parts, segment
-from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
+from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part, stayed_share
 from s2r_host.perception.view import CloudView, DepthView, View
 
 logger = logging.getLogger(__name__)
@@ -37,6 +37,8 @@ EVIDENCE_SCALE = 0.02  # cost difference that makes a hypothesis e times less li
 FAMILY_MARGIN = 0.02  # cost; below it revolute and prismatic are not told apart
 MOST_RESIDUAL_M = 0.003
 LEAST_TRAVEL_M = 0.010  # of the fastest point of the part
+MOST_TILT_RAD = np.radians(30)
+LEAST_STAYED = 0.03
 LEAST_MOVED_M2 = 3e-4
 
 
@@ -141,7 +143,6 @@ def estimate_joint(
     view_a, view_b, warnings = _views(before, after, ignore_mask_before, ignore_mask_after, rng)
     check_pair(view_a, view_b)
     changes = compare(view_a, view_b)
-    check_same_camera(view_a, view_b, changes, rng)
     scene = Scene(view_a, view_b, changes, _in_region(view_a, region), _in_region(view_b, region))
     _require_motion(scene)
     probes = probe(view_a, scene.moved_before(), 300, rng), probe(view_b, scene.moved_after(), 300, rng)
@@ -153,14 +154,20 @@ def estimate_joint(
     starts = hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)
     ranked = _rank([m for m, _ in starts], scene, rng)
     if not ranked:
-        raise AbstainError("no single joint motion carries the first view onto the second; is the part rigid?")
+        check_same_camera(view_a, view_b, changes, rng)
+        raise AbstainError(
+            "no single joint motion carries the first view onto the second; is the part rigid?"
+        )
     best = ranked[0]
     parts = segment(scene, best.motion)
     explained = _explained(best.motion, scene, rng)
+    if explained < 0.5 or stayed_share(scene, best.motion, parts) < LEAST_STAYED:
+        check_same_camera(view_a, view_b, changes, rng)
     warnings += _judge(ranked, scene, parts, explained)
     check_second_part(scene, parts, best.motion, rng)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
     intervals = intervals90([(h.refined, h.weight) for h in ranked], centre)
+    _require_narrow(intervals, best.motion)
     motion = _with_origin_near(best.motion, centre)
     logger.info(
         "joint %s, delta %.4f, residual %.2f mm, cost %.3f of %d hypotheses",
@@ -230,7 +237,10 @@ def _rank(starts: list[JointMotion], scene: Scene, rng: np.random.Generator) -> 
     both = sides(scene, rng)
     refined = [r for r in (refine(start, both) for start in starts) if r is not None]
     refined = [r for r in refined if _sensible(r.motion)]
-    probes = probe(scene.before, scene.moved_before(), 1200, rng), probe(scene.after, scene.moved_after(), 1200, rng)
+    probes = (
+        probe(scene.before, scene.moved_before(), 1200, rng),
+        probe(scene.after, scene.moved_after(), 1200, rng),
+    )
     evidence = score([r.motion for r in refined], scene, *probes, extra_m=0.001)
     cost = evidence + np.array([_prior(r.motion, scene, probes) for r in refined])
     order = np.argsort(cost, kind="stable")
@@ -289,9 +299,7 @@ def _judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: floa
     """Abstain where the evidence does not carry; else warnings."""
     best = ranked[0]
     X = best.motion.transform()
-    travel = np.linalg.norm(
-        scene.before.points[parts.before] @ (X[:3, :3] - np.eye(3)).T + X[:3, 3], axis=1
-    )
+    travel = np.linalg.norm(scene.before.points[parts.before] @ (X[:3, :3] - np.eye(3)).T + X[:3, 3], axis=1)
     most_travel = float(np.percentile(travel, 98)) if travel.size else 0.0
     if travel.size < 100 or explained < 0.15:
         raise AbstainError(
@@ -316,10 +324,24 @@ def _judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: floa
         )
     warnings = []
     if most_travel < 0.03:
-        warnings.append(f"small motion ({most_travel * 1e3:.0f} mm at most): the axis is uncertain, push 3 cm or more")
+        warnings.append(
+            f"small motion ({most_travel * 1e3:.0f} mm at most): the axis is uncertain, push 3 cm or more"
+        )
     if explained < 0.5:
-        warnings.append(f"only {100 * explained:.0f} % of the moved points fit the joint; something else moved too")
+        warnings.append(
+            f"only {100 * explained:.0f} % of the moved points fit the joint; something else moved too"
+        )
     return warnings
+
+
+def _require_narrow(intervals: Intervals, motion: JointMotion) -> None:
+    half = 0.5 * (intervals.delta[1] - intervals.delta[0])
+    if intervals.axis_angle_rad > MOST_TILT_RAD or half > 0.5 * motion.delta:
+        raise AbstainError(
+            f"several {motion.joint_type} motions explain the views: the axis is known to"
+            f" {np.degrees(intervals.axis_angle_rad):.0f} degrees and the motion to {100 * half / motion.delta:.0f} %"
+            " only; push further or look from another side"
+        )
 
 
 def _with_origin_near(motion: JointMotion, centre: Array) -> JointMotion:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from s2r_host.perception.change import Change, Changes
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.planes import find_planes
-from s2r_host.perception.view import Seen, View
+from s2r_host.perception.view import Seen, View, agreement
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,7 @@ class Probe:
     normal_ok: NDArray[np.bool_]
     sigma_m: Array
     patch: Array
+    oriented: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,14 @@ def probe(view: View, index: NDArray[np.int64], most: int, rng: np.random.Genera
     """A random sample of at most ``most`` of the given points."""
     chosen = index if len(index) <= most else rng.choice(index, most, replace=False)
     p, n = view.points[chosen], view.normals[chosen]
-    return Probe(p, n, view.normal_ok[chosen], view.sigma_m[chosen], _patches(p, n, view.normal_ok[chosen], rng))
+    return Probe(
+        p,
+        n,
+        view.normal_ok[chosen],
+        view.sigma_m[chosen],
+        _patches(p, n, view.normal_ok[chosen], rng),
+        view.oriented,
+    )
 
 
 def _patches(p: Array, n: Array, ok: NDArray[np.bool_], rng: np.random.Generator) -> Array:
@@ -116,7 +124,7 @@ def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: 
     offset = np.abs(np.einsum("ni,ni->n", p.reshape(-1, 3) - view.points[index], target_n))
     reach = np.where(view.normal_ok[index], np.minimum(offset / band, 1.0), 0.7)
     cost[surface] = COST_ON_SURFACE * reach[surface] ** 2
-    cosine = np.abs(np.einsum("ni,ni->n", n.reshape(-1, 3), target_n))
+    cosine = agreement(n.reshape(-1, 3), target_n, view.oriented and part.oriented)
     both_ok = np.broadcast_to(part.normal_ok, (h, m)).ravel() & view.normal_ok[index]
     cost[surface & both_ok & (cosine < 0.8)] = COST_NORMAL
     cost[surface & (label[index] == Change.STATIC)] = COST_STATIC

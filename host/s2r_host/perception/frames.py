@@ -105,9 +105,7 @@ def _check_range(what: str, distance_m: FloatArray) -> None:
         )
 
 
-def _check_camera(
-    K: NDArray[np.float64], X_base_camera: NDArray[np.float64], shape: tuple[int, ...]
-) -> None:
+def _check_camera(K: NDArray[np.float64], X_base_camera: NDArray[np.float64], shape: tuple[int, ...]) -> None:
     if K.shape != (3, 3) or not np.isfinite(K).all() or K[0, 0] <= 0 or K[1, 1] <= 0:
         raise BadViewError(
             "K must be a finite 3x3 pinhole matrix with positive focal lengths in pixels, got\n" + str(K)

@@ -53,8 +53,15 @@ def intervals90(weighted: list[tuple[Refined, float]], centre: Array) -> Interva
         tilt2 += share * float(np.arccos(cosine)) ** 2 / 2
         delta2 += share * (other.motion.delta - best.motion.delta) ** 2
         if kind == "revolute":
-            foot = best.motion.origin + ((centre - best.motion.origin) @ best.motion.direction) * best.motion.direction
-            shift2 += share * float(line_distance(other.motion.origin, other.motion.direction, foot[None])[0]) ** 2 / 2
+            foot = (
+                best.motion.origin
+                + ((centre - best.motion.origin) @ best.motion.direction) * best.motion.direction
+            )
+            shift2 += (
+                share
+                * float(line_distance(other.motion.origin, other.motion.direction, foot[None])[0]) ** 2
+                / 2
+            )
     half = Z90 * float(np.sqrt(delta2))
     return Intervals(
         axis_angle_rad=float(min(CHI90_2 * np.sqrt(tilt2), np.pi)),

@@ -150,7 +150,9 @@ def _load_ply(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
         raise BadViewError("holds no points (or is not a PLY file)")
     finite = np.isfinite(points).all(axis=1)
     if finite.sum() < FEWEST_POINTS:
-        raise BadViewError(f"holds {int(finite.sum())} finite points of {len(points)}; {FEWEST_POINTS} needed")
+        raise BadViewError(
+            f"holds {int(finite.sum())} finite points of {len(points)}; {FEWEST_POINTS} needed"
+        )
     points = points[finite]
     rgb = None if colour is None else (colour[finite] * 255).astype(np.uint8)
     _check_points(points)  # before any projection: wrong units must be named as such
@@ -158,9 +160,7 @@ def _load_ply(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
         K, shape = (camera.K, (camera.height, camera.width)) if camera else virtual_pinhole(points)
         return rasterise(points, K, shape, np.eye(4), rgb)
     if camera is not None:
-        return rasterise(
-            points, camera.K, (camera.height, camera.width), _pose(path, frame, camera), rgb
-        )
+        return rasterise(points, camera.K, (camera.height, camera.width), _pose(path, frame, camera), rgb)
     return Cloud(points, None, rgb)
 
 
@@ -172,9 +172,7 @@ def _pose(path: Path, frame: FrameName, camera: Camera) -> NDArray[np.float64]:
     return camera.X_base_camera
 
 
-def _colour_or_none(
-    colour: NDArray[np.generic] | None, shape: tuple[int, ...]
-) -> NDArray[np.uint8] | None:
+def _colour_or_none(colour: NDArray[np.generic] | None, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
     if colour is None or colour.shape != (*shape, 3) or colour.dtype != np.uint8:
         return None
     return np.asarray(colour, dtype=np.uint8)
@@ -204,9 +202,7 @@ def virtual_pinhole(points_camera: NDArray[np.float64]) -> tuple[NDArray[np.floa
     # Holes are common, so aim at a grid a little coarser than one point per pixel.
     focal = float(np.clip(np.sqrt(front.sum() / np.prod(size)) * 0.9, 60, 900))
     width, height = (int(n) for n in np.ceil(size * focal) + 3)
-    K = np.array(
-        [[focal, 0, -low[0] * focal + 1.0], [0, focal, -low[1] * focal + 1.0], [0, 0, 1]]
-    )
+    K = np.array([[focal, 0, -low[0] * focal + 1.0], [0, focal, -low[1] * focal + 1.0], [0, 0, 1]])
     return K, (height, width)
 
 

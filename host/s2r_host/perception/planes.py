@@ -45,6 +45,8 @@ def find_planes(
         if best.sum() < fewest:
             break
         for _ in range(2):
+            if best.sum() < fewest:
+                break
             centre, normal = fit_plane(p[best])
             best = _inliers(p, n, centre, normal, inlier_m)
         if best.sum() < fewest:
@@ -78,7 +80,9 @@ def crossing_line(a: Plane, b: Plane) -> tuple[Array, Array] | None:
 def _best_seed(p: Array, n: Array, rng: np.random.Generator, inlier_m: float) -> NDArray[np.bool_]:
     sample = rng.permutation(len(p))[:600]
     seeds = rng.permutation(len(p))[:150]
-    offset = np.abs(np.einsum("sk,nk->sn", n[seeds], p[sample]) - np.einsum("sk,sk->s", n[seeds], p[seeds])[:, None])
+    offset = np.abs(
+        np.einsum("sk,nk->sn", n[seeds], p[sample]) - np.einsum("sk,sk->s", n[seeds], p[seeds])[:, None]
+    )
     aligned = np.abs(n[seeds] @ n[sample].T) > np.cos(np.radians(15))
     best = int(np.argmax(((offset < 2 * inlier_m) & aligned).sum(axis=1)))
     return _inliers(p, n, p[seeds[best]], n[seeds[best]], 2 * inlier_m)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from s2r_host.perception.change import Change
 from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import JointMotion, perpendicular_basis, rotation, unit
-from s2r_host.perception.view import Seen, View
+from s2r_host.perception.view import Seen, View, agreement
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,7 @@ class Side:
     target_edges: Array
     target_edge_across: Array  # direction in the image plane normal to the edge, unit
     edge_tree: cKDTree | None
+    oriented: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +170,7 @@ def _surface_rows(side: Side, T: Array, D: Array, gate_m: float) -> tuple[Array,
     n = side.target.normals[index]
     r = np.einsum("ni,ni->n", p - side.target.points[index], n)
     turned = side.normals @ T[:3, :3].T
-    aligned = np.abs(np.einsum("ni,ni->n", turned, n)) > 0.85
+    aligned = agreement(turned, n, side.oriented) > 0.85
     use = (
         (found.seen == Seen.SURFACE) & side.target.normal_ok[index] & side.normal_ok & aligned
         & (np.abs(r) < gate_m) & (side.target_label[index] != Change.STATIC)
@@ -202,7 +203,9 @@ def _edge_rows(side: Side, T: Array, D: Array, gate_m: float) -> tuple[Array, Ar
 
 
 def _moved_box(scene: Scene) -> tuple[Array, Array]:
-    points = np.concatenate([scene.before.points[scene.moved_before()], scene.after.points[scene.moved_after()]])
+    points = np.concatenate(
+        [scene.before.points[scene.moved_before()], scene.after.points[scene.moved_after()]]
+    )
     low, high = np.percentile(points, [1, 99], axis=0)
     return low - 0.05, high + 0.05
 
@@ -222,7 +225,7 @@ def _side(
     return Side(
         view.points[chosen], view.normals[chosen], view.normal_ok[chosen], view.sigma_m[chosen],
         p_in[rng.permutation(len(p_in))[:600]], target, target_label, q, across,
-        cKDTree(q) if len(q) >= 20 else None,
+        cKDTree(q) if len(q) >= 20 else None, view.oriented and target.oriented,
     )  # fmt: skip
 
 

@@ -24,7 +24,9 @@ def check_pair(before: View, after: View) -> None:
         BadViewError: Nothing can be compared.
     """
     if len(before.points) == len(after.points) and np.array_equal(before.points, after.points):
-        raise BadViewError("both views are identical, number for number; give one before and one after the motion")
+        raise BadViewError(
+            "both views are identical, number for number; give one before and one after the motion"
+        )
     seen = after.look(before.points[:: max(1, len(before.points) // 3000)], 0.002).seen
     shared = float(np.isin(seen, (Seen.SURFACE, Seen.FREE, Seen.HIDDEN)).mean())
     if shared < 0.2:
@@ -37,12 +39,18 @@ def check_pair(before: View, after: View) -> None:
 def check_same_camera(before: View, after: View, changes: Changes, rng: np.random.Generator) -> None:
     """Refuse a pair whose unmoving surroundings do not coincide.
 
-    Aligns the surroundings by a small free motion; if that fits clearly better than the given poses, the camera
-    (or its calibration) moved.
+    Aligns the whole scene by a small free motion; if that fits clearly better than the given poses, the camera (or
+    its calibration) moved. Call it when no joint explains the change, or when hardly anything stayed in place.
 
     Raises:
         AbstainError: By how much the surroundings seem to have moved.
     """
+    static = float((changes.before == Change.STATIC).mean())
+    if static < 0.1:
+        raise AbstainError(
+            f"only {100 * static:.0f} % of the first view is unchanged in the second; the camera moved or the views"
+            " show different scenes"
+        )
     use = np.flatnonzero(before.normal_ok)
     if len(use) < 300:
         return
@@ -50,13 +58,12 @@ def check_same_camera(before: View, after: View, changes: Changes, rng: np.rando
     p, sigma = before.points[use], before.sigma_m[use]
     centre = p.mean(axis=0)
     X = np.eye(4)
-    fit_now = _matched(p, sigma, after, np.eye(4))
     for gate in (0.05, 0.05, 0.04, 0.03, 0.02, 0.015, 0.01, 0.008):
         step = _align_step(p, sigma, after, X, centre, gate)
         if step is None:
             return
         X = step @ X
-    fit_then = _matched(p, sigma, after, X)
+    fit_now, fit_then = _matched(p, sigma, after, np.eye(4)), _matched(p, sigma, after, X)
     shift = np.linalg.norm(p @ X[:3, :3].T + X[:3, 3] - p, axis=1)
     moved_m = float(np.median(shift))
     if moved_m > MOST_CAMERA_SHIFT_M and fit_then > fit_now + 0.08 and fit_then > 0.5:
@@ -65,12 +72,29 @@ def check_same_camera(before: View, after: View, changes: Changes, rng: np.rando
             f" agrees after moving it, {100 * fit_now:.0f} % as given): the camera moved; fix it, or give the pose of"
             " each view"
         )
-    static = float((changes.before == Change.STATIC).mean())
-    if static < 0.1:
-        raise AbstainError(
-            f"only {100 * static:.0f} % of the first view is unchanged in the second; the camera moved or the views"
-            " show different scenes"
-        )
+
+
+def stayed_share(scene: Scene, motion: JointMotion, parts: Parts) -> float:
+    """Of the points whose place would betray this motion, the share that stayed in place.
+
+    Surfaces that slide within themselves say nothing; occluding edges always do. Near 0 the whole scene moved,
+    which is what a shifted camera looks like.
+    """
+    view, label = scene.before, scene.changes.before
+    X = motion.transform()
+    step = view.points @ X[:3, :3].T + X[:3, 3] - view.points
+    across = np.abs(np.einsum("ni,ni->n", step, view.normals))
+    telling = (np.linalg.norm(step, axis=1) > 4 * view.sigma_m) & (
+        (view.normal_ok & (across > 4 * view.sigma_m)) | (view.edge & _left_by(view, scene.after, X))
+    )
+    stayed = telling & (label == Change.STATIC) & ~parts.before
+    return float(stayed.sum() / max(1, stayed.sum() + (telling & parts.before).sum()))
+
+
+def _left_by(view: View, other: View, X: Array) -> NDArray[np.bool_]:
+    """Points whose carried place is free or differs in the other view (so that staying means not moving)."""
+    seen = other.look(view.points @ X[:3, :3].T + X[:3, 3], view.sigma_m).seen
+    return seen == Seen.FREE
 
 
 def check_second_part(scene: Scene, parts: Parts, motion: JointMotion, rng: np.random.Generator) -> None:

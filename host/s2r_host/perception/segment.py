@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from s2r_host.perception.change import Change
 from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import JointMotion
-from s2r_host.perception.view import Seen, View
+from s2r_host.perception.view import Seen, View, agreement
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -30,15 +30,27 @@ class Parts:
 def segment(scene: Scene, motion: JointMotion) -> Parts:
     """Split both views into the moving part and the rest."""
     X = motion.transform()
-    before = _one(scene.before, scene.changes.before, scene.candidate_before, scene.after, scene.changes.after, X)
+    before = _one(
+        scene.before, scene.changes.before, scene.candidate_before, scene.after, scene.changes.after, X
+    )
     after = _one(
-        scene.after, scene.changes.after, scene.candidate_after, scene.before, scene.changes.before, np.linalg.inv(X)
+        scene.after,
+        scene.changes.after,
+        scene.candidate_after,
+        scene.before,
+        scene.changes.before,
+        np.linalg.inv(X),
     )
     return Parts(before, after)
 
 
 def _one(
-    view: View, label: NDArray[np.uint8], candidate: Mask, other: View, other_label: NDArray[np.uint8], X: Array
+    view: View,
+    label: NDArray[np.uint8],
+    candidate: Mask,
+    other: View,
+    other_label: NDArray[np.uint8],
+    X: Array,
 ) -> Mask:
     p = view.points @ X[:3, :3].T + X[:3, 3]
     travel = np.linalg.norm(p - view.points, axis=1)
@@ -46,7 +58,7 @@ def _one(
     index = np.maximum(found.index, 0)
     lands = (found.seen == Seen.SURFACE) & (other_label[index] != Change.STATIC)
     turned = view.normals @ X[:3, :3].T
-    aligned = np.abs(np.einsum("ni,ni->n", turned, other.normals[index])) > 0.8
+    aligned = agreement(turned, other.normals[index], view.oriented and other.oriented) > 0.8
     lands &= aligned | ~(view.normal_ok & other.normal_ok[index])
     hidden = (found.seen == Seen.HIDDEN) | (found.seen == Seen.NO_RETURN) | (found.seen == Seen.OUT)
     visible_motion = travel > 3.0 * view.sigma_m

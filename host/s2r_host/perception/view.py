@@ -53,7 +53,7 @@ class Lookup:
 class View(Protocol):
     """What estimation needs of a view, with or without a camera.
 
-    ``points`` (n, 3) [m] base frame, ``normals`` (n, 3), ``normal_ok`` (n,), ``sigma_m`` (n,) depth noise.
+    ``points`` (n, 3) [m] base frame, ``normals`` (n, 3), ``normal_ok`` (n,), ``sigma_m`` (n,) depth noise; ``oriented``: normals point to the camera (else their sign means nothing).
     """
 
     points: Array
@@ -62,6 +62,7 @@ class View(Protocol):
     sigma_m: Array
     edge: Mask
     p_camera: Array | None
+    oriented: bool
 
     def look(self, p: Array, sigma_m: Array | float, extra_m: float = 0.0) -> Lookup:
         """Classify points (m, 3); ``sigma_m`` is their own noise, ``extra_m`` widens the surface."""
@@ -79,6 +80,8 @@ def noise_sigma(z: NDArray[np.floating], scale: float = 1.0) -> Array:
 
 class DepthView:
     """A depth image with per-pixel normals and noise; answers by projection."""
+
+    oriented = True
 
     def __init__(self, frame: DepthFrame, ignore: Mask | None = None, noise_scale: float = 1.0) -> None:
         stride = max(1, -(-frame.depth_m.shape[1] // WIDEST_PX))
@@ -170,6 +173,8 @@ class DepthView:
 class CloudView:
     """A cloud without a camera: only nearness to its points is known, never free space."""
 
+    oriented = False
+
     def __init__(self, cloud: Cloud, rng: np.random.Generator) -> None:
         points = cloud.points
         if len(points) > MOST_CLOUD_POINTS:
@@ -198,6 +203,12 @@ class CloudView:
         on = near & (np.abs(offset) < tolerance) & (across < reach)
         seen = np.where(on, Seen.SURFACE, np.where(near, Seen.NO_RETURN, Seen.OUT)).astype(np.uint8)
         return Lookup(seen, np.where(near, index, -1), np.where(on, -offset, 0.0))
+
+
+def agreement(n: Array, other: Array, oriented: bool) -> Array:
+    """Cosine between normals (m, 3); its absolute value where their signs mean nothing."""
+    cosine = np.einsum("ni,ni->n", n, other)
+    return cosine if oriented else np.abs(cosine)
 
 
 def fit_planes(depth: Array, K: Array, noise_scale: float = 1.0) -> tuple[Array, Array, Mask]:
