@@ -20,7 +20,7 @@ import numpy as np
 from s2r_host.errors import HostError
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.kinematics import ToolKinematics
-from s2r_host.planning.scene import FINGER_PREFIX, OBJECT_PREFIX, GeomKind, Scene
+from s2r_host.planning.scene import FINGER_PREFIX, GeomKind, Scene
 from s2r_host.planning.settings import PlanSettings
 from s2r_protocol.exits import RefusedError
 
@@ -267,7 +267,7 @@ def _preference(
     off_centre = np.linalg.norm((p - centre)[:, :2], axis=1)
     lever = np.zeros(len(p))
     if not scene.prismatic:
-        joint = scene.fine.joint(OBJECT_PREFIX + scene.joint).id
+        joint = scene.fine.joint(scene.joint_name).id
         sweep = np.cross(data.xaxis[joint], p - data.xanchor[joint])
         lever = np.linalg.norm(sweep, axis=1)
         off_centre = np.zeros(len(p))

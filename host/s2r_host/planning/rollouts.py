@@ -87,4 +87,4 @@ def ramp(targets: np.ndarray, substeps: int) -> np.ndarray:
 def _any_within(flags: np.ndarray, substeps: int) -> np.ndarray:
     """Per control step, True if the flag, which lags one substep, was up at any of its substeps."""
     lagged = np.concatenate([flags[:, 1:], flags[:, -1:]], axis=1)
-    return lagged.reshape(len(flags), -1, substeps).any(axis=2)
+    return np.logical_or.reduce(lagged.reshape(len(flags), -1, substeps), axis=2)

@@ -71,6 +71,11 @@ class Scene:
     geom_kind: np.ndarray
 
     @property
+    def joint_name(self) -> str:
+        """The object's joint as it is called in the two models."""
+        return OBJECT_PREFIX + self.joint
+
+    @property
     def dof(self) -> int:
         """Number of the arm's joints."""
         return self.arm.dof
@@ -86,7 +91,7 @@ class Scene:
 
     def part_motion(self, data: mujoco.MjData, p_world: np.ndarray) -> np.ndarray:
         """Unit direction in which a point of the part moves with growing s; p_world (3,) or (n, 3) [m]."""
-        joint = self.fine.joint(OBJECT_PREFIX + self.joint).id
+        joint = self.fine.joint(self.joint_name).id
         axis, anchor = data.xaxis[joint], data.xanchor[joint]
         if self.prismatic:
             return np.broadcast_to(axis, np.shape(p_world)).copy()

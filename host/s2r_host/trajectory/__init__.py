@@ -1,7 +1,19 @@
 """Time laws: from joint paths to trajectories the executor admits."""
 
 from s2r_host.trajectory.bridge import point_to_point
+from s2r_host.trajectory.deliver import Delivery, deliver
 from s2r_host.trajectory.time_law import TimeLawSettings, time_law
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
+from s2r_host.trajectory.verify import Replay, replay
 
-__all__ = ["TimeLawSettings", "Trajectory", "TrajectoryError", "point_to_point", "time_law"]
+__all__ = [
+    "Delivery",
+    "Replay",
+    "TimeLawSettings",
+    "Trajectory",
+    "TrajectoryError",
+    "deliver",
+    "point_to_point",
+    "replay",
+    "time_law",
+]

@@ -118,8 +118,8 @@ def _fastest(
     instance = toppra.algorithm.TOPPRA(
         constraints, _ToppraPath(path), gridpoints=grid, solver_wrapper="seidel"
     )
-    _, speed, _ = instance.compute_parameterization(0.0, 0.0)
-    if speed is None or not np.isfinite(speed).all():
+    speed = np.asarray(instance.compute_parameterization(0.0, 0.0)[1], dtype=float)  # NaN where it is None
+    if not np.isfinite(speed).all():
         raise TrajectoryError(
             f"no speed along the path keeps arm {arm.name!r} within its limits: can it hold its weight everywhere?"
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
+import pinocchio as pin  # pyright: ignore[reportMissingImports]  # an extension module without stubs
 
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
 from s2r_protocol.arms import ArmDescription

@@ -1,0 +1,135 @@
+"""From a plan to the trajectory that is sent: timed, replayed, and its end corrected until the replay is on target.
+
+A plan is executed at the control rate with the object coasting behind the fingertip; timed within the arm's limits it
+runs at another speed and ends elsewhere by some millimetres. That offset is systematic, so the end of the path is
+moved by what is missing, along the part's motion, and the replay is asked again.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.kinematics import ToolKinematics
+from s2r_host.planning.scene import Scene, build_scene
+from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
+from s2r_host.trajectory.time_law import TimeLawSettings, time_law
+from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
+from s2r_host.trajectory.verify import Replay, replay
+
+logger = logging.getLogger(__name__)
+
+_CORRECTIONS = 5
+_LARGEST_M = 0.04  # a larger correction means that the fingertip lost the part
+
+
+@dataclass(frozen=True, eq=False)
+class Delivery:
+    """A trajectory that the fine model has followed to the target.
+
+    Attributes:
+        trajectory: What the executor gets.
+        replay: What the fine model did with it.
+        corrections: How often the end of the path was moved.
+        followed: "motion" when the path is where the plan's arm was, "targets" when it is where it was told to be.
+        speed: Share of the time law's full speed.
+    """
+
+    trajectory: Trajectory
+    replay: Replay
+    corrections: int
+    followed: str
+    speed: float
+
+
+def deliver(request: PlanRequest, result: PlanResult, settings: TimeLawSettings | None = None) -> Delivery:
+    """Time a plan, replay it in the fine model and correct its end until it is held on target.
+
+    First along the motion the fine model made, which is known to be free of contact; then along the plan's
+    targets; then both at half the speed.
+
+    Args:
+        request: The task that was planned.
+        result: Its plan, successful.
+        settings: Of the time law.
+
+    Raises:
+        PlanRefusedError: No attempt passed; the text has the reason of the last one.
+        TrajectoryError: The path cannot be timed.
+    """
+    if not result.success:
+        raise PlanRefusedError(f"there is no plan to deliver: {result.reason}")
+    settings = settings or TimeLawSettings()
+    scene = build_scene(request.arm, request.object_mjcf, request.joint, request.settings)
+    end = result.hold_step
+    paths = {
+        "motion": np.concatenate([result.q_meas[:end], result.q_cmd[end : end + 1]]),
+        "targets": result.q_cmd[: end + 1],
+    }
+    problem = "no attempt"
+    for speed in (1.0, 0.5):
+        for followed, path in paths.items():
+            timed = _with_speed(settings, speed)
+            delivery, problem = _corrected(request, result, scene, path, timed, followed)
+            if delivery is not None:
+                return delivery
+            logger.info("timed along the plan's %s at speed %.1f: %s", followed, speed, problem)
+    raise PlanRefusedError(problem)
+
+
+def _with_speed(settings: TimeLawSettings, speed: float) -> TimeLawSettings:
+    return TimeLawSettings(
+        settings.share,
+        settings.torque_share,
+        settings.deviation_rad,
+        settings.speed * speed,
+        settings.max_knots,
+    )
+
+
+def _corrected(
+    request: PlanRequest,
+    result: PlanResult,
+    scene: Scene,
+    path: np.ndarray,
+    timed: TimeLawSettings,
+    followed: str,
+) -> tuple[Delivery | None, str]:
+    """The delivery along one path, or None and the reason."""
+    tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
+    shift = _end_shift(request, result, scene)
+    touch = min(result.touch_step or 0, len(path) - 2)
+    ramp = np.clip((np.arange(len(path)) - touch) / max(len(path) - 1 - touch, 1), 0.0, 1.0)[:, None]
+    extra, problem = 0.0, ""
+    for correction in range(_CORRECTIONS + 1):
+        try:
+            trajectory = time_law(path + ramp * extra * shift, request.arm, timed)
+        except TrajectoryError as error:
+            return None, str(error)
+        played = replay(trajectory, request, scene)
+        found = played.problem(tolerance, request.settings)
+        if found is None and abs(played.error) < 0.5 * tolerance:
+            return Delivery(trajectory, played, correction, followed, timed.speed), ""
+        problem = found or f"the timed motion ends {played.error:+.4f} from the target"
+        extra += played.error
+        if played.contact is not None or played.torque_share > request.settings.torque_margin:
+            break
+        if abs(extra) > max(_LARGEST_M, 0.3 * abs(request.s_target - request.s_initial)):
+            break
+    return None, problem
+
+
+def _end_shift(request: PlanRequest, result: PlanResult, scene: Scene) -> np.ndarray:
+    """Change of the last posture per unit of the object's joint: the fingertip goes along with the part, (dof,)."""
+    world = FineWorld(scene, result.q_cmd[-1], result.final)
+    p_tip = world.data.site_xpos[scene.tool_site].copy()
+    direction = scene.part_motion(world.data, p_tip)
+    if not scene.prismatic:
+        joint = scene.fine.joint(scene.joint_name).id
+        direction = np.cross(world.data.xaxis[joint], p_tip - world.data.xanchor[joint])
+    jacobian = ToolKinematics(scene, 0.0).jacobian(result.q_cmd[-1])
+    twist = np.concatenate([direction, np.zeros(3)])
+    return jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-6 * np.eye(6), twist)
