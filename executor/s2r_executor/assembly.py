@@ -1,0 +1,156 @@
+"""Puts one executor together: core process, recorder, front end, bridge and the watch loop."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from types import TracebackType
+
+from s2r_executor.bridge import Bridge, software_name
+from s2r_executor.config import ExecutorConfig
+from s2r_executor.core_process import CoreProcess
+from s2r_executor.front_end import FrontEnd
+from s2r_executor.observations import Encoder, Timeline
+from s2r_executor.recorder import Recorder
+from s2r_protocol.arms import load_arm
+from s2r_protocol.exits import NotReadyError
+from s2r_protocol.faults import ExecutorState
+from s2r_protocol.keys import ArmKeys
+
+logger = logging.getLogger(__name__)
+
+_WATCH_PERIOD_S = 0.004
+
+
+class Executor:
+    """A running executor; a context manager that leaves nothing behind."""
+
+    def __init__(self, config: ExecutorConfig) -> None:
+        """Start everything.
+
+        Raises:
+            NotReadyError: Native parts missing or address in use.
+            UnreachableError: The bus cannot be opened.
+        """
+        self.config = config
+        self.arm = load_arm(config.arm)
+        self._ended = threading.Event()
+        self._failure: BaseException | None = None
+        self.process = CoreProcess(config, self.arm)
+        try:
+            self._assemble()
+        except BaseException:
+            self.process.kill()
+            raise
+
+    def _assemble(self) -> None:
+        config, arm = self.config, self.arm
+        stepped = config.clock == "lockstep"
+        offset_ns = time.time_ns() - (0 if stepped else time.monotonic_ns())
+        encoder = Encoder(arm, Timeline(offset_ns, config.tick_ns, stepped))
+        namespace = f"/{ArmKeys(config.cell, arm.name).base}"
+        core = self.process.core
+        # Beats must not pause while models are loaded below.
+        self._watcher = threading.Thread(target=self._watch, name="s2r-watch", daemon=True)
+        self.front_end: FrontEnd | None = None
+        self.bridge: Bridge | None = None
+        self._watcher.start()
+        try:
+            self.recorder = Recorder(
+                config.record,
+                arm,
+                namespace,
+                encoder,
+                config.recorder,
+                {
+                    "arm": arm.name,
+                    "cell": config.cell,
+                    "model_hash": arm.model_hash.hex(),
+                    "limit_hash": arm.limit_hash.hex(),
+                    "software": software_name(),
+                    "bus": config.bus.partition(":")[0],
+                    "packing": config.packing,
+                    "clock": config.clock,
+                    "tick_ns": str(config.tick_ns),
+                },
+                config.publish_period_s,
+            )
+            front_end = FrontEnd(arm, config, core, self.recorder)
+            self.bridge = Bridge(front_end, encoder, config)
+            self.front_end = front_end
+        except BaseException:
+            self._end_watch()
+            raise
+
+    def _watch(self) -> None:
+        """Beats, host watch, records. Its death is the front end's death: the core then stops the arm by itself."""
+        while not self._ended.wait(_WATCH_PERIOD_S):
+            front_end, bridge = self.front_end, self.bridge
+            if front_end is None:
+                self.process.core.beat()
+                continue
+            try:
+                events = front_end.step()
+                if bridge is not None and len(events):
+                    bridge.publish_events(events)
+            except Exception as error:
+                logger.exception("the watch loop failed; the core stops the arm")
+                self._failure = error
+                return
+
+    def summary(self) -> str:
+        """One line: arm, hashes, bus, state, real-time or not."""
+        arm, config = self.arm, self.config
+        core = self.process.core.snapshot()
+        realtime = (
+            "real-time"
+            if core.realtime
+            else "not real-time (no FIFO priority or memory lock; see 's2r doctor')"
+        )
+        return (
+            f"s2r executor ready: {config.cell}/{arm.name} model {arm.model_hash.hex()[:8]} "
+            f"limits {arm.limit_hash.hex()[:8]}, bus {config.bus} ({config.packing}, {config.clock}, "
+            f"load {core.bus_load_computed:.0%}), listening on {', '.join(config.listen)}, "
+            f"{ExecutorState(core.state).name}, {realtime}"
+        )
+
+    def check(self) -> None:
+        """Look after the parts.
+
+        Raises:
+            CoreDiedError: The core ended by itself.
+            NotReadyError: The watch loop failed.
+        """
+        self.process.check()
+        if self._failure is not None:
+            raise NotReadyError(
+                f"the executor's watch loop failed: {self._failure}; restart it"
+            ) from self._failure
+
+    def shut_down(self) -> bool:
+        """Stop on the path and switch the drives off; False if the arm did not come to rest in time."""
+        return self.front_end.shut_down() if self.front_end is not None else True
+
+    def _end_watch(self) -> None:
+        self._ended.set()
+        self._watcher.join()
+
+    def close(self) -> None:
+        """Leave the network, end the core, finish the recordings."""
+        if self.bridge is not None:
+            self.bridge.close()
+        code = self.process.quit()
+        self._end_watch()
+        if self.front_end is not None and self._failure is None:
+            self.front_end.step()  # the last records and events
+        self.recorder.close()
+        logger.info("real-time core ended with exit %d", code)
+
+    def __enter__(self) -> Executor:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,415 @@
+"""The front end on the wire: the only file of the executor that turns messages into domain objects and back.
+
+Commands are Zenoh queries with sealed protobuf; observations are ROS 2 CDR puts on rmw_zenoh keys.
+Every query gets an answer, also one that is refused unread; no answer at all means that nobody is here.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+import zenoh
+from google.protobuf.message import Message
+
+from s2r_executor.config import ExecutorConfig
+from s2r_executor.front_end import Accepted, FrontEnd
+from s2r_executor.observations import EVENTS, TOPICS, Encoder, Topic
+from s2r_executor.plan import CommandRefusedError, PlanRequest
+from s2r_executor.status import ExecutorStatus
+from s2r_protocol import codec
+from s2r_protocol.exits import NotReadyError
+from s2r_protocol.faults import Refusal
+from s2r_protocol.keys import ArmKeys
+from s2r_protocol.proto import s2r_pb2 as pb
+from s2r_protocol.ros2.keys import Attachment, node_token, publisher_token, topic_key
+
+logger = logging.getLogger(__name__)
+
+_NODE = "s2r_executor"
+_LOG_REFUSED_EVERY_S = 1.0
+
+
+def software_name() -> str:
+    """Name and version, shown in handshakes."""
+    try:
+        return f"sim2real2 {version('sim2real2')}"
+    except PackageNotFoundError:  # run from a source tree
+        return "sim2real2 (source)"
+
+
+class Bridge:
+    """Serves one front end on one Zenoh session until closed."""
+
+    def __init__(self, front_end: FrontEnd, encoder: Encoder, config: ExecutorConfig) -> None:
+        """Open the session and declare everything.
+
+        Raises:
+            NotReadyError: An address cannot be listened on.
+        """
+        self._front_end = front_end
+        self._encoder = encoder
+        self._config = config
+        self._keys = ArmKeys(config.cell, front_end.arm.name)
+        self._me = codec.Address(
+            sender=f"executor:{self._keys.base}",
+            boot_id=front_end.identity.boot_id,
+            model_hash=front_end.identity.model_hash,
+            limit_hash=front_end.identity.limit_hash,
+        )
+        self._commands = ThreadPoolExecutor(max_workers=1, thread_name_prefix="s2r-command")
+        self._last_refusal_s = 0.0
+        self._ended = threading.Event()
+        self._session = _open_session(config.listen)
+        try:
+            self._tokens = self._declare_node()
+            self._publishers = {topic: _Publisher(self._session, self._topic_key(topic)) for topic in TOPICS}
+            self._queryables = [
+                self._session.declare_queryable(key, handler, complete=True)
+                for key, handler in (
+                    (self._keys.hello, self._direct(self._hello)),
+                    (self._keys.lease, self._direct(self._lease)),
+                    (self._keys.plan, self._queued(self._plan)),
+                    (self._keys.control, self._on_control),
+                    (self._keys.recording, self._on_recording),
+                )
+            ]
+            self._subscriber = self._session.declare_subscriber(self._keys.heartbeat, self._on_heartbeat)
+        except BaseException:
+            self._session.close()
+            raise
+        self._publishing = threading.Thread(target=self._publish_loop, name="s2r-publish", daemon=True)
+        self._publishing.start()
+
+    # -- observations -------------------------------------------------------------------------------
+
+    def publish_events(self, events: np.ndarray) -> None:
+        """Publish the core's events."""
+        for event in events:
+            stamp_ns, message = self._encoder.event(event)
+            self._publishers[EVENTS].put(message, stamp_ns)
+
+    def _publish_loop(self) -> None:
+        while not self._ended.wait(self._config.publish_period_s):
+            status = self._front_end.status()
+            stamp_ns = int(self._encoder.timeline.of(status.core.tick, status.core.stamp_ns))
+            for topic, message in self._encoder.snapshot(status):
+                self._publishers[topic].put(message, stamp_ns)
+
+    def _topic(self, topic: Topic) -> str:
+        return f"/{self._keys.base}/{topic.name}"
+
+    def _topic_key(self, topic: Topic) -> str:
+        return topic_key(self._topic(topic), topic.type_name, self._config.ros_domain)
+
+    def _declare_node(self) -> list[zenoh.LivelinessToken]:
+        """Make `ros2 node list` and `ros2 topic list` show this executor."""
+        zid, namespace, domain = str(self._session.info.zid()), f"/{self._keys.base}", self._config.ros_domain
+        tokens = [node_token(zid, _NODE, namespace, domain)] + [
+            publisher_token(zid, i, _NODE, self._topic(topic), topic.type_name, namespace, domain)
+            for i, topic in enumerate(TOPICS, start=1)
+        ]
+        return [self._session.liveliness().declare_token(token) for token in tokens]
+
+    # -- queries ------------------------------------------------------------------------------------
+
+    def _direct(self, answer: Callable[[pb.Envelope, bytes], Message]) -> Callable[[zenoh.Query], None]:
+        """Answer in Zenoh's own thread: quick ones."""
+        return lambda query: self._answer(query, answer)
+
+    def _queued(self, answer: Callable[[pb.Envelope, bytes], Message]) -> Callable[[zenoh.Query], None]:
+        """Answer in the command thread, one at a time: those that wait for the core."""
+        return lambda query: self._submit(query, answer)
+
+    def _submit(self, query: zenoh.Query, answer: Callable[[pb.Envelope, bytes], Message]) -> None:
+        try:
+            self._commands.submit(self._answer, query, answer)
+        except RuntimeError:  # shutting down: silence means dead, which is what we are about to be
+            logger.info("query on %s came while shutting down", query.key_expr)
+
+    def _answer(self, query: zenoh.Query, answer: Callable[[pb.Envelope, bytes], Message]) -> None:
+        wire = _payload(query)
+        try:
+            reply = answer(codec.open_envelope(wire), wire)
+        except codec.MessageRefusedError as error:
+            self._log_refusal(str(query.key_expr), error)
+            reply = pb.Verdict(accepted=False, code=error.code, reason=str(error))
+        except CommandRefusedError as error:
+            self._log_refusal(str(query.key_expr), error)
+            reply = self._refused(error, 0)
+        except Exception:
+            logger.exception("a query on %s failed", query.key_expr)
+            reply = pb.Verdict(
+                accepted=False,
+                code=Refusal.INTERNAL,
+                reason="the executor failed on this message; see its log",
+            )
+        self._reply(query, self._sealed(reply))
+
+    def _sealed(self, body: Message) -> bytes:
+        return codec.seal(body, self._me)
+
+    def _reply(self, query: zenoh.Query, wire: bytes) -> None:
+        try:
+            query.reply(query.key_expr, wire, express=True, priority=zenoh.Priority.REAL_TIME)
+        except zenoh.ZError as error:  # the asker has gone
+            logger.warning("answer on %s could not be sent: %s", query.key_expr, error)
+
+    def _log_refusal(self, key: str, error: Exception) -> None:
+        if time.monotonic() - self._last_refusal_s > _LOG_REFUSED_EVERY_S:
+            self._last_refusal_s = time.monotonic()
+            logger.warning("refused on %s: %s", key, error)
+
+    def _hello(self, envelope: pb.Envelope, wire: bytes) -> pb.HelloReply:
+        codec.open_body(envelope, pb.Hello)
+        front_end = self._front_end
+        status = front_end.status()
+        return pb.HelloReply(
+            boot_id=front_end.identity.boot_id,
+            epoch=status.core.epoch,
+            arm=front_end.arm.name,
+            model_hash=front_end.identity.model_hash,
+            limit_hash=front_end.identity.limit_hash,
+            joint_names=front_end.arm.joint_names,
+            tick_ns=self._config.tick_ns,
+            software=software_name(),
+            status=status_to_message(status),
+            host_timeout_ms=round(self._config.effective_host_timeout_s * 1e3),
+        )
+
+    def _lease(self, envelope: pb.Envelope, wire: bytes) -> pb.LeaseReply:
+        body = codec.open_body(envelope, pb.LeaseRequest)
+        decision = self._front_end.lease(codec.address_of(envelope), body.release)
+        return pb.LeaseReply(
+            granted=decision.granted,
+            epoch=self._front_end.status().core.epoch,
+            holder=decision.holder,
+            reason=decision.reason,
+        )
+
+    def _plan(self, envelope: pb.Envelope, wire: bytes) -> pb.Verdict:
+        def act(address: codec.Address) -> Accepted:
+            return self._front_end.plan(address, plan_from_message(codec.open_body(envelope, pb.Plan)), wire)
+
+        return self._once(envelope, wire, act)
+
+    def _control(self, envelope: pb.Envelope, wire: bytes) -> pb.Verdict:
+        body = codec.open_body(envelope, pb.Control)
+        return self._once(
+            envelope, wire, lambda address: self._front_end.control(address, body.kind, body.value)
+        )
+
+    def _stop(self, envelope: pb.Envelope, wire: bytes) -> pb.Verdict:
+        """Needs neither lease nor epoch, and an older number than the sender's last is no reason not to stop."""
+        body = codec.open_body(envelope, pb.Control)
+        address = codec.address_of(envelope)
+        known = self._front_end.book.repeated(address, wire)
+        if known is not None:
+            return pb.Verdict.FromString(known)
+        verdict = _accepted(self._front_end.control(address, body.kind, body.value), address.seq)
+        self._front_end.book.remember(address, wire, verdict.SerializeToString())
+        return verdict
+
+    def _once(
+        self, envelope: pb.Envelope, wire: bytes, act: Callable[[codec.Address], Accepted]
+    ) -> pb.Verdict:
+        """Carry out a new command, or repeat the verdict of one that came before."""
+        address = codec.address_of(envelope)
+        book = self._front_end.book
+        known = book.repeated(address, wire)
+        if known is not None:
+            return pb.Verdict.FromString(known)
+        try:
+            # Wrong process, arm or epoch is refused before the body is parsed, a used number before anything acts.
+            self._front_end.check_door(address)
+            book.admit(address)
+            verdict = _accepted(act(address), address.seq)
+        except CommandRefusedError as error:
+            self._log_refusal("command", error)
+            verdict = self._refused(error, address.seq)
+        book.remember(address, wire, verdict.SerializeToString())
+        return verdict
+
+    def _refused(self, error: CommandRefusedError, seq: int) -> pb.Verdict:
+        return pb.Verdict(
+            accepted=False,
+            code=error.code,
+            reason=str(error),
+            joint=error.joint,
+            t=error.t,
+            quantity=error.quantity,
+            value=error.value,
+            limit=error.limit,
+            seq=seq,
+            epoch=self._front_end.status().core.epoch,
+        )
+
+    def _on_control(self, query: zenoh.Query) -> None:
+        """STOP is carried out in this thread, past everything that waits."""
+        if _is_stop(_payload(query)):
+            self._answer(query, self._stop)
+        else:
+            self._submit(query, self._control)
+
+    def _on_recording(self, query: zenoh.Query) -> None:
+        """A recording may be long, so it comes as several replies, in order."""
+        wire = _payload(query)
+        try:
+            request = codec.open_body(codec.open_envelope(wire), pb.RecordingRequest)
+            replies = self._recording_replies(request.plan_seq)
+        except codec.MessageRefusedError as error:
+            self._log_refusal(str(query.key_expr), error)
+            replies = [pb.Verdict(accepted=False, code=error.code, reason=str(error))]
+        except OSError as error:
+            logger.exception("a recording cannot be read")
+            replies = [pb.RecordingReply(complete=False, reason=f"the recording cannot be read: {error}")]
+        for reply in replies:
+            self._reply(query, self._sealed(reply))
+
+    def _recording_replies(self, plan_seq: int) -> list[Message]:
+        answer = self._front_end.recording(plan_seq)
+        if answer.path is None:
+            return [pb.RecordingReply(plan_seq=plan_seq, complete=answer.complete, reason=answer.reason)]
+        data = answer.path.read_bytes()
+        size = self._config.recorder.reply_chunk_bytes
+        return [
+            pb.RecordingReply(plan_seq=plan_seq, complete=True, mcap=data[i : i + size])
+            for i in range(0, len(data), size)
+        ]
+
+    def _on_heartbeat(self, sample: zenoh.Sample) -> None:
+        try:
+            envelope = codec.open_envelope(sample.payload.to_bytes())
+            codec.open_body(envelope, pb.Heartbeat)
+        except codec.MessageRefusedError as error:
+            self._log_refusal(self._keys.heartbeat, error)
+            return
+        self._front_end.heartbeat(codec.address_of(envelope))
+
+    def close(self) -> None:
+        """Finish the commands under way and leave the network."""
+        self._ended.set()
+        self._publishing.join()
+        self._commands.shutdown(wait=True)
+        self._session.close()
+
+
+class _Publisher:
+    """One topic, with what rmw_zenoh wants beside each message."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        # Dropping beats waiting: a slow listener must not hold up a state message behind the next one.
+        self._publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP)
+        self._gid = secrets.token_bytes(16)
+        self._count = 0
+
+    def put(self, message: bytes, stamp_ns: int) -> None:
+        self._count += 1
+        self._publisher.put(message, attachment=Attachment(self._count, stamp_ns, self._gid).pack())
+
+
+def _payload(query: zenoh.Query) -> bytes:
+    return query.payload.to_bytes() if query.payload is not None else b""
+
+
+def _is_stop(wire: bytes) -> bool:
+    try:
+        return codec.open_body(codec.open_envelope(wire), pb.Control).kind == pb.STOP
+    except codec.MessageRefusedError:
+        return False  # refused again, with an answer, on the ordinary way
+
+
+def _accepted(accepted: Accepted, seq: int) -> pb.Verdict:
+    return pb.Verdict(accepted=True, seq=seq, epoch=accepted.epoch, duration=accepted.duration_s)
+
+
+def _open_session(listen: tuple[str, ...]) -> zenoh.Session:
+    config = zenoh.Config()
+    for key, value in (
+        ("mode", "peer"),
+        ("listen/endpoints", list(listen)),
+        ("listen/exit_on_failure", True),
+        ("connect/endpoints", []),
+        ("scouting/multicast/enabled", False),
+        ("scouting/gossip/enabled", False),
+    ):
+        config.insert_json5(key, json.dumps(value))
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise NotReadyError(
+            f"cannot listen on {', '.join(listen)}: {error}. Is another executor running? "
+            "Stop it or choose another address with --listen"
+        ) from error
+
+
+def plan_from_message(body: pb.Plan) -> PlanRequest:
+    """A plan as arrays.
+
+    Raises:
+        CommandRefusedError: SIZE, when an array cannot be knots times joints, or the payload has no three coordinates.
+    """
+    dof, n = len(body.joint_names), len(body.t)
+    arrays = {}
+    for name in ("q", "dq", "ddq"):
+        values = np.array(getattr(body, name), dtype=float)
+        if len(values) != n * dof:
+            raise CommandRefusedError(
+                Refusal.SIZE,
+                f"{name} holds {len(values)} values, {n} knots of {dof} joints need {n * dof}",
+                quantity=name,
+                value=len(values),
+                limit=n * dof,
+            )
+        arrays[name] = values.reshape(n, dof)
+    if len(body.payload_com) not in (0, 3):
+        raise CommandRefusedError(
+            Refusal.SIZE,
+            f"payload_com holds {len(body.payload_com)} values, expected none or 3",
+            quantity="payload_com",
+            value=len(body.payload_com),
+            limit=3,
+        )
+    x, y, z = body.payload_com or (0.0, 0.0, 0.0)
+    return PlanRequest(
+        joint_names=tuple(body.joint_names),
+        t=np.array(body.t, dtype=float),
+        **arrays,
+        parent_seq=body.parent_seq,
+        splice_t=body.splice_t,
+        payload_mass=body.payload_mass,
+        payload_com=(x, y, z),
+        path_tolerance=body.path_tolerance,
+        goal_tolerance=body.goal_tolerance,
+        label=body.label[:200],
+    )
+
+
+def status_to_message(status: ExecutorStatus) -> pb.Status:
+    """The state for a reply."""
+    core = status.core
+    return pb.Status(
+        state=core.state,
+        cause=core.cause,
+        why_not_moving=status.why_not_moving,
+        tick=core.tick,
+        epoch=core.epoch,
+        plan_seq=status.plan_seq,
+        plan_t=core.plan_t,
+        speed_scale=core.speed_scale,
+        q_ref=core.q_ref,
+        dq_ref=core.dq_ref,
+        ddq_ref=core.ddq_ref,
+        q_meas=core.q_meas,
+        dq_meas=core.dq_meas,
+        tau_meas=core.tau_meas,
+        lease_holder=status.lease_holder,
+        plan_done=bool(core.plan_done),
+    )

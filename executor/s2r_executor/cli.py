@@ -1,0 +1,109 @@
+"""``s2r executor``: admission, lease, recorder and the native core, until Ctrl-C."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from s2r_executor.config import ExecutorConfig, load_config, parse_override
+from s2r_protocol.exits import ExitCode
+
+logger = logging.getLogger(__name__)
+
+
+@click.command()
+@click.option("--bus", help="unix:PATH (stand-in) or can:IFACE.")
+@click.option(
+    "--packing", type=click.Choice(["fd", "classic"]), help="CAN FD at 1 kHz or classical CAN at 250 Hz."
+)
+@click.option(
+    "--clock",
+    type=click.Choice(["real", "lockstep"]),
+    help="lockstep: time advances with the drives' answers.",
+)
+@click.option(
+    "--pace", type=float, help="lockstep: at most this many times the wall clock; 0 = as fast as possible."
+)
+@click.option(
+    "--listen", multiple=True, help="Zenoh address to listen on, e.g. tcp/127.0.0.1:7447. May be repeated."
+)
+@click.option(
+    "--record", type=click.Path(file_okay=False, path_type=Path), help="Folder for recordings (MCAP)."
+)
+@click.option("--cell", help="Name of the cell in the key space.")
+@click.option("--arm", help="Shipped arm's name or a folder with an arm.yaml.")
+@click.option(
+    "--config", "config_path", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="YAML file."
+)
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override one key, e.g. core.goal_timeout_s=3.",
+)
+@click.option("--host-timeout", type=float, help="Silence of the host [s] after which the arm stops.")
+@click.option(
+    "--ready-file", type=click.Path(dir_okay=False, path_type=Path), help="Written when ready: one line."
+)
+@click.option("-v", "--verbose", is_flag=True, help="Log more.")
+def executor(
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    ready_file: Path | None,
+    verbose: bool,
+    **options: Any,  # the remaining options, by name; None or () where not given
+) -> None:
+    """Admit plans and stream setpoints to the drives.
+
+    This is software and carries no performance level: emergency stop and safe torque off are hardware.
+    """
+    logging.basicConfig(
+        level=logging.DEBUG if verbose else logging.INFO,
+        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
+    )
+    settings = dict(parse_override(text) for text in overrides)
+    renamed = {"host_timeout": "host_timeout_s"}
+    for name, value in options.items():
+        if value not in (None, ()):
+            settings[renamed.get(name, name)] = value
+    sys.exit(run(load_config(config_path, settings), ready_file))
+
+
+def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:
+    """Run until SIGINT or SIGTERM: then stop on the path, disarm, close.
+
+    Raises:
+        S2RError: The native parts, the bus or an address are not available, or the core died.
+    """
+    # Heavy imports stay here: `s2r executor --help` needs none of them.
+    from s2r_executor.assembly import Executor
+
+    asked_to_end = threading.Event()
+    previous = {
+        number: signal.signal(number, lambda *_: asked_to_end.set())
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        with Executor(config) as executor_:
+            line = executor_.summary()
+            click.echo(line)
+            sys.stdout.flush()
+            if ready_file is not None:
+                ready_file.write_text(line + "\n", encoding="utf-8")
+            while not asked_to_end.wait(0.1):
+                executor_.check()
+            started = time.monotonic()
+            at_rest = executor_.shut_down()
+            logger.info("shut down in %.2f s", time.monotonic() - started)
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    return ExitCode.OK if at_rest else ExitCode.PROTECTION

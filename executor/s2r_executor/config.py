@@ -1,0 +1,187 @@
+"""Configuration of the executor: YAML, read once into models that check themselves; unknown keys are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from s2r_protocol.exits import UsageError
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
+
+STAND_IN_HOST_TIMEOUT_S = 0.5
+"""Shared machines leave a process without CPU for up to 0.25 s; on a stand-in nothing is lost by waiting longer."""
+
+
+class ConfigError(UsageError):
+    """A configuration file or override cannot be used."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class BoxZone(_Strict):
+    """An axis-parallel box in the base frame that the arm must keep out of."""
+
+    name: str
+    lower_m: tuple[float, float, float]
+    upper_m: tuple[float, float, float]
+
+
+class AdmissionConfig(_Strict):
+    """What a plan has to satisfy, beyond the arm's own limits."""
+
+    start_tolerance_rad: Positive = 1e-4
+    rest_speed_rad_s: Positive = 1e-6
+    rest_acceleration_rad_s2: Positive = 1e-4
+    min_segment_s: Positive = 1e-3
+    max_segment_s: Positive = 30.0
+    max_duration_s: Positive = 600.0
+    max_knots: Annotated[int, Field(ge=2, le=4096)] = 4096  # the core keeps this many per plan
+    torque_margin: Share = 0.1
+    max_payload_kg: NotNegative = 3.0
+    sample_step_s: Positive = 0.01
+    collision_inflation_m: Positive = 0.005
+    table_z_m: float | None = 0.0
+    fingertip_table_margin_m: NotNegative = 0.005
+    keep_out: tuple[BoxZone, ...] = ()
+    stop_duration_max_s: Positive = 2.0
+    max_path_tolerance_rad: Positive = 0.2
+    max_goal_tolerance_rad: Positive = 0.1
+
+
+class CoreConfig(_Strict):
+    """Passed on to the native core."""
+
+    tick_ns: dict[Literal["fd", "classic"], int] = {"fd": 1_000_000, "classic": 4_000_000}
+    gate_margin: Annotated[float, Field(ge=1.0, le=1.1)] = 1.02
+    path_tolerance_rad: Positive = 0.05
+    goal_tolerance_rad: Positive = 0.02
+    goal_timeout_s: Positive = 2.0
+    feedback_warn_ticks: Annotated[int, Field(ge=1)] = 1
+    feedback_stop_ticks: Annotated[int, Field(ge=1)] = 3
+    feedback_fault_ticks: Annotated[int, Field(ge=1)] = 10
+    front_end_timeout_s: Positive = 0.1
+    answer_timeout_s: Positive = 1.0
+    arming_timeout_s: Positive = 2.0
+    realtime_priority: Annotated[int, Field(ge=0, le=99)] = 80
+    record_capacity: Annotated[int, Field(ge=1024)] = 65_536
+
+
+class RecorderConfig(_Strict):
+    """Where recordings go and how they are cut."""
+
+    chunk_bytes: Annotated[int, Field(ge=1024)] = 128 * 1024
+    flush_period_s: Positive = 0.5
+    reply_chunk_bytes: Annotated[int, Field(ge=1024)] = 4 * 1024 * 1024
+
+
+class ExecutorConfig(_Strict):
+    """Everything the executor can be told.
+
+    ``profile`` "stand-in" relaxes what only a machine with real-time rights can keep; it is chosen by itself for a
+    ``unix:`` bus and never for a ``can:`` bus.
+    """
+
+    arm: str = "xmate3pro"
+    cell: str = "lab"
+    bus: str = "unix:/run/s2r/bus.sock"
+    packing: Literal["fd", "classic"] = "fd"
+    clock: Literal["real", "lockstep"] = "real"
+    pace: NotNegative = 1.0
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    record: Path | None = None
+    profile: Literal["stand-in", "default"] | None = None
+    host_timeout_s: Annotated[float, Field(ge=0.02, le=5.0)] | None = None
+    publish_period_s: Positive = 0.01
+    ros_domain: Annotated[int, Field(ge=0, le=232)] = 0
+    allow_not_realtime: bool = False
+    admission: AdmissionConfig = AdmissionConfig()
+    core: CoreConfig = CoreConfig()
+    recorder: RecorderConfig = RecorderConfig()
+
+    @property
+    def is_stand_in(self) -> bool:
+        """Whether the stand-in profile applies."""
+        if self.profile is None:
+            return self.bus.startswith("unix:")
+        return self.profile == "stand-in"
+
+    @property
+    def effective_host_timeout_s(self) -> float:
+        """Silence of the lease holder after which the arm stops: 0.05 s, 0.5 s on the stand-in, or as told."""
+        if self.host_timeout_s is not None:
+            return self.host_timeout_s
+        return STAND_IN_HOST_TIMEOUT_S if self.is_stand_in else 0.05
+
+    @property
+    def effective_front_end_timeout_s(self) -> float:
+        """Silence of the front end after which the core stops the arm; relaxed on the stand-in like the host's."""
+        relaxed = STAND_IN_HOST_TIMEOUT_S if self.is_stand_in else 0.0
+        return max(self.core.front_end_timeout_s, relaxed)
+
+    @property
+    def tick_ns(self) -> int:
+        """One setpoint per this many nanoseconds."""
+        return self.core.tick_ns[self.packing]
+
+
+def load_config(path: Path | None = None, overrides: dict[str, Any] | None = None) -> ExecutorConfig:
+    """Read a YAML file and apply overrides.
+
+    Args:
+        path: None for the defaults.
+        overrides: Dotted key -> value, e.g. ``{"admission.torque_margin": 0.2}``; they win over the file.
+
+    Raises:
+        ConfigError: The file is unreadable, a key is unknown or a value is out of range; every problem is listed.
+    """
+    raw: dict[str, Any] = {}
+    if path is not None:
+        try:
+            loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ConfigError(f"configuration {path} cannot be read: {error}") from error
+        if not isinstance(loaded, dict | None):
+            raise ConfigError(f"configuration {path} holds {type(loaded).__name__}, expected keys and values")
+        raw = loaded or {}
+    for key, value in (overrides or {}).items():
+        _put(raw, key, value)
+    try:
+        return ExecutorConfig.model_validate(raw)
+    except ValidationError as error:
+        problems = "\n".join(f"  {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise ConfigError(
+            f"configuration {path or 'from the command line'} cannot be used:\n{problems}"
+        ) from error
+
+
+def parse_override(text: str) -> tuple[str, Any]:
+    """``a.b=c`` into key and YAML value.
+
+    Raises:
+        ConfigError: There is no ``=`` or the value is not YAML.
+    """
+    key, sign, value = text.partition("=")
+    if not sign or not key:
+        raise ConfigError(f"--set {text!r}: expected key=value, e.g. admission.torque_margin=0.2")
+    try:
+        return key.strip(), yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"--set {text!r}: the value is not YAML: {error}") from error
+
+
+def _put(raw: dict[str, Any], dotted: str, value: Any) -> None:
+    *parents, last = dotted.split(".")
+    node = raw
+    for parent in parents:
+        node = node.setdefault(parent, {})
+        if not isinstance(node, dict):
+            raise ConfigError(f"--set {dotted}: {parent!r} is a value, not a group of keys")
+    node[last] = value

@@ -1,0 +1,175 @@
+"""Starting, watching and ending the native core's process ``s2r-rt``."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import time
+from importlib import util
+from pathlib import Path
+from typing import IO, Any
+
+from s2r_executor.config import ExecutorConfig
+from s2r_executor.core import QUIT, Core
+from s2r_protocol.arms import ArmDescription
+from s2r_protocol.exits import NotReadyError, S2RError, UnreachableError, UsageError
+
+logger = logging.getLogger(__name__)
+
+_START_TIMEOUT_S = 10.0
+_EXECUTABLE = "s2r-rt"
+
+
+class CoreDiedError(S2RError, RuntimeError):
+    """The core's process ended by itself; the drives stop by their own watchdogs."""
+
+
+class BusUnreachableError(UnreachableError):
+    """The core could not open the bus."""
+
+
+def native_executable() -> Path:
+    """Path of ``s2r-rt``.
+
+    Raises:
+        NotReadyError: The native parts are not built; the text says how.
+    """
+    folder = Path(__file__).parent
+    executable = folder / _EXECUTABLE
+    if util.find_spec("s2r_executor._native") is None or not executable.is_file():
+        raise NotReadyError(
+            f"the executor's native parts are missing in {folder} (_native and {_EXECUTABLE}): "
+            "build them with 'make build' (or reinstall sim2real2)"
+        )
+    return executable
+
+
+def core_settings(config: ExecutorConfig, arm: ArmDescription) -> dict[str, Any]:
+    """The native core's configuration; every key is checked again there."""
+    core = config.core
+    limits = arm.limits
+    return {
+        "dof": arm.dof,
+        "tick_ns": config.tick_ns,
+        "packing": config.packing,
+        "bus": config.bus,
+        "clock": config.clock,
+        "pace": config.pace,
+        **limits.as_dict(),
+        "gate_margin": core.gate_margin,
+        "path_tolerance_rad": core.path_tolerance_rad,
+        "goal_tolerance_rad": core.goal_tolerance_rad,
+        "goal_timeout_s": core.goal_timeout_s,
+        "feedback_warn_ticks": core.feedback_warn_ticks,
+        "feedback_stop_ticks": core.feedback_stop_ticks,
+        "feedback_fault_ticks": core.feedback_fault_ticks,
+        "front_end_timeout_s": config.effective_front_end_timeout_s,
+        "answer_timeout_s": core.answer_timeout_s,
+        "arming_timeout_s": core.arming_timeout_s,
+        "realtime_priority": core.realtime_priority,
+        "allow_not_realtime": config.allow_not_realtime or config.is_stand_in,
+        "record_capacity": core.record_capacity,
+    }
+
+
+class CoreProcess:
+    """Owns the shared memory and the child process.
+
+    Attributes:
+        core: Commands in, state and records out.
+    """
+
+    def __init__(self, config: ExecutorConfig, arm: ArmDescription, log: IO[str] | None = None) -> None:
+        """Start the process and wait until it runs.
+
+        Args:
+            config: Of the executor.
+            arm: What it moves.
+            log: Where the core's text output goes; by default it is captured for error messages.
+
+        Raises:
+            NotReadyError: The native parts are missing.
+            UsageError: The core refused its configuration.
+            BusUnreachableError: It could not open the bus.
+        """
+        executable = native_executable()
+        from s2r_executor import _native  # built later than this file is read
+
+        self._bus = config.bus
+        try:
+            shared = _native.Shared.create(core_settings(config, arm))
+        except ValueError as error:
+            raise UsageError(f"the real-time core refused its configuration: {error}") from error
+        self.core: Core = shared
+        # A session of its own: Ctrl-C in the terminal reaches only the front end, which then stops the arm on its path.
+        self._process = subprocess.Popen(
+            [str(executable), "--shm-fd", str(shared.fd)],
+            pass_fds=(shared.fd,),
+            stdin=subprocess.DEVNULL,
+            stdout=log or subprocess.DEVNULL,
+            stderr=log or subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            self._wait_alive()
+        except BaseException:
+            self.kill()
+            raise
+
+    @property
+    def pid(self) -> int:
+        """Process id of the core."""
+        return self._process.pid
+
+    def _wait_alive(self) -> None:
+        deadline = time.monotonic() + _START_TIMEOUT_S
+        while not self.core.snapshot().alive:
+            self.core.beat()
+            code = self._process.poll()
+            if code is not None:
+                said = self._said()
+                raise BusUnreachableError(
+                    f"the real-time core ended at start (exit {code}) on bus {self._bus}: {said or 'it said nothing'}. "
+                    "Is the arm or its stand-in ('s2r sim-arm') running and listening there?"
+                )
+            if time.monotonic() > deadline:
+                raise CoreDiedError(f"the real-time core did not come up within {_START_TIMEOUT_S:g} s")
+            time.sleep(0.005)
+
+    def _said(self) -> str:
+        if self._process.stderr is None:
+            return ""
+        return " ".join(self._process.stderr.read().split())
+
+    def check(self) -> None:
+        """Look after the process.
+
+        Raises:
+            CoreDiedError: It ended by itself.
+        """
+        code = self._process.poll()
+        if code is not None:
+            raise CoreDiedError(
+                f"the real-time core ended by itself (exit {code}); the drives stop by their own watchdogs. "
+                f"{self._said()}".rstrip()
+            )
+
+    def quit(self, timeout_s: float = 2.0) -> int:
+        """Ask the core to end and wait; kill it if it does not. Returns its exit code."""
+        if self._process.poll() is None:
+            self.core.command(QUIT, self.core.snapshot().epoch)
+            deadline = time.monotonic() + timeout_s
+            while self._process.poll() is None and time.monotonic() < deadline:
+                self.core.beat()
+                time.sleep(0.005)
+        if self._process.poll() is None:
+            logger.error("the real-time core did not end within %.1f s and is killed", timeout_s)
+            self.kill()
+        return self._process.returncode
+
+    def kill(self) -> None:
+        """End the process at once; the drives stop by their own watchdogs."""
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()

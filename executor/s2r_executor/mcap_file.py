@@ -1,0 +1,78 @@
+"""One MCAP recording: profile ``ros2``, only CDR messages, readable by rosbags, Rerun and Foxglove as it is."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from s2r_executor.observations import TOPICS, Topic
+from s2r_protocol.ros2.definitions import message_type, schema_text
+from s2r_protocol.ros2.rihs import type_hash
+
+
+class McapFile:
+    """A recording being written. Its chunks are small and flushed, so that a crash costs at most half a second.
+
+    Args:
+        path: Written anew.
+        namespace: Of the topics, e.g. ``/lab/xmate3pro``.
+        chunk_bytes: Uncompressed size after which a chunk is closed.
+    """
+
+    def __init__(self, path: Path, namespace: str, chunk_bytes: int) -> None:
+        self.path = path
+        # Unbuffered below our own buffer: flush() then means the kernel has the bytes.
+        self._stream = io.BufferedWriter(path.open("wb", buffering=0), buffer_size=256 * 1024)
+        self._writer = Writer(self._stream, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library="s2r")
+        self._channels: dict[Topic, int] = {}
+        self._counts: dict[Topic, int] = {}
+        schemas: dict[str, int] = {}
+        for topic in TOPICS:
+            name = topic.type_name
+            if name not in schemas:
+                schemas[name] = self._writer.register_schema(name, "ros2msg", schema_text(name).encode())
+            self._channels[topic] = self._writer.register_channel(
+                topic=f"{namespace}/{topic.name}",
+                message_encoding="cdr",
+                schema_id=schemas[name],
+                metadata={
+                    "offered_qos_profiles": "",
+                    "topic_type_hash": type_hash(name),
+                    "type": message_type(name).name,
+                },
+            )
+            self._counts[topic] = 0
+        self.messages = 0
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Add a file to the recording."""
+        now = time.time_ns()
+        self._writer.add_attachment(
+            create_time=now, log_time=now, name=name, media_type=media_type, data=data
+        )
+
+    def describe(self, name: str, values: dict[str, str]) -> None:
+        """Add named values to the recording."""
+        self._writer.add_metadata(name, values)
+
+    def add(self, topic: Topic, stamps_ns: Sequence[int], messages: Sequence[bytes]) -> None:
+        """Add messages of one topic, oldest first."""
+        channel, count = self._channels[topic], self._counts[topic]
+        for offset, (stamp, data) in enumerate(zip(stamps_ns, messages, strict=True)):
+            self._writer.add_message(channel, stamp, data, stamp, sequence=(count + offset) & 0xFFFFFFFF)
+        self._counts[topic] = count + len(messages)
+        self.messages += len(messages)
+
+    def flush(self) -> None:
+        """Hand everything in closed chunks to the kernel."""
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Write the index and close."""
+        self._writer.finish()
+        self._stream.close()

@@ -1,0 +1,90 @@
+"""The executor's state for others to read, and one sentence on why the arm does not move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from s2r_executor.core import CoreSnapshot
+from s2r_executor.fault_table import FAULTS
+from s2r_protocol.faults import Cause, ExecutorState
+
+
+@dataclass(frozen=True, eq=False)
+class ExecutorStatus:
+    """The core's snapshot with what only the front end knows.
+
+    Attributes:
+        core: The snapshot.
+        plan_seq: The host's number of the running or last plan; 0 = none since start.
+        lease_holder: Empty if there is none.
+        why_not_moving: One sentence.
+    """
+
+    core: CoreSnapshot
+    plan_seq: int
+    lease_holder: str
+    why_not_moving: str
+
+    @property
+    def state(self) -> ExecutorState:
+        """State as an enum."""
+        return ExecutorState(self.core.state)
+
+    @property
+    def cause(self) -> Cause:
+        """Cause of the last stop or latch as an enum."""
+        return known_cause(self.core.cause)
+
+
+def known_cause(number: int) -> Cause:
+    """The cause with this number; an unknown one is an internal fault, never ignored."""
+    return Cause(number) if number in Cause._value2member_map_ else Cause.INTERNAL
+
+
+def describe_cause(core: CoreSnapshot, joint_names: tuple[str, ...]) -> str:
+    """The cause as a clause: "joint 'joint2': following error 0.061 exceeds 0.05"."""
+    cause = known_cause(core.cause)
+    if cause is Cause.NONE:
+        return "no cause"
+    text = FAULTS[cause].meaning
+    # A limit of 0 means that the cause has no number to tell.
+    if core.cause_limit != 0.0:
+        text += f" ({core.cause_value:.4g}, limit {core.cause_limit:.4g})"
+    if 0 <= core.cause_joint < len(joint_names) and 200 <= cause < 400:
+        text = f"joint '{joint_names[core.cause_joint]}': {text}"
+    return text
+
+
+def why_not_moving(core: CoreSnapshot, joint_names: tuple[str, ...], lease_holder: str) -> str:
+    """One sentence for the operator."""
+    if not core.alive:
+        return "The real-time core is not running: restart the executor."
+    state = ExecutorState(core.state)
+    stopped = f" The last stop: {describe_cause(core, joint_names)}." if core.cause else ""
+    match state:
+        case ExecutorState.BOOT:
+            return "The core is starting and checks its configuration and the bus."
+        case ExecutorState.DISARMED:
+            return "The drives are off: take the lease and send ARM." + stopped
+        case ExecutorState.ARMING:
+            return "The drives are being switched on."
+        case ExecutorState.HOLD:
+            waiting = (
+                "waits for a plan" if lease_holder else "waits for somebody to take the lease and send a plan"
+            )
+            return f"The arm holds its position and {waiting}." + stopped
+        case ExecutorState.RUN:
+            if core.speed_scale == 0.0:
+                return "The plan is running with its path time frozen."
+            return f"The arm is moving: {core.plan_t:.2f} s into its plan."
+        case ExecutorState.PAUSED:
+            return "The plan is paused: send RESUME or STOP."
+        case ExecutorState.STOPPING | ExecutorState.STOP1:
+            return f"The arm is coming to a stop: {describe_cause(core, joint_names)}."
+        case ExecutorState.FAULT:
+            recover = FAULTS[known_cause(core.cause)].recover
+            return (
+                f"A fault is latched: {describe_cause(core, joint_names)}; {recover[0].lower()}{recover[1:]}"
+            )
+        case ExecutorState.ESTOP:
+            return "The emergency stop chain is open: release it, then send RESET and ARM."
