@@ -1,0 +1,77 @@
+"""Convex decomposition of free-form point sets with CoACD, in a process of its own.
+
+CoACD imported before Open3D breaks Open3D ("std::bad_cast" in version 0.20), keeps its threads, and cannot be
+interrupted; a child process avoids all three.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+Array = NDArray[np.float64]
+
+_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+# Faces of a cell, outward, as quads over _CORNERS, with the neighbour they look at.
+_QUADS = (
+    ((0, 1, 3, 2), (-1, 0, 0)), ((4, 6, 7, 5), (1, 0, 0)), ((0, 4, 5, 1), (0, -1, 0)),
+    ((2, 3, 7, 6), (0, 1, 0)), ((0, 2, 6, 4), (0, 0, -1)), ((1, 5, 7, 3), (0, 0, 1)),
+)  # fmt: skip
+
+
+def decompose(points: Array, cell_m: float, time_limit_s: float) -> tuple[list[Array], str | None]:
+    """Convex hulls that cover a point set.
+
+    Args:
+        points: Points of the solid [m], shape (n, 3).
+        cell_m: Voxel size of the solid [m].
+        time_limit_s: For CoACD; beyond it the single convex hull is returned.
+
+    Returns:
+        Corner sets (k, 3) of the hulls, and a warning or None.
+    """
+    vertices, faces = voxel_surface(points, cell_m)
+    if len(vertices) < 8:
+        return [], None
+    with tempfile.TemporaryDirectory(prefix="s2r-coacd-") as folder:
+        source, target = Path(folder) / "in.npz", Path(folder) / "out.npz"
+        np.savez(source, vertices=vertices, faces=faces)
+        command = [sys.executable, "-m", "s2r_host.model.coacd_worker", str(source), str(target)]
+        try:
+            done = subprocess.run(command, timeout=time_limit_s, capture_output=True, text=True, check=False)
+        except subprocess.TimeoutExpired:
+            return [_hull(points)], (
+                f"convex decomposition took longer than {time_limit_s:.0f} s; one convex hull is used instead"
+            )
+        if done.returncode != 0 or not target.exists():
+            last = done.stderr.strip().splitlines()[-1:] or ["no message"]
+            return [_hull(points)], f"convex decomposition failed ({last[0]}); one convex hull is used instead"
+        with np.load(target) as content:
+            return [content[name] for name in content.files], None
+
+
+def voxel_surface(points: Array, cell_m: float) -> tuple[Array, NDArray[np.int64]]:
+    """Closed surface of the voxels that hold points: vertices [m] (n, 3) and triangles (m, 3)."""
+    cells = np.unique(np.floor(points / cell_m).astype(np.int64), axis=0)
+    taken = {tuple(c) for c in cells.tolist()}
+    quads = []
+    for quad, step in _QUADS:
+        outer = [c for c in taken if (c[0] + step[0], c[1] + step[1], c[2] + step[2]) not in taken]
+        quads += [[np.add(c, _CORNERS[i]) for i in quad] for c in outer]
+    if not quads:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    corners = np.array(quads).reshape(-1, 3)
+    vertices, index = np.unique(corners, axis=0, return_inverse=True)
+    index = index.reshape(-1, 4)
+    faces = np.concatenate([index[:, [0, 1, 2]], index[:, [0, 2, 3]]])
+    return vertices * cell_m, faces
+
+
+def _hull(points: Array) -> Array:
+    return points[ConvexHull(points).vertices]

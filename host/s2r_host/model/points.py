@@ -1,0 +1,94 @@
+"""The observed points of an object, both views brought into the pose of the first one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.model.errors import ModelError
+from s2r_host.perception.estimate import JointEstimate
+from s2r_host.perception.planes import find_planes
+
+Array = NDArray[np.float64]
+
+SUPPORT_CLEARANCE_M = 0.006
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedObject:
+    """Points of one object.
+
+    Attributes:
+        part, part_normals: Moving part in the pose of the first view, shape (n, 3).
+        rest, rest_normals: Everything else above the supporting plane near the part, shape (m, 3).
+        up: Unit vector away from the support, shape (3,).
+        support_height: Height of the supporting plane along ``up`` [m].
+        p_camera: Where the first view's camera stood, shape (3,), or None.
+    """
+
+    part: Array
+    part_normals: Array
+    rest: Array
+    rest_normals: Array
+    up: Array
+    support_height: float
+    p_camera: Array | None
+
+
+def observe(estimate: JointEstimate, rng: np.random.Generator, reach_m: float = 0.5) -> ObservedObject:
+    """Collect the points of the part and of what stands around it.
+
+    Raises:
+        ModelError: Too few points on the part.
+    """
+    X_back = np.linalg.inv(estimate.motion.transform())
+    a, b = estimate.view_before, estimate.view_after
+    in_a, in_b = estimate.parts.before, estimate.parts.after
+    part = np.concatenate([a.points[in_a], b.points[in_b] @ X_back[:3, :3].T + X_back[:3, 3]])
+    normals = np.concatenate([a.normals[in_a], b.normals[in_b] @ X_back[:3, :3].T])
+    if len(part) < 200:
+        raise ModelError(f"the moving part shows only {len(part)} points, 200 are needed for a model; look closer")
+    from s2r_host.perception.change import Change, compare
+
+    label_a = compare(a, b).before
+    static = (label_a == Change.STATIC) & ~in_a
+    low, high = np.percentile(part, [1, 99], axis=0)
+    near = static & ((a.points > low - reach_m) & (a.points < high + reach_m)).all(axis=1)
+    rest, rest_normals = a.points[near], a.normals[near]
+    up, height = _support(rest, rest_normals, part, a.p_camera, rng)
+    above = rest @ up > height + SUPPORT_CLEARANCE_M
+    return ObservedObject(part, normals, rest[above], rest_normals[above], up, height, a.p_camera)
+
+
+def _support(
+    rest: Array, normals: Array, part: Array, p_camera: Array | None, rng: np.random.Generator
+) -> tuple[Array, float]:
+    """Up direction and height of the plane the object stands on.
+
+    Takes the largest plane with nearly all points of the part on one side; upright z is preferred, because base
+    frames have z up. Without any such plane: z and the lowest point seen.
+    """
+    z = np.array([0.0, 0.0, 1.0])
+    chosen = rng.permutation(len(rest))[:8000]
+    best: tuple[float, Array, float] | None = None
+    for plane in find_planes(rest[chosen], normals[chosen], rng, most=5) if len(rest) > 200 else []:
+        n = plane.normal
+        side = (part - plane.centre) @ n
+        if np.median(side) < 0:
+            n, side = -n, -side
+        if np.percentile(side, 3) < -0.01:
+            continue
+        if p_camera is not None and (p_camera - plane.centre) @ n < 0:
+            continue
+        merit = plane.size * (3.0 if abs(n @ z) > 0.95 else 1.0)
+        if best is None or merit > best[0]:
+            best = (merit, n, float(n @ plane.centre))
+    if best is None:
+        everything = np.concatenate([rest, part])
+        return z, float(np.percentile(everything @ z, 0.5))
+    if best[1] @ z > 0.985:
+        centre_height = best[2] / float(best[1] @ z)
+        return z, centre_height
+    return best[1], best[2]
