@@ -51,7 +51,9 @@ def decompose(points: Array, cell_m: float, time_limit_s: float) -> tuple[list[A
             )
         if done.returncode != 0 or not target.exists():
             last = done.stderr.strip().splitlines()[-1:] or ["no message"]
-            return [_hull(points)], f"convex decomposition failed ({last[0]}); one convex hull is used instead"
+            return [
+                _hull(points)
+            ], f"convex decomposition failed ({last[0]}); one convex hull is used instead"
         with np.load(target) as content:
             return [content[name] for name in content.files], None
 

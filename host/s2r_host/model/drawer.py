@@ -82,7 +82,9 @@ def measure_drawer(estimate: JointEstimate, seen: ObservedObject) -> Drawer:
     along = face @ axis
     # The front is the fullest 8 mm slice; handles are slices of their own.
     counts, edges = np.histogram(along, bins=np.arange(along.min() - 0.004, along.max() + 0.008, 0.004))
-    middle = edges[int(np.argmax(counts[:-1] + counts[1:])) + 1] if len(counts) > 1 else float(np.median(along))
+    middle = (
+        edges[int(np.argmax(counts[:-1] + counts[1:])) + 1] if len(counts) > 1 else float(np.median(along))
+    )
     centre, normal = fit_plane(face[np.abs(along - middle) < 0.005])
     inlier = face[np.abs((face - centre) @ normal) < 0.004]
     centre, normal = fit_plane(inlier)
@@ -97,7 +99,9 @@ def measure_drawer(estimate: JointEstimate, seen: ObservedObject) -> Drawer:
     low, high = _front_slab(q, n)
     handle = find_handle(q, low, high, estimate, X)
     cabinet_low, cabinet_high = _cabinet(X, seen, low, high)
-    depth = CABINET_DEPTH_M if cabinet_low is None or cabinet_high is None else cabinet_high[0] - cabinet_low[0]
+    depth = (
+        CABINET_DEPTH_M if cabinet_low is None or cabinet_high is None else cabinet_high[0] - cabinet_low[0]
+    )
     return Drawer(
         X, low, high, handle, float(np.clip(0.85 * depth, 0.1, 0.6)), cabinet_low, cabinet_high,
         1.0 if out @ axis > 0 else -1.0,
@@ -147,7 +151,7 @@ def _front_slab(q: Array, n: Array) -> tuple[Array, Array]:
     thickness = FRONT_THICKNESS_M
     rim = q[
         (q[:, 0] < -0.004) & (q[:, 0] > -0.05) & (np.abs(n[:, 0]) < 0.5)
-        & ((np.abs(q[:, 2] - high[1]) < 0.006) | (np.abs(q[:, 1] - low[0]) < 0.006) | (np.abs(q[:, 1] - high[0]) < 0.006))
+        & (np.abs(q[:, [2, 1, 1]] - [high[1], low[0], high[0]]) < 0.006).any(axis=1)
     ]  # fmt: skip
     if len(rim) > 60:
         thickness = float(np.clip(-np.percentile(rim[:, 0], 5), 0.010, 0.03))

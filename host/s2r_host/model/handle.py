@@ -7,6 +7,7 @@ its visible top or side says, and the space behind it stays open wherever no pos
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,9 @@ class Handle:
         return float(self.bar_low[0])
 
 
-def find_handle(q: Array, low: Array, high: Array, estimate: JointEstimate, X_base_face: Array) -> Handle | None:
+def find_handle(
+    q: Array, low: Array, high: Array, estimate: JointEstimate, X_base_face: Array
+) -> Handle | None:
     """Find a handle among part points.
 
     Args:
@@ -89,7 +92,9 @@ def _largest_cluster(p: Array) -> Array:
 
     cell, inverse = np.unique(np.floor(p / 0.006).astype(np.int64), axis=0, return_inverse=True)
     tree = cKDTree(cell.astype(np.float64))
-    _, label = connected_components(tree.sparse_distance_matrix(tree, 2.3, output_type="coo_matrix"), directed=False)
+    _, label = connected_components(
+        tree.sparse_distance_matrix(tree, 2.3, output_type="coo_matrix"), directed=False
+    )
     of_point = label[inverse.ravel()]
     return p[of_point == np.bincount(of_point).argmax()]
 
@@ -117,11 +122,13 @@ def _rough(p: Array) -> Handle:
     return Handle(vertical, low, high, tuple(posts), seen, (THINNEST_M, THICKEST_M))
 
 
-def _posts(p: Array, along: int, x_face: float, a0: float, a1: float) -> tuple[list[tuple[float, float]], float]:
+def _posts(
+    p: Array, along: int, x_face: float, a0: float, a1: float
+) -> tuple[list[tuple[float, float]], float]:
     """Where points fill the way from the face to the bar, and how far back the bar reaches elsewhere."""
     edges = np.arange(a0, a1 + COLUMN_M, COLUMN_M)
     joined, backs = [], []
-    for lo, hi in zip(edges[:-1], edges[1:], strict=True):
+    for lo, hi in pairwise(edges):
         column = p[(p[:, along] >= lo) & (p[:, along] < hi), 0]
         # A post fills the middle of the gap; stray points of a melted edge do not.
         middle = ((column > 0.35 * x_face) & (column < 0.65 * x_face)).sum()
@@ -226,7 +233,9 @@ def _window(view: DepthView, X_base_face: Array, handle: Handle) -> _Window | No
         return None
     u, v = np.meshgrid(np.arange(u0, u1), np.arange(v0, v1))
     depth = view.depth[v0:v1, u0:u1].ravel()
-    ray_C = np.stack([(u - view.K[0, 2]) / view.K[0, 0], (v - view.K[1, 2]) / view.K[1, 1], np.ones(u.shape)], -1)
+    ray_C = np.stack(
+        [(u - view.K[0, 2]) / view.K[0, 0], (v - view.K[1, 2]) / view.K[1, 1], np.ones(u.shape)], -1
+    )
     keep = depth > 0
     rays = ray_C.reshape(-1, 3)[keep] @ X_face_camera[:3, :3].T
     from s2r_host.perception.view import noise_sigma

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from s2r_host.model.decompose import decompose
 from s2r_host.model.pieces import Piece, hull
 from s2r_host.model.points import ObservedObject
-from s2r_host.perception.planes import Plane, find_planes, fit_plane
 from s2r_host.perception.motion import perpendicular_basis
+from s2r_host.perception.planes import Plane, find_planes, fit_plane
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,9 @@ CONVEX_SHARE = 0.85
 CELL_M = 0.005
 
 
-def part_pieces(seen: ObservedObject, rng: np.random.Generator, time_limit_s: float) -> tuple[list[Piece], list[str]]:
+def part_pieces(
+    seen: ObservedObject, rng: np.random.Generator, time_limit_s: float
+) -> tuple[list[Piece], list[str]]:
     """Pieces of the moving part and warnings."""
     return _pieces("part", seen.part, seen.part_normals, seen, None, rng, time_limit_s)
 
@@ -49,7 +51,9 @@ def _near_part(seen: ObservedObject) -> NDArray[np.bool_]:
         return np.zeros(0, dtype=bool)
     cell, inverse = np.unique(np.floor(seen.rest / 0.02).astype(np.int64), axis=0, return_inverse=True)
     tree = cKDTree(cell.astype(np.float64))
-    _, label = connected_components(tree.sparse_distance_matrix(tree, 1.8, output_type="coo_matrix"), directed=False)
+    _, label = connected_components(
+        tree.sparse_distance_matrix(tree, 1.8, output_type="coo_matrix"), directed=False
+    )
     distance, _ = cKDTree(seen.part).query((cell + 0.5) * 0.02, distance_upper_bound=0.05)
     touching = np.isfinite(distance)
     if not touching.any():
@@ -82,7 +86,12 @@ def _pieces(
 
 
 def _plate(
-    name: str, body: Literal["base", "part"], points: Array, plane: Plane, seen: ObservedObject, floor: float | None
+    name: str,
+    body: Literal["base", "part"],
+    points: Array,
+    plane: Plane,
+    seen: ObservedObject,
+    floor: float | None,
 ) -> list[Piece]:
     """Convex plates for one flat patch: its outline, extruded away from the camera (or down to the support)."""
     centre, normal = fit_plane(points)

@@ -49,7 +49,9 @@ def observe(estimate: JointEstimate, rng: np.random.Generator, reach_m: float = 
     part = np.concatenate([a.points[in_a], b.points[in_b] @ X_back[:3, :3].T + X_back[:3, 3]])
     normals = np.concatenate([a.normals[in_a], b.normals[in_b] @ X_back[:3, :3].T])
     if len(part) < 200:
-        raise ModelError(f"the moving part shows only {len(part)} points, 200 are needed for a model; look closer")
+        raise ModelError(
+            f"the moving part shows only {len(part)} points, 200 are needed for a model; look closer"
+        )
     from s2r_host.perception.change import Change, compare
 
     label_a = compare(a, b).before

@@ -99,14 +99,22 @@ def write_urdf(
             if piece.body == body:
                 _add_shapes(link, piece, offset, path.parent)
     joint = ET.SubElement(
-        robot, "joint", name="object_joint", type="prismatic" if motion.joint_type == "prismatic" else "revolute"
+        robot,
+        "joint",
+        name="object_joint",
+        type="prismatic" if motion.joint_type == "prismatic" else "revolute",
     )
     ET.SubElement(joint, "parent", link="object_base")
     ET.SubElement(joint, "child", link="object_part")
     ET.SubElement(joint, "origin", xyz=_text(p_joint), rpy="0 0 0")
     ET.SubElement(joint, "axis", xyz=_text(motion.direction))
     ET.SubElement(
-        joint, "limit", lower=f"{joint_range[0]:.6g}", upper=f"{joint_range[1]:.6g}", effort="1000", velocity="10"
+        joint,
+        "limit",
+        lower=f"{joint_range[0]:.6g}",
+        upper=f"{joint_range[1]:.6g}",
+        effort="1000",
+        velocity="10",
     )
     ET.SubElement(
         joint,

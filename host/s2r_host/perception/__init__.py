@@ -1,1 +1,22 @@
-"""From depth frames to what moved and along which joint."""
+"""Perception: depth views in, the one joint that moved between them out.
+
+Start at `estimate.estimate_joint`; `loading.load_frame` reads files.
+"""
+
+from s2r_host.perception.errors import AbstainError, BadViewError, InputError
+from s2r_host.perception.estimate import JointEstimate, estimate_joint
+from s2r_host.perception.frames import Cloud, DepthFrame
+from s2r_host.perception.loading import load_frame
+from s2r_host.perception.motion import JointMotion
+
+__all__ = [
+    "AbstainError",
+    "BadViewError",
+    "Cloud",
+    "DepthFrame",
+    "InputError",
+    "JointEstimate",
+    "JointMotion",
+    "estimate_joint",
+    "load_frame",
+]

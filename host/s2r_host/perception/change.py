@@ -80,7 +80,8 @@ def _clean_cloud(moved: Mask, view: View) -> Mask:
 def measured_noise_scale(before: DepthView, after: DepthView) -> float:
     """Ratio of the frame-to-frame depth noise to the model, from pixels of two equal cameras.
 
-    Only temporal noise shows up here, so the result is bounded below by 1: the fixed pattern noise moves past a moving part.
+    Only temporal noise shows up here, so the result is bounded below by 1: the fixed pattern of a camera's errors
+    shifts across a part that moves.
     """
     both = (before.depth > 0) & (after.depth > 0)
     difference = (after.depth - before.depth)[both]

@@ -22,8 +22,8 @@ from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.intervals import Intervals, intervals90
 from s2r_host.perception.motion import JointMotion, JointType, line_distance
 from s2r_host.perception.refine import Refined, refine, sides
-from s2r_host.perception.segment import Parts, segment
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part, stayed_share
+from s2r_host.perception.segment import Parts, segment
 from s2r_host.perception.view import CloudView, DepthView, View
 
 logger = logging.getLogger(__name__)

@@ -110,7 +110,8 @@ def _load_npz(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
     elif "T_base_camera" in arrays:
         X = np.asarray(arrays["T_base_camera"], dtype=np.float64)
     else:
-        assert camera is not None and camera.X_base_camera is not None
+        assert camera is not None
+        assert camera.X_base_camera is not None
         X = camera.X_base_camera
     colour = arrays.get("colour", arrays.get("color"))
     return DepthFrame(

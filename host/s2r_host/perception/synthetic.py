@@ -117,15 +117,15 @@ def drawer_pair(rng: np.random.Generator, push_m: float | None = None, sigma_at_
     X_WO = np.eye(4)
     X_WO[:3, :3] = rotation(np.array([0, 0, 1.0]), np.pi + rng.uniform(-0.17, 0.17))
     X_WO[:3, 3] = [rng.uniform(0.62, 0.72), rng.uniform(-0.06, 0.06), 0.0]
-    top_gap = 0.0
-    static = _table() + [
+    static = [
+        *_table(),
         _span(X_WO, (-d, w / 2 - wall, 0), (0, w / 2, h)),
         _span(X_WO, (-d, -w / 2, 0), (0, -w / 2 + wall, h)),
         _span(X_WO, (-d, -w / 2, h - wall), (0, w / 2, h)),
         _span(X_WO, (-d, -w / 2, 0), (-d + wall, w / 2, h)),
         _span(X_WO, (-d, -w / 2, 0), (0, w / 2, h - front_h - wall)),
     ]
-    s, z0, z1 = opening, h - front_h, h - top_gap
+    s, z0, z1 = opening, h - front_h, h
     zh = z1 - drop
     side = 0.02
     part = [

@@ -53,7 +53,8 @@ class Lookup:
 class View(Protocol):
     """What estimation needs of a view, with or without a camera.
 
-    ``points`` (n, 3) [m] base frame, ``normals`` (n, 3), ``normal_ok`` (n,), ``sigma_m`` (n,) depth noise; ``oriented``: normals point to the camera (else their sign means nothing).
+    ``points`` (n, 3) [m] base frame, ``normals`` (n, 3), ``normal_ok`` (n,), ``sigma_m`` (n,) depth noise;
+    ``oriented``: normals point to the camera (else their sign means nothing).
     """
 
     points: Array

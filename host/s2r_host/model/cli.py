@@ -1,0 +1,174 @@
+"""``s2r build-model``: two depth views in, joint and physics model out."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from s2r_protocol.exits import ExitCode, RefusedError, S2RError, UsageError
+
+Step = Callable[[str], None]
+
+
+@click.command()
+@click.option(
+    "--before", type=click.Path(path_type=Path), required=True, help="First view: PLY, NPZ or depth PNG."
+)
+@click.option(
+    "--after", type=click.Path(path_type=Path), required=True, help="Second view, after the motion."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Folder for model, JSON and pictures."
+)
+@click.option(
+    "--frame",
+    type=click.Choice(["base", "camera"]),
+    default="base",
+    show_default=True,
+    help="base: one fixed frame, z up. camera: the camera's OpenCV frame.",
+)
+@click.option(
+    "--camera",
+    type=click.Path(path_type=Path),
+    help="camera.json: intrinsics [px] and base_T_camera; needed for PNG.",
+)
+@click.option("--region", help="Look for motion only in xmin,xmax,ymin,ymax,zmin,zmax [m] of that frame.")
+@click.option(
+    "--joint",
+    "joint_type",
+    type=click.Choice(["revolute", "prismatic"]),
+    help="Consider only this kind of joint.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the sampling.")
+@click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON on standard output.")
+def build_model(
+    before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
+    joint_type: str | None, seed: int, as_json: bool,
+) -> None:  # fmt: skip
+    """Estimate the joint that moved between two depth views and build a physics model of the object.
+
+    Writes object.xml (MJCF), object.urdf, model.json and pictures into --out. Exit 4 and {"abstain": true,
+    "reason": ...} when the views do not determine one joint.
+    """
+    try:
+        with _steps(quiet=as_json) as step:
+            result = _build(before, after, out, frame, camera, region, joint_type, seed, step)
+    except RefusedError as error:
+        _abstain(error, out, as_json)
+    except S2RError as error:
+        click.echo(f"s2r build-model: {error}", err=True)
+        sys.exit(int(error.exit_code))
+    if as_json:
+        click.echo(json.dumps(result, indent=1))
+    else:
+        _print(result)
+
+
+def _build(
+    before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
+    joint_type: str | None, seed: int, step: Step,
+) -> dict[str, Any]:  # fmt: skip
+    step("reading both views")
+    box = parse_region(region)
+    if before.resolve() == after.resolve():
+        raise UsageError(f"--before and --after are the same file ({before}); two views are needed")
+    from s2r_host.perception.loading import load_frame
+
+    view_before = load_frame(before, frame, camera)  # type: ignore[arg-type]
+    view_after = load_frame(after, frame, camera)  # type: ignore[arg-type]
+    step("estimating the joint")
+    from s2r_host.perception.estimate import estimate_joint
+
+    estimate = estimate_joint(
+        view_before, view_after, region=box, joint_type=joint_type, seed=seed  # type: ignore[arg-type]
+    )  # fmt: skip
+    step("building the model")
+    from s2r_host.model.answer import answer
+    from s2r_host.model.build import build_model as build
+
+    out.mkdir(parents=True, exist_ok=True)
+    model = build(estimate, out, seed=seed)
+    step("drawing pictures")
+    from s2r_host.model.pictures import save_model_picture
+    from s2r_host.perception.pictures import save_pictures
+
+    pictures = [*save_pictures(estimate, out), save_model_picture(model, estimate, out / "model.png")]
+    result = answer(estimate, model, frame)
+    (out / "model.json").write_text(json.dumps(result, indent=1) + "\n")
+    step(f"wrote {out} ({len(pictures)} pictures)")
+    return result
+
+
+def parse_region(text: str | None) -> tuple[float, float, float, float, float, float] | None:
+    """Six numbers "xmin,xmax,ymin,ymax,zmin,zmax" [m].
+
+    Raises:
+        UsageError: Not six ordered numbers.
+    """
+    if text is None:
+        return None
+    try:
+        values = [float(part) for part in text.replace(" ", "").split(",")]
+    except ValueError as error:
+        raise UsageError(
+            f"--region {text}: {error}; expected xmin,xmax,ymin,ymax,zmin,zmax in metres"
+        ) from error
+    if len(values) != 6 or any(a >= b for a, b in zip(values[0::2], values[1::2], strict=False)):
+        raise UsageError(
+            f"--region {text}: expected six numbers xmin,xmax,ymin,ymax,zmin,zmax with min < max"
+        )
+    return values[0], values[1], values[2], values[3], values[4], values[5]
+
+
+def _abstain(error: RefusedError, out: Path, as_json: bool) -> None:
+    """Say why there is no answer, in the form asked for, and leave with the code for a refusal."""
+    result = {"abstain": True, "reason": str(error)}
+    with contextlib.suppress(OSError):  # the reason matters more than its copy on disk
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "model.json").write_text(json.dumps(result, indent=1) + "\n")
+    if as_json:
+        click.echo(json.dumps(result, indent=1))
+    else:
+        click.echo(f"s2r build-model: no answer: {error}", err=True)
+    sys.exit(int(ExitCode.REFUSED))
+
+
+@contextlib.contextmanager
+def _steps(quiet: bool) -> Iterator[Step]:
+    """A spinner with the current step on standard error."""
+    if quiet:
+        yield lambda _: None
+        return
+    console = Console(stderr=True)
+    with Progress(
+        SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console
+    ) as progress:
+        task = progress.add_task("starting", total=None)
+        yield lambda text: progress.update(task, description=text)
+
+
+def _print(result: dict[str, Any]) -> None:
+    console = Console()
+    turn = result["unit"] == "rad"
+    scale, unit = (57.29577951308232, "°") if turn else (1e3, " mm")
+    low, high = result["intervals90"]["delta"]
+    console.print(
+        f"[bold]{result['joint_type']}[/bold]: {result['delta'] * scale:.1f}{unit}"
+        f" (90 %: {low * scale:.1f} to {high * scale:.1f}{unit})"
+    )
+    console.print(
+        f"axis {result['axis_direction']} through {result['axis_origin_m']} m in the {result['frame']} frame,"
+        f" within {result['intervals90']['axis_angle_rad'] * 57.29578:.1f}° (90 %),"
+        f" residual {result['residual_m'] * 1e3:.1f} mm"
+    )
+    console.print(f"model: {result['model_mjcf']}\n       {result['model_urdf']}")
+    for warning in result["warnings"]:
+        console.print(f"[yellow]note:[/yellow] {warning}")
