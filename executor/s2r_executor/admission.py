@@ -56,8 +56,10 @@ class Admission:
             )
         check_start(plan, names, q_ref, config)
         plan = _from_reference(plan, q_ref)
-        spline = spline_through(plan.t, plan.q, plan.dq, plan.ddq)
-        margins = check_bounds(spline, limits, names)
+        # Absurdly large numbers overflow to inf or NaN here; the checks refuse both, so no warning is needed.
+        with np.errstate(over="ignore", invalid="ignore"):
+            spline = spline_through(plan.t, plan.q, plan.dq, plan.ddq)
+            margins = check_bounds(spline, limits, names)
         grid = sample(spline, _times(plan.t, config.sample_step_s))
         self._dynamics.carry(plan.payload_mass, plan.payload_com)
         tau = self._dynamics.torque(grid.q, grid.dq, grid.ddq)

@@ -122,6 +122,8 @@ def _stationary(points: np.ndarray) -> np.ndarray:
     """Where the derivative is zero inside (0, 1)."""
     degree = len(points) - 1
     slopes = np.diff(points)
+    if not np.isfinite(slopes).all():  # numbers so large that their differences overflow: already outside
+        return np.empty(0)
     power = np.zeros(degree)
     for i, slope in enumerate(slopes):
         term = np.poly1d([slope * comb(degree - 1, i)])

@@ -1,0 +1,67 @@
+"""Configuration: unknown keys and impossible values are refused by name."""
+
+from __future__ import annotations
+
+import pytest
+
+from s2r_executor.config import ConfigError, load_config, parse_override
+
+
+def test_defaults_are_strict_on_hardware_and_relaxed_on_the_stand_in():
+    assert load_config(overrides={"bus": "can:can0"}).effective_host_timeout_s == 0.05
+    assert load_config(overrides={"bus": "unix:/tmp/x"}).effective_host_timeout_s == 0.5
+    assert load_config(overrides={"bus": "can:can0"}).effective_front_end_timeout_s == 0.1
+    assert load_config(overrides={"host_timeout_s": 0.2}).effective_host_timeout_s == 0.2
+
+
+def test_packing_chooses_the_tick():
+    assert load_config(overrides={"packing": "fd"}).tick_ns == 1_000_000
+    assert load_config(overrides={"packing": "classic"}).tick_ns == 4_000_000
+
+
+@pytest.mark.parametrize("key", ["hots_timeout_s", "admission.torque_margn", "core.gate"])
+def test_an_unknown_key_is_refused_by_name(key):
+    with pytest.raises(ConfigError, match=key.replace(".", r"\.")):
+        load_config(overrides={key: 1})
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("host_timeout_s", 0.01),
+        ("host_timeout_s", float("nan")),
+        ("admission.start_tolerance_rad", -1.0),
+        ("admission.torque_margin", 1.0),
+        ("core.gate_margin", 1.5),
+        ("packing", "usb"),
+    ],
+)
+def test_a_value_out_of_range_is_refused_by_key(key, value):
+    with pytest.raises(ConfigError, match=key.replace(".", r"\.")):
+        load_config(overrides={key: value})
+
+
+def test_file_and_overrides_combine_and_the_override_wins(tmp_path):
+    path = tmp_path / "c.yaml"
+    path.write_text("cell: cell2\nadmission:\n  torque_margin: 0.3\n  table_z_m: null\n")
+    config = load_config(path, dict([parse_override("admission.torque_margin=0.2")]))
+    assert (config.cell, config.admission.torque_margin, config.admission.table_z_m) == ("cell2", 0.2, None)
+
+
+@pytest.mark.parametrize("text", ["a: [", "- 1\n- 2\n"])
+def test_an_unusable_file_is_refused(tmp_path, text):
+    path = tmp_path / "c.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"c\.yaml"):
+        load_config(path)
+
+
+@pytest.mark.parametrize("text", ["novalue", "=3", "a=[1"])
+def test_an_override_without_key_or_value_is_refused(text):
+    with pytest.raises(ConfigError, match="--set"):
+        parse_override(text)
+
+
+def test_an_override_below_a_plain_value_is_refused():
+    with pytest.raises(ConfigError, match="'cell' is a value"):
+        load_config(overrides={"cell": "a", "cell.x": 1})
