@@ -159,7 +159,7 @@ def _draw_arm(rng: np.random.Generator) -> ArmTruth:
 
 
 def _draw_camera(rng: np.random.Generator) -> CameraTruth:
-    """Beside the base on the right, 0.75 to 0.95 m from the drawer, looking down 20 to 35 degrees."""
+    """Beside the base on the right, 0.7 to 0.9 m from the object, looking down 25 to 35 degrees."""
 
     def near(center: tuple[float, float, float], spread: float) -> tuple[float, float, float]:
         x, y, z = (round(c + uniform(rng, -spread, spread), 6) for c in center)
@@ -171,8 +171,8 @@ def _draw_camera(rng: np.random.Generator) -> CameraTruth:
         return round(float(x), 7), round(float(y), 7), round(float(z), 7)
 
     return CameraTruth(
-        position_m=near((-0.04, -0.50, 0.60), 0.03),
-        target_m=near((0.60, 0.0, 0.14), 0.02),
+        position_m=near((0.02, -0.48, 0.56), 0.03),
+        target_m=near((0.58, 0.0, 0.13), 0.02),
         roll_rad=uniform(rng, -0.02, 0.02),
         hand_eye_m=within(0.002),
         hand_eye_rad=within(float(np.deg2rad(0.2))),

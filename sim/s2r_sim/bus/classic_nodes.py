@@ -137,7 +137,7 @@ def _statusword(drive: Drive) -> int:
     if drive.brake_released:
         word |= SW_BRAKE_RELEASED
     if drive.following_warning:
-        word |= SW_WARNING
+        word |= SW_WARNING | SW_FOLLOWING_ERROR
     if drive.state == DriveState.OPERATION_ENABLED:
         word |= SW_FOLLOWS
     if drive.error == DriveError.FOLLOWING:

@@ -1,0 +1,124 @@
+"""The camera on the wire: a Zenoh session of its own that answers one query with one frame."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import zenoh
+
+from s2r_protocol import codec
+from s2r_protocol.keys import ArmKeys
+from s2r_protocol.proto import s2r_pb2 as pb
+from s2r_sim.camera.camera import View
+from s2r_sim.camera.frame import to_message
+from s2r_sim.errors import StandInError
+
+logger = logging.getLogger(__name__)
+
+_WAITING = 4  # captures that may wait for their turn
+
+
+def open_session(listen: str) -> zenoh.Session:
+    """A peer that listens on one endpoint and scouts nobody.
+
+    Raises:
+        StandInError: The endpoint cannot be listened on.
+    """
+    config = zenoh.Config()
+    for key, value in (
+        ("mode", "peer"),
+        ("listen/endpoints", [listen]),
+        ("listen/exit_on_failure", True),
+        ("connect/endpoints", []),
+        ("scouting/multicast/enabled", False),
+        ("scouting/gossip/enabled", False),
+    ):
+        config.insert_json5(key, json.dumps(value))
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise StandInError(
+            f"camera cannot listen on {listen}: {error}. Is another stand-in running? "
+            "Stop it or choose another address with --listen"
+        ) from error
+
+
+class CameraService:
+    """Answers capture queries one after the other, in a thread of its own."""
+
+    def __init__(
+        self,
+        listen: str,
+        keys: ArmKeys,
+        look: Callable[[], View],
+        K: np.ndarray,
+        X_base_camera: np.ndarray,
+        camera: str = "front",
+    ) -> None:
+        """Listen and serve.
+
+        Args:
+            listen: Zenoh endpoint, e.g. ``tcp/127.0.0.1:7448``.
+            keys: Cell and arm names.
+            look: Takes one picture; called from the service's thread only.
+            K, X_base_camera: Sent with every frame.
+            camera: Its name.
+
+        Raises:
+            StandInError: The endpoint cannot be listened on.
+        """
+        self._camera, self._look, self._K, self._X = camera, look, K, X_base_camera
+        self._index = 0
+        self._waiting: queue.Queue[zenoh.Query | None] = queue.Queue(_WAITING)
+        self._session = open_session(listen)
+        self._worker = threading.Thread(target=self._serve, name="camera", daemon=True)
+        self._worker.start()
+        self._session.declare_queryable(keys.capture(camera), self._take)
+
+    def close(self) -> None:
+        """Stop answering."""
+        self._waiting.put(None)
+        self._worker.join()
+        self._session.close()
+
+    def _take(self, query: zenoh.Query) -> None:
+        try:
+            self._waiting.put_nowait(query)
+        except queue.Full:
+            self._reply(
+                query, pb.Frame(camera=self._camera, error=f"{_WAITING} captures are waiting already")
+            )
+
+    def _serve(self) -> None:
+        while (query := self._waiting.get()) is not None:
+            self._reply(query, self._frame(query))
+
+    def _frame(self, query: zenoh.Query) -> pb.Frame:
+        try:
+            wire = query.payload.to_bytes() if query.payload is not None else b""
+            request = codec.open_body(codec.open_envelope(wire), pb.CaptureRequest)
+        except codec.MessageRefusedError as error:
+            return pb.Frame(camera=self._camera, error=f"capture refused: {error}")
+        if request.camera not in ("", self._camera):
+            text = f"unknown camera {request.camera!r}; this process has {self._camera!r}"
+            return pb.Frame(camera=self._camera, error=text)
+        stamp_ns = time.monotonic_ns()
+        try:
+            view = self._look()
+        except Exception as error:
+            logger.exception("capture %d failed", self._index)
+            return pb.Frame(camera=self._camera, error=f"capture failed: {error}")
+        self._index += 1
+        return to_message(view, self._camera, self._index, stamp_ns, self._K, self._X)
+
+    def _reply(self, query: zenoh.Query, frame: pb.Frame) -> None:
+        address = codec.Address(sender=f"camera:{os.getpid()}", seq=self._index)
+        query.reply(query.key_expr, codec.seal(frame, address))
+        query.drop()

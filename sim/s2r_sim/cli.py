@@ -1,0 +1,101 @@
+"""``s2r sim-arm`` and ``s2r world``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from s2r_protocol.exits import UsageError
+
+PACKINGS = ("fd", "classic")
+CLOCKS = ("lockstep", "real")
+
+
+@click.command("sim-arm")
+@click.option(
+    "--world", "world_file", type=click.Path(path_type=Path), help="World file, from 's2r world draw'."
+)
+@click.option("--seed", type=int, help="Draw a world instead of reading one.")
+@click.option("--clock", type=click.Choice(CLOCKS), default="lockstep", show_default=True)
+@click.option(
+    "--pace", type=float, default=1.0, show_default=True, help="Simulated over real seconds; 0: no limit."
+)
+@click.option("--bus", default="unix:/tmp/s2r.sock", show_default=True, help="Local bus to listen on.")
+@click.option("--packing", type=click.Choice(PACKINGS), default="fd", show_default=True)
+@click.option(
+    "--listen", default="tcp/127.0.0.1:7448", show_default=True, help="Zenoh endpoint of the camera."
+)
+@click.option(
+    "--truth", "truth_file", type=click.Path(path_type=Path), help="Log what really happens here (CSV)."
+)
+@click.option("--cell", default="lab", show_default=True)
+@click.option("--arm", "arm_name", default="xmate3pro", show_default=True, help="Name or folder of an arm.")
+@click.option(
+    "--inject", multiple=True, metavar="RULE", help="Disturb the bus: ACTION:ID@FIRST[-LAST]; repeatable."
+)
+@click.option("--ready-file", type=click.Path(path_type=Path), help="Created once everything listens.")
+def sim_arm(
+    world_file: Path | None,
+    seed: int | None,
+    clock: str,
+    pace: float,
+    bus: str,
+    packing: str,
+    listen: str,
+    truth_file: Path | None,
+    cell: str,
+    arm_name: str,
+    inject: tuple[str, ...],
+    ready_file: Path | None,
+) -> None:
+    """Run the stand-in: arm, object, drives, bus and camera of a hidden world.
+
+    Prints the commitment (salted hash) of the world, never its contents.
+    """
+    from s2r_sim.stand_in import StandInConfig, run_stand_in
+    from s2r_sim.world import draw_world, load_world
+
+    if (world_file is None) == (seed is None):
+        raise UsageError("give either --world FILE or --seed N")
+    world = load_world(world_file) if world_file is not None else draw_world(seed or 0)
+    config = StandInConfig(
+        arm=arm_name,
+        clock=clock,
+        pace=pace,
+        bus=bus,
+        packing=packing,
+        listen=listen,
+        truth_file=truth_file,
+        cell=cell,
+        injections=inject,
+        ready_file=ready_file,
+    )
+    run_stand_in(world, config)
+
+
+@click.group()
+def world() -> None:
+    """Draw hidden worlds and commit to them."""
+
+
+@world.command()
+@click.option("--seed", type=int, required=True)
+@click.option("--kind", default="drawer", show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), required=True)
+def draw(seed: int, kind: str, out: Path) -> None:
+    """Draw a world, write it to a file and print its commitment."""
+    from s2r_sim.world import draw_world
+
+    drawn = draw_world(seed, kind)
+    drawn.save(out)
+    click.echo(drawn.commitment)
+
+
+@world.command()
+@click.argument("file", type=click.Path(path_type=Path))
+def commit(file: Path) -> None:
+    """Print the commitment of a world file: the same as before the run, or somebody changed it."""
+    from s2r_sim.world import load_world
+
+    click.echo(load_world(file).commitment)

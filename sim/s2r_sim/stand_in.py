@@ -1,0 +1,116 @@
+"""The stand-in as one process (plus its camera): everything an arm's cell would answer with."""
+
+from __future__ import annotations
+
+import logging
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import click
+
+from s2r_protocol.arms import load_arm
+from s2r_protocol.can.timing import BitRate, check_load
+from s2r_protocol.exits import UsageError
+from s2r_protocol.keys import ArmKeys
+from s2r_sim.bus.bus import Bus
+from s2r_sim.bus.classic_nodes import ClassicNodes
+from s2r_sim.bus.fd_nodes import FdNodes
+from s2r_sim.bus.hub import Hub
+from s2r_sim.bus.wire import Injection, Wire
+from s2r_sim.camera.process import CameraProcess
+from s2r_sim.camera.snapshot import Snapshot
+from s2r_sim.plant import Plant
+from s2r_sim.truth import TruthLog
+from s2r_sim.world import WorldSpec
+
+logger = logging.getLogger(__name__)
+
+NODES = {"fd": FdNodes, "classic": ClassicNodes}
+
+
+@dataclass(frozen=True)
+class StandInConfig:
+    """How to run it; see ``s2r sim-arm --help``."""
+
+    arm: str = "xmate3pro"
+    clock: str = "lockstep"
+    pace: float = 1.0
+    bus: str = "unix:/tmp/s2r.sock"
+    packing: str = "fd"
+    listen: str = "tcp/127.0.0.1:7448"
+    truth_file: Path | None = None
+    cell: str = "lab"
+    injections: tuple[str, ...] = ()
+    ready_file: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.pace <= 1000:
+            raise UsageError(f"--pace {self.pace} is outside 0..1000")
+        if self.clock == "real" and self.pace == 0:
+            raise UsageError("--pace 0 means 'as fast as possible', which the real clock cannot be")
+        if self.packing not in NODES:
+            raise UsageError(f"unknown packing {self.packing!r}; known are {', '.join(NODES)}")
+
+
+def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
+    """Run until SIGINT or SIGTERM.
+
+    Raises:
+        S2RError: It cannot start; the text says why.
+    """
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    arm = load_arm(config.arm)
+    keys = ArmKeys(config.cell, arm.name)
+    plant = Plant(arm, world)
+    nodes = NODES[config.packing](plant.drives)
+    rate = BitRate()
+    load = check_load(config.packing, arm.dof, nodes.tick_ns, rate)
+    wire = Wire(nodes.tick_ns, rate, [Injection.parse(text) for text in config.injections])
+    click.echo(f"world {world.commitment}")
+    with ExitStack() as stack:
+        if config.truth_file is not None:
+            truth = TruthLog(config.truth_file, plant)
+            stack.callback(truth.close)
+            plant.observers.append(truth)
+        snapshot = Snapshot(plant.physics.model.nq)
+        snapshot(plant)
+        plant.observers.append(snapshot)
+        hub = Hub(config.bus)
+        stack.callback(hub.close)
+        camera = CameraProcess(arm.directory, world, snapshot, config.listen, keys)
+        stack.callback(camera.close)
+        bus = Bus(hub, wire, nodes, plant)
+        stack.enter_context(_stopped_by_signals(bus))
+        click.echo(
+            f"bus {hub.path}, {config.packing} packing, worst-case load {100 * load:.1f} %, {config.clock} clock; "
+            f"camera {keys.capture()} on {config.listen}"
+        )
+        if config.ready_file is not None:
+            config.ready_file.touch()
+        if config.clock == "real":
+            bus.run_real(config.pace)
+        else:
+            bus.run_lockstep(config.pace)
+        logger.info(
+            "stand-in ends after %d ticks, bus load %.1f %%, %d frames refused by the drives",
+            bus.ticks,
+            100 * wire.load,
+            nodes.refused,
+        )
+
+
+@contextmanager
+def _stopped_by_signals(bus: Bus) -> Iterator[None]:
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        bus.stop()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
