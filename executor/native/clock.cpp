@@ -1,0 +1,97 @@
+#include "clock.hpp"
+
+#include <time.h>
+
+#include <algorithm>
+#include <cerrno>
+
+namespace s2r {
+namespace {
+
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+constexpr std::int64_t kQuitTimeout_ns = 10 * kSecond_ns;
+constexpr int kPollSlice_ms = 20;                   // how soon a signal is noticed while a drive is silent
+constexpr std::int64_t kPaceSlack_ns = 20'000'000;  // lag that lock-step makes up for; beyond it time stretches
+
+void sleep_until(std::int64_t deadline_ns) noexcept {
+  const timespec deadline{.tv_sec = deadline_ns / kSecond_ns, .tv_nsec = deadline_ns % kSecond_ns};
+  while (::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &deadline, nullptr) == EINTR) {
+  }
+}
+
+// Passes a stop request on to the core; true when waiting for its end has taken too long.
+class QuitGuard {
+ public:
+  QuitGuard(Core& core, const std::atomic<bool>& stop_requested) noexcept : core_(core), requested_(stop_requested) {}
+  bool expired() noexcept {
+    if (!requested_.load(std::memory_order_relaxed)) return false;
+    core_.request_quit();
+    if (since_ns_ == 0) since_ns_ = monotonic_ns();
+    return monotonic_ns() - since_ns_ > kQuitTimeout_ns;
+  }
+
+ private:
+  Core& core_;
+  const std::atomic<bool>& requested_;
+  std::int64_t since_ns_ = 0;
+};
+
+// A deadline per tick. After a late wake-up the lost ticks are skipped, never played in a burst.
+void run_real(Core& core, const Config& config, QuitGuard& guard) noexcept {
+  const std::int64_t period = config.tick_ns;
+  std::int64_t deadline = monotonic_ns() + period;
+  while (!core.finished() && !guard.expired()) {
+    sleep_until(deadline);
+    const std::int64_t now = monotonic_ns();
+    const std::int64_t lost = (now - deadline) / period;
+    if (lost > 0) {
+      core.skip(static_cast<std::uint64_t>(lost), now);
+      deadline += lost * period;
+    }
+    core.tick(now, now - deadline);
+    deadline += period;
+  }
+}
+
+void wait_for_answers(Core& core, Bus& bus, const Config& config, QuitGuard& guard) noexcept {
+  const std::int64_t deadline = monotonic_ns() + static_cast<std::int64_t>(1e9 * config.answer_timeout_s);
+  while (!core.all_answered() && !core.bus_closed() && !guard.expired()) {
+    const std::int64_t left_ms = (deadline - monotonic_ns() + 999'999) / 1'000'000;
+    if (left_ms <= 0) return;  // the ages of the missing answers grow, the watchdogs decide
+    bus.wait(static_cast<int>(std::min<std::int64_t>(left_ms, kPollSlice_ms)));
+    core.receive();
+    core.show_alive();
+  }
+}
+
+// The arm's time advances with the setpoints; `pace` only keeps it from running ahead of the wall clock.
+void run_lockstep(Core& core, Bus& bus, const Config& config, QuitGuard& guard) noexcept {
+  const bool paced = config.pace > 0.0;
+  const auto period = paced ? static_cast<std::int64_t>(static_cast<double>(config.tick_ns) / config.pace) : 0;
+  std::int64_t deadline = monotonic_ns();
+  while (!core.finished() && !guard.expired()) {
+    core.tick(monotonic_ns(), 0);
+    wait_for_answers(core, bus, config, guard);
+    if (!paced) continue;
+    deadline = std::max(deadline + period, monotonic_ns() - kPaceSlack_ns);
+    sleep_until(deadline);
+  }
+}
+
+}  // namespace
+
+std::int64_t monotonic_ns() noexcept {
+  timespec now{};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * kSecond_ns + now.tv_nsec;
+}
+
+void run(Core& core, Bus& bus, const Config& config, const std::atomic<bool>& stop_requested) noexcept {
+  QuitGuard guard(core, stop_requested);
+  if (config.clock == ClockKind::kReal)
+    run_real(core, config, guard);
+  else
+    run_lockstep(core, bus, config, guard);
+}
+
+}  // namespace s2r

@@ -1,0 +1,46 @@
+// Everything that can go wrong between ticks, as one pure function over what was observed.
+#pragma once
+
+#include "packing.hpp"
+#include "types.hpp"
+
+namespace s2r {
+
+struct Observed {
+  const PerJoint<JointFeedback>& drives;
+  const PerJoint<std::uint32_t>& age;  // [ticks] since the command that the newest answer belongs to
+  const Joints& q_ref;                 // the setpoint that fresh answers belong to
+  double path_tolerance;               // [rad]
+  double front_end_silence_s;
+  std::uint32_t tx_failed_in_a_row;  // [ticks]
+  bool foreign_master;
+  bool bus_off;
+};
+
+struct Finding {
+  Trip trip{};
+  bool drives_off = false;  // do not even try a controlled stop
+};
+
+// Age of the newest answer of each joint while drives are powered; the worst joint counts.
+Finding check_feedback(const Config& config, const Observed& seen) noexcept;
+// Bus and drives while powered.
+Finding check_drives(const Config& config, const Observed& seen) noexcept;
+// |q_meas - q_ref| of joints with a fresh answer.
+Finding check_following(const Config& config, const Observed& seen) noexcept;
+
+// Late wake-ups within one second.
+class OverrunCounter {
+ public:
+  static constexpr int kMaxCount = 16;
+  void configure(int stop_count, std::uint64_t ticks_per_second) noexcept;
+  // Returns true if this one, at `tick`, is the stop_count-th within a second.
+  bool add(std::uint64_t tick) noexcept;
+
+ private:
+  std::array<std::uint64_t, kMaxCount> ticks_{};
+  std::uint64_t total_ = 0, window_ = 1000;
+  int stop_count_ = 3;
+};
+
+}  // namespace s2r
