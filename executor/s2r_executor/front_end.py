@@ -32,6 +32,7 @@ from s2r_protocol.proto import s2r_pb2 as pb
 logger = logging.getLogger(__name__)
 
 _MOVING = {ExecutorState.RUN, ExecutorState.PAUSED, ExecutorState.STOPPING, ExecutorState.STOP1}
+_POWERED = _MOVING - {ExecutorState.STOP1} | {ExecutorState.HOLD, ExecutorState.ARMING}
 _ALLOWED_IN: dict[int, set[ExecutorState]] = {
     pb.ARM: {ExecutorState.DISARMED},
     pb.DISARM: {ExecutorState.DISARMED, ExecutorState.ARMING, ExecutorState.HOLD},
@@ -41,6 +42,7 @@ _ALLOWED_IN: dict[int, set[ExecutorState]] = {
     pb.RESET: {ExecutorState.FAULT, ExecutorState.ESTOP},
 }
 _ANSWER_WITHIN_S = 2.0
+_STOP_WITHIN_S = 0.5
 _POLL_S = 0.001
 _KEPT_REJECTIONS = 64
 
@@ -253,8 +255,8 @@ class FrontEnd:
         self._stops_asked += 1
         before = self._core.snapshot()
         self._send(pb.STOP, before.epoch, 0.0 if cause is Cause.STOP_REQUESTED else float(cause))
-        if ExecutorState(before.state) in _MOVING:
-            self._wait(lambda c: c.epoch != before.epoch or ExecutorState(c.state) not in _MOVING, 0.5)
+        if ExecutorState(before.state) in _POWERED:  # the core answers each of these with a new epoch
+            self._wait(lambda c: c.epoch != before.epoch, _STOP_WITHIN_S)
         logger.info("stop: %s, state was %s", cause.name, ExecutorState(before.state).name)
         return Accepted(self._core.snapshot().epoch)
 
