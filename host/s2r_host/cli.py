@@ -1,0 +1,76 @@
+"""``s2r run``: the whole loop on one object."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import click
+
+DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
+DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
+
+
+@click.command()
+@click.argument("object_kind", metavar="OBJECT", type=click.Choice(["drawer"]))
+@click.option(
+    "--target", "target_m", type=float, required=True, help="Joint value [m]; 0 = as found, + = out."
+)
+@click.option(
+    "--executor", default=DEFAULT_EXECUTOR, show_default=True, help="Zenoh endpoint of the executor."
+)
+@click.option("--camera", default=DEFAULT_CAMERA, show_default=True, help="Zenoh endpoint of the camera.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=None, help="Run folder [default: runs/<time>]."
+)
+@click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
+@click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
+@click.option("--seed", default=0, show_default=True, help="Of all chance on the host.")
+@click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most.")
+@click.option("--dry-run", is_flag=True, help="Look and plan the first push; move nothing.")
+@click.option("--json", "as_json", is_flag=True, help="Print run.json on standard output.")
+def run(
+    object_kind: str,
+    target_m: float,
+    executor: str,
+    camera: str,
+    out: Path | None,
+    arm: str,
+    cell: str,
+    seed: int,
+    attempts: int,
+    dry_run: bool,
+    as_json: bool,
+) -> int:
+    """Look at OBJECT, push it, build its model, plan, execute and measure, until it is at the target.
+
+    Ctrl-C stops the arm on its path, waits for rest and still writes the recording. This is software, not an
+    emergency stop.
+    """
+    from s2r_host.report import write_report
+    from s2r_host.run.journal import Journal
+    from s2r_host.run.pipeline import run_drawer
+    from s2r_host.run.settings import RunSettings
+
+    folder = out or Path("runs") / time.strftime("%Y%m%d-%H%M%S")
+    settings = RunSettings(
+        target_m=target_m,
+        out=folder,
+        executor=executor,
+        camera=camera,
+        cell=cell,
+        arm=arm,
+        seed=seed,
+        attempts=attempts,
+        dry_run=dry_run,
+    )
+    journal = Journal()
+    record = run_drawer(settings, journal, tuple(sys.argv[1:]))
+    report = write_report(record, folder / "report.html")
+    click.echo(f"{'s2r run: ' if record.code else ''}{record.reason}", err=True)
+    click.echo(f"report: {report}", err=True)
+    if as_json:
+        click.echo(json.dumps(json.loads((folder / "run.json").read_text()), indent=1))
+    return int(record.code)

@@ -1,0 +1,1 @@
+"""One run: look, push, build, plan, execute, measure, correct, report."""

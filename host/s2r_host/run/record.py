@@ -1,0 +1,238 @@
+"""Everything a run produced, and ``run.json``: inputs, versions, hashes, seeds, timings, results, reason of the end."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from dataclasses import asdict, dataclass, field, is_dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_host.link import ExecutorIdentity
+from s2r_host.run.belief import Belief
+from s2r_host.run.first_push import DonePush, PlannedPush
+from s2r_host.run.journal import Journal
+from s2r_host.run.manipulate import DoneManipulation
+from s2r_host.run.observe import Observation
+from s2r_host.run.settings import RunSettings
+from s2r_protocol.exits import ExitCode
+
+SCHEMA_VERSION = 1
+REPORTED_PACKAGES = (
+    "sim2real2",
+    "numpy",
+    "mujoco",
+    "pin",
+    "pin-pink",
+    "open3d",
+    "coacd",
+    "toppra",
+    "eclipse-zenoh",
+)
+
+
+@dataclass
+class RunRecord:
+    """Filled stage by stage; whatever is there when a run ends goes into ``run.json`` and the report.
+
+    Attributes:
+        settings, journal: Of the run.
+        arguments: Command line.
+        identity: Of the executor.
+        arm_name, model_hash, limit_hash: Of the host's arm.
+        views: All looks, in order.
+        planned_push, push: The first push.
+        belief: After the last correction.
+        attempts: Planned manipulations carried out.
+        s_found: Joint value measured just before the first planned manipulation [m].
+        world_commitment: Of the stand-in's sealed world, if it says one.
+        code, reason: How the run ended.
+    """
+
+    settings: RunSettings
+    journal: Journal
+    arguments: tuple[str, ...] = ()
+    identity: ExecutorIdentity | None = None
+    arm_name: str = ""
+    model_hash: bytes = b""
+    limit_hash: bytes = b""
+    views: list[Observation] = field(default_factory=list)
+    planned_push: PlannedPush | None = None
+    push: DonePush | None = None
+    belief: Belief | None = None
+    attempts: list[DoneManipulation] = field(default_factory=list)
+    s_found: float | None = None
+    world_commitment: str | None = None
+    code: ExitCode = ExitCode.BUG
+    reason: str = "the run did not end"
+
+    def as_dict(self) -> dict[str, Any]:
+        """What ``run.json`` holds."""
+        last = self.attempts[-1] if self.attempts else None
+        first = self.attempts[0] if self.attempts else None
+        overall = None
+        if last and first:
+            overall = last.delta_m / (last.s_target - first.s_initial)
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "task": "drawer",
+            "exit": {"code": int(self.code), "name": self.code.name, "reason": self.reason},
+            "s_target": self.settings.target_m,
+            "s_initial": first.s_initial if first else self.s_found,
+            "s_final": last.measured.s_m if last else self.s_found,
+            "s_final_sigma": last.measured.sigma_m if last else None,
+            "delta": last.delta_m if last else None,
+            "delta_r": overall,
+            "tick_before_plan": first.executed[0].tick_start if first and first.executed else None,
+            "attempts": [_attempt(attempt) for attempt in self.attempts],
+            "push": _push(self.push) if self.push else None,
+            "joint": _joint(self.belief) if self.belief else None,
+            "views": [_view(view) for view in self.views],
+            "stages": [_rounded(asdict(stage)) for stage in self.journal.stages],
+            "wall_s": round(self.journal.elapsed_s, 3),
+            "verdicts": self.journal.verdicts,
+            "warnings": self.journal.warnings,
+            "arm": {
+                "name": self.arm_name,
+                "model_hash": self.model_hash.hex(),
+                "limit_hash": self.limit_hash.hex(),
+            },
+            "executor": _identity(self.identity) if self.identity else None,
+            "world_commitment": self.world_commitment,
+            "inputs": {"arguments": list(self.arguments), "settings": _plain(self.settings)},
+            "versions": _versions(),
+        }
+
+    def write(self, path: Path) -> None:
+        """Write ``run.json``."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(self.as_dict(), indent=1, allow_nan=False, default=_last_resort) + "\n")
+
+
+def _attempt(done: DoneManipulation) -> dict[str, Any]:
+    planned = done.planned
+    result = planned.result
+    return {
+        "number": planned.number,
+        "s_initial": done.s_initial,
+        "s_target": done.s_target,
+        "s_planned": planned.delivery.replay.final,
+        "s_final": done.measured.s_m,
+        "s_final_sigma": _finite(done.measured.sigma_m),
+        "delta": done.delta_m,
+        "delta_r": done.delta_r,
+        "tick_start": done.executed[0].tick_start if done.executed else None,
+        "plan_seqs": [executed.seq for executed in done.executed],
+        "duration_s": planned.delivery.trajectory.duration_s,
+        "pushed_geom": planned.pushed_geom,
+        "escape_clearance_m": planned.escape.clearance_m,
+        "planner": {
+            "seed": planned.request.seed,
+            "stage": result.stage,
+            "control_steps": result.control_steps,
+            "env_steps": result.env_steps,
+            "cpu_s": result.cpu_s,
+            "wall_s": result.wall_s,
+            "torque_share": result.torque_share,
+            "replay_corrections": planned.delivery.corrections,
+        },
+        "measurement": _plain(done.measured),
+    }
+
+
+def _push(done: DonePush) -> dict[str, Any]:
+    motion = done.planned.motion
+    return {
+        "front_normal": motion.proposal.direction * -1.0,
+        "contact_m": motion.proposal.p_contact,
+        "depth_m": float(np.linalg.norm(motion.proposal.p_end - motion.proposal.p_contact)),
+        "proposals_tried": motion.tried,
+        "plan_seqs": [executed.seq for executed in done.executed],
+    }
+
+
+def _joint(belief: Belief) -> dict[str, Any]:
+    estimate, model = belief.estimate, belief.model
+    return {
+        "joint_type": estimate.joint_type,
+        "axis_origin_m": estimate.axis_origin_m,
+        "axis_direction": estimate.axis_direction,
+        "delta": estimate.delta,
+        "unit": estimate.unit,
+        "intervals90": _plain(estimate.intervals90),
+        "residual_m": estimate.residual_m,
+        "explained": estimate.explained,
+        "model_mjcf": model.mjcf_path,
+        "model_urdf": model.urdf_path,
+        "mass_kg": model.mass_kg,
+        "range": model.range,
+        "shifts_m": belief.shifts_m,
+    }
+
+
+def _view(view: Observation) -> dict[str, Any]:
+    return {
+        "name": view.name,
+        "camera_stamp_ns": view.capture.stamp_ns,
+        "camera_index": view.capture.index,
+        "object_points": len(view.scene.p_base),
+        "arm_pixels": int(view.arm_mask.sum()),
+        "q_meas": view.q_meas,
+    }
+
+
+def _identity(identity: ExecutorIdentity) -> dict[str, Any]:
+    return {
+        "boot_id": f"{identity.boot_id:016x}",
+        "arm": identity.arm,
+        "model_hash": identity.model_hash.hex(),
+        "limit_hash": identity.limit_hash.hex(),
+        "tick_ns": identity.tick_ns,
+        "software": identity.software,
+        "host_timeout_s": identity.host_timeout_s,
+    }
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version(), "platform": sys.platform}
+    for package in REPORTED_PACKAGES:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed as a package"
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _rounded(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: round(value, 4) if isinstance(value, float) else value for key, value in values.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Dataclasses, arrays and paths as plain JSON values; infinities as null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {key: _plain(item) for key, item in vars(value).items()}
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return _finite(value)
+    return _last_resort(value) if isinstance(value, (np.ndarray, np.generic, Path)) else value
+
+
+def _last_resort(value: object) -> Any:
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"{type(value).__name__} does not belong into run.json")

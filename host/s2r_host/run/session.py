@@ -1,0 +1,168 @@
+"""One arm, one camera, one recording: everything a stage needs to look and to move."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+
+import numpy as np
+
+from s2r_host.errors import CommandRefusedError, PeerUnreachableError, RecordingError
+from s2r_host.link import CameraLink, Capture, ExecutorLink, ExecutorStatus
+from s2r_host.motion.arm_model import ArmModel
+from s2r_host.recording import RunRecorder
+from s2r_host.run.journal import Journal
+from s2r_host.run.settings import RunSettings
+from s2r_host.trajectory import Trajectory
+from s2r_protocol.arms import load_arm
+from s2r_protocol.faults import Cause
+from s2r_protocol.keys import ArmKeys
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A timed motion with the label it gets in recordings."""
+
+    trajectory: Trajectory
+    label: str
+
+
+@dataclass(frozen=True, eq=False)
+class Executed:
+    """A motion that was carried out.
+
+    Attributes:
+        label: E.g. "push 1".
+        trajectory: What was sent.
+        seq: The executor's number of it.
+        tick_start: Executor tick just before it was sent.
+        recording: The executor's MCAP, None when it has none.
+    """
+
+    label: str
+    trajectory: Trajectory
+    seq: int
+    tick_start: int
+    recording: bytes | None
+
+
+@dataclass
+class Session:
+    """Open links of one run. Leaving it stops nothing: a stop is a decision, see :meth:`stop_now`."""
+
+    settings: RunSettings
+    journal: Journal
+    arm: ArmModel
+    link: ExecutorLink
+    camera: CameraLink
+    recorder: RunRecorder
+    rng: np.random.Generator
+    executed: list[Executed] = field(default_factory=list)
+
+    def look(self, name: str) -> Capture:
+        """Take a picture and keep it."""
+        time.sleep(self.settings.settle_s)
+        capture = self.camera.capture(self.settings.camera_name)
+        self.recorder.add_capture(name, capture)
+        return capture
+
+    def status(self) -> ExecutorStatus:
+        """The executor's state."""
+        return self.link.status()
+
+    def move(self, motions: Sequence[Motion]) -> list[Executed]:
+        """Carry out motions one after the other, each through admission, and keep their recordings.
+
+        The lease is held only meanwhile: computing between motions must not starve the heartbeat.
+
+        Raises:
+            CommandRefusedError: Lease or plan refused.
+            ArmStoppedError: A motion was stopped.
+            PeerUnreachableError: The executor fell silent.
+        """
+        sent: list[tuple[Motion, int, int]] = []
+        done: list[Executed] = []
+        try:
+            with self.link.leased():
+                try:
+                    self._play(motions, sent)
+                except BaseException:
+                    self._rest_quietly()  # while the lease still holds: its end would stop the arm as "host lost"
+                    raise
+        finally:
+            done.extend(self._fetch(*entry) for entry in sent)
+            self.executed.extend(done)
+        return done
+
+    def _play(self, motions: Sequence[Motion], sent: list[tuple[Motion, int, int]]) -> None:
+        self.link.arm_drives()
+        for motion in motions:
+            tick = self.status().tick
+            verdict = self.link.send_plan(motion.trajectory, motion.label)
+            self.journal.verdict(motion.label, verdict.seq, verdict.duration_s)
+            self.recorder.add_plan(motion.trajectory, motion.label, verdict.seq)
+            sent.append((motion, verdict.seq, tick))
+            self.link.wait_done(verdict)
+
+    def _rest_quietly(self) -> None:
+        """Stop and wait for rest; what cannot be reached any more is only warned about, the first error counts."""
+        try:
+            self.stop_now()
+        except (CommandRefusedError, PeerUnreachableError) as error:
+            self.journal.warn(f"the stop was not confirmed: {error}")
+
+    def stop_now(self) -> None:
+        """Ask for a stop and wait until the arm is at rest."""
+        self.link.stop()
+        status = self.link.wait_at_rest()
+        self.journal.say(f"arm is at rest: {status.state.name}, {Cause(status.cause).name}")
+
+    def _fetch(self, motion: Motion, seq: int, tick: int) -> Executed:
+        recording = None
+        try:
+            recording = self.link.recording(seq)
+            self.recorder.add_recording(recording)
+        except (CommandRefusedError, PeerUnreachableError, RecordingError) as error:
+            self.journal.warn(f"no executor recording of '{motion.label}': {error}")
+        return Executed(motion.label, motion.trajectory, seq, tick, recording)
+
+    def close(self) -> None:
+        """Close links and recording."""
+        self.recorder.close()
+        self.link.close()
+        self.camera.close()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def open_session(settings: RunSettings, journal: Journal) -> Session:
+    """Connect to executor and camera and start the recording.
+
+    Raises:
+        PeerUnreachableError: Executor absent.
+        ArmMismatchError: Wrong model or limits.
+    """
+    arm = load_arm(settings.arm)
+    keys = ArmKeys(settings.cell, arm.name)
+    link = ExecutorLink(settings.executor, arm, keys)
+    settings.out.mkdir(parents=True, exist_ok=True)
+    return Session(
+        settings=settings,
+        journal=journal,
+        arm=ArmModel(arm),
+        link=link,
+        camera=CameraLink(settings.camera, keys),
+        recorder=RunRecorder(settings.out / "run.mcap", f"/{keys.base}", arm.joint_names),
+        rng=np.random.default_rng(settings.seed),
+    )

@@ -1,0 +1,68 @@
+"""What a run can be told; checked once, then frozen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from s2r_host.motion.push_proposals import PushSettings
+from s2r_host.motion.scene import Region
+from s2r_protocol.exits import UsageError
+
+DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
+DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """One run of ``s2r run``.
+
+    Attributes:
+        target_m: Wanted joint value, 0 = as found in the first view, + = out of the cabinet.
+        out: Run folder; must be new or empty.
+        executor, camera: Zenoh endpoints.
+        cell, camera_name: Names in the key space.
+        arm: Shipped arm or a folder with one.
+        seed: Of all chance on the host.
+        attempts: Planned manipulations at most: the first and its corrections.
+        good_enough_m: Measured error that ends the run without another attempt.
+        tolerance_m: Measured error up to which the run counts as a success.
+        push_speed, travel_speed, plan_speed: Share of the time law's full speed.
+        settle_s: Wait between the end of a motion and a picture.
+        dry_run: Look and plan the push, move nothing.
+        push: Geometry of the first push.
+        region: Where the object is looked for.
+    """
+
+    target_m: float
+    out: Path
+    executor: str = DEFAULT_EXECUTOR
+    camera: str = DEFAULT_CAMERA
+    cell: str = "lab"
+    camera_name: str = "front"
+    arm: str = "xmate3pro"
+    seed: int = 0
+    attempts: int = 3
+    good_enough_m: float = 0.0025
+    tolerance_m: float = 0.005
+    push_speed: float = 0.25
+    travel_speed: float = 0.6
+    plan_speed: float = 0.5
+    settle_s: float = 0.2
+    dry_run: bool = False
+    push: PushSettings = field(default_factory=PushSettings)
+    region: Region = field(default_factory=Region)
+
+    def __post_init__(self) -> None:
+        if not -0.5 <= self.target_m <= 0.6:
+            raise UsageError(
+                f"--target {self.target_m:g} m is outside [-0.5, 0.6] m; it is in metres from the first view"
+            )
+        if self.attempts < 1:
+            raise UsageError(f"--attempts {self.attempts} is not allowed; at least 1")
+        for name in ("push_speed", "travel_speed", "plan_speed"):
+            value = getattr(self, name)
+            if not 0.0 < value <= 1.0:
+                raise UsageError(f"{name} = {value:g} is outside (0, 1]")
+        if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
+            raise UsageError(f"--out {self.out} exists and is not empty; name a new folder")

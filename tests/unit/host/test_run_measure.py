@@ -1,0 +1,86 @@
+"""The drawer's state is measured to a fraction of a millimetre from made-up stereo depth."""
+
+import numpy as np
+import pytest
+
+from s2r_host.errors import SceneError
+from s2r_host.perception.estimate import estimate_joint
+from s2r_host.perception.motion import JointMotion, rotation
+from s2r_host.perception.synthetic import Box, look_at, pair
+from s2r_host.run.measure import measure_state, part_template
+
+K = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]])
+SHAPE = (360, 640)
+
+
+def views(seed, motion_m, opening=0.07):
+    """A cabinet with a drawer seen from beside the arm, before and after a motion outwards."""
+    rng = np.random.default_rng(seed)
+    X_WO = np.eye(4)
+    X_WO[:3, :3] = rotation(np.array([0, 0, 1.0]), np.pi + 0.1)
+    X_WO[:3, 3] = [0.68, 0.02, 0.0]
+
+    def box(low, high):
+        low, high = np.array(low), np.array(high)
+        X = np.eye(4)
+        X[:3, 3] = (low + high) / 2
+        return Box(X_WO @ X, high - low)
+
+    table = np.eye(4)
+    table[:3, 3] = [0.7, 0.0, -0.01]
+    static = [
+        Box(table, np.array([1.6, 1.6, 0.02])),
+        box((-0.4, 0.15, 0), (0, 0.162, 0.25)),
+        box((-0.4, -0.162, 0), (0, -0.15, 0.25)),
+        box((-0.4, -0.15, 0.238), (0, 0.15, 0.25)),
+        box((-0.4, -0.15, 0), (0, 0.15, 0.1)),
+    ]
+    s = opening
+    part = [
+        box((s, -0.16, 0.1), (s + 0.018, 0.16, 0.25)),
+        box((s - 0.3, -0.13, 0.115), (s, -0.12, 0.22)),
+        box((s - 0.3, 0.12, 0.115), (s, 0.13, 0.22)),
+        box((s - 0.3, -0.13, 0.11), (s, 0.13, 0.118)),
+        box((s + 0.055, -0.06, 0.195), (s + 0.066, 0.06, 0.206)),
+    ]
+    motion = JointMotion("prismatic", X_WO[:3, 3].copy(), X_WO[:3, 0].copy(), motion_m)
+    X_WC = look_at(np.array([-0.04, -0.5, 0.6]), np.array([0.6, 0.0, 0.14]))
+    return pair(static, part, motion, K, SHAPE, X_WC, rng)
+
+
+@pytest.fixture(scope="module")
+def template():
+    before_after = views(0, -0.045)
+    estimate = estimate_joint(before_after.before, before_after.after, joint_type="prismatic", seed=0)
+    return part_template(estimate, -estimate.axis_direction, -estimate.delta)
+
+
+@pytest.mark.parametrize("s", [-0.045, 0.0, 0.1, 0.15, 0.2])
+def test_state_is_measured_to_a_millimetre(template, s):
+    measured = measure_state(template, views(10, s).after)
+    assert measured.s_m == pytest.approx(s, abs=1e-3)
+    assert measured.sigma_m < 1e-3
+    assert abs(measured.s_m - s) < 6 * measured.sigma_m + 3e-4
+
+
+def test_expectation_does_not_pull_the_measurement(template):
+    frame = views(11, 0.15).after
+    free = measure_state(template, frame)
+    told = measure_state(template, frame, s_expected=0.10)
+    assert told.s_m == pytest.approx(free.s_m, abs=2e-5)
+
+
+def test_ignored_pixels_do_not_count(template):
+    frame = views(12, 0.15).after
+    ignore = np.zeros(frame.depth_m.shape, bool)
+    ignore[:, :300] = True
+    measured = measure_state(template, frame, ignore)
+    assert measured.s_m == pytest.approx(0.15, abs=1.5e-3)
+
+
+def test_a_hidden_part_is_refused_instead_of_guessed(template):
+    frame = views(13, 0.15).after
+    ignore = np.ones(frame.depth_m.shape, bool)
+    ignore[:60] = False
+    with pytest.raises(SceneError, match="not found|only"):
+        measure_state(template, frame, ignore)
