@@ -1,0 +1,79 @@
+"""``s2r conceal``: draw concealed recordings, run a tool over them, score its verdicts."""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import Path
+
+import click
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+def conceal() -> None:
+    """Recordings with hidden physics and sealed answers, to prove that a tool finds what is missing."""
+
+
+def _counts(_context: click.Context, _option: click.Parameter, text: str) -> dict[str, int]:
+    counts = {}
+    for part in filter(None, text.split(",")):
+        name, _, number = part.partition("=")
+        if not number.isdigit():
+            raise click.BadParameter(f"'{part}': write GROUP=NUMBER, e.g. single=60,clean=30")
+        counts[name.strip()] = int(number)
+    return counts
+
+
+@conceal.command()
+@click.option(
+    "--seed", type=int, default=None, help="Without it the seed is random and only in the key file."
+)
+@click.option("--rig", default="one_joint", show_default=True, help="one_joint, two_link or seven_joint.")
+@click.option(
+    "--cases",
+    "counts",
+    default="single=30,clean=12,unknown=8,pairs=6",
+    show_default=True,
+    callback=_counts,
+    help="GROUP=NUMBER,…: single, clean, unknown, pairs, triples, masked, insufficient, wrong_log.",
+)
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for the set.")
+@click.option(
+    "--key", type=click.Path(path_type=Path), default=None, help="Key file [default: OUT.key.json]."
+)
+def draw(seed: int | None, rig: str, counts: dict[str, int], out: Path, key: Path | None) -> None:
+    """Draw a set of cases, record them and seal the answers."""
+    from s2r_conceal.draw import draw_set
+
+    key = key or out.with_name(out.name + ".key.json")
+    with click.progressbar(length=sum(counts.values()), label="drawing") as bar:
+        draw_set(secrets.randbits(63) if seed is None else seed, rig, counts, out, key, bar.update)
+    click.echo(
+        f"{sum(counts.values())} cases in {out}; answers sealed, key in {key}: keep it away from the tool"
+    )
+
+
+@conceal.command()
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--command", "command", required=True, help="The tool, e.g. 's2r gap'; options may follow.")
+@click.option("--workers", default=1, show_default=True, help="Processes at a time.")
+@click.option("--timeout", "timeout_s", default=900.0, show_default=True, help="Seconds per case.")
+def run(folder: Path, command: str, workers: int, timeout_s: float) -> None:
+    """Run a tool over all cases; may be stopped and started again. Ends by hashing the verdicts."""
+    from s2r_conceal.run import run_all
+
+    with click.progressbar(length=0, label="running") as bar:
+        total = run_all(folder, command, workers, timeout_s, bar)
+    click.echo(f"verdicts hashed: {total}")
+
+
+@conceal.command()
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option(
+    "--key", type=click.Path(path_type=Path, exists=True), required=True, help="Key file of the draw."
+)
+@click.option("--out", type=click.Path(path_type=Path), default=None, help="Folder [default: FOLDER/score].")
+def score(folder: Path, key: Path, out: Path | None) -> None:
+    """Open the answers and make the table; refused until every verdict is hashed."""
+    from s2r_conceal.score_files import score_folder
+
+    click.echo(score_folder(folder, key, out or folder / "score"))

@@ -1,0 +1,216 @@
+"""From cases to recordings at full rate, and to the truth about each: sizes, regimes, floors, best prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from s2r_conceal.calibrate import DISTINCT_ENOUGH, Measured
+from s2r_conceal.cases import ROLES, Case, with_parameters_off
+from s2r_conceal.effects.table import EFFECTS, finish_log
+from s2r_conceal.masks import rows
+from s2r_conceal.motions import RATE_HZ
+from s2r_conceal.plant import Column, Trace, simulate
+
+ACTIVE_SHARE = 0.2  # an effect is at work where its contribution exceeds this share of its 98th percentile
+MERGE_S = 0.06  # intervals closer than this are one; single ones shorter than half of it are dropped
+
+
+@dataclass(eq=False)
+class Recording:
+    """One table as the tool sees it: shared time, per-joint columns of shape (rows, joints)."""
+
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    tau: np.ndarray
+    q_cmd: np.ndarray
+    dq_cmd: np.ndarray
+    tau_ff: np.ndarray
+    temp_C: np.ndarray
+
+
+@dataclass(eq=False)
+class Recorded:
+    """A finished case: its recordings and the truth that goes under seal."""
+
+    case: Case
+    recordings: dict[str, Recording]
+    truth: dict[str, Any]
+
+
+def record(cases: Sequence[Case], measured: Sequence[Measured], substeps: int = 10) -> list[Recorded]:
+    """Simulate every case at full rate: fit, repeat, held out, and the held-out run as truth and model see it."""
+    columns = [column for case in cases for column in _columns(case)]
+    traces = simulate(cases[0].rig, columns, substeps)
+    finished = [finish_log(t, c.effects) for t, c in zip(traces, columns, strict=True)]
+    per_case = len(finished) // len(cases)
+    return [
+        _finish(case, m, finished[i * per_case : (i + 1) * per_case])
+        for i, (case, m) in enumerate(zip(cases, measured, strict=True))
+    ]
+
+
+def _columns(case: Case) -> list[Column]:
+    def column(role: str, noise: tuple[int, ...] | None) -> Column:
+        return Column(
+            machine=case.machine,
+            controller=case.controller,
+            motion=case.motions[role],
+            sensing=case.sensing,
+            heating=case.heating,
+            effects=case.effects_for(role),
+            noise=noise,
+        )
+
+    told, told_controller = with_parameters_off(case)
+    noisy = [column(role, (*case.seed, k)) for k, role in enumerate(ROLES)]
+    oracle = column("holdout", None)
+    believed = replace(oracle, machine=told, controller=told_controller, effects=tuple(case.in_model))
+    return [*noisy, oracle, believed]
+
+
+def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
+    recordings, fit_rows = {}, np.arange(0)
+    for k, (role, trace) in enumerate(zip(ROLES, traces[:3], strict=True)):
+        chosen, t = rows(case.mask, len(trace.q), RATE_HZ, np.random.default_rng((*case.seed, 50 + k)))
+        recordings[role] = _table(case, role, trace, chosen, t)
+        fit_rows = chosen if role == "fit" else fit_rows
+    fit, repeat, holdout, oracle, believed = traces
+    floor_q, floor_tau = _floor(case, fit, repeat)
+    blown = not all(np.isfinite(t.q).all() for t in traces[:4])
+    truth = {
+        "rig": case.rig.name,
+        "group": case.group,
+        "variant": case.variant,
+        "expected": list(case.expected),
+        "stable": not blown,
+        "masks": case.mask.names(),
+        "floor": {"q_rmse": _worst(floor_q), "tau_rmse": _worst(floor_tau)},
+        "holdout": {
+            "believed": _worst(_rms(believed.q - holdout.q)),
+            "oracle": _worst(_rms(oracle.q - holdout.q)),
+            "per_joint_believed": _rms(believed.q - holdout.q).tolist(),
+            "per_joint_oracle": _rms(oracle.q - holdout.q).tolist(),
+        },
+        "tracking_error_share": _tracking_share(case, fit),
+        "effects": [
+            _effect_truth(case, k, measured, fit, recordings["fit"], fit_rows)
+            for k in range(len(case.effects))
+        ],
+        "in_model": [{"name": a.name, "joint": case.rig.joint_names[a.joint]} for a in case.in_model],
+        "parameters_off": [
+            entry | {"joint": case.rig.joint_names[int(entry["joint"])], "strength": measured.strength.get(0)}
+            for entry in case.parameters_off
+        ],
+    }
+    return Recorded(case, recordings, truth)
+
+
+def _rms(x: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(np.square(x, dtype=float), axis=0))
+
+
+def _worst(x: np.ndarray) -> float:
+    return float(np.max(x))
+
+
+def _floor(case: Case, fit: Trace, repeat: Trace) -> tuple[np.ndarray, np.ndarray]:
+    tau = "tau_measured" if case.mask.measured_effort else "tau_commanded"
+    return (
+        _rms(fit.q - repeat.q) / np.sqrt(2.0),
+        _rms(getattr(fit, tau) - getattr(repeat, tau)) / np.sqrt(2.0),
+    )
+
+
+def _tracking_share(case: Case, fit: Trace) -> float:
+    """Root mean square position error over the range of the motion, worst joint."""
+    span = np.ptp(fit.q, axis=0)
+    return float(np.max(_rms(fit.q - case.motions["fit"].q_cmd) / np.maximum(span, 1e-9)))
+
+
+def _table(case: Case, role: str, trace: Trace, chosen: np.ndarray, t: np.ndarray) -> Recording:
+    tau = trace.tau_measured if case.mask.measured_effort else trace.tau_commanded
+    motion = case.motions[role]
+    degrees = np.degrees(1.0) if case.variant == "degrees" else 1.0
+    q, dq = trace.q[chosen] * degrees, trace.dq[chosen] * degrees
+    if case.variant == "swapped_joints":
+        q, dq, tau = q[:, ::-1], dq[:, ::-1], tau[:, ::-1]
+    return Recording(
+        t=t,
+        q=q,
+        dq=dq,
+        tau=tau[chosen],
+        q_cmd=motion.q_cmd[chosen] * degrees,
+        dq_cmd=motion.dq_cmd[chosen] * degrees,
+        tau_ff=motion.tau_ff[chosen],
+        temp_C=trace.temp_C[chosen],
+    )
+
+
+# -- the truth about one effect -----------------------------------------------------------------------
+
+
+def _effect_truth(
+    case: Case, k: int, measured: Measured, fit: Trace, recording: Recording, chosen: np.ndarray
+) -> dict[str, Any]:
+    active = case.effects[k]
+    effect = EFFECTS[active.name]
+    at_work = active_mask(fit.contributions[k])
+    distinct = measured.distinct.get(k, float("nan"))
+    return {
+        "name": active.name,
+        "known": effect.known,
+        "joint": case.rig.joint_names[active.joint],
+        "same_as": list(effect.same_as),
+        "parameters": {n: {"value": v, "unit": effect.units[n]} for n, v in active.values.items()},
+        "size_parameter": effect.size,
+        "target": case.targets[k],
+        "strength": measured.strength.get(k),
+        "strength_q": measured.strength_q.get(k),
+        "distinct": distinct,
+        "decidable": bool(distinct >= 1.0),
+        "clear": bool(distinct >= DISTINCT_ENOUGH),
+        "regime": _regime(at_work, fit, active.joint, recording, chosen) | {"words": effect.words},
+    }
+
+
+def active_mask(contribution: np.ndarray) -> np.ndarray:
+    """Ticks at which an effect is at work, short gaps closed and blips removed, shape (ticks,)."""
+    size = np.abs(contribution.astype(float))
+    if size.size == 0 or not np.isfinite(size).all():
+        return np.zeros(size.size, bool)
+    threshold = ACTIVE_SHARE * np.percentile(size, 98.0)
+    if threshold <= 0.0:
+        threshold = ACTIVE_SHARE * size.max()
+    raw = size > max(threshold, 1e-12)
+    width = round(MERGE_S * RATE_HZ)
+    joined = np.zeros(raw.size, bool)
+    for start, stop in runs(raw):
+        if stop - start >= width // 6:
+            joined[max(start - width // 2, 0) : stop + width // 2] = True
+    return joined
+
+
+def runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Half-open index ranges where the mask is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _regime(
+    at_work: np.ndarray, fit: Trace, joint: int, recording: Recording, chosen: np.ndarray
+) -> dict[str, Any]:
+    """Intervals on the time axis of ``fit``, and the box in q and dq they cover."""
+    stamps = np.interp(np.arange(at_work.size), chosen, recording.t)
+    if not at_work.any():
+        return {"t": [], "q": None, "dq": None}
+    q, dq = fit.q[at_work, joint], fit.dq[at_work, joint]
+    return {
+        "t": [[round(float(stamps[a]), 4), round(float(stamps[b - 1]), 4)] for a, b in runs(at_work)],
+        "q": [float(np.percentile(q, 1)), float(np.percentile(q, 99))],
+        "dq": [float(np.percentile(dq, 1)), float(np.percentile(dq, 99))],
+    }

@@ -1,0 +1,190 @@
+"""Sealing the answers: a published salted hash commits to them, a key kept apart opens them.
+
+``answers.sealed`` is JSON in SHAKE-256 counter-free stream encryption (keystream = SHAKE-256(key ‖ nonce), as
+long as the text) under HMAC-SHA-256, encrypt-then-MAC.  Before anything is run, ``manifest.json`` holds
+SHA-256(salt ‖ text) of the answers and SHA-256 of every file the tool gets.  The salt lies inside the key file,
+so the hash cannot be searched by redrawing small seeds.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from s2r_conceal.errors import SealError, VerdictsMissingError
+
+SEALED, MANIFEST, VERDICTS = "answers.sealed", "manifest.json", "verdicts.json"
+_TAG_BYTES, _NONCE_BYTES = 32, 16
+
+
+@dataclass(frozen=True)
+class Key:
+    """What opens a sealed set. ``drawn_with`` says how to draw the set again."""
+
+    key: bytes
+    salt: bytes
+    drawn_with: dict[str, Any]
+
+    @classmethod
+    def fresh(cls, drawn_with: dict[str, Any]) -> Key:
+        """A new random key."""
+        return cls(secrets.token_bytes(32), secrets.token_bytes(32), drawn_with)
+
+    def write(self, path: Path) -> None:
+        """Write the key file, readable by its owner only."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        body = {"key": self.key.hex(), "salt": self.salt.hex(), "drawn_with": self.drawn_with}
+        path.write_text(json.dumps(body, indent=1) + "\n")
+        path.chmod(0o600)
+
+    @classmethod
+    def read(cls, path: Path) -> Key:
+        """Read a key file.
+
+        Raises:
+            SealError: It is not one.
+        """
+        try:
+            body = json.loads(path.read_text())
+            return cls(bytes.fromhex(body["key"]), bytes.fromhex(body["salt"]), body["drawn_with"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise SealError(f"{path} is no key file of 's2r conceal draw': {error}") from error
+
+
+def sha256(data: bytes) -> str:
+    """Hexadecimal SHA-256."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def seal(answers: dict[str, Any], key: Key) -> tuple[bytes, str]:
+    """Encrypted answers, and the salted hash that commits to them."""
+    text = json.dumps(answers, sort_keys=True, allow_nan=True).encode()
+    nonce = hashlib.sha256(b"nonce" + key.salt + text).digest()[:_NONCE_BYTES]
+    body = nonce + _stream(text, key.key, nonce)
+    return _tag(body, key.key) + body, sha256(key.salt + text)
+
+
+def unseal(sealed: bytes, key: Key, published: str) -> dict[str, Any]:
+    """Open sealed answers and check them against the published hash.
+
+    Raises:
+        SealError: Wrong key, changed file, or answers other than those committed to.
+    """
+    tag, body = sealed[:_TAG_BYTES], sealed[_TAG_BYTES:]
+    if not hmac.compare_digest(tag, _tag(body, key.key)):
+        raise SealError(f"{SEALED} does not open: another key, or the file was changed")
+    nonce = body[:_NONCE_BYTES]
+    text = _stream(body[_NONCE_BYTES:], key.key, nonce)
+    found = sha256(key.salt + text)
+    if found != published:
+        raise SealError(f"the answers' hash is {found}, but {MANIFEST} published {published} before")
+    return json.loads(text)
+
+
+def _stream(text: bytes, key: bytes, nonce: bytes) -> bytes:
+    stream = hashlib.shake_256(key + nonce).digest(len(text))
+    return bytes(a ^ b for a, b in zip(text, stream, strict=True))
+
+
+def _tag(body: bytes, key: bytes) -> bytes:
+    return hmac.new(hashlib.sha256(b"tag" + key).digest(), body, hashlib.sha256).digest()
+
+
+# -- folders -------------------------------------------------------------------------------------------
+
+
+def publish(folder: Path, answers: dict[str, Any], key: Key) -> None:
+    """Write ``answers.sealed`` and ``manifest.json`` of a drawn set; the manifest names no seed."""
+    sealed, published = seal(answers, key)
+    (folder / SEALED).write_bytes(sealed)
+    cases = sorted(p for p in folder.glob("case-*") if p.is_dir())
+    manifest = {
+        "schema": 1,
+        "answers_sha256_salted": published,
+        "answers_file_sha256": sha256(sealed),
+        "cases": {c.name: {f.name: sha256(f.read_bytes()) for f in sorted(c.iterdir())} for c in cases},
+    }
+    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n")
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a drawn set.
+
+    Raises:
+        SealError: There is none, or it cannot be read.
+    """
+    try:
+        return json.loads((folder / MANIFEST).read_text())
+    except (OSError, ValueError) as error:
+        raise SealError(f"{folder} holds no readable {MANIFEST}: draw a set first ({error})") from error
+
+
+def check_files(folder: Path, manifest: dict[str, Any]) -> None:
+    """Compare every file the tool gets with its published hash.
+
+    Raises:
+        SealError: A file was changed or is gone.
+    """
+    for case, files in manifest["cases"].items():
+        for name, published in files.items():
+            path = folder / case / name
+            if not path.is_file():
+                raise SealError(f"{path} is gone; {MANIFEST} lists it")
+            if sha256(path.read_bytes()) != published:
+                raise SealError(f"{path} was changed after it was drawn: its hash differs from {MANIFEST}")
+
+
+def hash_verdicts(folder: Path) -> dict[str, str]:
+    """Hash of every verdict there is, by case."""
+    found = sorted(folder.glob("verdicts/case-*.json"))
+    return {path.stem: sha256(path.read_bytes()) for path in found}
+
+
+def publish_verdicts(folder: Path) -> str:
+    """Write ``verdicts.json`` with the hash of every verdict; returns the hash over all of them."""
+    hashes = hash_verdicts(folder)
+    total = sha256(json.dumps(hashes, sort_keys=True).encode())
+    (folder / VERDICTS).write_text(json.dumps({"total_sha256": total, "verdicts": hashes}, indent=1) + "\n")
+    return total
+
+
+def check_verdicts(folder: Path, manifest: dict[str, Any]) -> None:
+    """Allow opening the answers only when every verdict exists and is the one that was hashed.
+
+    Raises:
+        VerdictsMissingError: Verdicts are missing or not hashed.
+        SealError: A verdict was changed after it was hashed.
+    """
+    path = folder / VERDICTS
+    if not path.is_file():
+        raise VerdictsMissingError(f"{path} does not exist: run 's2r conceal run {folder} --command …' first")
+    stated = json.loads(path.read_text())["verdicts"]
+    missing = sorted(set(manifest["cases"]) - set(stated))
+    if missing:
+        raise VerdictsMissingError(
+            f"{len(missing)} of {len(manifest['cases'])} cases have no hashed verdict, first {missing[0]}; "
+            "run 's2r conceal run' to the end"
+        )
+    for case, published in stated.items():
+        verdict = folder / "verdicts" / f"{case}.json"
+        if not verdict.is_file() or sha256(verdict.read_bytes()) != published:
+            raise SealError(f"{verdict} was changed after it was hashed in {VERDICTS}")
+
+
+def open_answers(folder: Path, key_file: Path) -> dict[str, Any]:
+    """The answers of a set whose verdicts are complete and hashed.
+
+    Raises:
+        VerdictsMissingError: Not yet.
+        SealError: Something was changed, or the key is another one.
+    """
+    manifest = read_manifest(folder)
+    check_files(folder, manifest)
+    check_verdicts(folder, manifest)
+    sealed = (folder / SEALED).read_bytes()
+    return unseal(sealed, Key.read(key_file), manifest["answers_sha256_salted"])
