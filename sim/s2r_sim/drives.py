@@ -28,6 +28,7 @@ BRAKE_RELEASE_S = 0.040  # torque is on before the brake lets go
 BRAKE_FREQUENCY = 400.0  # rad/s: stiffness of the closed brake on the rotor inertia alone
 BRAKE_OVER_TORQUE = 1.3  # holding torque over the drive's torque limit
 QUICK_STOP_OVER_LIMIT = 2.0  # quick-stop deceleration (0x6085) over the planner's acceleration limit
+AT_REST = 1e-3  # rad/s
 AMBIENT_C = 31
 
 _S, _C = DriveState, DriveCommand
@@ -127,7 +128,7 @@ class Drive:
         return (
             not self.brake_released
             and self.state != DriveState.OPERATION_ENABLED
-            and abs(self.dq_meas) < 1e-4
+            and abs(self.dq_meas) < AT_REST
         )
 
     def command(self, command: DriveCommand, fault_reset: bool = False) -> None:
@@ -140,9 +141,10 @@ class Drive:
 
     def set_point(self, q: float, dq: float, tau_ff: float) -> None:
         """Take a target position [rad], velocity [rad/s] and torque feed-forward [N·m] for the coming period."""
-        self._q_from, self._q_to = self._q_set, q
-        self._dq_set, self._tau_ff = dq, tau_ff
         self._fresh = True
+        if self.state not in _RAMPING:  # its own ramp obeys no set-point
+            self._q_from, self._q_to = self._q_set, q
+            self._dq_set, self._tau_ff = dq, tau_ff
 
     def period(self, period_s: float) -> None:
         """One communication period has passed: walk the state machine and mind the watchdog."""
@@ -176,7 +178,7 @@ class Drive:
             self._q_from = self._q_to = self._q_set = self.q_meas
             self._dq_set = self._tau_ff = self._integral = self._powered_s = 0.0
             self._missed, self._fresh = 0, True
-        elif state not in (DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION):
+        elif state not in _RAMPING:
             self._close_brake()
 
     def _close_brake(self) -> None:
@@ -207,7 +209,7 @@ class Drive:
         state = self.state
         if state == DriveState.OPERATION_ENABLED:
             self._q_set = self._q_from + (self._q_to - self._q_from) * phase
-        elif state in (DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION):
+        elif state in _RAMPING:
             self._ramp(dt)
         self.tau_meas = self._servo(bias, dt) if self.state in _POWERED else 0.0
         return self.tau_meas if self.brake_released else self.tau_meas + self._brake()
@@ -228,19 +230,15 @@ class Drive:
         self.following_warning = error > FOLLOWING_WARNING_RAD
         self._following_s = self._following_s + dt if error > FOLLOWING_FAULT_RAD else 0.0
         if self._following_s > FOLLOWING_FAULT_S and self.state == DriveState.OPERATION_ENABLED:
-            self._q_set, self._dq_set = (
-                self.q_meas,
-                self.dq_meas,
-            )  # out of reach: brake from where the joint is
+            # The target is out of reach: brake from where the joint is.
+            self._q_set, self._dq_set = self.q_meas, self.dq_meas
             self._fail(DriveError.FOLLOWING, DriveState.FAULT_REACTION)
 
     def _ramp(self, dt: float) -> None:
         """Slow the set-point to rest; then close the brake."""
         step = self.parameters.quick_stop_deceleration * dt
         self._tau_ff = 0.0
-        self._dq_set = (
-            0.0 if abs(self._dq_set) <= step else self._dq_set - (step if self._dq_set > 0 else -step)
-        )
+        self._dq_set -= _clip(self._dq_set, step)
         self._q_set += self._dq_set * dt
         if self._dq_set == 0.0 and abs(self.dq_meas) < 0.01 and self.brake_released:
             self._close_brake()
@@ -257,7 +255,8 @@ class Drive:
         return torque - p.brake_damping * self.dq_meas
 
 
-_POWERED = frozenset({DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
+_RAMPING = frozenset({DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
+_POWERED = _RAMPING | {DriveState.OPERATION_ENABLED}
 
 
 def _clip(value: float, limit: float) -> float:

@@ -19,6 +19,7 @@ SIDE_CLEARANCE_M = 0.012  # rail space on each side
 BOTTOM_CLEARANCE_M = 0.012
 PLAY_STIFFNESS = 4000.0  # N/m: 4 N of side load move the drawer 1 mm in its rail
 PLAY_STIFFNESS_ROT = 60.0  # N·m/rad
+STIFF = [0.004, 1.0]  # MuJoCo solref: time constant [s], damping ratio
 
 
 class DrawerSpec(Parameters):
@@ -170,6 +171,7 @@ def _add_rail(part: mujoco.MjsBody, spec: DrawerSpec) -> None:
         stiffness=[PLAY_STIFFNESS, 0, 0],
         damping=[40.0, 0, 0],
         armature=0.05,
+        solref_limit=STIFF,
     )
     part.add_joint(
         name="object_play_yaw",
@@ -180,6 +182,7 @@ def _add_rail(part: mujoco.MjsBody, spec: DrawerSpec) -> None:
         stiffness=[PLAY_STIFFNESS_ROT, 0, 0],
         damping=[1.0, 0, 0],
         armature=0.01,
+        solref_limit=STIFF,
     )
     pitch, yaw = spec.axis_tilt_rad
     part.add_joint(
@@ -191,7 +194,7 @@ def _add_rail(part: mujoco.MjsBody, spec: DrawerSpec) -> None:
         damping=[spec.damping_Ns_m, 0, 0],
         frictionloss=spec.coulomb_N,
         armature=0.02,
-        solref_friction=[0.004, 1.0],  # stiff: below Coulomb friction the drawer must not creep
+        solref_friction=STIFF,  # below Coulomb friction the drawer must not creep
         solimp_friction=[0.99, 0.999, 0.0001, 0.5, 2],
     )
 
