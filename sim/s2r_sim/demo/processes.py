@@ -70,7 +70,9 @@ def _wait_until_ready(name: str, process: subprocess.Popen[bytes], ready: Path, 
     while not ready.exists():
         code = process.poll()
         if code is not None:
-            raise PeerFailedError(f"{name} ended with exit code {code} before it was ready:\n{_tail(log_path)}", code)
+            raise PeerFailedError(
+                f"{name} ended with exit code {code} before it was ready:\n{_tail(log_path)}", code
+            )
         if time.monotonic() > deadline:
             text = f"{name} was not ready within {_READY_TIMEOUT_S:.0f} s:\n{_tail(log_path)}"
             raise PeerFailedError(text, ExitCode.UNREACHABLE)

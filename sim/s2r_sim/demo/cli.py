@@ -1,0 +1,137 @@
+"""``s2r demo``: hidden world, stand-in, executor and host, started as an operator would, then scored."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from s2r_protocol.exits import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from s2r_sim.demo.verdict import DemoVerdict
+
+TOLERANCE_M = 0.005  # the paper's success distance
+
+
+@click.command()
+@click.option("--seed", default=1, show_default=True, help="Which hidden drawer.")
+@click.option("--target", default=0.15, show_default=True, help="Joint value [m]; 0 = as found, + = out.")
+@click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most.")
+@click.option("--clock", type=click.Choice(["lockstep", "real"]), default="lockstep", show_default=True)
+@click.option(
+    "--pace", default=1.0, show_default=True, help="Lock-step: simulated over real seconds; 0: no limit."
+)
+@click.option("--packing", type=click.Choice(["fd", "classic"]), default="fd", show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder [default: runs/demo-<seed>-<time>].")
+@click.option("--json", "as_json", is_flag=True, help="Print the verdict on standard output.")
+def demo(
+    seed: int,
+    target: float,
+    attempts: int,
+    clock: str,
+    pace: float,
+    packing: str,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Open a never-seen drawer end to end on the stand-in, then open the sealed truth.
+
+    Exit 0: the drawer is truly within 5 mm of the target. 7: it is not. Otherwise the failing part's code.
+    """
+    from s2r_sim.demo.processes import free_port, peer, s2r_command
+    from s2r_sim.demo.verdict import draw_truth, open_truth
+
+    folder = out or Path("runs") / f"demo-{seed}-{time.strftime('%Y%m%d-%H%M%S')}"
+    if folder.exists() and any(folder.iterdir()):
+        raise UsageError(f"--out {folder} exists and is not empty; name a new folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    world = folder / "world.json"
+    _say(f"drawing hidden drawer {seed}")
+    drawn = subprocess.run(
+        s2r_command("world", "draw", "--seed", str(seed), "--out", world),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    published = drawn.stdout.strip()
+    _say(f"commitment to the hidden world: {published}")
+
+    camera, executor = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+    both = ("--clock", clock, "--pace", str(pace), "--packing", packing)
+    with tempfile.TemporaryDirectory(prefix="s2r-") as sockets:
+        bus = f"unix:{sockets}/bus.sock"
+        stand_in = (
+            "sim-arm",
+            "--world",
+            world,
+            "--truth",
+            folder / "truth.csv",
+            "--bus",
+            bus,
+            "--listen",
+            camera,
+            *both,
+        )
+        front_end = ("executor", "--record", folder / "recordings", "--bus", bus, "--listen", executor, *both)
+        host = ("run", "drawer", "--target", str(target), "--attempts", str(attempts), "--seed", str(seed))
+        _say("starting stand-in and executor")
+        with peer("sim-arm", stand_in, folder), peer("executor", front_end, folder):
+            ended = _run_host([*host, "--executor", executor, "--camera", camera, "--out", folder / "run"])
+    if ended == ExitCode.INTERRUPTED:
+        return ended
+    verdict = open_truth(seed, folder, published)
+    picture = draw_truth(folder, verdict)
+    (folder / "demo.json").write_text(json.dumps(verdict.as_dict(), indent=1) + "\n")
+    _print_verdict(verdict, picture)
+    if as_json:
+        click.echo(json.dumps(verdict.as_dict(), indent=1))
+    if ended not in (ExitCode.OK, ExitCode.DIFFERENCE):
+        return ended
+    within = abs(verdict.delta_true) <= TOLERANCE_M and verdict.commitment_holds
+    return int(ExitCode.OK if within else ExitCode.DIFFERENCE)
+
+
+def _run_host(arguments: list[str | Path]) -> int:
+    """Run the host in the foreground; Ctrl-C reaches it as well as us, and it brings the arm to rest first."""
+    from s2r_sim.demo.processes import s2r_command
+
+    host = subprocess.Popen(s2r_command(*arguments), stdout=sys.stderr)
+    while True:
+        try:
+            return host.wait()
+        except KeyboardInterrupt:
+            _say("interrupted: waiting for the host to bring the arm to rest")
+
+
+def _say(text: str) -> None:
+    click.secho(f"demo: {text}", err=True, bold=True)
+
+
+def _print_verdict(verdict: DemoVerdict, picture: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    def millimetres(value: float | None) -> str:
+        return "–" if value is None else f"{1e3 * value:+.2f} mm"
+
+    table = Table(title="the sealed world, opened", show_header=False, title_justify="left")
+    table.add_row("target", millimetres(verdict.s_target))
+    table.add_row("true joint value", millimetres(verdict.s_true))
+    table.add_row("true δ after the first attempt", millimetres(verdict.delta_first_true))
+    table.add_row("true δ at the end", f"[bold]{millimetres(verdict.delta_true)}[/]")
+    table.add_row("true δ_r", "–" if verdict.delta_r_true is None else f"{100 * verdict.delta_r_true:+.1f} %")
+    table.add_row("δ as the camera saw it", millimetres(verdict.delta_measured))
+    table.add_row("planned manipulations", str(verdict.attempts))
+    table.add_row(
+        "commitment", "holds" if verdict.commitment_holds else "[red]BROKEN: the world file was changed[/]"
+    )
+    table.add_row("truth over time", str(picture))
+    table.add_row("report", f"[bold]{verdict.report}[/]")
+    Console(stderr=True).print(table)

@@ -1,0 +1,118 @@
+"""Opening the sealed truth after a run, and what it says."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from s2r_sim.score import read_truth
+from s2r_sim.world import load_world
+
+
+@dataclass(frozen=True)
+class DemoVerdict:
+    """The demo's result. Joint values [m] in the host's coordinate: 0 = as found, + = out of the cabinet.
+
+    Attributes:
+        seed: Of the hidden world.
+        exit_code: The host's.
+        reason: The host's, one sentence.
+        s_target: What was asked for.
+        s_initial_true: True value before the first planned manipulation, None if none began.
+        s_true: True value at the end.
+        delta_first_true: True δ after the first planned manipulation.
+        delta_true: True δ at the end.
+        delta_r_true: δ over the distance that was asked for.
+        delta_measured: δ as the host measured it with the camera.
+        attempts: Planned manipulations carried out.
+        wall_s: The host's wall time.
+        commitment: Salted hash of the world, published by the stand-in before the run.
+        commitment_holds: The world file still has that hash.
+        report: The host's report.
+    """
+
+    seed: int
+    exit_code: int
+    reason: str
+    s_target: float
+    s_initial_true: float | None
+    s_true: float
+    delta_first_true: float | None
+    delta_true: float
+    delta_r_true: float | None
+    delta_measured: float | None
+    attempts: int
+    wall_s: float
+    commitment: str
+    commitment_holds: bool
+    report: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+
+def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
+    """Compare what the host believes with what really happened.
+
+    Args:
+        seed: Of the world.
+        folder: The demo's folder, with ``world.json``, ``truth.csv`` and ``run/run.json``.
+        published: The commitment the stand-in printed before the run.
+
+    Raises:
+        TruthFileError, WorldFileError: A file is missing or damaged.
+    """
+    run = json.loads((folder / "run/run.json").read_text())
+    truth = read_truth(folder / "truth.csv")
+    as_found = float(truth.s[0])
+    s_true = float(truth.s[-1]) - as_found
+    target = float(run["s_target"])
+    begun = [truth.s_at_tick(attempt["tick_start"]) - as_found for attempt in run["attempts"]]
+    after_first = (begun[1] if len(begun) > 1 else s_true) if begun else None
+    return DemoVerdict(
+        seed=seed,
+        exit_code=int(run["exit"]["code"]),
+        reason=run["exit"]["reason"],
+        s_target=target,
+        s_initial_true=begun[0] if begun else None,
+        s_true=s_true,
+        delta_first_true=None if after_first is None else target - after_first,
+        delta_true=target - s_true,
+        delta_r_true=(target - s_true) / (target - begun[0]) if begun else None,
+        delta_measured=run["delta"],
+        attempts=len(run["attempts"]),
+        wall_s=float(run["wall_s"]),
+        commitment=published,
+        commitment_holds=load_world(folder / "world.json").commitment == published,
+        report=str(folder / "run/report.html"),
+    )
+
+
+def draw_truth(folder: Path, verdict: DemoVerdict) -> Path:
+    """Plot the true joint value over time with the target and what the camera said; returns the picture's path."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    truth = read_truth(folder / "truth.csv")
+    run = json.loads((folder / "run/run.json").read_text())
+    figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
+    axes.plot(truth.t, 1e3 * (truth.s - truth.s[0]), color="#20639b", label="truth, opened after the run")
+    axes.axhline(1e3 * verdict.s_target, color="#3caea3", linestyle="--", label="target")
+    ticks = [attempt["tick_start"] for attempt in run["attempts"][1:]]
+    times = [float(truth.t[truth.master_tick.searchsorted(tick)]) for tick in ticks] + [float(truth.t[-1])]
+    for k, (t, attempt) in enumerate(zip(times, run["attempts"], strict=False)):
+        label = "measured by the camera" if k == 0 else None
+        axes.plot(t, 1e3 * attempt["s_final"], "o", color="#ed553b", label=label)
+    axes.set(xlabel="simulated time [s]", ylabel="drawer, from as found [mm]")
+    axes.set_title(f"hidden drawer {verdict.seed}: true δ = {1e3 * verdict.delta_true:+.2f} mm")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    path = folder / "truth.png"
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return path
