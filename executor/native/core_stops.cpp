@@ -22,6 +22,10 @@ void Core::watch() noexcept {
     stop(silence);
   }
   front_end_lost_ = silent;
+  if (foreign_master_ && front_end_lost_ && (state_ == State::kHold || !powered())) {
+    quit_done_ = true;  // nobody commands this core any more and another one has taken over
+    return;
+  }
 
   if (powered()) {
     const Observed seen{
@@ -38,10 +42,7 @@ void Core::watch() noexcept {
     }
   } else if (state_ == State::kArming) {
     watch_arming();
-  } else if (foreign_master_ && front_end_lost_) {
-    quit_done_ = true;  // nobody commands this core any more and another one has taken over
   }
-  if (foreign_master_ && front_end_lost_ && state_ == State::kHold) quit_done_ = true;
   watch_reset();
   foreign_master_ = false;
 }

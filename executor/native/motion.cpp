@@ -3,6 +3,11 @@
 #include <algorithm>
 
 namespace s2r {
+namespace {
+
+constexpr double kEnd_s = 1e-9;  // rounding of a sum of ticks: closer to the end than this is the end
+
+}  // namespace
 
 void Motion::configure(const Limits& limits, int dof, double dt) noexcept {
   limits_ = limits;
@@ -111,7 +116,7 @@ void Motion::advance_path() noexcept {
     return out;
   };
   if (child_ != nullptr && s_ >= child_->splice_t) take_over(r);
-  s_ = std::min(s_, plan_->duration());
+  if (s_ > plan_->duration() - kEnd_s) s_ = plan_->duration();
   next_ = at_rate(cursor_.at(s_));
   add_fade();
 }

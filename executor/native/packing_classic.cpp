@@ -108,8 +108,8 @@ RxResult PackingClassic::unpack(const Frame& frame, const DriveCommand& sent,
       drive.dq = (q - drive.q) / (dt_ * static_cast<double>(sent.tick - drive.answered_tick));
     drive.q = q;
     drive.state = classic::drive_state(statusword);
-    drive.brake_released = drive.state == DriveState::kOperationEnabled;
-    drive.following_warning = (statusword & 0x2000U) != 0U;
+    drive.brake_released = (statusword & 0x4000U) != 0U;     // manufacturer specific
+    drive.following_warning = (statusword & 0x2000U) != 0U;  // cyclic synchronous position: following error
     drive.answered_tick = sent.tick;
     drive.seen = true;
     return {RxKind::kAnswer, joint};
