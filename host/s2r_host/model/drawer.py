@@ -145,9 +145,10 @@ def _outward(normal: Array, centre: Array, seen: ObservedObject) -> Array:
 
 def _front_slab(q: Array, n: Array) -> tuple[Array, Array]:
     """Corners of the front: outline of its face, thickness from its visible rim."""
-    face = q[(np.abs(q[:, 0]) < 0.005) & (np.abs(n[:, 0]) > 0.8)]
+    # Rims have no good normals, so the outline uses every point on the face's plane.
+    face = q[(np.abs(q[:, 0]) < 0.006)]
     keep = _dense(face[:, 1:])
-    low, high = np.percentile(face[keep][:, 1:], [0.7, 99.3], axis=0)
+    low, high = np.percentile(face[keep][:, 1:], [0.4, 99.6], axis=0)
     thickness = FRONT_THICKNESS_M
     rim = q[
         (q[:, 0] < -0.004) & (q[:, 0] > -0.05) & (np.abs(n[:, 0]) < 0.5)

@@ -237,6 +237,7 @@ def _window(view: DepthView, X_base_face: Array, handle: Handle) -> _Window | No
         [(u - view.K[0, 2]) / view.K[0, 0], (v - view.K[1, 2]) / view.K[1, 1], np.ones(u.shape)], -1
     )
     keep = depth > 0
+    keep[np.flatnonzero(keep)] &= np.arange(int(keep.sum())) % max(1, int(keep.sum()) // 6000) == 0
     rays = ray_C.reshape(-1, 3)[keep] @ X_face_camera[:3, :3].T
     from s2r_host.perception.view import noise_sigma
 
@@ -256,7 +257,9 @@ def _disagreement(handle: Handle, low: Array, high: Array, window: _Window) -> f
     inverse = 1.0 / np.where(np.abs(window.rays) < 1e-9, 1e-9, window.rays)
     for a, b in boxes:
         t1, t2 = (a - window.origin) * inverse, (b - window.origin) * inverse
-        enter, leave = np.minimum(t1, t2).max(axis=1), np.maximum(t1, t2).min(axis=1)
+        near, far = np.minimum(t1, t2), np.maximum(t1, t2)
+        enter = np.maximum(np.maximum(near[:, 0], near[:, 1]), near[:, 2])
+        leave = np.minimum(np.minimum(far[:, 0], far[:, 1]), far[:, 2])
         hit = (leave > enter) & (enter > 0)
         predicted = np.where(hit, np.minimum(predicted, enter), predicted)
     known = np.isfinite(predicted)

@@ -14,6 +14,7 @@ from s2r_host.perception.planes import find_planes
 Array = NDArray[np.float64]
 
 SUPPORT_CLEARANCE_M = 0.006
+UPRIGHT_COS = 0.985
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,22 +60,27 @@ def observe(estimate: JointEstimate, rng: np.random.Generator, reach_m: float = 
     low, high = np.percentile(part, [1, 99], axis=0)
     near = static & ((a.points > low - reach_m) & (a.points < high + reach_m)).all(axis=1)
     rest, rest_normals = a.points[near], a.normals[near]
-    up, height = _support(rest, rest_normals, part, a.p_camera, rng)
-    above = rest @ up > height + SUPPORT_CLEARANCE_M
+    p_plane, normal = _support(rest, rest_normals, part, a.p_camera, rng)
+    above = (rest - p_plane) @ normal > SUPPORT_CLEARANCE_M
+    z = np.array([0.0, 0.0, 1.0])
+    up = z if normal @ z > UPRIGHT_COS else normal
+    # Height of the plane below the part, measured along ``up`` (tables are never quite level).
+    middle = np.median(part, axis=0)
+    height = float(up @ middle - (middle - p_plane) @ normal / (normal @ up))
     return ObservedObject(part, normals, rest[above], rest_normals[above], up, height, a.p_camera)
 
 
 def _support(
     rest: Array, normals: Array, part: Array, p_camera: Array | None, rng: np.random.Generator
-) -> tuple[Array, float]:
-    """Up direction and height of the plane the object stands on.
+) -> tuple[Array, Array]:
+    """Point and normal of the plane the object stands on.
 
-    Takes the largest plane with nearly all points of the part on one side; upright z is preferred, because base
-    frames have z up. Without any such plane: z and the lowest point seen.
+    Takes the largest plane with nearly all points of the part on one side; level ones are preferred, because base
+    frames have z up. Without any such plane: level, through the lowest point seen.
     """
     z = np.array([0.0, 0.0, 1.0])
     chosen = rng.permutation(len(rest))[:8000]
-    best: tuple[float, Array, float] | None = None
+    best: tuple[float, Array, Array] | None = None
     for plane in find_planes(rest[chosen], normals[chosen], rng, most=5) if len(rest) > 200 else []:
         n = plane.normal
         side = (part - plane.centre) @ n
@@ -86,11 +92,8 @@ def _support(
             continue
         merit = plane.size * (3.0 if abs(n @ z) > 0.95 else 1.0)
         if best is None or merit > best[0]:
-            best = (merit, n, float(n @ plane.centre))
+            best = (merit, plane.centre, n)
     if best is None:
         everything = np.concatenate([rest, part])
-        return z, float(np.percentile(everything @ z, 0.5))
-    if best[1] @ z > 0.985:
-        centre_height = best[2] / float(best[1] @ z)
-        return z, centre_height
+        return everything[int(np.argmin(everything @ z))], z
     return best[1], best[2]

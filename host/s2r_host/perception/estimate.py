@@ -146,13 +146,14 @@ def estimate_joint(
     scene = Scene(view_a, view_b, changes, _in_region(view_a, region), _in_region(view_b, region))
     _require_motion(scene)
     probes = probe(view_a, scene.moved_before(), 300, rng), probe(view_b, scene.moved_after(), 300, rng)
-    found = [*extra_axes, *hyp.axes(hyp.structure(scene, rng))]
+    shape = hyp.structure(scene, rng)
+    found = [*extra_axes, *hyp.axes(shape)]
     if joint_type is not None:
         found = [axis for axis in found if axis.joint_type == joint_type]
     motions, cost = hyp.scan(found, scene, *probes)
     anchors = np.concatenate([probes[0].points[:100], probes[1].points[:100]])
     starts = hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)
-    ranked = _rank([m for m, _ in starts], scene, rng)
+    ranked = _rank([m for m, _ in starts], scene, shape.fronts(), rng)
     if not ranked:
         check_same_camera(view_a, view_b, changes, rng)
         raise AbstainError(
@@ -166,7 +167,8 @@ def estimate_joint(
     warnings += _judge(ranked, scene, parts, explained)
     check_second_part(scene, parts, best.motion, rng)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
-    intervals = intervals90([(h.refined, h.weight) for h in ranked], centre)
+    noise_m = float(np.median(view_a.sigma_m[parts.before])) if parts.before.any() else 0.0015
+    intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, noise_m)
     _require_narrow(intervals, best.motion)
     motion = _with_origin_near(best.motion, centre)
     logger.info(
@@ -232,10 +234,12 @@ def _area(view: View, index: NDArray[np.int64]) -> float:
     return float(len(index) * view.spacing_m**2)
 
 
-def _rank(starts: list[JointMotion], scene: Scene, rng: np.random.Generator) -> list[Hypothesis]:
+def _rank(
+    starts: list[JointMotion], scene: Scene, fronts: Array, rng: np.random.Generator
+) -> list[Hypothesis]:
     """Refine all starts, judge them with finer evidence and priors, best first."""
     both = sides(scene, rng)
-    refined = [r for r in (refine(start, both) for start in starts) if r is not None]
+    refined = [r for r in (refine(start, both, fronts=fronts) for start in starts) if r is not None]
     refined = [r for r in refined if _sensible(r.motion)]
     probes = (
         probe(scene.before, scene.moved_before(), 1200, rng),

@@ -49,6 +49,12 @@ class Structure:
     low: Array
     high: Array
 
+    def fronts(self) -> Array:
+        """Normals of the large moved or arrived planes, shape (n, 3)."""
+        planes = self.moved + self.arrived
+        largest = max((plane.size for plane in planes), default=0)
+        return np.array([plane.normal for plane in planes if plane.size > 0.4 * largest]).reshape(-1, 3)
+
 
 def structure(scene: Scene, rng: np.random.Generator) -> Structure:
     """Find the planes that suggest axes."""

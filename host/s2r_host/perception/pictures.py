@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from s2r_host.perception.estimate import JointEstimate
@@ -76,7 +77,10 @@ def cloud_figure(estimate: JointEstimate) -> Figure:
         axes.set_xlabel("xyz"[i] + " [m]")
         axes.set_ylabel("xyz"[j] + " [m]")
         axes.set_title("from above" if k == 0 else "from the side", fontsize=9)
-    axes.legend(fontsize=8, markerscale=6, loc="best")
+    legend = axes.legend(fontsize=8, loc="best")
+    for handle in legend.legend_handles:
+        if isinstance(handle, Line2D):
+            handle.set_markersize(6)
     figure.suptitle(_sentence(estimate), fontsize=10)
     return figure
 

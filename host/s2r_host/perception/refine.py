@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 SOFT_M = 0.002  # scale of the soft-L1 loss on surfaces
 EDGE_SOFT_M = 0.004  # edges of a stereo image are ragged by several pixels
 EDGE_WEIGHT = 0.5
+FRONT_SIGMA_RAD = np.radians(1.0)
+FRONT_CAPTURE_RAD = np.radians(12.0)
 CORRELATED_POINTS = 30.0  # neighbouring pixels share their matching window, hence their error
 
 
@@ -73,7 +75,11 @@ def sides(scene: Scene, rng: np.random.Generator, most: int = 2500) -> tuple[Sid
 
 
 def refine(
-    start: JointMotion, both: tuple[Side, Side], rounds: int = 8, first_gate_m: float = 0.02
+    start: JointMotion,
+    both: tuple[Side, Side],
+    rounds: int = 8,
+    first_gate_m: float = 0.02,
+    fronts: Array | None = None,
 ) -> Refined | None:
     """Gauss-Newton with re-association in every round; None if nothing overlaps.
 
@@ -82,6 +88,8 @@ def refine(
         both: From `sides`.
         rounds: Re-associations; the association gate shrinks from ``first_gate_m`` to 6 mm over them.
         first_gate_m: First gate [m].
+        fronts: Unit normals of the large flat faces of the part, shape (n, 3): a slide within `FRONT_CAPTURE_RAD`
+            of one is pulled towards it, as drawers run square to their fronts to about `FRONT_SIGMA_RAD`.
     """
     motion = start
     gates = np.geomspace(first_gate_m, 0.006, rounds)
@@ -91,9 +99,11 @@ def refine(
         J, r, w, surface = _system(motion, both, float(gate))
         if surface.sum() < 30:
             return None
-        hessian = (J * w[:, None]).T @ J
+        hessian, gradient = (J * w[:, None]).T @ J, (J * w[:, None]).T @ r
+        pull, push = _front_prior(motion, fronts, scale)
+        hessian, gradient = hessian + pull, gradient + push
         damping = np.diag(1e-4 * np.diag(hessian) + 1e-9)
-        step = -np.linalg.solve(hessian + damping, (J * w[:, None]).T @ r)
+        step = -np.linalg.solve(hessian + damping, gradient)
         step = _limited(step, motion)
         motion = perturbed(motion, step)
         scale = 1.4826 * float(np.median(np.abs(r[surface])))
@@ -101,11 +111,30 @@ def refine(
     J, r, w, surface = _system(motion, both, 0.006)
     if surface.sum() < 30:
         return None
-    hessian = (J * w[:, None]).T @ J + 1e-9 * np.eye(n_params)
     scale = 1.4826 * float(np.median(np.abs(r[surface])))
+    hessian = (J * w[:, None]).T @ J + 1e-9 * np.eye(n_params) + _front_prior(motion, fronts, scale)[0]
     spread = max(scale, 0.0005)
     covariance = np.linalg.inv(hessian) * spread**2 * CORRELATED_POINTS
     return Refined(motion.positive(), scale, covariance, used)
+
+
+def _front_prior(motion: JointMotion, fronts: Array | None, scale_m: float) -> tuple[Array, Array]:
+    """Hessian and gradient of the wish that a slide runs along a front's normal, in units of the surface rows."""
+    n_params = len(_steps(motion))
+    pull, push = np.zeros((n_params, n_params)), np.zeros(n_params)
+    if motion.joint_type != "prismatic" or fronts is None or len(fronts) == 0:
+        return pull, push
+    cosine = fronts @ motion.direction
+    nearest = int(np.argmax(np.abs(cosine)))
+    if abs(cosine[nearest]) < np.cos(FRONT_CAPTURE_RAD):
+        return pull, push
+    wanted = fronts[nearest] * np.sign(cosine[nearest])
+    turn = np.cross(motion.direction, wanted)  # the small rotation that would align them
+    e1, e2 = perpendicular_basis(motion.direction)
+    weight = max(scale_m, 0.0005) ** 2 * CORRELATED_POINTS / FRONT_SIGMA_RAD**2
+    pull[0, 0] = pull[1, 1] = weight
+    push[0], push[1] = -weight * (turn @ e1), -weight * (turn @ e2)
+    return pull, push
 
 
 def perturbed(motion: JointMotion, step: Array) -> JointMotion:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from s2r_host.perception.change import Change
@@ -16,6 +17,7 @@ from s2r_host.perception.view import Seen, View, agreement
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+PIECE_CELL_M = 0.03
 NORMAL_LENGTH_M = 0.03  # a right angle between normals counts like 4 cm of distance
 
 
@@ -66,8 +68,26 @@ def _one(
     part |= candidate & (label == Change.MOVED) & hidden
     rest = (label == Change.STATIC) & visible_motion & ~_slides_in_itself(view, X, travel)
     rest |= (label == Change.MOVED) & (found.seen == Seen.FREE)
+    part = _keep_large(view, part)
     rest &= ~part
     return _vote(view, part, rest, candidate)
+
+
+def _keep_large(view: View, part: Mask) -> Mask:
+    """Drop pieces that hang together over 3 cm cells but hold less than 5 % of the part: noise far away."""
+    if not part.any():
+        return part
+    p = view.points[part]
+    cell, inverse = np.unique(np.floor(p / PIECE_CELL_M).astype(np.int64), axis=0, return_inverse=True)
+    tree = cKDTree(cell.astype(np.float64))
+    _, label = connected_components(
+        tree.sparse_distance_matrix(tree, 1.8, output_type="coo_matrix"), directed=False
+    )
+    of_point = label[inverse.ravel()]
+    size = np.bincount(of_point)
+    result = part.copy()
+    result[np.flatnonzero(part)] = size[of_point] >= max(30, 0.05 * len(p))
+    return result
 
 
 def _slides_in_itself(view: View, X: Array, travel: Array) -> Mask:

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
-WIDEST_PX = 800
+WIDEST_PX = 900
 MOST_CLOUD_POINTS = 60_000
 
 
