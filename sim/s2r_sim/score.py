@@ -80,7 +80,7 @@ def read_truth(truth_csv: Path) -> Truth:
     """
     try:
         with Path(truth_csv).open(newline="") as file:
-            header, *lines = list(csv.reader(file))
+            header, *lines = list(csv.reader(file)) or [[]]
     except (OSError, ValueError) as error:
         raise TruthFileError(f"truth log {truth_csv} cannot be read: {error}") from error
     rows = [line for line in lines if len(line) == len(header)]

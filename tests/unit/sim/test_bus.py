@@ -1,0 +1,274 @@
+"""The stand-in's bus from outside: real sockets, real frames, lock-step and real clock."""
+
+import socket
+import time
+
+import can
+import pytest
+
+from s2r_protocol.can import fd
+from s2r_protocol.can.drive import DriveCommand, DriveError, DriveState
+from s2r_protocol.can.frames import CAN_ERR_CRTL, CanFrame, connect_unix
+from s2r_protocol.can.python_can import StandInBus
+from s2r_sim.bus.hub import Hub
+from s2r_sim.errors import StandInError
+
+
+def wait_until(condition, seconds=10.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
+
+
+def swing(master, ticks, speed=0.3):
+    """Move joint 1 at constant speed; returns the last answers."""
+    q = list(master.q)
+    for _ in range(ticks):
+        q[0] += speed * 1e-3
+        answers = master.cycle(2, q, [speed, 0, 0, 0, 0, 0, 0])
+    master.q = q
+    return answers
+
+
+def test_every_set_is_answered_by_seven_stats_with_its_counters(stand_in, fd_master):
+    with stand_in() as bus:
+        master = fd_master(bus.address)
+        for _ in range(5):
+            answers = master.cycle(0)
+            assert [s.node for s in answers] == [1, 2, 3, 4, 5, 6, 7]
+            assert {(s.seq, s.tick) for s in answers} == {(master.tick, master.tick)}
+        wait_until(lambda: bus.ticks == 5)
+        assert bus.plant.t_ns == 5_000_000
+
+
+def test_time_stands_still_without_set(stand_in, fd_master):
+    with stand_in() as bus:
+        master = fd_master(bus.address)
+        master.cycle(0)
+        master.socket.send(CanFrame(0x123, b"\x01").pack())
+        time.sleep(0.1)
+        assert bus.plant.t_ns == 1_000_000
+
+
+def test_arm_follows_set_points_over_the_bus(stand_in, fd_master):
+    with stand_in() as bus:
+        master = fd_master(bus.address)
+        start = master.enable()[0].q_meas
+        answers = swing(master, 500)
+        assert answers[0].q_meas - start == pytest.approx(0.15, abs=2e-3)
+        assert not any(s.following_warning or s.error for s in answers)
+
+
+def test_same_commands_give_the_same_truth_bytes(stand_in, fd_master, tmp_path):
+    logs = []
+    for run in ("a", "b"):
+        truth = tmp_path / f"{run}.csv"
+        with stand_in(truth=truth) as bus:
+            master = fd_master(bus.address)
+            master.enable()
+            swing(master, 300)
+            master.socket.close()
+            wait_until(lambda: bus.plant.at_rest)
+        logs.append(truth.read_bytes())
+    assert logs[0] == logs[1]
+    assert len(logs[0].splitlines()) > 30
+
+
+def test_damaged_or_repeated_set_is_ignored(stand_in, fd_master):
+    with stand_in() as bus:
+        master = fd_master(bus.address)
+        master.cycle(0)
+        good = fd.set_frame(fd.pack_set(9, 2, 9, [0.0] * 7)).pack()
+        bad = bytearray(good)
+        bad[40] ^= 1
+        short = CanFrame(0x080, bytes(48), is_fd=True, brs=True).pack()
+        for packet in (bytes(bad), short):
+            master.socket.send(packet)
+        wait_until(lambda: bus.ticks == 3)
+        assert bus.nodes.refused == 2
+        assert bus.plant.drives[0].state == DriveState.SWITCH_ON_DISABLED
+        for _ in range(2):
+            master.socket.send(good)
+        assert {s.seq for s in master.receive()} == {9}
+        wait_until(lambda: bus.ticks == 5)
+        assert bus.nodes.refused == 3
+
+
+def test_three_lost_sets_are_bridged(stand_in, fd_master):
+    with stand_in(injections=["drop:0x080@250-252"]) as bus:
+        master = fd_master(bus.address)
+        master.enable()
+        while master.tick < 250:
+            swing(master, 1)
+        for _ in range(3):
+            master.q[0] += 0.3e-3
+            master.send(2, master.q, [0.3, 0, 0, 0, 0, 0, 0])  # nobody answers
+        answers = swing(master, 20)
+        assert {s.state for s in answers} == {DriveState.OPERATION_ENABLED}
+        assert abs(answers[0].q_meas - master.q[0]) < 2e-3
+
+
+def test_four_lost_sets_stop_the_drives(stand_in, fd_master):
+    with stand_in(injections=["drop:0x080@250-253"]) as bus:
+        master = fd_master(bus.address)
+        master.enable()
+        while master.tick < 250:
+            swing(master, 1)
+        for _ in range(4):
+            master.send(2)
+        answers = master.cycle(2)
+        assert {s.state for s in answers} == {DriveState.QUICK_STOP_ACTIVE}
+        assert {s.error for s in answers} == {DriveError.COMMUNICATION}
+
+
+def test_one_joints_lost_answer_leaves_the_others(stand_in, fd_master):
+    with stand_in(injections=["drop:0x183@2"]) as bus:
+        master = fd_master(bus.address)
+        master.cycle(0)
+        master.cycle(0)
+        master.send(0)
+        assert [s.node for s in master.receive(6)] == [1, 2, 4, 5, 6, 7]
+
+
+def test_full_transmit_queue_reaches_the_sender_as_an_error_frame(stand_in, fd_master):
+    with stand_in(injections=["enobufs:0x123@0"]) as bus:
+        node = connect_unix(bus.address)
+        node.settimeout(5.0)
+        node.send(CanFrame(0x123, b"").pack())
+        frame = CanFrame.unpack(node.recv(128))
+        assert frame.is_error
+        assert frame.can_id == CAN_ERR_CRTL
+        node.close()
+
+
+def test_dead_master_brings_the_arm_to_rest_by_itself(stand_in, fd_master):
+    with stand_in() as bus:
+        master = fd_master(bus.address)
+        master.enable()
+        swing(master, 200, speed=0.8)
+        master.socket.close()
+        wait_until(lambda: bus.plant.at_rest)
+        assert {d.error for d in bus.plant.drives} == {DriveError.COMMUNICATION}
+
+
+def test_new_master_may_enable_again_after_the_old_one_died(stand_in, fd_master):
+    with stand_in() as bus:
+        for _ in range(2):
+            master = fd_master(bus.address)
+            assert {s.state for s in master.enable()} == {DriveState.OPERATION_ENABLED}
+            master.socket.close()
+            wait_until(lambda: bus.plant.at_rest)
+
+
+def test_python_can_listener_sees_the_traffic(stand_in, fd_master):
+    with stand_in() as bus, StandInBus(bus.address) as listener:
+        wait_until(lambda: len(bus.hub.clients) == 1)
+        master = fd_master(bus.address)
+        master.cycle(0)
+        seen = [listener.recv(5.0).arbitration_id for _ in range(8)]
+        assert seen == [0x080, *range(0x181, 0x188)]
+        listener.send(can.Message(arbitration_id=0x123, data=[1], is_extended_id=False))
+        assert CanFrame.unpack(master.socket.recv(128)) == CanFrame(0x123, b"\x01")
+
+
+def test_listener_that_never_reads_holds_up_nobody(stand_in, fd_master):
+    with stand_in() as bus:
+        deaf = connect_unix(bus.address)
+        wait_until(lambda: len(bus.hub.clients) == 1)
+        client = bus.hub.clients[0]
+        master = fd_master(bus.address)
+        for _ in range(300):
+            master.cycle(0)
+        assert client.lost > 0
+        deaf.close()
+
+
+def test_load_of_the_cyclic_traffic_is_the_computed_one(stand_in, fd_master):
+    with stand_in() as bus:
+        master = fd_master(bus.address)
+        for _ in range(120):
+            master.cycle(0)
+        wait_until(lambda: bus.ticks == 120)
+        assert bus.wire.load == pytest.approx(0.678, abs=1e-3)
+
+
+def test_babbling_node_keeps_answers_off_the_bus(stand_in, fd_master):
+    with stand_in() as bus:
+        master = fd_master(bus.address)
+        master.cycle(0)
+        babbler = connect_unix(bus.address)
+        for _ in range(40):
+            babbler.send(CanFrame(0x001, bytes(8)).pack())
+        wait_until(lambda: len(bus.wire._waiting) > 20)
+        master.send(0)
+        wait_until(lambda: bus.ticks == 2)
+        assert bus.wire.load > 0.8
+        assert 0x080 in {frame.can_id for frame in bus.wire._waiting}
+        babbler.close()
+
+
+def test_classic_drives_walk_and_follow(stand_in, classic_master):
+    with stand_in("classic") as bus:
+        master = classic_master(bus.address)
+        q = [a.q_meas for a in master.cycle(DriveCommand.DISABLE_VOLTAGE, [0.0] * 7)]
+        master.enable(q)
+        for _ in range(100):
+            q[0] += 0.3 * 4e-3
+            answers = master.cycle(DriveCommand.ENABLE_OPERATION, q, [0.3, 0, 0, 0, 0, 0, 0])
+        assert answers[0].q_meas == pytest.approx(q[0], abs=4e-3)
+        assert bus.plant.t_ns == master.count * 4_000_000
+        assert set(master.health) == set(range(1, 8))
+        assert {state for _, state in master.heartbeats} == {0x00, 0x05}
+
+
+def test_classic_drive_without_targets_sends_an_emergency(stand_in, classic_master):
+    with stand_in("classic", injections=["drop:0x203@40-60"]) as bus:
+        master = classic_master(bus.address)
+        q = [a.q_meas for a in master.cycle(DriveCommand.DISABLE_VOLTAGE, [0.0] * 7)]
+        master.enable(q)
+        for _ in range(50):
+            answers = master.cycle(DriveCommand.ENABLE_OPERATION, q)
+        assert master.emergencies == [(3, 0x8130)]
+        assert answers[2].state == DriveState.QUICK_STOP_ACTIVE
+        assert answers[0].state == DriveState.OPERATION_ENABLED
+        assert bus.nodes.refused == 0
+
+
+def test_stopped_network_switches_the_drives_off(stand_in, classic_master):
+    with stand_in("classic") as bus:
+        master = classic_master(bus.address)
+        q = [a.q_meas for a in master.cycle(DriveCommand.DISABLE_VOLTAGE, [0.0] * 7)]
+        master.enable(q)
+        master.socket.send(CanFrame(0x000, bytes([0x02, 0])).pack())
+        master.socket.send(CanFrame(0x080, b"\x01").pack())
+        wait_until(lambda: {d.state for d in bus.plant.drives} == {DriveState.SWITCH_ON_DISABLED})
+
+
+def test_real_clock_runs_without_a_master_and_brakes_hold(stand_in, arm):
+    with stand_in(clock="real", pace=1.0) as bus:
+        wait_until(lambda: bus.ticks > 200)
+        assert bus.plant.physics.q == pytest.approx(arm.q_home, abs=2e-3)
+        assert bus.plant.at_rest
+
+
+def test_real_clock_stops_drives_whose_master_fell_silent(stand_in, fd_master):
+    with stand_in(clock="real", pace=0.05) as bus:  # slow motion: a busy machine has time to answer
+        master = fd_master(bus.address)
+        master.enable()
+        wait_until(lambda: bus.plant.drives[0].state == DriveState.QUICK_STOP_ACTIVE)
+        assert bus.plant.drives[0].error == DriveError.COMMUNICATION
+
+
+def test_second_stand_in_on_the_same_address_is_refused(stand_in):
+    with stand_in() as bus, pytest.raises(StandInError, match="another stand-in already listens"):
+        Hub(bus.address)
+
+
+def test_socket_left_over_from_a_crash_is_replaced(tmp_path):
+    path = tmp_path / "old.sock"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as dead:
+        dead.bind(str(path))
+    hub = Hub(f"unix:{path}")
+    hub.close()
+    assert not path.exists()
