@@ -1,9 +1,10 @@
 """Setting strengths: how many repeatability floors an effect moves position or effort.
 
-    strength = max over joints, channels and recordings of rms(with − without) / floor
+    strength = max over joints and channels of rms(with − without) / floor, over the fit recording
 
 ``floor`` is rms(run 1 − run 2) / √2 of two noisy runs of the same motion without the effect; with and without
-are noise-free.  Effort counts only where it is recorded.  ``distinct`` is the same measure after everything that
+are noise-free.  Effort counts only where it is recorded.  An effect that shows only between sessions is measured on
+the held-out recording.  ``distinct`` is the same measure after everything that
 small changes of the rigid-body and friction values could also explain has been projected out: an effect whose
 ``distinct`` is below one cannot be told from wrong parameters by anyone.
 """
@@ -25,7 +26,6 @@ ITERATIONS = 7
 EVERY = 5  # ticks between compared samples
 DISTINCT_ENOUGH = 1.5  # floors left after parameter changes, for effects of three floors and more
 SIZE_OFFSETS = {"reduction": 0.11, "factor": -1.0}  # sizes whose "nothing" is not at zero
-SPANS = ("fit", "holdout")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +46,25 @@ class Measured:
     distinct: dict[int, float]
 
 
+def usable(case: Case, measured: Measured) -> bool:
+    """Whether the wanted strengths came out, and whether anyone could tell them from wrong parameters."""
+    if case.group not in ("single", "unknown", "pairs", "triples", "masked"):
+        return True
+    for k, target in enumerate(case.targets):
+        strength, distinct = measured.strength[k], measured.distinct[k]
+        low_enough = strength < 1.5 * target or distinct < 2.0 * DISTINCT_ENOUGH
+        if not np.isfinite(strength) or strength < 0.75 * target or not low_enough:
+            return False
+        if target >= 3.0 and distinct < 1.0:
+            return False
+    return True
+
+
 def calibrate(cases: Sequence[Case]) -> list[Measured]:
     """Set the size of every effect (and of every wrong parameter) in place and say what came out."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         floors = _floors(cases)
-        without = _runs(cases, [()] * len(cases))
+        without = _runs(cases, [()] * len(cases), [span_of(c) for c in cases])
         measured = [Measured(f, {}, {}, {}) for f in floors]
         for k in range(max((len(_tuned(c)) for c in cases), default=0)):
             chosen = [i for i, c in enumerate(cases) if len(_tuned(c)) > k]
@@ -103,26 +117,29 @@ def _rms(x: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.square(x, dtype=float), axis=0))
 
 
-def _signals(case: Case, traces: Sequence[Trace], floor: Floor) -> np.ndarray:
-    """Position and effort in floors, shape (spans · channels, samples, joints)."""
+def _signals(case: Case, trace: Trace, floor: Floor) -> np.ndarray:
+    """Position and effort in floors, shape (channels, samples, joints)."""
     tau = "tau_measured" if case.mask.measured_effort else "tau_commanded"
-    parts = []
-    for trace in traces:
-        parts.append(trace.q[::EVERY] / floor.q)
-        if not case.mask.no_effort or case.group == "masked":
-            parts.append(getattr(trace, tau)[::EVERY] / floor.tau)
+    parts = [trace.q[::EVERY] / floor.q]
+    if not case.mask.no_effort or case.group == "masked":
+        parts.append(getattr(trace, tau)[::EVERY] / floor.tau)
     return np.stack(parts).astype(float)
 
 
-def _runs(cases: Sequence[Case], effects: Sequence[Sequence[Active]]) -> list[list[Trace]]:
-    """Noise-free runs of every case with these effects, one trace per span."""
-    columns = [_column(c, span, active) for c, active in zip(cases, effects, strict=True) for span in SPANS]
-    traces = _simulate(cases[0], columns) if columns else []
-    return [list(traces[i : i + 2]) for i in range(0, len(traces), 2)]
+def span_of(case: Case) -> str:
+    """The recording on which strength is measured."""
+    between = any(EFFECTS[active.name].for_role is not None for active in case.effects)
+    return "holdout" if between else "fit"
+
+
+def _runs(cases: Sequence[Case], effects: Sequence[Sequence[Active]], spans: Sequence[str]) -> list[Trace]:
+    """Noise-free runs of every case with these effects."""
+    columns = [_column(c, s, active) for c, active, s in zip(cases, effects, spans, strict=True)]
+    return _simulate(cases[0], columns) if columns else []
 
 
 def _size(difference: np.ndarray) -> float:
-    """Largest rms over spans, channels and joints; infinite where the run blew up."""
+    """Largest rms over channels and joints; infinite where the run blew up."""
     value = float(np.sqrt((difference**2).mean(axis=1)).max())
     return value if np.isfinite(value) else np.inf
 
@@ -137,15 +154,16 @@ def _search(
     chosen: list[int],
     k: int,
     floors: Sequence[Floor],
-    without: Sequence[Sequence[Trace]],
+    without: Sequence[Trace],
 ) -> None:
     """Secant search of log strength over log size, all cases at once; the best size seen is kept."""
     searches = {i: _Secant(cases[i], k) for i in chosen}
     for _ in range(ITERATIONS):
         active = [i for i in chosen if not searches[i].done]
         trial = [[_with_size(cases[i], k, searches[i].size)] for i in active]
-        for i, traces in zip(active, _runs([cases[i] for i in active], trial), strict=True):
-            signals = _signals(cases[i], traces, floors[i]) - _signals(cases[i], without[i], floors[i])
+        spans = [span_of(cases[i]) for i in active]
+        for i, trace in zip(active, _runs([cases[i] for i in active], trial, spans), strict=True):
+            signals = _signals(cases[i], trace, floors[i]) - _signals(cases[i], without[i], floors[i])
             searches[i].tell(_size(signals))
     for i, search in searches.items():
         _tuned(cases[i])[k] = _with_size(cases[i], k, search.best)
@@ -240,7 +258,7 @@ def _distinct(
     chosen: list[tuple[int, int]],
     cases: Sequence[Case],
     floors: Sequence[Floor],
-    without: Sequence[Sequence[Trace]],
+    without: Sequence[Trace],
     measured: list[Measured],
 ) -> None:
     """Fill strength, its position part and the part no parameter change explains."""
@@ -250,19 +268,18 @@ def _distinct(
         for machine in _variations(cases[i], active.joint, active.name):
             varied.append(replace(cases[i], machine=machine))
             owners.append(i)
-    changed = _runs([cases[i] for i, _ in chosen], [[_tuned(cases[i])[k]] for i, k in chosen])
-    sensitivities = _runs(varied, [()] * len(varied))
-    for (i, k), traces in zip(chosen, changed, strict=True):
+    spans = [span_of(cases[i]) for i, _ in chosen]
+    changed = _runs([cases[i] for i, _ in chosen], [[_tuned(cases[i])[k]] for i, k in chosen], spans)
+    sensitivities = _runs(varied, [()] * len(varied), [span_of(c) for c in varied])
+    for (i, k), trace in zip(chosen, changed, strict=True):
         base = _signals(cases[i], without[i], floors[i])
-        difference = _signals(cases[i], traces, floors[i]) - base
+        difference = _signals(cases[i], trace, floors[i]) - base
         basis = [
             _signals(cases[i], t, floors[i]) - base
             for t, owner in zip(sensitivities, owners, strict=True)
             if owner == i
         ]
-        q_part = np.stack(
-            [(a.q - b.q)[::EVERY] / floors[i].q for a, b in zip(traces, without[i], strict=True)]
-        )
+        q_part = ((trace.q - without[i].q)[::EVERY] / floors[i].q)[None].astype(float)
         measured[i].strength[k] = _size(difference)
         measured[i].strength_q[k] = _size(q_part)
         name = _tuned(cases[i])[k].name
@@ -285,7 +302,7 @@ def _left_over(difference: np.ndarray, basis: list[np.ndarray]) -> np.ndarray:
 def _search_parameters(
     cases: Sequence[Case],
     floors: Sequence[Floor],
-    without: Sequence[Sequence[Trace]],
+    without: Sequence[Trace],
     measured: list[Measured],
 ) -> None:
     """Scale ``relative`` of every wrong parameter until the model's prediction misses by the target."""
@@ -295,8 +312,8 @@ def _search_parameters(
         trial = [
             replace(cases[i], machine=m, controller=c) for i, (m, c) in zip(chosen, machines, strict=True)
         ]
-        for i, traces in zip(chosen, _runs(trial, [()] * len(trial)), strict=True):
-            difference = _signals(cases[i], traces, floors[i]) - _signals(cases[i], without[i], floors[i])
+        for i, trace in zip(chosen, _runs(trial, [()] * len(trial), ["fit"] * len(trial)), strict=True):
+            difference = _signals(cases[i], trace, floors[i]) - _signals(cases[i], without[i], floors[i])
             strength = _size(difference)
             measured[i].strength[0] = strength
             entry = cases[i].parameters_off[0]

@@ -27,6 +27,9 @@ IN_MODEL = ("armature", "payload", "gravity_tilt", "spring_return", "saturation"
 PARAMETERS = ("mass", "com", "inertia", "armature", "viscous", "coulomb", "controller_gain")
 
 
+Plan = tuple[str, tuple[str, ...], float]  # variant, effect names, strength
+
+
 @dataclass(eq=False)
 class Case:
     """One case before and while its strengths are set.
@@ -59,6 +62,7 @@ class Case:
     targets: list[float] = field(default_factory=list)
     parameters_off: list[dict[str, float | str]] = field(default_factory=list)
     expected: tuple[str, ...] = ()
+    plan: Plan = ("", (), 0.0)
 
     def effects_for(self, role: str) -> tuple[Active, ...]:
         """Effects at work in the recording of that role."""
@@ -96,9 +100,12 @@ def draw_cases(seed: int, rig_name: str, counts: dict[str, int]) -> list[Case]:
     return [_draw(rig, (seed, 23, int(k)), *plans[k]) for k in order]
 
 
-def _plans(
-    rng: np.random.Generator, rig: Rig, group: str, count: int
-) -> Iterator[tuple[str, tuple[str, ...], float]]:
+def redraw(case: Case, attempt: int) -> Case:
+    """Another machine, motion and shape for the same plan: the first could not carry the wanted strength."""
+    return _draw(case.rig, (*case.seed[:3], attempt), case.group, case.plan)
+
+
+def _plans(rng: np.random.Generator, rig: Rig, group: str, count: int) -> Iterator[Plan]:
     """(variant, effect names, strength) of each case of a group, evenly spread."""
     names = possible(rig)
     match group:
@@ -118,7 +125,7 @@ def _plans(
         case "clean":
             yield from ((CLEAN_VARIANTS[k % 3], _decoy(rng, k), 6.0) for k in range(count))
         case "insufficient":
-            yield from ((INSUFFICIENT_VARIANTS[k % 3], (str(rng.choice(names)),), 3.0) for k in range(count))
+            yield from ((INSUFFICIENT_VARIANTS[k % 3], (str(rng.choice(names)),), 0.7) for k in range(count))
         case _:
             kinds = WRONG_LOGS if rig.joints > 1 else WRONG_LOGS[:2]
             yield from ((kinds[k % len(kinds)], (), 0.0) for k in range(count))
@@ -149,7 +156,7 @@ def _together(rng: np.random.Generator, names: tuple[str, ...], size: int) -> tu
 # -- one case ------------------------------------------------------------------------------------------
 
 
-def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: tuple[str, tuple[str, ...], float]) -> Case:
+def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: Plan) -> Case:
     variant, names, strength = plan
     rng = np.random.default_rng(seed)
     mask = _mask_for(rng, group, variant, names)
@@ -176,6 +183,7 @@ def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: tuple[str, tuple[st
         mask=mask,
         sessions=_sessions(rng, names),
         expected=_expected(group, variant),
+        plan=plan,
     )
     joints = [int(rng.integers(_first_joint(name), rig.joints)) for name in names]
     actives = [_open_effect(rng, name, j, scales[j]) for name, j in zip(names, joints, strict=True)]

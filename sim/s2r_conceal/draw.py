@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from s2r_conceal.calibrate import calibrate
-from s2r_conceal.cases import Case, draw_cases
+from s2r_conceal.calibrate import Measured, calibrate, usable
+from s2r_conceal.cases import Case, draw_cases, redraw
 from s2r_conceal.errors import DrawError
 from s2r_conceal.record import Recorded, record
 from s2r_conceal.seal import Key, publish
 from s2r_conceal.write import write_case
 
+REDRAWS = 3
 BATCH = {"one_joint": 64, "two_link": 48, "seven_joint": 12}  # cases simulated side by side
 
 
@@ -60,6 +61,19 @@ def _refuse_bad_places(out: Path, key_file: Path) -> None:
 
 def _recorded(cases: list[Case], batch: int, progress: Callable[[int], None]) -> Iterator[Recorded]:
     for start in range(0, len(cases), batch):
-        part = cases[start : start + batch]
-        yield from record(part, calibrate(part))
+        part, measured = calibrated(cases[start : start + batch])
+        yield from record(part, measured)
         progress(len(part))
+
+
+def calibrated(cases: list[Case]) -> tuple[list[Case], list[Measured]]:
+    """Cases with their strengths set; a case that cannot carry its strength is drawn anew."""
+    cases, measured = list(cases), calibrate(cases)
+    for attempt in range(1, REDRAWS + 1):
+        poor = [i for i, (c, m) in enumerate(zip(cases, measured, strict=True)) if not usable(c, m)]
+        if not poor:
+            break
+        again = [redraw(cases[i], attempt) for i in poor]
+        for i, case, m in zip(poor, again, calibrate(again), strict=True):
+            cases[i], measured[i] = case, m
+    return cases, measured

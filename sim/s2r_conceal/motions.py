@@ -5,6 +5,8 @@ Positions are built from quintic blends and windowed sines, so speed and acceler
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 RATE_HZ = 1000.0
@@ -20,7 +22,7 @@ def _blend(x: np.ndarray) -> np.ndarray:
 def _through(points: list[tuple[float, float]], t: np.ndarray) -> np.ndarray:
     """Quintic moves through (time [s], position) pairs; equal neighbours are dwells."""
     q = np.full_like(t, points[0][1])
-    for (t0, q0), (t1, q1) in zip(points[:-1], points[1:], strict=True):
+    for (t0, q0), (t1, q1) in pairwise(points):
         q = np.where(t >= t0, q0 + (q1 - q0) * _blend((t - t0) / (t1 - t0)), q)
     return q
 

@@ -304,7 +304,8 @@ class _Plant:
         traces = []
         for c in range(len(self.columns)):
             part = slice(c * self.joints, (c + 1) * self.joints)
-            traces.append(Trace(*(np.ascontiguousarray(log[:, part]) for log in logs)))
+            q, dq, asked, reported, temp = (np.ascontiguousarray(log[:, part]) for log in logs)
+            traces.append(Trace(q, dq, asked, reported, temp))
             traces[c].contributions = [np.zeros(0, np.float32)] * len(self.columns[c].effects)
         for hook, log in zip(self.hooks, contributions, strict=True):
             for k, (column, position) in enumerate(hook.owners):

@@ -74,11 +74,11 @@ def _columns(case: Case) -> list[Column]:
 
 
 def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
-    recordings, fit_rows = {}, np.arange(0)
+    recordings, shown = {}, {}
     for k, (role, trace) in enumerate(zip(ROLES, traces[:3], strict=True)):
         chosen, t = rows(case.mask, len(trace.q), RATE_HZ, np.random.default_rng((*case.seed, 50 + k)))
         recordings[role] = _table(case, role, trace, chosen, t)
-        fit_rows = chosen if role == "fit" else fit_rows
+        shown[role] = _Shown(role, trace, chosen, t)
     fit, repeat, holdout, oracle, believed = traces
     floor_q, floor_tau = _floor(case, fit, repeat)
     blown = not all(np.isfinite(t.q).all() for t in traces[:4])
@@ -86,7 +86,7 @@ def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
         "rig": case.rig.name,
         "group": case.group,
         "variant": case.variant,
-        "expected": list(case.expected),
+        "expected": _expected(case, measured),
         "stable": not blown,
         "masks": case.mask.names(),
         "floor": {"q_rmse": _worst(floor_q), "tau_rmse": _worst(floor_tau)},
@@ -98,8 +98,8 @@ def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
         },
         "tracking_error_share": _tracking_share(case, fit),
         "effects": [
-            _effect_truth(case, k, measured, fit, recordings["fit"], fit_rows)
-            for k in range(len(case.effects))
+            _effect_truth(case, k, measured, shown["holdout" if EFFECTS[a.name].for_role else "fit"])
+            for k, a in enumerate(case.effects)
         ],
         "in_model": [{"name": a.name, "joint": case.rig.joint_names[a.joint]} for a in case.in_model],
         "parameters_off": [
@@ -108,6 +108,14 @@ def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
         ],
     }
     return Recorded(case, recordings, truth)
+
+
+def _expected(case: Case, measured: Measured) -> list[str]:
+    """Right verdicts; where position alone shows the effect well, a name is right even without effort."""
+    expected = list(case.expected)
+    if case.mask.no_effort and max(measured.strength_q.values(), default=0.0) >= DISTINCT_ENOUGH:
+        expected.append("physics_missing")
+    return expected
 
 
 def _rms(x: np.ndarray) -> np.ndarray:
@@ -154,12 +162,20 @@ def _table(case: Case, role: str, trace: Trace, chosen: np.ndarray, t: np.ndarra
 # -- the truth about one effect -----------------------------------------------------------------------
 
 
-def _effect_truth(
-    case: Case, k: int, measured: Measured, fit: Trace, recording: Recording, chosen: np.ndarray
-) -> dict[str, Any]:
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """The run on which an effect shows, and which of its ticks were written with which stamps."""
+
+    role: str
+    trace: Trace
+    chosen: np.ndarray
+    t: np.ndarray
+
+
+def _effect_truth(case: Case, k: int, measured: Measured, shown: _Shown) -> dict[str, Any]:
     active = case.effects[k]
     effect = EFFECTS[active.name]
-    at_work = active_mask(fit.contributions[k])
+    at_work = active_mask(shown.trace.contributions[k])
     distinct = measured.distinct.get(k, float("nan"))
     return {
         "name": active.name,
@@ -174,7 +190,7 @@ def _effect_truth(
         "distinct": distinct,
         "decidable": bool(distinct >= 1.0),
         "clear": bool(distinct >= DISTINCT_ENOUGH),
-        "regime": _regime(at_work, fit, active.joint, recording, chosen) | {"words": effect.words},
+        "regime": _regime(at_work, active.joint, shown) | {"words": effect.words},
     }
 
 
@@ -201,15 +217,14 @@ def runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _regime(
-    at_work: np.ndarray, fit: Trace, joint: int, recording: Recording, chosen: np.ndarray
-) -> dict[str, Any]:
-    """Intervals on the time axis of ``fit``, and the box in q and dq they cover."""
-    stamps = np.interp(np.arange(at_work.size), chosen, recording.t)
+def _regime(at_work: np.ndarray, joint: int, shown: _Shown) -> dict[str, Any]:
+    """Intervals on the time axis of the recording named, and the box in q and dq they cover."""
+    stamps = np.interp(np.arange(at_work.size), shown.chosen, shown.t)
     if not at_work.any():
-        return {"t": [], "q": None, "dq": None}
-    q, dq = fit.q[at_work, joint], fit.dq[at_work, joint]
+        return {"recording": shown.role, "t": [], "q": None, "dq": None}
+    q, dq = shown.trace.q[at_work, joint], shown.trace.dq[at_work, joint]
     return {
+        "recording": shown.role,
         "t": [[round(float(stamps[a]), 4), round(float(stamps[b - 1]), 4)] for a, b in runs(at_work)],
         "q": [float(np.percentile(q, 1)), float(np.percentile(q, 99))],
         "dq": [float(np.percentile(dq, 1)), float(np.percentile(dq, 99))],

@@ -15,7 +15,7 @@ from s2r_conceal.parameters import Scale
 from s2r_conceal.plant import State
 
 
-class Delay(Hook):
+class _Delay(Hook):
     """Effort arrives ``delay`` seconds late, as held samples."""
 
     order = 10
@@ -39,7 +39,7 @@ class Delay(Hook):
         s.u_drive[self.idx] = late
 
 
-class Bandwidth(Hook):
+class _Bandwidth(Hook):
     """First-order lag ``time_constant du/dt = u_cmd − u``."""
 
     order = 20
@@ -54,7 +54,7 @@ class Bandwidth(Hook):
         s.u_drive[self.idx] = self._lagged
 
 
-class Saturation(Hook):
+class _Saturation(Hook):
     """Effort clipped at ``torque_max · (1 − reduction)``, falling to zero at ``no_load_speed``."""
 
     order = 30
@@ -69,7 +69,7 @@ class Saturation(Hook):
         s.u_drive[self.idx] = clipped
 
 
-class EffortScale(Hook):
+class _EffortScale(Hook):
     """True torque is ``1 + deviation`` times the reported one: a wrong torque constant or gear."""
 
     order = 40
@@ -93,7 +93,7 @@ EFFECTS = (
         lambda c, _: (2e-4, 0.35 / c.bandwidth),
         {"delay": "s"},
         "whenever the effort changes",
-        Delay,
+        _Delay,
         same_as=("bandwidth",),
     ),
     Effect(
@@ -103,7 +103,7 @@ EFFECTS = (
         lambda c, _: (2e-4, 0.35 / c.bandwidth),
         {"time_constant": "s"},
         "whenever the effort changes",
-        Bandwidth,
+        _Bandwidth,
         same_as=("actuator_delay",),
     ),
     Effect(
@@ -113,7 +113,7 @@ EFFECTS = (
         lambda c, _: (-0.1, 0.6),
         {"reduction": "1", "torque_max": "N·m", "no_load_speed": "rad/s"},
         "while the effort asked for is above the limit",
-        Saturation,
+        _Saturation,
     ),
     Effect(
         "effort_scale",
@@ -122,6 +122,6 @@ EFFECTS = (
         lambda c, _: (1e-3, 0.35),
         {"deviation": "1", "direction": "1"},
         "in proportion to the effort",
-        EffortScale,
+        _EffortScale,
     ),
 )

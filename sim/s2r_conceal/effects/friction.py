@@ -17,7 +17,7 @@ from s2r_conceal.parameters import Scale
 from s2r_conceal.plant import AMBIENT_C, State
 
 
-class Coulomb(Hook):
+class _Coulomb(Hook):
     """``F sign(v)``: the bound grows by ``friction`` in both directions."""
 
     def friction(self, s: State) -> None:
@@ -26,7 +26,7 @@ class Coulomb(Hook):
         self.contribution = self.p["friction"] * np.sign(s.v_motor[self.idx])
 
 
-class Viscous(Hook):
+class _Viscous(Hook):
     """``b v``."""
 
     def force(self, s: State) -> None:
@@ -34,7 +34,7 @@ class Viscous(Hook):
         s.f_motor[self.idx] -= self.contribution
 
 
-class Stribeck(Hook):
+class _Stribeck(Hook):
     """Bound grows by ``excess exp(−(v/velocity)²)``: a hump at small speed, hence stick-slip."""
 
     def friction(self, s: State) -> None:
@@ -44,7 +44,7 @@ class Stribeck(Hook):
         self.contribution = hump
 
 
-class Presliding(Hook):
+class _Presliding(Hook):
     """Dahl: the whole Coulomb bound F is reached only over ``displacement`` s₀ after a reversal.
 
     ``dz/dt = v/s₀ (1 − z sign v)``, torque ``F z``; integrated exactly per step for constant v.
@@ -66,7 +66,7 @@ class Presliding(Hook):
         self.contribution = bound * (direction - self._z)
 
 
-class Asymmetric(Hook):
+class _Asymmetric(Hook):
     """Another friction for positive than for negative motion: Coulomb and viscous part."""
 
     def friction(self, s: State) -> None:
@@ -80,7 +80,7 @@ class Asymmetric(Hook):
         self.contribution = drag + self.p["coulomb_difference"] * chosen
 
 
-class LoadDependent(Hook):
+class _LoadDependent(Hook):
     """Bound grows by ``coefficient · |torque through the gearbox|``, taken one integrator step late."""
 
     def friction(self, s: State) -> None:
@@ -90,7 +90,7 @@ class LoadDependent(Hook):
         self.contribution = extra
 
 
-class Thermal(Hook):
+class _Thermal(Hook):
     """All friction shrinks as the motor warms: factor ``exp(−per_kelvin (T − 25 °C))``."""
 
     order = 80
@@ -101,7 +101,7 @@ class Thermal(Hook):
         self.contribution = 1.0 - factor
 
 
-class Session(Hook):
+class _Session(Hook):
     """All friction times ``factor`` in the recordings of another session."""
 
     order = 80
@@ -117,7 +117,7 @@ def _rescale(s: State, idx: np.ndarray, factor: np.ndarray) -> None:
     s.f_motor[idx] -= (factor - 1.0) * s.viscous[idx] * s.v_motor[idx]
 
 
-class Hysteresis(Hook):
+class _Hysteresis(Hook):
     """Bouc-Wen torque ``torque · z`` over a transition ``width`` much wider than presliding.
 
     ``dz/dt = v/width (1 − |z| (shape sign(v z) + 1 − shape))``.
@@ -150,7 +150,7 @@ EFFECTS = (
         lambda c, _: (1e-3 * c.torque, 0.6 * c.torque),
         {"friction": "N·m"},
         "whenever the joint moves, by the sign of its speed",
-        Coulomb,
+        _Coulomb,
     ),
     Effect(
         "viscous_friction",
@@ -159,7 +159,7 @@ EFFECTS = (
         lambda c, _: (1e-3 * c.torque / c.speed, 1.0 * c.torque / c.speed),
         {"damping": "N·m·s/rad"},
         "in proportion to speed",
-        Viscous,
+        _Viscous,
     ),
     Effect(
         "stribeck",
@@ -168,7 +168,7 @@ EFFECTS = (
         lambda c, _: (2e-3 * c.torque, 0.6 * c.torque),
         {"excess": "N·m", "velocity": "rad/s"},
         "at small speed, both directions",
-        Stribeck,
+        _Stribeck,
     ),
     Effect(
         "presliding",
@@ -177,7 +177,7 @@ EFFECTS = (
         lambda c, _: (2e-4, 0.06),
         {"displacement": "rad"},
         "at every reversal, over a fixed displacement",
-        Presliding,
+        _Presliding,
         same_as=("hysteresis",),
         needs=("coulomb",),
     ),
@@ -188,7 +188,7 @@ EFFECTS = (
         lambda c, _: (2e-3 * c.torque, 0.5 * c.torque),
         {"coulomb_difference": "N·m", "damping_ratio": "s/rad", "direction": "1"},
         "in one direction of motion",
-        Asymmetric,
+        _Asymmetric,
     ),
     Effect(
         "load_dependent_friction",
@@ -197,7 +197,7 @@ EFFECTS = (
         lambda c, _: (2e-3, 0.5),
         {"coefficient": "1"},
         "whenever the joint moves under load",
-        LoadDependent,
+        _LoadDependent,
     ),
     Effect(
         "thermal_drift",
@@ -206,7 +206,7 @@ EFFECTS = (
         lambda c, _: (5e-4, 0.08),
         {"per_kelvin": "1/K"},
         "growing as the motor warms",
-        Thermal,
+        _Thermal,
         needs=("coulomb", "viscous"),
     ),
     Effect(
@@ -216,7 +216,7 @@ EFFECTS = (
         lambda c, _: (1.01, 2.5),
         {"factor": "1"},
         "in the whole other session",
-        Session,
+        _Session,
         needs=("coulomb", "viscous"),
         for_role=_session_for,
     ),
@@ -227,7 +227,7 @@ EFFECTS = (
         lambda c, _: (2e-3 * c.torque, 0.5 * c.torque),
         {"torque": "N·m", "width": "rad", "shape": "1"},
         "after every reversal, over a wide angle",
-        Hysteresis,
+        _Hysteresis,
         same_as=("presliding",),
     ),
 )

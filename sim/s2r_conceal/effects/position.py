@@ -15,7 +15,7 @@ from s2r_conceal.parameters import Scale
 from s2r_conceal.plant import State
 
 
-class Cogging(Hook):
+class _Cogging(Hook):
     """``amplitude sin(order q + phase)`` on the motor side."""
 
     def force(self, s: State) -> None:
@@ -24,7 +24,7 @@ class Cogging(Hook):
         self.contribution = pull
 
 
-class CableSpring(Hook):
+class _CableSpring(Hook):
     """``stiffness (x + cubic x³)`` with x = q − rest, plus a bending loop ``bend`` per stiffness."""
 
     def begin(self, s: State) -> None:
@@ -39,7 +39,7 @@ class CableSpring(Hook):
         s.f_link[self.idx] -= self.contribution
 
 
-class SpringReturn(Hook):
+class _SpringReturn(Hook):
     """A preloaded spring that always pulls one way: ``stiffness (q − rest)``, rest outside the motion."""
 
     def force(self, s: State) -> None:
@@ -47,7 +47,7 @@ class SpringReturn(Hook):
         s.f_link[self.idx] -= self.contribution
 
 
-class Detent(Hook):
+class _Detent(Hook):
     """Latch at ``place``: ``−peak (x/width) exp((1 − (x/width)²)/2)``; its largest pull is ``peak``."""
 
     def force(self, s: State) -> None:
@@ -56,7 +56,7 @@ class Detent(Hook):
         s.f_link[self.idx] += self.contribution
 
 
-class SoftEndStop(Hook):
+class _SoftEndStop(Hook):
     """Beyond ``place``: ``stiffness x (1 + dissipation dx/dt)``, pushing back only."""
 
     def force(self, s: State) -> None:
@@ -67,7 +67,7 @@ class SoftEndStop(Hook):
         s.f_link[self.idx] -= side * self.contribution
 
 
-class SoftClose(Hook):
+class _SoftClose(Hook):
     """Damper near the closed end: ``damping · v`` only past ``place`` and only while closing."""
 
     def force(self, s: State) -> None:
@@ -101,7 +101,7 @@ EFFECTS = (
         lambda c, _: (1e-3 * c.torque, 0.4 * c.torque),
         {"amplitude": "N·m", "order": "1/rad", "phase": "rad"},
         "along the whole stroke, periodic in position",
-        Cogging,
+        _Cogging,
     ),
     Effect(
         "cable_spring",
@@ -115,7 +115,7 @@ EFFECTS = (
         lambda c, _: (2e-3 * c.torque, 0.8 * c.torque),
         {"stiffness": "N·m/rad", "rest": "rad", "cubic": "1/rad²", "bend": "rad", "bend_angle": "rad"},
         "growing away from the rest position, with a loop at reversals",
-        CableSpring,
+        _CableSpring,
     ),
     Effect(
         "spring_return",
@@ -124,7 +124,7 @@ EFFECTS = (
         lambda c, _: (1e-3 * c.torque, 0.6 * c.torque),
         {"stiffness": "N·m/rad", "rest": "rad"},
         "everywhere, always the same way",
-        SpringReturn,
+        _SpringReturn,
         same_as=("payload",),
     ),
     Effect(
@@ -137,7 +137,7 @@ EFFECTS = (
         lambda c, _: (5e-3 * c.torque, 1.2 * c.torque),
         {"peak": "N·m", "place": "rad", "width": "rad"},
         "within a narrow range of position",
-        Detent,
+        _Detent,
     ),
     Effect(
         "soft_end_stop",
@@ -146,7 +146,7 @@ EFFECTS = (
         lambda c, _: (0.05 * c.torque, 60.0 * c.torque),
         {"stiffness": "N·m/rad", "place": "rad", "dissipation": "s/rad", "side": "1"},
         "beyond one end of the range",
-        SoftEndStop,
+        _SoftEndStop,
     ),
     Effect(
         "soft_close",
@@ -155,6 +155,6 @@ EFFECTS = (
         lambda c, _: (0.01 * c.torque / c.speed, 4.0 * c.torque / c.speed),
         {"damping": "N·m·s/rad", "place": "rad", "ramp": "rad", "side": "1"},
         "near one end, only while closing",
-        SoftClose,
+        _SoftClose,
     ),
 )

@@ -14,7 +14,7 @@ from s2r_conceal.motions import RATE_HZ
 from s2r_conceal.plant import State, Trace
 
 
-class EncoderOffset(Hook):
+class _EncoderOffset(Hook):
     """Measured position is ``offset`` too large."""
 
     def begin(self, s: State) -> None:
@@ -26,7 +26,7 @@ class EncoderOffset(Hook):
         q[self.idx] += self.contribution
 
 
-class Eccentricity(Hook):
+class _Eccentricity(Hook):
     """Measured position errs by ``amplitude sin(order q + phase)``; its speed by the derivative."""
 
     def sense(self, s: State, q: np.ndarray, dq: np.ndarray) -> None:
@@ -65,7 +65,7 @@ EFFECTS = (
         lambda c, _: (3e-4, 0.25),
         {"offset": "rad", "direction": "1"},
         "everywhere, with the pose",
-        EncoderOffset,
+        _EncoderOffset,
         same_as=("gravity_tilt",),
     ),
     Effect(
@@ -75,6 +75,6 @@ EFFECTS = (
         lambda c, _: (2e-4, 0.08),
         {"amplitude": "rad", "order": "1/rad", "phase": "rad"},
         "along the stroke, once or twice per turn",
-        Eccentricity,
+        _Eccentricity,
     ),
 )

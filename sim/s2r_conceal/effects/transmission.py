@@ -47,7 +47,7 @@ class _TwoMass(Hook):
         q[self.idx] = np.where(at_motor, self._angle, q[self.idx])
 
 
-class Elasticity(_TwoMass):
+class _Elasticity(_TwoMass):
     """Spring of ``1/compliance`` and damper between motor and load."""
 
     def _torque(self, s: State) -> np.ndarray:
@@ -57,7 +57,7 @@ class Elasticity(_TwoMass):
         return stiffness * windup + self.p["damping"] * (self.speed - s.v[self.idx])
 
 
-class Backlash(_TwoMass):
+class _Backlash(_TwoMass):
     """Dead zone of ``half_width`` on either side, stiff and damped flanks that push but never pull."""
 
     def _torque(self, s: State) -> np.ndarray:
@@ -70,7 +70,7 @@ class Backlash(_TwoMass):
         return push
 
 
-class MotorCoupling(Hook):
+class _MotorCoupling(Hook):
     """The motor of the neighbouring joint turns this one too: ``inertia`` off the diagonal, and drag.
 
     Symmetric: joint i feels ``inertia · ddq_j`` and joint j feels ``inertia · ddq_i``.
@@ -106,7 +106,7 @@ EFFECTS = (
         lambda c, _: (1e-4, 0.05),
         {"half_width": "rad", "flank": "N·m/rad", "damping": "N·m·s/rad", "encoder_at_motor": "1"},
         "at every reversal of the transmitted torque",
-        Backlash,
+        _Backlash,
         needs=("armature",),
     ),
     Effect(
@@ -119,7 +119,7 @@ EFFECTS = (
         lambda c, _: (5e-5 / c.torque, 0.15 / c.torque),
         {"compliance": "rad/(N·m)", "damping": "N·m·s/rad", "encoder_at_motor": "1"},
         "with load and acceleration, most at high frequency",
-        Elasticity,
+        _Elasticity,
         needs=("armature",),
     ),
     Effect(
@@ -129,7 +129,7 @@ EFFECTS = (
         lambda c, _: (1e-3 * c.armature, 0.6 * c.armature),
         {"inertia": "kg·m²", "drag_ratio": "1/s"},
         "when the neighbouring joint accelerates",
-        MotorCoupling,
+        _MotorCoupling,
         min_joints=2,
     ),
 )

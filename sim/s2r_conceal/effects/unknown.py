@@ -16,7 +16,7 @@ from s2r_conceal.parameters import Scale
 from s2r_conceal.plant import State
 
 
-class Vibration(Hook):
+class _Vibration(Hook):
     """A machine nearby shakes the joint: ``amplitude sin(2π frequency t + phase)``, whatever the joint does."""
 
     def force(self, s: State) -> None:
@@ -25,7 +25,7 @@ class Vibration(Hook):
         s.f_link[self.idx] += self.p["amplitude"] * wave
 
 
-class Push(Hook):
+class _Push(Hook):
     """Somebody pushes for a moment, twice: raised-cosine pulses of ``torque``."""
 
     def force(self, s: State) -> None:
@@ -37,7 +37,7 @@ class Push(Hook):
         s.f_link[self.idx] += self.contribution
 
 
-class PoseInertia(Hook):
+class _PoseInertia(Hook):
     """A hidden linkage: inertia ``extra sin²((q − place)/2 · order)`` with its own centrifugal term."""
 
     def force(self, s: State) -> None:
@@ -50,7 +50,7 @@ class PoseInertia(Hook):
         self.contribution = inertia * s.acceleration[self.idx] + centrifugal
 
 
-class ParametricStiffness(Hook):
+class _ParametricStiffness(Hook):
     """A spring whose stiffness breathes in time: ``stiffness sin(2π frequency t) (q − rest)``."""
 
     def force(self, s: State) -> None:
@@ -59,7 +59,7 @@ class ParametricStiffness(Hook):
         s.f_link[self.idx] -= self.contribution * np.sin(2.0 * np.pi * self.p["frequency"] * s.t)
 
 
-class Dropout(Hook):
+class _Dropout(Hook):
     """The position sensor freezes for ``length`` once per ``period`` and the controller believes it."""
 
     def begin(self, s: State) -> None:
@@ -73,7 +73,7 @@ class Dropout(Hook):
         q[self.idx] = self._held
 
 
-class CrossTalk(Hook):
+class _CrossTalk(Hook):
     """Motor current leaks into the position signal: ``leak · u²`` of the tick before."""
 
     def sense(self, s: State, q: np.ndarray, dq: np.ndarray) -> None:
@@ -81,7 +81,7 @@ class CrossTalk(Hook):
         q[self.idx] += self.contribution
 
 
-class SecondBody(Hook):
+class _SecondBody(Hook):
     """A loose body sticks to the link on passing ``place`` upwards and falls off on passing it downwards.
 
     It adds inertia and a constant torque while attached and takes up speed at once (inelastic catch).
@@ -105,7 +105,7 @@ class SecondBody(Hook):
         s.f_link[self.idx] -= self.contribution
 
 
-class ChaoticBelt(Hook):
+class _ChaoticBelt(Hook):
     """A slack belt: a double-well strand ``x'' = ω² (−δ x' + x − x³ + γ cos Ωt + v-drive)`` pulls the joint."""
 
     def begin(self, s: State) -> None:
@@ -135,7 +135,7 @@ EFFECTS = (
         _torque(2e-3, 0.8),
         {"amplitude": "N·m", "frequency": "Hz", "phase": "rad"},
         "all the time, tied to the clock",
-        Vibration,
+        _Vibration,
         known=False,
     ),
     Effect(
@@ -149,7 +149,7 @@ EFFECTS = (
         _torque(0.01, 2.5),
         {"torque": "N·m", "first": "s", "second": "s", "length": "s"},
         "during two moments",
-        Push,
+        _Push,
         known=False,
     ),
     Effect(
@@ -162,7 +162,7 @@ EFFECTS = (
         lambda c, _: (5e-3 * c.inertia, 3.0 * c.inertia),
         {"extra": "kg·m²", "order": "1", "place": "rad"},
         "with acceleration and speed squared, by pose",
-        PoseInertia,
+        _PoseInertia,
         known=False,
     ),
     Effect(
@@ -175,7 +175,7 @@ EFFECTS = (
         _torque(5e-3, 2.0),
         {"stiffness": "N·m/rad", "frequency": "Hz", "rest": "rad"},
         "away from the rest position, tied to the clock",
-        ParametricStiffness,
+        _ParametricStiffness,
         known=False,
     ),
     Effect(
@@ -185,7 +185,7 @@ EFFECTS = (
         lambda c, _: (3e-3, 0.25),
         {"length": "s", "period": "s", "phase": "s"},
         "during short moments",
-        Dropout,
+        _Dropout,
         known=False,
     ),
     Effect(
@@ -195,7 +195,7 @@ EFFECTS = (
         lambda c, _: (1e-4, 0.03),
         {"leak": "rad", "torque": "N·m"},
         "with the square of the effort",
-        CrossTalk,
+        _CrossTalk,
         known=False,
     ),
     Effect(
@@ -209,7 +209,7 @@ EFFECTS = (
         lambda c, _: (2e-3 * c.inertia, 0.6 * c.inertia),
         {"inertia": "kg·m²", "place": "rad", "link_inertia": "kg·m²", "weight_ratio": "1/s²"},
         "beyond one place, from the moment of the catch",
-        SecondBody,
+        _SecondBody,
         known=False,
     ),
     Effect(
@@ -222,7 +222,7 @@ EFFECTS = (
         _torque(2e-3, 0.6),
         {"torque": "N·m", "rate": "rad/s", "stir": "s/rad"},
         "all the time, never the same twice",
-        ChaoticBelt,
+        _ChaoticBelt,
         known=False,
     ),
 )

@@ -44,6 +44,7 @@ class OneJoint(Rig):
     joint_names: ClassVar[tuple[str, ...]] = ("joint1",)
 
     def draw(self, rng: np.random.Generator) -> Machine:
+        """A drawn machine of this kind."""
         mass = rng.uniform(1.0, 6.0)
         length = rng.uniform(0.12, 0.45)
         bearing = rng.uniform(-np.pi, np.pi)
@@ -63,14 +64,18 @@ class OneJoint(Rig):
         )
 
     def dynamics(self, machines: list[Machine]) -> Dynamics:
+        """Equations of motion, one column per machine."""
         return _Pendulum(machines)
 
     def tip(self, machine: Machine) -> np.ndarray:
+        """Where a payload sits in the last link's frame [m]."""
         return 1.3 * machine.com[0]
 
     def stroke(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Centre and half-width of the motion [rad]."""
         return np.array([rng.uniform(-0.6, 0.6)]), np.array([rng.uniform(0.7, 1.4)])
 
     def mjcf(self, machine: Machine, joint_attributes: list[dict[str, str]]) -> str:
+        """The model file."""
         link = Link("link1", "joint1", (0.0, 1.0, 0.0), (0.0, 0.0, 0.0))
         return chain([link], machine, joint_attributes)

@@ -70,6 +70,7 @@ class SevenJoint(Rig):
         )
 
     def draw(self, rng: np.random.Generator) -> Machine:
+        """A drawn machine of this kind."""
         links = self._links
         weight = np.array([20.0, 40.0, 15.0, 20.0, 6.0, 6.0, 3.0])  # torque scale per joint [N·m]
         return Machine(
@@ -83,6 +84,7 @@ class SevenJoint(Rig):
         )
 
     def dynamics(self, machines: list[Machine]) -> Dynamics:
+        """Equations of motion, one column per machine."""
         return _Chain([self._model(machine) for machine in machines])
 
     def _model(self, machine: Machine) -> pin.Model:
@@ -98,14 +100,17 @@ class SevenJoint(Rig):
         return model
 
     def tip(self, machine: Machine) -> np.ndarray:
+        """Where a payload sits in the last link's frame [m]."""
         return np.array([0.0, 0.0, 0.22])
 
     def stroke(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Centre and half-width of the motion [rad]."""
         centre = self._arm.q_home + rng.uniform(-0.15, 0.15, 7)
         half = np.array([0.8, 0.5, 0.8, 0.6, 0.9, 0.7, 1.2]) * rng.uniform(0.7, 1.0, 7)
         return centre, half
 
     def mjcf(self, machine: Machine, joint_attributes: list[dict[str, str]]) -> str:
+        """The model file."""
         root = ET.fromstring(self._arm.mjcf)
         for tag in ("keyframe", "contact"):
             for element in root.findall(tag):

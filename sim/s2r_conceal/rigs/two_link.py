@@ -61,6 +61,7 @@ class TwoLink(Rig):
     joint_names: ClassVar[tuple[str, ...]] = ("joint1", "joint2")
 
     def draw(self, rng: np.random.Generator) -> Machine:
+        """A drawn machine of this kind."""
         mass = np.array([rng.uniform(2.0, 5.0), rng.uniform(1.0, 3.0)])
         length = np.array([rng.uniform(0.12, 0.25), rng.uniform(0.1, 0.25)])
         com = np.stack([length, np.zeros(2), length * rng.uniform(-0.15, 0.15, 2)], axis=1)
@@ -81,15 +82,19 @@ class TwoLink(Rig):
         )
 
     def dynamics(self, machines: list[Machine]) -> Dynamics:
+        """Equations of motion, one column per machine."""
         return _Planar(machines)
 
     def tip(self, machine: Machine) -> np.ndarray:
+        """Where a payload sits in the last link's frame [m]."""
         return 1.5 * machine.com[1]
 
     def stroke(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Centre and half-width of the motion [rad]."""
         return rng.uniform(-0.5, 0.5, 2), rng.uniform(0.6, 1.2, 2)
 
     def mjcf(self, machine: Machine, joint_attributes: list[dict[str, str]]) -> str:
+        """The model file."""
         y = (0.0, 1.0, 0.0)
         links = [
             Link("link1", "joint1", y, (0.0, 0.0, 0.0)),

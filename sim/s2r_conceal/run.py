@@ -1,0 +1,110 @@
+"""Running a tool over all cases of a set: a spawn pool, resumable, each case in a folder of its own.
+
+The tool sees a temporary folder with ``model.xml`` and the three recordings and nothing else; sealed answers,
+manifest and other cases are not beside it.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import shlex
+import shutil
+import subprocess
+import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any, Protocol
+
+from s2r_conceal.errors import ConcealError
+from s2r_conceal.seal import check_files, publish_verdicts, read_manifest
+
+ROLES = ("fit", "holdout", "repeat")
+INPUTS = ("model.xml", *(f"{role}.{kind}" for role in ROLES for kind in ("csv", "yaml")))
+
+
+class Bar(Protocol):
+    """What is needed of a progress bar."""
+
+    length: int | None
+
+    def update(self, n_steps: int) -> None:
+        """Advance."""
+
+
+def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar) -> str:
+    """Run ``command`` over every case without a verdict, then hash all verdicts.
+
+    Args:
+        folder: A drawn set.
+        command: Program and leading arguments; ``--model … --fit … --holdout … --repeat … --out …`` follow.
+        workers: Cases at a time.
+        timeout_s: Limit per case [s]; a case that runs into it gets a verdict saying so.
+        bar: Told about every finished case.
+
+    Returns:
+        The hash over all verdicts.
+
+    Raises:
+        SealError: A file of the set was changed.
+        ConcealError: The program cannot be started.
+    """
+    manifest = read_manifest(folder)
+    check_files(folder, manifest)
+    words = shlex.split(command)
+    if not words or shutil.which(words[0]) is None:
+        raise ConcealError(f"--command '{command}': no such program on the path")
+    (folder / "verdicts").mkdir(exist_ok=True)
+    todo = [c for c in manifest["cases"] if not (folder / "verdicts" / f"{c}.json").is_file()]
+    bar.length = len(manifest["cases"])
+    bar.update(len(manifest["cases"]) - len(todo))
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        pending = [pool.submit(run_case, folder, case, words, timeout_s) for case in todo]
+        for done in as_completed(pending):
+            done.result()
+            bar.update(1)
+    return publish_verdicts(folder)
+
+
+def run_case(folder: Path, case: str, words: list[str], timeout_s: float) -> None:
+    """Run the tool on one case and write its verdict file, whole or not at all."""
+    with tempfile.TemporaryDirectory(prefix="s2r-case-") as scratch:
+        place = Path(scratch)
+        for name in INPUTS:
+            shutil.copyfile(folder / case / name, place / name)
+        arguments = ["--model", "model.xml"]
+        for role in ROLES:
+            arguments += [f"--{role}", f"{role}.csv"]
+        verdict = _run(place, [*words, *arguments, "--out", "out", "--seed", "0"], timeout_s)
+    path = folder / "verdicts" / f"{case}.json"
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(verdict, indent=1) + "\n")
+    part.replace(path)
+
+
+def _run(place: Path, words: list[str], timeout_s: float) -> dict[str, Any]:
+    begin = time.monotonic()
+    try:
+        ended = subprocess.run(
+            words, cwd=place, capture_output=True, text=True, timeout=timeout_s, check=False
+        )
+        code, said = ended.returncode, ended.stderr
+    except subprocess.TimeoutExpired:
+        code, said = None, f"no answer within {timeout_s:g} s"
+    found = place / "out" / "gap.json"
+    return {
+        "exit_code": code,
+        "wall_s": round(time.monotonic() - begin, 3),
+        "stderr_tail": said[-2000:],
+        "gap": _read(found),
+    }
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    """The tool's answer; None when there is none or it is no JSON object, which counts as no answer."""
+    try:
+        body = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+    return body if isinstance(body, dict) else None
