@@ -11,7 +11,7 @@ import logging
 import secrets
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 
@@ -67,6 +67,7 @@ class Bridge:
         self._commands = ThreadPoolExecutor(max_workers=1, thread_name_prefix="s2r-command")
         self._last_refusal_s = 0.0
         self._ended = threading.Event()
+        self._publish_lock = threading.Lock()
         self._session = _open_session(config.listen)
         try:
             self._tokens = self._declare_node()
@@ -91,10 +92,13 @@ class Bridge:
     # -- observations -------------------------------------------------------------------------------
 
     def publish_events(self, events: np.ndarray) -> None:
-        """Publish the core's events."""
-        for event in events:
-            stamp_ns, message = self._encoder.event(event)
-            self._publishers[EVENTS].put(message, stamp_ns)
+        """Publish the core's events; does nothing once closed."""
+        with self._publish_lock:
+            if self._ended.is_set():
+                return
+            for event in events:
+                stamp_ns, message = self._encoder.event(event)
+                self._publishers[EVENTS].put(message, stamp_ns)
 
     def _publish_loop(self) -> None:
         while not self._ended.wait(self._config.publish_period_s):
@@ -151,21 +155,24 @@ class Bridge:
                 code=Refusal.INTERNAL,
                 reason="the executor failed on this message; see its log",
             )
-        self._reply(query, self._sealed(reply))
+        self._reply(query, [reply])
 
     def _sealed(self, body: Message) -> bytes:
         return codec.seal(body, self._me)
 
-    def _reply(self, query: zenoh.Query, wire: bytes) -> None:
+    def _reply(self, query: zenoh.Query, bodies: Sequence[Message]) -> None:
         try:
-            query.reply(query.key_expr, wire, express=True, priority=zenoh.Priority.REAL_TIME)
+            for body in bodies:
+                query.reply(query.key_expr, self._sealed(body), express=True)
         except zenoh.ZError as error:  # the asker has gone
             logger.warning("answer on %s could not be sent: %s", query.key_expr, error)
+        finally:
+            query.drop()  # tells the asker that this was all; without it it waits until its time is up
 
     def _log_refusal(self, key: str, error: Exception) -> None:
         if time.monotonic() - self._last_refusal_s > _LOG_REFUSED_EVERY_S:
             self._last_refusal_s = time.monotonic()
-            logger.warning("refused on %s: %s", key, error)
+            logger.warning("refused on %s: %s", key, str(error))
 
     def _hello(self, envelope: pb.Envelope, wire: bytes) -> pb.HelloReply:
         codec.open_body(envelope, pb.Hello)
@@ -270,8 +277,7 @@ class Bridge:
         except OSError as error:
             logger.exception("a recording cannot be read")
             replies = [pb.RecordingReply(complete=False, reason=f"the recording cannot be read: {error}")]
-        for reply in replies:
-            self._reply(query, self._sealed(reply))
+        self._reply(query, replies)
 
     def _recording_replies(self, plan_seq: int) -> list[Message]:
         answer = self._front_end.recording(plan_seq)
@@ -295,7 +301,8 @@ class Bridge:
 
     def close(self) -> None:
         """Finish the commands under way and leave the network."""
-        self._ended.set()
+        with self._publish_lock:
+            self._ended.set()
         self._publishing.join()
         self._commands.shutdown(wait=True)
         self._session.close()

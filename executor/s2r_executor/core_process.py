@@ -12,7 +12,7 @@ from typing import IO, Any
 from s2r_executor.config import ExecutorConfig
 from s2r_executor.core import QUIT, Core
 from s2r_protocol.arms import ArmDescription
-from s2r_protocol.exits import NotReadyError, S2RError, UnreachableError, UsageError
+from s2r_protocol.exits import ExitCode, NotReadyError, S2RError, UnreachableError, UsageError
 
 logger = logging.getLogger(__name__)
 
@@ -22,6 +22,8 @@ _EXECUTABLE = "s2r-rt"
 
 class CoreDiedError(S2RError, RuntimeError):
     """The core's process ended by itself; the drives stop by their own watchdogs."""
+
+    exit_code = ExitCode.PROTECTION
 
 
 class BusUnreachableError(UnreachableError):
@@ -128,14 +130,23 @@ class CoreProcess:
             self.core.beat()
             code = self._process.poll()
             if code is not None:
-                said = self._said()
-                raise BusUnreachableError(
-                    f"the real-time core ended at start (exit {code}) on bus {self._bus}: {said or 'it said nothing'}. "
-                    "Is the arm or its stand-in ('s2r sim-arm') running and listening there?"
-                )
+                raise self._ended(code, f"at start on bus {self._bus}")
             if time.monotonic() > deadline:
                 raise CoreDiedError(f"the real-time core did not come up within {_START_TIMEOUT_S:g} s")
             time.sleep(0.005)
+
+    def _ended(self, code: int, how: str) -> S2RError:
+        """The error for an exit code of ``s2r-rt``: 2 usage, 3 machine not ready, 5 bus absent or closed."""
+        text = f"the real-time core ended {how} (exit {code}): {self._said() or 'it said nothing'}"
+        if code == ExitCode.UNREACHABLE:
+            return BusUnreachableError(
+                f"{text}. Is the arm or its stand-in ('s2r sim-arm') running on {self._bus}?"
+            )
+        if code == ExitCode.NOT_READY:
+            return NotReadyError(text)
+        if code == ExitCode.USAGE:
+            return UsageError(text)
+        return CoreDiedError(text)
 
     def _said(self) -> str:
         if self._process.stderr is None:
@@ -150,10 +161,7 @@ class CoreProcess:
         """
         code = self._process.poll()
         if code is not None:
-            raise CoreDiedError(
-                f"the real-time core ended by itself (exit {code}); the drives stop by their own watchdogs. "
-                f"{self._said()}".rstrip()
-            )
+            raise self._ended(code, "by itself; the drives stop by their own watchdogs")
 
     def quit(self, timeout_s: float = 2.0) -> int:
         """Ask the core to end and wait; kill it if it does not. Returns its exit code."""

@@ -247,12 +247,12 @@ class Recorder:
             chosen = batch.records[batch.records["tick"] % self._stride == 0]
             self._write_records(self._session, chosen)
             self._write_states(self._session, chosen, batch.holder)
-        for plan in list(self._plans.values()):
-            self._write_plan(plan, batch)
-        for event in batch.events:
+        for event in batch.events:  # before the records, whose end may close a plan's file
             stamp_ns, message = self._encoder.event(event)
             for file in (self._session, *(p.file for p in self._plans.values())):
                 file.add(EVENTS, [stamp_ns], [message])
+        for plan in list(self._plans.values()):
+            self._write_plan(plan, batch)
 
     def _write_plan(self, plan: _PlanFile, batch: _Batch) -> None:
         records = batch.records

@@ -117,7 +117,7 @@ class FakeCore:
         for _ in range(ticks):
             self.tick += 1
             if self.state == ExecutorState.RUN and self._spline is not None:
-                self.plan_t = min(self.plan_t + 1e-3, self._spline.duration_s)
+                self.plan_t = min(round(self.plan_t + 1e-3, 9), self._spline.duration_s)
                 now = sample(self._spline, np.array([self.plan_t]))
                 self.q, self.dq = now.q[0], now.dq[0]
                 if self.plan_t >= self._spline.duration_s:

@@ -14,7 +14,14 @@ ME = Identity(boot_id=7, model_hash=b"m" * 32, limit_hash=b"l" * 32)
 
 
 def address(**changes):
-    values = dict(sender="host:1", boot_id=7, epoch=3, seq=1, model_hash=b"m" * 32, limit_hash=b"l" * 32)
+    values = {
+        "sender": "host:1",
+        "boot_id": 7,
+        "epoch": 3,
+        "seq": 1,
+        "model_hash": b"m" * 32,
+        "limit_hash": b"l" * 32,
+    }
     return Address(**{**values, **changes})
 
 

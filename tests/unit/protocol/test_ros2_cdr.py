@@ -111,7 +111,7 @@ def test_missing_fields_become_zero_or_empty():
 
 
 def test_unknown_field_is_refused_by_name():
-    with pytest.raises(CdrError, match="no field 'positions'|no field positions"):
+    with pytest.raises(CdrError, match="has no field positions"):
         pack("sensor_msgs/msg/JointState", {"positions": [1.0]})
 
 

@@ -1,0 +1,227 @@
+"""Recordings: read back by two independent readers, cut at the plan, complete and findable."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from s2r_executor.config import RecorderConfig
+from s2r_executor.observations import Encoder, Timeline
+from s2r_executor.recorder import PlanIdentity, Recorder
+from s2r_protocol.faults import ExecutorState
+from s2r_protocol.proto import s2r_pb2 as pb
+from s2r_protocol.ros2.definitions import message_type
+
+OFFSET_NS = 1_700_000_000_000_000_000
+IDENTITY = PlanIdentity(plan_id=1, seq=7, epoch=2, sender="host:1", label="push")
+
+
+@pytest.fixture
+def recorder(tmp_path, arm):
+    encoder = Encoder(arm, Timeline(OFFSET_NS, 1_000_000, stepped=True))
+    recorder = Recorder(
+        tmp_path, arm, "/lab/xmate3pro", encoder, RecorderConfig(chunk_bytes=16_384), {"model_hash": "ab"}
+    )
+    yield recorder
+    recorder.close()
+
+
+def feed(recorder, core):
+    recorder.feed(core.records(100_000), core.events(), "host:1")
+
+
+def wait_complete(recorder, seq):
+    deadline = time.monotonic() + 20
+    while not recorder.answer(seq).complete:
+        assert time.monotonic() < deadline, recorder.answer(seq)
+        time.sleep(0.01)
+    return recorder.answer(seq).path
+
+
+def run_plan(recorder, core, plan, identity=IDENTITY, ticks=2400):
+    core.state = ExecutorState.HOLD
+    core.advance(50)
+    feed(recorder, core)
+    recorder.open_plan(identity, b"as received")
+    core.submit_plan(
+        identity.plan_id,
+        core.epoch,
+        plan.t,
+        plan.q,
+        plan.dq,
+        plan.ddq,
+        np.full(len(plan.t) - 1, 0.1),
+        0.05,
+        0.02,
+    )
+    for _ in range(ticks // 100):
+        core.advance(100)
+        feed(recorder, core)
+
+
+def messages(path):
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        return [
+            (channel.topic.rsplit("/", 1)[1], message.log_time, decoded)
+            for _, channel, message, decoded in reader.iter_decoded_messages()
+        ]
+
+
+def test_a_plan_recording_holds_every_tick_of_the_plan_and_a_short_tail(recorder, core, smooth_plan):
+    plan = smooth_plan()
+    run_plan(recorder, core, plan)
+    path = wait_complete(recorder, 7)
+    assert path.name == "plan-2-7.mcap"
+    joint_states = [(t, m) for topic, t, m in messages(path) if topic == "joint_states"]
+    assert len(joint_states) == 2000 - 1 + 200  # the tick that ends the plan is already HOLD
+    assert [t for t, _ in joint_states] == [
+        OFFSET_NS + (51 + i) * 1_000_000 for i in range(len(joint_states))
+    ]
+    first, last = joint_states[0][1], joint_states[-1][1]
+    assert list(first.name) == [f"joint{i}" for i in range(1, 8)]
+    np.testing.assert_allclose(first.position, plan.q[0] + 1e-4, atol=1e-6)
+    np.testing.assert_allclose(last.position, plan.q[-1] + 1e-4, atol=1e-12)
+    assert list(last.effort) == [2.5] * 7
+
+
+def test_commands_are_the_reference_and_carry_no_effort(recorder, core, smooth_plan):
+    plan = smooth_plan()
+    run_plan(recorder, core, plan)
+    commands = [m for topic, _, m in messages(wait_complete(recorder, 7)) if topic == "joint_commands"]
+    np.testing.assert_allclose(commands[-1].position, plan.q[-1], atol=1e-12)
+    assert len(commands[0].effort) == 0
+
+
+def test_states_and_events_are_recorded_with_every_change(recorder, core, smooth_plan):
+    run_plan(recorder, core, smooth_plan())
+    found = messages(wait_complete(recorder, 7))
+    states = [m.state for topic, _, m in found if topic == "executor_state"]
+    assert states[0] == ExecutorState.RUN
+    assert states[-1] == ExecutorState.HOLD
+    texts = [m.msg for topic, _, m in found if topic == "events"]
+    assert any("PLAN_STARTED" in text for text in texts)
+    assert any("PLAN_DONE" in text for text in texts)
+
+
+def test_a_stopped_plan_ends_its_recording(recorder, core, smooth_plan):
+    run_plan(recorder, core, smooth_plan(), ticks=600)
+    core.command(pb.STOP, core.epoch)
+    core.advance(300)
+    feed(recorder, core)
+    found = messages(wait_complete(recorder, 7))
+    assert any("STOP_REQUESTED" in m.msg for topic, _, m in found if topic == "events")
+
+
+def test_the_next_plan_ends_the_tail_of_the_one_before(recorder, core, smooth_plan):
+    run_plan(recorder, core, smooth_plan(), ticks=2000)
+    core.advance(60)
+    feed(recorder, core)
+    run_plan(recorder, core, smooth_plan(start=core.q), PlanIdentity(2, 9, 2, "host:1", "second"))
+    first, second = wait_complete(recorder, 7), wait_complete(recorder, 9)
+    last_of_first = max(t for _, t, _ in messages(first))
+    first_of_second = min(t for _, t, _ in messages(second))
+    assert last_of_first <= first_of_second  # the start event carries the tick before
+
+
+def test_attachments_and_facts_are_in_the_file(recorder, core, smooth_plan, arm):
+    run_plan(recorder, core, smooth_plan())
+    with wait_complete(recorder, 7).open("rb") as stream:
+        reader = make_reader(stream)
+        attached = {a.name: a.data for a in reader.iter_attachments()}
+        facts = {m.name: m.metadata for m in reader.iter_metadata()}
+        header = reader.get_header()
+    assert attached["plan.s2r"] == b"as received"
+    assert attached["xmate3pro.urdf"].decode() == arm.urdf
+    assert b"dddq_max" in attached["limits.yaml"]
+    assert facts["s2r"]["model_hash"] == "ab"
+    assert facts["s2r.plan"]["label"] == "push"
+    assert header.profile == "ros2"
+
+
+def test_rosbags_decodes_every_message_of_a_recording(recorder, core, smooth_plan):
+    run_plan(recorder, core, smooth_plan())
+    store = get_typestore(Stores.ROS2_JAZZY)
+    name = "s2r_msgs/msg/ExecutorState"
+    store.register(get_types_from_msg(message_type(name).text, name))
+    seen = set()
+    with wait_complete(recorder, 7).open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            assert channel.message_encoding == "cdr"
+            assert schema.encoding == "ros2msg"
+            store.deserialize_cdr(message.data, schema.name)
+            seen.add(schema.name)
+    assert seen == {"sensor_msgs/msg/JointState", name, "rcl_interfaces/msg/Log"}
+
+
+def test_a_dropped_plan_leaves_no_file_and_no_answer(recorder, core, tmp_path):
+    recorder.open_plan(IDENTITY, b"")
+    recorder.drop_plan(1, "the core refused it")
+    recorder.close()
+    assert not list(tmp_path.glob("plan-*"))
+    assert not recorder.answer(7).complete
+
+
+def test_while_the_plan_runs_the_recording_is_incomplete_without_an_error(recorder, core, smooth_plan):
+    run_plan(recorder, core, smooth_plan(), ticks=500)
+    answer = recorder.answer(7)
+    assert (answer.complete, answer.reason) == (False, "")
+
+
+def test_an_unknown_plan_and_a_recorder_without_folder_say_why(recorder, arm):
+    assert "no plan 3" in recorder.answer(3).reason
+    nothing = Recorder(
+        None, arm, "/x", Encoder(arm, Timeline(0, 1_000_000, stepped=True)), RecorderConfig(), {}
+    )
+    nothing.open_plan(IDENTITY, b"")
+    assert "--record" in nothing.answer(7).reason
+    nothing.close()
+
+
+def test_a_recording_cut_off_by_a_crash_is_readable_up_to_the_last_half_second(
+    recorder, core, smooth_plan, tmp_path
+):
+    run_plan(recorder, core, smooth_plan(), ticks=1900)
+    deadline = time.monotonic() + 20
+    cut = tmp_path / "cut.mcap"
+    while True:  # the writer flushes at least every half second
+        recorder.feed(core.records(), core.events(), "")
+        cut.write_bytes((tmp_path / "plan-2-7.mcap").read_bytes())
+        if cut.stat().st_size > 20_000:
+            break
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    from mcap.exceptions import EndOfFile
+    from mcap.stream_reader import StreamReader
+
+    kinds = []
+    try:
+        with cut.open("rb") as stream:
+            for record in StreamReader(stream).records:
+                kinds.append(type(record).__name__)
+    except EndOfFile:
+        pass
+    assert kinds.count("Message") + kinds.count("Chunk") > 1
+
+
+def test_two_plans_with_the_same_numbers_get_two_files(recorder, core, smooth_plan, tmp_path):
+    run_plan(recorder, core, smooth_plan())
+    first = wait_complete(recorder, 7)
+    core.advance(300)
+    run_plan(recorder, core, smooth_plan(start=core.q), PlanIdentity(2, 7, 2, "host:2", "again"))
+    second = wait_complete(recorder, 7)
+    assert first != second
+    assert second.name == "plan-2-7-2.mcap"
+
+
+def test_session_file_runs_from_start_to_end_at_the_publishing_rate(recorder, core, smooth_plan):
+    run_plan(recorder, core, smooth_plan())
+    recorder.close()
+    states = [t for topic, t, _ in messages(recorder.session_path) if topic == "joint_states"]
+    assert len(states) == 2450 // 10
+    assert set(np.diff(states)) == {10_000_000}

@@ -1,0 +1,62 @@
+"""What the operator reads: one sentence for every state and cause, and a page that matches the code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from s2r_executor.fault_table import FAULTS, markdown
+from s2r_executor.status import describe_cause, known_cause, why_not_moving
+from s2r_protocol.faults import Cause, ExecutorState
+
+NAMES = tuple(f"joint{i}" for i in range(1, 8))
+PAGE = Path(__file__).parents[3] / "docs" / "faults" / "README.md"
+
+
+def snapshot(state=ExecutorState.HOLD, cause=Cause.NONE, **more):
+    values = {
+        "alive": True,
+        "state": int(state),
+        "cause": int(cause),
+        "cause_joint": -1,
+        "cause_value": 0.0,
+        "cause_limit": 0.0,
+    }
+    return SimpleNamespace(**{**values, "plan_t": 1.5, "speed_scale": 1.0, **more})
+
+
+@pytest.mark.parametrize("cause", Cause)
+@pytest.mark.parametrize("state", ExecutorState)
+@pytest.mark.parametrize("holder", ["", "host:1"])
+def test_every_state_and_cause_has_sentences_that_end(state, cause, holder):
+    text = why_not_moving(snapshot(state, cause), NAMES, holder)
+    assert text[0].isupper()
+    assert text.endswith(".")
+    assert ".." not in text
+
+
+@pytest.mark.parametrize("cause", Cause)
+def test_every_cause_has_a_row(cause):
+    fault = FAULTS[cause]
+    assert not fault.meaning.endswith(".")
+    assert fault.reaction.endswith(".")
+    assert fault.recover.endswith(".")
+
+
+def test_joint_value_and_limit_are_named():
+    text = describe_cause(
+        snapshot(cause=Cause.FOLLOWING, cause_joint=1, cause_value=0.0612, cause_limit=0.05), NAMES
+    )
+    assert text == "joint 'joint2': a joint does not follow its reference (0.0612, limit 0.05)"
+
+
+def test_an_unknown_cause_number_counts_as_internal():
+    assert known_cause(777) is Cause.INTERNAL
+
+
+def test_the_page_matches_the_table():
+    assert PAGE.read_text(encoding="utf-8") == markdown(), (
+        "docs/faults/README.md is out of date: python -m s2r_executor.fault_table > docs/faults/README.md"
+    )
