@@ -94,6 +94,11 @@ class Icem:
             -1, *self._shape
         )
 
+    def forget(self) -> None:
+        """Drop mean and elites, as at the start; the randomness goes on."""
+        self._mean = np.zeros(self._shape)
+        self._inherited = np.zeros((0, *self._shape))
+
     def _kept(self) -> int:
         return min(len(self._elites), round(self.settings.keep_fraction * self.settings.elites))
 

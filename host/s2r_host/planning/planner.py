@@ -20,6 +20,7 @@ from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult, St
 
 logger = logging.getLogger(__name__)
 
+_BACK_STEPS = 3  # how far the first step back goes; the second goes twice as far, and so on
 _LANDING_STEPS = 9  # halvings of the last action until the hold ends on target
 
 
@@ -108,37 +109,48 @@ class _Attempt:
         rollouts = Rollouts(self.scene, self.stage, settings, capacity)
         target = self.world.q
         self.targets = [target]
+        states = [self.world.save()]
+        backtracks = 0
         for step in range(settings.max_steps):
-            icem.begin()
-            for _ in range(icem.settings.iterations):
-                samples = icem.sample()
-                facts = rollouts.run(
-                    self.world.data.qpos,
-                    self.world.data.qvel,
-                    _accumulate(target, samples, low, high),
-                    self.hook.p_part,
-                )
-                icem.update(samples, rewards(facts, self.task, settings.weights))
-            self.env_steps = rollouts.env_steps
-            before = self.world.save()
-            ranked, values = icem.ranked()
-            goal, rank, report = self._execute(target, ranked[:, 0], low, high, before)
+            ranked, values = self._think(icem, rollouts, target, low, high)
+            goal, rank, report = self._execute(target, ranked[:, 0], low, high, states[-1])
             self._note(step, float(values[rank]), rank, report)
-            problem = self._problem(report)
-            if problem is not None:
-                return problem
-            landed = self._land(before, target, goal)
+            if report.contact is not None:
+                backtracks += 1
+                if backtracks > settings.backtracks:
+                    return f"touches something unexpected: {report.contact}"
+                keep = max(1, len(states) - _BACK_STEPS * backtracks)
+                del states[keep:], self.targets[keep:]
+                self.world.restore(states[-1])
+                target = self.targets[-1]
+                icem.forget()
+                continue
+            landed = self._land(states[-1], target, goal)
             if landed is not None:
                 self.targets.append(landed)
                 return None
             target = goal
             self.targets.append(goal)
+            states.append(self.world.save())
             icem.advance()
         unit = "m" if self.scene.prismatic else "rad"
         return (
             f"the target was not reached in {settings.max_steps} control steps: s = {self.world.s:.4f} {unit}, "
             f"target {self.task.s_target:.4f} {unit}, fingertip {self.trace[-1].distance_m:.3f} m from its place"
         )
+
+    def _think(
+        self, icem: Icem, rollouts: Rollouts, target: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One control step of the sampler: action sequences from the world's state, best first, and their rewards."""
+        data = self.world.data
+        icem.begin()
+        for _ in range(icem.settings.iterations):
+            samples = icem.sample()
+            facts = rollouts.run(data.qpos, data.qvel, _accumulate(target, samples, low, high), self.hook)
+            icem.update(samples, rewards(facts, self.task, self.settings.weights))
+        self.env_steps = rollouts.env_steps
+        return icem.ranked()
 
     def _sampler(self) -> Icem:
         settings = self.settings
@@ -151,18 +163,21 @@ class _Attempt:
     def _execute(
         self, target: np.ndarray, actions: np.ndarray, low: np.ndarray, high: np.ndarray, before: np.ndarray
     ) -> tuple[np.ndarray, int, Report]:
-        """Execute the best-ranked action that the fine model finds harmless; if none is, the best one."""
-        first: tuple[np.ndarray, Report] | None = None
+        """Execute the best-ranked action that the fine model finds harmless; if none is, the least harmful one.
+
+        A contact is worse than a saturated motor, which the timed motion, slower than the plan, may not have.
+        """
+        tried: list[tuple[tuple[bool, bool], int, np.ndarray]] = []
         for rank, action in enumerate(actions[: self.settings.retries]):
             goal = np.clip(target + action, low, high)
             report = self._play(target, goal)
-            if report.contact is None and report.torque_share <= self.settings.torque_margin:
+            harm = (report.contact is not None, report.torque_share > self.settings.torque_margin)
+            if not any(harm):
                 return goal, rank, report
-            first = first or (goal, report)
+            tried.append((harm, rank, goal))
             self.world.restore(before)
-        assert first is not None
-        self._play(target, first[0])
-        return first[0], 0, first[1]
+        _, rank, goal = min(tried, key=lambda entry: entry[:2])
+        return goal, rank, self._play(target, goal)
 
     def _play(self, start: np.ndarray, goal: np.ndarray) -> Report:
         substeps = round(self.settings.control_dt_s / self.settings.fine_timestep_s)
@@ -176,10 +191,12 @@ class _Attempt:
         after = self.world.save()
         if self._missing() > 0.25 * abs(self.task.s_target - self.task.s_initial) + 5.0 * self.task.tolerance:
             return None
-        low, high = self._held(before, target, target), self._held(before, target, goal)
+        high, low = self._held(before, target, goal), self._held(before, target, target)
         shares = (0.0, 1.0)
         landed: np.ndarray | None = None
-        if low * high <= 0.0:
+        if min(abs(low), abs(high)) < 0.8 * self.task.tolerance:
+            landed = goal if abs(high) < abs(low) else target
+        elif low * high <= 0.0:
             for _ in range(_LANDING_STEPS):
                 middle = sum(shares) / 2.0
                 candidate = target + middle * (goal - target)
@@ -198,8 +215,7 @@ class _Attempt:
         """Signed rest ``s_target - s`` after going to ``goal`` and holding it; infinite if that touches anything."""
         self.world.restore(before)
         report = self._play(target, goal).merged(self._hold(goal))
-        harmless = report.contact is None and report.torque_share <= self.settings.torque_margin
-        return self.task.s_target - self.world.s if harmless else np.inf
+        return np.inf if report.contact is not None else self.task.s_target - self.world.s
 
     def _hold(self, goal: np.ndarray) -> Report:
         substeps = round(self.settings.hold_s / self.settings.fine_timestep_s)
@@ -216,35 +232,17 @@ class _Attempt:
             self.path.append((self.world.q, self.world.s))
             if report.touched and self.touch_step is None:
                 self.touch_step = step + 1
-        problem = self._problem(self.played)
-        if problem is not None:
-            return problem
-        final = [abs(self.task.s_target - s) for _, s in self.path[-hold_steps:]]
-        if (
-            final[-1] >= self.task.tolerance
-            or abs(final[-1] - final[len(final) // 2]) > self.task.tolerance / 2
-        ):
+        if self.played.contact is not None:
+            return f"touches something unexpected: {self.played.contact}"
+        late = [abs(self.task.s_target - s) for _, s in self.path[-(hold_steps // 2) :]]
+        if max(late) >= self.task.tolerance:
             return f"the target is not held: s = {self.world.s:.4f} at the end of the hold"
-        return None
-
-    def _problem(self, report: Report) -> str | None:
-        """Why a motion may not be delivered, in words, or None."""
-        if report.contact is not None:
-            return f"touches something unexpected: {report.contact}"
-        if report.torque_share > self.settings.torque_margin:
-            name = self.scene.arm.joint_names[report.torque_joint]
-            limit = self.scene.arm.limits.tau_max[report.torque_joint]
-            return (
-                f"joint {name!r}: torque {report.torque_share * limit:.1f} N·m exceeds "
-                f"{self.settings.torque_margin:.0%} of its limit {limit:.1f} N·m"
-            )
         return None
 
     def _note(self, step: int, predicted: float, rank: int, report: Report) -> None:
         data, body = self.world.data, self.scene.part_body
-        tip = data.site_xpos[self.scene.tool_site]
-        place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self.hook.p_part
-        distance_m = float(np.linalg.norm(tip - place))
+        tip = data.site_xpos[self.scene.tool_site] - data.xpos[body]
+        distance_m = float(self.hook.distance(data.xmat[body].reshape(3, 3).T @ tip))
         self.steps_done = step + 1
         self.trace.append(
             StepTrace(

@@ -31,6 +31,7 @@ class StepFacts:
 
     Attributes:
         distance_m: Fingertip to its point on the part, (rollout, step).
+        turn_rad: Angle between the tool and its orientation at that point, (rollout, step).
         s: Joint of the object [m or rad], (rollout, step).
         touches: The fingertip touches the part, bool (rollout, step).
         collides: The robot touches anything else, bool (rollout, step).
@@ -40,6 +41,7 @@ class StepFacts:
     """
 
     distance_m: np.ndarray
+    turn_rad: np.ndarray
     s: np.ndarray
     touches: np.ndarray
     collides: np.ndarray
@@ -48,9 +50,15 @@ class StepFacts:
     load: np.ndarray
 
 
-def r_dist(distance_m: np.ndarray, weights: RewardWeights) -> np.ndarray:
-    """Distance term: -w ||p_tip - p_part||². Repair: printed with a plus, which pays for going away."""
-    return -weights.distance * distance_m**2
+def r_dist(distance_m: np.ndarray, turn_rad: np.ndarray, weights: RewardWeights) -> np.ndarray:
+    """Distance term: -w (||p_tip - p_part||² + (l turn)²).
+
+    Repair: printed with a plus, which pays for going away. The second part is ours: behind a handle the orientation
+    decides whether the hand fits, and the distance alone knows nothing of it; l = 0 is the paper's term.
+    """
+    squared = distance_m**2 + (weights.turn_m * turn_rad) ** 2
+    width = weights.distance_width_m
+    return -weights.distance * 2.0 * width**2 * (np.sqrt(1.0 + squared / width**2) - 1.0)
 
 
 def remaining(s: np.ndarray, task: Task) -> np.ndarray:
@@ -114,7 +122,7 @@ def joint_weights(weights: RewardWeights, dof: int) -> np.ndarray:
 def rewards(facts: StepFacts, task: Task, weights: RewardWeights) -> np.ndarray:
     """Value of every rollout, (rollout,): the mean over its steps of the five terms and the load term."""
     total = (
-        r_dist(facts.distance_m, weights)
+        r_dist(facts.distance_m, facts.turn_rad, weights)
         + r_target(facts.s, task, weights)
         + r_contact(facts, task, weights)
         + r_reg(facts.dq, facts.ddq, weights)

@@ -6,6 +6,7 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+from s2r_host.planning.hooking import Hook
 from s2r_host.planning.rewards import StepFacts
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings, Stage
@@ -29,13 +30,13 @@ class Rollouts:
         self._warmstart = self._batch.bind("qacc_warmstart")
         self.env_steps = 0
 
-    def run(self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, p_part: np.ndarray) -> StepFacts:
+    def run(self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, hook: Hook) -> StepFacts:
         """Play sequences of joint targets from one state.
 
         Args:
             qpos, qvel: Start state of arm and object, (nq,), (nv,).
             targets: Joint targets including the one in force at the start, (rollout, steps + 1, dof) [rad].
-            p_part: The point that the fingertip is measured against, part frame [m], (3,).
+            hook: The place that the fingertip is measured against.
 
         Returns:
             What the reward needs, with ``steps`` entries along time.
@@ -50,9 +51,9 @@ class Rollouts:
             control.shape[1], control, _CONTROL, ("qpos", "qvel", "sensordata", "ncon"), ids=ids
         )
         self.env_steps += rollouts * steps
-        return self._facts(record, qvel, targets, p_part)
+        return self._facts(record, qvel, targets, hook)
 
-    def _facts(self, record: dict, qvel: np.ndarray, targets: np.ndarray, p_part: np.ndarray) -> StepFacts:
+    def _facts(self, record: dict, qvel: np.ndarray, targets: np.ndarray, hook: Hook) -> StepFacts:
         scene, n = self._scene, self._substeps
         dof = scene.dof
         s = record["qpos"][:, n - 1 :: n, scene.s_qpos]
@@ -61,12 +62,13 @@ class Rollouts:
         before = np.broadcast_to(qvel[:dof], (len(dq), 1, dof))
         ddq = np.diff(dq, axis=1, prepend=before) / self._control_dt_s
         # Sensors and contacts describe the state before a substep: one substep behind qpos.
-        tip = record["sensordata"][:, :, :3]
-        touches = record["sensordata"][:, :, 3:].sum(axis=2)
+        pose = record["sensordata"][:, :, :7]
+        touches = record["sensordata"][:, :, 7:].sum(axis=2)
         collides = record["ncon"].reshape(touches.shape) > touches
-        after = np.minimum(np.arange(n, tip.shape[1] + 1, n), tip.shape[1] - 1)
+        after = np.minimum(np.arange(n, pose.shape[1] + 1, n), pose.shape[1] - 1)
         return StepFacts(
-            distance_m=np.linalg.norm(tip[:, after] - p_part, axis=2),
+            distance_m=hook.distance(pose[:, after, :3]),
+            turn_rad=hook.turn(pose[:, after, 3:]),
             s=s,
             touches=_any_within(touches > 0, n),
             collides=_any_within(collides, n),

@@ -21,7 +21,6 @@ from s2r_protocol.arms import ArmDescription
 from s2r_protocol.exits import UsageError
 
 OBJECT_PREFIX = "object/"  # keeps the object's names apart from the arm's
-TIP_SENSOR = "tip_in_part"
 FINGER_PREFIX = "finger"  # shapes of the tool that are meant to touch the part
 
 _ROBOT_BIT, _WORLD_BIT = 1, 2
@@ -111,9 +110,9 @@ def build_scene(arm: ArmDescription, object_mjcf: str | Path, joint: str, settin
     Raises:
         SceneFileError: The file cannot be read or compiled, or has no such joint.
     """
-    fine = _compile(arm, object_mjcf, joint, settings.servo, fine=True)
+    fine = _compile(arm, object_mjcf, joint, settings, fine=True)
     fine.opt.timestep = settings.fine_timestep_s
-    coarse = _compile(arm, object_mjcf, joint, settings.servo, fine=False)
+    coarse = _compile(arm, object_mjcf, joint, settings, fine=False)
     joint_id = fine.joint(OBJECT_PREFIX + joint).id
     part = int(fine.jnt_bodyid[joint_id])
     limited = bool(fine.jnt_limited[joint_id])
@@ -134,9 +133,9 @@ def build_scene(arm: ArmDescription, object_mjcf: str | Path, joint: str, settin
 
 
 def _compile(
-    arm: ArmDescription, object_mjcf: str | Path, joint: str, servo: ServoSettings, *, fine: bool
+    arm: ArmDescription, object_mjcf: str | Path, joint: str, settings: PlanSettings, *, fine: bool
 ) -> mujoco.MjModel:
-    spec = _arm_spec(arm, servo, fine=fine)
+    spec = _arm_spec(arm, settings.servo, fine=fine)
     thing = _object_spec(object_mjcf, joint)
     spec.attach(thing, prefix=OBJECT_PREFIX, frame=spec.worldbody.add_frame())
     spec.worldbody.add_geom(
@@ -154,6 +153,7 @@ def _compile(
     else:
         option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
         option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+        _add_clearance(spec, arm, settings.clearance_m)
         _add_sensors(spec, arm, joint)
     try:
         return spec.compile()
@@ -217,17 +217,26 @@ def _object_spec(object_mjcf: str | Path, joint: str) -> mujoco.MjSpec:
     return spec
 
 
+def _add_clearance(spec: mujoco.MjSpec, arm: ArmDescription, clearance_m: float) -> None:
+    """Let near misses of the robot, except the fingertip, count as contacts, without any force."""
+    robot = {shape.name for shape in arm.source.shapes}
+    for geom in spec.geoms:
+        if geom.name in robot and not geom.name.startswith(FINGER_PREFIX):
+            geom.margin = geom.gap = clearance_m
+
+
 def _add_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str) -> None:
-    """Fingertip in the part's frame, and how often each finger shape touches the part."""
+    """Tool pose in the part's frame (3 + 4 numbers), and how often each finger shape touches the part."""
     part = spec.joint(OBJECT_PREFIX + joint).parent.name
-    spec.add_sensor(
-        name=TIP_SENSOR,
-        type=mujoco.mjtSensor.mjSENS_FRAMEPOS,
-        objtype=mujoco.mjtObj.mjOBJ_SITE,
-        objname=arm.tool_frame,
-        reftype=mujoco.mjtObj.mjOBJ_XBODY,
-        refname=part,
-    )
+    for kind in (mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMEQUAT):
+        spec.add_sensor(
+            name=kind.name,
+            type=kind,
+            objtype=mujoco.mjtObj.mjOBJ_SITE,
+            objname=arm.tool_frame,
+            reftype=mujoco.mjtObj.mjOBJ_XBODY,
+            refname=part,
+        )
     for geom in spec.geoms:
         if geom.name.startswith(FINGER_PREFIX):
             spec.add_sensor(

@@ -75,6 +75,7 @@ class RewardWeights:
 
     Attributes:
         distance: Per m² between fingertip and its point on the part.
+        turn_m: Length that makes an angle of the tool comparable with a distance; 0 ignores the orientation.
         target: At full remaining way; proportional to the share that remains.
         success: For being on target.
         contact: For the fingertip touching the part while there is progress.
@@ -87,7 +88,9 @@ class RewardWeights:
         joints: Weights of the joints in the speed and acceleration terms; arms with other counts repeat the last one.
     """
 
-    distance: float = 10.0
+    distance: float = 1000.0
+    distance_width_m: float = 0.02
+    turn_m: float = 0.2
     target: float = 50.0
     success: float = 20.0
     contact: float = 10.0
@@ -149,7 +152,9 @@ class PlanSettings:
         fine_timestep_s: Physics step of the execution model.
         torque_margin: Share of the torque limits a delivered plan may use.
         joint_margin_rad: Distance kept from the position limits.
+        clearance_m: The rollouts count anything nearer than this to the robot, except the fingertip, as a collision.
         retries: Ranked samples tried in the fine model before an action with an unexpected contact is taken.
+        backtracks: How often a stage may go back some steps when every action touches something unexpected.
         hooks: Fingertip places on the part that are compared with the whole arm before planning.
         threads: Threads of the rollouts; 0 takes all processors. Plans do not depend on it.
         icem: The sampler.
@@ -167,7 +172,9 @@ class PlanSettings:
     fine_timestep_s: float = 0.002
     torque_margin: float = 0.9
     joint_margin_rad: float = 0.05
+    clearance_m: float = 0.003
     retries: int = 8
+    backtracks: int = 6
     hooks: int = 24
     threads: int = 0
     icem: IcemSettings = field(default_factory=IcemSettings)

@@ -1,0 +1,89 @@
+"""The hand as a free body among the object's geoms: where it fits and what it would touch, without physics."""
+
+from __future__ import annotations
+
+import mujoco
+import mujoco.batch
+import numpy as np
+
+from s2r_host.planning.scene import FINGER_PREFIX, GeomKind, Scene
+
+
+class HandProbe:
+    """The hand as a free body among the object's geoms; says where it would touch what."""
+
+    def __init__(self, scene: Scene, data: mujoco.MjData, threads: int) -> None:
+        spec = mujoco.MjSpec()
+        model = scene.fine
+        for geom in range(model.ngeom):
+            if scene.geom_kind[geom] <= GeomKind.PART and model.geom_contype[geom]:
+                _copy_geom(spec, spec.worldbody, model, geom, data.geom_xpos[geom], data.geom_xmat[geom])
+        hand = spec.worldbody.add_body(name="hand")
+        hand.add_freejoint()
+        hand.mass, hand.inertia, hand.explicitinertial = 1.0, [0.01, 0.01, 0.01], True
+        p_tool, R_tool = data.site_xpos[scene.tool_site], data.site_xmat[scene.tool_site].reshape(3, 3)
+        weld = model.body_weldid[model.site_bodyid[scene.tool_site]]
+        for geom in np.flatnonzero(model.body_weldid[model.geom_bodyid] == weld):
+            R_geom = R_tool.T @ data.geom_xmat[geom].reshape(3, 3)
+            p_geom = R_tool.T @ (data.geom_xpos[geom] - p_tool)
+            _copy_geom(spec, hand, model, int(geom), p_geom, R_geom.ravel())
+        everything = spec.compile()
+        fingers = spec.compile()
+        self._finger = np.array(
+            [everything.geom(g).name.startswith(FINGER_PREFIX) for g in range(everything.ngeom)]
+        )
+        part = {model.geom(int(g)).name for g in np.flatnonzero(scene.geom_kind == GeomKind.PART)}
+        is_part = np.array([everything.geom(g).name in part for g in range(everything.ngeom)])
+        in_hand = everything.geom_bodyid == everything.body("hand").id
+        fingers.geom_contype[in_hand & ~self._finger] = 0
+        fingers.geom_conaffinity[in_hand & ~self._finger] = 0
+        fingers.geom_contype[~in_hand & ~is_part] = 0
+        fingers.geom_conaffinity[~in_hand & ~is_part] = 0
+        self._all = mujoco.batch.Batch(everything, nsim=256, nthread=threads)
+        self._fingers = mujoco.batch.Batch(fingers, nsim=256, nthread=threads)
+
+    def contacts(self, p_world: np.ndarray, quat_wxyz: np.ndarray) -> np.ndarray:
+        """Number of contacts of the hand with anything, (n,), at n tool poses."""
+        return _count(self._all, np.concatenate([p_world, quat_wxyz], axis=1))
+
+    def finger_contacts(self, p_world: np.ndarray, quat_wxyz: np.ndarray) -> np.ndarray:
+        """Number of contacts between fingers and part alone, (n,), at n tool poses."""
+        return _count(self._fingers, np.concatenate([p_world, quat_wxyz], axis=1))
+
+
+def _count(batch: mujoco.batch.Batch, poses: np.ndarray) -> np.ndarray:
+    qpos, ncon = batch.bind("qpos"), batch.bind("ncon")
+    counts = np.zeros(len(poses), dtype=int)
+    for start in range(0, len(poses), batch.nsim):
+        part = poses[start : start + batch.nsim]
+        ids = np.arange(len(part))
+        qpos[ids] = part
+        batch.forward(ids=ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
+        counts[start : start + len(part)] = np.asarray(ncon)[ids].reshape(-1)
+    return counts
+
+
+def quat_of(R: np.ndarray) -> np.ndarray:
+    """Rotation matrix (3, 3) to quaternion wxyz, (4,)."""
+    quat_wxyz = np.empty(4)
+    mujoco.mju_mat2Quat(quat_wxyz, np.ascontiguousarray(R).ravel())
+    return quat_wxyz
+
+
+def _copy_geom(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, model: mujoco.MjModel, geom: int, p: np.ndarray, R: np.ndarray
+) -> None:
+    """A geom of a compiled model as a geom of another body, at a pose in that body's frame."""
+    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
+    name = model.geom(geom).name or f"geom_{geom}"
+    copy = body.add_geom(
+        name=name, type=kind, size=model.geom_size[geom], pos=p, quat=quat_of(R.reshape(3, 3))
+    )
+    in_hand = body.name == "hand"
+    copy.contype, copy.conaffinity = (1, 2) if in_hand else (2, 1)
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+        mesh_name = f"mesh_{geom}"
+        spec.add_mesh(name=mesh_name, uservert=model.mesh_vert[start : start + count].ravel().tolist())
+        copy.meshname = mesh_name

@@ -1,0 +1,188 @@
+"""Places where the hand is free and its fingertip could push the part along its motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from s2r_host.planning.hand_probe import HandProbe, quat_of
+from s2r_host.planning.scene import GeomKind, Scene
+
+_PAD_M = 0.012  # the point that should meet the part, this far behind the end of the fingertip
+_BEHIND_M = (0.010, 0.014, 0.018, 0.024)  # how far behind a geom places are looked for
+_PUSH_M = (0.008, 0.016, 0.024, 0.034)  # how far along the motion the part is felt for
+_BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out
+_ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
+_STEP_M, _SPREAD = 0.02, 160
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Tool poses in the world frame at the present state of the object.
+
+    Attributes:
+        p: Tool tips [m], (n, 3).
+        R: Tool orientations, (n, 3, 3).
+        way: Unit direction of the part's wanted motion there, (n, 3).
+        push_m: How far along it the fingertip meets the part, (n,).
+        blocked: How many of ten small steps aside or deeper would touch something, (n,).
+    """
+
+    p: np.ndarray
+    R: np.ndarray
+    way: np.ndarray
+    push_m: np.ndarray
+    blocked: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.p)
+
+
+def find_places(scene: Scene, data: mujoco.MjData, probe: HandProbe, sign: float) -> Places:
+    """All places found around the part for motion towards growing (sign 1) or falling s (-1); maybe none."""
+    p, R, way = _candidates(scene, data, sign)
+    quat = np.array([quat_of(r) for r in R]).reshape(-1, 4)
+    free = probe.contacts(p, quat) == 0
+    p, R, way, quat = p[free], R[free], way[free], quat[free]
+    push_m = np.full(len(p), np.inf)
+    blocked_way = np.zeros(len(p), dtype=bool)
+    for push in _PUSH_M:
+        total, finger = probe.contacts(p + push * way, quat), probe.finger_contacts(p + push * way, quat)
+        undecided = ~blocked_way & np.isinf(push_m)
+        push_m[undecided & (finger > 0) & (finger == total)] = push
+        blocked_way |= undecided & (total > finger)
+    good = np.isfinite(push_m)
+    for back in _BACK_M:
+        good[good] = probe.contacts((p - back * R[:, :, 2])[good], quat[good]) == 0
+    p, R, way, quat, push_m = p[good], R[good], way[good], quat[good], push_m[good]
+    return Places(p, R, way, push_m, _blocked_steps(probe, p, R, quat, way))
+
+
+def _blocked_steps(
+    probe: HandProbe, p: np.ndarray, R: np.ndarray, quat: np.ndarray, way: np.ndarray
+) -> np.ndarray:
+    """How many small steps aside or deeper would touch something, (n,); longer ones towards the part may."""
+    blocked = np.zeros(len(p), dtype=int)
+    for column, side in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0)):
+        step = side * R[:, :, column]
+        towards_part = np.einsum("ni,ni->n", step, way) > 0.7
+        blocked += probe.contacts(p + _ROOM_M[0] * step, quat) > 0
+        blocked += (probe.contacts(p + _ROOM_M[1] * step, quat) > 0) & ~towards_part
+    return blocked
+
+
+def part_box(scene: Scene, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+    """Axis-aligned box of the part's colliding geoms in the world, two (3,) [m]."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for geom in _part_geoms(scene):
+        R = data.geom_xmat[geom].reshape(3, 3)
+        centre = data.geom_xpos[geom] + R @ scene.fine.geom_aabb[geom, :3]
+        reach = np.abs(R) @ scene.fine.geom_aabb[geom, 3:]
+        low, high = np.minimum(low, centre - reach), np.maximum(high, centre + reach)
+    return low, high
+
+
+def _candidates(scene: Scene, data: mujoco.MjData, sign: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tool tips, orientations and directions worth a closer look: behind the part, with a way out."""
+    centres = _points_behind(scene, data, sign)
+    ways = sign * scene.part_motion(data, centres)
+    keep = np.array([_sees_part(scene, data, c, w) for c, w in zip(centres, ways, strict=True)], dtype=bool)
+    chosen = np.flatnonzero(keep)[_spread(centres[keep], _SPREAD)]
+    tips, rotations, directions = [], [], []
+    for centre, way in zip(centres[chosen], ways[chosen], strict=True):
+        R = _frame(way) @ _ORIENTATIONS
+        R = R[_free_along(scene, data, centre, -R[:, :, 2]) > _BACK_M[-1] + _PAD_M]
+        tips.append(centre + _PAD_M * R[:, :, 2])
+        rotations.append(R)
+        directions.append(np.broadcast_to(way, (len(R), 3)))
+    if not tips:
+        return np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3))
+    return np.concatenate(tips), np.concatenate(rotations), np.concatenate(directions)
+
+
+def _part_geoms(scene: Scene) -> np.ndarray:
+    return np.flatnonzero((scene.geom_kind == GeomKind.PART) & (scene.fine.geom_contype != 0))
+
+
+def _points_behind(scene: Scene, data: mujoco.MjData, sign: float) -> np.ndarray:
+    """Points a finger's half thickness and more behind every geom of the part, as it moves, (n, 3).
+
+    Geom by geom, because a grid around the whole part would miss a thin bar.
+    """
+    geoms = _part_geoms(scene)
+    per_side = 9 if len(geoms) <= 16 else 4
+    points = []
+    for geom in geoms:
+        R = data.geom_xmat[geom].reshape(3, 3)
+        centre = data.geom_xpos[geom] + R @ scene.fine.geom_aabb[geom, :3]
+        frame = _frame(sign * scene.part_motion(data, centre))
+        reach = np.abs(frame.T @ R) @ scene.fine.geom_aabb[geom, 3:]
+        counts = [int(np.clip(np.ceil(2.0 * r / _STEP_M), 1, per_side)) for r in reach[1:]]
+        sides = [((np.arange(n) + 0.5) / n * 2.0 - 1.0) * r for n, r in zip(counts, reach[1:], strict=True)]
+        behind = -reach[0] - np.array(_BEHIND_M)
+        grid = np.stack(np.meshgrid(behind, *sides, indexing="ij"), axis=-1).reshape(-1, 3)
+        points.append(centre + grid @ frame.T)
+    above = np.concatenate(points)
+    return above[above[:, 2] > 0.012]
+
+
+def _sees_part(scene: Scene, data: mujoco.MjData, point: np.ndarray, way: np.ndarray) -> bool:
+    """True when the part is the first thing met from a point along the motion, within the feeling distance."""
+    geom = np.zeros(1, dtype=np.int32)
+    distance_m = mujoco.mj_ray(scene.fine, data, point, way, None, 1, -1, geom)
+    return 0.004 < distance_m < _PUSH_M[-1] + 0.01 and scene.geom_kind[geom[0]] == GeomKind.PART
+
+
+def _free_along(scene: Scene, data: mujoco.MjData, point: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Free distance [m] from a point along unit directions (n, 3); the arm itself does not count, (n,)."""
+    count = len(directions)
+    geoms, distances = np.zeros(count, dtype=np.int32), np.zeros(count)
+    rays = np.ascontiguousarray(directions).ravel()
+    mujoco.mj_multiRay(scene.fine, data, point, rays, None, 1, -1, geoms, distances, None, count, 1.0)
+    nothing = (geoms < 0) | (scene.geom_kind[geoms] >= GeomKind.ROBOT)
+    return np.where(nothing, np.inf, distances)
+
+
+def _frame(way: np.ndarray) -> np.ndarray:
+    """Columns ahead, aside, up for a unit direction; level if the direction is not steep, (3, 3)."""
+    level = np.array([way[0], way[1], 0.0])
+    length = np.sqrt(level @ level)
+    x, y = (level[:2] / length) if length > 0.3 else (1.0, 0.0)
+    return np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _orientation_table() -> np.ndarray:
+    """Tool orientations in the frame ahead-aside-up: axes that do not point up, thin or wide side on, (n, 3, 3)."""
+    rotations = []
+    for ahead in (-1.0, -0.5, -0.25, 0.0, 0.5, 1.0):
+        for aside in (-1.0, 0.0, 1.0):
+            for down in (0.0, 1.0):
+                axis = np.array([ahead, aside, -down])
+                if np.linalg.norm(axis) < 0.9 or (down == 0.0 and aside != 0.0 and ahead != 0.0):
+                    continue
+                z = axis / np.linalg.norm(axis)
+                x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
+                x /= np.linalg.norm(x)
+                y = np.cross(z, x)
+                rotations += [
+                    np.column_stack([x, y, z]),
+                    np.column_stack([y, -x, z]),
+                ]  # half turns look the same
+    return np.array(rotations)
+
+
+def _spread(points: np.ndarray, count: int) -> np.ndarray:
+    """Indices of up to ``count`` points far from each other, beginning with the first."""
+    if len(points) <= count:
+        return np.arange(len(points))
+    chosen = [0]
+    distance = np.linalg.norm(points - points[0], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)
+
+
+_ORIENTATIONS = _orientation_table()
