@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from types import TracebackType
 from typing import TYPE_CHECKING, TypeVar
 
@@ -36,7 +37,7 @@ from s2r_host.link_types import (
     stop_error,
 )
 from s2r_protocol import codec
-from s2r_protocol.faults import Cause, ExecutorState, Refusal
+from s2r_protocol.faults import ExecutorState, Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
 
@@ -160,7 +161,7 @@ class ExecutorLink:
                 Refusal.NO_LEASE,
             )
         self._epoch = reply.epoch
-        self._heart = _Heart(self._session, self._keys.heartbeat, lambda count: self._heartbeat_bytes(count))
+        self._heart = _Heart(self._session, self._keys.heartbeat, self._heartbeat_bytes)
 
     def return_lease(self) -> None:
         """Stop the heartbeat and give the lease back; harmless without one."""
@@ -270,7 +271,7 @@ class ExecutorLink:
                 return False
             if now.plan_done and now.state == ExecutorState.HOLD:
                 return True
-            if now.state not in MOVING and (now.epoch != verdict.epoch or now.cause != Cause.NONE):
+            if now.state not in MOVING and now.epoch != verdict.epoch:  # every stop bumps the epoch
                 raise stop_error(now)
             return False
 
@@ -332,17 +333,20 @@ class ExecutorLink:
     def _address(self) -> codec.Address:
         with self._lock:
             self._seq += 1
-            return codec.Address(
-                sender=self._sender,
-                boot_id=self.identity.boot_id,
-                epoch=self._epoch,
-                seq=self._seq,
-                model_hash=self._arm.model_hash,
-                limit_hash=self._arm.limit_hash,
-            )
+            return replace(self._address_template(), seq=self._seq)
+
+    def _address_template(self) -> codec.Address:
+        return codec.Address(
+            sender=self._sender,
+            boot_id=self.identity.boot_id,
+            epoch=self._epoch,
+            model_hash=self._arm.model_hash,
+            limit_hash=self._arm.limit_hash,
+        )
 
     def _heartbeat_bytes(self, count: int) -> bytes:
-        return codec.seal(pb.Heartbeat(count=count), self._address())
+        # Numbered by its own count: the sequence numbers of commands also name plans and recordings.
+        return codec.seal(pb.Heartbeat(count=count), replace(self._address_template(), seq=count))
 
     def _ask_all(self, key: str, wire: bytes) -> list[bytes]:
         replies = ask(self._session, key, wire, self._timeout_s)
@@ -361,10 +365,9 @@ class ExecutorLink:
 
     def _judged(self, key: str, body: Message, what: str) -> Verdict:
         verdict = self._command(key, body, pb.Verdict)
-        if verdict.epoch:
-            self._epoch = verdict.epoch
         if not verdict.accepted:
             raise refusal_error(verdict, what)
+        self._epoch = verdict.epoch
         return Verdict(verdict.seq, verdict.epoch, verdict.duration)
 
     def _control(self, kind: pb.ControlKind, value: float = 0.0) -> Verdict:

@@ -29,6 +29,7 @@ from s2r_protocol.ros2.definitions import schema_text
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 TEXT = "std_msgs/msg/String"
+STATE = "s2r_msgs/msg/ExecutorState"
 
 
 def stamp(stamp_ns: int) -> dict[str, int]:
@@ -230,16 +231,20 @@ def read_notes(path: Path) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True, eq=False)
 class JointTrack:
-    """One topic of JointState over time: ``stamp_ns`` (n,), ``q`` [rad] and ``dq`` [rad/s] (n, dof)."""
+    """One topic of JointState over time: ``stamp_ns`` (n,), ``q`` [rad] and ``dq`` [rad/s] (n, dof).
+
+    ``t_first_s`` is the plan time of the first row.
+    """
 
     stamp_ns: np.ndarray
     q: np.ndarray
     dq: np.ndarray
+    t_first_s: float = 0.0
 
     @property
     def t(self) -> np.ndarray:
-        """Seconds since the first message, shape (n,)."""
-        return (self.stamp_ns - self.stamp_ns[0]) * 1e-9 if len(self.stamp_ns) else np.zeros(0)
+        """Seconds since the plan began, shape (n,)."""
+        return (self.stamp_ns - self.stamp_ns[0]) * 1e-9 + self.t_first_s
 
 
 def joint_track(recording: Path | bytes, topic_end: str = "joint_states") -> JointTrack:
@@ -260,6 +265,25 @@ def joint_track(recording: Path | bytes, topic_end: str = "joint_states") -> Joi
     q = np.array([body["position"] for _, body in rows])
     dq = np.array([body["velocity"] for _, body in rows])
     return JointTrack(stamps[order], q[order], dq[order])
+
+
+def plan_track(recording: Path | bytes, plan_seq: int, topic_end: str = "joint_states") -> JointTrack:
+    """The part of a recording during which one plan ran and its end was held.
+
+    Raises:
+        RecordingError: The recording is damaged or that plan is not in it.
+    """
+    during = [
+        (_stamp_ns(body), float(body["plan_t"]))
+        for body in (unpack(STATE, data) for _, _, data in _messages(recording, STATE))
+        if int(body["plan_seq"]) == plan_seq
+    ]
+    if not during:
+        raise RecordingError(f"the recording has no state of the executor during plan {plan_seq}")
+    first, last = min(during), max(during)
+    whole = joint_track(recording, topic_end)
+    inside = (whole.stamp_ns >= first[0]) & (whole.stamp_ns <= last[0])
+    return JointTrack(whole.stamp_ns[inside], whole.q[inside], whole.dq[inside], first[1])
 
 
 def _stamp_ns(body: Mapping[str, Any]) -> int:

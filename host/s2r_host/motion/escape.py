@@ -15,7 +15,8 @@ from s2r_host.motion.inverse import InverseKinematics
 from s2r_host.motion.joint_motion import plan_joint_motion
 from s2r_host.motion.obstacles import Obstacle
 
-BACK_OFF_M = (0.004, 0.006, 0.009, 0.014, 0.0)
+BACK_OFF_M = (0.005, 0.008, 0.012, 0.003, 0.018, 0.0)
+ASIDE_M = (0.0, 0.006, -0.006, 0.012, -0.012)
 OUT_M = (0.1, 0.07, 0.14, 0.05)
 
 
@@ -60,47 +61,51 @@ def plan_escape(
     last = "no direction is free"
     for margin_m in (0.003, 0.002, 0.001):
         tight = CollisionChecker(arm, near, Clearance(obstacle_m=margin_m, table_m=0.004, tip_m=margin_m))
-        for p_back, p_out in _ways(arm.tool_pose(q_start), push_direction):
-            out = _way_out(arm, ik, tight, q_start, p_back, p_out)
-            if out is None:
-                blocked += 1
-                continue
-            try:
-                home = plan_joint_motion(home_checker, out[-1], q_home, rng, what="way home")
-            except NoMotionError as error:
-                last = str(error)
-                continue
-            return Escape(out, home, margin_m)
-    raise NoMotionError(f"no way out of contact: {blocked} straight ways are blocked; {last}")
+        for back in _ways_back(arm, ik, tight, q_start, push_direction):
+            for out in _ways_out(arm, ik, tight, back[-1], push_direction):
+                try:
+                    home = plan_joint_motion(home_checker, out[-1], q_home, rng, what="way home")
+                except NoMotionError as error:
+                    last = str(error)
+                    continue
+                return Escape(np.concatenate([back, out[1:]]), home, margin_m)
+            blocked += 1
+    raise NoMotionError(f"no way out of contact: {blocked} places beside the contact lead nowhere; {last}")
 
 
-def _ways(X_base_tool: np.ndarray, push_direction: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """(point after backing off, point outside) pairs, shortest and most upward first."""
-    p = X_base_tool[:3, 3]
-    back = -push_direction / np.linalg.norm(push_direction)
-    up = np.array([0.0, 0.0, 1.0])
-    side = np.cross(up, back)
-    pull = -X_base_tool[:3, 2]  # out along the finger itself: the way it came in, more often than not
-    for out_m in OUT_M:
-        for back_m in BACK_OFF_M:
-            p_back = p + back_m * back
-            for direction in (pull, up, pull + up, up + 0.5 * back, side, -side, side + up, up - side, back):
-                yield p_back, p_back + out_m * direction / np.linalg.norm(direction)
-
-
-def _way_out(
+def _ways_back(
     arm: ArmModel,
     ik: InverseKinematics,
     tight: CollisionChecker,
     q_start: np.ndarray,
-    p_back: np.ndarray,
-    p_out: np.ndarray,
-) -> np.ndarray | None:
-    """Back off and out; the first millimetres may touch (that is where the arm is), the rest must be free."""
-    back = straight_line(arm, ik, q_start, p_back, spacing_m=0.002)
-    if back is None or not tight.is_free(back[-1]):
-        return None
-    out = straight_line(arm, ik, back[-1], p_out)
-    if out is None or not tight.path_is_free(out):
-        return None
-    return np.concatenate([back, out[1:]])
+    push_direction: np.ndarray,
+) -> Iterator[np.ndarray]:
+    """Joint paths of a few millimetres to places that are free; the way there may touch, that is where the arm is."""
+    p = arm.tool_pose(q_start)[:3, 3]
+    back = -push_direction / np.linalg.norm(push_direction)
+    side = np.cross([0.0, 0.0, 1.0], back)
+    for aside_m in ASIDE_M:
+        for back_m in BACK_OFF_M:
+            path = straight_line(arm, ik, q_start, p + back_m * back + aside_m * side, spacing_m=0.002)
+            if path is not None and tight.is_free(path[-1]):
+                yield path
+
+
+def _ways_out(
+    arm: ArmModel,
+    ik: InverseKinematics,
+    tight: CollisionChecker,
+    q_back: np.ndarray,
+    push_direction: np.ndarray,
+) -> Iterator[np.ndarray]:
+    """Free straight joint paths away from the object, the most natural directions first."""
+    X = arm.tool_pose(q_back)
+    back = -push_direction / np.linalg.norm(push_direction)
+    up = np.array([0.0, 0.0, 1.0])
+    side = np.cross(up, back)
+    pull = -X[:3, 2]  # out along the finger itself: the way it came in, more often than not
+    for out_m in OUT_M:
+        for direction in (pull, up, pull + up, up + 0.5 * back, side, -side, side + up, up - side, back):
+            path = straight_line(arm, ik, q_back, X[:3, 3] + out_m * direction / np.linalg.norm(direction))
+            if path is not None and tight.path_is_free(path):
+                yield path

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from s2r_host.errors import EmptyCloudError
 from s2r_host.motion.robot_mask import DepthView, back_project
 
 MIN_POINTS = 500
+CELL_M = 0.01
+MIN_CELLS = 25
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,8 @@ def observed_scene(
     keep = region.contains(p_base)
     if arm_mask is not None:
         keep &= ~arm_mask
-    count = int(keep.sum())
+    points = without_specks(p_base[keep])
+    count = len(points)
     if count < MIN_POINTS:
         seen = int(np.isfinite(p_base[..., 0]).sum())
         raise EmptyCloudError(
@@ -56,4 +60,24 @@ def observed_scene(
             f"z {region.z_m} m; {seen} of {p_base.shape[0] * p_base.shape[1]} pixels have depth at all. "
             "Is the object in view and the camera calibrated?"
         )
-    return Scene(p_base[keep], np.asarray(view.X_base_camera)[:3, 3].copy())
+    return Scene(points, np.asarray(view.X_base_camera)[:3, 3].copy())
+
+
+def without_specks(p_base: np.ndarray) -> np.ndarray:
+    """Leave out small clumps that hang in the air: wrong stereo matches that would block the arm's way.
+
+    Args:
+        p_base: Points [m], shape (n, 3).
+
+    Returns:
+        Points whose 1 cm cells belong to a connected clump of at least 25 cells, shape (m, 3).
+    """
+    if not len(p_base):
+        return p_base
+    cells = np.floor(p_base / CELL_M).astype(np.int64)
+    cells -= cells.min(axis=0)
+    grid = np.zeros(cells.max(axis=0) + 1, bool)
+    grid[tuple(cells.T)] = True
+    labels = ndimage.label(grid, structure=np.ones((3, 3, 3)))[0]
+    sizes = np.bincount(labels.ravel())
+    return p_base[sizes[labels[tuple(cells.T)]] >= MIN_CELLS]

@@ -1,3 +1,223 @@
-"""stub"""
-def write_report(record, path):
+"""``report.html``: one file, no network, everything inside."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from s2r_host.report.clouds import single_view_figure, views_figure
+from s2r_host.report.markup import page, section, table
+from s2r_host.report.plots import joints_figure, stages_figure, state_figure, tracking_error
+from s2r_host.report.style import inline_png, inline_svg
+from s2r_host.run.record import RunRecord
+from s2r_host.run.session import Executed
+from s2r_protocol.arms import load_arm
+from s2r_protocol.exits import ExitCode
+
+
+def write_report(record: RunRecord, path: Path) -> Path:
+    """Write the report of a run, however far it got."""
+    parts = [
+        _head(record),
+        _numbers(record),
+        _warnings(record),
+        _views(record),
+        _attempts(record),
+        _state(record),
+        _joints(record),
+        _timing(record),
+        _verdicts(record),
+        _inputs(record),
+    ]
+    title = f"s2r run drawer, target {1e3 * record.settings.target_m:+.0f} mm"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page(title, parts), encoding="utf-8")
     return path
+
+
+def _head(record: RunRecord) -> str:
+    kind = "good" if record.code == ExitCode.OK else "bad"
+    badge = f'<span class="badge {kind}">exit {int(record.code)} {escape(record.code.name.lower())}</span>'
+    title = f"<h1>Drawer to {1e3 * record.settings.target_m:+.1f} mm {badge}</h1>"
+    return f'{title}<p class="lead">{escape(record.reason)}</p>'
+
+
+def _numbers(record: RunRecord) -> str:
+    cells = []
+    if record.attempts:
+        last, first = record.attempts[-1], record.attempts[0]
+        delta_r = last.delta_m / (last.s_target - first.s_initial)
+        cells += [
+            (f"{1e3 * last.delta_m:+.2f} mm", "δ = target − final"),
+            (f"{100 * delta_r:+.2f} %", "δ_r = δ / (target − start)"),
+            (
+                f"{1e3 * last.measured.s_m:+.2f} mm",
+                f"final state, ± {1e3 * last.measured.sigma_m:.2f} mm (1σ)",
+            ),
+            (f"{1e3 * first.s_initial:+.2f} mm", "state before the plan"),
+            (str(len(record.attempts)), "planned manipulations"),
+        ]
+    cells.append((f"{record.journal.elapsed_s:.1f} s", "whole run"))
+    boxes = "".join(
+        f'<div class="number"><b>{escape(value)}</b><span>{escape(text)}</span></div>'
+        for value, text in cells
+    )
+    return f'<div class="numbers">{boxes}</div>'
+
+
+def _warnings(record: RunRecord) -> str:
+    if not record.journal.warnings:
+        return ""
+    lines = "".join(f'<p class="warn">{escape(text)}</p>' for text in record.journal.warnings)
+    return section("Warnings", lines)
+
+
+def _views(record: RunRecord) -> str:
+    named = {view.name: view for view in record.views}
+    if "A" in named and "B" in named:
+        figure = views_figure(named["A"], named["B"], record.belief)
+    elif record.views:
+        figure = single_view_figure(record.views[-1])
+    else:
+        return ""
+    table = _jointtable(record)
+    return section("What was seen", inline_png(figure, "depth views with the estimated axis") + table)
+
+
+def _jointtable(record: RunRecord) -> str:
+    if record.belief is None:
+        return ""
+    estimate, model = record.belief.estimate, record.belief.model
+    low, high = estimate.intervals90.delta
+    rows = [
+        ("joint", f"{estimate.joint_type}, {100 * estimate.explained:.0f} % of the change explained"),
+        ("axis, out of the cabinet", np.array2string(record.belief.axis, precision=4, suppress_small=True)),
+        (
+            "moved by the first push",
+            f"{1e3 * estimate.delta:+.2f} mm (90 % in [{1e3 * low:.2f}, {1e3 * high:.2f}] mm)",
+        ),
+        ("residual after alignment", f"{1e3 * estimate.residual_m:.2f} mm"),
+        (
+            "model",
+            f"{len(model.pieces)} convex pieces, moving part {model.mass_kg:.2f} kg (density is a guess)",
+        ),
+        ("range believed", f"{1e3 * model.range[0]:+.0f} to {1e3 * model.range[1]:+.0f} mm"),
+    ]
+    for geom, shift in record.belief.shifts_m.items():
+        rows.append(("corrected after execution", f"{geom} by {1e3 * shift:+.2f} mm along the axis"))
+    return table(("", ""), rows)
+
+
+def _attempts(record: RunRecord) -> str:
+    if not record.attempts:
+        return ""
+    rows = []
+    for done in record.attempts:
+        planned = done.planned
+        rows.append(
+            (
+                str(planned.number),
+                f"{1e3 * done.s_initial:+.2f}",
+                f"{1e3 * planned.delivery.replay.final:+.2f}",
+                f"{1e3 * done.measured.s_m:+.2f} ± {1e3 * done.measured.sigma_m:.2f}",
+                f"{1e3 * done.delta_m:+.2f}",
+                f"{100 * done.delta_r:+.2f} %",
+                f"{planned.delivery.trajectory.duration_s:.2f} s",
+                planned.pushed_geom,
+                f"{planned.result.control_steps} / {planned.result.cpu_s:.2f} s",
+            )
+        )
+    header = (
+        "#",
+        "start [mm]",
+        "foreseen [mm]",
+        "seen [mm]",
+        "δ [mm]",
+        "δ_r",
+        "duration",
+        "pushed on",
+        "steps / CPU",
+    )
+    note = (
+        '<p class="note">δ = s_target − s_final and δ_r = δ / (s_target − s_start), s_start being the state just '
+        "before the planned manipulation. 0 is the state in view A, + is out of the cabinet. "
+        "Both are measured by the camera.</p>"
+    )
+    return section("Planned manipulations", table(header, rows) + note)
+
+
+def _state(record: RunRecord) -> str:
+    if not record.attempts:
+        return ""
+    figure = state_figure(record.attempts, record.settings.target_m, record.s_found)
+    return section("The drawer over time", inline_svg(figure))
+
+
+def _joints(record: RunRecord) -> str:
+    executed = _shown(record)
+    if not executed:
+        return ""
+    names = load_arm(record.settings.arm).joint_names
+    blocks = []
+    for motion in executed:
+        found = tracking_error(motion)
+        text = (
+            "no recording"
+            if found is None
+            else f"largest difference {1e3 * float(np.abs(found[1]).max()):.2f} mrad"
+        )
+        picture = inline_png(joints_figure(motion, names), f"joints of {motion.label}")
+        blocks.append(f"<h3>{escape(motion.label)} <span class='note'>({text})</span></h3>{picture}")
+    note = '<p class="note">Executed: measured joint positions from the executor\'s recording, one sample per tick.</p>'
+    return section("Joints, planned and executed", note + "".join(blocks))
+
+
+def _shown(record: RunRecord) -> list[Executed]:
+    """The motions in contact; the others are in the recording."""
+    found = [e for e in record.push.executed if e.label == "push 1"] if record.push else []
+    return found + [done.executed[0] for done in record.attempts if done.executed]
+
+
+def _timing(record: RunRecord) -> str:
+    if not record.journal.stages:
+        return ""
+    return (
+        f"<section><h2>Where the time went</h2>{inline_svg(stages_figure(record.journal.stages))}</section>"
+    )
+
+
+def _verdicts(record: RunRecord) -> str:
+    if not record.journal.verdicts:
+        return ""
+    rows = [
+        (
+            str(v["plan_seq"]),
+            str(v["label"]),
+            "accepted" if v["accepted"] else "refused",
+            f"{v['duration_s']:.2f} s",
+        )
+        for v in record.journal.verdicts
+    ]
+    return section("The executor's verdicts", table(("plan", "label", "verdict", "duration"), rows))
+
+
+def _inputs(record: RunRecord) -> str:
+    values = record.as_dict()
+    executor = values["executor"] or {}
+    rows = [
+        ("command", "s2r " + " ".join(record.arguments)),
+        ("arm", record.arm_name),
+        ("model hash", record.model_hash.hex()),
+        ("limit hash", record.limit_hash.hex()),
+        (
+            "executor",
+            f"{executor.get('software', 'not reached')}, tick {executor.get('tick_ns', 0) / 1e6:g} ms",
+        ),
+        ("sealed world", record.world_commitment or "not offered by the camera"),
+        ("seed", str(record.settings.seed)),
+        ("versions", ", ".join(f"{name} {version}" for name, version in values["versions"].items())),
+        ("files", "run.json, run.mcap (depth, plans, estimates, executor recordings), model/"),
+    ]
+    return section("Inputs", table(("", ""), rows, mono=True))

@@ -7,12 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from s2r_host.errors import SceneError
 from s2r_host.model.build import ObjectModel, build_model
 from s2r_host.perception.estimate import JointEstimate, estimate_joint
 from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.observe import Observation
+
+THINNEST_M = 0.004
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,26 +82,42 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
     return Belief(estimate, model, template, model.mjcf_path, {})
 
 
-def corrected(belief: Belief, geom: str, offset_m: float, folder: Path) -> Belief:
+def corrected(belief: Belief, geom: str, offset_m: float, pushed_out: bool, folder: Path) -> Belief:
     """Move the surface that was pushed to where the outcome says it is.
 
     With the tip at the same place the model ended at s and the drawer at s + offset: the pushed surface lies
-    ``offset`` further in along the axis than modelled (a thicker handle, a calibration error).
+    ``offset`` further in along the axis than modelled. Of a box only the pushed face moves (a handle's inner face
+    no camera saw; its outer face was seen); another shape moves as a whole.
 
     Args:
         belief: So far.
         geom: The geom the fingertip pressed on.
         offset_m: Measured minus modelled joint value at the end of the motion [m].
+        pushed_out: The motion was out of the cabinet, so the pushed face looks inwards.
         folder: For the new file.
     """
     tree = ET.parse(belief.mjcf_path)
     found = tree.find(f".//geom[@name='{geom}']")
     if found is None:
         raise SceneError(f"object model {belief.mjcf_path} has no geom '{geom}' to correct")
-    p = np.array([float(v) for v in found.get("pos", "0 0 0").split()]) - offset_m * belief.axis
-    found.set("pos", " ".join(f"{v:.7g}" for v in p))
+    shift = -offset_m * belief.axis
+    size = _numbers(found, "size")
+    if found.get("type") == "box":
+        R = Rotation.from_quat(_numbers(found, "quat"), scalar_first=True).as_matrix()
+        along = int(np.argmax(np.abs(R.T @ belief.axis)))
+        thicker_m = offset_m if pushed_out else -offset_m
+        half = max(size[along] + 0.5 * thicker_m, THINNEST_M / 2)
+        shift = (half - size[along]) * (-belief.axis if pushed_out else belief.axis)
+        size[along] = half
+        found.set("size", " ".join(f"{v:.7g}" for v in size))
+    found.set("pos", " ".join(f"{v:.7g}" for v in _numbers(found, "pos") + shift))
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "object.xml"
     tree.write(path, encoding="unicode")
     shifts = {**belief.shifts_m, geom: belief.shifts_m.get(geom, 0.0) - offset_m}
     return replace(belief, mjcf_path=path, shifts_m=shifts)
+
+
+def _numbers(element: ET.Element, key: str) -> np.ndarray:
+    default = {"pos": "0 0 0", "quat": "1 0 0 0", "size": "0 0 0"}[key]
+    return np.array([float(v) for v in element.get(key, default).split()])

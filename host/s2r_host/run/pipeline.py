@@ -133,8 +133,9 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
         offset = measured.s_m - planned.delivery.replay.final
         if number < settings.attempts and abs(offset) < FAR_OFF_M:
             folder = settings.out / f"model-{number + 1}"
-            record.belief = corrected(record.belief, planned.pushed_geom, offset, folder)
-            journal.say(f"belief corrected: {planned.pushed_geom} by {1e3 * -offset:+.1f} mm along the axis")
+            pushed_out = planned.request.s_target > planned.request.s_initial
+            record.belief = corrected(record.belief, planned.pushed_geom, offset, pushed_out, folder)
+            journal.say(f"belief corrected: pushed face of {planned.pushed_geom} by {-1e3 * offset:+.1f} mm")
 
 
 def _judge(record: RunRecord) -> None:

@@ -82,5 +82,5 @@ def test_a_hidden_part_is_refused_instead_of_guessed(template):
     frame = views(13, 0.15).after
     ignore = np.ones(frame.depth_m.shape, bool)
     ignore[:60] = False
-    with pytest.raises(SceneError, match="not found|only"):
+    with pytest.raises(SceneError, match=r"not found|only"):
         measure_state(template, frame, ignore)

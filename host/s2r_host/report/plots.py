@@ -1,0 +1,118 @@
+"""Plots of a run: joints planned and executed, the drawer over time, stage timings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from s2r_host.errors import RecordingError
+from s2r_host.recording import JointTrack, plan_track
+from s2r_host.report.style import EXECUTED, FAILED, PLANNED, RC, SEEN, TARGET
+from s2r_host.run.journal import Stage
+from s2r_host.run.manipulate import DoneManipulation
+from s2r_host.run.session import Executed
+
+
+def tracking_error(executed: Executed) -> tuple[JointTrack, np.ndarray] | None:
+    """(measured track, measured minus planned [rad] (n, dof)) over the planned time; None without a recording."""
+    if executed.recording is None:
+        return None
+    try:
+        track = plan_track(executed.recording, executed.seq)
+    except RecordingError:
+        return None
+    return track, track.q - executed.trajectory.sample(track.t)[0]
+
+
+def joints_figure(executed: Executed, joint_names: Sequence[str]) -> Figure:
+    """One column per joint: planned and executed above, their difference below."""
+    found = tracking_error(executed)
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(12.5, 4.2), layout="constrained")
+        grid = figure.subplots(2, len(joint_names), sharex=True, height_ratios=[2.2, 1.0])
+        t = np.linspace(0.0, executed.trajectory.duration_s, 300)
+        q_planned = executed.trajectory.sample(t)[0]
+        for i, name in enumerate(joint_names):
+            upper, lower = grid[0, i], grid[1, i]
+            upper.plot(t, q_planned[:, i], color=PLANNED, lw=3.0, alpha=0.45, label="planned")
+            if found is not None:
+                track, error = found
+                upper.plot(track.t, track.q[:, i], color=EXECUTED, lw=1.0, label="executed")
+                lower.plot(track.t, 1e3 * error[:, i], color=EXECUTED, lw=0.8)
+            upper.set_title(name)
+            lower.set_xlabel("t [s]")
+        grid[0, 0].set_ylabel("position [rad]")
+        grid[1, 0].set_ylabel("executed −\nplanned [mrad]")
+        if found is not None:
+            reach = max(0.5, 1.05e3 * float(np.abs(found[1]).max()))
+            for lower in grid[1]:
+                lower.set_ylim(-reach, reach)
+        grid[0, 0].legend(loc="best", fontsize=8)
+        return figure
+
+
+def state_figure(attempts: Sequence[DoneManipulation], s_target: float, s_found: float | None) -> Figure:
+    """The drawer over time: seen by the camera, and as each delivered plan foresaw it."""
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(12.5, 3.4), layout="constrained")
+        axes = figure.subplots()
+        axes.axhline(1e3 * s_target, color=TARGET, lw=1.2, label="target")
+        axes.axhspan(
+            1e3 * s_target - 5, 1e3 * s_target + 5, color=TARGET, alpha=0.12, lw=0, label="target ± 5 mm"
+        )
+        seen = [(0.0, 0.0, 0.0, "A")]
+        begin = attempts[0].begun_s if attempts else 1.0
+        if s_found is not None:
+            seen.append((begin - 0.5, s_found, 0.0, "B"))
+        for k, done in enumerate(attempts):
+            replay = done.planned.delivery.replay
+            label = "foreseen by the plan" if k == 0 else None
+            axes.plot(done.begun_s + replay.t, 1e3 * replay.s, color=PLANNED, lw=1.8, label=label)
+            end = done.begun_s + sum(executed.trajectory.duration_s for executed in done.executed)
+            seen.append((end, done.measured.s_m, done.measured.sigma_m, done.view.name))
+        t, s, sigma, names = (list(column) for column in zip(*seen, strict=True))
+        bars = 1e3 * np.array([value if np.isfinite(value) else 0.0 for value in sigma])
+        axes.errorbar(
+            t,
+            1e3 * np.array(s),
+            yerr=2 * bars,
+            fmt="o",
+            color=SEEN,
+            ms=5,
+            capsize=3,
+            label="seen by the camera (± 2σ)",
+        )
+        for ti, si, name in zip(t, s, names, strict=True):
+            axes.annotate(name, (ti, 1e3 * si), xytext=(6, 6), textcoords="offset points", color=SEEN)
+        axes.set_xlabel("time since the run began [s]")
+        axes.set_ylabel("drawer [mm], + = out")
+        axes.legend(loc="upper left", fontsize=8, ncols=2)
+        return figure
+
+
+def stages_figure(stages: Sequence[Stage]) -> Figure:
+    """One bar per stage over wall time; the darker part is this process's share of computing."""
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(12.5, 0.30 * len(stages) + 0.9), layout="constrained")
+        axes = figure.subplots()
+        for row, stage in enumerate(stages):
+            colour = FAILED if stage.failed else PLANNED
+            axes.barh(row, stage.wall_s, left=stage.start_s, color=colour, alpha=0.35, height=0.72)
+            axes.barh(row, min(stage.cpu_s, stage.wall_s), left=stage.start_s, color=colour, height=0.72)
+            axes.text(
+                stage.start_s + stage.wall_s,
+                row,
+                f"  {stage.wall_s:.2f} s",
+                va="center",
+                fontsize=8,
+                color=SEEN,
+            )
+        axes.set_yticks(range(len(stages)), [stage.name for stage in stages])
+        axes.invert_yaxis()
+        axes.set_xlabel("time since the run began [s]; dark: computing in this process (one core's worth)")
+        axes.grid(axis="y", visible=False)
+        axes.margins(x=0.06)
+        return figure
