@@ -36,14 +36,16 @@ def native_executable() -> Path:
     Raises:
         NotReadyError: The native parts are not built; the text says how.
     """
-    folder = Path(__file__).parent
-    executable = folder / _EXECUTABLE
-    if util.find_spec("s2r_executor._native") is None or not executable.is_file():
-        raise NotReadyError(
-            f"the executor's native parts are missing in {folder} (_native and {_EXECUTABLE}): "
-            "build them with 'make build' (or reinstall sim2real2)"
-        )
-    return executable
+    # Built parts lie together, in an editable install apart from the Python sources.
+    module = util.find_spec("s2r_executor._native")
+    if module is not None and module.origin is not None:
+        executable = Path(module.origin).with_name(_EXECUTABLE)
+        if executable.is_file():
+            return executable
+    raise NotReadyError(
+        f"the executor's native parts (_native and {_EXECUTABLE}) are not built: "
+        "run 'make build' (or reinstall sim2real2)"
+    )
 
 
 def core_settings(config: ExecutorConfig, arm: ArmDescription) -> dict[str, Any]:
