@@ -219,6 +219,16 @@ def worst_use_of_limits(counts: np.ndarray, dt: float = 1e-3) -> float:
 
 
 @pytest.fixture
+def core_config() -> dict:
+    return dict(CONFIG)
+
+
+@pytest.fixture
+def make_drives() -> Callable[[], Drives]:
+    return Drives
+
+
+@pytest.fixture
 def make_cell() -> Callable[..., Cell]:
     return Cell
 
