@@ -1,6 +1,6 @@
 """One emulated servo drive: CiA 402 state machine, cyclic synchronous position mode, watchdog, brake.
 
-A drive knows its set-point, its encoder and the nominal arm's gravity torque; it does not know the true arm. It
+A drive knows its set-point, its encoder and the nominal arm's torque; it does not know the true arm. It
 protects itself: missing set-points are bridged for three periods at constant velocity, then it stops on its own ramp.
 """
 
@@ -17,6 +17,7 @@ LOAD_OVER_ROTOR = 2.0  # typical total inertia over rotor inertia
 NATURAL_FREQUENCY = 90.0  # rad/s
 DAMPING_RATIO = 0.9
 INTEGRAL_TIME_S = 0.15
+ACCELERATION_FILTER_S = 0.004  # set-point velocities come in steps of 2e-4 rad/s
 INTEGRAL_SHARE = 0.15  # of the torque limit: enough for a 15 % gravity error
 
 ENCODER_COUNTS_PER_RAD = (1 << 21) / 6.283185307179586  # 21 bits per turn, 3 µrad
@@ -109,7 +110,8 @@ class Drive:
         self._command = DriveCommand.DISABLE_VOLTAGE
         self._fault_reset = False
         self._q_from = self._q_to = self._q_set = q
-        self._dq_set = self._tau_ff = 0.0
+        self._dq_set = self._dq_step = self._tau_ff = 0.0
+        self.ddq_set = 0.0  # filtered acceleration of the set-points, for feed-forward
         self._fresh = False
         self._missed = 0
         self._integral = 0.0
@@ -144,17 +146,21 @@ class Drive:
         self._fresh = True
         if self.state not in _RAMPING:  # its own ramp obeys no set-point
             self._q_from, self._q_to = self._q_set, q
+            self._dq_step = dq - self._dq_set
             self._dq_set, self._tau_ff = dq, tau_ff
 
     def period(self, period_s: float) -> None:
         """One communication period has passed: walk the state machine and mind the watchdog."""
         self._walk()
         if self.state != DriveState.OPERATION_ENABLED:
-            self._missed, self._fresh = 0, False
+            self._missed, self._fresh, self.ddq_set = 0, False, 0.0
             return
+        share = period_s / (period_s + ACCELERATION_FILTER_S)
         if self._fresh:
             self._missed, self._fresh = 0, False
+            self.ddq_set += share * (self._dq_step / period_s - self.ddq_set)
             return
+        self.ddq_set -= share * self.ddq_set
         self._missed += 1
         self._q_from = self._q_set
         self._tau_ff = 0.0
@@ -176,7 +182,7 @@ class Drive:
         self.state = state
         if state == DriveState.OPERATION_ENABLED:
             self._q_from = self._q_to = self._q_set = self.q_meas
-            self._dq_set = self._tau_ff = self._integral = self._powered_s = 0.0
+            self._dq_set = self._dq_step = self._tau_ff = self._integral = self._powered_s = 0.0
             self._missed, self._fresh = 0, True
         elif state not in _RAMPING:
             self._close_brake()
@@ -202,7 +208,7 @@ class Drive:
         """Torque on the joint for the next step [N·m], brake included.
 
         Args:
-            bias: Nominal gravity and velocity torque [N·m].
+            bias: Nominal torque for the set-point's motion: gravity, velocity, inertia [N·m].
             phase: Share of the communication period that ends with this step, in (0, 1]: where to interpolate.
             dt: Step [s].
         """

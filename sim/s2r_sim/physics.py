@@ -102,7 +102,8 @@ class Physics:
         self._refuse_collision_at_start()
         self._nominal = nominal_arm(arm)
         self._nominal_data = mujoco.MjData(self._nominal)
-        self._bias = np.zeros(self._nominal.nv)
+        self._torque = np.zeros(self._nominal.nv)
+        self._rotor = rotor_inertia(arm)
 
     def _geom_sides(self) -> np.ndarray:
         """Per geom: 1 arm, 2 moving part, 3 object base, 4 anything else (the table)."""
@@ -137,16 +138,17 @@ class Physics:
         """True coordinate of the object's joint [m or rad]."""
         return float(self.data.qpos[self._object_q])
 
-    def nominal_bias(self, q: list[float], dq: list[float]) -> list[float]:
-        """Gravity and velocity torques of the arm as described [N·m]: what its drives compensate."""
+    def nominal_torque(self, q: list[float], dq: list[float], ddq: list[float]) -> list[float]:
+        """Torques that move the arm as described [N·m], rotors included: the feed-forward of its drives."""
         model, data = self._nominal, self._nominal_data
         data.qpos[:] = q
         data.qvel[:] = dq
+        data.qacc[:] = ddq
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
-        mujoco.mj_rne(model, data, 0, self._bias)
-        return self._bias.tolist()
+        mujoco.mj_rne(model, data, 1, self._torque)
+        return (self._torque + self._rotor * data.qacc).tolist()
 
     def step(self, tau: list[float]) -> None:
         """Advance by one step under joint torques [N·m]."""

@@ -42,7 +42,9 @@ class Plant:
         physics, drives = self.physics, self.drives
         for k in range(steps):
             phase = (k + 1) / steps
-            bias = physics.nominal_bias([d.q_meas for d in drives], [d.dq_meas for d in drives])
+            bias = physics.nominal_torque(
+                [d.q_meas for d in drives], [d.dq_meas for d in drives], [d.ddq_set for d in drives]
+            )
             physics.step([d.torque(b, phase, dt) for d, b in zip(drives, bias, strict=True)])
             self._measure()
             self.t_ns += STEP_NS

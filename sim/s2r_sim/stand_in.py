@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -93,6 +94,8 @@ def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
         )
         if config.ready_file is not None:
             config.ready_file.touch()
+        gc.collect()
+        gc.freeze()  # what lives now lives to the end: later collections stay short
         if config.clock == "real":
             _ask_for_priority()
             bus.run_real(config.pace)

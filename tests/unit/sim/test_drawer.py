@@ -16,7 +16,7 @@ def physics(arm, world):
 def hold_arm(physics):
     """Keep the arm where it is, out of the way: its joints are locked by stiff torques."""
     q0, kp, kd = physics.q, 8000.0, 200.0
-    bias = physics.nominal_bias(physics.q, physics.dq)
+    bias = physics.nominal_torque(physics.q, physics.dq, [0.0] * physics.dof)
     return [b + kp * (a - q) - kd * v for b, a, q, v in zip(bias, q0, physics.q, physics.dq, strict=True)]
 
 
