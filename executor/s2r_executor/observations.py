@@ -143,7 +143,7 @@ class Encoder:
     def event(self, event: np.void) -> tuple[int, bytes]:
         """Stamp [ns] and the log message of one event."""
         stamp_ns = int(self.timeline.of(int(event["tick"]), int(event["stamp_ns"])))
-        kind = EventKind(int(event["kind"]))
+        kind = _known_kind(int(event["kind"]))
         return stamp_ns, pack(
             LOG,
             {
@@ -158,7 +158,7 @@ class Encoder:
 
 def event_text(event: np.void, joint_names: tuple[str, ...]) -> str:
     """One sentence with the numbers of an event."""
-    kind = EventKind(int(event["kind"]))
+    kind = _known_kind(int(event["kind"]))
     state = ExecutorState(int(event["state"])).name
     number, joint = int(event["cause"]), int(event["joint"])
     if kind is EventKind.REJECTED:
@@ -175,6 +175,11 @@ def event_text(event: np.void, joint_names: tuple[str, ...]) -> str:
     if float(event["limit"]) != 0.0 or float(event["value"]) != 0.0:
         text += f", value {float(event['value']):.6g}, limit {float(event['limit']):.6g}"
     return text
+
+
+def _known_kind(number: int) -> EventKind:
+    """An unknown kind is still worth a line."""
+    return EventKind(number) if number in EventKind._value2member_map_ else EventKind.INFO
 
 
 def _common(

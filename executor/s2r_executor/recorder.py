@@ -49,13 +49,25 @@ class RecordingAnswer:
 
 
 @dataclass
+class _Track:
+    """A file and what its state messages need to know."""
+
+    file: McapFile
+    plan_seq: int = 0
+    epoch: int = 0
+    last_state: int = -1
+
+
+@dataclass
 class _PlanFile:
     identity: PlanIdentity
-    file: McapFile
+    track: _Track
     started: bool = False
     rest_ticks: int = 0
-    last_state_ns: int = 0
-    last_state: int = -1
+
+    @property
+    def file(self) -> McapFile:
+        return self.track.file
 
 
 @dataclass(frozen=True)
@@ -111,19 +123,19 @@ class Recorder:
         self._lock = threading.Lock()
         self._state = _State()
         self._plans: dict[int, _PlanFile] = {}
-        self._session: McapFile | None = None
+        self._session: _Track | None = None
         self._thread: threading.Thread | None = None
         if directory is not None:
             directory.mkdir(parents=True, exist_ok=True)
             stamp = time.strftime("%Y%m%d-%H%M%S", time.gmtime())
-            self._session = self._new_file(_free_name(directory, f"session-{stamp}"))
+            self._session = _Track(self._new_file(_free_name(directory, f"session-{stamp}")))
             self._thread = threading.Thread(target=self._run, name="s2r-recorder", daemon=True)
             self._thread.start()
 
     @property
     def session_path(self) -> Path | None:
         """The session file."""
-        return self._session.path if self._session else None
+        return self._session.file.path if self._session else None
 
     @property
     def batches_dropped(self) -> int:
@@ -194,7 +206,7 @@ class Recorder:
                 if time.monotonic() - last_flush_s > self._config.flush_period_s:
                     last_flush_s = time.monotonic()
                     self._flush()
-            except OSError:
+            except Exception:  # a full disk, above all: a recorder that fails must not stop an arm
                 logger.exception("recording failed; motion goes on without it")
                 self._give_up()
                 return
@@ -230,7 +242,7 @@ class Recorder:
             },
         )
         file.attach("plan.s2r", "application/octet-stream", wire)
-        self._plans[identity.plan_id] = _PlanFile(identity, file)
+        self._plans[identity.plan_id] = _PlanFile(identity, _Track(file, identity.seq, identity.epoch))
 
     def _discard(self, plan_id: int) -> None:
         plan = self._plans.pop(plan_id, None)
@@ -244,12 +256,11 @@ class Recorder:
     def _write(self, batch: _Batch) -> None:
         assert self._session is not None
         if len(batch.records):
-            chosen = batch.records[batch.records["tick"] % self._stride == 0]
-            self._write_records(self._session, chosen)
-            self._write_states(self._session, chosen, batch.holder)
+            self._write_records(self._session.file, batch.records[batch.records["tick"] % self._stride == 0])
+            self._write_states(self._session, batch.records, batch.holder)
         for event in batch.events:  # before the records, whose end may close a plan's file
             stamp_ns, message = self._encoder.event(event)
-            for file in (self._session, *(p.file for p in self._plans.values())):
+            for file in (self._session.file, *(p.file for p in self._plans.values())):
                 file.add(EVENTS, [stamp_ns], [message])
         for plan in list(self._plans.values()):
             self._write_plan(plan, batch)
@@ -275,7 +286,7 @@ class Recorder:
             end = min(len(records), max(0, self._tail_ticks - plan.rest_ticks))
             plan.rest_ticks += len(records)
         self._write_records(plan.file, records[:end])
-        self._write_plan_states(plan, records[:end], batch.holder)
+        self._write_states(plan.track, records[:end], batch.holder)
         if plan.rest_ticks >= self._tail_ticks:
             self._finish(plan)
 
@@ -287,27 +298,18 @@ class Recorder:
         file.add(JOINT_STATES, listed, self._encoder.joint_states(records, stamps))
         file.add(JOINT_COMMANDS, listed, self._encoder.joint_commands(records, stamps))
 
-    def _write_states(self, file: McapFile, records: np.ndarray, holder: str) -> None:
-        stamps = self._encoder.timeline.of(records["tick"], records["stamp_ns"])
-        for record, stamp in zip(records, stamps.tolist(), strict=True):
-            file.add(STATE, [stamp], [self._encoder.recorded_state(record, stamp, 0, 0, holder)])
-
-    def _write_plan_states(self, plan: _PlanFile, records: np.ndarray, holder: str) -> None:
+    def _write_states(self, track: _Track, records: np.ndarray, holder: str) -> None:
         """At the publishing rate and at every change of state."""
+        if not len(records):
+            return
         states = records["state"].astype(int)
-        changed = (
-            np.concatenate([[plan.last_state], states[:-1]]) != states if len(states) else np.empty(0, bool)
-        )
-        chosen = np.nonzero(changed | (records["tick"] % self._stride == 0))[0]
+        changed = np.concatenate([[track.last_state], states[:-1]]) != states
         stamps = self._encoder.timeline.of(records["tick"], records["stamp_ns"])
-        for i in chosen:
+        for i in np.nonzero(changed | (records["tick"] % self._stride == 0))[0]:
             stamp = int(stamps[i])
-            message = self._encoder.recorded_state(
-                records[i], stamp, plan.identity.seq, plan.identity.epoch, holder
-            )
-            plan.file.add(STATE, [stamp], [message])
-        if len(states):
-            plan.last_state = int(states[-1])
+            message = self._encoder.recorded_state(records[i], stamp, track.plan_seq, track.epoch, holder)
+            track.file.add(STATE, [stamp], [message])
+        track.last_state = int(states[-1])
 
     def _finish(self, plan: _PlanFile) -> None:
         plan.file.close()
@@ -317,7 +319,7 @@ class Recorder:
 
     def _flush(self) -> None:
         assert self._session is not None
-        self._session.flush()
+        self._session.file.flush()
         for plan in self._plans.values():
             plan.file.flush()
 
@@ -325,7 +327,7 @@ class Recorder:
         for plan in list(self._plans.values()):
             self._finish(plan)
         if self._session is not None:
-            self._session.close()
+            self._session.file.close()
 
     def _give_up(self) -> None:
         reason = "the recorder failed: see the executor's log"

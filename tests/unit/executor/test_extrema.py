@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.polynomial import polynomial as P
+from numpy.polynomial import polynomial
 
 from s2r_executor.extrema import find_exceedance
 
@@ -20,9 +20,9 @@ def bernstein_of(power):
 
 
 def true_range(power):
-    roots = P.polyroots(P.polyder(power))
+    roots = polynomial.polyroots(polynomial.polyder(power))
     inside = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 0) & (roots.real < 1)].real
-    values = P.polyval(np.concatenate([[0.0, 1.0], inside]), power)
+    values = polynomial.polyval(np.concatenate([[0.0, 1.0], inside]), power)
     return values.min(), values.max()
 
 
