@@ -272,3 +272,14 @@ def test_socket_left_over_from_a_crash_is_replaced(tmp_path):
     hub = Hub(f"unix:{path}")
     hub.close()
     assert not path.exists()
+
+
+def test_masters_tick_is_unwrapped_beyond_16_bits(stand_in, fd_master):
+    with stand_in() as bus:
+        master = fd_master(bus.address)
+        for tick in (65_534, 65_535, 65_536, 65_537, 131_071, 131_072):
+            master.tick = tick - 1
+            master.cycle(0)
+        wait_until(lambda: bus.ticks == 6)
+        assert bus.nodes.master_tick == 131_072
+        assert bus.plant.master_tick == 131_072
