@@ -22,7 +22,7 @@ FLOOR_TURN_RAD = np.radians(0.3)
 # Slow waves in the depth tilt a whole plate by about this much per metre of noise; a hinge found from two plates that
 # differ by an angle inherits it divided by 2 sin(angle / 2). On real laptop lids (noise 1.5 mm) this gives the errors
 # seen: 1-3 degrees at 13-24 degrees of motion, 5 degrees at 8.
-PLATE_TILT_RAD_PER_M = np.radians(0.15) / 0.001
+PLATE_TILT_RAD_PER_M = np.radians(0.25) / 0.001
 PLATE_SHIFT_PER_NOISE = 0.6
 
 
@@ -64,25 +64,26 @@ def intervals90(weighted: list[tuple[Refined, float]], centre: Array, noise_m: f
         shift2 = float(np.trace(covariance[2:4, 2:4]) / 2) + FLOOR_SHIFT_M**2
         shift2 += (PLATE_SHIFT_PER_NOISE * noise_m * lever) ** 2
     same = [(r, w) for r, w in weighted if r.motion.joint_type == kind]
-    total = sum(w for _, w in same) or 1.0
-    for other, w in same[1:]:
-        share = w / total
-        cosine = np.clip(best.motion.direction @ other.motion.direction, -1, 1)
-        tilt2 += share * float(np.arccos(cosine)) ** 2 / 2
-        delta2 += share * (other.motion.delta - best.motion.delta) ** 2
-        if kind == "revolute":
-            foot = (
-                best.motion.origin
-                + ((centre - best.motion.origin) @ best.motion.direction) * best.motion.direction
-            )
-            shift2 += (
-                share
-                * float(line_distance(other.motion.origin, other.motion.direction, foot[None])[0]) ** 2
-                / 2
-            )
-    half = Z90 * float(np.sqrt(delta2))
+    foot = (
+        best.motion.origin + ((centre - best.motion.origin) @ best.motion.direction) * best.motion.direction
+    )
+    weight = np.array([w for _, w in same])
+    tilt = np.arccos(np.clip([best.motion.direction @ r.motion.direction for r, _ in same], -1, 1))
+    shift = np.array([line_distance(r.motion.origin, r.motion.direction, foot[None])[0] for r, _ in same])
+    turn = np.array([abs(r.motion.delta - best.motion.delta) for r, _ in same])
+    half = float(np.hypot(Z90 * np.sqrt(delta2), _reach90(turn, weight)))
+    offset = (
+        float(np.hypot(CHI90_2 * np.sqrt(shift2), _reach90(shift, weight))) if kind == "revolute" else 0.0
+    )
     return Intervals(
-        axis_angle_rad=float(min(CHI90_2 * np.sqrt(tilt2), np.pi)),
-        axis_offset_m=float(CHI90_2 * np.sqrt(shift2)),
+        axis_angle_rad=float(min(np.hypot(CHI90_2 * np.sqrt(tilt2), _reach90(tilt, weight)), np.pi)),
+        axis_offset_m=offset,
         delta=(best.motion.delta - half, best.motion.delta + half),
     )
+
+
+def _reach90(distance: Array, weight: Array) -> float:
+    """The distance within which 90 % of the belief lies."""
+    order = np.argsort(distance, kind="stable")
+    share = np.cumsum(weight[order]) / max(float(weight.sum()), 1e-12)
+    return float(distance[order][min(int(np.searchsorted(share, 0.9)), len(order) - 1)])

@@ -1,0 +1,172 @@
+"""Files become views, and garbage is refused by name."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from s2r_host.perception import BadViewError, Cloud, DepthFrame, InputError, load_frame
+from s2r_host.perception.loading import virtual_pinhole
+from s2r_protocol.exits import ExitCode
+
+K = np.array([[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1]])
+
+
+def plate(z_m: float = 0.8) -> np.ndarray:
+    return np.full((120, 160), z_m, dtype=np.float32)
+
+
+def write_npz(path, **changes):
+    content = {"depth": plate(), "K": K, "T_base_camera": np.eye(4)} | changes
+    np.savez(path, **{k: v for k, v in content.items() if v is not None})
+    return path
+
+
+def write_ply(path, points):
+    lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
+    lines += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
+    lines += [" ".join(f"{v:.6f}" for v in p) for p in points]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def write_camera(path, **changes):
+    intrinsics = {"fx": 200, "fy": 200, "cx": 80, "cy": 60, "width": 160, "height": 120}
+    path.write_text(json.dumps({"intrinsics": intrinsics, "base_T_camera": np.eye(4).tolist()} | changes))
+    return path
+
+
+def plane_points(n: int = 4000) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    return np.column_stack([rng.uniform(-0.3, 0.3, n), rng.uniform(-0.2, 0.2, n), np.full(n, 0.8)])
+
+
+def test_npz_gives_depth_and_camera(tmp_path):
+    frame = load_frame(write_npz(tmp_path / "a.npz"))
+    assert isinstance(frame, DepthFrame)
+    np.testing.assert_allclose(frame.points_base()[60, 80], [0, 0, 0.8], atol=1e-6)
+
+
+def test_camera_frame_ignores_the_pose(tmp_path):
+    pose = np.eye(4)
+    pose[:3, 3] = 1.0
+    frame = load_frame(write_npz(tmp_path / "a.npz", T_base_camera=pose), frame="camera")
+    np.testing.assert_array_equal(frame.X_base_camera, np.eye(4))
+
+
+def test_png_millimetres_become_metres(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), (plate() * 1000).astype(np.uint16))
+    frame = load_frame(tmp_path / "a.png", camera=write_camera(tmp_path / "camera.json"))
+    assert isinstance(frame, DepthFrame)
+    assert frame.depth_m.max() == pytest.approx(0.8)
+
+
+def test_ply_in_the_base_frame_is_a_cloud(tmp_path):
+    cloud = load_frame(write_ply(tmp_path / "a.ply", plane_points()))
+    assert isinstance(cloud, Cloud)
+    assert len(cloud.points) == 4000
+
+
+def test_ply_in_the_camera_frame_gets_its_image_back(tmp_path):
+    frame = load_frame(write_ply(tmp_path / "a.ply", plane_points()), frame="camera")
+    assert isinstance(frame, DepthFrame)
+    assert (frame.depth_m > 0).mean() > 0.4
+    assert np.median(frame.depth_m[frame.depth_m > 0]) == pytest.approx(0.8, abs=1e-3)
+
+
+def test_a_million_points_are_fine(tmp_path):
+    rng = np.random.default_rng(2)
+    points = rng.uniform([-0.5, -0.4, 0.7], [0.5, 0.4, 0.9], (1_000_000, 3))
+    K_virtual, shape = virtual_pinhole(points)
+    assert max(shape) <= 1400
+    assert K_virtual[0, 0] <= 900
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"depth": plate(0.0)}, "holds 0 returns"),
+        ({"depth": np.full((120, 160), np.nan, np.float32)}, "not finite"),
+        ({"depth": plate(800.0)}, "look like millimetres"),
+        ({"depth": plate(-0.5)}, "negative"),
+        ({"K": np.diag([0.0, 0.0, 1.0])}, "focal"),
+        ({"K": np.array([[200.0, 0, 900], [0, 200, 60], [0, 0, 1]])}, "another resolution"),
+        ({"T_base_camera": np.diag([2.0, 1, 1, 1])}, "not a rotation"),
+        ({"depth": np.ones((3, 120, 160), np.float32)}, "shape"),
+    ],
+)
+def test_garbage_in_an_npz_is_named(tmp_path, changes, words):
+    with pytest.raises(BadViewError, match=words) as caught:
+        load_frame(write_npz(tmp_path / "bad.npz", **changes))
+    assert "bad.npz" in str(caught.value)
+    assert caught.value.exit_code is ExitCode.REFUSED
+
+
+def test_missing_fields_are_listed(tmp_path):
+    with pytest.raises(InputError, match=r"missing K, T_base_camera"):
+        load_frame(write_npz(tmp_path / "a.npz", K=None, T_base_camera=None))
+
+
+def test_unknown_kind_lists_the_known_ones(tmp_path):
+    (tmp_path / "a.stl").write_text("x")
+    with pytest.raises(InputError, match=r"\.ply, \.npz and \.png"):
+        load_frame(tmp_path / "a.stl")
+
+
+def test_broken_npz_is_refused(tmp_path):
+    (tmp_path / "a.npz").write_bytes(b"PK\x03\x04 nothing")
+    with pytest.raises(InputError, match="not a readable NPZ"):
+        load_frame(tmp_path / "a.npz")
+
+
+def test_absent_file_is_named(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        load_frame(tmp_path / "none.ply")
+
+
+def test_png_needs_a_camera(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), (plate() * 1000).astype(np.uint16))
+    with pytest.raises(InputError, match="--camera"):
+        load_frame(tmp_path / "a.png")
+
+
+def test_eight_bit_png_is_refused(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((120, 160), 200, np.uint8))
+    with pytest.raises(InputError, match="16-bit"):
+        load_frame(tmp_path / "a.png", camera=write_camera(tmp_path / "camera.json"))
+
+
+def test_png_of_another_size_is_refused(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((60, 80), 800, np.uint16))
+    with pytest.raises(InputError, match="80x60 but the camera file says 160x120"):
+        load_frame(tmp_path / "a.png", camera=write_camera(tmp_path / "camera.json"))
+
+
+def test_camera_file_without_a_focal_length_is_refused(tmp_path):
+    camera = write_camera(tmp_path / "camera.json", intrinsics={"fx": 200})
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((120, 160), 800, np.uint16))
+    with pytest.raises(InputError, match="fy"):
+        load_frame(tmp_path / "a.png", camera=camera)
+
+
+def test_ply_in_millimetres_is_named(tmp_path):
+    with pytest.raises(BadViewError, match="millimetres"):
+        load_frame(write_ply(tmp_path / "a.ply", plane_points() * 1000))
+
+
+def test_empty_ply_is_refused(tmp_path):
+    with pytest.raises(BadViewError, match="no points"):
+        load_frame(write_ply(tmp_path / "a.ply", np.zeros((0, 3))))
+
+
+def test_ply_of_nan_is_refused(tmp_path):
+    with pytest.raises(BadViewError, match="0 finite points"):
+        load_frame(write_ply(tmp_path / "a.ply", np.full((500, 3), np.nan)))
+
+
+def test_cloud_behind_the_camera_is_refused(tmp_path):
+    with pytest.raises(BadViewError, match="behind the camera"):
+        load_frame(write_ply(tmp_path / "a.ply", plane_points() * [1, 1, -1]), frame="camera")
