@@ -79,13 +79,16 @@ def possible(rig: Rig) -> tuple[str, ...]:
     return tuple(n for n in KNOWN if EFFECTS[n].min_joints <= rig.joints)
 
 
-def draw_cases(seed: int, rig_name: str, counts: dict[str, int]) -> list[Case]:
+def draw_cases(
+    seed: int, rig_name: str, counts: dict[str, int], duration_s: float = DURATION_S
+) -> list[Case]:
     """All cases of a set in shuffled order.
 
     Args:
         seed: Any integer; the same seed gives the same cases.
         rig_name: See ``rigs``.
         counts: Group → number of cases.
+        duration_s: Length of every recording [s].
 
     Raises:
         DrawError: Unknown group or rig, or a negative number.
@@ -97,12 +100,12 @@ def draw_cases(seed: int, rig_name: str, counts: dict[str, int]) -> list[Case]:
     rng = np.random.default_rng([seed, 11])
     plans = [(group, plan) for group in GROUPS for plan in _plans(rng, rig, group, counts.get(group, 0))]
     order = rng.permutation(len(plans))
-    return [_draw(rig, (seed, 23, int(k)), *plans[k]) for k in order]
+    return [_draw(rig, (seed, 23, int(k)), *plans[k], duration_s) for k in order]
 
 
 def redraw(case: Case, attempt: int) -> Case:
     """Another machine, motion and shape for the same plan: the first could not carry the wanted strength."""
-    return _draw(case.rig, (*case.seed[:3], attempt), case.group, case.plan)
+    return _draw(case.rig, (*case.seed[:3], attempt), case.group, case.plan, case.scales[0].duration_s)
 
 
 def _plans(rng: np.random.Generator, rig: Rig, group: str, count: int) -> Iterator[Plan]:
@@ -156,17 +159,17 @@ def _together(rng: np.random.Generator, names: tuple[str, ...], size: int) -> tu
 # -- one case ------------------------------------------------------------------------------------------
 
 
-def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: Plan) -> Case:
+def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: Plan, duration_s: float) -> Case:
     variant, names, strength = plan
     rng = np.random.default_rng(seed)
     mask = _mask_for(rng, group, variant, names)
     machine = _friction_or_none(rng, rig.draw(rng), names)
     controller = _controller(rng, rig, machine, mask)
     told = misjudged(rng, machine, mask.nominal_error if group != "clean" else 1e-3)
-    paths = _paths(rng, rig, group, variant)
+    paths = _paths(rng, rig, group, variant, duration_s)
     feed_forward = float(rng.choice([0.0, 0.0, 1.0]))
     motions = {role: _motion(rig, told, q, feed_forward) for role, q in paths.items()}
-    scales = _scales(rig, machine, controller, paths["fit"])
+    scales = _scales(rig, machine, controller, paths["fit"], duration_s)
     case = Case(
         seed=seed,
         rig=rig,
@@ -266,13 +269,15 @@ def _tidy(values: np.ndarray) -> np.ndarray:
     return np.array([float(f"{v:.3g}") for v in values])
 
 
-def _paths(rng: np.random.Generator, rig: Rig, group: str, variant: str) -> dict[str, np.ndarray]:
+def _paths(
+    rng: np.random.Generator, rig: Rig, group: str, variant: str, duration_s: float
+) -> dict[str, np.ndarray]:
     centre, half = rig.stroke(rng)
 
     def path() -> np.ndarray:
         if group == "insufficient":
-            return np.stack([poor(rng, variant) for _ in range(rig.joints)], axis=1)
-        return np.stack([rich(rng) for _ in range(rig.joints)], axis=1)
+            return np.stack([poor(rng, variant, duration_s) for _ in range(rig.joints)], axis=1)
+        return np.stack([rich(rng, duration_s) for _ in range(rig.joints)], axis=1)
 
     fit = centre + half * path()
     return {"fit": fit, "repeat": fit, "holdout": centre + half * path()}
@@ -284,7 +289,9 @@ def _motion(rig: Rig, told: Machine, q_cmd: np.ndarray, feed_forward: float) -> 
     return Motion(q_cmd=q_cmd, dq_cmd=dq_cmd, tau_ff=tau_ff)
 
 
-def _scales(rig: Rig, machine: Machine, controller: Controller, q: np.ndarray) -> list[Scale]:
+def _scales(
+    rig: Rig, machine: Machine, controller: Controller, q: np.ndarray, duration_s: float
+) -> list[Scale]:
     q, dq, ddq = q[::10], *(d[::10] for d in derivatives(q))
     torque = rig.inverse_dynamics(machine, q, dq, ddq)
     still = np.zeros_like(q)
@@ -307,7 +314,7 @@ def _scales(rig: Rig, machine: Machine, controller: Controller, q: np.ndarray) -
             q_lo=float(q[:, j].min()),
             q_hi=float(q[:, j].max()),
             bandwidth=float(np.sqrt(controller.kp[j] / inertia[j])),
-            duration_s=DURATION_S,
+            duration_s=duration_s,
         )
         for j in range(rig.joints)
     ]

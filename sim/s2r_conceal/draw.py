@@ -9,6 +9,8 @@ from typing import Any
 from s2r_conceal.calibrate import Measured, calibrate, usable
 from s2r_conceal.cases import Case, draw_cases, redraw
 from s2r_conceal.errors import DrawError
+from s2r_conceal.motions import DURATION_S
+from s2r_conceal.plant import SUBSTEPS
 from s2r_conceal.record import Recorded, record
 from s2r_conceal.seal import Key, publish
 from s2r_conceal.write import write_case
@@ -24,6 +26,8 @@ def draw_set(
     out: Path,
     key_file: Path,
     progress: Callable[[int], None] = lambda n: None,
+    duration_s: float = DURATION_S,
+    substeps: int = SUBSTEPS,
 ) -> dict[str, Any]:
     """Draw, record, write and seal a set; returns the answers that went under seal.
 
@@ -33,19 +37,21 @@ def draw_set(
         counts: Group → number of cases.
         out: A folder that does not exist yet or is empty.
         key_file: Where the key goes; outside ``out``.
+        duration_s: Length of every recording [s].
+        substeps: Integrator steps per millisecond.
         progress: Called with the number of cases finished since the last call.
 
     Raises:
         DrawError: ``out`` holds something, the key would lie inside it, or a group is unknown.
     """
     _refuse_bad_places(out, key_file)
-    cases = draw_cases(seed, rig, counts)
+    cases = draw_cases(seed, rig, counts, duration_s)
     answers: dict[str, Any] = {}
-    for recorded in _recorded(cases, BATCH[rig], progress):
+    for recorded in _recorded(cases, BATCH[rig], substeps, progress):
         name = f"case-{len(answers) + 1:04d}"
         write_case(out / name, recorded)
         answers[name] = recorded.truth
-    key = Key.fresh({"seed": seed, "rig": rig, "cases": counts})
+    key = Key.fresh({"seed": seed, "rig": rig, "cases": counts, "duration_s": duration_s})
     publish(out, answers, key)
     key.write(key_file)
     return answers
@@ -59,10 +65,12 @@ def _refuse_bad_places(out: Path, key_file: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
 
 
-def _recorded(cases: list[Case], batch: int, progress: Callable[[int], None]) -> Iterator[Recorded]:
+def _recorded(
+    cases: list[Case], batch: int, substeps: int, progress: Callable[[int], None]
+) -> Iterator[Recorded]:
     for start in range(0, len(cases), batch):
         part, measured = calibrated(cases[start : start + batch])
-        yield from record(part, measured)
+        yield from record(part, measured, substeps)
         progress(len(part))
 
 

@@ -16,6 +16,8 @@ from s2r_conceal.effects.base import Effect, Hook, log_uniform, sign
 from s2r_conceal.parameters import Scale
 from s2r_conceal.plant import AMBIENT_C, State
 
+SLIDING = 1e-3  # [rad/s] slower than this, friction only holds and shows nothing
+
 
 class _Coulomb(Hook):
     """``F sign(v)``: the bound grows by ``friction`` in both directions."""
@@ -41,7 +43,7 @@ class _Stribeck(Hook):
         hump = self.p["excess"] * np.exp(-((s.v_motor[self.idx] / self.p["velocity"]) ** 2))
         s.bound_plus[self.idx] += hump
         s.bound_minus[self.idx] += hump
-        self.contribution = hump
+        self.contribution = hump * (np.abs(s.v_motor[self.idx]) > SLIDING)
 
 
 class _Presliding(Hook):
@@ -63,7 +65,7 @@ class _Presliding(Hook):
         bound = np.where(self._z > 0, s.bound_plus[self.idx], s.bound_minus[self.idx])
         s.f_motor[self.idx] -= bound * self._z
         s.bound_plus[self.idx] = s.bound_minus[self.idx] = 0.0
-        self.contribution = bound * (direction - self._z)
+        self.contribution = bound * (direction - self._z) * (np.abs(v) > SLIDING)
 
 
 class _Asymmetric(Hook):
@@ -87,7 +89,7 @@ class _LoadDependent(Hook):
         extra = self.p["coefficient"] * np.abs(s.load[self.idx])
         s.bound_plus[self.idx] += extra
         s.bound_minus[self.idx] += extra
-        self.contribution = extra
+        self.contribution = extra * (np.abs(s.v_motor[self.idx]) > SLIDING)
 
 
 class _Thermal(Hook):

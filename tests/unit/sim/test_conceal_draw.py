@@ -1,0 +1,232 @@
+"""Drawn sets: the same seed gives the same files, the files tell nothing, the tool runs on them resumably."""
+
+import json
+import sys
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+
+from s2r_conceal.cases import CLEAN_VARIANTS, GROUPS, draw_cases, possible
+from s2r_conceal.draw import draw_set
+from s2r_conceal.effects.table import EFFECTS
+from s2r_conceal.errors import ConcealError, DrawError
+from s2r_conceal.masks import Mask, rows
+from s2r_conceal.record import active_mask
+from s2r_conceal.rigs import rig_named
+from s2r_conceal.run import run_all
+from s2r_conceal.score_files import read_track, score_folder
+from s2r_conceal.seal import Key, read_manifest, unseal
+
+COUNTS = {"single": 4, "clean": 3, "unknown": 1, "pairs": 1, "masked": 2, "insufficient": 1, "wrong_log": 1}
+FILES = {"model.xml", *(f"{r}.{k}" for r in ("fit", "repeat", "holdout") for k in ("csv", "yaml"))}
+
+
+class _Bar:
+    length: int | None = 0
+    steps = 0
+
+    def update(self, n_steps):
+        self.steps += n_steps
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    """A small set of short recordings at a low rate, drawn twice from one seed."""
+    place = tmp_path_factory.mktemp("draw")
+    answers = [
+        draw_set(3, "one_joint", COUNTS, place / name, place / f"{name}.key", duration_s=1.5, substeps=2)
+        for name in ("one", "two")
+    ]
+    return place, answers
+
+
+def _folders(drawn, name="one"):
+    return sorted((drawn[0] / name).glob("case-*"))
+
+
+def test_the_same_seed_gives_the_same_bytes(drawn):
+    place, answers = drawn
+    assert answers[0] == answers[1]
+    assert read_manifest(place / "one")["cases"] == read_manifest(place / "two")["cases"]
+
+
+def test_another_seed_gives_other_cases():
+    one, two = (draw_cases(seed, "one_joint", {"single": 3}, 1.0) for seed in (1, 2))
+    assert not np.array_equal(one[0].machine.mass, two[0].machine.mass)
+
+
+def test_every_case_has_exactly_the_neutral_files(drawn):
+    folders = _folders(drawn)
+    assert [f.name for f in folders] == [f"case-{i + 1:04d}" for i in range(sum(COUNTS.values()))]
+    assert all({p.name for p in folder.iterdir()} == FILES for folder in folders)
+
+
+def test_no_file_the_tool_gets_names_an_effect_a_mask_or_a_group(drawn):
+    names = set(EFFECTS) - {"armature"}  # also an attribute of MJCF, and present in every file
+    words = [*names, *GROUPS, *CLEAN_VARIANTS, "mask", "seed", "decoy", "truth"]
+    for folder in _folders(drawn):
+        for path in folder.iterdir():
+            text = path.read_text()
+            assert [w for w in words if w in text] == [], path
+
+
+def test_columns_depend_on_what_is_recorded_and_not_on_what_is_hidden(drawn):
+    answers, seen = drawn[1][0], set()
+    full = ["t", "q", "dq", "tau", "q_cmd", "dq_cmd", "tau_ff"]
+    for folder in _folders(drawn):
+        names = [n.split(".")[0] for n in (folder / "fit.csv").open().readline().strip().split(",")]
+        without_temp = [n for n in names if n != "temp"]
+        hidden = "no_effort" in answers[folder.name]["masks"]
+        assert without_temp == (["t", "q", "dq", "q_cmd", "dq_cmd"] if hidden else full)
+        seen.add(hidden)
+    assert seen == {True, False}
+
+
+def test_sidecars_have_the_same_keys_in_every_case_of_a_mask(drawn):
+    _, (answers, _) = drawn
+    keys = set()
+    for folder in _folders(drawn):
+        told = yaml.safe_load((folder / "fit.yaml").read_text())
+        hidden = "no_effort" in answers[folder.name]["masks"]
+        assert ("effort" in told) == (not hidden)
+        assert ("kp" in told["controller"]) == (not hidden)
+        keys.add((hidden, tuple(told)))
+    assert len(keys) == 2
+
+
+def test_model_files_load_and_have_one_layout(drawn):
+    layouts = set()
+    for folder in _folders(drawn):
+        text = (folder / "model.xml").read_text()
+        assert mujoco.MjModel.from_xml_string(text).njnt == 1
+        layouts.add(tuple(e.tag for e in ET.fromstring(text).iter()))
+    assert len(layouts) == 1
+
+
+def test_commanded_effort_follows_from_the_recorded_channels(drawn):
+    for folder in _folders(drawn):
+        told = yaml.safe_load((folder / "fit.yaml").read_text())
+        if told.get("effort") != "commanded" or told["controller"]["type"] != "pd":
+            continue
+        answer = drawn[1][0][folder.name]
+        if answer["variant"] == "parameter_off" or answer["group"] == "wrong_log":
+            continue
+        if {"clock_skew"} & {e["name"] for e in answer["effects"]}:
+            continue
+        f = read_track(folder / "fit.csv")
+        kp, kd = (told["controller"][k]["joint1"] for k in ("kp", "kd"))
+        asked = (
+            kp * (f["q_cmd.joint1"] - f["q.joint1"])
+            + kd * (f["dq_cmd.joint1"] - f["dq.joint1"])
+            + f["tau_ff.joint1"]
+        )
+        assert asked == pytest.approx(f["tau.joint1"], abs=1e-4 * kp)
+
+
+def test_answers_carry_strength_regime_floor_and_expected_verdict(drawn):
+    for truth in drawn[1][0].values():
+        assert truth["expected"]
+        assert truth["floor"]["q_rmse"] > 0.0
+        for effect in truth["effects"]:
+            assert effect["strength"] > 0.0 or truth["group"] == "insufficient"
+            assert {"recording", "t", "q", "dq", "words"} == set(effect["regime"])
+            assert {p["unit"] for p in effect["parameters"].values()} <= set(
+                EFFECTS[effect["name"]].units.values()
+            )
+
+
+def test_calibrated_strengths_are_near_their_targets(drawn):
+    found = [
+        (e["strength"], e["target"])
+        for truth in drawn[1][0].values()
+        for e in truth["effects"]
+        if truth["group"] in ("single", "unknown", "pairs") and e["target"] < 3.0
+    ]
+    assert all(0.5 * target < strength < 2.0 * target for strength, target in found)
+
+
+def test_the_key_opens_the_drawn_answers(drawn):
+    place, answers = drawn
+    published = read_manifest(place / "one")["answers_sha256_salted"]
+    opened = unseal((place / "one" / "answers.sealed").read_bytes(), Key.read(place / "one.key"), published)
+    assert opened == json.loads(json.dumps(answers[0]))
+
+
+def test_a_tool_runs_over_the_set_resumably_and_is_scored(drawn, tmp_path):
+    folder, key = drawn[0] / "one", drawn[0] / "one.key"
+    tool = tmp_path / "tool.py"
+    tool.write_text(
+        "import json, pathlib, sys\n"
+        "here = sorted(p.name for p in pathlib.Path('.').iterdir())\n"
+        "pathlib.Path('out').mkdir()\n"
+        "answer = {'verdict': 'nothing_missing', 'wall_s': 0.1, 'seen': here, 'arguments': sys.argv[1:]}\n"
+        "pathlib.Path('out/gap.json').write_text(json.dumps(answer))\n"
+    )
+    command, bar = f"{sys.executable} {tool}", _Bar()
+    first = run_all(folder, command, 2, 60.0, bar)
+    assert bar.steps == bar.length == sum(COUNTS.values())
+    verdict = json.loads((folder / "verdicts" / "case-0001.json").read_text())
+    assert set(verdict["gap"]["seen"]) == FILES
+    assert verdict["gap"]["arguments"][:4] == ["--model", "model.xml", "--fit", "fit.csv"]
+    tool.write_text("raise SystemExit('must not run again')")
+    assert run_all(folder, command, 1, 60.0, _Bar()) == first
+    text = score_folder(folder, key, tmp_path / "score")
+    assert "| clean: false alarms | 0 | 3 | ≤ 0.01 |" in text
+    assert {p.name for p in (tmp_path / "score").iterdir()} == {
+        "score.md",
+        "score.json",
+        "score.svg",
+        "answers.json",
+    }
+
+
+def test_a_tool_that_does_not_exist_is_named(drawn):
+    with pytest.raises(ConcealError, match="no such program"):
+        run_all(drawn[0] / "two", "no-such-tool-anywhere", 1, 10.0, _Bar())
+
+
+def test_a_key_inside_the_set_is_refused(tmp_path):
+    with pytest.raises(DrawError, match="would lie inside"):
+        draw_set(1, "one_joint", {"single": 1}, tmp_path / "set", tmp_path / "set" / "key.json")
+
+
+def test_an_unknown_group_is_refused_by_name():
+    with pytest.raises(DrawError, match="'simple=1'"):
+        draw_cases(1, "one_joint", {"simple": 1})
+
+
+def test_singles_cover_every_possible_effect_before_repeating():
+    names = possible(rig_named("one_joint"))
+    cases = draw_cases(4, "one_joint", {"single": 3 * len(names)}, 1.0)
+    pairs = [(c.effects[0].name, c.targets[0]) for c in cases]
+    assert len(set(pairs)) == 3 * len(names)
+
+
+def test_masks_thin_jitter_and_drop_rows():
+    rng = np.random.default_rng(0)
+    plain, t = rows(Mask(), 4000, 1000.0, rng)
+    assert np.all(np.diff(plain) == 4)
+    assert t[-1] == pytest.approx(plain[-1] / 1000.0)
+    slow, _ = rows(Mask(rate_hz=20.0), 4000, 1000.0, rng)
+    assert np.all(np.diff(slow) == 50)
+    jittered, stamps = rows(Mask(jitter_s=0.0016), 4000, 1000.0, rng)
+    assert len(np.unique(np.diff(jittered))) > 1
+    assert np.all(np.diff(stamps) > 0.0)
+    holed, _ = rows(Mask(dropped=0.05), 4000, 1000.0, rng)
+    assert holed.size == pytest.approx(0.95 * plain.size, rel=0.02)
+    _, fast = rows(Mask(clock_ppm=200.0, t0_s=5.0), 4000, 1000.0, rng)
+    assert fast[0] == 5.0
+    assert (fast[-1] - fast[0]) / (t[-1] - t[0]) == pytest.approx(1.0 + 2e-4)
+
+
+def test_an_effect_is_at_work_where_it_contributes():
+    size = np.zeros(2000)
+    size[500:700] = 1.0
+    size[1500] = 1.0  # a blip is no regime
+    at_work = active_mask(size)
+    assert at_work[500:700].all()
+    assert not at_work[:460].any()
+    assert not at_work[740:].any()
