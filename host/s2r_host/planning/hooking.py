@@ -47,14 +47,15 @@ class Hook:
         R_part_tool: Orientation of the tool there in the part's frame, (3, 3).
         push_part: From there to where the fingertip meets the part, along the part's motion, part frame [m], (3,).
         q: Joint solution there [rad], (dof,).
-        q_end: Joint solution where the place is when the part has reached the target.
+        route: Joint solutions above the place, at the place, at the touch, and on with the part to the target,
+            (m, dof) [rad]. Only a proposal for the sampler.
     """
 
     p_part: np.ndarray
     R_part_tool: np.ndarray
     push_part: np.ndarray
     q: np.ndarray
-    q_end: np.ndarray
+    route: np.ndarray
 
     def distance(self, p_tip_part: np.ndarray) -> np.ndarray:
         """Distance [m] that the reward sees, for tool tips in the part's frame (..., 3).
@@ -103,7 +104,7 @@ def find_hook(
     for index in order:
         hook = _solve(scene, world, tool, places, int(index), s_target)
         if hook is not None:
-            travel = np.abs(hook.q - world.q).max() + 0.5 * np.abs(hook.q_end - hook.q).max()
+            travel = np.abs(hook.q - world.q).max() + 0.5 * np.abs(hook.route[-1] - hook.q).max()
             cost = float(travel + _tightness(places)[index])
             if best is None or cost < best[0]:
                 best = (cost, hook)
@@ -168,16 +169,22 @@ def _solve(
         if _touches(scene, world, q, s_start):
             return None
         p_part, R_part_tool = R_start.T @ (p - p_start), R_start.T @ R
-        world.data.qpos[scene.s_qpos] = s_target
-        mujoco.mj_kinematics(scene.fine, world.data)
-        p_end, R_end = _part_pose(scene, world)
-        q_end = tool.solve(p_end + R_end @ p_part, R_end @ R_part_tool, q)
+        push_part = R_start.T @ (places.push_m[index] * places.way[index])
+        above = tool.solve(p - _FUNNEL_M * R[:, 2], R, q)
+        route = [q if above is None else above, q]
+        for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+            p_now, R_now = _part_pose_at(scene, world, s_start + share * (s_target - s_start))
+            reached = tool.solve(p_now + R_now @ (p_part + push_part), R_now @ R_part_tool, route[-1])
+            if reached is None:
+                return None
+            route.append(reached)
+        q_end = tool.solve(p_now + R_now @ p_part, R_now @ R_part_tool, route[-1])
         if q_end is None or _touches(scene, world, q_end, s_target):
             return None
     finally:
         world.restore(state)
         mujoco.mj_forward(scene.fine, world.data)
-    return Hook(p_part, R_part_tool, R_start.T @ (places.push_m[index] * places.way[index]), q, q_end)
+    return Hook(p_part, R_part_tool, push_part, q, np.array(route))
 
 
 def _touches(scene: Scene, world: FineWorld, q: np.ndarray, s: float) -> bool:
@@ -189,3 +196,9 @@ def _touches(scene: Scene, world: FineWorld, q: np.ndarray, s: float) -> bool:
 def _part_pose(scene: Scene, world: FineWorld) -> tuple[np.ndarray, np.ndarray]:
     body = scene.part_body
     return world.data.xpos[body].copy(), world.data.xmat[body].reshape(3, 3).copy()
+
+
+def _part_pose_at(scene: Scene, world: FineWorld, s: float) -> tuple[np.ndarray, np.ndarray]:
+    world.data.qpos[scene.s_qpos] = s
+    mujoco.mj_kinematics(scene.fine, world.data)
+    return _part_pose(scene, world)

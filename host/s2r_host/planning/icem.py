@@ -43,8 +43,11 @@ class Icem:
         s = self.settings
         return min(s.population, max(int(s.population * s.decay**-iteration), 2 * s.elites))
 
-    def sample(self) -> np.ndarray:
-        """Sequences to evaluate now, shape (samples, horizon, dof): fresh ones, carried elites, the mean."""
+    def sample(self, proposals: np.ndarray | None = None) -> np.ndarray:
+        """Sequences to evaluate now, (samples, horizon, dof): fresh ones, carried elites, the mean.
+
+        ``proposals``, (n, horizon, dof), join the first iteration.
+        """
         s = self.settings
         count = self.population(self._iteration)
         knots = s.knots or s.horizon
@@ -53,6 +56,8 @@ class Icem:
         groups = [fresh]
         if self._iteration == 0 and s.shift_elites:
             groups.append(self._inherited)
+        if self._iteration == 0 and proposals is not None:
+            groups.append(proposals)
         if self._iteration > 0 and s.keep_elites:
             groups.append(self._elites[: self._kept()])
         if self._iteration == s.iterations - 1 and s.mean_in_last:

@@ -12,6 +12,7 @@ from s2r_host.planning.door import check_numbers, check_target
 from s2r_host.planning.execution import FineWorld, Report
 from s2r_host.planning.hooking import Hook, find_hook
 from s2r_host.planning.icem import Icem
+from s2r_host.planning.proposals import Route
 from s2r_host.planning.rewards import Task, rewards
 from s2r_host.planning.rollouts import Rollouts, ramp
 from s2r_host.planning.scene import Scene, build_scene
@@ -46,7 +47,7 @@ def plan_manipulation(request: PlanRequest) -> PlanResult:
     world = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial)
     _check_start(world)
     hook = find_hook(scene, world, request.object_mjcf, request.s_target, settings)
-    task = Task(request.s_initial, request.s_target, tolerance)
+    task = Task(request.s_initial, request.s_target, tolerance, scene.prismatic)
     attempts = []
     for index, stage in enumerate(settings.cascade):
         attempt = _Attempt(scene, stage, index, settings, task, hook, world, request.seed)
@@ -105,14 +106,15 @@ class _Attempt:
         low = limits.q_min + settings.joint_margin_rad
         high = limits.q_max - settings.joint_margin_rad
         icem = self._sampler()
-        capacity = 2 * self.stage.population + 2 * icem.settings.elites + 1
+        capacity = 2 * self.stage.population + 2 * icem.settings.elites + len(settings.proposal_speeds) + 1
         rollouts = Rollouts(self.scene, self.stage, settings, capacity)
         target = self.world.q
         self.targets = [target]
         states = [self.world.save()]
+        route = Route(np.concatenate([target[None], self.hook.route]), settings.action_max_rad)
         backtracks = 0
         for step in range(settings.max_steps):
-            ranked, values = self._think(icem, rollouts, target, low, high)
+            ranked, values = self._think(icem, rollouts, route, target, low, high)
             goal, rank, report = self._execute(target, ranked[:, 0], low, high, states[-1])
             self._note(step, float(values[rank]), rank, report)
             if report.contact is not None:
@@ -140,13 +142,21 @@ class _Attempt:
         )
 
     def _think(
-        self, icem: Icem, rollouts: Rollouts, target: np.ndarray, low: np.ndarray, high: np.ndarray
+        self,
+        icem: Icem,
+        rollouts: Rollouts,
+        route: Route,
+        target: np.ndarray,
+        low: np.ndarray,
+        high: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """One control step of the sampler: action sequences from the world's state, best first, and their rewards."""
         data = self.world.data
         icem.begin()
         for _ in range(icem.settings.iterations):
-            samples = icem.sample()
+            samples = icem.sample(
+                route.proposals(target, icem.settings.horizon, self.settings.proposal_speeds)
+            )
             facts = rollouts.run(data.qpos, data.qvel, _accumulate(target, samples, low, high), self.hook)
             icem.update(samples, rewards(facts, self.task, self.settings.weights))
         self.env_steps = rollouts.env_steps

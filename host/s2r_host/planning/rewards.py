@@ -18,11 +18,12 @@ from s2r_host.planning.settings import RewardWeights
 
 @dataclass(frozen=True)
 class Task:
-    """What the reward compares with: start, goal and success band of the object's joint [m or rad]."""
+    """What the reward compares with: start, goal and success band of the object's joint [m or rad], and its kind."""
 
     s_initial: float
     s_target: float
     tolerance: float
+    prismatic: bool = True
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class StepFacts:
         distance_m: Fingertip to its point on the part, (rollout, step).
         turn_rad: Angle between the tool and its orientation at that point, (rollout, step).
         s: Joint of the object [m or rad], (rollout, step).
+        ds: Its speed [m/s or rad/s], (rollout, step).
         touches: The fingertip touches the part, bool (rollout, step).
         collides: The robot touches anything else, bool (rollout, step).
         dq: Joint speeds [rad/s], (rollout, step, dof).
@@ -43,6 +45,7 @@ class StepFacts:
     distance_m: np.ndarray
     turn_rad: np.ndarray
     s: np.ndarray
+    ds: np.ndarray
     touches: np.ndarray
     collides: np.ndarray
     dq: np.ndarray
@@ -104,6 +107,15 @@ def r_reg(dq: np.ndarray, ddq: np.ndarray, weights: RewardWeights) -> np.ndarray
     return -(weights.speed * np.abs(dq) + weights.acceleration * np.abs(ddq)) @ joints
 
 
+def r_calm(ds: np.ndarray, task: Task, weights: RewardWeights) -> np.ndarray:
+    """Speed term of the object: -w ds². Not in the paper; the authors' code has -5 |ds|.
+
+    A fast part coasts on when the fingertip stops, by an amount that depends on a friction nobody has measured. The
+    square gives a speed that is worth having: a linear term is either too weak or stops all motion.
+    """
+    return -weights.calm * (1.0 if task.prismatic else 0.04) * ds**2
+
+
 def r_load(load: np.ndarray, weights: RewardWeights) -> np.ndarray:
     """Load term: -w times each joint's servo torque beyond a free share of its limit. An addition to the paper.
 
@@ -120,13 +132,14 @@ def joint_weights(weights: RewardWeights, dof: int) -> np.ndarray:
 
 
 def rewards(facts: StepFacts, task: Task, weights: RewardWeights) -> np.ndarray:
-    """Value of every rollout, (rollout,): the mean over its steps of the five terms and the load term."""
+    """Value of every rollout, (rollout,): the mean over its steps of the paper's five terms and the two added."""
     total = (
         r_dist(facts.distance_m, facts.turn_rad, weights)
         + r_target(facts.s, task, weights)
         + r_contact(facts, task, weights)
         + r_reg(facts.dq, facts.ddq, weights)
         + r_success(facts.s, task, weights)
+        + r_calm(facts.ds, task, weights)
         + r_load(facts.load, weights)
     )
     return total.mean(axis=1)

@@ -70,6 +70,7 @@ class Rollouts:
             distance_m=hook.distance(pose[:, after, :3]),
             turn_rad=hook.turn(pose[:, after, 3:]),
             s=s,
+            ds=record["qvel"][:, n - 1 :: n, scene.s_dof],
             touches=_any_within(touches > 0, n),
             collides=_any_within(collides, n),
             dq=dq,

@@ -74,7 +74,8 @@ class RewardWeights:
     """Weights of the reward's terms, as the paper's authors ran it, except the collision weight (their text: 60).
 
     Attributes:
-        distance: Per m² between fingertip and its point on the part.
+        distance: Per m² between fingertip and its point on the part, for distances well below the width.
+        distance_width_m: Beyond this the distance term grows linearly.
         turn_m: Length that makes an angle of the tool comparable with a distance; 0 ignores the orientation.
         target: At full remaining way; proportional to the share that remains.
         success: For being on target.
@@ -83,13 +84,14 @@ class RewardWeights:
         collision: Penalty for any other contact of the robot.
         speed: Per rad/s of weighted joint speed.
         acceleration: Per rad/s² of weighted joint acceleration.
+        calm: Penalty per (m/s)² of a slide or (5 rad/s)² of a hinge.
         load: Penalty per unit of servo load over the torque limit; not in the paper, see ``rewards.r_load``.
         load_free: Share of the torque limit that costs nothing.
         joints: Weights of the joints in the speed and acceleration terms; arms with other counts repeat the last one.
     """
 
     distance: float = 1000.0
-    distance_width_m: float = 0.02
+    distance_width_m: float = 0.05
     turn_m: float = 0.2
     target: float = 50.0
     success: float = 20.0
@@ -98,6 +100,7 @@ class RewardWeights:
     collision: float = 60.0
     speed: float = 0.03
     acceleration: float = 0.01
+    calm: float = 200.0
     load: float = 20.0
     load_free: float = 0.4
     joints: tuple[float, ...] = (2.0, 3.0, 2.0, 2.0, 2.0, 1.0, 1.0)
@@ -153,6 +156,8 @@ class PlanSettings:
         torque_margin: Share of the torque limits a delivered plan may use.
         joint_margin_rad: Distance kept from the position limits.
         clearance_m: The rollouts count anything nearer than this to the robot, except the fingertip, as a collision.
+        proposal_speeds: Speeds of the sequences along the hook's route that join each control step's first samples, as
+            shares of the largest action; empty for none.
         retries: Ranked samples tried in the fine model before an action with an unexpected contact is taken.
         backtracks: How often a stage may go back some steps when every action touches something unexpected.
         hooks: Fingertip places on the part that are compared with the whole arm before planning.
@@ -173,6 +178,7 @@ class PlanSettings:
     torque_margin: float = 0.9
     joint_margin_rad: float = 0.05
     clearance_m: float = 0.003
+    proposal_speeds: tuple[float, ...] = (1.0, 0.5, 0.2)
     retries: int = 8
     backtracks: int = 6
     hooks: int = 24

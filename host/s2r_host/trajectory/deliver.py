@@ -8,7 +8,7 @@ moved by what is missing, along the part's motion, and the replay is asked again
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,13 +81,7 @@ def deliver(request: PlanRequest, result: PlanResult, settings: TimeLawSettings 
 
 
 def _with_speed(settings: TimeLawSettings, speed: float) -> TimeLawSettings:
-    return TimeLawSettings(
-        settings.share,
-        settings.torque_share,
-        settings.deviation_rad,
-        settings.speed * speed,
-        settings.max_knots,
-    )
+    return replace(settings, speed=settings.speed * speed)
 
 
 def _corrected(
@@ -106,7 +100,7 @@ def _corrected(
     extra, problem = 0.0, ""
     for correction in range(_CORRECTIONS + 1):
         try:
-            trajectory = time_law(path + ramp * extra * shift, request.arm, timed)
+            trajectory = time_law(path + ramp * extra * shift, request.arm, timed, touch)
         except TrajectoryError as error:
             return None, str(error)
         played = replay(trajectory, request, scene)

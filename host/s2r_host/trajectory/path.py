@@ -47,6 +47,12 @@ def smooth_path(q_path: np.ndarray, deviation_rad: float, points: int = 120) -> 
     return CubicSpline(_lengths(smoothed), smoothed, bc_type="natural")
 
 
+def length_at(q_path: np.ndarray, row: int) -> float:
+    """Share of the path's length, 0 to 1, that lies before a row."""
+    length = _lengths(q_path)
+    return float(length[row] / length[-1]) if length[-1] > 0.0 else 0.0
+
+
 def _smoothest(q: np.ndarray, deviation_rad: float) -> np.ndarray:
     """Least third differences over the rows of q that deviate no more than allowed; the ends stay where they are."""
     low, high = 0.0, 9.0  # decimal exponents of the smoothing weight

@@ -9,14 +9,16 @@ is slowed by one factor until every limit holds. Of several windows the one with
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import toppra
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from toppra.constraint import JointAccelerationConstraint, JointTorqueConstraint, JointVelocityConstraint
 
-from s2r_host.trajectory.path import smooth_path
+from s2r_host.trajectory.path import length_at, smooth_path
 from s2r_host.trajectory.torque import InverseDynamics, torque_stretch
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError, check_positions
 from s2r_protocol.arms import ArmDescription
@@ -37,6 +39,9 @@ class TimeLawSettings:
         share: Share of the velocity, acceleration and jerk limits that is used.
         torque_share: Share of the torque limits that is used.
         deviation_rad: How far the smoothed path may leave the straight lines between the given points.
+        contact_speed_m_s: Fastest fingertip while it moves the part.
+        contact_acceleration_m_s2: Its largest acceleration then. A part that is slowed less than its friction would
+            slow it stays at the fingertip; a faster one coasts on, by an amount no model knows.
         speed: 1 is as fast as the limits allow; 0.5 takes twice the time.
         max_knots: Most knots of the result.
     """
@@ -44,6 +49,8 @@ class TimeLawSettings:
     share: float = 0.95
     torque_share: float = 0.9
     deviation_rad: float = 0.004
+    contact_speed_m_s: float = 0.10
+    contact_acceleration_m_s2: float = 0.25
     speed: float = 1.0
     max_knots: int = 400
 
@@ -58,13 +65,19 @@ class TimeLawSettings:
             raise ValueError(f"time law setting max_knots = {self.max_knots} is not allowed: at least 10")
 
 
-def time_law(q_path: np.ndarray, arm: ArmDescription, settings: TimeLawSettings | None = None) -> Trajectory:
+def time_law(
+    q_path: np.ndarray,
+    arm: ArmDescription,
+    settings: TimeLawSettings | None = None,
+    contact_row: int | None = None,
+) -> Trajectory:
     """Time a joint path within velocity, acceleration, jerk and torque limits, from rest to rest.
 
     Args:
         q_path: Joint positions [rad], (n, dof), e.g. the targets of a plan's control steps.
         arm: Its limits and dynamics.
         settings: See TimeLawSettings.
+        contact_row: Row of the path at which the fingertip meets the part; None if it moves nothing.
 
     Returns:
         Knots whose quintic segments stay within the limits everywhere, zero velocity and acceleration at both ends.
@@ -78,7 +91,12 @@ def time_law(q_path: np.ndarray, arm: ArmDescription, settings: TimeLawSettings 
         raise TrajectoryError(f"the path has {np.shape(q_path)[1]} joints; arm {arm.name!r} has {arm.dof}")
     path = smooth_path(q_path, settings.deviation_rad)
     dynamics = InverseDynamics(arm)
-    t, speed = _fastest(path, arm, dynamics, settings)
+    contact_at = (
+        np.inf
+        if contact_row is None
+        else length_at(np.asarray(q_path, dtype=float), contact_row) * path.x[-1]
+    )
+    t, speed = _fastest(path, arm, dynamics, settings, contact_at)
     best: Trajectory | None = None
     for window_s in _WINDOWS_S:
         trajectory = _knots(path, _averaged(t, speed, path.x[-1], window_s), settings)
@@ -102,22 +120,35 @@ def limit_stretch(trajectory: Trajectory, arm: ArmDescription, share: float) -> 
 
 
 def _fastest(
-    path: CubicSpline, arm: ArmDescription, dynamics: InverseDynamics, settings: TimeLawSettings
+    path: CubicSpline,
+    arm: ArmDescription,
+    dynamics: InverseDynamics,
+    settings: TimeLawSettings,
+    contact_at: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and speeds along the path [rad/s] of the time-optimal profile, at a grid over the path."""
+    """Times [s] and speeds along the path [rad/s] of the time-optimal profile, at a grid over the path.
+
+    The fingertip's way with the part is an additional coordinate beside the joints, with limits of its own.
+    """
     limits = arm.limits
-    both = np.array([-1.0, 1.0])
-    # A little less than the torque share: the averaging moves accelerations along the path.
-    tau = 0.95 * settings.torque_share * limits.tau_max
-    constraints = [
-        JointVelocityConstraint(settings.share * limits.dq_max[:, None] * both),
-        JointAccelerationConstraint(settings.share * limits.ddq_max[:, None] * both),
-        JointTorqueConstraint(dynamics, tau[:, None] * both, np.zeros(arm.dof)),
-    ]
     grid = np.linspace(0.0, path.x[-1], 201)
-    instance = toppra.algorithm.TOPPRA(
-        constraints, _ToppraPath(path), gridpoints=grid, solver_wrapper="seidel"
-    )
+    joints = path(grid)
+    way = np.zeros(len(grid))
+    if np.isfinite(contact_at):
+        tip_speed = np.linalg.norm(np.gradient(dynamics.tool_positions(joints), grid, axis=0), axis=1)
+        onset = np.clip((grid - contact_at) / (0.05 * path.x[-1]) + 0.5, 0.0, 1.0)
+        way = cumulative_trapezoid(tip_speed * onset, grid, initial=0.0)
+    # A little less than the torque share: the averaging moves accelerations along the path.
+    tau = np.append(0.95 * settings.torque_share * limits.tau_max, 1.0)
+    velocity = np.append(settings.share * limits.dq_max, settings.contact_speed_m_s)
+    acceleration = np.append(settings.share * limits.ddq_max, settings.contact_acceleration_m_s2)
+    constraints = [
+        JointVelocityConstraint(_both_sides(velocity)),
+        JointAccelerationConstraint(_both_sides(acceleration)),
+        JointTorqueConstraint(_with_way(dynamics), _both_sides(tau), np.zeros(arm.dof + 1)),
+    ]
+    extended = toppra.SplineInterpolator(grid, np.column_stack([joints, way]), bc_type="natural")
+    instance = toppra.algorithm.TOPPRA(constraints, extended, gridpoints=grid, solver_wrapper="seidel")
     speed = np.asarray(instance.compute_parameterization(0.0, 0.0)[1], dtype=float)  # NaN where it is None
     if not np.isfinite(speed).all():
         raise TrajectoryError(
@@ -127,11 +158,17 @@ def _fastest(
     return np.concatenate([[0.0], np.cumsum(np.diff(grid) / middle)]), speed
 
 
-class _ToppraPath(toppra.SplineInterpolator):
-    """A spline of ours where TOPP-RA expects one of its own."""
+def _both_sides(limit: np.ndarray) -> np.ndarray:
+    return np.column_stack([-limit, limit])
 
-    def __init__(self, path: CubicSpline) -> None:
-        super().__init__(path.x, path(path.x), bc_type="natural" if len(path.x) > 2 else "not-a-knot")
+
+def _with_way(dynamics: InverseDynamics) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    """Inverse dynamics of the joints, and nothing for the fingertip's way."""
+
+    def torques(q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        return np.append(dynamics(q[:-1], dq[:-1], ddq[:-1]), 0.0)
+
+    return torques
 
 
 def _averaged(t: np.ndarray, speed: np.ndarray, length: float, window_s: float) -> CubicSpline:

@@ -16,10 +16,19 @@ class InverseDynamics:
         """Args: the arm, whose URDF is read."""
         self._model = pin.buildModelFromXML(arm.urdf)
         self._data = self._model.createData()
+        self._tool = self._model.getFrameId(arm.tool_frame)
 
     def __call__(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torques [N·m], (dof,), for position, velocity and acceleration, (dof,) each."""
         return pin.rnea(self._model, self._data, np.asarray(q), np.asarray(dq), np.asarray(ddq)).copy()
+
+    def tool_positions(self, q: np.ndarray) -> np.ndarray:
+        """Fingertip in the base frame [m], (n, 3), at joint positions (n, dof)."""
+        positions = []
+        for row in q:
+            pin.forwardKinematics(self._model, self._data, row)
+            positions.append(pin.updateFramePlacement(self._model, self._data, self._tool).translation.copy())
+        return np.array(positions)
 
     def along(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torques at many states, (n, dof)."""

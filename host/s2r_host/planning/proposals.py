@@ -1,0 +1,43 @@
+"""Action sequences offered to the sampler: along a route of joint postures, at a few speeds.
+
+They are samples like any other: the rollouts judge them, and where the route is blocked the noise finds the way.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+
+class Route:
+    """A polyline through joint postures, cut into pieces of one action's length."""
+
+    def __init__(self, waypoints: np.ndarray, action_max: float) -> None:
+        """Args: ``waypoints`` (m, dof) [rad], the first is the start pose; ``action_max`` [rad], the piece length."""
+        pieces = [waypoints[:1]]
+        for a, b in itertools.pairwise(waypoints):
+            count = max(1, int(np.ceil(np.abs(b - a).max() / action_max)))
+            pieces.append(a + (np.arange(1, count + 1) / count)[:, None] * (b - a))
+        self._points = np.concatenate(pieces)
+        self._action_max = action_max
+
+    def proposals(self, target: np.ndarray, horizon: int, speeds: tuple[float, ...]) -> np.ndarray:
+        """Sequences from a joint target on along the route, (speeds, horizon, dof).
+
+        Each heads for the route's points ahead of the nearest one; an action never exceeds its bound.
+        """
+        nearest = int(np.abs(self._points - target).max(axis=1).argmin())
+        last = len(self._points) - 1
+        grid = np.arange(last + 1)
+        sequences = []
+        for speed in speeds:
+            ahead = np.minimum(nearest + speed * np.arange(1, horizon + 1), last)
+            goals = np.column_stack([np.interp(ahead, grid, joint) for joint in self._points.T])
+            actions, now = [], target
+            for goal in goals:
+                action = np.clip(goal - now, -self._action_max, self._action_max)
+                now = now + action
+                actions.append(action)
+            sequences.append(actions)
+        return np.array(sequences).reshape(-1, horizon, len(target))
