@@ -21,8 +21,8 @@ LIGHT = np.array([-0.5, -0.45, 0.74])
 def views_figure(before: Observation, after: Observation, belief: Belief | None) -> Figure:
     """Two rows: the camera's pictures and the clouds from a side; left view A, right view B."""
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(12.5, 8.6), layout="constrained")
-        grid = figure.subplots(2, 2)
+        figure = Figure(figsize=(12.5, 8.4), layout="constrained")
+        grid = figure.subplots(2, 2, height_ratios=[1.0, 1.1])
         for column, view in enumerate((before, after)):
             part = None
             if belief is not None:
@@ -66,7 +66,9 @@ def _picture(axes: Axes, view: Observation, part: np.ndarray | None, belief: Bel
 
 def _cloud(axes: Axes, view: Observation, part: np.ndarray | None, belief: Belief | None) -> None:
     points = back_project(view.capture.frame)
-    keep = Region(z_m=(-0.02, 0.9)).contains(points) & ~view.arm_mask
+    middle = np.median(view.scene.p_base, axis=0)
+    region = Region((middle[0] - 0.42, middle[0] + 0.35), (middle[1] - 0.36, middle[1] + 0.36), (-0.02, 0.9))
+    keep = region.contains(points) & ~view.arm_mask
     colour = np.broadcast_to(to_rgb(REST), (*keep.shape, 3)).copy()
     if part is not None and part.shape == keep.shape:
         colour[part] = to_rgb(PART)

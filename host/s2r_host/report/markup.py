@@ -17,7 +17,7 @@ section { background: #fff; border: 1px solid var(--line); border-radius: 10px; 
 .good { background: var(--good); } .bad { background: var(--bad); }
 .numbers { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 12px; margin-top: 16px; }
 .number { background: #fff; border: 1px solid var(--line); border-radius: 10px; padding: 12px 14px; }
-.number b { display: block; font-size: 22px; font-variant-numeric: tabular-nums; }
+.number b { display: block; font-size: 20px; white-space: nowrap; font-variant-numeric: tabular-nums; }
 .number span { color: var(--soft); font-size: 13px; }
 table { border-collapse: collapse; width: 100%; font-size: 14px; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; padding: 5px 10px 5px 0; border-bottom: 1px solid var(--line); vertical-align: top; }

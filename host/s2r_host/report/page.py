@@ -151,7 +151,7 @@ def _attempts(record: RunRecord) -> str:
 def _state(record: RunRecord) -> str:
     if not record.attempts:
         return ""
-    figure = state_figure(record.attempts, record.settings.target_m, record.s_found)
+    figure = state_figure(record.attempts, record.views, record.settings.target_m, record.s_found)
     return section("The drawer over time", inline_svg(figure))
 
 

@@ -13,6 +13,7 @@ from s2r_host.recording import JointTrack, plan_track
 from s2r_host.report.style import EXECUTED, FAILED, PLANNED, RC, SEEN, TARGET
 from s2r_host.run.journal import Stage
 from s2r_host.run.manipulate import DoneManipulation
+from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed
 
 
@@ -54,31 +55,27 @@ def joints_figure(executed: Executed, joint_names: Sequence[str]) -> Figure:
         return figure
 
 
-def state_figure(attempts: Sequence[DoneManipulation], s_target: float, s_found: float | None) -> Figure:
+def state_figure(
+    attempts: Sequence[DoneManipulation], views: Sequence[Observation], s_target: float, s_found: float | None
+) -> Figure:
     """The drawer over time: seen by the camera, and as each delivered plan foresaw it."""
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(12.5, 3.4), layout="constrained")
+        figure = Figure(figsize=(12.5, 3.6), layout="constrained")
         axes = figure.subplots()
         axes.axhline(1e3 * s_target, color=TARGET, lw=1.2, label="target")
-        axes.axhspan(
-            1e3 * s_target - 5, 1e3 * s_target + 5, color=TARGET, alpha=0.12, lw=0, label="target ± 5 mm"
-        )
-        seen = [(0.0, 0.0, 0.0, "A")]
-        begin = attempts[0].begun_s if attempts else 1.0
-        if s_found is not None:
-            seen.append((begin - 0.5, s_found, 0.0, "B"))
+        low, high = 1e3 * s_target - 5, 1e3 * s_target + 5
+        axes.axhspan(low, high, color=TARGET, alpha=0.14, lw=0, label="target ± 5 mm")
         for k, done in enumerate(attempts):
-            replay = done.planned.delivery.replay
+            replay, executed = done.planned.delivery.replay, done.executed[0]
+            pace = executed.wall_s / executed.trajectory.duration_s  # a stepped clock runs slower or faster
             label = "foreseen by the plan" if k == 0 else None
-            axes.plot(done.begun_s + replay.t, 1e3 * replay.s, color=PLANNED, lw=1.8, label=label)
-            end = done.begun_s + sum(executed.trajectory.duration_s for executed in done.executed)
-            seen.append((end, done.measured.s_m, done.measured.sigma_m, done.view.name))
+            axes.plot(executed.begun_s + pace * replay.t, 1e3 * replay.s, color=PLANNED, lw=1.8, label=label)
+        seen = _seen(attempts, views, s_found)
         t, s, sigma, names = (list(column) for column in zip(*seen, strict=True))
-        bars = 1e3 * np.array([value if np.isfinite(value) else 0.0 for value in sigma])
         axes.errorbar(
             t,
             1e3 * np.array(s),
-            yerr=2 * bars,
+            yerr=2e3 * np.array(sigma),
             fmt="o",
             color=SEEN,
             ms=5,
@@ -86,11 +83,25 @@ def state_figure(attempts: Sequence[DoneManipulation], s_target: float, s_found:
             label="seen by the camera (± 2σ)",
         )
         for ti, si, name in zip(t, s, names, strict=True):
-            axes.annotate(name, (ti, 1e3 * si), xytext=(6, 6), textcoords="offset points", color=SEEN)
+            axes.annotate(name, (ti, 1e3 * si), xytext=(6, -12), textcoords="offset points", color=SEEN)
+        axes.margins(y=0.12)
         axes.set_xlabel("time since the run began [s]")
         axes.set_ylabel("drawer [mm], + = out")
-        axes.legend(loc="upper left", fontsize=8, ncols=2)
+        axes.legend(loc="center left", fontsize=8)
         return figure
+
+
+def _seen(
+    attempts: Sequence[DoneManipulation], views: Sequence[Observation], s_found: float | None
+) -> list[tuple[float, float, float, str]]:
+    """(time, state, standard error, name) of every look at the drawer."""
+    known: dict[str, tuple[float, float]] = {"A": (0.0, 0.0)}
+    if s_found is not None:
+        known["B"] = (s_found, 0.0)
+    for done in attempts:
+        sigma = done.measured.sigma_m
+        known[done.view.name] = (done.measured.s_m, sigma if np.isfinite(sigma) else 0.0)
+    return [(view.taken_s, *known[view.name], view.name) for view in views if view.name in known]
 
 
 def stages_figure(stages: Sequence[Stage]) -> Figure:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from rich.console import Console
+from rich.markup import escape
 
 logger = logging.getLogger(__name__)
 
@@ -60,14 +61,14 @@ class Journal:
             stage.cpu_s = time.process_time() - cpu
             mark = "[red]✗[/red]" if stage.failed else "[green]✓[/green]"
             self._console.print(
-                f"{mark} {stage.start_s:6.1f} s  {name:<28s} {stage.wall_s:6.2f} s  {stage.note}"
+                f"{mark} {stage.start_s:6.1f} s  {name:<28s} {stage.wall_s:6.2f} s  {escape(stage.note)}"
             )
 
     def warn(self, text: str) -> None:
         """Keep and show a warning; the run goes on in a worse way."""
         logger.debug("warning: %s", text)
         self.warnings.append(text)
-        self._console.print(f"[yellow]! {text}[/yellow]")
+        self._console.print(f"[yellow]! {escape(text)}[/yellow]", soft_wrap=True)
 
     def verdict(self, label: str, seq: int, duration_s: float) -> None:
         """Keep what the executor said to a plan."""
@@ -77,4 +78,4 @@ class Journal:
 
     def say(self, text: str) -> None:
         """Show a line without keeping it."""
-        self._console.print(text)
+        self._console.print(escape(text), soft_wrap=True)

@@ -52,7 +52,6 @@ class DoneManipulation:
     Attributes:
         planned: What was to happen.
         executed: What was sent and recorded.
-        begun_s: Time since the run began at which it was sent.
         view: The look afterwards.
         measured: Where the part is now.
         s_initial: Where it was just before, by the camera [m].
@@ -61,7 +60,6 @@ class DoneManipulation:
 
     planned: PlannedManipulation
     executed: tuple[Executed, ...]
-    begun_s: float
     view: Observation
     measured: Measurement
     s_initial: float
@@ -122,8 +120,7 @@ def carry_out_manipulation(
     Raises:
         ArmStoppedError: A protection stopped the arm.
     """
-    begun_s = session.journal.elapsed_s
-    return begun_s, tuple(session.move(planned.motions))
+    return tuple(session.move(planned.motions))
 
 
 def measure_now(

@@ -19,6 +19,7 @@ class Observation:
     Attributes:
         name: "A" before the first push, "B" after it, "C1", ... after each planned manipulation.
         capture: The frame.
+        taken_s: When, since the run began.
         q_meas: The arm's joints meanwhile [rad], shape (dof,).
         arm_mask: Pixels that show the arm, shape (h, w), bool.
         scene: The object's points.
@@ -26,6 +27,7 @@ class Observation:
 
     name: str
     capture: Capture
+    taken_s: float
     q_meas: np.ndarray
     arm_mask: np.ndarray
     scene: Scene
@@ -39,8 +41,8 @@ def observe(session: Session, name: str) -> Observation:
         PeerUnreachableError: Camera or executor silent.
     """
     capture = session.look(name)
+    taken_s = session.journal.elapsed_s
     q_meas = session.status().q_meas
     mask = robot_mask(session.arm, q_meas, capture.frame)
-    return Observation(
-        name, capture, q_meas, mask, observed_scene(capture.frame, mask, session.settings.region)
-    )
+    scene = observed_scene(capture.frame, mask, session.settings.region)
+    return Observation(name, capture, taken_s, q_meas, mask, scene)

@@ -116,11 +116,11 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
             journal.warn(f"no correction {number}: {error}")
             return
         with journal.stage(f"manipulation {number}"):
-            begun_s, executed = carry_out_manipulation(session, planned)
+            executed = carry_out_manipulation(session, planned)
         with journal.stage(f"measure {number}") as stage:
             view, measured = measure_now(session, record.belief, f"C{number}", planned.delivery.replay.final)
             record.views.append(view)
-            done = DoneManipulation(planned, executed, begun_s, view, measured, s_now, settings.target_m)
+            done = DoneManipulation(planned, executed, view, measured, s_now, settings.target_m)
             record.attempts.append(done)
             stage.note = f"{measured.s_m:+.4f} ± {measured.sigma_m:.4f} m, delta {1e3 * done.delta_m:+.2f} mm"
         session.recorder.add_note(

@@ -41,6 +41,7 @@ class Executed:
         trajectory: What was sent.
         seq: The executor's number of it.
         tick_start: Executor tick just before it was sent.
+        begun_s, wall_s: When it was sent, since the run began, and how long it took on the wall clock.
         recording: The executor's MCAP, None when it has none.
     """
 
@@ -48,7 +49,20 @@ class Executed:
     trajectory: Trajectory
     seq: int
     tick_start: int
+    begun_s: float
+    wall_s: float
     recording: bytes | None
+
+
+@dataclass
+class _Sent:
+    """A motion under way."""
+
+    motion: Motion
+    seq: int
+    tick_start: int
+    begun_s: float
+    wall_s: float = 0.0
 
 
 @dataclass
@@ -85,7 +99,7 @@ class Session:
             ArmStoppedError: A motion was stopped.
             PeerUnreachableError: The executor fell silent.
         """
-        sent: list[tuple[Motion, int, int]] = []
+        sent: list[_Sent] = []
         done: list[Executed] = []
         try:
             with self.link.leased():
@@ -95,19 +109,23 @@ class Session:
                     self._rest_quietly()  # while the lease still holds: its end would stop the arm as "host lost"
                     raise
         finally:
-            done.extend(self._fetch(*entry) for entry in sent)
+            done.extend(self._fetch(entry) for entry in sent)
             self.executed.extend(done)
         return done
 
-    def _play(self, motions: Sequence[Motion], sent: list[tuple[Motion, int, int]]) -> None:
+    def _play(self, motions: Sequence[Motion], sent: list[_Sent]) -> None:
         self.link.arm_drives()
         for motion in motions:
             tick = self.status().tick
             verdict = self.link.send_plan(motion.trajectory, motion.label)
             self.journal.verdict(motion.label, verdict.seq, verdict.duration_s)
             self.recorder.add_plan(motion.trajectory, motion.label, verdict.seq)
-            sent.append((motion, verdict.seq, tick))
-            self.link.wait_done(verdict)
+            under_way = _Sent(motion, verdict.seq, tick, self.journal.elapsed_s)
+            sent.append(under_way)
+            try:
+                self.link.wait_done(verdict)
+            finally:
+                under_way.wall_s = self.journal.elapsed_s - under_way.begun_s
 
     def _rest_quietly(self) -> None:
         """Stop and wait for rest; what cannot be reached any more is only warned about, the first error counts."""
@@ -122,14 +140,16 @@ class Session:
         status = self.link.wait_at_rest()
         self.journal.say(f"arm is at rest: {status.state.name}, {Cause(status.cause).name}")
 
-    def _fetch(self, motion: Motion, seq: int, tick: int) -> Executed:
-        recording = None
+    def _fetch(self, sent: _Sent) -> Executed:
+        recording, motion = None, sent.motion
         try:
-            recording = self.link.recording(seq)
+            recording = self.link.recording(sent.seq)
             self.recorder.add_recording(recording)
         except (CommandRefusedError, PeerUnreachableError, RecordingError) as error:
             self.journal.warn(f"no executor recording of '{motion.label}': {error}")
-        return Executed(motion.label, motion.trajectory, seq, tick, recording)
+        return Executed(
+            motion.label, motion.trajectory, sent.seq, sent.tick_start, sent.begun_s, sent.wall_s, recording
+        )
 
     def close(self) -> None:
         """Close links and recording."""

@@ -1,0 +1,232 @@
+"""Every way a run can end, on real processes over the real wire: right exit code, one paragraph, readable files."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+import zlib
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import zenoh
+
+from s2r_host.cli_stop import send_stop
+from s2r_host.link import ExecutorLink
+from s2r_host.perception.synthetic import look_at
+from s2r_host.recording import joint_track, read_notes, read_plans
+from s2r_protocol import codec
+from s2r_protocol.arms import load_arm
+from s2r_protocol.exits import ExitCode
+from s2r_protocol.faults import Cause, ExecutorState
+from s2r_protocol.keys import ArmKeys
+from s2r_protocol.proto import s2r_pb2 as pb
+from s2r_sim.demo.processes import free_port, peer
+from s2r_sim.score import final_state
+
+TARGET_M = 0.15
+WORLD_SEED = "1"
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_arm("xmate3pro")
+
+
+@contextmanager
+def running_plant(folder):
+    """Stand-in and executor, as fast as they go; their endpoints, the truth log and a place for the run."""
+    folder.mkdir(exist_ok=True)
+    bus, truth = f"unix:{folder}/bus", folder / "truth.csv"
+    camera, executor = f"tcp/127.0.0.1:{free_port()}", f"tcp/127.0.0.1:{free_port()}"
+    sim = ["sim-arm", "--seed", WORLD_SEED, "--clock", "lockstep", "--pace", "0", "--bus", bus]
+    sim += ["--listen", camera, "--truth", str(truth)]
+    front = [
+        "executor",
+        "--bus",
+        bus,
+        "--packing",
+        "fd",
+        "--clock",
+        "lockstep",
+        "--pace",
+        "2",
+        "--listen",
+        executor,
+    ]
+    front += ["--record", str(folder / "executor")]
+    with peer("sim-arm", sim, folder), peer("executor", front, folder):
+        yield {"camera": camera, "executor": executor, "truth": truth, "out": folder / "run"}
+
+
+@pytest.fixture
+def plant(tmp_path):
+    with running_plant(tmp_path) as plant:
+        yield plant
+
+
+def command(*arguments):
+    return [sys.executable, "-m", "s2r_protocol", *map(str, arguments)]
+
+
+def run_arguments(plant, *more):
+    return command(
+        "run", "drawer", "--target", TARGET_M, "--executor", plant["executor"], "--camera", plant["camera"],
+        "--out", plant["out"], *more,
+    )  # fmt: skip
+
+
+def run(plant, *more):
+    return subprocess.run(run_arguments(plant, *more), capture_output=True, text=True, timeout=240)
+
+
+def ending(plant):
+    return json.loads((plant["out"] / "run.json").read_text())
+
+
+def status(plant, arm):
+    with ExecutorLink(plant["executor"], arm) as link:
+        return link.status()
+
+
+def wait_for_motion(plant, arm, label, timeout_s=120.0):
+    """Until a plan with this label has run for a while."""
+    deadline = time.monotonic() + timeout_s
+    with ExecutorLink(plant["executor"], arm) as link:
+        while time.monotonic() < deadline:
+            now = link.status()
+            if now.state == ExecutorState.RUN and now.plan_t > 0.3 and np.abs(now.dq_ref).max() > 0.02:
+                return now
+            time.sleep(0.01)
+    raise AssertionError(f"no motion '{label}' within {timeout_s} s")
+
+
+@pytest.mark.slow
+def test_a_hidden_drawer_is_opened_and_its_push_can_be_replayed(plant, tmp_path):
+    done = run(plant)
+    assert done.returncode == ExitCode.OK, done.stderr
+    values = ending(plant)
+    truth = final_state(plant["truth"], tick_before_plan=values["tick_before_plan"])
+    assert abs(truth.delta(TARGET_M)) < 0.005
+    assert values["s_final"] == pytest.approx(truth.final, abs=1.5e-3)
+    assert values["s_initial"] == pytest.approx(truth.before_plan, abs=1.5e-3)
+    assert values["s_initial"] < -0.03
+    assert values["delta_r"] == pytest.approx(values["delta"] / (TARGET_M - values["s_initial"]))
+    report = (plant["out"] / "report.html").read_text()
+    assert "δ = s_target − s_final" in report
+    assert joint_track(plant["out"] / "run.mcap").q.shape[1] == 7
+
+    with running_plant(tmp_path / "again") as fresh:  # the same world, as found
+        again = subprocess.run(
+            command("replay", plant["out"], "--executor", fresh["executor"], "--json", "--plan", "2"),
+            capture_output=True, text=True, timeout=120,
+        )  # fmt: skip
+    assert again.returncode == ExitCode.OK, again.stderr
+    assert max(json.loads(again.stdout)["rms_rad"].values()) < 1e-4
+    assert (plant["out"] / "replay-2" / "overlay.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_target_beyond_the_drawers_travel_is_refused_and_the_arm_rests(plant, arm):
+    done = run(plant, "--target", "0.55")
+    assert done.returncode == ExitCode.REFUSED, done.stderr
+    assert "0.55" in ending(plant)["exit"]["reason"]
+    now = status(plant, arm)
+    assert now.state == ExecutorState.HOLD
+    assert np.abs(now.dq_ref).max() == 0.0
+    assert read_plans(plant["out"] / "run.mcap")[0].label == "push 1: approach"
+
+
+def test_interrupt_during_a_motion_stops_the_arm_and_keeps_the_recording(plant, arm):
+    process = subprocess.Popen(run_arguments(plant), stderr=subprocess.PIPE, text=True)
+    wait_for_motion(plant, arm, "push 1: approach")
+    process.send_signal(signal.SIGINT)
+    stderr = process.communicate(timeout=60)[1]
+    assert process.returncode == ExitCode.INTERRUPTED, stderr
+    now = status(plant, arm)
+    assert now.state == ExecutorState.HOLD
+    assert now.cause == Cause.STOP_REQUESTED
+    assert np.abs(now.dq_ref).max() == 0.0
+    assert now.lease_holder == ""
+    assert "interrupted" in ending(plant)["exit"]["reason"]
+    track = joint_track(plant["out"] / "run.mcap", "joint_commands")
+    speed = np.abs(np.diff(track.q, axis=0)).max(axis=0) / 1e-3
+    assert np.all(speed <= 1.02 * arm.limits.dq_max)
+    assert "Traceback" not in stderr
+
+
+def test_stop_from_another_terminal_ends_the_run_with_six(plant, arm):
+    process = subprocess.Popen(run_arguments(plant), stderr=subprocess.PIPE, text=True)
+    wait_for_motion(plant, arm, "push 1: approach")
+    send_stop(plant["executor"], ArmKeys(), timeout_s=5.0)
+    stderr = process.communicate(timeout=60)[1]
+    assert process.returncode == ExitCode.PROTECTION, stderr
+    assert "STOP_REQUESTED" in ending(plant)["exit"]["reason"]
+    assert status(plant, arm).state == ExecutorState.HOLD
+    assert [note["kind"] for note in read_notes(plant["out"] / "run.mcap")][:1] == ["view"]
+
+
+def test_wrong_arm_model_is_refused_before_anything_moves(plant, arm, tmp_path):
+    other = tmp_path / "other-arm"
+    shutil.copytree(arm.directory, other)
+    source = other / "arm.yaml"
+    text = source.read_text()
+    changed = text.replace("2.618", "2.5", 1)
+    assert changed != text
+    source.write_text(changed)
+    done = run(plant, "--arm", str(other))
+    assert done.returncode == ExitCode.REFUSED
+    assert "start both with the same arm description" in done.stderr
+    assert status(plant, arm).state == ExecutorState.DISARMED
+
+
+def test_empty_view_is_refused_before_anything_moves(plant, arm):
+    camera = f"tcp/127.0.0.1:{free_port()}"
+    session = _camera_without_object(camera)
+    try:
+        done = run({**plant, "camera": camera})
+    finally:
+        session.close()
+    assert done.returncode == ExitCode.REFUSED, done.stderr
+    assert "shows 0 points of an object" in ending(plant)["exit"]["reason"]
+    assert status(plant, arm).state == ExecutorState.DISARMED
+
+
+def test_absent_executor_ends_with_five_and_its_address(tmp_path):
+    plant = {"executor": f"tcp/127.0.0.1:{free_port()}", "camera": "tcp/127.0.0.1:1", "out": tmp_path / "run"}
+    done = run(plant)
+    assert done.returncode == ExitCode.UNREACHABLE
+    assert plant["executor"] in done.stderr.replace("\n", "")
+    assert ending(plant)["exit"]["name"] == "UNREACHABLE"
+    assert "Traceback" not in done.stderr
+
+
+def _camera_without_object(endpoint):
+    """A camera process that sees an empty table."""
+    h, w, f = 240, 320, 230.0
+    K = np.array([[f, 0, w / 2], [0, f, h / 2], [0, 0, 1.0]])
+    X = look_at(np.array([-0.04, -0.5, 0.6]), np.array([0.6, 0.0, 0.1]))
+    v, u = np.mgrid[:h, :w]
+    rays = np.stack([(u - K[0, 2]) / f, (v - K[1, 2]) / f, np.ones((h, w))], axis=-1) @ X[:3, :3].T
+    depth = np.where(rays[..., 2] < -0.05, -X[2, 3] / np.minimum(rays[..., 2], -0.05), 0.0)
+    frame = pb.Frame(
+        camera="front", stamp_ns=1, index=1, width=w, height=h, depth_unit_m=1e-3,
+        depth_u16=zlib.compress(np.round(1e3 * depth).astype("<u2").tobytes()), K=K.ravel(), X_base_camera=X.ravel(),
+    )  # fmt: skip
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("listen/endpoints", f'["{endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    session = zenoh.open(config)
+    lock = threading.Lock()
+
+    def answer(query):
+        with lock:
+            query.reply(query.key_expr, codec.seal(frame, codec.Address("camera")))
+            query.drop()
+
+    session.declare_queryable(ArmKeys().capture("front"), answer)
+    return session
