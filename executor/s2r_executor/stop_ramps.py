@@ -27,9 +27,9 @@ _SHORTEST_S = 0.02
 _RATIO = 1.2
 _GRID_S = 0.004
 _GRID_MAX = 20_000
-_POINTS = 24
-_QUANTITIES = ("velocity", "acceleration", "jerk", "torque")
-_UNITS = ("rad/s", "rad/s²", "rad/s³", "N·m")
+_TORQUE_STRIDE = 4  # torque varies with the pose and needs a coarser grid than jerk
+_POINTS = 16
+_MERGED_GAP = 64  # starts between two runs that are checked along rather than skipped
 
 
 def blend(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -43,15 +43,35 @@ def blend(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """The plan on a uniform grid of path time; each array of shape (m, dof) except ``t``."""
+    """The plan on a uniform grid of path time; each term has shape (m, dof).
 
-    t: np.ndarray
+    Attributes:
+        step_s: Grid spacing.
+        dq, ddq, dddq: q', q'', q'''.
+    """
+
+    step_s: float
     dq: np.ndarray
     ddq: np.ndarray
     dddq: np.ndarray
-    tau_gravity: np.ndarray
-    tau_path: np.ndarray  # what q'' and q'² cost at rate 1
-    tau_inertia: np.ndarray  # M q'
+
+
+@dataclass(frozen=True, eq=False)
+class _Load:
+    """Torque terms of the plan on a coarser grid, each of shape (m, dof): g, b (what q'' and q'² cost) and M q'."""
+
+    step_s: float
+    gravity: np.ndarray
+    path: np.ndarray
+    inertia: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Worst:
+    """Largest absolute values over a stop for each start, shape (starts, dof)."""
+
+    acceleration: np.ndarray
+    jerk: np.ndarray
 
 
 def stop_durations(
@@ -64,9 +84,11 @@ def stop_durations(
 ) -> np.ndarray:
     """Shortest legal stop duration of each segment [s], shape (segments,).
 
+    Velocity needs no check: a stop only lowers it.
+
     Args:
-        spline: The plan.
-        limits: Velocity, acceleration and jerk limits.
+        spline: The plan, itself within its limits.
+        limits: Acceleration and jerk limits.
         torque: Inverse dynamics.
         joint_names: For the text of a refusal.
         tau_limit: [N·m], shape (dof,), margin already taken off.
@@ -75,27 +97,27 @@ def stop_durations(
     Raises:
         CommandRefusedError: NO_STOP_PATH, naming segment time, joint and quantity.
     """
-    path = _on_grid(spline, torque)
-    step = path.t[1] - path.t[0]
-    first = np.clip(np.floor(spline.t[:-1] / step).astype(int), 0, len(path.t) - 1)
-    last = np.clip(np.ceil(spline.t[1:] / step).astype(int), 0, len(path.t) - 1)
-    starts_of = np.arange(len(path.t))
+    path, load = _on_grids(spline, torque)
+    first = np.floor(spline.t[:-1] / path.step_s + 1e-9).astype(int)
+    last = np.minimum(np.ceil(spline.t[1:] / path.step_s - 1e-9).astype(int), len(path.dq) - 1)
+    worth_trying = _worth_trying(path, limits, first, last)
     duration = np.full(len(first), np.nan)
-    limit = np.stack([limits.dq_max, limits.ddq_max, limits.dddq_max]) * ALLOWANCE
-    limit = np.concatenate([limit, tau_limit[None]])
-    start_legal = np.zeros(len(path.t), dtype=bool)
+    legal = np.zeros(len(path.dq), dtype=bool)
     for T in _candidates(longest_s):
-        open_segments = np.isnan(duration)
-        wanted = _marked(first[open_segments], last[open_segments], len(path.t))
-        starts = starts_of[wanted]
-        start_legal[:] = False
-        start_legal[starts] = _legal(path, starts, T, step, limit)
-        counted = np.concatenate([[0], np.cumsum(start_legal)])
+        waiting = np.isnan(duration) & ((worth_trying <= T) | (longest_s == T))
+        if not waiting.any():
+            continue
+        legal[:] = False
+        for start, end in _runs(first[waiting], last[waiting], len(legal)):
+            legal[start:end] = _legal(path, load, start, end, T, limits, tau_limit)
+        counted = np.concatenate([[0], np.cumsum(legal)])
         whole = counted[last + 1] - counted[first] == last + 1 - first
-        duration[open_segments & whole] = T
+        duration[waiting & whole] = T
         if not np.isnan(duration).any():
             return duration
-    raise _no_stop(path, spline, first, last, duration, step, limit, joint_names, longest_s)
+    segment = int(np.nonzero(np.isnan(duration))[0][0])
+    at_s, span = float(spline.t[segment]), (int(first[segment]), int(last[segment]) + 1)
+    raise _no_stop(path, load, span, at_s, longest_s, limits, tau_limit, joint_names)
 
 
 def _candidates(longest_s: float) -> np.ndarray:
@@ -103,93 +125,131 @@ def _candidates(longest_s: float) -> np.ndarray:
     return np.minimum(_SHORTEST_S * _RATIO ** np.arange(count), longest_s)
 
 
-def _marked(first: np.ndarray, last: np.ndarray, count: int) -> np.ndarray:
-    """True where any of the closed index ranges lies, shape (count,)."""
+def _worth_trying(path: _Path, limits: JointLimits, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Per segment a duration below which a stop is not tried [s].
+
+    At constant speed v the blend needs T >= 1.875 v / a and T >= 2.4 sqrt(v / j); a plan that slows down by itself may
+    need half of that. Trying too few durations can make a stop longer than necessary, never illegal.
+    """
+    speed = np.abs(path.dq)
+    hint = np.maximum(1.0 * speed / limits.ddq_max, 1.3 * np.sqrt(speed / limits.dddq_max)).max(axis=1)
+    running = np.append(hint, 0.0)
+    return np.maximum.reduceat(running, np.stack([first, last + 1], axis=1).ravel())[::2]
+
+
+def _runs(first: np.ndarray, last: np.ndarray, count: int) -> list[tuple[int, int]]:
+    """The closed index ranges as few half-open runs; small gaps are filled."""
     edges = np.zeros(count + 1, dtype=int)
     np.add.at(edges, first, 1)
     np.add.at(edges, last + 1, -1)
-    return np.cumsum(edges)[:-1] > 0
+    inside = np.flatnonzero(np.cumsum(edges)[:-1] > 0)
+    cuts = np.flatnonzero(np.diff(inside) > _MERGED_GAP)
+    starts = inside[np.concatenate([[0], cuts + 1])]
+    ends = inside[np.concatenate([cuts, [len(inside) - 1]])] + 1
+    return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
-def _on_grid(spline: Spline, torque: Torque) -> _Path:
-    count = int(np.clip(np.ceil(spline.duration_s / _GRID_S) + 1, 9, _GRID_MAX))
+def _on_grids(spline: Spline, torque: Torque) -> tuple[_Path, _Load]:
+    count = int(np.clip(np.ceil(spline.duration_s / _GRID_S) + 1, 2 * _TORQUE_STRIDE + 1, _GRID_MAX))
     s = sample(spline, np.linspace(0.0, spline.t[-1], count))
-    zero = np.zeros_like(s.q)
-    gravity = torque(s.q, zero, zero)
-    return _Path(
-        t=s.t,
-        dq=s.dq,
-        ddq=s.ddq,
-        dddq=s.dddq,
-        tau_gravity=gravity,
-        tau_path=torque(s.q, s.dq, s.ddq) - gravity,
-        tau_inertia=torque(s.q, zero, s.dq) - gravity,
+    step_s = float(s.t[1] - s.t[0])
+    q, dq, ddq = (a[::_TORQUE_STRIDE] for a in (s.q, s.dq, s.ddq))
+    zero = np.zeros_like(q)
+    gravity = torque(q, zero, zero)
+    load = _Load(
+        step_s * _TORQUE_STRIDE, gravity, torque(q, dq, ddq) - gravity, torque(q, zero, dq) - gravity
     )
+    return _Path(step_s, s.dq, s.ddq, s.dddq), load
 
 
-def _ramp(T: float, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Grid offsets inside a stop of duration T, with r, ṙ, r̈ there; at least a few, at most ``_POINTS``."""
+def _ramp(T: float, step_s: float) -> list[tuple[int, float, float, float]]:
+    """Points of a stop of duration T: grid offset from its start, and r, ṙ, r̈ there."""
     x = np.linspace(0.0, 1.0, 257)
-    s, ds, dds, integral = blend(x)
-    covered = T * (x - integral)  # path time used up
-    stride = max(1, int(T / 2 / step / _POINTS))
-    offsets = np.arange(0, int(T / 2 / step) + 1, stride)
-    at = np.interp(offsets * step, covered, x)
-    if len(offsets) < 8:  # shorter than the grid resolves: take the path as constant at the start
+    covered = T * (x - blend(x)[3])  # path time used up
+    stride = max(1, int(np.ceil(T / 2 / step_s / _POINTS)))
+    offsets = np.arange(0, int(T / 2 / step_s) + 1, stride)
+    at = np.interp(offsets * step_s, covered, x)
+    if (
+        len(offsets) < 8
+    ):  # shorter than the grid resolves: sample the blend itself and take the nearest grid points
         at = np.linspace(0.0, 1.0, 12)
-        offsets = np.rint(T * (at - blend(at)[3]) / step).astype(int)
+        offsets = np.rint(T * (at - blend(at)[3]) / step_s).astype(int)
     s, ds, dds, _ = blend(at)
-    return offsets, 1 - s, -ds / T, -dds / T**2
+    return list(zip(offsets.tolist(), 1 - s, -ds / T, -dds / T**2, strict=True))
 
 
-def _values(path: _Path, starts: np.ndarray, T: float, step: float) -> np.ndarray:
-    """Velocity, acceleration, jerk and torque along stops that begin at ``starts``: (4, starts, points, dof)."""
-    offsets, r, dr, ddr = _ramp(T, step)
-    index = starts[:, None] + offsets[None, :]
-    inside = (index < len(path.t))[:, :, None]  # beyond the end the arm is at rest
-    index = np.minimum(index, len(path.t) - 1)
-    r, dr, ddr = r[None, :, None], dr[None, :, None], ddr[None, :, None]
-    dq, ddq, dddq = path.dq[index], path.ddq[index], path.dddq[index]
-    return np.stack(
-        [
-            inside * dq * r,
-            inside * (ddq * r**2 + dq * dr),
-            inside * (dddq * r**3 + 3 * ddq * r * dr + dq * ddr),
-            path.tau_gravity[index] + inside * (path.tau_path[index] * r**2 + path.tau_inertia[index] * dr),
-        ]
-    )
+def _motion(path: _Path, start: int, end: int, T: float) -> _Worst:
+    """Acceleration and jerk over stops that begin at grid points start .. end - 1."""
+    acceleration = np.zeros((end - start, path.dq.shape[1]))
+    jerk = np.zeros_like(acceleration)
+    for offset, r, dr, ddr in _ramp(T, path.step_s):
+        span = slice(start + offset, min(end + offset, len(path.dq)))  # beyond the end the arm is at rest
+        n = span.stop - span.start
+        if n <= 0:
+            break
+        dq, ddq, dddq = path.dq[span], path.ddq[span], path.dddq[span]
+        _keep_largest(acceleration[:n], ddq * r**2 + dq * dr)
+        _keep_largest(jerk[:n], dddq * r**3 + ddq * (3 * r * dr) + dq * ddr)
+    return _Worst(acceleration, jerk)
 
 
-def _legal(path: _Path, starts: np.ndarray, T: float, step: float, limit: np.ndarray) -> np.ndarray:
-    """Which of the starts have a legal stop of duration T, shape (starts,)."""
-    worst = np.abs(_values(path, starts, T, step)).max(axis=2)
-    return (worst <= limit[:, None, :]).all(axis=(0, 2))
+def _torques(load: _Load, start: int, end: int, T: float) -> np.ndarray:
+    """Torque over stops that begin at coarse grid points start .. end - 1, largest absolute value (starts, dof)."""
+    torque = np.zeros((end - start, load.gravity.shape[1]))
+    for offset, r, dr, _ in _ramp(T, load.step_s):
+        span = slice(start + offset, min(end + offset, len(load.gravity)))
+        n = span.stop - span.start
+        if n <= 0:
+            break
+        _keep_largest(torque[:n], load.gravity[span] + load.path[span] * r**2 + load.inertia[span] * dr)
+    return torque
+
+
+def _keep_largest(largest: np.ndarray, values: np.ndarray) -> None:
+    np.maximum(largest, np.abs(values, out=values), out=largest)
+
+
+def _legal(
+    path: _Path, load: _Load, start: int, end: int, T: float, limits: JointLimits, tau_limit: np.ndarray
+) -> np.ndarray:
+    """Which of the grid points start .. end - 1 have a legal stop of duration T."""
+    worst = _motion(path, start, end, T)
+    legal = (worst.acceleration <= ALLOWANCE * limits.ddq_max).all(axis=1)
+    legal &= (worst.jerk <= ALLOWANCE * limits.dddq_max).all(axis=1)
+    low, high = start // _TORQUE_STRIDE, min((end - 1) // _TORQUE_STRIDE + 1, len(load.gravity))
+    bearable = (_torques(load, low, high, T) <= tau_limit).all(axis=1)
+    nearest = np.minimum(np.arange(start, end) // _TORQUE_STRIDE, high - 1) - low
+    return legal & bearable[nearest]
 
 
 def _no_stop(
     path: _Path,
-    spline: Spline,
-    first: np.ndarray,
-    last: np.ndarray,
-    duration: np.ndarray,
-    step: float,
-    limit: np.ndarray,
-    joint_names: tuple[str, ...],
+    load: _Load,
+    span: tuple[int, int],
+    at_s: float,
     longest_s: float,
+    limits: JointLimits,
+    tau_limit: np.ndarray,
+    joint_names: tuple[str, ...],
 ) -> CommandRefusedError:
-    segment = int(np.nonzero(np.isnan(duration))[0][0])
-    starts = np.arange(first[segment], last[segment] + 1)
-    worst = np.abs(_values(path, starts, longest_s, step)).max(axis=(1, 2))
-    quantity, joint = np.unravel_index(int(np.argmax(worst / limit)), limit.shape)
-    name, unit = _QUANTITIES[quantity], _UNITS[quantity]
-    value, bound = float(worst[quantity, joint]), float(limit[quantity, joint])
+    """The refusal for a segment: what the longest stop would need, whichever quantity is farthest outside."""
+    worst = _motion(path, *span, longest_s)
+    low, high = span[0] // _TORQUE_STRIDE, (span[1] - 1) // _TORQUE_STRIDE + 1
+    rows = (
+        ("acceleration", "rad/s²", worst.acceleration.max(axis=0), ALLOWANCE * limits.ddq_max),
+        ("jerk", "rad/s³", worst.jerk.max(axis=0), ALLOWANCE * limits.dddq_max),
+        ("torque", "N·m", _torques(load, low, high, longest_s).max(axis=0), tau_limit),
+    )
+    name, unit, values, bounds = max(rows, key=lambda row: float((row[2] / row[3]).max()))
+    joint = int(np.argmax(values / bounds))
     return CommandRefusedError(
         Refusal.NO_STOP_PATH,
-        f"joint '{joint_names[joint]}' (index {joint}): a stop begun at {spline.t[segment]:.3f} s would need {name} "
-        f"{value:.4g} {unit} even over {longest_s:g} s, allowed are {bound:.4g} {unit}; plan with more headroom",
+        f"joint '{joint_names[joint]}' (index {joint}): a stop begun at {at_s:.3f} s would need {name} "
+        f"{values[joint]:.4g} {unit} even over {longest_s:g} s, allowed are {bounds[joint]:.4g} {unit}; "
+        "plan with more headroom",
         joint=joint_names[joint],
-        t=float(spline.t[segment]),
+        t=at_s,
         quantity=name,
-        value=value,
-        limit=bound,
+        value=float(values[joint]),
+        limit=float(bounds[joint]),
     )
