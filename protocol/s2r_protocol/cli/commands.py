@@ -40,5 +40,8 @@ COMMANDS: dict[str, Command] = {
     "replay": Command(
         "s2r_host.cli_replay:replay", "host", "Send a recorded plan again and overlay both recordings."
     ),
+    "gap": Command(
+        "s2r_host.gap.cli:gap", "host", "Name the physics a model leaves out, from recordings."
+    ),
     "stop": Command("s2r_host.cli_stop:stop", "", "Stop the arm on its path, from any terminal."),
 }

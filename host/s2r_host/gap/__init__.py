@@ -1,0 +1,1 @@
+"""``s2r gap``: where simulation and recordings part, which physics is missing, and what it is worth on held-out data."""

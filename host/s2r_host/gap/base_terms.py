@@ -1,0 +1,53 @@
+"""Base parameters as explanations of their own: a wrong number in a right structure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.nuisance import BaseParameter
+from s2r_host.gap.session import Session
+
+PREFIX = "parameter:"
+SKIPPED = ("timing", "edge", "damping", "frictionloss")  # friction has effects of its own name
+
+
+class BaseTerm(Effect):
+    """One base parameter (or the three coordinates of a centre of mass) with a wide prior."""
+
+    kind = "parameter"
+    scope = "model"
+    equation = "a parameter of the nominal model"
+    separating_motion = "poses and speeds over the whole workspace"
+
+    def __init__(self, name: str, members: list[BaseParameter]) -> None:
+        self.name = name  # type: ignore[misc]
+        self.members = members
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Required effort per unit of each member."""
+        return Columns([m.column(s) for m in self.members])
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Members in their own units."""
+        found = {}
+        for i, m in enumerate(self.members):
+            gradient = [0.0] * len(theta)
+            gradient[i] = m.size
+            found[m.name] = Value(m.nominal + float(theta[i]) * m.size, m.unit, tuple(gradient))
+        return found
+
+
+def base_terms(parameters: list[BaseParameter]) -> dict[str, BaseTerm]:
+    """Explanations by name: ``parameter:mass@arm``, ``parameter:com@arm``, ..."""
+    found: dict[str, BaseTerm] = {}
+    for p in parameters:
+        if p.name in SKIPPED:
+            continue
+        short = p.name.split("_")[0]
+        name = f"{PREFIX}{short}@{p.place}"
+        if name in found:
+            found[name].members.append(p)
+        else:
+            found[name] = BaseTerm(name, [p])
+    return found

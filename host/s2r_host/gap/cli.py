@@ -1,0 +1,107 @@
+"""``s2r gap``: the command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from s2r_protocol.exits import ExitCode
+
+
+LISTS = ("--fit", "--holdout", "--repeat")
+
+
+class _ListCommand(click.Command):
+    """A command whose list options take every value up to the next option: ``--fit a.csv b.csv``."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        spread: list[str] = []
+        current: str | None = None
+        for arg in args:
+            if arg.startswith("--"):
+                current = arg if arg in LISTS else None
+                if current is None:
+                    spread.append(arg)
+            elif current is not None:
+                spread += [current, arg]
+            else:
+                spread.append(arg)
+        return super().parse_args(ctx, spread)
+
+
+@click.command(cls=_ListCommand)
+@click.option("--model", "model_path", required=True, type=click.Path(path_type=Path), help="MJCF or URDF.")
+@click.option("--fit", "fit", multiple=True, type=click.Path(path_type=Path), help="Recordings to fit on.")
+@click.option(
+    "--holdout", "holdout", multiple=True, type=click.Path(path_type=Path), help="Recordings to predict only."
+)
+@click.option(
+    "--repeat", "repeat", multiple=True, type=click.Path(path_type=Path), help="Second runs of a motion."
+)
+@click.option("--config", "config_path", default=None, type=click.Path(path_type=Path), help="GAP.yaml.")
+@click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the answer.")
+@click.option("--json", "as_json", is_flag=True, help="Print gap.json on stdout.")
+@click.option("--seed", default=0, show_default=True, help="Seed of everything drawn at random.")
+def gap(
+    model_path: Path, fit: tuple[Path, ...], holdout: tuple[Path, ...], repeat: tuple[Path, ...],
+    config_path: Path | None, out: Path, as_json: bool, seed: int,
+) -> int:  # fmt: skip
+    """Find where simulation and recordings part, and name the physics left out.
+
+    Exit code 0: nothing missing; 7: a difference was found; 2: bad usage; 4: a file was refused.
+    """
+    return int(run_gap(model_path, list(fit), list(holdout), list(repeat), config_path, out, as_json, seed))
+
+
+def run_gap(
+    model_path: Path, fit: list[Path], holdout: list[Path], repeat: list[Path], config_path: Path | None,
+    out: Path, as_json: bool = False, seed: int = 0,
+) -> ExitCode:  # fmt: skip
+    """Run the tool and write its answer; returns the exit code.
+
+    Raises:
+        S2RError: Bad usage, or a refused file.
+    """
+    from s2r_host.gap.answer import make_answer, write_outputs
+    from s2r_host.gap.config import read_config
+    from s2r_host.gap.errors import GapUsageError
+    from s2r_host.gap.extras import add_extras
+    from s2r_host.gap.pipeline import analyse
+    from s2r_host.gap.report import write_report
+
+    if not fit:
+        raise GapUsageError("no recording given: use --fit REC [REC ...]")
+    config = read_config(config_path)
+    if out.exists() and not out.is_dir():
+        raise GapUsageError(f"--out '{out}' is a file; give a folder")
+
+    def log(text: str) -> None:
+        click.echo(text, err=True)
+
+    analysis = analyse(model_path, fit, holdout, repeat, config, log)
+    add_extras(analysis, config, seed, out, log)
+    answer = make_answer(analysis, seed)
+    write_outputs(analysis, answer, out)
+    write_report(analysis, answer, out / "report.html")
+    if as_json:
+        click.echo(json.dumps(answer, ensure_ascii=False))
+    log(summary(answer))
+    return ExitCode.OK if answer["verdict"] in ("nothing_missing", "insufficient") else ExitCode.DIFFERENCE
+
+
+def summary(answer: dict) -> str:
+    """The answer in a few lines."""
+    lines = [f"verdict: {answer['verdict'].replace('_', ' ')}"]
+    for e in answer["effects"]:
+        also = f" (or {', '.join(e['could_also_be'])})" if e["could_also_be"] else ""
+        lines.append(
+            f"  {e['name']}{also} on {e['joint']}: probability {e['probability']:.2f}; {e['evidence']}"
+        )
+    for p in answer["parameters_off"]:
+        lines.append(
+            f"  {p['name']} of {p.get('body', p.get('joint'))}: {p['from']:.4g} -> {p['to']:.4g} {p['unit']}"
+        )
+    lines += [f"  {note}" for note in answer["notes"][:4]]
+    return "\n".join(lines)

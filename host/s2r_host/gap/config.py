@@ -1,0 +1,66 @@
+"""``GAP.yaml``: the few switches of a run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from s2r_host.gap.effects import catalogue
+from s2r_host.gap.errors import GapUsageError
+
+
+@dataclass(frozen=True)
+class GapConfig:
+    """Switches of a run.
+
+    Attributes:
+        skip: Effects to leave out of the catalogue (ablation).
+        simulate: Run the forward simulations.
+        open_loop_window_s: Length of an open-loop window; infinite means the whole recording.
+        baselines: Fit the two baselines.
+        calibrate_s: Seconds of each held-out session that may set one friction factor (0: none).
+    """
+
+    skip: tuple[str, ...] = ()
+    simulate: bool = True
+    open_loop_window_s: float = 2.0
+    baselines: bool = True
+    calibrate_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        unknown = [n for n in self.skip if n not in catalogue()]
+        if unknown:
+            raise GapUsageError(
+                f"config: skip names '{unknown[0]}'; the catalogue has {', '.join(catalogue())}"
+            )
+        if not self.open_loop_window_s >= 0.1:
+            raise GapUsageError(f"config: open_loop_window_s = {self.open_loop_window_s} is below 0.1 s")
+
+
+def read_config(path: Path | None) -> GapConfig:
+    """Read a configuration file; None gives the defaults.
+
+    Raises:
+        GapUsageError: Not readable, or a key or value that makes no sense.
+    """
+    if path is None:
+        return GapConfig()
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise GapUsageError(f"config '{path}': {str(error).splitlines()[0]}") from error
+    allowed = set(GapConfig.__dataclass_fields__)
+    if not isinstance(raw, dict) or set(raw) - allowed:
+        raise GapUsageError(f"config '{path}': keys are {', '.join(sorted(allowed))}")
+    try:
+        if "skip" in raw:
+            raw["skip"] = tuple(map(str, raw["skip"]))
+        for key in ("open_loop_window_s", "calibrate_s"):
+            if key in raw:
+                raw[key] = math.inf if raw[key] == "inf" else float(raw[key])
+        return GapConfig(**raw)
+    except (TypeError, ValueError) as error:
+        raise GapUsageError(f"config '{path}': {error}") from error

@@ -1,0 +1,436 @@
+"""From a search to a verdict: what is named, what is refused, with which probability and interval."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from s2r_host.gap.base_terms import PREFIX, BaseTerm
+from s2r_host.gap.effects.base import Value
+from s2r_host.gap.evidence import Marginal
+from s2r_host.gap.problem import Problem
+from s2r_host.gap.search import TEMPER, Scored, Search, Solution, Term
+
+TIGHT = 0.05
+LEFTOVER_LIMIT = 1.6
+EXPLAINED_LEAST = 0.85
+SMALL_CHANGE = 0.6
+Z90 = 1.645
+EQUIVALENT = (
+    ("gravity_tilt", "encoder_offset"),
+    ("actuator_delay", "bandwidth"),
+    ("presliding", "hysteresis"),
+    ("payload", "spring_return"),
+    ("cable_spring", "spring_return"),
+)
+
+
+@dataclass
+class Named:
+    """One effect as answered."""
+
+    term: Term
+    name: str
+    joint: str
+    probability: float
+    could_also_be: list[str]
+    evidence: str
+    parameters: dict[str, dict]
+    theta: np.ndarray
+
+    def as_json(self, together: bool) -> dict:
+        """The contract's form."""
+        found = {
+            "name": self.name,
+            "joint": self.joint,
+            "probability": round(self.probability, 4),
+            "could_also_be": self.could_also_be,
+            "evidence": self.evidence,
+            "parameters": self.parameters,
+        }
+        return found | ({"together": True} if together else {})
+
+
+@dataclass
+class Decision:
+    """Verdict with everything behind it."""
+
+    verdict: str
+    solution: Solution
+    effects: list[Named] = field(default_factory=list)
+    parameters_off: list[dict] = field(default_factory=list)
+    rejected: list[dict] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
+    leftover: float = 0.0
+    explained: float = 0.0
+
+
+def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda _: None) -> Decision:
+    """Search, then say only what the data carry."""
+    search.looseness = TIGHT
+    if search.at_floor([]):
+        log("the nominal model reaches the noise floor")
+        solution = search.finish([], [], [])
+        return Decision("nothing_missing", solution, rejected=_rejected_at_floor(problem, search))
+    search.looseness = 1.0
+    if search.at_floor([]):
+        log("small changes of base parameters reach the noise floor")
+        return _parameters_only(problem, search)
+    solution = search.run()
+    decision = _name(problem, search, solution)
+    decision.leftover = leftover(problem, solution.prediction, solution)
+    decision.explained = explained(problem, solution)
+    if not solution.terms:
+        if decision.leftover > LEFTOVER_LIMIT:
+            decision.verdict = "unknown"
+            decision.reasons.append("no effect of the catalogue removes the leftover")
+        elif _base_matters(search, problem):
+            decision = _parameters_only(problem, search)
+        return decision
+    if decision.leftover > LEFTOVER_LIMIT and decision.explained < EXPLAINED_LEAST:
+        nearest = ", ".join(e.name for e in decision.effects)
+        decision.reasons.append(
+            f"the best of the catalogue ({nearest}) leaves {decision.leftover:.1f} times the noise floor and explains "
+            f"{decision.explained:.0%} of the gap"
+        )
+        for e in decision.effects:
+            decision.rejected.insert(
+                0, {"name": e.name, "joint": e.joint, "holdout_gain": round(decision.explained, 4),
+                    "why": f"nearest, but leaves {decision.leftover:.1f} floors unexplained"}
+            )  # fmt: skip
+        decision.verdict, decision.effects = "unknown", []
+    return decision
+
+
+def leftover(problem: Problem, rows: np.ndarray, solution: Solution) -> float:
+    """Largest ratio of a block's leftover rms to its floor, held-out rows when there are any."""
+    del solution
+    worst = 0.0
+    for block in problem.blocks:
+        mask = block.held if block.held.any() else ~block.held
+        rms = float(np.sqrt(np.mean(rows[block.rows][mask] ** 2)))
+        worst = max(worst, rms / problem.floor[block.joint])
+    return worst
+
+
+def explained(problem: Problem, solution: Solution) -> float:
+    """Share of the gap above the floor that the solution removes on held-out rows."""
+    before = after = 0.0
+    for block in problem.blocks:
+        mask = block.held if block.held.any() else ~block.held
+        floor = problem.floor[block.joint] ** 2
+        scale = floor
+        before += max(0.0, float(np.mean(problem.raw[block.rows][mask] ** 2)) - floor) / scale
+        after += max(0.0, float(np.mean(solution.prediction[block.rows][mask] ** 2)) - floor) / scale
+    return 1.0 - after / before if before > 0 else 0.0
+
+
+# --- names, probabilities, parameters -----------------------------------------------------------------------
+
+
+def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
+    decision = Decision("nothing_missing", solution)
+    for i, term in enumerate(solution.terms):
+        slot = solution.slots[i] if i < len(solution.slots) else []
+        named = _named(problem, search, solution, i, slot)
+        if term.effect.startswith(PREFIX) or _is_parameter(problem, term, solution.theta[i]):
+            decision.parameters_off += _off_entries(problem, search, named)
+        else:
+            decision.effects.append(named)
+    decision.effects.sort(key=lambda e: -e.probability)
+    if decision.effects:
+        decision.verdict = "physics_missing"
+    elif decision.parameters_off:
+        decision.verdict = "parameter_off"
+    decision.rejected = _rejected(problem, search, solution)
+    if solution.terms and _base_matters(search, problem, solution.terms):
+        known = {(p["name"], p.get("body", p.get("joint"))) for p in decision.parameters_off}
+        for entry in _base_entries(problem, solution):
+            if (entry["name"], entry.get("body", entry.get("joint"))) not in known:
+                decision.parameters_off.append(entry)
+    return decision
+
+
+def _is_parameter(problem: Problem, term: Term, theta: np.ndarray) -> bool:
+    """A small addition to friction or damping the model already has is a wrong number, not new physics."""
+    m = problem.ctx.model.model
+    if term.effect == "coulomb_friction":
+        nominal = float(m.dof_frictionloss[term.joint])
+    elif term.effect == "viscous_friction":
+        nominal = float(m.dof_damping[term.joint])
+    else:
+        return False
+    return nominal > 0 and abs(float(theta[0])) < SMALL_CHANGE * nominal
+
+
+def _named(problem: Problem, search: Search, solution: Solution, i: int, slot: list[Scored]) -> Named:
+    term = solution.terms[i]
+    probabilities = slot_probabilities(slot)
+    own = probabilities.get(term.key, 1.0)
+    others = sorted(((p, k) for k, p in probabilities.items() if k != term.key), reverse=True)
+    also = [k[0] for p, k in others if p > 0.05 and k[0] != term.effect and not k[0].startswith(PREFIX)]
+    for group in EQUIVALENT:
+        if term.effect in group:
+            also += [n for n in group if n != term.effect and n not in also and _close(slot, n)]
+    gain = next((s.holdout_gain for s in slot if s.term.key == term.key), 0.0)
+    runner = next((s for s in slot if s.term.key != term.key), None)
+    text = f"removes {gain:.0%} of the held-out misfit in this place"
+    if runner is not None:
+        text += (
+            f"; the next best, {runner.term.effect.removeprefix(PREFIX)}, removes {runner.holdout_gain:.0%}"
+        )
+    joint = "" if term.joint < 0 else problem.ctx.model.joints[term.joint]
+    if term.effect == "payload":
+        joint = problem.ctx.model.joints[-1]
+    elif term.joint < 0 and not term.effect.startswith(PREFIX):
+        joint = problem.ctx.model.joints[0]
+    return Named(
+        term, term.effect, joint, own, also[:3], text, parameter_table(problem, search, solution, i), solution.theta[i]
+    )  # fmt: skip
+
+
+def slot_probabilities(slot: list[Scored]) -> dict[tuple[str, int], float]:
+    """Posterior over what may stand in one place, 'nothing' included."""
+    if not slot:
+        return {}
+    scores = {s.term.key: s.gain for s in slot}
+    scores[("", 0)] = 0.0
+    top = max(scores.values())
+    weights = {k: float(np.exp(max(v - top, -60.0))) for k, v in scores.items()}
+    total = sum(weights.values())
+    return {k: w / total for k, w in weights.items() if k[0]}
+
+
+def _close(slot: list[Scored], name: str, margin: float = 8.0) -> bool:
+    best = max((s.gain for s in slot), default=0.0)
+    return any(s.term.effect == name and s.gain > best - margin for s in slot)
+
+
+def parameter_table(problem: Problem, search: Search, solution: Solution, i: int) -> dict[str, dict]:
+    """Values with 90 % intervals; a flat profile makes a parameter unidentifiable."""
+    term = solution.terms[i]
+    effect = search.effects[term.effect]
+    values = effect.parameters(problem.ctx, term.joint, dict(term.shape), solution.theta[i])
+    table = {}
+    for name, value in values.items():
+        deviation, identifiable = _deviation(problem, search, solution, i, value)
+        half = Z90 * deviation
+        table[name] = {
+            "value": float(value.value),
+            "unit": value.unit,
+            "interval90": [float(value.value - half), float(value.value + half)],
+            "identifiable": bool(identifiable),
+        }
+    return table
+
+
+def _deviation(
+    problem: Problem, search: Search, solution: Solution, i: int, value: Value
+) -> tuple[float, bool]:
+    if value.gradient:
+        g = np.array(value.gradient)
+        deviation = float(np.sqrt(max(g @ solution.covariance[i] @ g, 0.0)))
+        return deviation, deviation < 0.5 * abs(value.value) + 1e-12
+    if value.shape_key is None:
+        return 0.0, True
+    term = solution.terms[i]
+    others = [t for k, t in enumerate(solution.terms) if k != i]
+    step, flat = shape_curvature(search, term, others, solution.noise, value.shape_key)
+    return step * abs(value.scale), not flat
+
+
+def shape_curvature(
+    search: Search, term: Term, others: list[Term], noise: float, key: str
+) -> tuple[float, bool]:
+    """Standard deviation of one shape parameter from the profile of the evidence; second: is it flat?"""
+    fit = ~search.problem.held
+    base = search.marginal(others, fit, noise)
+
+    def value(x: float) -> float:
+        shape = dict(term.shape) | {key: x}
+        C, fixed, positive, prior = search.matrix(Term(term.effect, term.joint, tuple(sorted(shape.items()))))
+        return base.weigh(C[fit], positive, None if fixed is None else fixed[fit]).log_evidence(noise, prior)
+
+    x0 = dict(term.shape)[key]
+    top = value(x0)
+    law, step = search.effects[term.effect].refine(search.problem.ctx, term.joint).get(key, ("log", 0.2))
+    scale = abs(x0) if law == "log" else 1.0
+    h = step * scale
+    for _ in range(12):
+        drop = top - 0.5 * (value(x0 + h) + value(x0 - h))
+        if 0.2 < drop < 3.0:
+            return h / np.sqrt(2.0 * drop), h > 0.5 * abs(x0)
+        h = h * 0.5 if drop >= 3.0 else h * 1.6
+        if h > 0.9 * scale and law == "log":
+            return h, True
+    drop = max(top - 0.5 * (value(x0 + h) + value(x0 - h)), 1e-6)
+    return float(h / np.sqrt(2.0 * drop)), False
+
+
+# --- rejected -------------------------------------------------------------------------------------------------
+
+
+def _rejected(problem: Problem, search: Search, solution: Solution) -> list[dict]:
+    chosen = {t.key for t in solution.terms}
+    seen: dict[tuple[str, int], Scored] = {}
+    for slot in [solution.scans, *solution.slots]:
+        for s in slot:
+            if s.term.key not in chosen and not s.term.effect.startswith(PREFIX):
+                seen[s.term.key] = s
+    found = []
+    for key, s in sorted(seen.items(), key=lambda x: -x[1].holdout_gain):
+        why = "improves held-out data by less than the winner" if s.gain > 12 else "no evidence"
+        if s.holdout_gain < 0.01:
+            why = "does not improve held-out data"
+        found.append(_entry(problem, key, s.holdout_gain, why))
+    return found + _blocked(problem, search)
+
+
+def _entry(problem: Problem, key: tuple[str, int], gain: float, why: str) -> dict:
+    joint = problem.ctx.model.joints[max(key[1], 0)]
+    return {
+        "name": key[0],
+        "joint": joint,
+        "holdout_gain": round(float(np.clip(gain, -99, 1)), 4),
+        "why": why,
+    }
+
+
+def _blocked(problem: Problem, search: Search) -> list[dict]:
+    found = []
+    for name, effect in search.effects.items():
+        if name.startswith(PREFIX):
+            continue
+        for j in problem.joints if effect.scope == "joint" else [-1]:
+            if not effect.applies(problem.ctx, j):
+                found.append(
+                    _entry(problem, (name, j), 0.0, "cannot act here with this model and these channels")
+                )
+                continue
+            reason = effect.blocked(problem.ctx, j)
+            if reason:
+                found.append(_entry(problem, (name, j), 0.0, f"cannot be seen: {reason}"))
+    return found
+
+
+def _rejected_at_floor(problem: Problem, search: Search) -> list[dict]:
+    found = []
+    for key in search.candidates():
+        if not key[0].startswith(PREFIX):
+            found.append(_entry(problem, key, 0.0, "the nominal model already reaches the noise floor"))
+    return found + _blocked(problem, search)
+
+
+# --- base parameters ------------------------------------------------------------------------------------------
+
+
+def _evidence(search: Search, problem: Problem, terms: list[Term], prior: np.ndarray, noise: float) -> float:
+    """Log evidence of the fit rows under a prior for the base parameters."""
+    fit = ~problem.held
+    y, parts = problem.y[fit], [problem.B[fit]]
+    deviations = [prior]
+    for term in terms:
+        C, fixed, _, deviation = search.matrix(term)
+        parts.append(C[fit])
+        deviations.append(deviation)
+        if fixed is not None:
+            y = y - fixed[fit]
+    B, d = np.concatenate(parts, axis=1), np.concatenate(deviations)
+    m = Marginal(y, B, d, noise)
+    _, logdet = np.linalg.slogdet(B.T @ B / noise + np.diag(1.0 / d**2))
+    return -0.5 * m.rss / noise - 0.5 * logdet - float(np.sum(np.log(d)))
+
+
+def _base_matters(search: Search, problem: Problem, terms: list[Term] | None = None) -> bool:
+    """Do small changes of base parameters (timing and offsets apart) pay for themselves?"""
+    if not problem.base:
+        return False
+    free = np.array([p.name not in ("timing", "edge", "effort_offset") for p in problem.base])
+    if not free.any():
+        return False
+    tight = np.where(free, problem.prior * TIGHT, problem.prior)
+    noise = search.noise_level(terms or [])
+    return (
+        _evidence(search, problem, terms or [], problem.prior, noise)
+        > _evidence(search, problem, terms or [], tight, noise) + 5.0
+    )
+
+
+def _parameters_only(problem: Problem, search: Search) -> Decision:
+    """Name the base parameter that explains the gap alone, or list what moved."""
+    scored: list[tuple[float, Term]] = []
+    search.looseness = TIGHT
+    noise = TEMPER
+    fit = ~problem.held
+    base = search.marginal([], fit, noise)
+    for name, effect in search.effects.items():
+        if isinstance(effect, BaseTerm) or name in ("coulomb_friction", "viscous_friction"):
+            for j in problem.joints if effect.scope == "joint" else [-1]:
+                best = search.best_shape((name, j), base, fit, noise, refine=False)
+                if best is not None and (isinstance(effect, BaseTerm) or _nominal(problem, name, j) > 0):
+                    scored.append(best)
+    scored.sort(key=lambda x: -x[0])
+    search.looseness = 1.0
+    without = -0.5 * base.rss / noise
+    if not scored or scored[0][0] < without + 5.0:
+        return Decision(
+            "nothing_missing", search.finish([], [], []), rejected=_rejected_at_floor(problem, search)
+        )
+    search.looseness = TIGHT
+    slot = [Scored(t, v, v - without, 0.0, np.zeros(0)) for v, t in scored]
+    solution = search.finish([scored[0][1]], [slot], [])
+    named = _named(problem, search, solution, 0, slot)
+    search.looseness = 1.0
+    decision = Decision("parameter_off", solution, rejected=_rejected_at_floor(problem, search))
+    decision.parameters_off = _off_entries(problem, search, named)
+    decision.explained = explained(problem, solution)
+    decision.leftover = leftover(problem, solution.prediction, solution)
+    return decision
+
+
+def _nominal(problem: Problem, name: str, joint: int) -> float:
+    m = problem.ctx.model.model
+    return float(m.dof_frictionloss[joint] if name == "coulomb_friction" else m.dof_damping[joint])
+
+
+def _off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
+    effect = search.effects[named.term.effect]
+    found = []
+    if isinstance(effect, BaseTerm):
+        for member in effect.members:
+            p = named.parameters[member.name]
+            if len(effect.members) > 1 and abs(p["value"] - member.nominal) < 1e-3 * member.size:
+                continue
+            found.append(_off(member.name, member.place, member.on_joint, member.nominal, p))
+        return found
+    p = next(iter(named.parameters.values()))
+    nominal = _nominal(problem, named.name, named.term.joint)
+    shifted = p | {"value": nominal + p["value"], "interval90": [nominal + x for x in p["interval90"]]}
+    label = "frictionloss" if named.name == "coulomb_friction" else "damping"
+    return [_off(label, named.joint, True, nominal, shifted)]
+
+
+def _off(name: str, place: str, on_joint: bool, nominal: float, p: dict) -> dict:
+    return {
+        "name": name, "joint" if on_joint else "body": place, "from": nominal, "to": p["value"], "unit": p["unit"],
+        "interval90": p["interval90"],
+    }  # fmt: skip
+
+
+def _base_entries(problem: Problem, solution: Solution) -> list[dict]:
+    """Base parameters whose posterior left the nominal value by more than two deviations and one per cent."""
+    found = []
+    for p, x, d in zip(problem.base, solution.base, solution.base_deviation, strict=True):
+        if (
+            p.name in ("timing", "edge")
+            or abs(x) < 2.0 * d
+            or abs(x) < (0.01 if p.name != "effort_offset" else 0.0)
+        ):
+            continue
+        value = p.nominal + x * p.size
+        half = Z90 * d * p.size
+        found.append(_off(p.name, p.place, p.on_joint, p.nominal, {
+            "value": value, "unit": p.unit, "interval90": [value - half, value + half]}))  # fmt: skip
+    return found

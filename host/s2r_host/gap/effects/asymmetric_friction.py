@@ -1,0 +1,98 @@
+"""Friction that differs by direction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.session import Session
+
+
+class AsymmetricFriction(Effect):
+    """tau = (Fc± + b± |dq|) sgn(dq)."""
+
+    name = "asymmetric_friction"
+    equation = "tau = (Fc± + b± |dq|) sgn(dq)"
+    signature = "slope or step of the residual against speed differs by the sign of the speed"
+    separating_motion = "the same path both ways at two speeds"
+    confusable = ("gravity_tilt", "cogging")
+    contains = ("coulomb_friction", "viscous_friction")
+
+    def blocked(self, ctx: Context, joint: int) -> str | None:
+        """Needs motion in both directions."""
+        signs = np.concatenate(
+            [np.sign(s.v[np.abs(s.v[:, joint]) > 5 * s.v_eps[joint], joint]) for s in ctx.sessions]
+        )
+        both = min(np.mean(signs > 0), np.mean(signs < 0)) if signs.size else 0.0
+        return None if both > 0.1 else "motion in one direction only"
+
+    def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
+        """Which parts differ: dry, viscous, both."""
+        return [{"dry": 1.0, "viscous": 0.0}, {"dry": 0.0, "viscous": 1.0}, {"dry": 1.0, "viscous": 1.0}]
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Half differences first, then the symmetric parts the model lacks."""
+        sign, v = s.sign(joint), s.v[:, joint]
+        model = ctx.model.model
+        linear = []
+        if shape["dry"]:
+            linear.append(np.abs(sign))
+        if shape["viscous"]:
+            linear.append(np.abs(v))
+        if not model.dof_frictionloss[joint] and shape["dry"]:
+            linear.append(sign)
+        if not model.dof_damping[joint] and shape["viscous"]:
+            linear.append(v)
+        return Columns(linear, (False,) * len(linear))
+
+    def _split(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, float]:
+        values = list(map(float, theta))
+        model = ctx.model.model
+        dry = values.pop(0) if shape["dry"] else 0.0
+        viscous = values.pop(0) if shape["viscous"] else 0.0
+        level = values.pop(0) if not model.dof_frictionloss[joint] and shape["dry"] else 0.0
+        slope = values.pop(0) if not model.dof_damping[joint] and shape["viscous"] else 0.0
+        return {"dry": dry, "viscous": viscous, "level": level, "slope": slope}
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Values per direction, added to what the model has."""
+        name, model = ctx.model.joints[joint], ctx.model.model
+        part = self._split(ctx, joint, shape, theta)
+        unit = ctx.model.effort_unit(name)
+        found: dict[str, Value] = {}
+        k = len(theta)
+        if shape["dry"]:
+            base = float(model.dof_frictionloss[joint]) + part["level"]
+            level_at = (1 if shape["viscous"] else 0) + 1
+            has_level = not model.dof_frictionloss[joint]
+            for label, sign in (("coulomb_positive", 1.0), ("coulomb_negative", -1.0)):
+                gradient = [0.0] * k
+                gradient[0] = sign
+                if has_level:
+                    gradient[level_at] = 1.0
+                found[label] = Value(base + sign * part["dry"], unit, tuple(gradient))
+        if shape["viscous"]:
+            base = float(model.dof_damping[joint]) + part["slope"]
+            at = 1 if shape["dry"] else 0
+            for label, sign in (("viscous_positive", 1.0), ("viscous_negative", -1.0)):
+                gradient = [0.0] * k
+                gradient[at] = sign
+                if not model.dof_damping[joint]:
+                    gradient[-1] = 1.0
+                found[label] = Value(
+                    base + sign * part["viscous"], f"{unit}·s/{ctx.model.unit(name)}", tuple(gradient)
+                )
+        return found
+
+    def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
+        """Dry part as friction loss by direction, viscous part as force."""
+        p = self._split(ctx, joint, shape, theta)
+
+        def step(state: StepState) -> tuple[float, float]:
+            v = float(state.v[joint])
+            return p["viscous"] * abs(v) + p["slope"] * v, p["level"] + (p["dry"] if v > 0 else -p["dry"])
+
+        return step
+
+
+EFFECT = AsymmetricFriction()

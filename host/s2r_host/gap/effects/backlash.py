@@ -1,0 +1,84 @@
+"""Backlash: a dead zone between motor and link."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.joint_elasticity import mean_inertia, motor_shares, second_joint, transmitted
+from s2r_host.gap.session import Session
+
+CONTACT_HZ = 30.0
+CONTACT_DAMPING = 0.3
+LOG_STEP = 0.06
+
+
+class Backlash(Effect):
+    """T = -k dz(δ, w): nothing is transmitted while |q_link - q_motor| < w; q is read at the motor."""
+
+    name = "backlash"
+    equation = "T = k dz(q_motor - q_link, w)"
+    signature = "after each reversal of the load the effort vanishes for a constant travel, then an impact"
+    separating_motion = "reversals with and without preload"
+    confusable = ("presliding", "hysteresis", "joint_elasticity")
+
+    def blocked(self, ctx: Context, joint: int) -> str | None:
+        """The load has to change sign, or the gap is never crossed."""
+        load = np.concatenate([s.load[:, joint] for s in ctx.sessions])
+        both = min(np.mean(load > 0), np.mean(load < 0))
+        return None if both > 0.005 else "the load never changes sign: the gap is never crossed"
+
+    def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
+        """Half widths from the encoder step to 6 % of the travel."""
+        low, high = ctx.span(joint)
+        widths = (high - low) * np.geomspace(0.0006, 0.06, 8)
+        return [{"w": float(w), "motor": m} for m in motor_shares(ctx, joint) for w in widths]
+
+    def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
+        """Width on a log scale, motor share linear."""
+        return {"w": ("log", 0.24), "motor": ("linear", 0.1)}
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Motor inertia plus transmitted effort, minus the rigid load."""
+        store: dict[tuple, np.ndarray] = s.cache.setdefault(("backlash", joint), {})
+        wanted = _pair(shape)
+        if wanted not in store:
+            near = [
+                (w, m)
+                for w in (wanted[0] - 1, wanted[0], wanted[0] + 1)
+                for m in (wanted[1] - 1, wanted[1], wanted[1] + 1)
+            ]
+            seeds = [_pair(x) for x in self.shapes(ctx, joint)] if not store else near
+            batch = [x for x in dict.fromkeys([*seeds, wanted]) if x not in store and 0 <= x[1] <= 18]
+            triples = np.array([(CONTACT_HZ, CONTACT_DAMPING, 0.05 * m) for _, m in batch])
+            T = transmitted(ctx, s, joint, triples, np.exp(LOG_STEP * np.array([w for w, _ in batch])))
+            for i, name in enumerate(batch):
+                store[name] = T[:, i]
+        return Columns([], fixed=store[wanted])
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Half width and motor inertia."""
+        name = ctx.model.joints[joint]
+        J = mean_inertia(ctx, joint)
+        return {
+            "half_width": Value(shape["w"], ctx.model.unit(name), shape_key="w"),
+            "motor_inertia": Value(J * shape["motor"], "kg·m²", shape_key="motor", scale=J),
+        }
+
+    def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:
+        """A second, coincident joint with a range of ±w."""
+        flex = second_joint(ctx, spec, joint, shape["motor"] * mean_inertia(ctx, joint))
+        flex.range = [-shape["w"], shape["w"]]
+        flex.limited = 1
+        flex.solref_limit = [0.004, 0.7]
+        return True
+
+
+def _pair(shape: Shape) -> tuple[int, int]:
+    """Nearest node of the grid on which the hidden link is integrated: 6 % in width, 5 % in motor share."""
+    motor = round(float(np.clip(shape["motor"], 0.0, 0.9)) / 0.05)
+    return round(float(np.log(shape["w"])) / LOG_STEP), motor
+
+
+EFFECT = Backlash()

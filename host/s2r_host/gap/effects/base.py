@@ -1,0 +1,172 @@
+"""What every effect of the catalogue provides: regressor or state, seeds, parameters, simulator form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.session import Session
+
+Shape = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Required effort an effect adds at one shape (its nonlinear parameters).
+
+    Attributes:
+        linear: Regressors, each of shape (time,) for one joint or (time, joint) for all of them.
+        positive: Per regressor: the coefficient must not be negative.
+        fixed: Required effort with a known coefficient of one, same shapes, or None.
+        secondary: Per regressor: present to support the effect, may vanish (a loop beside a spring).
+    """
+
+    linear: list[np.ndarray]
+    positive: tuple[bool, ...] = ()
+    fixed: np.ndarray | None = None
+    secondary: tuple[bool, ...] = ()
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number with unit; ``gradient`` is its derivative by the linear coefficients, for the interval."""
+
+    value: float
+    unit: str
+    gradient: tuple[float, ...] = ()
+    shape_key: str | None = None
+    scale: float = 1.0
+
+
+@dataclass
+class Context:
+    """What effects may look at: the model and the sessions that may be fitted.
+
+    Attributes:
+        residual: Residual effort on the work grid per (session, joint), smooth motion shapes regressed out.
+        control_lag: Per joint: lag of the recorded position behind the one the controller used, and its
+            uncertainty [s]; absent when the control law is not known.
+    """
+
+    model: RigidModel
+    sessions: list[Session]
+    residual: dict[tuple[int, int], np.ndarray] = field(default_factory=dict)
+    control_lag: dict[int, tuple[float, float]] = field(default_factory=dict)
+
+    def span(self, joint: int) -> tuple[float, float]:
+        """Smallest and largest position over all sessions."""
+        return (
+            min(float(s.q[:, joint].min()) for s in self.sessions),
+            max(float(s.q[:, joint].max()) for s in self.sessions),
+        )
+
+    def top_speed(self, joint: int) -> float:
+        """Largest speed over all sessions (99.5 percentile)."""
+        return max(float(np.percentile(np.abs(s.v[:, joint]), 99.5)) for s in self.sessions)
+
+    def top_effort(self, joint: int) -> float:
+        """Largest recorded effort over all sessions (99.5 percentile)."""
+        return max(float(np.percentile(np.abs(s.u[:, joint]), 99.5)) for s in self.sessions)
+
+    def turns(self, joint: int) -> int:
+        """Reversals of direction over all sessions, chatter inside the velocity noise left out."""
+        return sum(count_reversals(s, joint) for s in self.sessions)
+
+
+def count_reversals(s: Session, joint: int) -> int:
+    """Changes of direction between clear motions."""
+    v = s.v[:, joint]
+    clear = v[np.abs(v) > 3.0 * s.v_eps[joint]]
+    return int(np.sum(np.diff(np.sign(clear)) != 0)) if clear.size else 0
+
+
+@dataclass
+class StepState:
+    """What an effect sees at one step of the forward simulation; arrays in joint order."""
+
+    t: float
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    u: np.ndarray
+    load: np.ndarray
+
+
+# Returns the effort the effect takes away from each joint: (force (joint,), dry friction (joint,), both >= 0 meaningless
+# entries zero). Friction is handed to the solver's friction loss, which is implicit and does not chatter.
+Runtime = Callable[[StepState], tuple[float, float]]
+
+
+class Effect:
+    """Base of all effects. Subclasses fill the class attributes and ``columns``."""
+
+    name: ClassVar[str]
+    equation: ClassVar[str]
+    separating_motion: ClassVar[str]
+    signature: ClassVar[str] = ""
+    kind: ClassVar[str] = "physics"
+    side: ClassVar[str] = "plant"
+    scope: ClassVar[str] = "joint"
+    confusable: ClassVar[tuple[str, ...]] = ()
+    contains: ClassVar[tuple[str, ...]] = ()
+
+    def applies(self, ctx: Context, joint: int) -> bool:
+        """Can this effect act on this joint at all, given model and channels?"""
+        return True
+
+    def blocked(self, ctx: Context, joint: int) -> str | None:
+        """Why the excitation cannot show this effect, or None."""
+        return None
+
+    def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
+        """Seeds for the nonlinear parameters; one empty map when there are none."""
+        return [{}]
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Required effort per unit coefficient along a session."""
+        raise NotImplementedError
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Physical parameters from shape and coefficients."""
+        raise NotImplementedError
+
+    def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
+        """Shape parameters worth refining: key -> (``log`` or ``linear``, first step)."""
+        return {}
+
+    def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
+        """Limits of shape parameters during refinement."""
+        return {}
+
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """What other equations than the plant's say about this shape, as log odds (0 says nothing)."""
+        return 0.0
+
+    def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
+        """Per-step form for the forward simulation; None when ``patch`` covers it."""
+        return None
+
+    def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:
+        """Write the effect into a model with stock attributes; False when there is no such form."""
+        return False
+
+    def sense(
+        self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray
+    ) -> Callable[[float], float] | None:
+        """What the sensor of this joint reports for a true position; None when it reports the truth."""
+        return None
+
+
+def column_force(theta: np.ndarray, basis: Callable[[StepState], tuple[float, ...]]) -> Runtime:
+    """Runtime for an effect whose required effort is a sum of instantaneous basis functions."""
+    coefficients = tuple(float(x) for x in theta)
+
+    def step(state: StepState) -> tuple[float, float]:
+        return sum(c * b for c, b in zip(coefficients, basis(state), strict=True)), 0.0
+
+    return step

@@ -1,0 +1,47 @@
+"""Position and effort were stamped by different clocks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.session import Session
+from s2r_host.gap.states import delayed
+
+
+class ClockSkew(Effect):
+    """recorded q(t) = q(t - lag), while the controller saw q(t)."""
+
+    name = "clock_skew"
+    equation = "recorded q(t) = q(t - lag)"
+    signature = "a lag between channels that does not change the damping of the loop"
+    separating_motion = "a step; compare the controller's own equation with the record"
+    confusable = ("actuator_delay", "bandwidth")
+    side = "sensor"
+
+    def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
+        """Both signs, 2 to 80 ms."""
+        return [
+            {"lag": sign * x} for x in (0.002, 0.004, 0.008, 0.014, 0.025, 0.04, 0.08) for sign in (1.0, -1.0)
+        ]
+
+    def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
+        """Lag, linear."""
+        return {"lag": ("linear", 0.003)}
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Load of the motion as it really was minus load of the recorded one."""
+        load = s.load[:, joint]
+        return Columns([], fixed=delayed(load, -shape["lag"], s.dt) - load)
+
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """The control law, recomputed from the record, shows whether the clocks differ."""
+        lag = ctx.control_lag.get(joint)
+        return 0.0 if lag is None else -min(60.0, 0.5 * ((shape["lag"] - lag[0]) / lag[1]) ** 2)
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Lag of the position behind the effort."""
+        return {"lag": Value(shape["lag"], "s", shape_key="lag")}
+
+
+EFFECT = ClockSkew()

@@ -1,0 +1,41 @@
+"""Torque constant or gear ratio wrong: the joint gets a fixed share of the recorded effort."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.session import Session
+
+
+class EffortScale(Effect):
+    """applied = scale * recorded."""
+
+    name = "effort_scale"
+    equation = "applied = scale u"
+    signature = "residual proportional to the effort itself on one joint"
+    separating_motion = "the same motion with a known added mass"
+    confusable = ("payload", "armature", "viscous_friction")
+    side = "actuator"
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """The effort the model needs. The recorded effort would explain its own noise."""
+        friction = float(ctx.model.model.dof_frictionloss[joint]) * s.sign(joint)
+        return Columns([s.load[:, joint] + friction])
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Share of the recorded effort that arrives."""
+        factor = 1.0 + float(theta[0])
+        return {"scale": Value(1.0 / factor, "1", (-1.0 / factor**2,))}
+
+    def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
+        """Takes the missing share away."""
+        share = 1.0 - 1.0 / (1.0 + float(theta[0]))
+
+        def step(state: StepState) -> tuple[float, float]:
+            return share * float(state.u[joint]), 0.0
+
+        return step
+
+
+EFFECT = EffortScale()

@@ -1,0 +1,73 @@
+"""Encoder disc off centre: an error once or twice per turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.session import Session
+
+STEP = 1e-3
+
+
+class EncoderEccentricity(Effect):
+    """true q = recorded q + e sin(n q + phase), n = 1 or 2."""
+
+    name = "encoder_eccentricity"
+    equation = "q = q_recorded + e sin(n q + phase)"
+    signature = "load evaluated at an angle that errs once or twice per turn"
+    separating_motion = "two whole turns with an absolute reference"
+    confusable = ("cogging", "encoder_offset")
+    side = "sensor"
+
+    def applies(self, ctx: Context, joint: int) -> bool:
+        """Hinges only."""
+        return ctx.model.unit(ctx.model.joints[joint]) == "rad"
+
+    def blocked(self, ctx: Context, joint: int) -> str | None:
+        """Needs a good part of a turn."""
+        low, high = ctx.span(joint)
+        return None if high - low > 1.0 else "less than a radian of travel"
+
+    def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
+        """Once or twice per turn."""
+        return [{"order": 1.0}, {"order": 2.0}]
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Change of load when the motion is distorted by a small sine and cosine."""
+        key = ("eccentricity", joint, shape["order"])
+        if key not in s.cache:
+            s.cache[key] = [
+                self._distorted(ctx, s, joint, shape["order"], phase) for phase in (0.0, np.pi / 2)
+            ]
+        return Columns(s.cache[key])
+
+    def _distorted(self, ctx: Context, s: Session, joint: int, n: float, phase: float) -> np.ndarray:
+        q, v, a = s.q.copy(), s.v.copy(), s.a.copy()
+        x = n * s.q[:, joint] + phase
+        q[:, joint] += STEP * np.sin(x)
+        v[:, joint] += STEP * n * np.cos(x) * s.v[:, joint]
+        a[:, joint] += STEP * n * (np.cos(x) * s.a[:, joint] - n * np.sin(x) * s.v[:, joint] ** 2)
+        return (ctx.model.inverse(q, v, a) - s.load) / STEP
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Amplitude, order, phase."""
+        size = float(np.hypot(*theta)) + 1e-30
+        g = (float(theta[0]) / size, float(theta[1]) / size)
+        return {
+            "amplitude": Value(size, "rad", g),
+            "order": Value(shape["order"], "1/rev"),
+            "phase": Value(float(np.arctan2(theta[1], theta[0])), "rad", (-g[1] / size, g[0] / size)),
+        }
+
+    def sense(
+        self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray
+    ) -> Callable[[float], float] | None:
+        """Recorded = true - error (error taken at the true angle, equal to first order)."""
+        n, a, b = shape["order"], float(theta[0]), float(theta[1])
+        return lambda q: q - a * float(np.sin(n * q)) - b * float(np.cos(n * q))
+
+
+EFFECT = EncoderEccentricity()

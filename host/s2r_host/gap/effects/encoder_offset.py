@@ -1,0 +1,52 @@
+"""The encoder's zero is off: gravity is felt at another angle than recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.session import Session
+
+STEP = 1e-3
+
+
+class EncoderOffset(Effect):
+    """true q = recorded q + offset."""
+
+    name = "encoder_offset"
+    equation = "q = q_recorded + offset"
+    signature = "phase error of the gravity torque"
+    separating_motion = "an absolute reference, or a second joint moved by 90 degrees"
+    confusable = ("gravity_tilt",)
+    side = "sensor"
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Derivative of the load by this joint's position, on all joints."""
+        key = ("offset", joint)
+        if key not in s.cache:
+            q = s.q.copy()
+            q[:, joint] += STEP
+            s.cache[key] = (ctx.model.inverse(q, s.v, s.a) - s.load) / STEP
+        return Columns([s.cache[key]])
+
+    def applies(self, ctx: Context, joint: int) -> bool:
+        """The load must depend on the position."""
+        s = ctx.sessions[0]
+        column = self.columns(ctx, s, joint, {}).linear[0]
+        return float(np.max(np.abs(column))) > 1e-6 * max(1.0, float(np.max(np.abs(s.load))))
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Offset to add to the record."""
+        return {"offset": Value(float(theta[0]), ctx.model.unit(ctx.model.joints[joint]), (1.0,))}
+
+    def sense(
+        self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray
+    ) -> Callable[[float], float] | None:
+        """Recorded = true - offset."""
+        offset = float(theta[0])
+        return lambda q: q - offset
+
+
+EFFECT = EncoderOffset()

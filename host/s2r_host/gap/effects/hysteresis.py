@@ -1,0 +1,53 @@
+"""Hysteresis of a harmonic drive: a wide rate-independent loop in torque against angle (Bouc-Wen)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, Value
+from s2r_host.gap.effects.presliding import bristle_force
+from s2r_host.gap.session import Session
+from s2r_host.gap.states import bristle
+
+
+class Hysteresis(Effect):
+    """tau = h z, dz/dq = (1 - |z|^n (1 + sgn(z dq))/2)/zs."""
+
+    name = "hysteresis"
+    equation = "tau = h z, dz/dq = (1 - |z|^n (1 + sgn(z dq))/2)/zs"
+    signature = "a loop of residual against position as wide as the motion, the same at all speeds"
+    separating_motion = "sine motions of several amplitudes"
+    confusable = ("presliding", "cable_spring", "backlash")
+
+    def blocked(self, ctx: Context, joint: int) -> str | None:
+        """Needs reversals."""
+        return None if ctx.turns(joint) >= 2 else "fewer than two reversals"
+
+    def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
+        """Displacements from 3 % to 60 % of the motion, two exponents."""
+        low, high = ctx.span(joint)
+        return [{"width": (high - low) * x, "power": n} for x in (0.05, 0.12, 0.3, 0.6) for n in (1.0, 2.0)]
+
+    def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
+        """Displacement on a log scale."""
+        return {"width": ("log", 0.3)}
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Loop state."""
+        return Columns([bristle(s, joint, np.array([shape["width"]]), int(shape["power"]))[:, 0]], (True,))
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Level, displacement, exponent."""
+        name = ctx.model.joints[joint]
+        return {
+            "level": Value(float(theta[0]), ctx.model.effort_unit(name), (1.0,)),
+            "displacement": Value(shape["width"], ctx.model.unit(name), shape_key="width"),
+            "exponent": Value(shape["power"], "1"),
+        }
+
+    def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
+        """Loop state as applied force."""
+        return bristle_force(joint, shape["width"], int(shape["power"]), theta, dt)
+
+
+EFFECT = Hysteresis()

@@ -1,0 +1,119 @@
+"""A spring between motor and link."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.session import Session
+from s2r_host.gap.states import deflection
+
+FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
+DAMPING = (0.02, 0.08, 0.25)
+MOTOR_SHARES = (0.0, 0.15, 0.4)
+
+
+class JointElasticity(Effect):
+    """M d(dδ)/dt = T - L, T = -k δ - d dδ, effort = Jm ddq + T; q is read at the motor."""
+
+    name = "joint_elasticity"
+    equation = "T = k (q_motor - q_link) + d (dq_motor - dq_link)"
+    signature = "phase lag that grows with frequency, an antiresonance"
+    separating_motion = "a chirp through the resonance; a static load at a held motor"
+    confusable = ("actuator_delay", "backlash", "bandwidth")
+
+    def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
+        """Link frequency at a held motor, damping ratio, share of the inertia that is motor."""
+        return [
+            {"f": f, "zeta": z, "motor": m}
+            for m in motor_shares(ctx, joint)
+            for f in FREQUENCIES_HZ
+            for z in DAMPING
+        ]
+
+    def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
+        """Frequency and damping on a log scale, motor share linear."""
+        return {"f": ("log", 0.12), "zeta": ("log", 0.4), "motor": ("linear", 0.08)}
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Motor inertia plus transmitted effort, minus the rigid load."""
+        M, L, a = s.mass[:, joint], s.load[:, joint], s.a[:, joint]
+        motor = float(np.clip(shape["motor"], 0.0, 0.9)) * mean_inertia(ctx, joint)
+        load = L - np.minimum(motor, 0.95 * M) * a
+        w = 2 * np.pi * shape["f"]
+        # Held at the motor, T follows the link's rigid load through a second-order filter of unit gain.
+        num, den, _ = cont2discrete(
+            ([2 * shape["zeta"] * w, w * w], [1.0, 2 * shape["zeta"] * w, w * w]), s.dt, "foh"
+        )
+        num = np.ravel(num)
+        T = lfilter(num, den, load - load[0]) + load[0]
+        return Columns([], fixed=T - load)
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Stiffness, damping, motor inertia, at the mean inertia of the recordings."""
+        name = ctx.model.joints[joint]
+        unit, effort = ctx.model.unit(name), ctx.model.effort_unit(name)
+        J = mean_inertia(ctx, joint)
+        link = J * (1.0 - shape["motor"])
+        w = 2 * np.pi * shape["f"]
+        return {
+            "stiffness": Value(
+                link * w**2, f"{effort}/{unit}", shape_key="f", scale=2.0 * link * w * 2 * np.pi
+            ),
+            "damping": Value(
+                2 * shape["zeta"] * w * link, f"{effort}·s/{unit}", shape_key="zeta", scale=2 * w * link
+            ),
+            "motor_inertia": Value(
+                J * shape["motor"], "kg·m²" if unit == "rad" else "kg", shape_key="motor", scale=J
+            ),
+        }
+
+    def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:
+        """A second, coincident joint with stiffness; the motor's inertia is armature of the first."""
+        values = self.parameters(ctx, joint, shape, theta)
+        flex = second_joint(ctx, spec, joint, values["motor_inertia"].value)
+        flex.stiffness = values["stiffness"].value
+        flex.damping = values["damping"].value
+        return True
+
+
+def motor_shares(ctx: Context, joint: int) -> list[float]:
+    """Share of the joint's inertia that turns with the motor: the model's armature when it has one."""
+    armature = float(ctx.model.model.dof_armature[joint])
+    if armature > 0:
+        return [armature / mean_inertia(ctx, joint)]
+    return list(MOTOR_SHARES)
+
+
+def mean_inertia(ctx: Context, joint: int) -> float:
+    """Mean of the inertia's diagonal over the recordings."""
+    return float(np.mean(np.concatenate([s.mass[:, joint] for s in ctx.sessions])))
+
+
+def transmitted(ctx: Context, s: Session, joint: int, triples: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """Effort beyond the rigid load for rows (frequency, damping ratio, motor share), shape (time, shapes)."""
+    M, L, a = s.mass[:, joint], s.load[:, joint], s.a[:, joint]
+    J = mean_inertia(ctx, joint)
+    motor = triples[:, 2] * J
+    inertia = np.maximum(M[:, None] - motor[None, :], 0.05 * M[:, None])
+    load = L[:, None] - motor[None, :] * a[:, None]
+    link = J - motor
+    w = 2 * np.pi * triples[:, 0]
+    T = deflection(s, joint, inertia, load, link * w**2, 2 * triples[:, 1] * w * link, gap)
+    return T - load
+
+
+def second_joint(ctx: Context, spec: mujoco.MjSpec, joint: int, motor_inertia: float) -> mujoco.MjsJoint:
+    """Add a coincident joint behind ``joint``; returns it. Motor-side quantities stay on the first one."""
+    name = ctx.model.joints[joint]
+    first = spec.joint(name)
+    flex = first.parent.add_joint(name=f"{name}_gap_flex", type=first.type, axis=first.axis, pos=first.pos)
+    known = float(ctx.model.model.dof_armature[joint])
+    if known == 0.0:
+        first.armature = max(motor_inertia, 0.01 * mean_inertia(ctx, joint))
+    return flex
+
+
+EFFECT = JointElasticity()

@@ -1,0 +1,104 @@
+"""Something heavy at the end of the chain."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.session import Session
+
+REACH = (0.5, 1.0, 1.5, 2.0)
+
+
+class Payload(Effect):
+    """A point mass m at p on one of the last bodies."""
+
+    name = "payload"
+    equation = "regressor of (m, m p) on all joints below the body"
+    signature = "gravity and inertia residual on all distal joints together"
+    separating_motion = "the same motion in two wrist orientations"
+    confusable = ("effort_scale", "spring_return", "cable_spring", "armature")
+    scope = "model"
+
+    def applies(self, ctx: Context, joint: int) -> bool:
+        """Always."""
+        return bool(leaves(ctx.model))
+
+    def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
+        """Every last body, at several distances along its centre of mass."""
+        return [{"body": float(b), "reach": x} for b in leaves(ctx.model) for x in REACH]
+
+    def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
+        """Distance."""
+        return {"reach": ("log", 0.2)}
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Load per added kilogram."""
+        body = int(shape["body"])
+        p = shape["reach"] * arm(ctx.model, body)
+        m = max(0.05 * float(ctx.model.model.body_mass[body]), 1e-4)
+        key = ("payload", body, round(shape["reach"], 6))
+        if key not in s.cache:
+            v = ctx.model.variant(lambda model: add_mass(model, body, m, p))
+            s.cache[key] = (ctx.model.inverse(s.q, s.v, s.a, v) - s.load) / m
+        return Columns([s.cache[key]], (True,))
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Mass and distance along the body's centre of mass."""
+        distance = float(np.linalg.norm(arm(ctx.model, int(shape["body"]))))
+        return {
+            "mass": Value(float(theta[0]), "kg", (1.0,)),
+            "distance": Value(shape["reach"] * distance, "m", shape_key="reach", scale=distance),
+        }
+
+    def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:
+        """A small extra body."""
+        body = int(shape["body"])
+        parent = spec.body(ctx.model.body_name(body))
+        extra = parent.add_body(name="gap_payload", pos=shape["reach"] * arm(ctx.model, body))
+        extra.mass, extra.inertia, extra.explicitinertial = float(theta[0]), np.full(3, 1e-8), 1
+        return True
+
+
+def leaves(model: RigidModel) -> list[int]:
+    """Moved bodies with mass that have no moved child with mass."""
+    m = model.model
+    moved = model.jointed_bodies()
+    return [b for b in moved if not any(int(m.body_parentid[c]) == b for c in moved)]
+
+
+def arm(model: RigidModel, body: int) -> np.ndarray:
+    """Where along the body a load would hang: its centre of mass, or a tenth of a metre when that is the origin."""
+    p = np.array(model.model.body_ipos[body])
+    return p if np.linalg.norm(p) > 1e-4 else np.array([0.0, 0.0, 0.1])
+
+
+def add_mass(m: mujoco.MjModel, body: int, mass: float, p: np.ndarray) -> None:
+    """Add a point mass to a body: new mass, centre, and inertia about it (parallel axes)."""
+    old = float(m.body_mass[body])
+    c0 = np.array(m.body_ipos[body])
+    c = (old * c0 + mass * p) / (old + mass)
+    R = np.zeros(9)
+    mujoco.mju_quat2Mat(R, m.body_iquat[body])
+    R = R.reshape(3, 3)
+    inertia = R @ np.diag(m.body_inertia[body]) @ R.T + old * _steiner(c0 - c) + mass * _steiner(p - c)
+    values, vectors = np.linalg.eigh(inertia)
+    if np.linalg.det(vectors) < 0:
+        vectors[:, 0] *= -1.0
+    quat = np.zeros(4)
+    mujoco.mju_mat2Quat(quat, vectors.flatten())
+    m.body_mass[body], m.body_ipos[body], m.body_inertia[body], m.body_iquat[body] = (
+        old + mass,
+        c,
+        values,
+        quat,
+    )
+
+
+def _steiner(r: np.ndarray) -> np.ndarray:
+    return float(r @ r) * np.eye(3) - np.outer(r, r)
+
+
+EFFECT = Payload()

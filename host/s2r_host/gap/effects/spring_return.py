@@ -1,0 +1,59 @@
+"""Spring return, counterbalance, door closer: monotone in position, no loop."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.viscous_friction import add_first
+from s2r_host.gap.session import Session
+
+
+class SpringReturn(Effect):
+    """tau = k (q - q0)."""
+
+    name = "spring_return"
+    equation = "tau = k (q - q0)"
+    signature = "monotone in position, the same in both directions"
+    separating_motion = "slow motion both ways in another pose of the other joints"
+    confusable = ("cable_spring", "payload", "gravity_tilt")
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Position and a constant."""
+        return Columns([s.q[:, joint], np.ones(len(s.t))], (True, False))
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Stiffness and rest position."""
+        return spring_values(ctx, joint, theta)
+
+    def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:
+        """Stock attributes ``stiffness`` and ``springref``."""
+        if float(theta[0]) <= 0:
+            return False
+        return add_spring(ctx, spec, joint, float(theta[0]), -float(theta[1]) / float(theta[0]))
+
+
+def spring_values(ctx: Context, joint: int, theta: np.ndarray) -> dict[str, Value]:
+    """Stiffness and rest position from coefficients (k, -k q0)."""
+    name = ctx.model.joints[joint]
+    unit, effort = ctx.model.unit(name), ctx.model.effort_unit(name)
+    k, c = float(theta[0]), float(theta[1])
+    extra = (0.0,) * (len(theta) - 2)
+    found = {"stiffness": Value(k, f"{effort}/{unit}", (1.0, 0.0, *extra))}
+    if abs(k) > 1e-9:
+        found["rest"] = Value(-c / k, unit, (c / k**2, -1.0 / k, *extra))
+    return found
+
+
+def add_spring(ctx: Context, spec: mujoco.MjSpec, joint: int, k: float, rest: float) -> bool:
+    """Merge a spring with the one the model has (two springs in parallel are one)."""
+    target = spec.joint(ctx.model.joints[joint])
+    old = float(ctx.model.model.jnt_stiffness[joint])
+    old_rest = float(ctx.model.model.qpos_spring[ctx.model.model.jnt_qposadr[joint]])
+    target.springref = (old * old_rest + k * rest) / (old + k)
+    add_first(target, "stiffness", k)
+    return True
+
+
+EFFECT = SpringReturn()

@@ -1,0 +1,47 @@
+"""Viscous friction: a slope in speed."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.session import Session
+
+
+class ViscousFriction(Effect):
+    """tau = b dq."""
+
+    name = "viscous_friction"
+    equation = "tau = b dq"
+    signature = "residual proportional to speed"
+    separating_motion = "constant speeds over a decade, torque sensed at the link"
+    confusable = ("effort_scale",)
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Speed."""
+        return Columns([s.v[:, joint]], (float(ctx.model.model.dof_damping[joint]) == 0.0,))
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Damping coefficient."""
+        name = ctx.model.joints[joint]
+        return {
+            "coefficient": Value(
+                float(theta[0]), f"{ctx.model.effort_unit(name)}·s/{ctx.model.unit(name)}", (1.0,)
+            )
+        }
+
+    def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:
+        """Stock attribute ``damping``."""
+        add_first(spec.joint(ctx.model.joints[joint]), "damping", float(theta[0]))
+        return True
+
+
+def add_first(joint: mujoco.MjsJoint, attribute: str, value: float) -> None:
+    """Add to an attribute that is a number or a polynomial, lowest order first."""
+    old = np.array(getattr(joint, attribute), dtype=float, ndmin=1)
+    old[0] += value
+    setattr(joint, attribute, old if old.size > 1 else float(old[0]))
+
+
+EFFECT = ViscousFriction()

@@ -1,0 +1,132 @@
+"""The user's model: loading, its single-axis joints, and inverse dynamics over whole recordings."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from s2r_host.gap.errors import GapModelError
+
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+class RigidModel:
+    """An MJCF or URDF with hinge and slide joints only.
+
+    Attributes:
+        joints: Joint names in order of their degree of freedom; index i below is this order.
+        spec: The editable source, kept for patching.
+        model: The compiled model; never modified (``variant`` makes copies).
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Load a model file.
+
+        Raises:
+            GapModelError: The file is missing, does not compile, or has joints with several axes.
+        """
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise GapModelError(f"model '{path}': no such file")
+        try:
+            self.spec = mujoco.MjSpec.from_file(str(self.path))
+            self.model = self.spec.compile()
+        except (ValueError, RuntimeError, mujoco.FatalError) as error:
+            text = " ".join(str(error).split())
+            raise GapModelError(f"model '{self.path.name}' does not compile: {text[:300]}") from error
+        m = self.model
+        if m.njnt == 0:
+            raise GapModelError(f"model '{self.path.name}' has no joint; there is nothing to compare")
+        for i in range(m.njnt):
+            if int(m.jnt_type[i]) not in (HINGE, SLIDE):
+                raise GapModelError(
+                    f"model '{self.path.name}': joint '{m.joint(i).name}' is neither hinge nor slide; "
+                    "fix the floating base or remove the free body first"
+                )
+        self.joints = tuple(m.joint(i).name or f"joint{i}" for i in range(m.njnt))
+        self._inverse_model = self.variant(lambda _: None)
+        self._data = mujoco.MjData(self._inverse_model)
+
+    def index(self, joint: str) -> int:
+        """Degree of freedom of a joint."""
+        return self.joints.index(joint)
+
+    def unit(self, joint: str) -> str:
+        """``rad`` or ``m``."""
+        return "rad" if int(self.model.jnt_type[self.index(joint)]) == HINGE else "m"
+
+    def effort_unit(self, joint: str) -> str:
+        """``N·m`` or ``N``."""
+        return "N·m" if self.unit(joint) == "rad" else "N"
+
+    def variant(self, change: Callable[[mujoco.MjModel], None]) -> mujoco.MjModel:
+        """A copy for inverse dynamics (no contacts, limits or dry friction) with ``change`` applied."""
+        m = copy.copy(self.model)
+        m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        change(m)
+        return m
+
+    def inverse(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, variant: mujoco.MjModel | None = None
+    ) -> np.ndarray:
+        """Effort the model needs for a motion, without dry friction and contacts.
+
+        Args:
+            q: Positions, shape (time, joint); ``dq`` and ``ddq`` alike.
+            variant: A model from :meth:`variant`; the nominal one by default.
+
+        Returns:
+            Efforts, shape (time, joint).
+        """
+        m = self._inverse_model if variant is None else variant
+        d = self._data if variant is None else mujoco.MjData(variant)
+        out = np.empty_like(q)
+        qpos, qvel, qacc, result, inverse = d.qpos, d.qvel, d.qacc, d.qfrc_inverse, mujoco.mj_inverse
+        for i in range(len(q)):
+            qpos[:] = q[i]
+            qvel[:] = dq[i]
+            qacc[:] = ddq[i]
+            inverse(m, d)
+            out[i] = result
+        return out
+
+    def mass_diagonal(self, q: np.ndarray) -> np.ndarray:
+        """Diagonal of the joint-space inertia, shape (time, joint), evaluated on at most 200 poses."""
+        m, d = self._inverse_model, self._data
+        picks = np.unique(np.linspace(0, len(q) - 1, min(200, len(q))).astype(int))
+        rows = np.empty((len(picks), m.nv))
+        full = np.zeros((m.nv, m.nv))
+        for k, i in enumerate(picks):
+            d.qpos[:] = q[i]
+            mujoco.mj_fwdPosition(m, d)
+            mujoco.mj_fullM(m, d, full)
+            rows[k] = np.diag(full)
+        grid = np.arange(len(q))
+        return np.stack([np.interp(grid, picks, rows[:, j]) for j in range(m.nv)], axis=1)
+
+    def subtree_bodies(self, joint: str) -> list[int]:
+        """Bodies moved by a joint, the joint's own body first."""
+        m = self.model
+        root = int(m.jnt_bodyid[self.index(joint)])
+        moved = [root]
+        for b in range(root + 1, m.nbody):
+            if int(m.body_parentid[b]) in moved:
+                moved.append(b)
+        return moved
+
+    def jointed_bodies(self) -> list[int]:
+        """Bodies with mass that some joint moves."""
+        m = self.model
+        moved: set[int] = set()
+        for joint in self.joints:
+            moved.update(self.subtree_bodies(joint))
+        return [b for b in sorted(moved) if m.body_mass[b] > 0]
+
+    def body_name(self, body: int) -> str:
+        """Name of a body, or its number."""
+        return self.model.body(body).name or f"body{body}"

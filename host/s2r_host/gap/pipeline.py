@@ -1,0 +1,192 @@
+"""The whole way from files to an answer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from s2r_host.gap import insufficient
+from s2r_host.gap.align import control_lag
+from s2r_host.gap.checks import check_efforts, check_joints
+from s2r_host.gap.config import GapConfig
+from s2r_host.gap.decide import Decision, decide
+from s2r_host.gap.forward import Errors, evaluate
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.problem import Problem, build_problem
+from s2r_host.gap.recording import read_recording
+from s2r_host.gap.replay import Live, Twin, build_twin
+from s2r_host.gap.search import Search, Solution
+from s2r_host.gap.seeds import fill_residuals, sharpen_sign
+from s2r_host.gap.session import Session, make_session
+from s2r_host.gap.where import Place, locate
+
+Log = Callable[[str], None]
+
+
+@dataclass
+class Analysis:
+    """Everything an answer and a report are made from."""
+
+    model: RigidModel
+    fit: list[Session]
+    hold: list[Session]
+    repeats: list[Session]
+    problem: Problem | None
+    search: Search | None
+    decision: Decision | None
+    places: list[Place]
+    before: Errors | None
+    after: Errors | None
+    twin: Twin | None
+    verdict: str
+    notes: list[str] = field(default_factory=list)
+    baselines: dict = field(default_factory=dict)
+    next_experiment: dict = field(default_factory=dict)
+    wall_s: float = 0.0
+
+
+def load_sessions(model: RigidModel, paths: list[Path], first: int, notes: list[str]) -> list[Session]:
+    """Read, check and resample recordings; their costs go to ``notes``."""
+    sessions = []
+    for i, path in enumerate(paths):
+        rec = read_recording(path)
+        notes += check_joints(model, rec)
+        notes += [f"{rec.name}: {w}" for w in rec.warnings]
+        s = make_session(model, rec, first + i)
+        check_efforts(model, s)
+        sessions.append(s)
+    return sessions
+
+
+def analyse(
+    model_path: Path,
+    fit_paths: list[Path],
+    hold_paths: list[Path],
+    repeat_paths: list[Path],
+    config: GapConfig,
+    log: Log,
+) -> Analysis:
+    """Run the tool.
+
+    Raises:
+        GapRecordingError: A recording was refused.
+        GapModelError: The model was refused.
+    """
+    started = time.monotonic()
+    model = RigidModel(model_path)
+    notes: list[str] = []
+    log(f"model {model.path.name}: joints {', '.join(model.joints)}")
+    fit = load_sessions(model, fit_paths, 0, notes)
+    hold = load_sessions(model, hold_paths, len(fit), notes)
+    repeats = load_sessions(model, repeat_paths, len(fit) + len(hold), notes)
+    if not hold:
+        notes.append("no held-out recording given: the last 30 % of each fit recording is held out")
+    a = Analysis(model, fit, hold, repeats, None, None, None, [], None, None, None, "insufficient", notes)
+    reason = insufficient.no_effort(model, fit)
+    if reason:
+        a.notes.insert(0, reason)
+        _without_effort(a, log)
+    else:
+        _with_effort(a, config, log)
+    a.wall_s = time.monotonic() - started
+    return a
+
+
+def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
+    sessions = a.fit + a.hold + a.repeats
+    for j in range(len(a.model.joints)):
+        sharpen_sign(sessions, a.model, j)
+    log("residual efforts and noise floor")
+    problem = a.problem = build_problem(a.model, a.fit, a.hold, a.repeats)
+    fill_residuals(problem)
+    for j in problem.joints:
+        lag = control_lag(a.model, a.fit, j)
+        if lag is not None:
+            problem.ctx.control_lag[j] = lag
+    log("search over the catalogue")
+    search = a.search = Search(problem, frozenset(config.skip), log)
+    decision = a.decision = decide(problem, search, log)
+    a.verdict = decision.verdict
+    a.places = locate(problem, problem.raw) if decision.verdict not in ("nothing_missing",) else []
+    if decision.verdict == "nothing_missing":
+        reason = insufficient.poor_excitation(a.model, a.fit, problem)
+        if reason:
+            a.verdict = decision.verdict = "insufficient"
+            a.notes.insert(0, reason)
+    a.twin = patched_twin(a, decision.solution, decision.verdict)
+    if config.simulate:
+        log("forward simulation before and after")
+        nominal = build_twin(a.model, problem.ctx, [])
+        joints = list(problem.joints)
+        a.before = evaluate(nominal, a.fit, a.hold, joints, config.open_loop_window_s)
+        a.after = evaluate(a.twin, a.fit, a.hold, joints, config.open_loop_window_s)
+
+
+def _without_effort(a: Analysis, log: Log) -> None:
+    from s2r_host.gap.effects.base import Context
+
+    log("no effort channel: position only")
+    ctx = Context(a.model, a.fit)
+    nominal = build_twin(a.model, ctx, [])
+    a.twin = nominal
+    a.before = a.after = evaluate(nominal, a.fit, a.hold, list(range(len(a.model.joints))))
+
+
+def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
+    """The model with what was found; for an unknown effect, with a generic local correction."""
+    from s2r_host.gap.generic import fit_generic
+
+    problem = a.problem
+    assert problem is not None
+    if verdict in ("nothing_missing", "insufficient"):
+        return build_twin(a.model, problem.ctx, [])
+    if verdict == "unknown":
+        return build_twin(a.model, problem.ctx, [], generic=fit_generic(problem))
+    terms = [
+        Live(t.effect, t.joint, dict(t.shape), th)
+        for t, th in zip(solution.terms, solution.theta, strict=True)
+    ]
+    base = [
+        (p, float(x)) for p, x in zip(problem.base, solution.base, strict=True)
+        if p.name not in ("timing", "edge") and abs(x) * p.size > 0
+    ]  # fmt: skip
+    from s2r_host.gap.base_terms import PREFIX, BaseTerm
+
+    assert a.search is not None
+    for t in list(terms):
+        effect = a.search.effects[t.effect]
+        if t.effect.startswith(PREFIX) and isinstance(effect, BaseTerm):
+            base += [(m, float(x)) for m, x in zip(effect.members, t.theta, strict=True)]
+            terms.remove(t)
+    merged: dict[int, tuple] = {}
+    for p, x in base:
+        old = merged.get(id(p), (p, 0.0))[1]
+        merged[id(p)] = (p, old + x)
+    return build_twin(a.model, problem.ctx, terms, list(merged.values()))
+
+
+def floor_json(a: Analysis) -> dict:
+    """Repeatability of position and effort, over all joints."""
+    q = _position_floor(a)
+    if a.problem is None:
+        return {"q_rmse": q, "tau_rmse": 0.0, "source": "repeat" if a.repeats else "estimated"}
+    tau = float(np.sqrt(np.mean([f**2 for f in a.problem.floor.values()])))
+    return {"q_rmse": q, "tau_rmse": tau, "source": a.problem.floor_source}
+
+
+def _position_floor(a: Analysis) -> float:
+    from s2r_host.gap.problem import find_partner
+
+    values = []
+    for twin in a.repeats:
+        partner = find_partner(twin, a.fit)
+        if partner is not None:
+            n = min(len(twin.t), len(partner.t))
+            values.append(float(np.mean((twin.q[:n] - partner.q[:n]) ** 2)) / 2.0)
+    if values:
+        return float(np.sqrt(np.mean(values)))
+    return float(max((s.q_lsb.max() / np.sqrt(12.0) for s in a.fit), default=0.0))

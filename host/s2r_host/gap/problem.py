@@ -1,0 +1,316 @@
+"""The effort residual of all recordings as one whitened regression, split into fit and held-out rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.signal import welch
+
+from s2r_host.gap.effects.base import Columns, Context
+from s2r_host.gap.evidence import Whitener, fit_whitener
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.nuisance import BaseParameter, base_parameters
+from s2r_host.gap.session import MOTION_CUT_HZ, Session, lowpass, nominal_friction
+
+HOLDOUT_SHARE = 0.3
+SIGNAL_TO_NOISE = 20.0
+LEAST_CUT_HZ = 2.5
+EDGE_SHARE = 0.5
+
+
+@dataclass
+class Block:
+    """Rows of one joint in one recording."""
+
+    session: Session
+    joint: int
+    rows: slice
+    picks: np.ndarray
+    held: np.ndarray
+
+
+@dataclass
+class Problem:
+    """Residual, nuisance and noise model.
+
+    Attributes:
+        ctx: Model and sessions.
+        joints: Joints with an effort channel, as indices.
+        blocks: Row ranges in stacking order.
+        y: Whitened residual, shape (rows,).
+        raw: The same rows, filtered but not whitened [N·m or N].
+        held: Mask of held-out rows, shape (rows,).
+        base: Base parameters; ``B`` their whitened columns, ``prior`` their deviations.
+        floor: Noise per joint in ``raw`` units (rms), keyed by joint index.
+        effort: Filtered effort rows, same layout, whitened.
+    """
+
+    ctx: Context
+    joints: list[int]
+    blocks: list[Block]
+    whiteners: dict[int, Whitener]
+    y: np.ndarray
+    raw: np.ndarray
+    effort: np.ndarray
+    held: np.ndarray
+    base: list[BaseParameter]
+    B: np.ndarray
+    prior: np.ndarray
+    floor: dict[int, float]
+    floor_source: str
+    cache: dict = field(default_factory=dict)
+
+    def whiten(self, per_session: dict[int, np.ndarray], joint: int) -> np.ndarray:
+        """Filter, decimate, whiten and stack a regressor.
+
+        Args:
+            per_session: Session number -> array (time,) on ``joint`` or (time, joint).
+            joint: The joint a one-dimensional array belongs to.
+        """
+        out = np.zeros(len(self.y))
+        for block in self.blocks:
+            x = per_session.get(block.session.index)
+            if x is None:
+                continue
+            if x.ndim == 1:
+                if block.joint != joint:
+                    continue
+            else:
+                x = x[:, block.joint]
+            rows = compare(x, block.session, block.joint, True)[block.picks]
+            out[block.rows] = self.whiteners[block.joint](rows)
+        return out
+
+    def columns(self, per_session: dict[int, Columns], joint: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Whitened matrix (rows, k) and fixed column of an effect evaluated on every session."""
+        first = next(iter(per_session.values()))
+        matrix = np.stack(
+            [self.whiten({k: c.linear[i] for k, c in per_session.items()}, joint) for i in range(len(first.linear))],
+            axis=1,
+        ) if first.linear else np.zeros((len(self.y), 0))  # fmt: skip
+        fixed = None
+        if first.fixed is not None:
+            fixed = self.whiten({k: c.fixed for k, c in per_session.items() if c.fixed is not None}, joint)
+        return matrix, fixed
+
+
+def compare(x: np.ndarray, s: Session, joint: int, nonlinear: bool) -> np.ndarray:
+    """Bring a signal to the comparison band; what was not made from filtered motion passes both filters."""
+    if nonlinear:
+        x = lowpass(x, min(MOTION_CUT_HZ, 0.4 / s.rec.dt), s.dt)
+    return lowpass(x, float(s.cut[joint]), s.dt)
+
+
+def residual(model: RigidModel, s: Session, joint: int) -> np.ndarray:
+    """Filtered effort minus what the nominal model needs, shape (time,)."""
+    rigid = compare(s.load[:, joint], s, joint, False)
+    friction = compare(nominal_friction(model, s)[:, joint], s, joint, True)
+    return compare(s.u[:, joint], s, joint, True) - rigid - friction
+
+
+def build_problem(
+    model: RigidModel, fit: list[Session], hold: list[Session], repeats: list[Session]
+) -> Problem:
+    """Assemble the regression.
+
+    Args:
+        model: The nominal model.
+        fit: Sessions that may be fitted.
+        hold: Sessions that may only be predicted; when empty the last 30 % of each fit session is held.
+        repeats: Second runs of a motion among ``fit``: they set the noise floor.
+    """
+    ctx = Context(model, fit)
+    sessions = fit + hold
+    joints = [j for j in range(len(model.joints)) if any(s.has_u[j] for s in sessions)]
+    blocks, raw = _blocks(model, sessions, hold, joints)
+    noise, source = _noise(model, joints, fit, repeats, blocks, raw)
+    for j in joints:
+        cut = _band(j, fit, blocks, noise[j])
+        for s in sessions + repeats:
+            s.cut[j] = min(cut, float(s.cut[j]))
+    blocks, raw = _blocks(model, sessions, hold, joints)
+    noise, source = _noise(model, joints, fit, repeats, blocks, raw)
+    start = blocks[-1].rows.stop if blocks else 0
+    held = [b.held for b in blocks]
+    whiteners, floor = {}, {}
+    for j in joints:
+        scale = max(float(np.std(s.u[:, j])) for s in sessions if s.has_u[j])
+        whiteners[j] = fit_whitener(noise[j], 1e-4 * scale)
+        floor[j] = max(float(np.sqrt(np.mean(np.concatenate(noise[j]) ** 2))), 1e-4 * scale)
+    problem = Problem(
+        ctx, joints, blocks, whiteners, np.zeros(start), np.concatenate(raw), np.zeros(start),
+        np.concatenate(held), base_parameters(model), np.zeros((start, 0)), np.zeros(0), floor, source,
+    )  # fmt: skip
+    for block, values in zip(blocks, raw, strict=True):
+        w = whiteners[block.joint]
+        problem.y[block.rows] = w(values)
+        problem.effort[block.rows] = w(
+            compare(block.session.u[:, block.joint], block.session, block.joint, True)[block.picks]
+        )
+    _fill_base(problem, sessions)
+    return problem
+
+
+def _blocks(
+    model: RigidModel, sessions: list[Session], hold: list[Session], joints: list[int]
+) -> tuple[list[Block], list[np.ndarray]]:
+    blocks: list[Block] = []
+    raw: list[np.ndarray] = []
+    start = 0
+    for s in sessions:
+        for j in joints:
+            if not s.has_u[j]:
+                continue
+            picks = _picks(s, j)
+            rows = slice(start, start + len(picks))
+            start += len(picks)
+            held = np.full(len(picks), s in hold)
+            if not hold:
+                held = picks >= (1.0 - HOLDOUT_SHARE) * len(s.t)
+            blocks.append(Block(s, j, rows, picks, held))
+            raw.append(residual(model, s, j)[picks])
+    return blocks, raw
+
+
+def _band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray]) -> float:
+    """Highest frequency at which the effort still stands well above the noise [Hz].
+
+    Beyond it a regressor is made of noise, and whatever filters that noise would look like physics: the
+    direct method of closed-loop identification is biased there (Janot et al., IDIM-IV, 2014).
+    """
+    power_u: np.ndarray | None = None
+    power_n: np.ndarray | None = None
+    block = next(b for b in blocks if b.joint == j)
+    s = block.session
+    rate = 1.0 / (s.dt * float(block.picks[1] - block.picks[0]))
+    length = min(256, len(block.picks) // 3)
+    f = np.zeros(0)
+    for b in blocks:
+        if b.joint == j and b.session in fit:
+            f, p = welch(compare(b.session.u[:, j], b.session, j, True)[b.picks], rate, nperseg=length)
+            power_u = p if power_u is None else power_u + p
+    for x in noise:
+        _, p = welch(x, rate, nperseg=min(length, len(x)))
+        if len(p) == len(f):
+            power_n = p if power_n is None else power_n + p
+    if power_u is None or power_n is None:
+        return float(s.cut[j])
+    power_n = np.maximum(power_n / len(noise), 1e-30)
+    strong = np.flatnonzero(power_u / power_n > SIGNAL_TO_NOISE)
+    highest = float(f[strong[-1]]) if strong.size else 0.0
+    return float(np.clip(1.5 * highest, LEAST_CUT_HZ, s.cut[j]))
+
+
+def _picks(s: Session, joint: int) -> np.ndarray:
+    step = max(1, int(1.0 / (2.4 * float(s.cut[joint]) * s.dt)))
+    margin = max(3, min(int(0.15 / s.dt), len(s.t) // 20))
+    return np.arange(margin, len(s.t) - margin, step)
+
+
+def _fill_base(problem: Problem, sessions: list[Session]) -> None:
+    columns, prior, kept = [], [], []
+    limit = 1e-4 * float(np.sqrt(np.mean(problem.effort**2)))
+    for parameter in problem.base:
+        whitened = np.zeros(len(problem.y))
+        for block in problem.blocks:
+            x = parameter.column(block.session)[:, block.joint]
+            nonlinear = parameter.name in ("frictionloss", "edge")
+            rows = compare(x, block.session, block.joint, nonlinear)[block.picks]
+            whitened[block.rows] = problem.whiteners[block.joint](rows)
+        deviation = parameter.prior
+        if parameter.name == "effort_offset":
+            j = problem.ctx.model.index(parameter.place)
+            if j not in problem.joints:
+                continue
+            tops = [float(np.std(s.u[:, j])) for s in sessions if s.has_u[j]]
+            deviation = max(0.003 * max(tops), 0.3 * problem.floor[j])
+        if parameter.name == "edge":
+            j = problem.ctx.model.index(parameter.place)
+            if j not in problem.joints:
+                continue
+            deviation = EDGE_SHARE * max(dry_level(s, j) for s in sessions if s.has_u[j])
+        if np.sqrt(np.mean(whitened**2)) * deviation < limit * 1e-2:
+            continue
+        columns.append(whitened)
+        prior.append(deviation)
+        kept.append(parameter)
+    problem.base = kept
+    problem.B = np.stack(columns, axis=1) if columns else np.zeros((len(problem.y), 0))
+    problem.prior = np.array(prior)
+
+
+def _noise(
+    model: RigidModel, joints: list[int], fit: list[Session], repeats: list[Session],
+    blocks: list[Block], raw: list[np.ndarray],
+) -> tuple[dict[int, list[np.ndarray]], str]:  # fmt: skip
+    """Noise samples per joint: half the difference of two runs, or what a rich generic model leaves over."""
+    noise: dict[int, list[np.ndarray]] = {j: [] for j in joints}
+    for twin in repeats:
+        partner = find_partner(twin, fit)
+        if partner is None:
+            continue
+        n = min(len(twin.t), len(partner.t))
+        for j in joints:
+            picks = _picks(partner, j)
+            picks = picks[picks < n - 3]
+            if twin.has_u[j] and partner.has_u[j]:
+                difference = residual(model, partner, j)[:n] - residual(model, twin, j)[:n]
+                noise[j].append(difference[picks] / np.sqrt(2.0))
+    source = "repeat" if all(noise[j] for j in joints) and joints else "estimated"
+    for j in joints:
+        if not noise[j]:
+            for block, values in zip(blocks, raw, strict=True):
+                if block.joint == j:
+                    noise[j].append(generic_leftover(block.session, j, values, block.picks))
+    return noise, source
+
+
+def find_partner(twin: Session, fit: list[Session]) -> Session | None:
+    """The fit session that shows the same motion, or None."""
+    best, best_rms = None, np.inf
+    for s in fit:
+        if abs(s.dt - twin.dt) > 1e-6 or abs(len(s.t) - len(twin.t)) > 0.1 * len(s.t):
+            continue
+        n = min(len(s.t), len(twin.t))
+        rms = float(np.sqrt(np.mean((s.q[:n] - twin.q[:n]) ** 2)))
+        if rms < best_rms:
+            best, best_rms = s, rms
+    if best is None or best_rms > 0.1 * max(float(np.max(np.std(best.q, axis=0))), 1e-9):
+        return None
+    return best
+
+
+def generic_leftover(s: Session, j: int, values: np.ndarray, picks: np.ndarray) -> np.ndarray:
+    """What a generic local correction cannot explain, scaled for its degrees of freedom, shape (rows,)."""
+    X = generic_basis(s, j, picks)
+    X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
+    ridge = 1e-6 * len(X)
+    beta = np.linalg.solve(X.T @ X + ridge * np.eye(X.shape[1]), X.T @ values)
+    left = values - X @ beta
+    return left * np.sqrt(len(X) / max(len(X) - X.shape[1], 0.3 * len(X)))
+
+
+def generic_basis(s: Session, j: int, picks: np.ndarray, bins: int = 16) -> np.ndarray:
+    """Position bins per direction, speed shapes, acceleration, load and delayed effort, shape (rows, k)."""
+    q, v, a, u = s.q[:, j], s.v[:, j], s.a[:, j], s.u[:, j]
+    sign, top = s.sign(j), np.max(np.abs(v)) + 1e-12
+    edges = np.linspace(q.min(), q.max() + 1e-12, bins)
+    width = edges[1] - edges[0] + 1e-12
+    columns = [np.ones_like(q), v, np.abs(v), v * np.abs(v), a, s.load[:, j], np.abs(s.load[:, j]) * sign]
+    columns += [sign * np.exp(-((v / (share * top)) ** 2)) for share in (0.02, 0.1, 0.3)]
+    du = np.gradient(u, s.dt)
+    columns += [u, du, np.gradient(du, s.dt)]
+    columns += [s.load[:, i] for i in range(s.q.shape[1]) if i != j]
+    for centre in edges:
+        hat = np.maximum(0.0, 1.0 - np.abs(q - centre) / width)
+        columns += [hat, hat * sign]
+    return np.stack([compare(c, s, j, True)[picks] for c in columns], axis=1)
+
+
+def dry_level(s: Session, j: int) -> float:
+    """Size of the friction step in a recording, by plain regression [N·m or N]."""
+    r = compare(s.u[:, j], s, j, True) - compare(s.load[:, j], s, j, False)
+    columns = [s.sign(j), s.v[:, j], s.a[:, j], s.load[:, j], np.ones(len(s.t))]
+    X = np.stack([compare(c, s, j, True) for c in columns], axis=1)
+    return abs(float(np.linalg.lstsq(X, r, rcond=None)[0][0]))

@@ -1,0 +1,408 @@
+"""Which effects explain the residual: greedy selection with replacement over the whole catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from s2r_host.gap.base_terms import base_terms
+from s2r_host.gap.effects import catalogue
+from s2r_host.gap.effects.base import Effect
+from s2r_host.gap.evidence import Marginal
+from s2r_host.gap.problem import Problem
+
+TEMPER = 3.0
+MIN_GAIN = 12.0
+MAX_EFFECTS = 3
+FLOOR_SLACK = 1.2
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect on one joint (-1: on all of them) at one shape."""
+
+    effect: str
+    joint: int
+    shape: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Effect and joint, without the shape."""
+        return self.effect, self.joint
+
+
+@dataclass
+class Scored:
+    """A term weighed against the terms already chosen.
+
+    Attributes:
+        score: Log evidence on the fit rows plus log prediction on the held-out rows.
+        gain: Score minus the score without the term.
+        holdout_gain: Share of the held-out misfit (unwhitened) the term removes.
+        theta: Coefficients of its columns.
+    """
+
+    term: Term
+    score: float
+    gain: float
+    holdout_gain: float
+    theta: np.ndarray
+
+
+@dataclass
+class Solution:
+    """Chosen terms with coefficients, alternatives and misfits.
+
+    Attributes:
+        terms: Chosen terms.
+        slots: Per term: everything that was weighed for its place, best first.
+        theta: Per term its coefficients.
+        covariance: Per term the posterior covariance of its coefficients.
+        base: Posterior of the base parameters and its covariance.
+        noise: Working variance of a whitened row.
+    """
+
+    terms: list[Term]
+    slots: list[list[Scored]]
+    theta: list[np.ndarray]
+    covariance: list[np.ndarray]
+    base: np.ndarray
+    base_deviation: np.ndarray
+    noise: float
+    rss_fit: tuple[float, float]
+    rss_held: tuple[float, float]
+    raw_fit: tuple[float, float]
+    raw_held: tuple[float, float]
+    prediction: np.ndarray
+    scans: list[Scored] = field(default_factory=list)
+
+
+class Search:
+    """Keeps whitened columns, so that the same shape is never filtered twice."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        skip: frozenset[str] = frozenset(),
+        log: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.problem = problem
+        self.log = log
+        self.looseness = 1.0
+        self.effects: dict[str, Effect] = {n: e for n, e in catalogue().items() if n not in skip}
+        self.effects |= base_terms(problem.base)
+        self._columns: dict[Term, tuple[np.ndarray, np.ndarray | None, np.ndarray, np.ndarray]] = {}
+        self._shapes: dict[tuple[str, int], list[Term]] = {}
+        self.effort_rms = float(np.sqrt(np.mean(problem.effort**2))) + 1e-12
+
+    def candidates(self) -> list[tuple[str, int]]:
+        """Every (effect, joint) that can act here."""
+        out = []
+        for name, effect in self.effects.items():
+            joints = [-1] if effect.scope == "model" else self.problem.joints
+            out += [
+                (name, j)
+                for j in joints
+                if effect.applies(self.problem.ctx, j) and not effect.blocked(self.problem.ctx, j)
+            ]
+        return out
+
+    def seeds(self, key: tuple[str, int]) -> list[Term]:
+        """Terms to try first for one candidate."""
+        if key not in self._shapes:
+            effect = self.effects[key[0]]
+            self._shapes[key] = [
+                Term(*key, tuple(sorted(shape.items()))) for shape in effect.shapes(self.problem.ctx, key[1])
+            ]
+        return self._shapes[key]
+
+    def matrix(self, term: Term) -> tuple[np.ndarray, np.ndarray | None, np.ndarray, np.ndarray]:
+        """Whitened columns, fixed column, sign mask, prior deviations of a term."""
+        stored = self._columns.get(term)
+        if stored is None:
+            effect = self.effects[term.effect]
+            shape = dict(term.shape)
+            sessions = {b.session.index: b.session for b in self.problem.blocks}
+            per_session = {
+                k: effect.columns(self.problem.ctx, s, term.joint, shape) for k, s in sessions.items()
+            }
+            C, fixed = self.problem.columns(per_session, term.joint)
+            first = next(iter(per_session.values()))
+            positive = np.array(first.positive or (False,) * C.shape[1], dtype=bool)
+            size = np.sqrt(np.mean(C**2, axis=0)) + 1e-12 * self.effort_rms
+            prior = 0.5 * self.effort_rms / size
+            stored = self._columns[term] = (C, fixed, positive, prior)
+        return stored
+
+    # --- one scan -----------------------------------------------------------------------------------------
+
+    def marginal(self, terms: list[Term], rows: np.ndarray, noise: float) -> Marginal:
+        """Nuisance plus chosen terms, on the rows of a mask."""
+        p = self.problem
+        y, parts, prior = p.y[rows], [p.B[rows]], [p.prior * self.looseness]
+        for term in terms:
+            C, fixed, _, deviation = self.matrix(term)
+            parts.append(C[rows])
+            prior.append(deviation)
+            if fixed is not None:
+                y = y - fixed[rows]
+        return Marginal(y, np.concatenate(parts, axis=1), np.concatenate(prior), noise)
+
+    def best_shape(
+        self, key: tuple[str, int], base: Marginal, rows: np.ndarray, noise: float, refine: bool
+    ) -> tuple[float, Term] | None:
+        """Best shape of one candidate by log evidence on the fit rows."""
+
+        def weigh(term: Term) -> float:
+            C, fixed, positive, prior = self.matrix(term)
+            w = base.weigh(C[rows], positive, None if fixed is None else fixed[rows])
+            if fixed is None and not w.active.any():
+                return -np.inf
+            odds = self.effects[term.effect].log_prior(self.problem.ctx, term.joint, dict(term.shape))
+            return w.log_evidence(noise, prior) + odds
+
+        scored = [(weigh(term), term) for term in self.seeds(key)]
+        scored = [x for x in scored if np.isfinite(x[0])]
+        if not scored:
+            return None
+        best = max(scored, key=lambda x: x[0])
+        if refine:
+            best = self._refine(best, weigh)
+        penalty = 0.5 * len(best[1].shape) * np.log(max(len(scored), 2))
+        return best[0] - penalty, best[1]
+
+    def _refine(self, best: tuple[float, Term], weigh: Callable[[Term], float]) -> tuple[float, Term]:
+        """Pattern search on the shape, halving the steps."""
+        effect: Effect = self.effects[best[1].effect]
+        steps = dict(effect.refine(self.problem.ctx, best[1].joint))
+        limits = effect.bounds(self.problem.ctx, best[1].joint)
+        scale = 1.0
+        for _ in range(5):
+            improved = False
+            for key, (law, step) in steps.items():
+                for direction in (1.0, -1.0):
+                    shape = dict(best[1].shape)
+                    if key not in shape:
+                        continue
+                    move = direction * scale * step
+                    shape[key] = float(shape[key] * np.exp(move) if law == "log" else shape[key] + move)
+                    low, high = limits.get(key, (-np.inf, np.inf))
+                    shape[key] = float(np.clip(shape[key], low, high))
+                    trial = Term(best[1].effect, best[1].joint, tuple(sorted(shape.items())))
+                    value = weigh(trial)
+                    if value > best[0] + 1e-6:
+                        best, improved = (value, trial), True
+                        break
+            if not improved:
+                scale *= 0.5
+        self._seen(best[1])
+        return best
+
+    def _seen(self, term: Term) -> None:
+        if term not in self._shapes.setdefault(term.key, []):
+            self._shapes[term.key].append(term)
+
+    def scan(self, chosen: list[Term], noise: float) -> tuple[list[Scored], float]:
+        """Weigh every candidate on top of the chosen terms; also the score without any."""
+        p = self.problem
+        fit = ~p.held
+        base = self.marginal(chosen, fit, noise)
+        without = -0.5 * base.rss / noise
+        found: list[tuple[float, Term]] = []
+        for key in self.candidates():
+            if key in [t.key for t in chosen]:
+                continue
+            best = self.best_shape(key, base, fit, noise, refine=False)
+            if best is not None:
+                found.append(best)
+        found.sort(key=lambda x: -x[0])
+        top = found[0][0] if found else 0.0
+        polished = []
+        for i, (value, term) in enumerate(found):
+            if i < 6 or value > top - 30.0:
+                again = self.best_shape(term.key, base, fit, noise, refine=True)
+                polished.append(again if again is not None else (value, term))
+            else:
+                polished.append((value, term))
+        without_held, raw_without = self._predict(chosen, noise)
+        scored = []
+        for value, term in polished:
+            held, raw = self._predict([*chosen, term], noise)
+            score = value + held
+            share = 1.0 - raw / max(raw_without, 1e-30)
+            scored.append(Scored(term, score, score - without - without_held, share, np.zeros(0)))
+        scored.sort(key=lambda x: -x.score)
+        return scored, without + without_held
+
+    def _predict(self, terms: list[Term], noise: float) -> tuple[float, float]:
+        """Log likelihood of the held-out rows under coefficients fitted elsewhere, and their squared misfit."""
+        p = self.problem
+        rss, left = self._held_misfit(terms, noise)
+        return -0.5 * rss / noise, float(np.sum(self.unwhitened(left)[p.held] ** 2))
+
+    def _held_misfit(self, terms: list[Term], noise: float) -> tuple[float, np.ndarray]:
+        coefficients, B, y, _ = self.solve(terms, noise)
+        left = y - B @ coefficients
+        return float(np.sum(left[self.problem.held] ** 2)), left
+
+    def solve(self, terms: list[Term], noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Posterior mean on the fit rows, with sign constraints; returns coefficients, columns, target, covariance."""
+        p = self.problem
+        fit = ~p.held
+        y, parts, prior = p.y, [p.B], [p.prior * self.looseness]
+        positive = [np.zeros(p.B.shape[1], dtype=bool)]
+        for term in terms:
+            C, fixed, sign, deviation = self.matrix(term)
+            parts.append(C)
+            prior.append(deviation)
+            positive.append(sign)
+            if fixed is not None:
+                y = y - fixed
+        B, deviation, sign = np.concatenate(parts, axis=1), np.concatenate(prior), np.concatenate(positive)
+        active = np.ones(B.shape[1], dtype=bool)
+        x, covariance = np.zeros(B.shape[1]), np.zeros((B.shape[1], B.shape[1]))
+        Bf, yf = B[fit], y[fit]
+        G, g = Bf.T @ Bf, Bf.T @ yf
+        for _ in range(8):
+            a = np.ix_(active, active)
+            A = G[a] + np.diag(noise / deviation[active] ** 2)
+            x = np.zeros(B.shape[1])
+            inverse = np.linalg.inv(A)
+            x[active] = inverse @ g[active]
+            covariance[:] = 0.0
+            covariance[a] = noise * inverse
+            wrong = active & sign & (x < 0)
+            if not wrong.any():
+                break
+            active &= ~wrong
+        return x, B, y, covariance
+
+    # --- the whole search ---------------------------------------------------------------------------------
+
+    def noise_level(self, terms: list[Term]) -> float:
+        """Working variance per whitened row for a set of terms: their misfit, at least the floor, tempered."""
+        p = self.problem
+        fit = ~p.held
+        base = self.marginal(terms, fit, TEMPER)
+        return TEMPER * max(1.0, base.rss / max(int(fit.sum()), 1))
+
+    def run(self, max_effects: int = MAX_EFFECTS) -> Solution:
+        """Greedy selection, then replacement of each term while that helps."""
+        chosen: list[Term] = []
+        slots: list[list[Scored]] = []
+        scans: list[Scored] = []
+        noise = self.noise_level([])
+        while len(chosen) < max_effects and not self.at_floor(chosen):
+            scored, noise_used = self._scan_profiled(chosen)
+            if not chosen:
+                scans = scored
+            if not scored or scored[0].gain < MIN_GAIN or scored[0].holdout_gain < 0.02:
+                if not slots:
+                    slots = []
+                break
+            self.log(
+                f"  + {scored[0].term.effect} on {self._joint(scored[0].term)}: gain {scored[0].gain:.0f}"
+            )
+            chosen.append(scored[0].term)
+            slots.append(scored)
+            chosen, slots = self._replace(chosen, slots)
+            noise = noise_used
+        chosen, slots = self._prune(chosen, slots)
+        return self.finish(chosen, slots, scans)
+
+    def at_floor(self, chosen: list[Term]) -> bool:
+        """Is what is left over indistinguishable from the noise floor, on fitted and on held-out rows?"""
+        p = self.problem
+        x, B, y, _ = self.solve(chosen, self.noise_level(chosen))
+        left = y - B @ x
+        raw = self.unwhitened(left)
+        for block in p.blocks:
+            rows = raw[block.rows]
+            for mask in (block.held, ~block.held):
+                if mask.any() and np.sqrt(np.mean(rows[mask] ** 2)) > FLOOR_SLACK * p.floor[block.joint]:
+                    return False
+        return True
+
+    def _scan_profiled(self, chosen: list[Term]) -> tuple[list[Scored], float]:
+        """Scan twice: the noise level is that of the best explanation, not of the gap."""
+        noise = self.noise_level(chosen)
+        scored, _ = self.scan(chosen, noise)
+        if scored:
+            tighter = min(self.noise_level([*chosen, s.term]) for s in scored[:5])
+            if tighter < 0.8 * noise:
+                noise = tighter
+                scored, _ = self.scan(chosen, noise)
+        return scored, noise
+
+    def _replace(
+        self, chosen: list[Term], slots: list[list[Scored]]
+    ) -> tuple[list[Term], list[list[Scored]]]:
+        for _ in range(2 if len(chosen) > 1 else 0):
+            changed = False
+            for i in range(len(chosen)):
+                others = [t for k, t in enumerate(chosen) if k != i]
+                scored, _ = self._scan_profiled(others)
+                if scored and scored[0].term != chosen[i]:
+                    if scored[0].term.key != chosen[i].key:
+                        self.log(f"  {chosen[i].effect} gives way to {scored[0].term.effect}")
+                        changed = True
+                    chosen[i] = scored[0].term
+                slots[i] = scored
+            if not changed:
+                break
+        return chosen, slots
+
+    def _prune(self, chosen: list[Term], slots: list[list[Scored]]) -> tuple[list[Term], list[list[Scored]]]:
+        """Drop a term whose loss is not noticed any more."""
+        i = 0
+        while len(chosen) > 1 and i < len(chosen):
+            if slots[i] and slots[i][0].gain < MIN_GAIN:
+                self.log(f"  - {chosen[i].effect}")
+                del chosen[i], slots[i]
+                i = 0
+            else:
+                i += 1
+        return chosen, slots
+
+    def finish(self, chosen: list[Term], slots: list[list[Scored]], scans: list[Scored]) -> Solution:
+        """Coefficients, covariance and misfits of the final set."""
+        p = self.problem
+        noise = self.noise_level(chosen)
+        x, B, y, covariance = self.solve(chosen, noise)
+        nb = p.B.shape[1]
+        thetas, covariances, start = [], [], nb
+        for term in chosen:
+            k = self.matrix(term)[0].shape[1]
+            thetas.append(x[start : start + k])
+            covariances.append(covariance[start : start + k, start : start + k])
+            start += k
+        left = y - B @ x
+        x0, B0, y0, _ = self.solve([], noise)
+        del x0, B0
+        fit, held = ~p.held, p.held
+
+        def mean2(v: np.ndarray, mask: np.ndarray) -> float:
+            return float(np.mean(v[mask] ** 2)) if mask.any() else float("nan")
+
+        raw_left = self.unwhitened(left)
+        return Solution(
+            chosen, slots, thetas, covariances, x[:nb], np.sqrt(np.maximum(np.diag(covariance)[:nb], 0.0)), noise,
+            (mean2(y0, fit), mean2(left, fit)), (mean2(y0, held), mean2(left, held)),
+            (mean2(p.raw, fit), mean2(raw_left, fit)), (mean2(p.raw, held), mean2(raw_left, held)),
+            raw_left, scans,
+        )  # fmt: skip
+
+    def unwhitened(self, left: np.ndarray) -> np.ndarray:
+        """Whitened rows back to effort units, block by block."""
+        from scipy.signal import lfilter
+
+        out = np.zeros_like(left)
+        for block in self.problem.blocks:
+            w = self.problem.whiteners[block.joint]
+            out[block.rows] = lfilter([w.scale], np.concatenate([[1.0], -w.coefficients]), left[block.rows])
+        return out
+
+    def _joint(self, term: Term) -> str:
+        return "the model" if term.joint < 0 else self.problem.ctx.model.joints[term.joint]

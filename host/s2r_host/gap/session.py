@@ -1,0 +1,160 @@
+"""One recording on the work grid: filtered motion, effort, load, and what each step costs in noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.recording import Recording
+
+MAX_RATE_HZ = 500.0
+MOTION_CUT_HZ = 50.0
+COMPARE_CUT_HZ = 30.0
+
+
+@dataclass
+class Session:
+    """Signals of one recording, resampled to an even grid, in the joint order of the model.
+
+    Attributes:
+        rec: The recording it was made from.
+        t: Time [s], shape (time,); ``dt`` its step.
+        q, v, a: Filtered position, velocity, acceleration, shape (time, joint).
+        u: Effort as recorded (NaN columns where absent); ``has_u`` tells which joints have one.
+        load: Effort the nominal model needs for this motion, dry friction left out, shape (time, joint).
+        mass: Diagonal of the inertia matrix, shape (time, joint).
+        v_eps: Speed below which the sign of motion is noise [rad/s or m/s], shape (joint,).
+        q_lsb: Resolution of the position [rad or m], shape (joint,).
+        cut: Upper end of the band in which efforts are compared [Hz], shape (joint,).
+        index: Number of the recording on the command line.
+        cache: States already integrated, keyed by whoever made them.
+    """
+
+    rec: Recording
+    index: int
+    t: np.ndarray
+    dt: float
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    u: np.ndarray
+    has_u: np.ndarray
+    load: np.ndarray
+    mass: np.ndarray
+    v_eps: np.ndarray
+    q_lsb: np.ndarray
+    q_raw: np.ndarray
+    cut: np.ndarray
+    cache: dict = field(default_factory=dict)
+
+    def sign(self, joint: int) -> np.ndarray:
+        """Direction of motion in [-1, 1], smooth inside the velocity noise, shape (time,)."""
+        return np.tanh(self.v[:, joint] / self.v_eps[joint])
+
+    def channel(self, kind: str, joint: str) -> np.ndarray | None:
+        """A recorded channel on the work grid, or None."""
+        raw = self.rec.get(kind, joint)
+        return None if raw is None else np.interp(self.t, self.rec.t, raw)
+
+
+def lowpass(x: np.ndarray, cut_hz: float, dt: float, order: int = 2) -> np.ndarray:
+    """Zero-phase Butterworth low-pass along the first axis; unchanged when the cut is above 0.45 of the rate."""
+    if cut_hz * dt >= 0.45 or len(x) < 30:
+        return np.asarray(x, dtype=float)
+    sos = butter(order, cut_hz, fs=1.0 / dt, output="sos")
+    return sosfiltfilt(sos, x, axis=0, padlen=min(len(x) - 1, int(3 / (cut_hz * dt))))
+
+
+def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
+    """Bring a recording to the work grid and evaluate the nominal model along it."""
+    t, dt = _grid(rec)
+    n, nv = len(t), len(model.joints)
+    q, v, a, u = (np.zeros((n, nv)) for _ in range(4))
+    q_raw = np.zeros((n, nv))
+    u[:] = np.nan
+    v_eps, q_lsb = np.full(nv, 1e-3), np.zeros(nv)
+    for i, joint in enumerate(model.joints):
+        raw = rec.get("q", joint)
+        if raw is None:
+            q[:, i] = q_raw[:, i] = model.model.qpos0[i]
+            continue
+        q_raw[:, i] = np.interp(t, rec.t, raw)
+        q_lsb[i] = resolution(raw)
+        q[:, i], v[:, i], a[:, i] = _motion(rec, joint, t, dt)
+        v_eps[i] = _speed_noise(v[:, i], dt, q_lsb[i])
+        effort = rec.get("tau", joint)
+        if effort is not None:
+            u[:, i] = np.interp(t, rec.t, effort)
+    return Session(
+        rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.isfinite(u).all(0),
+        load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, q_lsb=q_lsb, q_raw=q_raw,
+        cut=np.full(nv, min(COMPARE_CUT_HZ, 0.3 / rec.dt)),
+    )  # fmt: skip
+
+
+def resolution(x: np.ndarray) -> float:
+    """Smallest step that occurs in a recorded channel (its least significant bit), 0 for a constant."""
+    step = np.abs(np.diff(np.unique(x)))
+    step = step[step > 1e-12]
+    return float(np.percentile(step, 5)) if step.size else 0.0
+
+
+def _grid(rec: Recording) -> tuple[np.ndarray, float]:
+    dt = rec.dt
+    if 1.0 / dt > MAX_RATE_HZ:
+        dt *= np.ceil(1.0 / (dt * MAX_RATE_HZ) - 1e-6)
+    t = np.arange(0.0, rec.t[-1] + 0.5 * dt, dt)
+    return t[t <= rec.t[-1] + 1e-9], float(dt)
+
+
+def _motion(
+    rec: Recording, joint: str, t: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity, acceleration from the quieter of two routes: q alone, or q with the logged dq."""
+    raw = rec.get("q", joint)
+    assert raw is not None
+    fine_dt = rec.dt
+    fine_t = np.arange(0.0, rec.t[-1] + 1e-9, fine_dt)
+    cut = min(MOTION_CUT_HZ, 0.4 / fine_dt)
+    q = lowpass(_resample(rec.t, raw, fine_t), cut, fine_dt)
+    routes = [(q, *_derivatives(q, fine_t))]
+    logged = rec.get("dq", joint)
+    if logged is not None:
+        dq = lowpass(_resample(rec.t, logged, fine_t), cut, fine_dt)
+        ddq = CubicSpline(fine_t, dq)(fine_t, 1)
+        routes.append((q, dq, ddq))
+    noise = [np.std(r[2] - lowpass(r[2], 0.5 * cut, fine_dt)) for r in routes]
+    # The logged velocity has to be clearly quieter: a filtered one carries a lag that nobody declared.
+    best = routes[1] if len(routes) == 2 and noise[1] < 0.7 * noise[0] else routes[0]
+    if len(routes) == 2 and 1.0 / fine_dt < 100.0:
+        best = routes[1]
+    return tuple(np.interp(t, fine_t, x) for x in best)  # type: ignore[return-value]
+
+
+def _resample(t_from: np.ndarray, x: np.ndarray, t_to: np.ndarray) -> np.ndarray:
+    even = len(t_from) == len(t_to) and float(np.max(np.abs(t_from - t_to))) < 1e-3 * (t_to[1] - t_to[0])
+    if even:
+        return x
+    return np.interp(t_to, t_from, x) if len(t_from) > 4000 else CubicSpline(t_from, x)(t_to)
+
+
+def _derivatives(q: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    spline = CubicSpline(t, q)
+    return spline(t, 1), spline(t, 2)
+
+
+def _speed_noise(v: np.ndarray, dt: float, lsb: float) -> float:
+    """Twice the velocity left above the motion, never under 0.2 % of the top speed."""
+    fast = v - lowpass(v, 0.6 * min(MOTION_CUT_HZ, 0.4 / dt), dt)
+    top = float(np.max(np.abs(v))) if v.size else 1.0
+    return max(2.0 * float(np.median(np.abs(fast))) * 1.48, 2e-3 * top, 1e-6)
+
+
+def nominal_friction(model: RigidModel, s: Session) -> np.ndarray:
+    """Dry friction the nominal model holds, as required effort, shape (time, joint)."""
+    loss = model.model.dof_frictionloss
+    return np.stack([loss[j] * s.sign(j) for j in range(len(model.joints))], axis=1)

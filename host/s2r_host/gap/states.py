@@ -1,0 +1,110 @@
+"""Hidden states driven by the recorded motion, integrated for many shapes at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.session import Session
+
+
+def bristle(s: Session, joint: int, width: np.ndarray, power: int = 1) -> np.ndarray:
+    """Rate-independent bristle state in [-1, 1]: dz = dq/width (1 - |z|^n (1 + sgn(z dq))/2).
+
+    Dahl's solid friction model (1968) for n = 1, the Bouc-Wen loop (Wen 1976) for larger n. Integrated along
+    position increments, so that it does not depend on the sampling rate.
+
+    Args:
+        s: Session with motion.
+        joint: Joint index.
+        width: Characteristic displacements [rad or m], shape (shapes,).
+        power: Exponent n.
+
+    Returns:
+        State, shape (time, shapes).
+    """
+    key = ("bristle", joint, power, tuple(np.round(width, 12)))
+    stored = s.cache.get(key)
+    if stored is not None:
+        return stored
+    step = np.diff(s.q[:, joint], prepend=s.q[0, joint])
+    if power == 1:  # exact and linear in z for a given direction: a prefix scan instead of a loop
+        keep = np.exp(-np.abs(step)[:, None] / width)
+        out = linear_recursion(keep, np.sign(step)[:, None] * (1.0 - keep))
+    else:
+        out = _loop(step, width, power)
+    s.cache[key] = out
+    return out
+
+
+def linear_recursion(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """z[i] = a[i] z[i-1] + b[i] with z[-1] = 0, by doubling, along the first axis."""
+    a, z = a.copy(), b.copy()
+    shift = 1
+    while shift < len(z):
+        z[shift:] += a[shift:] * z[:-shift].copy()
+        a[shift:] *= a[:-shift].copy()
+        shift *= 2
+    return z
+
+
+def _loop(step: np.ndarray, width: np.ndarray, power: int) -> np.ndarray:
+    z = np.zeros(len(width))
+    out = np.empty((len(step), len(width)))
+    limit = 0.2 * float(np.min(width))
+    for i, dq in enumerate(step):
+        parts = 1 if abs(dq) < limit else min(20, int(abs(dq) / limit) + 1)
+        x = dq / parts / width
+        for _ in range(parts):
+            grow = 1.0 - np.abs(z) ** power * (z * dq > 0)
+            z = np.maximum(np.minimum(z + x * grow, 1.0), -1.0)
+        out[i] = z
+    return out
+
+
+def deflection(
+    s: Session,
+    joint: int,
+    inertia: np.ndarray,
+    load: np.ndarray,
+    k: np.ndarray,
+    d: np.ndarray,
+    gap: np.ndarray,
+) -> np.ndarray:
+    """Transmitted effort of a link that hangs on a motor whose motion was recorded.
+
+    Link minus motor angle δ obeys M δ̈ = T - L with T = -k dz(δ) - d δ̇ in contact; dz is the dead zone of half
+    width ``gap``. L is the load the link would put on a rigid transmission.
+
+    Args:
+        s: Session.
+        joint: Joint index.
+        inertia: Link inertia, shape (time, shapes).
+        load: Rigid load of the link, shape (time, shapes).
+        k, d, gap: Stiffness, damping, half width, shape (shapes,).
+
+    Returns:
+        T, shape (time, shapes).
+    """
+    n, shapes = load.shape
+    fastest = float(np.sqrt(np.max(k / np.min(inertia, axis=0))))
+    parts = max(1, int(np.ceil(fastest * s.dt / 0.35)))
+    h = s.dt / parts
+    delta = -np.sign(load[0]) * gap - load[0] / k
+    rate = np.zeros(shapes)
+    out = np.empty((n, shapes))
+    for i in range(n):
+        per_mass, pull = h / inertia[i], load[i]
+        for _ in range(parts):
+            over = delta - np.minimum(np.maximum(delta, -gap), gap)
+            effort = -k * over - d * rate * (over != 0.0)
+            rate = rate + (effort - pull) * per_mass
+            delta = delta + h * rate
+        over = delta - np.minimum(np.maximum(delta, -gap), gap)
+        out[i] = -k * over - d * rate * (over != 0.0)
+    return out
+
+
+def delayed(x: np.ndarray, delay: float, dt: float) -> np.ndarray:
+    """x(t - delay) by linear interpolation, ends held; negative delays look ahead."""
+    grid = np.arange(len(x)) * dt
+    return np.interp(grid - delay, grid, x)

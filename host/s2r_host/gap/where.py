@@ -1,0 +1,116 @@
+"""Where the residual lives: joint, time, position, speed, in numbers and in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from s2r_host.gap.problem import Problem
+from s2r_host.gap.session import Session
+
+
+@dataclass(frozen=True)
+class Place:
+    """One joint's share of the gap and the regime in which it lives."""
+
+    joint: str
+    share: float
+    t: list[list[float]]
+    q: list[float]
+    dq: list[float]
+    words: str
+
+    def as_json(self) -> dict:
+        """The contract's form."""
+        regime = {"t": self.t, "q": self.q, "dq": self.dq, "words": self.words}
+        return {"joint": self.joint, "share": round(self.share, 4), "regime": regime}
+
+
+def locate(problem: Problem, rows: np.ndarray) -> list[Place]:
+    """Places of a residual, largest share first.
+
+    Args:
+        problem: Gives blocks and noise floor.
+        rows: Residual in effort units, shape (rows,), in the stacking order of the problem.
+    """
+    excess: dict[int, float] = {}
+    for block in problem.blocks:
+        r = rows[block.rows]
+        floor = problem.floor[block.joint]
+        scale = max(float(np.std(block.session.u[:, block.joint])), 1e-12)
+        gain = max(0.0, float(np.mean(r**2)) - floor**2) / scale**2
+        excess[block.joint] = excess.get(block.joint, 0.0) + gain * len(r)
+    total = sum(excess.values())
+    if total <= 0:
+        return []
+    places = [_place(problem, rows, j, excess[j] / total) for j in excess if excess[j] > 0.02 * total]
+    return sorted(places, key=lambda p: -p.share)
+
+
+def _place(problem: Problem, rows: np.ndarray, j: int, share: float) -> Place:
+    blocks = [b for b in problem.blocks if b.joint == j and not np.all(b.held)]
+    block = max(blocks, key=lambda b: float(np.mean(rows[b.rows] ** 2)))
+    s, r = block.session, rows[block.rows]
+    t, q, v = s.t[block.picks], s.q[block.picks, j], s.v[block.picks, j]
+    weight = np.maximum(r**2 - problem.floor[j] ** 2, 0.0)
+    if weight.sum() <= 0:
+        weight = r**2 + 1e-30
+    return Place(
+        problem.ctx.model.joints[j], share, intervals(t, r, problem.floor[j]), weighted_range(q, weight),
+        weighted_range(v, weight), words(s, j, q, v, weight, t),
+    )  # fmt: skip
+
+
+def intervals(t: np.ndarray, r: np.ndarray, floor: float) -> list[list[float]]:
+    """Time intervals in which the residual stands above three floors, gaps under 0.15 s closed."""
+    above = np.abs(r) > max(3.0 * floor, 0.35 * float(np.sqrt(np.mean(r**2))))
+    found: list[list[float]] = []
+    for time, high in zip(t, above, strict=True):
+        if not high:
+            continue
+        if found and time - found[-1][1] < 0.15:
+            found[-1][1] = float(time)
+        else:
+            found.append([float(time), float(time)])
+    step = float(t[1] - t[0]) if len(t) > 1 else 0.0
+    return [[round(a, 3), round(b + step, 3)] for a, b in found][:200]
+
+
+def weighted_range(x: np.ndarray, weight: np.ndarray) -> list[float]:
+    """5 and 95 % of the residual energy over a coordinate."""
+    order = np.argsort(x)
+    mass = np.cumsum(weight[order])
+    mass = mass / mass[-1]
+    low, high = (float(x[order][np.searchsorted(mass, p).clip(0, len(x) - 1)]) for p in (0.05, 0.95))
+    return [round(low, 5), round(high, 5)]
+
+
+def words(s: Session, j: int, q: np.ndarray, v: np.ndarray, weight: np.ndarray, t: np.ndarray) -> str:
+    """The regime in one phrase: the split of the motion that concentrates the energy most."""
+    top = float(np.percentile(np.abs(v), 99)) + 1e-12
+    travel = float(q.max() - q.min()) + 1e-12
+    u = np.abs(np.interp(t, s.t, s.u[:, j])) if s.has_u[j] else np.zeros(len(t))
+    masks = {
+        "at every reversal and at rest": np.abs(v) < 0.08 * top,
+        "at high speed": np.abs(v) > 0.6 * top,
+        "moving in the positive direction": v > 0.02 * top,
+        "moving in the negative direction": v < -0.02 * top,
+        "near the upper end of the travel": q > q.min() + 0.75 * travel,
+        "near the lower end of the travel": q < q.min() + 0.25 * travel,
+        "at high effort": u > 0.7 * (float(u.max()) + 1e-12),
+        "late in the recording": t > t[0] + 0.6 * (t[-1] - t[0]),
+        "early in the recording": t < t[0] + 0.4 * (t[-1] - t[0]),
+    }
+    best, lift = "throughout the motion", 1.8
+    for phrase, mask in masks.items():
+        share = float(np.mean(mask))
+        if 0.005 < share < 0.9:
+            value = float(weight[mask].sum() / weight.sum()) / share
+            captured = float(weight[mask].sum() / weight.sum())
+            if captured > 0.6 and value > lift:
+                best, lift = phrase, value
+    narrow = weighted_range(q, weight)
+    if best == "throughout the motion" and narrow[1] - narrow[0] < 0.35 * travel:
+        best = f"around position {0.5 * (narrow[0] + narrow[1]):.3g}"
+    return best
