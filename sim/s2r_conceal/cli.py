@@ -41,16 +41,21 @@ def _counts(_context: click.Context, _option: click.Parameter, text: str) -> dic
     "--key", type=click.Path(path_type=Path), default=None, help="Key file [default: OUT.key.json]."
 )
 def draw(
-    seed: int | None, rig: str, counts: dict[str, int], out: Path, key: Path | None, duration_s: float
+    seed: int | None,
+    rig: str,
+    counts: dict[str, int],
+    out: Path,
+    key: Path | None,
+    duration_s: float,
+    workers: int,
 ) -> None:
     """Draw a set of cases, record them and seal the answers."""
     from s2r_conceal.draw import draw_set
 
     key = key or out.with_name(out.name + ".key.json")
     with click.progressbar(length=sum(counts.values()), label="drawing") as bar:
-        draw_set(
-            secrets.randbits(63) if seed is None else seed, rig, counts, out, key, bar.update, duration_s
-        )
+        chosen = secrets.randbits(63) if seed is None else seed
+        draw_set(chosen, rig, counts, out, key, bar.update, duration_s, workers=workers)
     click.echo(
         f"{sum(counts.values())} cases in {out}; answers sealed, key in {key}: keep it away from the tool"
     )

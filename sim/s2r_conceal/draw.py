@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import multiprocessing
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +14,12 @@ from s2r_conceal.cases import Case, draw_cases, redraw
 from s2r_conceal.errors import DrawError
 from s2r_conceal.motions import DURATION_S
 from s2r_conceal.plant import SUBSTEPS
-from s2r_conceal.record import Recorded, record
+from s2r_conceal.record import record
 from s2r_conceal.seal import Key, publish
 from s2r_conceal.write import write_case
 
 REDRAWS = 3
-BATCH = {"one_joint": 64, "two_link": 48, "seven_joint": 12}  # cases simulated side by side
+BATCH = {"one_joint": 96, "two_link": 48, "seven_joint": 12}  # cases simulated side by side
 
 
 def draw_set(
@@ -28,6 +31,7 @@ def draw_set(
     progress: Callable[[int], None] = lambda n: None,
     duration_s: float = DURATION_S,
     substeps: int = SUBSTEPS,
+    workers: int = 1,
 ) -> dict[str, Any]:
     """Draw, record, write and seal a set; returns the answers that went under seal.
 
@@ -39,6 +43,7 @@ def draw_set(
         key_file: Where the key goes; outside ``out``.
         duration_s: Length of every recording [s].
         substeps: Integrator steps per millisecond.
+        workers: Processes at a time, one batch of cases each.
         progress: Called with the number of cases finished since the last call.
 
     Raises:
@@ -47,10 +52,13 @@ def draw_set(
     _refuse_bad_places(out, key_file)
     cases = draw_cases(seed, rig, counts, duration_s)
     answers: dict[str, Any] = {}
-    for recorded in _recorded(cases, BATCH[rig], substeps, progress):
-        name = f"case-{len(answers) + 1:04d}"
-        write_case(out / name, recorded)
-        answers[name] = recorded.truth
+    parts = [cases[i : i + BATCH[rig]] for i in range(0, len(cases), BATCH[rig])]
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        each = pool.map if workers > 1 and len(parts) > 1 else map
+        firsts = [1 + k * BATCH[rig] for k in range(len(parts))]
+        for truths in each(partial(_draw_part, out, substeps), firsts, parts):
+            answers |= truths
+            progress(len(truths))
     key = Key.fresh({"seed": seed, "rig": rig, "cases": counts, "duration_s": duration_s})
     publish(out, answers, key)
     key.write(key_file)
@@ -65,13 +73,15 @@ def _refuse_bad_places(out: Path, key_file: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
 
 
-def _recorded(
-    cases: list[Case], batch: int, substeps: int, progress: Callable[[int], None]
-) -> Iterator[Recorded]:
-    for start in range(0, len(cases), batch):
-        part, measured = calibrated(cases[start : start + batch])
-        yield from record(part, measured, substeps)
-        progress(len(part))
+def _draw_part(out: Path, substeps: int, first: int, cases: list[Case]) -> dict[str, Any]:
+    """Record and write some cases, numbered from ``first``; returns their truths."""
+    part, measured = calibrated(cases)
+    truths = {}
+    for k, recorded in enumerate(record(part, measured, substeps)):
+        name = f"case-{first + k:04d}"
+        write_case(out / name, recorded)
+        truths[name] = recorded.truth
+    return truths
 
 
 def calibrated(cases: list[Case]) -> tuple[list[Case], list[Measured]]:

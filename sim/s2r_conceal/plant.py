@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from scipy.signal import lfilter
 
 from s2r_conceal.motions import RATE_HZ
 from s2r_conceal.parameters import Controller, Heating, Machine, Motion, Sensing
@@ -342,10 +343,8 @@ class _Noise:
             array[:, part] = rng.standard_normal((len(array), joints), np.float32) * size
         keep = np.exp(-self._PROCESS_EVERY / RATE_HZ / sensing.process_s)
         kicks = rng.standard_normal((len(self._process), joints)) * sensing.process
-        walk = np.zeros_like(kicks)
-        walk[0] = kicks[0]
-        for k in range(1, len(kicks)):
-            walk[k] = keep * walk[k - 1] + np.sqrt(1.0 - keep**2) * kicks[k]
+        kicks[1:] *= np.sqrt(1.0 - keep**2)
+        walk = lfilter([1.0], [1.0, -keep], kicks, axis=0)
         self._process[:, part] = walk
         self._lsb[part] = sensing.lsb
         self._quantised[part] = True

@@ -43,5 +43,8 @@ COMMANDS: dict[str, Command] = {
     "gap": Command(
         "s2r_host.gap.cli:gap", "host", "Name the physics a model leaves out, from recordings."
     ),
+    "conceal": Command(
+        "s2r_conceal.cli:conceal", "host,sim", "Recordings with hidden physics, to prove what a tool finds."
+    ),
     "stop": Command("s2r_host.cli_stop:stop", "", "Stop the arm on its path, from any terminal."),
 }
