@@ -20,8 +20,10 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from google.protobuf.message import Message
 
-from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedError, PeerUnreachableError
+from s2r_host.errors import ArmMismatchError, CommandRefusedError, PeerUnreachableError
 from s2r_host.link_camera import CameraLink, Capture
+from s2r_host.link_heartbeat import Heart
+from s2r_host.link_observations import JointSample, ObservationFeed
 from s2r_host.link_session import ask, open_session
 from s2r_host.link_types import (
     LATCHED,
@@ -29,6 +31,8 @@ from s2r_host.link_types import (
     ExecutorIdentity,
     ExecutorStatus,
     Payload,
+    SeenState,
+    TickWatch,
     TimedPath,
     Verdict,
     identity_from_message,
@@ -48,7 +52,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-HEARTBEAT_PERIOD_S = 0.01
 
 __all__ = [
     "CameraLink",
@@ -100,11 +103,12 @@ class ExecutorLink:
         self._lock = threading.Lock()
         self._seq = 0
         self._epoch = 0
-        self._heart: _Heart | None = None
+        self._heart: Heart | None = None
         self._session: zenoh.Session = open_session(endpoint)
         try:
             self.identity, _ = self._greet(connect_timeout_s)
             check_same_arm(self.identity, arm)
+            self._feed = ObservationFeed(self._session, f"/{self._keys.base}")
         except BaseException:
             self._session.close()
             raise
@@ -118,6 +122,10 @@ class ExecutorLink:
             PeerUnreachableError: No answer.
         """
         return self._greet(self._timeout_s)[1]
+
+    def joints(self) -> JointSample | None:
+        """The newest published joint state; None when none arrived within 0.2 s."""
+        return self._feed.joints()
 
     def recording(self, plan_seq: int, timeout_s: float = 20.0) -> bytes:
         """The MCAP bytes the executor recorded of one plan; waits until the file is complete.
@@ -161,7 +169,7 @@ class ExecutorLink:
                 Refusal.NO_LEASE,
             )
         self._epoch = reply.epoch
-        self._heart = _Heart(self._session, self._keys.heartbeat, self._heartbeat_bytes)
+        self._heart = Heart(self._session, self._keys.heartbeat, self._heartbeat_bytes)
 
     def return_lease(self) -> None:
         """Stop the heartbeat and give the lease back; harmless without one."""
@@ -243,12 +251,7 @@ class ExecutorLink:
             body.payload_com.extend(payload.com_m)
         return self._judged(self._keys.plan, body, f"plan '{label}'")
 
-    def wait_done(
-        self,
-        verdict: Verdict,
-        on_status: Callable[[ExecutorStatus], None] | None = None,
-        stalled_s: float = 5.0,
-    ) -> ExecutorStatus:
+    def wait_done(self, verdict: Verdict, stalled_s: float = 5.0) -> ExecutorStatus:
         """Wait until an accepted plan has ended at rest inside its goal tolerance.
 
         There is no limit on the wall time of the plan (a stepped clock may be slow); there is one on the
@@ -256,7 +259,6 @@ class ExecutorLink:
 
         Args:
             verdict: Of :meth:`send_plan`.
-            on_status: Called with every status seen, about 50 times a second.
             stalled_s: Largest wall time without a new tick [s].
 
         Raises:
@@ -264,9 +266,7 @@ class ExecutorLink:
             PeerUnreachableError: The executor fell silent.
         """
 
-        def done(now: ExecutorStatus) -> bool:
-            if on_status is not None:
-                on_status(now)
+        def done(now: SeenState) -> bool:
             if now.plan_seq != verdict.seq:
                 return False
             if now.plan_done and now.state == ExecutorState.HOLD:
@@ -302,33 +302,24 @@ class ExecutorLink:
 
     def _wait(
         self,
-        condition: Callable[[ExecutorStatus], bool],
+        condition: Callable[[SeenState], bool],
         what: str,
         stalled_s: float,
         wall_limit_s: float | None = None,
         latched_ok: bool = False,
     ) -> ExecutorStatus:
-        started = time.monotonic()
-        last_tick, last_change = -1, started
+        """Watch the published state (or ask, when none arrives); a yes is confirmed by asking."""
+        watch = TickWatch(f"executor at {self._endpoint}", what, stalled_s, wall_limit_s)
         while True:
-            now = self.status()
+            now: SeenState = self._feed.state() or self.status()
             if condition(now):
-                return now
+                status = self.status()
+                if condition(status):
+                    return status
             if now.state in LATCHED and not latched_ok:
                 raise stop_error(now)
-            wall = time.monotonic()
-            if now.tick != last_tick:
-                last_tick, last_change = now.tick, wall
-            if wall - last_change > stalled_s:
-                raise PeerUnreachableError(
-                    f"executor at {self._endpoint}: its clock stands still at tick {now.tick} for {stalled_s:g} s "
-                    f"while {what}; is the arm or its stand-in still on the bus?"
-                )
-            if wall_limit_s is not None and wall - started > wall_limit_s:
-                raise ArmStoppedError(
-                    f"executor is still {now.state.name} after {wall_limit_s:g} s of {what}", now.cause
-                )
-            time.sleep(0.02)
+            watch.check(now)
+            time.sleep(0.01)
 
     def _address(self) -> codec.Address:
         with self._lock:
@@ -391,28 +382,6 @@ class ExecutorLink:
         if not self._heart:
             self._epoch = body.epoch
         return identity_from_message(body), status
-
-
-class _Heart:
-    """A thread that says "still here" every 10 ms until stopped."""
-
-    def __init__(self, session: zenoh.Session, key: str, beat: Callable[[int], bytes]) -> None:
-        self._publisher = session.declare_publisher(key)
-        self._beat = beat
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="s2r-heartbeat", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        self._ended.set()
-        self._thread.join()
-        self._publisher.undeclare()
-
-    def _run(self) -> None:
-        count = 0
-        while not self._ended.wait(HEARTBEAT_PERIOD_S):
-            count += 1
-            self._publisher.put(self._beat(count))
 
 
 def check_same_arm(identity: ExecutorIdentity, arm: ArmDescription) -> None:

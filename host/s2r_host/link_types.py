@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from s2r_host.errors import ArmStoppedError, CommandRefusedError
+from s2r_host.errors import ArmStoppedError, CommandRefusedError, PeerUnreachableError
 from s2r_protocol.faults import Cause, ExecutorState, Refusal
 from s2r_protocol.proto import s2r_pb2 as pb
 
@@ -36,6 +37,50 @@ class TimedPath(Protocol):
     @property
     def ddq(self) -> np.ndarray:
         """[rad/s²], shape (n, dof)."""
+        ...
+
+
+class SeenState(Protocol):
+    """What both a published state and an answered status say."""
+
+    @property
+    def state(self) -> ExecutorState:
+        """State machine."""
+        ...
+
+    @property
+    def cause(self) -> Cause:
+        """Of the last stop or latch."""
+        ...
+
+    @property
+    def why_not_moving(self) -> str:
+        """One sentence."""
+        ...
+
+    @property
+    def tick(self) -> int:
+        """Since the core started."""
+        ...
+
+    @property
+    def epoch(self) -> int:
+        """Bumped by every stop."""
+        ...
+
+    @property
+    def plan_seq(self) -> int:
+        """Running or last plan."""
+        ...
+
+    @property
+    def plan_t(self) -> float:
+        """Time in that plan [s]."""
+        ...
+
+    @property
+    def plan_done(self) -> bool:
+        """It has ended at rest in its goal tolerance."""
         ...
 
 
@@ -137,7 +182,7 @@ def refusal_error(verdict: pb.Verdict, what: str) -> CommandRefusedError:
     return CommandRefusedError(f"executor refused {what} ({code.name}): {verdict.reason}", code)
 
 
-def stop_error(status: ExecutorStatus) -> ArmStoppedError:
+def stop_error(status: SeenState) -> ArmStoppedError:
     """Why the arm stands still although its plan has not ended."""
     asked = status.cause in (Cause.STOP_REQUESTED, Cause.DISARM_REQUESTED)
     who = "on request" if asked else "by a protection"
@@ -145,3 +190,39 @@ def stop_error(status: ExecutorStatus) -> ArmStoppedError:
     if status.why_not_moving:
         text += f"; {status.why_not_moving}"
     return ArmStoppedError(text, status.cause)
+
+
+class TickWatch:
+    """Notices that the executor's clock stands still, or that something takes too long."""
+
+    def __init__(self, who: str, what: str, stalled_s: float, wall_limit_s: float | None) -> None:
+        """Start watching.
+
+        Args:
+            who, what: For the text: whose clock, and what is being waited for.
+            stalled_s: Largest wall time without a new tick [s].
+            wall_limit_s: Largest wall time in all [s], None for no limit.
+        """
+        self._who, self._what = who, what
+        self._stalled_s, self._wall_limit_s = stalled_s, wall_limit_s
+        self._started = self._changed = time.monotonic()
+        self._tick = -1
+
+    def check(self, now: SeenState) -> None:
+        """Look at one more state.
+
+        Raises:
+            PeerUnreachableError: No new tick for too long.
+            ArmStoppedError: It takes too long in all.
+        """
+        wall = time.monotonic()
+        if now.tick != self._tick:
+            self._tick, self._changed = now.tick, wall
+        if wall - self._changed > self._stalled_s:
+            raise PeerUnreachableError(
+                f"{self._who}: its clock stands still at tick {now.tick} for {self._stalled_s:g} s while waiting for "
+                f"{self._what}; is the arm or its stand-in still on the bus?"
+            )
+        if self._wall_limit_s is not None and wall - self._started > self._wall_limit_s:
+            text = f"{self._who} is still {now.state.name} after {self._wall_limit_s:g} s of {self._what}"
+            raise ArmStoppedError(text, now.cause)

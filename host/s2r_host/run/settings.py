@@ -27,8 +27,8 @@ class RunSettings:
         attempts: Planned manipulations at most: the first and its corrections.
         good_enough_m: Measured error that ends the run without another attempt.
         tolerance_m: Measured error up to which the run counts as a success.
-        push_speed, travel_speed, plan_speed: Share of the time law's full speed. A plan that touches is slow: when
-            the tip slows down harder than friction slows the drawer, the drawer coasts on alone.
+        push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan
+            calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
         settle_s: Wait between the end of a motion and a picture.
         dry_run: Look and plan the push, move nothing.
         push: Geometry of the first push.
@@ -48,7 +48,7 @@ class RunSettings:
     tolerance_m: float = 0.005
     push_speed: float = 0.25
     travel_speed: float = 0.6
-    plan_speed: float = 0.2
+    plan_speed: float = 0.6
     settle_s: float = 0.2
     dry_run: bool = False
     push: PushSettings = field(default_factory=PushSettings)

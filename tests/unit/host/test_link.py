@@ -12,6 +12,7 @@ import zenoh
 from s2r_host.cli_stop import send_stop
 from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedError, PeerUnreachableError
 from s2r_host.link import ExecutorLink
+from s2r_host.link_observations import JOINTS, STATE
 from s2r_host.link_session import open_session
 from s2r_protocol import codec
 from s2r_protocol.arms import load_arm
@@ -19,6 +20,9 @@ from s2r_protocol.exits import ExitCode
 from s2r_protocol.faults import Cause, ExecutorState, Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
+from s2r_protocol.ros2 import pack, topic_key
+
+STATE_KEY = topic_key("/lab/xmate3pro/executor_state", STATE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -250,6 +254,42 @@ def test_clock_that_stands_still_is_noticed(executor, link, path):
     executor.ticking = False
     with pytest.raises(PeerUnreachableError, match="stands still"):
         link.wait_done(verdict, stalled_s=0.2)
+
+
+def test_published_states_are_followed_without_asking(executor, link, path):
+    verdict = link.send_plan(path, "push")
+    asked = executor.status.tick
+    done = {
+        "state": int(ExecutorState.HOLD),
+        "plan_seq": verdict.seq,
+        "plan_done": True,
+        "epoch": verdict.epoch,
+    }
+
+    def publish():
+        for tick in range(30):
+            body = {**done, "state": int(ExecutorState.RUN), "plan_done": False, "tick": tick}
+            executor.session.put(STATE_KEY, pack(STATE, body))
+            time.sleep(0.01)
+        executor.finish()
+        executor.session.put(STATE_KEY, pack(STATE, {**done, "tick": 99}))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    assert link.wait_done(verdict).plan_done
+    thread.join()
+    assert executor.status.tick - asked < 15  # far fewer questions than the 30 states that were published
+
+
+def test_published_joints_reach_the_host(executor, link):
+    body = {"header": {"stamp": {"sec": 3, "nanosec": 5}}, "position": np.arange(7.0), "velocity": np.ones(7)}
+    executor.session.put(topic_key("/lab/xmate3pro/joint_states", JOINTS), pack(JOINTS, body))
+    deadline = time.monotonic() + 5.0
+    while (sample := link.joints()) is None and time.monotonic() < deadline:
+        executor.session.put(topic_key("/lab/xmate3pro/joint_states", JOINTS), pack(JOINTS, body))
+        time.sleep(0.02)
+    assert sample.stamp_ns == 3_000_000_005
+    assert np.array_equal(sample.q, np.arange(7.0))
 
 
 def test_recording_is_put_together_from_its_chunks(executor, link):
