@@ -305,6 +305,8 @@ class Bridge:
             self._ended.set()
         self._publishing.join()
         self._commands.shutdown(wait=True)
+        for declared in (*self._queryables, self._subscriber):
+            declared.undeclare()
         self._session.close()
 
 

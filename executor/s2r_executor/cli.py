@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import signal
 import sys
@@ -103,7 +104,9 @@ def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:
             started = time.monotonic()
             at_rest = executor_.shut_down()
             logger.info("shut down in %.2f s", time.monotonic() - started)
+        del executor_
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
+        gc.collect()  # callbacks and their objects form cycles; the native module wants none alive at exit
     return ExitCode.OK if at_rest else ExitCode.PROTECTION

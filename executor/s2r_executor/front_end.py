@@ -89,6 +89,7 @@ class FrontEnd:
         self._ring_lock = threading.Lock()  # the core's command rings have one producer
         self._lease_lock = threading.Lock()
         self._stops_asked = 0
+        self._dropped_said = 0
         self._next_plan_id = 1
         self._seq_of_plan: dict[int, int] = {0: 0}
         self._rejections: OrderedDict[int, int] = OrderedDict()  # plan id -> code
@@ -359,6 +360,11 @@ class FrontEnd:
         events = self._core.events()
         records = self._core.records()
         self._note_rejections(events)
+        dropped = self._core.records_dropped
+        if dropped > self._dropped_said:
+            if self._dropped_said == 0:
+                logger.warning("%d ticks are missing from the recordings: the front end fell behind", dropped)
+            self._dropped_said = dropped
         if len(events) or len(records):
             self._recorder.feed(records, events, self._lease.holder)
         return events

@@ -217,7 +217,7 @@ def _legal(
     legal = (worst.acceleration <= ALLOWANCE * limits.ddq_max).all(axis=1)
     legal &= (worst.jerk <= ALLOWANCE * limits.dddq_max).all(axis=1)
     low, high = start // _TORQUE_STRIDE, min((end - 1) // _TORQUE_STRIDE + 1, len(load.gravity))
-    bearable = (_torques(load, low, high, T) <= tau_limit).all(axis=1)
+    bearable = np.all(_torques(load, low, high, T) <= tau_limit, axis=1)
     nearest = np.minimum(np.arange(start, end) // _TORQUE_STRIDE, high - 1) - low
     return legal & bearable[nearest]
 

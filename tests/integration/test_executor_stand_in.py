@@ -24,6 +24,7 @@ pytest.importorskip("mujoco", reason="the stand-in needs mujoco")
 link = pytest.importorskip("s2r_host.link")
 AnyReader = pytest.importorskip("rosbags.highlevel").AnyReader
 
+pytestmark = pytest.mark.slow
 ARM = load_arm("xmate3pro")
 STEP = np.array([0.3, 0.2, -0.2, -0.2, 0.3, 0.2, 0.4])
 COMMAND = [sys.executable, "-c", "from s2r_protocol.cli.root import main; main()"]
@@ -71,7 +72,7 @@ def rig(folder: Path, pace="0", **executor_options):
         for process in (executor, stand_in):
             if process is not None and process.poll() is None:
                 process.terminate()
-                process.wait(20)
+                process.wait(60)
 
 
 @pytest.fixture(scope="module")
@@ -167,7 +168,7 @@ def test_a_killed_host_ends_in_hold_and_the_next_host_goes_on(tmp_path):
         host_process.kill()
         host_process.wait()
         with link.ExecutorLink(started.endpoint, ARM) as host:
-            deadline = time.monotonic() + 20
+            deadline = time.monotonic() + 60
             while host.status().state != ExecutorState.HOLD:
                 assert time.monotonic() < deadline
                 time.sleep(0.01)
@@ -179,7 +180,7 @@ def test_a_killed_host_ends_in_hold_and_the_next_host_goes_on(tmp_path):
             host.send_plan(move(host.status().q_ref, STEP, 20.0), "interrupted")
             core = children(started.executor)
             os.kill(started.executor.pid, signal.SIGINT)
-            assert started.executor.wait(20) == 0
+            assert started.executor.wait(60) == 0
             assert not any(Path(f"/proc/{pid}").exists() for pid in core)
             host._heart.stop()  # nobody is left to return the lease to
             host._heart = None
@@ -213,15 +214,15 @@ def test_a_core_that_dies_ends_the_executor_as_a_protection_stop(tmp_path):
     with rig(tmp_path) as started:
         (child,) = children(started.executor)
         os.kill(int(child), signal.SIGKILL)
-        assert started.executor.wait(20) == 6
+        assert started.executor.wait(60) == 6
         assert "drives stop by their own watchdogs" in (tmp_path / "executor.log").read_text()
 
 
 def test_a_stand_in_that_goes_away_is_named_as_an_unreachable_bus(tmp_path):
     with rig(tmp_path) as started:
         started.stand_in.terminate()
-        started.stand_in.wait(20)
-        assert started.executor.wait(20) == 5
+        started.stand_in.wait(60)
+        assert started.executor.wait(60) == 5
         assert "bus.sock" in (tmp_path / "executor.log").read_text()
 
 
@@ -237,7 +238,7 @@ def test_without_a_bus_the_executor_ends_with_exit_5_and_says_what_to_start(tmp_
         ],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=False,
     )
     assert result.returncode == 5
