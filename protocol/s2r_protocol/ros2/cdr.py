@@ -33,7 +33,20 @@ _DTYPES = {
 _STRUCTS = {
     name: struct.Struct("<" + code)
     for name, code in zip(
-        ("bool", "byte", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"),
+        (
+            "bool",
+            "byte",
+            "int8",
+            "uint8",
+            "int16",
+            "uint16",
+            "int32",
+            "uint32",
+            "int64",
+            "uint64",
+            "float32",
+            "float64",
+        ),
         "?BbBhHiIqQfd",
         strict=True,
     )
@@ -81,7 +94,9 @@ def _write_message(out: bytearray, name: str, values: Values) -> None:
     fields = message_type(name).fields
     if len(values) > len(fields) or any(key not in {f.name for f in fields} for key in values):
         unknown = sorted(set(values) - {f.name for f in fields})
-        raise CdrError(f"{name} has no field {', '.join(unknown)}; it has {', '.join(f.name for f in fields)}")
+        raise CdrError(
+            f"{name} has no field {', '.join(unknown)}; it has {', '.join(f.name for f in fields)}"
+        )
     for field in fields:
         value = values.get(field.name)
         try:
@@ -107,7 +122,7 @@ def _write_field(out: bytearray, field: Field, value: Any) -> None:  # a number,
         _write_element(out, field.base, item)
 
 
-def _as_items(field: Field, value: Any) -> Sequence[Any]:
+def _as_items(field: Field, value: Any) -> Sequence[Any] | np.ndarray:
     items = value if value is not None else ([0] * field.count if field.is_fixed else [])
     if isinstance(items, (bytes, bytearray, memoryview)):
         items = np.frombuffer(items, dtype=np.uint8)
@@ -161,7 +176,9 @@ class _Reader:
             block = self.take(count * size, size) if count else b""
             return np.frombuffer(block, dtype=_DTYPES[field.base])
         if count > len(self.data):  # each element takes at least one byte: refuse before looping
-            raise CdrError(f"{self.name}.{field.name}: {count} elements do not fit into {len(self.data)} bytes")
+            raise CdrError(
+                f"{self.name}.{field.name}: {count} elements do not fit into {len(self.data)} bytes"
+            )
         return [self.element(field.base) for _ in range(count)]
 
     def element(self, base: str) -> Any:

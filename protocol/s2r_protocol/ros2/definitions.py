@@ -114,7 +114,9 @@ def parse(name: str, text: str) -> MessageType:
         count = int(match["count"] or 0)
         is_array = match["array"] is not None
         fields.append(
-            Field(match["name"], base, is_array, count, is_fixed=is_array and count > 0 and not match["bounded"])
+            Field(
+                match["name"], base, is_array, count, is_fixed=is_array and count > 0 and not match["bounded"]
+            )
         )
     return MessageType(name, tuple(fields), tuple(constants), text)
 
@@ -129,7 +131,9 @@ def message_type(name: str) -> MessageType:
     package, _, short = name.split("/")
     path = resources.files("s2r_protocol.ros2") / "msg" / package / f"{short}.msg"
     if not path.is_file():
-        raise UnknownMessageTypeError(f"no definition of {name} is shipped; there are {', '.join(all_names())}")
+        raise UnknownMessageTypeError(
+            f"no definition of {name} is shipped; there are {', '.join(all_names())}"
+        )
     return parse(name, path.read_text(encoding="utf-8"))
 
 

@@ -48,7 +48,11 @@ class JointStateEncoder:
         self.size_bytes = len(template)
 
     def block(
-        self, stamp_ns: np.ndarray, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray | None = None
+        self,
+        stamp_ns: np.ndarray,
+        position: np.ndarray,
+        velocity: np.ndarray,
+        effort: np.ndarray | None = None,
     ) -> list[bytes]:
         """Pack n messages.
 

@@ -35,7 +35,9 @@ _FIXED_ARRAY, _BOUNDED_SEQUENCE, _UNBOUNDED_SEQUENCE = 48, 96, 144
 def _field_description(field: Field) -> dict[str, object]:
     type_id = _NESTED if field.is_nested else _TYPE_IDS[field.base]
     if field.is_array:
-        type_id += _FIXED_ARRAY if field.is_fixed else _BOUNDED_SEQUENCE if field.count else _UNBOUNDED_SEQUENCE
+        type_id += (
+            _FIXED_ARRAY if field.is_fixed else _BOUNDED_SEQUENCE if field.count else _UNBOUNDED_SEQUENCE
+        )
     return {
         "name": field.name,
         "type": {
