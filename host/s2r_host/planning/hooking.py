@@ -81,10 +81,10 @@ class Hook:
         return 2.0 * np.arccos(np.minimum(cosine, 1.0))
 
 
-def find_hook(
+def find_hooks(
     scene: Scene, world: FineWorld, object_mjcf: str | Path, s_target: float, settings: PlanSettings
-) -> Hook:
-    """The best place for the fingertip to move the part from its present state to ``s_target``.
+) -> list[Hook]:
+    """Places for the fingertip to move the part from its present state to ``s_target``, best first, at least one.
 
     Raises:
         OutOfReachError: There is no free place behind the part, or the arm reaches none of them.
@@ -100,24 +100,22 @@ def find_hook(
     scores = _scores(scene, world.data, places)
     order = _different(places, np.argsort(scores, kind="stable"))[: settings.hooks]
     tool = ToolKinematics(scene, settings.joint_margin_rad)
-    best: tuple[float, Hook] | None = None
+    tightness = _tightness(places)
+    found: list[tuple[float, Hook]] = []
     for index in order:
         hook = _solve(scene, world, tool, places, int(index), s_target)
         if hook is not None:
             travel = np.abs(hook.q - world.q).max() + 0.5 * np.abs(hook.route[-1] - hook.q).max()
-            cost = float(travel + _tightness(places)[index])
-            if best is None or cost < best[0]:
-                best = (cost, hook)
-    if best is None:
+            found.append((float(travel + tightness[index]), hook))
+    if not found:
         raise OutOfReachError(
             f"object {name}: out of reach: the arm {scene.arm.name!r} has no collision-free joint solution at any of "
             f"{len(order)} places behind the part (nearest {np.linalg.norm(places.p, axis=1).min():.2f} m from the "
             f"base) both now and at s = {s_target:.3f}; move the object"
         )
-    logger.debug(
-        "hook at %s m in the part's frame, out of %d places", np.round(best[1].p_part, 3), len(places)
-    )
-    return best[1]
+    found.sort(key=lambda entry: entry[0])
+    logger.debug("%d of %d places have joint solutions", len(found), len(places))
+    return [hook for _, hook in found]
 
 
 def _tightness(places: Places) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from s2r_host.planning.door import check_numbers, check_target
 from s2r_host.planning.execution import FineWorld, Report
-from s2r_host.planning.hooking import Hook, find_hook
+from s2r_host.planning.hooking import Hook, find_hooks
 from s2r_host.planning.icem import Icem
 from s2r_host.planning.proposals import Route
 from s2r_host.planning.rewards import Task, rewards
@@ -46,11 +46,13 @@ def plan_manipulation(request: PlanRequest) -> PlanResult:
     check_target(request, scene, tolerance)
     world = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial)
     _check_start(world)
-    hook = find_hook(scene, world, request.object_mjcf, request.s_target, settings)
+    hooks = find_hooks(scene, world, request.object_mjcf, request.s_target, settings)
     task = Task(request.s_initial, request.s_target, tolerance, scene.prismatic)
     attempts = []
     for index, stage in enumerate(settings.cascade):
-        attempt = _Attempt(scene, stage, index, settings, task, hook, world, request.seed)
+        attempt = _Attempt(
+            scene, stage, index, settings, task, hooks[index % len(hooks)], world, request.seed
+        )
         attempt.run()
         attempts.append(attempt)
         if attempt.reason is None:

@@ -163,7 +163,7 @@ class PlanSettings:
         hooks: Fingertip places on the part that are compared with the whole arm before planning.
         threads: Threads of the rollouts; 0 takes all processors. Plans do not depend on it.
         icem: The sampler.
-        cascade: Attempts, tried in turn until one delivers.
+        cascade: Attempts, tried in turn until one delivers; each takes the next best place for the fingertip.
         weights: Of the reward's terms.
         servo: The position servos.
     """
@@ -184,7 +184,12 @@ class PlanSettings:
     hooks: int = 24
     threads: int = 0
     icem: IcemSettings = field(default_factory=IcemSettings)
-    cascade: tuple[Stage, ...] = (Stage(), Stage(0.010, 60, True), Stage(0.010, 150, True))
+    cascade: tuple[Stage, ...] = (
+        Stage(),
+        Stage(self_collision=True),
+        Stage(0.010, 60, True),
+        Stage(0.010, 150, True),
+    )
     weights: RewardWeights = field(default_factory=RewardWeights)
     servo: ServoSettings = field(default_factory=ServoSettings)
 

@@ -1,7 +1,7 @@
 """Time laws: from joint paths to trajectories the executor admits."""
 
 from s2r_host.trajectory.bridge import point_to_point
-from s2r_host.trajectory.deliver import Delivery, deliver
+from s2r_host.trajectory.deliver import Delivery, deliver, plan_trajectory
 from s2r_host.trajectory.time_law import TimeLawSettings, time_law
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
 from s2r_host.trajectory.verify import Replay, replay
@@ -13,6 +13,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryError",
     "deliver",
+    "plan_trajectory",
     "point_to_point",
     "replay",
     "time_law",

@@ -17,8 +17,8 @@ def point_to_point(
 ) -> Trajectory:
     """Move from q0 to q1 along a straight line in joint space, from rest to rest, within all limits.
 
-    Ruckig's profiles have constant jerk between switching times. Knots are put at the switching times of all
-    joints, so each quintic is that very cubic and no limit is exceeded between knots.
+    Ruckig's profile has constant jerk between switching times. Knots are put there, so each quintic is that very
+    cubic and no limit is exceeded between knots.
 
     Args:
         q0, q1: Start and end [rad], (dof,).
@@ -35,37 +35,36 @@ def point_to_point(
             raise TrajectoryError(f"{name} = {q} is not {arm.dof} finite joint positions of arm {arm.name!r}")
     if np.abs(q1 - q0).max() < 1e-6:
         raise TrajectoryError("the motion does not move: q0 and q1 are the same posture")
-    times, profile = _ruckig(q0, q1, arm, share)
-    states = [profile.at_time(float(t)) for t in times]
-    q, dq, ddq = (np.array([state[k] for state in states]) for k in range(3))
-    q[0], q[-1] = q0, q1
-    dq[[0, -1]], ddq[[0, -1]] = 0.0, 0.0
-    trajectory = Trajectory(times, q, dq, ddq)
+    times, share_done = _ruckig(q1 - q0, arm, share)
+    x, dx, ddx = (column[:, None] for column in share_done.T)
+    trajectory = Trajectory(times, q0 + x * (q1 - q0), dx * (q1 - q0), ddx * (q1 - q0))
     stretch = torque_stretch(trajectory, arm, InverseDynamics(arm), 0.9)
     trajectory = trajectory.stretched(stretch / speed)
     check_positions(trajectory, arm)
     return trajectory
 
 
-def _ruckig(
-    q0: np.ndarray, q1: np.ndarray, arm: ArmDescription, share: float
-) -> tuple[np.ndarray, ruckig.Trajectory]:
-    """The profile and the switching times of its joints."""
-    goal = ruckig.InputParameter(arm.dof)
-    goal.current_position, goal.target_position = q0.tolist(), q1.tolist()
-    goal.max_velocity = (share * arm.limits.dq_max).tolist()
-    goal.max_acceleration = (share * arm.limits.ddq_max).tolist()
-    goal.max_jerk = (share * arm.limits.dddq_max).tolist()
-    goal.synchronization = ruckig.Synchronization.Phase
-    profile = ruckig.Trajectory(arm.dof)
-    verdict = ruckig.Ruckig(arm.dof).calculate(goal, profile)
+def _ruckig(way: np.ndarray, arm: ArmDescription, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Switching times (n,) and there the share of the way done, its speed and acceleration, (n, 3).
+
+    One coordinate along the line, limited by whichever joint is: asked for all joints at once, Ruckig leaves the
+    line when it cannot synchronise their phases.
+    """
+    limits, size = arm.limits, np.maximum(np.abs(way), 1e-12)
+    goal = ruckig.InputParameter(1)
+    goal.target_position = [1.0]
+    goal.max_velocity = [share * (limits.dq_max / size).min()]
+    goal.max_acceleration = [share * (limits.ddq_max / size).min()]
+    goal.max_jerk = [share * (limits.dddq_max / size).min()]
+    profile = ruckig.Trajectory(1)
+    verdict = ruckig.Ruckig(1).calculate(goal, profile)
     if verdict != ruckig.Result.Working:
-        raise TrajectoryError(f"no profile from {np.round(q0, 3)} to {np.round(q1, 3)} rad: {verdict.name}")
-    switches = {0.0, profile.duration}
-    for joint in profile.profiles[0]:
-        switches.update(np.cumsum(joint.t).tolist())
+        raise TrajectoryError(f"no profile over {np.round(way, 3)} rad: {verdict.name}")
     times = [0.0]
-    for t in sorted(switches):
+    for t in np.cumsum(profile.profiles[0][0].t):
         if t - times[-1] > _MERGE_S and t < profile.duration - _MERGE_S:
-            times.append(t)
-    return np.array([*times, profile.duration]), profile
+            times.append(float(t))
+    times.append(profile.duration)
+    states = np.array([np.ravel(profile.at_time(t)[:3]) for t in times])
+    states[0], states[-1] = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]
+    return np.array(times), states

@@ -14,6 +14,7 @@ import numpy as np
 
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.kinematics import ToolKinematics
+from s2r_host.planning.planner import plan_manipulation
 from s2r_host.planning.scene import Scene, build_scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
 from s2r_host.trajectory.time_law import TimeLawSettings, time_law
@@ -43,6 +44,31 @@ class Delivery:
     corrections: int
     followed: str
     speed: float
+
+
+def plan_trajectory(
+    request: PlanRequest, settings: TimeLawSettings | None = None, attempts: int = 3
+) -> tuple[PlanResult, Delivery]:
+    """Plan and deliver; a plan that cannot be delivered is planned again with another seed.
+
+    Args:
+        request: The task.
+        settings: Of the time law.
+        attempts: Plans tried; the seeds are ``request.seed`` and those 1000 apart from it.
+
+    Raises:
+        PlanRefusedError: The request is absurd, or no attempt led to a delivery; the text has the last reason.
+        OutOfReachError, SceneFileError, TrajectoryError: As the planner and the time law say.
+    """
+    for attempt in range(attempts):
+        result = plan_manipulation(replace(request, seed=request.seed + 1000 * attempt))
+        try:
+            return result, deliver(request, result, settings)
+        except PlanRefusedError as error:
+            logger.info("attempt %d of %d: %s", attempt + 1, attempts, error)
+            if attempt == attempts - 1:
+                raise
+    raise ValueError(f"attempts = {attempts} is not allowed: at least 1")
 
 
 def deliver(request: PlanRequest, result: PlanResult, settings: TimeLawSettings | None = None) -> Delivery:

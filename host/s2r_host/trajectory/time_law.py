@@ -29,6 +29,8 @@ logging.getLogger("toppra").setLevel(logging.ERROR)
 _WINDOWS_S = (0.04, 0.08, 0.15, 0.25, 0.4)
 _PROFILE_DT_S = 0.004
 _MIN_KNOT_DT_S = 0.008
+# The fingertip slows down over this stretch before the touch: the real part may be nearer than believed.
+_SLOW_FROM_M, _SLOW_AT_M = 0.04, 0.015
 
 
 @dataclass(frozen=True)
@@ -91,16 +93,18 @@ def time_law(
         raise TrajectoryError(f"the path has {np.shape(q_path)[1]} joints; arm {arm.name!r} has {arm.dof}")
     path = smooth_path(q_path, settings.deviation_rad)
     dynamics = InverseDynamics(arm)
-    contact_at = (
-        np.inf
-        if contact_row is None
-        else length_at(np.asarray(q_path, dtype=float), contact_row) * path.x[-1]
-    )
+    contact_at = np.inf
+    if contact_row is not None:
+        contact_at = length_at(np.asarray(q_path, dtype=float), contact_row) * path.x[-1]
     t, speed = _fastest(path, arm, dynamics, settings, contact_at)
     best: Trajectory | None = None
     for window_s in _WINDOWS_S:
-        trajectory = _knots(path, _averaged(t, speed, path.x[-1], window_s), settings)
-        trajectory = trajectory.stretched(limit_stretch(trajectory, arm, settings.share))
+        trajectory, x = _knots(path, _averaged(t, speed, path.x[-1], window_s), settings)
+        stretch = limit_stretch(trajectory, arm, settings.share)
+        if contact_row is not None:
+            fastest = _tip_speed(trajectory, x >= contact_at, dynamics)
+            stretch = max(stretch, fastest / settings.contact_speed_m_s, 1.0)
+        trajectory = trajectory.stretched(stretch)
         if best is None or trajectory.duration_s < best.duration_s:
             best = trajectory
     assert best is not None
@@ -136,7 +140,9 @@ def _fastest(
     way = np.zeros(len(grid))
     if np.isfinite(contact_at):
         tip_speed = np.linalg.norm(np.gradient(dynamics.tool_positions(joints), grid, axis=0), axis=1)
-        onset = np.clip((grid - contact_at) / (0.05 * path.x[-1]) + 0.5, 0.0, 1.0)
+        tip_way = cumulative_trapezoid(tip_speed, grid, initial=0.0)
+        before_m = np.interp(contact_at, grid, tip_way) - tip_way
+        onset = np.clip((_SLOW_FROM_M - before_m) / (_SLOW_FROM_M - _SLOW_AT_M), 0.0, 1.0)
         way = cumulative_trapezoid(tip_speed * onset, grid, initial=0.0)
     # A little less than the torque share: the averaging moves accelerations along the path.
     tau = np.append(0.95 * settings.torque_share * limits.tau_max, 1.0)
@@ -185,8 +191,10 @@ def _averaged(t: np.ndarray, speed: np.ndarray, length: float, window_s: float) 
     return CubicSpline(profile.x * (length / travelled), samples, bc_type="clamped")
 
 
-def _knots(path: CubicSpline, profile: CubicSpline, settings: TimeLawSettings) -> Trajectory:
-    """Positions, velocities and accelerations at even times, by the chain rule."""
+def _knots(
+    path: CubicSpline, profile: CubicSpline, settings: TimeLawSettings
+) -> tuple[Trajectory, np.ndarray]:
+    """Positions, velocities and accelerations at even times, by the chain rule, and the path length there, (n,)."""
     duration_s = float(profile.x[-1])
     count = int(np.clip(np.ceil(duration_s / _MIN_KNOT_DT_S), 10, settings.max_knots - 1)) + 1
     t = np.linspace(0.0, duration_s, count)
@@ -195,4 +203,12 @@ def _knots(path: CubicSpline, profile: CubicSpline, settings: TimeLawSettings) -
     dx, ddx = profile(t)[:, None], profile(t, 1)[:, None]
     x[0], x[-1], dx[[0, -1]], ddx[[0, -1]] = 0.0, path.x[-1], 0.0, 0.0
     q, slope, bend = path(x[:, 0]), path(x[:, 0], 1), path(x[:, 0], 2)
-    return Trajectory(t, q, slope * dx, bend * dx**2 + slope * ddx)
+    return Trajectory(t, q, slope * dx, bend * dx**2 + slope * ddx), x[:, 0]
+
+
+def _tip_speed(trajectory: Trajectory, rows: np.ndarray, dynamics: InverseDynamics) -> float:
+    """Largest mean speed of the fingertip between neighbouring knots among the marked ones [m/s]."""
+    if rows.sum() < 2:
+        return 0.0
+    tip = dynamics.tool_positions(trajectory.q[rows])
+    return float((np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.diff(trajectory.t[rows])).max())

@@ -1,0 +1,152 @@
+"""Whole plans on small drawers: success, repetition, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from s2r_host.planning import OutOfReachError, PlanRefusedError, PlanRequest, PlanSettings, plan_manipulation
+from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.rollouts import ramp
+from s2r_host.planning.sample_objects import DrawerShape, drawer_mjcf
+from s2r_host.planning.scene import build_scene
+from s2r_host.trajectory import plan_trajectory, replay
+from s2r_protocol.arms import load_arm
+
+ARM = load_arm("xmate3pro")
+
+
+@pytest.fixture(scope="module")
+def request_(tmp_path_factory) -> PlanRequest:
+    path = tmp_path_factory.mktemp("drawer") / "object.xml"
+    path.write_text(drawer_mjcf(DrawerShape(front_height=0.12, bottom=0.08)))
+    return PlanRequest(ARM, path, s_initial=-0.03, s_target=0.10, q_initial=ARM.q_home, seed=1)
+
+
+@pytest.fixture(scope="module")
+def plan(request_):
+    return plan_manipulation(request_)
+
+
+def test_plan_opens_the_drawer_and_holds_it(plan):
+    assert plan.success, plan.reason
+    assert abs(plan.error) < 0.002
+    assert plan.final == pytest.approx(0.10, abs=0.002)
+    assert np.abs(plan.s[-5:] - 0.10).max() < 0.002
+
+
+def test_plan_is_a_list_of_bounded_target_changes_from_the_start_pose_to_a_held_end(plan):
+    assert plan.q_cmd.shape == plan.q_meas.shape == (len(plan.s), 7)
+    assert plan.q_cmd[0] == pytest.approx(ARM.q_home)
+    assert np.abs(np.diff(plan.q_cmd, axis=0)).max() <= 0.05 + 1e-12
+    assert not np.diff(plan.q_cmd[plan.hold_step :], axis=0).any()
+
+
+def test_an_independent_replay_of_the_targets_finds_the_same_end_and_no_unexpected_contact(request_, plan):
+    scene = build_scene(ARM, request_.object_mjcf, "object_joint", request_.settings)
+    world = FineWorld(scene, ARM.q_home, request_.s_initial)
+    report = world.play(ramp(plan.q_cmd[None], 25)[0])
+    assert world.s == pytest.approx(plan.final, abs=1e-9)
+    assert report.contact is None
+    assert report.touched
+
+
+def test_plan_is_bit_identical_for_any_thread_count(request_, plan):
+    for threads in (1, 3):
+        again = plan_manipulation(replace(request_, settings=PlanSettings(threads=threads)))
+        assert np.array_equal(again.q_cmd, plan.q_cmd)
+        assert np.array_equal(again.s, plan.s)
+
+
+def test_another_seed_gives_another_plan(request_, plan):
+    other = plan_manipulation(replace(request_, seed=2))
+    assert other.q_cmd.shape != plan.q_cmd.shape or not np.array_equal(other.q_cmd, plan.q_cmd)
+
+
+def test_trace_has_one_entry_per_executed_action(plan):
+    assert len(plan.trace) == plan.control_steps
+    assert plan.trace[-1].s == pytest.approx(plan.s_target, abs=0.02)
+    assert plan.env_steps > 0
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_delivered_trajectory_ends_on_target_in_the_fine_model(request_, seed):
+    asked = replace(request_, seed=seed)
+    _, delivery = plan_trajectory(asked)
+    again = replay(delivery.trajectory, asked)
+    assert abs(again.error) < 0.001
+    assert again.held
+    assert again.contact is None
+    assert again.torque_share < 0.9
+    assert again.problem(0.002, asked.settings) is None
+
+
+def test_half_a_path_is_reported_as_missing_the_target(request_):
+    _, delivery = plan_trajectory(request_)
+    back = replay(delivery.trajectory, replace(request_, s_target=0.13))
+    assert back.problem(0.002, request_.settings) == "the timed motion ends at s = " + (
+        f"{back.final:.4f}, {back.error:+.4f} from the target"
+    )
+
+
+def refusal(request_: PlanRequest, **changes) -> str:
+    with pytest.raises((PlanRefusedError, OutOfReachError)) as caught:
+        plan_manipulation(replace(request_, **changes))
+    return str(caught.value)
+
+
+def test_target_beyond_the_range_is_refused_with_the_range(request_):
+    assert "s_target = 0.4000 m is beyond its range [-0.0700, 0.2100] m" in refusal(request_, s_target=0.4)
+
+
+def test_target_equal_to_the_start_is_refused(request_):
+    assert "there is nothing to move" in refusal(request_, s_target=-0.0295)
+
+
+@pytest.mark.parametrize("name", ["s_initial", "s_target"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_numbers_that_are_not_finite_are_refused_by_name(request_, name, value):
+    assert f"{name} = {value} is not a finite number" in refusal(request_, **{name: value})
+
+
+def test_nan_in_the_start_pose_is_refused_with_the_joint(request_):
+    q = ARM.q_home.copy()
+    q[4] = np.nan
+    assert "'joint5'" in refusal(request_, q_initial=q)
+
+
+def test_wrong_joint_count_is_refused(request_):
+    assert "needs (7,)" in refusal(request_, q_initial=np.zeros(6))
+
+
+def test_start_pose_outside_the_limits_is_refused(request_):
+    q = ARM.q_home.copy()
+    q[1] = 2.2
+    assert "joint 'joint2' (index 1): q_initial = 2.200 rad is outside" in refusal(request_, q_initial=q)
+
+
+def test_start_pose_in_contact_is_refused(request_):
+    assert "start pose is in contact" in refusal(
+        request_, q_initial=np.array([0.0, 1.0, 0.0, 1.2, 0.0, 0.3, 0.0])
+    )
+
+
+def test_object_out_of_reach_is_refused(request_, tmp_path):
+    far = tmp_path / "far.xml"
+    far.write_text(drawer_mjcf(DrawerShape(x=1.6)))
+    assert "out of reach" in refusal(request_, object_mjcf=far)
+
+
+def test_a_drawer_without_a_gap_to_push_in_is_refused(request_, tmp_path):
+    flush = tmp_path / "flush.xml"
+    shape = DrawerShape(handle_gap=0.002, opening=0.031)
+    flush.write_text(drawer_mjcf(shape))
+    text = refusal(request_, object_mjcf=flush)
+    assert "fits nowhere behind the part" in text or "out of reach" in text
+
+
+def test_a_search_that_runs_out_of_steps_gives_the_reason_and_no_success(request_):
+    result = plan_manipulation(replace(request_, settings=replace(PlanSettings(), max_steps=3)))
+    assert not result.success
+    assert "was not reached in 3 control steps" in result.reason
+    assert result.control_steps == 3 * len(PlanSettings().cascade)

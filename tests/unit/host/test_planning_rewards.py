@@ -1,0 +1,109 @@
+"""Each reward term: its sign, and its value at points worked out by hand."""
+
+import numpy as np
+import pytest
+
+from s2r_host.planning import rewards as terms
+from s2r_host.planning.settings import RewardWeights
+
+W = RewardWeights()
+TASK = terms.Task(s_initial=-0.03, s_target=0.17, tolerance=0.002)
+
+
+def at(value: float) -> np.ndarray:
+    return np.array([[value]])
+
+
+def facts(s=0.0, touches=False, collides=False, distance_m=0.0, dq=0.0, load=0.0, ds=0.0) -> terms.StepFacts:
+    return terms.StepFacts(
+        distance_m=at(distance_m),
+        turn_rad=at(0.0),
+        s=at(s),
+        ds=at(ds),
+        touches=np.array([[touches]]),
+        collides=np.array([[collides]]),
+        dq=np.full((1, 1, 7), dq),
+        ddq=np.zeros((1, 1, 7)),
+        load=np.full((1, 1, 7), load),
+    )
+
+
+def test_distance_is_a_penalty_that_grows():
+    near, far = terms.r_dist(at(0.001), at(0.0), W), terms.r_dist(at(0.2), at(0.0), W)
+    assert far < near < 0.0
+
+
+def test_distance_is_the_papers_square_near_the_part_and_linear_far_from_it():
+    assert terms.r_dist(at(1e-3), at(0.0), W) == pytest.approx(-W.distance * 1e-6, rel=1e-3)
+    step = terms.r_dist(at(10.0), at(0.0), W) - terms.r_dist(at(11.0), at(0.0), W)
+    assert step == pytest.approx(2.0 * W.distance * W.distance_width_m, rel=1e-3)
+
+
+def test_wrong_orientation_is_penalised_like_a_distance():
+    assert terms.r_dist(at(0.0), at(0.1), W) == pytest.approx(terms.r_dist(at(0.1 * W.turn_m), at(0.0), W))
+
+
+def test_approach_costs_its_weight_at_the_start_and_nothing_on_target():
+    assert terms.r_target(at(-0.03), TASK, W) == pytest.approx(-50.0)
+    assert terms.r_target(at(0.07), TASK, W) == pytest.approx(-25.0)
+    assert terms.r_target(at(0.17), TASK, W) == pytest.approx(0.0)
+
+
+def test_overshoot_is_not_rewarded():
+    assert terms.r_target(at(0.22), TASK, W) == pytest.approx(terms.r_target(at(0.12), TASK, W))
+
+
+def test_closing_is_rewarded_like_opening():
+    closing = terms.Task(s_initial=0.17, s_target=-0.03, tolerance=0.002)
+    assert terms.r_target(at(0.07), closing, W) == pytest.approx(-25.0)
+
+
+def test_success_is_paid_within_the_band_only():
+    assert terms.r_success(at(0.1681), TASK, W) == 20.0
+    assert terms.r_success(at(0.1679), TASK, W) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("s", "touches", "collides", "expected"),
+    [
+        (0.05, True, False, 10.0),  # touch with progress
+        (0.05, False, False, 0.0),  # progress without touch
+        (-0.03, True, False, 0.0),  # touch without progress
+        (-0.0299, True, False, 0.0),  # less progress than the band is rounding
+        (0.17, True, False, -5.0),  # still touching once on target
+        (0.05, True, True, -60.0),  # a collision wins
+        (0.05, False, True, -60.0),
+    ],
+)
+def test_contact_is_paid_with_progress_and_collision_wins(s, touches, collides, expected):
+    assert terms.r_contact(facts(s, touches, collides), TASK, W) == pytest.approx(expected)
+
+
+def test_moving_backwards_costs_as_much_as_forwards():
+    forward, backward = (terms.r_reg(np.full((1, 1, 7), v), np.zeros((1, 1, 7)), W) for v in (0.5, -0.5))
+    assert forward == backward == pytest.approx(-0.03 * 0.5 * 13.0)
+
+
+def test_acceleration_costs_too():
+    assert terms.r_reg(np.zeros((1, 1, 7)), np.full((1, 1, 7), -2.0), W) == pytest.approx(-0.01 * 2.0 * 13.0)
+
+
+def test_joint_weights_fit_arms_with_other_joint_counts():
+    assert terms.joint_weights(W, 6).tolist() == [2, 3, 2, 2, 2, 1]
+    assert terms.joint_weights(W, 9).tolist() == [2, 3, 2, 2, 2, 1, 1, 1, 1]
+
+
+def test_load_below_the_free_share_costs_nothing():
+    assert terms.r_load(np.full((1, 1, 7), -0.39), W) == pytest.approx(0.0)
+    assert terms.r_load(np.array([[[0.0, -0.9]]]), W) == pytest.approx(-20.0 * 0.5)
+
+
+def test_a_fast_object_costs_with_the_square_of_its_speed():
+    assert terms.r_calm(at(-0.2), TASK, W) == pytest.approx(4.0 * terms.r_calm(at(0.1), TASK, W))
+    assert terms.r_calm(at(0.1), TASK, W) < 0.0
+
+
+def test_a_rollout_is_worth_the_mean_over_its_steps():
+    one = terms.rewards(facts(s=0.07), TASK, W)
+    assert one.shape == (1,)
+    assert one[0] == pytest.approx(-25.0)
