@@ -22,8 +22,8 @@ class PeerFailedError(S2RError, RuntimeError):
 
     def __init__(self, text: str, exit_code: int) -> None:
         super().__init__(text)
-        known = exit_code in iter(ExitCode)
-        self.exit_code = ExitCode(exit_code) if known and exit_code else ExitCode.UNREACHABLE
+        known = exit_code in {int(code) for code in ExitCode} - {int(ExitCode.OK)}
+        self.exit_code = ExitCode(exit_code) if known else ExitCode.UNREACHABLE
 
 
 def s2r_command(*arguments: str | Path) -> list[str]:
