@@ -16,6 +16,7 @@ from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.observe import Observation
 
 THINNEST_M = 0.004
+UNSEEN_MARGIN_M = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +75,18 @@ def estimate_slide(before: Observation, after: Observation, outward: np.ndarray,
 def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
     """Build the physics model of an estimated slide.
 
+    The file to plan with differs from the built one in one face: the front's back, which no camera saw, is put
+    5 mm further in. A plan that hooks the front's upper edge must not count on millimetres nobody measured.
+
     Raises:
         ModelError: The views do not show enough of the object.
     """
     model = build_model(estimate, folder, outward=True, seed=seed)
     template = part_template(estimate, estimate.axis_direction, estimate.delta)
-    return Belief(estimate, model, template, model.mjcf_path, {})
+    belief = Belief(estimate, model, template, model.mjcf_path, {})
+    if model.drawer is None:
+        return belief
+    return _with_face(belief, "part_front", -UNSEEN_MARGIN_M, folder / "planning.xml", inner=True)
 
 
 def corrected(belief: Belief, geom: str, offset_m: float, pushed_out: bool, folder: Path) -> Belief:
@@ -96,26 +103,33 @@ def corrected(belief: Belief, geom: str, offset_m: float, pushed_out: bool, fold
         pushed_out: The motion was out of the cabinet, so the pushed face looks inwards.
         folder: For the new file.
     """
+    changed = _with_face(belief, geom, -offset_m, folder / "object.xml", inner=pushed_out)
+    return replace(changed, shifts_m={**belief.shifts_m, geom: belief.shifts_m.get(geom, 0.0) - offset_m})
+
+
+def _with_face(belief: Belief, name: str, shift_m: float, path: Path, inner: bool) -> Belief:
+    """The belief with one face of a geom shifted along the axis by ``shift_m`` (+ = out); a hull shifts whole."""
     tree = ET.parse(belief.mjcf_path)
-    found = tree.find(f".//geom[@name='{geom}']")
-    if found is None:
-        raise SceneError(f"object model {belief.mjcf_path} has no geom '{geom}' to correct")
-    shift = -offset_m * belief.axis
-    size = _numbers(found, "size")
-    if found.get("type") == "box":
-        R = Rotation.from_quat(_numbers(found, "quat"), scalar_first=True).as_matrix()
+    geom = tree.find(f".//geom[@name='{name}']")
+    if geom is None:
+        raise SceneError(f"object model {belief.mjcf_path} has no geom '{name}' to correct")
+    move = shift_m * belief.axis
+    if geom.get("type") == "box":
+        size = _numbers(geom, "size")
+        R = Rotation.from_quat(_numbers(geom, "quat"), scalar_first=True).as_matrix()
         along = int(np.argmax(np.abs(R.T @ belief.axis)))
-        thicker_m = offset_m if pushed_out else -offset_m
-        half = max(size[along] + 0.5 * thicker_m, THINNEST_M / 2)
-        shift = (half - size[along]) * (-belief.axis if pushed_out else belief.axis)
+        half = max(size[along] + (-0.5 if inner else 0.5) * shift_m, 0.5 * THINNEST_M)
+        move = (half - size[along]) * (-belief.axis if inner else belief.axis)
         size[along] = half
-        found.set("size", " ".join(f"{v:.7g}" for v in size))
-    found.set("pos", " ".join(f"{v:.7g}" for v in _numbers(found, "pos") + shift))
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "object.xml"
+        geom.set("size", _text(size))
+    geom.set("pos", _text(_numbers(geom, "pos") + move))
+    path.parent.mkdir(parents=True, exist_ok=True)
     tree.write(path, encoding="unicode")
-    shifts = {**belief.shifts_m, geom: belief.shifts_m.get(geom, 0.0) - offset_m}
-    return replace(belief, mjcf_path=path, shifts_m=shifts)
+    return replace(belief, mjcf_path=path)
+
+
+def _text(values: np.ndarray) -> str:
+    return " ".join(f"{value:.7g}" for value in values)
 
 
 def _numbers(element: ET.Element, key: str) -> np.ndarray:

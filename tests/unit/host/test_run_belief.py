@@ -1,0 +1,75 @@
+"""What execution teaches about the object changes exactly one face of the model."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from s2r_host.errors import SceneError
+from s2r_host.run.belief import Belief, _with_face, corrected
+from s2r_host.run.measure import PartTemplate
+
+# A bar 10 mm thick along the axis (-x is out of the cabinet), turned by half a turn about z like real models.
+MJCF = """<mujoco><compiler angle="radian"/><worldbody><body name="object_base"><geom name="base_box" size="0.1 0.1 0.1"
+ pos="1 0 0" type="box"/><body name="object_part"><joint name="object_joint" type="slide" axis="-1 0 0"
+ range="-0.1 0.3"/><geom name="part_bar" type="box" pos="0.5 0 0.2" quat="0 0 0 1" size="0.005 0.05 0.006"/>
+ <geom name="part_knob" type="sphere" pos="0.4 0 0.2" size="0.01"/></body></body></worldbody></mujoco>"""
+OUT = np.array([-1.0, 0.0, 0.0])
+
+
+@pytest.fixture
+def belief(tmp_path):
+    path = tmp_path / "object.xml"
+    path.write_text(MJCF)
+    template = PartTemplate(np.zeros((1, 3)), np.array([OUT]), OUT)
+    return Belief(None, None, template, path, {})
+
+
+def faces(path, name="part_bar"):
+    """(inner, outer) face along the axis [m], + = out."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    geom = model.geom(name)
+    middle = geom.pos @ OUT
+    return middle - geom.size[0], middle + geom.size[0]
+
+
+def test_drawer_further_out_than_foreseen_means_a_thicker_handle(belief, tmp_path):
+    inner, outer = faces(belief.mjcf_path)
+    after = corrected(belief, "part_bar", 0.003, pushed_out=True, folder=tmp_path / "second")
+    assert faces(after.mjcf_path) == pytest.approx((inner - 0.003, outer))
+    assert after.shifts_m == {"part_bar": pytest.approx(-0.003)}
+
+
+def test_drawer_less_far_out_means_a_thinner_handle(belief, tmp_path):
+    inner, outer = faces(belief.mjcf_path)
+    after = corrected(belief, "part_bar", -0.002, pushed_out=True, folder=tmp_path / "second")
+    assert faces(after.mjcf_path) == pytest.approx((inner + 0.002, outer))
+
+
+def test_pushing_in_moves_the_outer_face(belief, tmp_path):
+    inner, outer = faces(belief.mjcf_path)
+    after = corrected(belief, "part_bar", -0.002, pushed_out=False, folder=tmp_path / "second")
+    assert faces(after.mjcf_path) == pytest.approx((inner, outer + 0.002))
+
+
+def test_no_face_is_moved_through_the_other_one(belief, tmp_path):
+    after = corrected(belief, "part_bar", -0.05, pushed_out=True, folder=tmp_path / "second")
+    inner, outer = faces(after.mjcf_path)
+    assert outer - inner == pytest.approx(0.004)
+
+
+def test_a_round_shape_moves_as_a_whole(belief, tmp_path):
+    after = _with_face(belief, "part_knob", -0.004, tmp_path / "knob.xml", inner=True)
+    model = mujoco.MjModel.from_xml_path(str(after.mjcf_path))
+    assert model.geom("part_knob").pos[0] == pytest.approx(0.404)
+
+
+def test_corrections_add_up(belief, tmp_path):
+    once = corrected(belief, "part_bar", 0.003, pushed_out=True, folder=tmp_path / "second")
+    twice = corrected(once, "part_bar", -0.001, pushed_out=True, folder=tmp_path / "third")
+    assert twice.shifts_m["part_bar"] == pytest.approx(-0.002)
+    assert faces(twice.mjcf_path)[0] == pytest.approx(faces(belief.mjcf_path)[0] - 0.002)
+
+
+def test_unknown_geom_is_refused_by_name(belief, tmp_path):
+    with pytest.raises(SceneError, match="no geom 'part_lid'"):
+        corrected(belief, "part_lid", 0.001, pushed_out=True, folder=tmp_path)
