@@ -22,7 +22,7 @@ from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.intervals import Intervals, intervals90
 from s2r_host.perception.motion import JointMotion, JointType, line_distance
 from s2r_host.perception.refine import Refined, refine, sides
-from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part, stayed_share
+from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
 from s2r_host.perception.segment import Parts, segment
 from s2r_host.perception.view import CloudView, DepthView, View
 
@@ -39,7 +39,6 @@ MOST_RESIDUAL_M = 0.003
 LEAST_TRAVEL_M = 0.010  # of the fastest point of the part
 MOST_TILT_RAD = np.radians(30)
 LEAST_EXPLAINED = 0.42  # with hands on the object 0.5-0.75; a plate taken for its own mirror image 0.3-0.4
-LEAST_STAYED = 0.03
 LEAST_MOVED_M2 = 3e-4
 
 
@@ -156,15 +155,14 @@ def estimate_joint(
     starts = hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)
     ranked = _rank([m for m, _ in starts], scene, shape.fronts(), rng)
     if not ranked:
-        check_same_camera(view_a, view_b, changes, rng)
+        check_same_camera(view_a, view_b, changes, np.ones(len(view_a.points), dtype=bool), rng)
         raise AbstainError(
             "no single joint motion carries the first view onto the second; is the part rigid?"
         )
     best = ranked[0]
     parts = segment(scene, best.motion)
     explained = _explained(best.motion, scene, rng)
-    if explained < 0.5 or stayed_share(scene, best.motion, parts) < LEAST_STAYED:
-        check_same_camera(view_a, view_b, changes, rng)
+    check_same_camera(view_a, view_b, changes, ~parts.before, rng)
     warnings += _judge(ranked, scene, parts, explained)
     check_second_part(scene, parts, best.motion, rng)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin

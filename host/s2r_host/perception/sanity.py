@@ -14,7 +14,7 @@ from s2r_host.perception.view import DepthView, Seen, View
 
 Array = NDArray[np.float64]
 
-MOST_CAMERA_SHIFT_M = 0.004
+MOST_CAMERA_SHIFT_M = 0.006
 
 
 def check_pair(before: View, after: View) -> None:
@@ -36,65 +36,71 @@ def check_pair(before: View, after: View) -> None:
         )
 
 
-def check_same_camera(before: View, after: View, changes: Changes, rng: np.random.Generator) -> None:
+def check_same_camera(
+    before: View, after: View, changes: Changes, surroundings: NDArray[np.bool_], rng: np.random.Generator
+) -> None:
     """Refuse a pair whose unmoving surroundings do not coincide.
 
-    Aligns the whole scene by a small free motion; if that fits clearly better than the given poses, the camera (or
-    its calibration) moved. Call it when no joint explains the change, or when hardly anything stayed in place.
+    Aligns the surroundings by a small free motion; if that fits clearly better than the given poses, the camera (or
+    its calibration) moved. Every direction of surface counts alike, else a large table would hide a shift along it.
+
+    Args:
+        before: First view.
+        after: Second view.
+        changes: Labels of both.
+        surroundings: Points of the first view that are not the moving part.
+        rng: For sampling.
 
     Raises:
         AbstainError: By how much the surroundings seem to have moved.
     """
-    static = float((changes.before == Change.STATIC).mean())
-    if static < 0.1:
+    static = float((changes.before == Change.STATIC)[surroundings].mean()) if surroundings.any() else 0.0
+    if static < 0.05:
         raise AbstainError(
-            f"only {100 * static:.0f} % of the first view is unchanged in the second; the camera moved or the views"
-            " show different scenes"
+            f"only {100 * static:.0f} % of the surroundings are unchanged between the views; the camera moved or the"
+            " views show different scenes"
         )
-    use = np.flatnonzero(before.normal_ok)
+    use = _balanced(before, np.flatnonzero(surroundings & before.normal_ok), rng)
     if len(use) < 300:
         return
-    use = rng.permutation(use)[:4000]
     p, sigma = before.points[use], before.sigma_m[use]
+    fit_now = _matched(p, sigma, after, np.eye(4))
+    if fit_now > 0.95:
+        return
     centre = p.mean(axis=0)
     X = np.eye(4)
-    for gate in (0.05, 0.05, 0.04, 0.03, 0.02, 0.015, 0.01, 0.008):
+    for gate in (0.06, 0.06, 0.05, 0.05, 0.04, 0.03, 0.02, 0.015, 0.01, 0.008):
         step = _align_step(p, sigma, after, X, centre, gate)
         if step is None:
             return
         X = step @ X
-    fit_now, fit_then = _matched(p, sigma, after, np.eye(4)), _matched(p, sigma, after, X)
-    shift = np.linalg.norm(p @ X[:3, :3].T + X[:3, 3] - p, axis=1)
-    moved_m = float(np.median(shift))
-    if moved_m > MOST_CAMERA_SHIFT_M and fit_then > fit_now + 0.08 and fit_then > 0.5:
+    fit_then = _matched(p, sigma, after, X)
+    moved_m = float(np.median(np.linalg.norm(p @ X[:3, :3].T + X[:3, 3] - p, axis=1)))
+    if moved_m > MOST_CAMERA_SHIFT_M and fit_then > fit_now + 0.15 and fit_then > 0.5:
         raise AbstainError(
-            f"the surroundings moved by {moved_m * 1e3:.0f} mm between the views ({100 * fit_then:.0f} % of the scene"
-            f" agrees after moving it, {100 * fit_now:.0f} % as given): the camera moved; fix it, or give the pose of"
-            " each view"
+            f"the surroundings moved by {moved_m * 1e3:.0f} mm between the views ({100 * fit_then:.0f} % of them agree"
+            f" after moving them, {100 * fit_now:.0f} % as given): the camera moved; fix it, or give the pose of each"
+            " view"
         )
 
 
-def stayed_share(scene: Scene, motion: JointMotion, parts: Parts) -> float:
-    """Of the points whose place would betray this motion, the share that stayed in place.
-
-    Surfaces that slide within themselves say nothing; occluding edges always do. Near 0 the whole scene moved,
-    which is what a shifted camera looks like.
-    """
-    view, label = scene.before, scene.changes.before
-    X = motion.transform()
-    step = view.points @ X[:3, :3].T + X[:3, 3] - view.points
-    across = np.abs(np.einsum("ni,ni->n", step, view.normals))
-    telling = (np.linalg.norm(step, axis=1) > 4 * view.sigma_m) & (
-        (view.normal_ok & (across > 4 * view.sigma_m)) | (view.edge & _left_by(view, scene.after, X))
+def _balanced(
+    view: View, index: NDArray[np.int64], rng: np.random.Generator, most: int = 4000
+) -> NDArray[np.int64]:
+    """At most ``most`` points, no more than a quarter of them from one of the 26 main directions of normals."""
+    direction = np.rint(view.normals[index] / np.abs(view.normals[index]).max(axis=1, keepdims=True)).astype(
+        int
     )
-    stayed = telling & (label == Change.STATIC) & ~parts.before
-    return float(stayed.sum() / max(1, stayed.sum() + (telling & parts.before).sum()))
-
-
-def _left_by(view: View, other: View, X: Array) -> NDArray[np.bool_]:
-    """Points whose carried place is free or differs in the other view (so that staying means not moving)."""
-    seen = other.look(view.points @ X[:3, :3].T + X[:3, 3], view.sigma_m).seen
-    return seen == Seen.FREE
+    number = direction @ np.array([9, 3, 1])
+    chosen = []
+    for value in np.unique(number):
+        members = index[number == value]
+        if len(members) >= 60:
+            chosen.append(rng.permutation(members)[: most // 4])
+    if not chosen:
+        return np.zeros(0, dtype=np.int64)
+    everything = np.concatenate(chosen)
+    return rng.permutation(everything)[:most]
 
 
 def check_second_part(scene: Scene, parts: Parts, motion: JointMotion, rng: np.random.Generator) -> None:
