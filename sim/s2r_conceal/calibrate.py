@@ -314,7 +314,7 @@ def _search_parameters(
         ]
         for i, trace in zip(chosen, _runs(trial, [()] * len(trial), ["fit"] * len(trial)), strict=True):
             difference = _signals(cases[i], trace, floors[i]) - _signals(cases[i], without[i], floors[i])
-            strength = _size(difference)
+            strength = max(_size(difference), 1e-9)
             measured[i].strength[0] = strength
             entry = cases[i].parameters_off[0]
             wanted = float(entry["relative"]) * np.clip(cases[i].targets[0] / strength, 0.2, 5.0)

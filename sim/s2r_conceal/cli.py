@@ -37,6 +37,8 @@ def _counts(_context: click.Context, _option: click.Parameter, text: str) -> dic
     help="GROUP=NUMBER,…: single, clean, unknown, pairs, triples, masked, insufficient, wrong_log.",
 )
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for the set.")
+@click.option("--duration", "duration_s", default=20.0, show_default=True, help="Length of a recording [s].")
+@click.option("--workers", default=1, show_default=True, help="Processes at a time.")
 @click.option(
     "--key", type=click.Path(path_type=Path), default=None, help="Key file [default: OUT.key.json]."
 )

@@ -53,8 +53,13 @@ def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar
     manifest = read_manifest(folder)
     check_files(folder, manifest)
     words = shlex.split(command)
-    if not words or shutil.which(words[0]) is None:
+    program = shutil.which(words[0]) if words else None
+    if program is None:
         raise ConcealError(f"--command '{command}': no such program on the path")
+    words[0] = str(
+        Path(program).absolute()
+    )  # the tool is started elsewhere; a virtual environment's link stays
+    folder = folder.absolute()
     (folder / "verdicts").mkdir(exist_ok=True)
     todo = [c for c in manifest["cases"] if not (folder / "verdicts" / f"{c}.json").is_file()]
     bar.length = len(manifest["cases"])

@@ -121,7 +121,7 @@ def runs():
     """One simulation with a column for every effect set by hand, and one without any."""
     names = list(SET_BY_HAND)
     columns = [_column()] + [_column([Active(n, 0, SET_BY_HAND[n])]) for n in names]
-    traces = simulate(RIG, columns, substeps=4)
+    traces = simulate(RIG, columns, substeps=2)
     finished = [finish_log(t, c.effects) for t, c in zip(traces, columns, strict=True)]
     return dict(zip([None, *names], finished, strict=True))
 
@@ -161,10 +161,10 @@ def test_every_effect_is_drawn_complete_and_inside_its_limits(name):
 @pytest.fixture(scope="module")
 def drawn():
     """(without, with) of every effect that one joint can show, drawn, under soft control."""
-    short = Motion(*(getattr(MOTION, k)[:2600] for k in ("q_cmd", "dq_cmd", "tau_ff")))
+    short = Motion(*(getattr(MOTION, k)[:2200] for k in ("q_cmd", "dq_cmd", "tau_ff")))
     columns, names = [], [n for n in EFFECTS if EFFECTS[n].min_joints == 1]
     for name in names:
-        shape = EFFECTS[name].draw(np.random.default_rng(5), replace(SCALE, duration_s=2.6))
+        shape = EFFECTS[name].draw(np.random.default_rng(5), replace(SCALE, duration_s=2.2))
         low, high = EFFECTS[name].sizes(SCALE, shape)
         active = Active(name, 0, shape | {EFFECTS[name].size: low + 0.2 * (high - low)})
         machine = _machine(gravity=0.0 if name == "backlash" else 9.81)  # a steady load hides play
