@@ -255,6 +255,7 @@ template <class T>
 nb::object drain(Ring<T> ring, std::size_t max_items, const nb::object& dtype) {
   const std::size_t n = std::min<std::size_t>(ring.size(), max_items);
   nb::object array = nb::module_::import_("numpy").attr("empty")(n, "dtype"_a = dtype);
+  // numpy hands out the address of a structured array only as a number. NOLINTNEXTLINE(performance-no-int-to-ptr)
   auto* bytes = reinterpret_cast<char*>(nb::cast<std::uintptr_t>(array.attr("ctypes").attr("data")));
   T item;
   for (std::size_t i = 0; i < n && ring.pop(item); ++i) std::memcpy(bytes + i * sizeof(T), &item, sizeof(T));
@@ -407,6 +408,7 @@ class PyCore {
     if (skipped > 0) core_->skip(skipped, now_ns);
     core_->tick(now_ns, 0);
     std::vector<PyFrame> out;
+    out.reserve(port_.out.size());
     for (const Frame& frame : port_.out) out.push_back(to_python(frame));
     return out;
   }
@@ -564,6 +566,7 @@ class PyPacking {
     const int n = packing_->pack(sent_, drives_, frames);
     packing_->sent();
     std::vector<PyFrame> out;
+    out.reserve(static_cast<std::size_t>(n));
     for (std::size_t i = 0; i < static_cast<std::size_t>(n); ++i) out.push_back(to_python(frames[i]));
     return out;
   }

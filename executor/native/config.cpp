@@ -71,7 +71,7 @@ std::string find_fault(const Config& config) {
     if (!(range.value >= range.low && range.value <= range.high)) return outside(range);  // NaN as well
   if (const std::string fault = find_joint_fault(config); !fault.empty()) return fault;
   const std::string_view bus(config.bus.data());
-  if (!(bus.starts_with("unix:") || bus.starts_with("can:")) || bus.ends_with(":"))
+  if (!(bus.starts_with("unix:") || bus.starts_with("can:")) || bus.ends_with(':'))
     return "bus = '" + std::string(bus) + "': expected unix:PATH or can:INTERFACE";
   const double load = bus_load(config.packing, config.dof, config.tick_ns);
   if (!(load <= kMaxBusLoad))
