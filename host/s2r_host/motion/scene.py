@@ -78,6 +78,7 @@ def without_specks(p_base: np.ndarray) -> np.ndarray:
     cells -= cells.min(axis=0)
     grid = np.zeros(cells.max(axis=0) + 1, bool)
     grid[tuple(cells.T)] = True
-    labels = ndimage.label(grid, structure=np.ones((3, 3, 3)))[0]
+    labels = np.zeros(grid.shape, np.int32)
+    ndimage.label(grid, structure=np.ones((3, 3, 3)), output=labels)
     sizes = np.bincount(labels.ravel())
     return p_base[sizes[labels[tuple(cells.T)]] >= MIN_CELLS]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,6 +17,8 @@ from s2r_host.run.belief import Belief
 from s2r_host.run.observe import Observation
 
 MOST_POINTS = 60_000
+Projection = Callable[[np.ndarray], np.ndarray]
+"""Points (n, 3) in the base frame to picture coordinates (n, 2) or, with depth, (n, 3)."""
 LIGHT = np.array([-0.5, -0.45, 0.74])
 
 
@@ -90,16 +94,13 @@ def _cloud(axes: Axes, view: Observation, part: np.ndarray | None, belief: Belie
         _draw_axis(axes, project, belief, None)
 
 
-def _draw_axis(axes: Axes, project, belief: Belief, shape: tuple[int, int] | None) -> None:  # noqa: ANN001 - points (n, 3) to (n, 2+)
+def _draw_axis(axes: Axes, project: Projection, belief: Belief, shape: tuple[int, int] | None) -> None:
     centre, direction = belief.estimate.axis_origin_m, belief.axis
     line = project(np.array([centre - 0.10 * direction, centre + 0.24 * direction]))
-    axes.annotate(
-        "",
-        xy=line[1, :2],
-        xytext=line[0, :2],
-        arrowprops={"arrowstyle": "-|>", "color": AXIS, "lw": 2.2, "shrinkA": 0, "shrinkB": 0},
-    )
-    axes.text(*line[1, :2], "  + out", color=AXIS, fontsize=9, fontweight="bold", va="bottom", clip_on=True)
+    (x0, y0), (x1, y1) = line[:, :2].tolist()
+    arrow = {"arrowstyle": "-|>", "color": AXIS, "lw": 2.2, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", xy=(x1, y1), xytext=(x0, y0), arrowprops=arrow)
+    axes.text(x1, y1, "  + out", color=AXIS, fontsize=9, fontweight="bold", va="bottom", clip_on=True)
     if shape is not None:
         axes.set_xlim(0, shape[1])
         axes.set_ylim(shape[0], 0)
@@ -112,7 +113,8 @@ def _pixels(K: np.ndarray, X_base_camera: np.ndarray, p: np.ndarray) -> np.ndarr
     )
 
 
-def _oblique(eye: np.ndarray):  # noqa: ANN202 - a projection (n, 3) -> (n, 3): right, up, towards the eye
+def _oblique(eye: np.ndarray) -> Projection:
+    """Parallel projection to (right, up, towards the eye)."""
     towards = eye / np.linalg.norm(eye)
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)

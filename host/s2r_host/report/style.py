@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -17,7 +18,7 @@ ARM = "#b9a7d6"
 AXIS = "#c0264b"
 FAILED = "#c0264b"
 
-RC = {
+RC: dict[Any, Any] = {  # keys are a literal type of matplotlib's stubs
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -27,7 +28,7 @@ RC = {
     "axes.edgecolor": "#98a1ad",
     "axes.labelcolor": "#39424e",
     "axes.titlesize": 9,
-    "axes.titleweight": "semibold",
+    "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "xtick.color": "#39424e",
     "ytick.color": "#39424e",

@@ -112,10 +112,8 @@ def prepare_manipulation(
     return PlannedManipulation(number, request, result, delivery, escape, motions, pushed)
 
 
-def carry_out_manipulation(
-    session: Session, planned: PlannedManipulation
-) -> tuple[float, tuple[Executed, ...]]:
-    """Execute; the time it began [s since the run began] and what was executed.
+def carry_out_manipulation(session: Session, planned: PlannedManipulation) -> tuple[Executed, ...]:
+    """Execute the manipulation, the way out and the way home.
 
     Raises:
         ArmStoppedError: A protection stopped the arm.

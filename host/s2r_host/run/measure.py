@@ -22,6 +22,7 @@ GATE_M = 0.006
 LEAST_FACING = 0.35
 LEAST_MATCHED = 0.25
 MOST_POINTS = 6000
+STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,20 +99,11 @@ def measure_state(
     if s_expected is not None:
         costs += 0.02 * TRUNCATION_M * np.minimum(np.abs(candidates - s_expected) / 0.1, 1.0)
     s = float(candidates[int(np.argmin(costs))])
-    facing = np.abs(template.n @ template.axis)
-    for _ in range(15):
-        r, matched = _residuals(template, view, s)
-        use = matched & (np.abs(r) < GATE_M) & (facing > LEAST_FACING)
-        if use.sum() < 50:
-            raise SceneError(
-                f"the moving part is not found in the new view: {int(use.sum())} of {len(template.p)} points match "
-                f"near s = {s:.3f} m; is it hidden, or did something else move?"
-            )
-        step = _step(template, r, use)
-        s += step
-        if abs(step) < 1e-6:
-            break
-    share = float(use.mean() / max((facing > LEAST_FACING).mean(), 1e-9))
+    for _ in range(STEPS):
+        s += _step(template, *_matched(template, view, s))
+    r, use = _matched(template, view, s)
+    facing = np.abs(template.n @ template.axis) > LEAST_FACING
+    share = float(use.sum() / facing.sum())
     if share < LEAST_MATCHED:
         raise SceneError(
             f"only {share:.0%} of the moving part's front lies on the new view near s = {s:.3f} m "
@@ -154,6 +146,18 @@ def _residuals(template: PartTemplate, view: DepthView, s: float) -> tuple[np.nd
     r = np.zeros(len(p))
     r[matched] = np.einsum("ij,ij->i", template.n[matched], view.points[index[matched]] - p[matched])
     return r, matched
+
+
+def _matched(template: PartTemplate, view: DepthView, s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals of all points and which of them tell the state."""
+    r, matched = _residuals(template, view, s)
+    use = matched & (np.abs(r) < GATE_M) & (np.abs(template.n @ template.axis) > LEAST_FACING)
+    if use.sum() < 50:
+        raise SceneError(
+            f"the moving part is not found in the new view: {int(use.sum())} of {len(template.p)} points match "
+            f"near s = {s:.3f} m; is it hidden, or did something else move?"
+        )
+    return r, use
 
 
 def _step(template: PartTemplate, r: np.ndarray, use: np.ndarray) -> float:
