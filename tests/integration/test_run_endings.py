@@ -195,6 +195,13 @@ def test_empty_view_is_refused_before_anything_moves(plant, arm):
     assert status(plant, arm).state == ExecutorState.DISARMED
 
 
+def test_dry_run_plans_the_push_and_moves_nothing(plant, arm):
+    done = run(plant, "--dry-run", "--json")
+    assert done.returncode == ExitCode.OK, done.stderr
+    assert "nothing was moved" in json.loads(done.stdout)["exit"]["reason"]
+    assert status(plant, arm).state == ExecutorState.DISARMED
+
+
 def test_absent_executor_ends_with_five_and_its_address(tmp_path):
     plant = {"executor": f"tcp/127.0.0.1:{free_port()}", "camera": "tcp/127.0.0.1:1", "out": tmp_path / "run"}
     done = run(plant)

@@ -120,7 +120,7 @@ def _attempts(record: RunRecord) -> str:
             (
                 str(planned.number),
                 f"{1e3 * done.s_initial:+.2f}",
-                f"{1e3 * planned.delivery.replay.final:+.2f}",
+                f"{1e3 * planned.foreseen_m:+.2f}",
                 f"{1e3 * done.measured.s_m:+.2f} ± {1e3 * done.measured.sigma_m:.2f}",
                 f"{1e3 * done.delta_m:+.2f}",
                 f"{100 * done.delta_r:+.2f} %",

@@ -27,7 +27,7 @@ class Belief:
         estimate: The joint, its direction out of the cabinet.
         model: Built from it; joint value 0 is view A, + is out.
         template: The part's surface, for measuring.
-        mjcf_path: The file to plan with: the model's own, or one corrected by :func:`corrected`.
+        mjcf_path: The object as believed: the built model, or one corrected by :func:`corrected`.
         shifts_m: Geom name -> how far along the axis it was shifted from the built model.
     """
 
@@ -75,8 +75,8 @@ def estimate_slide(before: Observation, after: Observation, outward: np.ndarray,
 def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
     """Build the physics model of an estimated slide.
 
-    The file to plan with differs from the built one in one face: the front's back, which no camera saw, is put
-    5 mm further in. A plan that hooks the front's upper edge must not count on millimetres nobody measured.
+    The belief differs from the built model in one face: the front's back, which no camera saw, is put 5 mm further
+    in. A plan that hooks the front's upper edge must not count on millimetres nobody measured.
 
     Raises:
         ModelError: The views do not show enough of the object.
@@ -86,7 +86,7 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
     belief = Belief(estimate, model, template, model.mjcf_path, {})
     if model.drawer is None:
         return belief
-    return _with_face(belief, "part_front", -UNSEEN_MARGIN_M, folder / "planning.xml", inner=True)
+    return _with_face(belief, "part_front", -UNSEEN_MARGIN_M, folder / "believed.xml", inner=True)
 
 
 def corrected(belief: Belief, geom: str, offset_m: float, pushed_out: bool, folder: Path) -> Belief:
@@ -105,6 +105,20 @@ def corrected(belief: Belief, geom: str, offset_m: float, pushed_out: bool, fold
     """
     changed = _with_face(belief, geom, -offset_m, folder / "object.xml", inner=pushed_out)
     return replace(changed, shifts_m={**belief.shifts_m, geom: belief.shifts_m.get(geom, 0.0) - offset_m})
+
+
+def grown(belief: Belief, margin_m: float, path: Path) -> Path:
+    """Write the object with all boxes larger by a margin on every side; what is planned there keeps clear in truth.
+
+    The surface that gets pushed comes ``margin_m`` too early in this file: with the tip at the same place the object
+    is ``margin_m`` behind the file's joint value. Whoever plans with it asks for that much more.
+    """
+    tree = ET.parse(belief.mjcf_path)
+    for geom in tree.iterfind(".//geom[@type='box']"):
+        geom.set("size", _text(_numbers(geom, "size") + margin_m))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tree.write(path, encoding="unicode")
+    return path
 
 
 def _with_face(belief: Belief, name: str, shift_m: float, path: Path, inner: bool) -> Belief:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import time
+import logging
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -13,14 +14,17 @@ from s2r_host.motion.nearest import nearest_to_tip
 from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.planning import PlanRequest, PlanResult, plan_manipulation
-from s2r_host.run.belief import Belief
+from s2r_host.run.belief import Belief, grown
 from s2r_host.run.measure import Measurement, measure_state
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.travel import timed
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
+from s2r_protocol.exits import RefusedError
 
-PLAN_TRIES = 3
+logger = logging.getLogger(__name__)
+
+MARGIN_SHARES = (1.0, 1.0, 0.6, 0.6)  # of the planning margin, one per try
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -34,6 +38,7 @@ class PlannedManipulation:
         escape: The way out of contact and home.
         motions: All of it, in order.
         pushed_geom: What the fingertip presses on at the end.
+        margin_m: How much larger than believed the object was while planning.
     """
 
     number: int
@@ -43,6 +48,19 @@ class PlannedManipulation:
     escape: Escape
     motions: tuple[Motion, ...]
     pushed_geom: str
+    margin_m: float
+
+    @property
+    def foreseen_m(self) -> float:
+        """Joint value at the end for the object as believed [m]."""
+        return self.foreseen(self.delivery.replay.final)
+
+    def foreseen(self, s: float) -> float:
+        """Joint value of the object as believed when the larger one is at ``s`` [m]."""
+        start = self.request.s_initial
+        if self.request.s_target > start:
+            return max(start, s - self.margin_m)
+        return min(start, s + self.margin_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,37 +97,63 @@ class DoneManipulation:
 def prepare_manipulation(
     session: Session, belief: Belief, number: int, s_initial: float, view: Observation
 ) -> PlannedManipulation:
-    """Plan, time law, replay, way out.
+    """Plan, time law, replay, way out; on failure again with other chance and then with a smaller margin.
 
     Raises:
-        PlanRefusedError, OutOfReachError: The target is impossible with this object and placement.
-        TargetError: No plan was found.
-        NoMotionError: No way out of contact.
-        TrajectoryError: The path cannot be timed.
+        TargetError: No try succeeded; the text has the first one's reason.
+        PeerUnreachableError: The executor fell silent.
     """
-    request, result = _plan(session, belief, number, s_initial)
-    delivery = deliver(request, result, TimeLawSettings(speed=session.settings.plan_speed))
-    q_end, s_end = delivery.trajectory.q[-1], delivery.replay.final
-    part = object_obstacles(belief.mjcf_path, s_end)
-    pushed, _ = nearest_to_tip(session.arm, q_end, [o for o in part if o.name.startswith("part_")])
-    direction = np.sign(request.s_target - s_initial) * belief.axis
-    surroundings = cloud_obstacle(_unmodelled(belief, view, s_initial), name="surroundings")
-    escape = plan_escape(
-        session.arm,
-        [*part, table_obstacle()],
-        [*part, table_obstacle(), surroundings],
-        q_end,
-        session.arm.arm.q_home,
-        direction,
-        session.rng,
-    )
     settings = session.settings
+    reasons: list[str] = []
+    for k, share in enumerate(MARGIN_SHARES):
+        try:
+            return _prepare_once(session, belief, number, s_initial, view, k, share * settings.plan_margin_m)
+        except RefusedError as error:
+            reasons.append(str(error))
+            logger.info("try %d to plan manipulation %d: %s", k + 1, number, error)
+    raise TargetError(
+        f"no plan takes the drawer from {s_initial:+.4f} to {settings.target_m:+.4f} m ({len(reasons)} tries): "
+        f"{reasons[0]}; try another target or placement"
+    )
+
+
+def _prepare_once(
+    session: Session,
+    belief: Belief,
+    number: int,
+    s_initial: float,
+    view: Observation,
+    attempt: int,
+    margin_m: float,
+) -> PlannedManipulation:
+    settings = session.settings
+    outwards = float(np.sign(settings.target_m - s_initial))
+    request = PlanRequest(
+        arm=session.arm.arm,
+        object_mjcf=grown(belief, margin_m, settings.out / f"plan-{number}" / "object.xml"),
+        s_initial=s_initial,
+        s_target=settings.target_m + outwards * margin_m,
+        q_initial=session.status().q_ref,
+        seed=settings.seed + 1000 * number + attempt,
+    )
+    result = plan_manipulation(request)
+    if not result.success:
+        raise TargetError(result.reason)
+    delivery = deliver(request, result, TimeLawSettings(speed=settings.plan_speed))
+    q_end = delivery.trajectory.q[-1]
+    shapes = object_obstacles(Path(request.object_mjcf), delivery.replay.final)
+    pushed, _ = nearest_to_tip(session.arm, q_end, [o for o in shapes if o.name.startswith("part_")])
+    near = [*shapes, table_obstacle()]
+    far = [*near, cloud_obstacle(_unmodelled(belief, view, s_initial), name="surroundings")]
+    escape = plan_escape(
+        session.arm, near, far, q_end, session.arm.arm.q_home, outwards * belief.axis, session.rng
+    )
     motions = (
         Motion(delivery.trajectory, f"manipulation {number}"),
         timed(session, escape.out, f"manipulation {number}: out of contact", settings.push_speed),
         timed(session, escape.home, f"manipulation {number}: home", settings.travel_speed),
     )
-    return PlannedManipulation(number, request, result, delivery, escape, motions, pushed)
+    return PlannedManipulation(number, request, result, delivery, escape, motions, pushed, margin_m)
 
 
 def carry_out_manipulation(session: Session, planned: PlannedManipulation) -> tuple[Executed, ...]:
@@ -135,29 +179,6 @@ def measure_now(
         belief.template, view.capture.frame, view.arm_mask, (low - 0.03, high + 0.03), s_expected
     )
     return view, measured
-
-
-def _plan(session: Session, belief: Belief, number: int, s_initial: float) -> tuple[PlanRequest, PlanResult]:
-    """Plan with up to three seeds."""
-    begun = time.monotonic()
-    reasons = []
-    for k in range(PLAN_TRIES):
-        request = PlanRequest(
-            arm=session.arm.arm,
-            object_mjcf=belief.mjcf_path,
-            s_initial=s_initial,
-            s_target=session.settings.target_m,
-            q_initial=session.status().q_ref,
-            seed=session.settings.seed + 1000 * number + k,
-        )
-        result = plan_manipulation(request)
-        if result.success:
-            return request, result
-        reasons.append(result.reason)
-    raise TargetError(
-        f"no plan moves the drawer from {s_initial:+.4f} to {session.settings.target_m:+.4f} m "
-        f"({PLAN_TRIES} tries, {time.monotonic() - begun:.1f} s): {reasons[-1]}; try another target or placement"
-    )
 
 
 def _unmodelled(belief: Belief, view: Observation, s: float) -> np.ndarray:

@@ -108,7 +108,7 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
                 planned = prepare_manipulation(session, record.belief, number, s_now, view)
                 stage.note = (
                     f"{planned.result.control_steps} steps, {planned.delivery.trajectory.duration_s:.1f} s, "
-                    f"ends at {planned.delivery.replay.final:+.4f} m"
+                    f"ends at {planned.foreseen_m:+.4f} m"
                 )
         except HostError as error:
             if number == 1:
@@ -118,7 +118,7 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
         with journal.stage(f"manipulation {number}"):
             executed = carry_out_manipulation(session, planned)
         with journal.stage(f"measure {number}") as stage:
-            view, measured = measure_now(session, record.belief, f"C{number}", planned.delivery.replay.final)
+            view, measured = measure_now(session, record.belief, f"C{number}", planned.foreseen_m)
             record.views.append(view)
             done = DoneManipulation(planned, executed, view, measured, s_now, settings.target_m)
             record.attempts.append(done)
@@ -130,7 +130,7 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
         if abs(done.delta_m) <= settings.good_enough_m:
             return
         s_now = measured.s_m
-        offset = measured.s_m - planned.delivery.replay.final
+        offset = measured.s_m - planned.foreseen_m
         if number < settings.attempts and abs(offset) < FAR_OFF_M:
             folder = settings.out / f"model-{number + 1}"
             pushed_out = planned.request.s_target > planned.request.s_initial

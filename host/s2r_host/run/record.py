@@ -120,7 +120,7 @@ def _attempt(done: DoneManipulation) -> dict[str, Any]:
         "number": planned.number,
         "s_initial": done.s_initial,
         "s_target": done.s_target,
-        "s_planned": planned.delivery.replay.final,
+        "s_planned": planned.foreseen_m,
         "s_final": done.measured.s_m,
         "s_final_sigma": _finite(done.measured.sigma_m),
         "delta": done.delta_m,

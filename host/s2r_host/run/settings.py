@@ -29,6 +29,7 @@ class RunSettings:
         tolerance_m: Measured error up to which the run counts as a success.
         push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan
             calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
+        plan_margin_m: How much larger than believed the object is planned with, on every side.
         settle_s: Wait between the end of a motion and a picture.
         dry_run: Look and plan the push, move nothing.
         push: Geometry of the first push.
@@ -49,6 +50,7 @@ class RunSettings:
     push_speed: float = 0.25
     travel_speed: float = 0.6
     plan_speed: float = 0.6
+    plan_margin_m: float = 0.003
     settle_s: float = 0.2
     dry_run: bool = False
     push: PushSettings = field(default_factory=PushSettings)

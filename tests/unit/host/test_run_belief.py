@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from s2r_host.errors import SceneError
-from s2r_host.run.belief import Belief, _with_face, corrected
+from s2r_host.run.belief import Belief, _with_face, corrected, grown
 from s2r_host.run.measure import PartTemplate
 
 # A bar 10 mm thick along the axis (-x is out of the cabinet), turned by half a turn about z like real models.
@@ -68,6 +68,13 @@ def test_corrections_add_up(belief, tmp_path):
     twice = corrected(once, "part_bar", -0.001, pushed_out=True, folder=tmp_path / "third")
     assert twice.shifts_m["part_bar"] == pytest.approx(-0.002)
     assert faces(twice.mjcf_path)[0] == pytest.approx(faces(belief.mjcf_path)[0] - 0.002)
+
+
+def test_grown_object_is_larger_on_every_side_and_stays_where_it_is(belief, tmp_path):
+    path = grown(belief, 0.003, tmp_path / "plan" / "object.xml")
+    before, after = (mujoco.MjModel.from_xml_path(str(p)).geom("part_bar") for p in (belief.mjcf_path, path))
+    assert after.size == pytest.approx(before.size + 0.003)
+    assert after.pos == pytest.approx(before.pos)
 
 
 def test_unknown_geom_is_refused_by_name(belief, tmp_path):
