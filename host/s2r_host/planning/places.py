@@ -14,6 +14,7 @@ _PAD_M = 0.012  # the point that should meet the part, this far behind the end o
 _BEHIND_M = (0.010, 0.014, 0.018, 0.024)  # how far behind a geom places are looked for
 _PUSH_M = (0.008, 0.016, 0.024, 0.034)  # how far along the motion the part is felt for
 _BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out
+_FACING = 0.5  # cosine between a face's normal and the motion from which on the face can be pushed
 _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
 _STEP_M, _SPREAD = 0.02, 160
 
@@ -107,23 +108,27 @@ def _part_geoms(scene: Scene) -> np.ndarray:
 
 
 def _points_behind(scene: Scene, data: mujoco.MjData, sign: float) -> np.ndarray:
-    """Points a finger's half thickness and more behind every geom of the part, as it moves, (n, 3).
+    """Points a finger's half thickness and more behind the faces of the part's geoms, as it moves, (n, 3).
 
     Geom by geom, because a grid around the whole part would miss a thin bar.
     """
     geoms = _part_geoms(scene)
     per_side = 9 if len(geoms) <= 16 else 4
-    points = []
+    points = [np.zeros((0, 3))]
     for geom in geoms:
         R = data.geom_xmat[geom].reshape(3, 3)
+        reach = scene.fine.geom_aabb[geom, 3:]
         centre = data.geom_xpos[geom] + R @ scene.fine.geom_aabb[geom, :3]
-        frame = _frame(sign * scene.part_motion(data, centre))
-        reach = np.abs(frame.T @ R) @ scene.fine.geom_aabb[geom, 3:]
-        counts = [int(np.clip(np.ceil(2.0 * r / _STEP_M), 1, per_side)) for r in reach[1:]]
-        sides = [((np.arange(n) + 0.5) / n * 2.0 - 1.0) * r for n, r in zip(counts, reach[1:], strict=True)]
-        behind = -reach[0] - np.array(_BEHIND_M)
-        grid = np.stack(np.meshgrid(behind, *sides, indexing="ij"), axis=-1).reshape(-1, 3)
-        points.append(centre + grid @ frame.T)
+        against = -(R.T @ (sign * scene.part_motion(data, centre)))
+        for axis in np.flatnonzero(np.abs(against) > _FACING):
+            sides = []
+            for other in range(3):
+                if other == axis:
+                    sides.append(np.sign(against[axis]) * (reach[axis] + np.array(_BEHIND_M)))
+                else:
+                    count = int(np.clip(np.ceil(2.0 * reach[other] / _STEP_M), 1, per_side))
+                    sides.append(((np.arange(count) + 0.5) / count * 2.0 - 1.0) * reach[other])
+            points.append(centre + np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3) @ R.T)
     above = np.concatenate(points)
     return above[above[:, 2] > 0.012]
 

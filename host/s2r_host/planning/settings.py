@@ -80,7 +80,8 @@ class RewardWeights:
         target: At full remaining way; proportional to the share that remains.
         success: For being on target.
         contact: For the fingertip touching the part while there is progress.
-        contact_after: Penalty for still touching once on target.
+        contact_after: Penalty for still touching once on target. The authors' 5 makes the fingertip let go early and
+            the object coast to the target, which the slower timed motion cannot repeat.
         collision: Penalty for any other contact of the robot.
         speed: Per rad/s of weighted joint speed.
         acceleration: Per rad/s² of weighted joint acceleration.
@@ -96,7 +97,7 @@ class RewardWeights:
     target: float = 50.0
     success: float = 20.0
     contact: float = 10.0
-    contact_after: float = 5.0
+    contact_after: float = 0.0
     collision: float = 60.0
     speed: float = 0.03
     acceleration: float = 0.01

@@ -6,7 +6,7 @@ import pytest
 from s2r_host.planning import rewards as terms
 from s2r_host.planning.settings import RewardWeights
 
-W = RewardWeights()
+W = RewardWeights(contact_after=5.0)
 TASK = terms.Task(s_initial=-0.03, s_target=0.17, tolerance=0.002)
 
 
