@@ -10,12 +10,13 @@ import numpy as np
 from s2r_host.gap.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.effects.base import Value
 from s2r_host.gap.evidence import Marginal
-from s2r_host.gap.problem import Problem
+from s2r_host.gap.problem import DRIFT_SHARE, Problem
 from s2r_host.gap.search import TEMPER, Scored, Search, Solution, Term
 
 TIGHT = 0.05
 LEFTOVER_LIMIT = 1.6
 EXPLAINED_LEAST = 0.85
+EXPLAINED_GUESSED = 0.6
 SMALL_CHANGE = 0.6
 Z90 = 1.645
 EQUIVALENT = (
@@ -80,6 +81,7 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
         return _parameters_only(problem, search)
     solution = search.run()
     decision = _name(problem, search, solution)
+    _add_drift(problem, solution, decision)
     decision.leftover = leftover(problem, solution.prediction, solution)
     decision.explained = explained(problem, solution)
     if not solution.terms:
@@ -89,7 +91,7 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
         elif _base_matters(search, problem):
             decision = _parameters_only(problem, search)
         return decision
-    if decision.leftover > LEFTOVER_LIMIT and decision.explained < EXPLAINED_LEAST:
+    if decision.leftover > LEFTOVER_LIMIT and decision.explained < _explained_least(problem):
         nearest = ", ".join(e.name for e in decision.effects)
         decision.reasons.append(
             f"the best of the catalogue ({nearest}) leaves {decision.leftover:.1f} times the noise floor and explains "
@@ -102,6 +104,38 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
             )  # fmt: skip
         decision.verdict, decision.effects = "unknown", []
     return decision
+
+
+def _add_drift(problem: Problem, solution: Solution, decision: Decision) -> None:
+    """Name the change of friction in held-out sessions that were not among the fitted ones."""
+    for drift, (change, deviation) in zip(problem.drift, solution.drift, strict=True):
+        level = drift.prior / DRIFT_SHARE
+        share = abs(change) / level
+        odds = 0.5 * (change / deviation) ** 2 - 3.0
+        if odds < 4.0 or share < 0.01:
+            continue
+        s, j = drift.block.session, drift.block.joint
+        joint = problem.ctx.model.joints[j]
+        half = Z90 * deviation
+        table = {
+            "value": change,
+            "unit": problem.ctx.model.effort_unit(joint),
+            "interval90": [change - half, change + half],
+            "identifiable": True,
+        }
+        named = Named(
+            Term("session_friction", j), "session_friction", joint, float(1.0 / (1.0 + np.exp(-min(odds, 30.0)))), [],
+            f"friction of session '{s.rec.session}' differs by {change / level:+.1%} from the fitted sessions",
+            {f"change_{s.rec.session}": table}, np.array([change]),
+        )  # fmt: skip
+        decision.effects.append(named)
+        if decision.verdict in ("nothing_missing", "parameter_off"):
+            decision.verdict = "physics_missing"
+
+
+def _explained_least(problem: Problem) -> float:
+    """Without a repeated run the floor is a guess, and the bar for 'unknown' is lower."""
+    return EXPLAINED_LEAST if problem.floor_source == "repeat" else EXPLAINED_GUESSED
 
 
 def leftover(problem: Problem, rows: np.ndarray, solution: Solution) -> float:

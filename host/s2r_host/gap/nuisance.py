@@ -114,7 +114,8 @@ def _body_parameters(model: RigidModel, body: int) -> list[BaseParameter]:
             b.ipos = p
 
         found.append(
-            BaseParameter(f"com_{letter}", name, False, float(m.body_ipos[body, axis]), size, "m", WEAK,
+            BaseParameter(f"com_{letter}", name, False, float(m.body_ipos[body, axis]), size, "m",
+                          WEAK * abs(float(m.body_ipos[body, axis])) / size + 0.003,
                           _varied(model, shift, f"com{body}{axis}"), write_shift)
         )  # fmt: skip
     return found

@@ -17,6 +17,8 @@ HOLDOUT_SHARE = 0.3
 SIGNAL_TO_NOISE = 20.0
 LEAST_CUT_HZ = 2.5
 EDGE_SHARE = 0.5
+STICK_DOUBT = 0.3
+DRIFT_SHARE = 0.15
 
 
 @dataclass
@@ -28,6 +30,28 @@ class Block:
     rows: slice
     picks: np.ndarray
     held: np.ndarray
+
+
+@dataclass
+class Drift:
+    """Friction of a held-out session that was not among the fitted ones: one nuisance factor.
+
+    Attributes:
+        block: Rows it belongs to.
+        column: Whitened direction of motion on those rows; ``raw`` the same in effort units.
+        prior: Standard deviation of its coefficient [N·m or N].
+    """
+
+    block: Block
+    column: np.ndarray
+    raw: np.ndarray
+    prior: float
+
+    def estimate(self, left: np.ndarray, noise: float) -> tuple[float, float]:
+        """Change of friction that the whitened leftover of this block asks for, and its deviation."""
+        r = left[self.block.rows]
+        power = float(self.column @ self.column) / noise + 1.0 / self.prior**2
+        return float(self.column @ r) / noise / power, power**-0.5
 
 
 @dataclass
@@ -43,6 +67,7 @@ class Problem:
         held: Mask of held-out rows, shape (rows,).
         base: Base parameters; ``B`` their whitened columns, ``prior`` their deviations.
         floor: Noise per joint in ``raw`` units (rms), keyed by joint index.
+        weight: Trust in each row: less where dry friction may stick and the sign of motion is a guess.
         effort: Filtered effort rows, same layout, whitened.
     """
 
@@ -59,6 +84,8 @@ class Problem:
     prior: np.ndarray
     floor: dict[int, float]
     floor_source: str
+    weight: np.ndarray
+    drift: list[Drift] = field(default_factory=list)
     cache: dict = field(default_factory=dict)
 
     def whiten(self, per_session: dict[int, np.ndarray], joint: int) -> np.ndarray:
@@ -80,7 +107,7 @@ class Problem:
                 x = x[:, block.joint]
             rows = compare(x, block.session, block.joint, True)[block.picks]
             out[block.rows] = self.whiteners[block.joint](rows)
-        return out
+        return out * self.weight
 
     def columns(self, per_session: dict[int, Columns], joint: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Whitened matrix (rows, k) and fixed column of an effect evaluated on every session."""
@@ -141,6 +168,7 @@ def build_problem(
     problem = Problem(
         ctx, joints, blocks, whiteners, np.zeros(start), np.concatenate(raw), np.zeros(start),
         np.concatenate(held), base_parameters(model), np.zeros((start, 0)), np.zeros(0), floor, source,
+        np.concatenate([_trust(b, floor[b.joint]) for b in blocks]),
     )  # fmt: skip
     for block, values in zip(blocks, raw, strict=True):
         w = whiteners[block.joint]
@@ -148,7 +176,10 @@ def build_problem(
         problem.effort[block.rows] = w(
             compare(block.session.u[:, block.joint], block.session, block.joint, True)[block.picks]
         )
+    problem.y *= problem.weight
+    problem.effort *= problem.weight
     _fill_base(problem, sessions)
+    _fill_drift(problem, fit, hold)
     return problem
 
 
@@ -208,6 +239,18 @@ def _picks(s: Session, joint: int) -> np.ndarray:
     return np.arange(margin, len(s.t) - margin, step)
 
 
+def _fill_drift(problem: Problem, fit: list[Session], hold: list[Session]) -> None:
+    known = {s.rec.session for s in fit}
+    for block in problem.blocks:
+        s, j = block.session, block.joint
+        level = dry_level(s, j)
+        if s not in hold or s.rec.session in known or level <= 0:
+            continue
+        rows = compare(s.sign(j), s, j, True)[block.picks]
+        column = problem.whiteners[j](rows) * problem.weight[block.rows]
+        problem.drift.append(Drift(block, column, rows, DRIFT_SHARE * level))
+
+
 def _fill_base(problem: Problem, sessions: list[Session]) -> None:
     columns, prior, kept = [], [], []
     limit = 1e-4 * float(np.sqrt(np.mean(problem.effort**2)))
@@ -217,7 +260,7 @@ def _fill_base(problem: Problem, sessions: list[Session]) -> None:
             x = parameter.column(block.session)[:, block.joint]
             nonlinear = parameter.name in ("frictionloss", "edge")
             rows = compare(x, block.session, block.joint, nonlinear)[block.picks]
-            whitened[block.rows] = problem.whiteners[block.joint](rows)
+            whitened[block.rows] = problem.whiteners[block.joint](rows) * problem.weight[block.rows]
         deviation = parameter.prior
         if parameter.name == "effort_offset":
             j = problem.ctx.model.index(parameter.place)
@@ -314,3 +357,11 @@ def dry_level(s: Session, j: int) -> float:
     columns = [s.sign(j), s.v[:, j], s.a[:, j], s.load[:, j], np.ones(len(s.t))]
     X = np.stack([compare(c, s, j, True) for c in columns], axis=1)
     return abs(float(np.linalg.lstsq(X, r, rcond=None)[0][0]))
+
+
+def _trust(block: Block, floor: float) -> np.ndarray:
+    """Weight of the rows of a block, shape (rows,), in (0, 1]."""
+    s, j = block.session, block.joint
+    still = compare(1.0 - np.tanh(s.v[:, j] / (2.0 * s.v_eps[j])) ** 2, s, j, True)[block.picks]
+    doubt = STICK_DOUBT * dry_level(s, j) * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
+    return 1.0 / np.sqrt(1.0 + doubt**2)

@@ -201,7 +201,7 @@ class _World:
     def _two_masses(self, u: float, h: float) -> None:
         s = self.s
         motor = s.get("motor_inertia") or 0.02
-        gap, k, d = s.get("backlash"), s.get("joint_elasticity") or 900.0, s.get("elastic_damping") or 1.5
+        gap, k, d = s.get("backlash"), s.get("joint_elasticity") or 900.0, s.get("elastic_damping") or (1.5 if s.get("joint_elasticity") else 6.0)
         delta = self.q - self.link
         over = delta - max(-gap, min(gap, delta))
         T = k * over + (d * (self.v - self.link_v) if over else 0.0)

@@ -17,6 +17,10 @@ TEMPER = 3.0
 MIN_GAIN = 12.0
 MAX_EFFECTS = 3
 FLOOR_SLACK = 1.2
+CONTAINER_CHARGE = 5.0
+CONTAINER_SHARE = 0.0005
+FURTHER_SHARE = 0.3
+FURTHER_GAIN = 0.004
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,7 @@ class Solution:
     raw_fit: tuple[float, float]
     raw_held: tuple[float, float]
     prediction: np.ndarray
+    drift: list[tuple[float, float]] = field(default_factory=list)
     scans: list[Scored] = field(default_factory=list)
 
 
@@ -233,8 +238,18 @@ class Search:
             score = value + held
             share = 1.0 - raw / max(raw_without, 1e-30)
             scored.append(Scored(term, score, score - without - without_held, share, np.zeros(0)))
+        self._charge_containers(scored)
         scored.sort(key=lambda x: -x.score)
         return scored, without + without_held
+
+    def _charge_containers(self, scored: list[Scored]) -> None:
+        """An effect that contains a simpler one has to beat it by more than the model error of the simpler one."""
+        gains = {s.term.key: s.gain for s in scored}
+        for s in scored:
+            inner = [gains[(n, s.term.joint)] for n in self.effects[s.term.effect].contains if (n, s.term.joint) in gains]
+            if inner:
+                charge = max(CONTAINER_CHARGE, CONTAINER_SHARE * max(inner))
+                s.score, s.gain = s.score - charge, s.gain - charge
 
     def _predict(self, terms: list[Term], noise: float) -> tuple[float, float]:
         """Log likelihood of the held-out rows under coefficients fitted elsewhere, and their squared misfit."""
@@ -244,8 +259,18 @@ class Search:
 
     def _held_misfit(self, terms: list[Term], noise: float) -> tuple[float, np.ndarray]:
         coefficients, B, y, _ = self.solve(terms, noise)
-        left = y - B @ coefficients
+        left = self.without_drift(y - B @ coefficients, noise)
         return float(np.sum(left[self.problem.held] ** 2)), left
+
+    def without_drift(self, left: np.ndarray, noise: float) -> np.ndarray:
+        """Leftover with the friction change of each new held-out session taken out."""
+        if not self.problem.drift:
+            return left
+        left = left.copy()
+        for drift in self.problem.drift:
+            change, _ = drift.estimate(left, noise)
+            left[drift.block.rows] -= change * drift.column
+        return left
 
     def solve(self, terms: list[Term], noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Posterior mean on the fit rows, with sign constraints; returns coefficients, columns, target, covariance."""
@@ -293,14 +318,11 @@ class Search:
         chosen: list[Term] = []
         slots: list[list[Scored]] = []
         scans: list[Scored] = []
-        noise = self.noise_level([])
         while len(chosen) < max_effects and not self.at_floor(chosen):
-            scored, noise_used = self._scan_profiled(chosen)
+            scored, _ = self._scan_profiled(chosen)
             if not chosen:
                 scans = scored
-            if not scored or scored[0].gain < MIN_GAIN or scored[0].holdout_gain < 0.02:
-                if not slots:
-                    slots = []
+            if not scored or not self._worth_it(scored[0], slots):
                 break
             self.log(
                 f"  + {scored[0].term.effect} on {self._joint(scored[0].term)}: gain {scored[0].gain:.0f}"
@@ -308,15 +330,22 @@ class Search:
             chosen.append(scored[0].term)
             slots.append(scored)
             chosen, slots = self._replace(chosen, slots)
-            noise = noise_used
         chosen, slots = self._prune(chosen, slots)
         return self.finish(chosen, slots, scans)
+
+    @staticmethod
+    def _worth_it(best: Scored, slots: list[list[Scored]]) -> bool:
+        """A first effect needs evidence; a further one must also take a good part of what is left."""
+        if not slots:
+            return best.gain > MIN_GAIN and best.holdout_gain > 0.02
+        first = max((s.gain for s in slots[0]), default=0.0)
+        return best.gain > max(MIN_GAIN, FURTHER_GAIN * first) and best.holdout_gain > FURTHER_SHARE
 
     def at_floor(self, chosen: list[Term]) -> bool:
         """Is what is left over indistinguishable from the noise floor, on fitted and on held-out rows?"""
         p = self.problem
         x, B, y, _ = self.solve(chosen, self.noise_level(chosen))
-        left = y - B @ x
+        left = self.without_drift(y - B @ x, TEMPER)
         raw = self.unwhitened(left)
         for block in p.blocks:
             rows = raw[block.rows]
@@ -378,9 +407,10 @@ class Search:
             thetas.append(x[start : start + k])
             covariances.append(covariance[start : start + k, start : start + k])
             start += k
-        left = y - B @ x
-        x0, B0, y0, _ = self.solve([], noise)
-        del x0, B0
+        raw_drifted = y - B @ x
+        drift = [d.estimate(raw_drifted, noise) for d in p.drift]
+        left = self.without_drift(raw_drifted, noise)
+        y0 = p.y
         fit, held = ~p.held, p.held
 
         def mean2(v: np.ndarray, mask: np.ndarray) -> float:
@@ -391,7 +421,7 @@ class Search:
             chosen, slots, thetas, covariances, x[:nb], np.sqrt(np.maximum(np.diag(covariance)[:nb], 0.0)), noise,
             (mean2(y0, fit), mean2(left, fit)), (mean2(y0, held), mean2(left, held)),
             (mean2(p.raw, fit), mean2(raw_left, fit)), (mean2(p.raw, held), mean2(raw_left, held)),
-            raw_left, scans,
+            raw_left, drift, scans,
         )  # fmt: skip
 
     def unwhitened(self, left: np.ndarray) -> np.ndarray:
@@ -401,7 +431,7 @@ class Search:
         out = np.zeros_like(left)
         for block in self.problem.blocks:
             w = self.problem.whiteners[block.joint]
-            out[block.rows] = lfilter([w.scale], np.concatenate([[1.0], -w.coefficients]), left[block.rows])
+            out[block.rows] = lfilter([w.scale], np.concatenate([[1.0], -w.coefficients]), (left / self.problem.weight)[block.rows])
         return out
 
     def _joint(self, term: Term) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
@@ -89,6 +90,7 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
         effort = rec.get("tau", joint)
         if effort is not None:
             u[:, i] = np.interp(t, rec.t, effort)
+    _add_wrenches(model, rec, t, q, u)
     return Session(
         rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.isfinite(u).all(0),
         load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, q_lsb=q_lsb, q_raw=q_raw,
@@ -158,3 +160,68 @@ def nominal_friction(model: RigidModel, s: Session) -> np.ndarray:
     """Dry friction the nominal model holds, as required effort, shape (time, joint)."""
     loss = model.model.dof_frictionloss
     return np.stack([loss[j] * s.sign(j) for j in range(len(model.joints))], axis=1)
+
+
+def _add_wrenches(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarray, u: np.ndarray) -> None:
+    """Add the efforts of recorded external wrenches to ``u`` in place; they make an effort of their own.
+
+    A wrench acts at the origin of its body and is given in the world frame.
+    """
+    efforts = wrench_efforts(model, rec, t, q)
+    if efforts is None:
+        return
+    touched = np.max(np.abs(efforts), axis=0) > 1e-12
+    for j in np.flatnonzero(touched):
+        u[:, j] = np.nan_to_num(u[:, j]) + efforts[:, j]
+
+
+def wrench_bodies(model: RigidModel, rec: Recording) -> dict[int, np.ndarray]:
+    """Recorded wrenches by body index: (fx, fy, fz, mx, my, mz), shape (time, 6)."""
+    table = rec.channels.get("wrench", {})
+    found: dict[int, np.ndarray] = {}
+    for body in range(model.model.nbody):
+        name = model.body_name(body)
+        parts = [table.get(f"{name}.{axis}") for axis in ("fx", "fy", "fz", "mx", "my", "mz")]
+        if any(p is not None for p in parts):
+            zero = np.zeros(len(rec.t))
+            found[body] = np.stack([zero if p is None else p for p in parts], axis=1)
+    return found
+
+
+def wrench_efforts(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+    """Joint efforts of all recorded wrenches, shape (time, joint), or None when there are none."""
+    wrenches = wrench_bodies(model, rec)
+    if not wrenches:
+        return None
+    m = model.model
+    d = mujoco.MjData(m)
+    out = np.zeros((len(t), m.nv))
+    jacp, jacr = np.zeros((3, m.nv)), np.zeros((3, m.nv))
+    sampled = {b: np.stack([np.interp(t, rec.t, w[:, k]) for k in range(6)], axis=1) for b, w in wrenches.items()}
+    for i in range(len(t)):
+        d.qpos[:] = q[i]
+        mujoco.mj_kinematics(m, d)
+        mujoco.mj_comPos(m, d)
+        for body, w in sampled.items():
+            mujoco.mj_jacBody(m, d, jacp, jacr, body)
+            out[i] += jacp.T @ w[i, :3] + jacr.T @ w[i, 3:]
+    return out
+
+
+def wrench_parts(model: RigidModel, s: Session, joint: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Effort along a joint and size of the force across it, from wrenches on what it moves; None without any."""
+    key = ("wrench", joint)
+    if key not in s.cache:
+        moved = set(model.subtree_bodies(model.joints[joint]))
+        bodies = {b: w for b, w in wrench_bodies(model, s.rec).items() if b in moved}
+        efforts = wrench_efforts(model, s.rec, s.t, s.q) if bodies else None
+        if efforts is None:
+            s.cache[key] = None
+        else:
+            total = sum(w[:, :3] for w in bodies.values())
+            size = np.linalg.norm(np.asarray(total), axis=1)
+            across = np.interp(s.t, s.rec.t, size)
+            if model.unit(model.joints[joint]) == "m":
+                across = np.sqrt(np.maximum(across**2 - efforts[:, joint] ** 2, 0.0))
+            s.cache[key] = (efforts[:, joint], across)
+    return s.cache[key]

@@ -9,8 +9,6 @@ from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
 from s2r_host.gap.effects.joint_elasticity import mean_inertia, motor_shares, second_joint, transmitted
 from s2r_host.gap.session import Session
 
-CONTACT_HZ = 30.0
-CONTACT_DAMPING = 0.3
 LOG_STEP = 0.06
 
 
@@ -33,26 +31,28 @@ class Backlash(Effect):
         """Half widths from the encoder step to 6 % of the travel."""
         low, high = ctx.span(joint)
         widths = (high - low) * np.geomspace(0.0006, 0.06, 8)
-        return [{"w": float(w), "motor": m} for m in motor_shares(ctx, joint) for w in widths]
+        return [
+            {"w": float(w), "motor": m, "f": f, "zeta": z}
+            for m in motor_shares(ctx, joint)
+            for w in widths
+            for f in (12.0, 20.0, 35.0)
+            for z in (0.1, 0.4)
+        ]
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Width on a log scale, motor share linear."""
-        return {"w": ("log", 0.24), "motor": ("linear", 0.1)}
+        return {"w": ("log", 0.24), "motor": ("linear", 0.1), "f": ("log", 0.24), "zeta": ("log", 0.48)}
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Motor inertia plus transmitted effort, minus the rigid load."""
         store: dict[tuple, np.ndarray] = s.cache.setdefault(("backlash", joint), {})
-        wanted = _pair(shape)
+        wanted = node(shape)
         if wanted not in store:
-            near = [
-                (w, m)
-                for w in (wanted[0] - 1, wanted[0], wanted[0] + 1)
-                for m in (wanted[1] - 1, wanted[1], wanted[1] + 1)
-            ]
-            seeds = [_pair(x) for x in self.shapes(ctx, joint)] if not store else near
+            near = [tuple(wanted[i] + (i == k) * d for i in range(4)) for k in range(4) for d in (-8, -4, -2, -1, 1, 2, 4, 8)]
+            seeds = [node(x) for x in self.shapes(ctx, joint)] if not store else near
             batch = [x for x in dict.fromkeys([*seeds, wanted]) if x not in store and 0 <= x[1] <= 18]
-            triples = np.array([(CONTACT_HZ, CONTACT_DAMPING, 0.05 * m) for _, m in batch])
-            T = transmitted(ctx, s, joint, triples, np.exp(LOG_STEP * np.array([w for w, _ in batch])))
+            values = np.array([denode(x) for x in batch])
+            T = transmitted(ctx, s, joint, values[:, [2, 3, 1]], values[:, 0])
             for i, name in enumerate(batch):
                 store[name] = T[:, i]
         return Columns([], fixed=store[wanted])
@@ -75,10 +75,17 @@ class Backlash(Effect):
         return True
 
 
-def _pair(shape: Shape) -> tuple[int, int]:
-    """Nearest node of the grid on which the hidden link is integrated: 6 % in width, 5 % in motor share."""
+def node(shape: Shape) -> tuple[int, int, int, int]:
+    """Nearest node of the grid on which the hidden link is integrated: 6 % steps, 5 % in motor share."""
     motor = round(float(np.clip(shape["motor"], 0.0, 0.9)) / 0.05)
-    return round(float(np.log(shape["w"])) / LOG_STEP), motor
+    w, f, zeta = (round(float(np.log(shape[k])) / LOG_STEP) for k in ("w", "f", "zeta"))
+    return w, motor, f, zeta
+
+
+def denode(x: tuple[int, ...]) -> tuple[float, float, float, float]:
+    """Half width, motor share, contact frequency, contact damping of a node."""
+    w, f, zeta = (float(np.exp(LOG_STEP * k)) for k in (x[0], x[2], x[3]))
+    return w, 0.05 * x[1], f, zeta
 
 
 EFFECT = Backlash()

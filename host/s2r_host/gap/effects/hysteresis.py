@@ -32,6 +32,11 @@ class Hysteresis(Effect):
         """Displacement on a log scale."""
         return {"width": ("log", 0.3)}
 
+    def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
+        """A narrower loop is called presliding."""
+        low, high = ctx.span(joint)
+        return {"width": (0.04 * (high - low), 2.0 * (high - low))}
+
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Loop state."""
         return Columns([bristle(s, joint, np.array([shape["width"]]), int(shape["power"]))[:, 0]], (True,))

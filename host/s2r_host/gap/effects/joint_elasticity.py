@@ -41,7 +41,8 @@ class JointElasticity(Effect):
         """Motor inertia plus transmitted effort, minus the rigid load."""
         M, L, a = s.mass[:, joint], s.load[:, joint], s.a[:, joint]
         motor = float(np.clip(shape["motor"], 0.0, 0.9)) * mean_inertia(ctx, joint)
-        load = L - np.minimum(motor, 0.95 * M) * a
+        at_motor = float(ctx.model.model.dof_damping[joint]) * s.v[:, joint]
+        load = L - at_motor - np.minimum(motor, 0.95 * M) * a
         w = 2 * np.pi * shape["f"]
         # Held at the motor, T follows the link's rigid load through a second-order filter of unit gain.
         num, den, _ = cont2discrete(
@@ -74,8 +75,8 @@ class JointElasticity(Effect):
         """A second, coincident joint with stiffness; the motor's inertia is armature of the first."""
         values = self.parameters(ctx, joint, shape, theta)
         flex = second_joint(ctx, spec, joint, values["motor_inertia"].value)
-        flex.stiffness = values["stiffness"].value
-        flex.damping = values["damping"].value
+        flex.stiffness = [values["stiffness"].value, 0.0, 0.0]  # polynomials since MuJoCo 4
+        flex.damping = [values["damping"].value, 0.0, 0.0]
         return True
 
 
@@ -98,7 +99,8 @@ def transmitted(ctx: Context, s: Session, joint: int, triples: np.ndarray, gap: 
     J = mean_inertia(ctx, joint)
     motor = triples[:, 2] * J
     inertia = np.maximum(M[:, None] - motor[None, :], 0.05 * M[:, None])
-    load = L[:, None] - motor[None, :] * a[:, None]
+    at_motor = float(ctx.model.model.dof_damping[joint]) * s.v[:, joint]  # bearings sit on the motor's side
+    load = (L - at_motor)[:, None] - motor[None, :] * a[:, None]
     link = J - motor
     w = 2 * np.pi * triples[:, 0]
     T = deflection(s, joint, inertia, load, link * w**2, 2 * triples[:, 1] * w * link, gap)

@@ -1,0 +1,65 @@
+"""A flexible part: a share of the moved mass hangs on a spring behind the measured joint."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.effects.joint_elasticity import mean_inertia
+from s2r_host.gap.session import Session
+
+
+class FlexiblePart(Effect):
+    """η'' + 2 ζ ω η' + ω² η = -ddq; tau = μ J η''."""
+
+    name = "flexible_part"
+    equation = "η'' + 2ζω η' + ω² η = -ddq, tau = μ J η''"
+    signature = "ringing after every stop, at one frequency in all poses"
+    separating_motion = "pull near and far from the hinge, then stop abruptly"
+    confusable = ("joint_elasticity", "backlash")
+
+    def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
+        """Frequency and damping ratio."""
+        return [{"f": f, "zeta": z} for f in (2.0, 3.0, 4.5, 6.5, 9.5, 14.0, 20.0) for z in (0.01, 0.05, 0.2)]
+
+    def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
+        """Both on a log scale."""
+        return {"f": ("log", 0.12), "zeta": ("log", 0.5)}
+
+    def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
+        """A ringing that is damped within a period is elasticity of another kind."""
+        return {"zeta": (0.002, 0.35)}
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Reaction of the hanging share, per unit share of the inertia."""
+        w = 2 * np.pi * shape["f"]
+        system = ([-1.0, 0.0, 0.0], [1.0, 2 * shape["zeta"] * w, w * w])
+        num, den, _ = cont2discrete(system, s.dt, "bilinear")
+        return Columns([s.mass[:, joint] * lfilter(np.ravel(num), den, s.a[:, joint])], (True,))
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Share of the inertia, frequency, damping ratio."""
+        return {
+            "inertia_share": Value(float(theta[0]), "1", (1.0,)),
+            "frequency": Value(shape["f"], "Hz", shape_key="f"),
+            "damping_ratio": Value(shape["zeta"], "1", shape_key="zeta"),
+        }
+
+    def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
+        """Oscillator state, driven by the last acceleration."""
+        w, z = 2 * np.pi * shape["f"], shape["zeta"]
+        size = float(theta[0]) * mean_inertia(ctx, joint)
+        x = v = 0.0
+
+        def step(state: StepState) -> tuple[float, float]:
+            nonlocal x, v
+            a = -float(state.a[joint]) - 2 * z * w * v - w * w * x
+            v += dt * a
+            x += dt * v
+            return size * a, 0.0
+
+        return step
+
+
+EFFECT = FlexiblePart()

@@ -1,0 +1,136 @@
+"""Every effect of the catalogue: its regressor recovers its own strength, and its simulator form agrees."""
+
+import numpy as np
+import pytest
+
+from s2r_host.gap.effects import catalogue
+from s2r_host.gap.effects.base import Context, StepState
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.rig import write_model
+from s2r_host.gap.session import make_session
+
+NAMES = (
+    "coulomb_friction viscous_friction stribeck presliding asymmetric_friction load_dependent_friction backlash "
+    "joint_elasticity hysteresis armature motor_coupling payload gravity_tilt effort_scale saturation thermal_drift "
+    "session_friction actuator_delay bandwidth clock_skew encoder_offset encoder_eccentricity cogging cable_spring "
+    "spring_return detent soft_end_stop soft_close joint_play flexible_part contact_slip"
+).split()
+
+
+@pytest.fixture(scope="module")
+def ctx(tmp_path_factory):
+    """A pendulum moved by a sum of sines, effort as the model needs it, in two sessions with a side force."""
+    model = RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
+    t = np.arange(0, 8, 0.002)
+    sessions = []
+    for k, phase in enumerate((0.3, 1.9)):
+        q = 0.7 * np.sin(1.1 * t + phase) + 0.3 * np.sin(5.3 * t) + 0.1
+        u = 3.0 * np.sin(q) + 0.5 * np.cos(3 * t)
+        channels = {"q": {"elbow": q}, "tau": {"elbow": u}, "wrench": {"arm.fx": 2 * np.sin(7 * t)}}
+        rec = Recording(f"r{k}", t, channels, Controller(), "commanded", "effort", f"s{k}", "", ())
+        sessions.append(make_session(model, rec, k))
+    context = Context(model, sessions)
+    for s in sessions:
+        context.residual[(s.index, 0)] = np.sin(23.0 * s.q[:, 0])
+    return context
+
+
+def test_the_catalogue_is_the_contracts(ctx):
+    assert sorted(catalogue()) == sorted(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_effect_says_what_it_is(name):
+    effect = catalogue()[name]
+    assert effect.equation
+    assert effect.signature
+    assert effect.separating_motion
+    assert all(other in NAMES for other in effect.confusable + effect.contains)
+
+
+def terms(ctx, name):
+    effect = catalogue()[name]
+    joint = -1 if effect.scope == "model" else 0
+    if not effect.applies(ctx, joint):
+        pytest.skip(f"{name} cannot act on one joint")
+    return effect, joint, effect.shapes(ctx, joint)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_columns_are_finite_and_cover_the_recording(ctx, name):
+    effect, joint, shapes = terms(ctx, name)
+    assert shapes
+    s = ctx.sessions[1]
+    largest = 0.0
+    for shape in (shapes[0], shapes[len(shapes) // 2], shapes[-1]):
+        columns = effect.columns(ctx, s, joint, shape)
+        parts = [*columns.linear, *([] if columns.fixed is None else [columns.fixed])]
+        assert parts
+        for x in parts:
+            assert len(x) == len(s.t)
+            assert np.all(np.isfinite(x))
+        largest = max(largest, *(float(np.max(np.abs(x))) for x in parts))
+    assert largest > 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_parameters_carry_units_and_numbers(ctx, name):
+    effect, joint, shapes = terms(ctx, name)
+    columns = effect.columns(ctx, ctx.sessions[0], joint, shapes[0])
+    values = effect.parameters(ctx, joint, shapes[0], np.full(len(columns.linear), 0.2))
+    assert values
+    assert all(np.isfinite(v.value) and v.unit for v in values.values())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_there_is_a_simulator_form(ctx, name):
+    import mujoco
+
+    effect, joint, shapes = terms(ctx, name)
+    if name in ("clock_skew", "session_friction"):
+        pytest.skip("acts on the record, not on the plant")
+    shape = shapes[len(shapes) // 2]
+    theta = np.full(len(effect.columns(ctx, ctx.sessions[0], joint, shape).linear), 0.2)
+    if effect.sense(ctx, joint, shape, theta) is not None:
+        return
+    spec = mujoco.MjSpec.from_file(str(ctx.model.path))
+    if effect.patch(ctx, spec, joint, shape, theta):
+        model = spec.compile()
+        assert model.nv >= 1
+        return
+    assert effect.runtime(ctx, joint, shape, theta, 0.001) is not None
+
+
+INSTANT = [
+    "stribeck", "asymmetric_friction", "cogging", "spring_return", "detent", "soft_end_stop", "soft_close",
+    "saturation", "presliding", "hysteresis", "bandwidth", "actuator_delay", "cable_spring",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", INSTANT)
+def test_regressor_and_simulator_form_ask_for_the_same_effort(ctx, name):
+    """Walk the runtime along the recording; force plus dry friction must equal the columns times coefficients."""
+    effect, joint, shapes = terms(ctx, name)
+    s = ctx.sessions[0]
+    shape = shapes[len(shapes) // 2]
+    columns = effect.columns(ctx, s, joint, shape)
+    theta = np.linspace(0.3, 0.5, len(columns.linear))
+    wanted = sum((th * c for th, c in zip(theta, columns.linear, strict=True)), np.zeros(len(s.t)))
+    if columns.fixed is not None:
+        wanted = wanted + columns.fixed
+    runtime = effect.runtime(ctx, joint, shape, theta, s.dt)
+    if runtime is None:
+        pytest.skip("stock attribute")
+    got = np.empty(len(s.t))
+    for i in range(len(s.t)):
+        force, dry = runtime(StepState(s.t[i], s.q[i], s.v[i], s.a[i], s.u[i], s.load[i]))
+        got[i] = force + dry * s.sign(0)[i]
+    inside = slice(200, None)
+    assert np.sqrt(np.mean((got - wanted)[inside] ** 2)) < 0.03 * np.std(wanted[inside]) + 1e-6
+
+
+def test_two_seeds_of_one_effect_are_distinguishable(ctx):
+    effect = catalogue()["cogging"]
+    orders = [shape["order"] for shape in effect.shapes(ctx, 0)]
+    assert min(abs(o - 23.0) for o in orders) < 1.0

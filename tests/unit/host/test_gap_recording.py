@@ -1,0 +1,105 @@
+"""Recordings are read, converted and refused by name."""
+
+import numpy as np
+import pytest
+import yaml
+
+from s2r_host.gap.errors import GapRecordingError
+from s2r_host.gap.recording import read_recording
+
+T = np.arange(0, 1, 0.01)
+
+
+def write(folder, header, rows, side=None):
+    path = folder / "rec.csv"
+    path.write_text("\n".join([",".join(header)] + [",".join(map(str, r)) for r in rows]), encoding="utf-8")
+    if side is not None:
+        path.with_suffix(".yaml").write_text(yaml.safe_dump(side), encoding="utf-8")
+    return path
+
+
+def simple(folder, side=None, q=None):
+    q = np.sin(T) if q is None else q
+    return write(folder, ["t", "q.a", "tau.a"], zip(T, q, np.cos(T), strict=True), side)
+
+
+def test_columns_become_channels(tmp_path):
+    rec = read_recording(simple(tmp_path))
+    assert rec.joints == ("a",)
+    assert rec.get("tau", "a") == pytest.approx(np.cos(T))
+    assert rec.effort == "commanded"
+
+
+def test_declared_degrees_become_radians(tmp_path):
+    rec = read_recording(simple(tmp_path, {"units": {"q": "deg"}}, q=90 * np.sin(T)))
+    assert rec.get("q", "a") == pytest.approx(np.pi / 2 * np.sin(T))
+
+
+def test_an_unknown_unit_is_refused_with_the_known_ones(tmp_path):
+    with pytest.raises(GapRecordingError, match=r"'q.a' declares the unit 'furlong'.*deg"):
+        read_recording(simple(tmp_path, {"units": {"q": "furlong"}}))
+
+
+def test_joint_names_are_mapped(tmp_path):
+    assert read_recording(simple(tmp_path, {"joint_names": {"a": "elbow"}})).joints == ("elbow",)
+
+
+def test_gains_follow_the_joint_names(tmp_path):
+    side = {"joint_names": {"a": "elbow"}, "controller": {"type": "pd", "kp": {"a": 3.0}}}
+    assert read_recording(simple(tmp_path, side)).controller.kp == {"elbow": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no column 't'"),
+        ("x,y\n1,2\n", "no column 't'"),
+        ("t,q.a\n0,1\n0.1,hello\n0.2,3\n", "'hello' is not a number"),
+        ("t,q.a\n0,1\n0.1,2\n", "2 usable rows, at least 50"),
+        ("t,q.a,q.a\n0,1,1\n", "column 'q.a' appears twice"),
+    ],
+)
+def test_a_broken_table_is_refused(tmp_path, text, message):
+    path = tmp_path / "bad.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(GapRecordingError, match=message):
+        read_recording(path)
+
+
+def test_time_that_falls_back_is_refused(tmp_path):
+    t = T.copy()
+    t[40] = 0.0
+    with pytest.raises(GapRecordingError, match="time falls back at row 42"):
+        read_recording(write(tmp_path, ["t", "q.a"], zip(t, T, strict=True)))
+
+
+def test_binary_rubbish_is_refused(tmp_path):
+    for name in ("bad.csv", "bad.parquet", "bad.mcap"):
+        path = tmp_path / name
+        path.write_bytes(bytes(range(256)) * 4)
+        with pytest.raises(GapRecordingError, match=r"bad\."):
+            read_recording(path)
+
+
+def test_velocity_in_another_unit_is_refused(tmp_path):
+    dq = np.degrees(np.gradient(np.sin(5 * T), T))
+    path = write(tmp_path, ["t", "q.a", "dq.a"], zip(T, np.sin(5 * T), dq, strict=True))
+    with pytest.raises(GapRecordingError, match="another unit"):
+        read_recording(path)
+
+
+def test_missing_cells_cost_a_warning_and_are_interpolated(tmp_path):
+    q = [f"{x:.6f}" for x in np.sin(T)]
+    q[10] = ""
+    rec = read_recording(write(tmp_path, ["t", "q.a"], zip(T, q, strict=True)))
+    assert any("1 missing cells" in w for w in rec.warnings)
+    assert rec.get("q", "a")[10] == pytest.approx(np.sin(T[10]), abs=1e-3)
+
+
+def test_parquet_reads_like_csv(tmp_path):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = tmp_path / "rec.parquet"
+    pq.write_table(pa.table({"t": T, "q.a": np.sin(T)}), path)
+    assert read_recording(path).get("q", "a") == pytest.approx(np.sin(T))
