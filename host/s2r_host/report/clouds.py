@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from s2r_host.motion.robot_mask import back_project
 from s2r_host.motion.scene import Region
@@ -100,7 +101,9 @@ def _draw_axis(axes: Axes, project: Projection, belief: Belief, shape: tuple[int
     (x0, y0), (x1, y1) = line[:, :2].tolist()
     arrow = {"arrowstyle": "-|>", "color": AXIS, "lw": 2.2, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", xy=(x1, y1), xytext=(x0, y0), arrowprops=arrow)
-    axes.text(x1, y1, "  + out", color=AXIS, fontsize=9, fontweight="bold", va="bottom", clip_on=True)
+    halo = [withStroke(linewidth=3, foreground="white")]
+    place = {"xytext": (-4, -8), "textcoords": "offset points", "ha": "right", "va": "top"}
+    axes.annotate("+ out", (x1, y1), color=AXIS, fontsize=10, fontweight="bold", path_effects=halo, **place)
     if shape is not None:
         axes.set_xlim(0, shape[1])
         axes.set_ylim(shape[0], 0)

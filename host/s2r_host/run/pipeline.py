@@ -7,7 +7,6 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from s2r_host.errors import HostError
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.run.belief import build_belief, corrected, estimate_slide
 from s2r_host.run.first_push import carry_out_push, prepare_push
@@ -23,7 +22,7 @@ from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session, open_session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.travel import go_to
-from s2r_protocol.exits import ExitCode, S2RError
+from s2r_protocol.exits import ExitCode, RefusedError, S2RError
 
 logger = logging.getLogger(__name__)
 
@@ -110,7 +109,7 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
                     f"{planned.result.control_steps} steps, {planned.delivery.trajectory.duration_s:.1f} s, "
                     f"ends at {planned.foreseen_m:+.4f} m"
                 )
-        except HostError as error:
+        except RefusedError as error:
             if number == 1:
                 raise
             journal.warn(f"no correction {number}: {error}")

@@ -12,6 +12,7 @@ from s2r_host.run.measure import PartTemplate
 MJCF = """<mujoco><compiler angle="radian"/><worldbody><body name="object_base"><geom name="base_box" size="0.1 0.1 0.1"
  pos="1 0 0" type="box"/><body name="object_part"><joint name="object_joint" type="slide" axis="-1 0 0"
  range="-0.1 0.3"/><geom name="part_bar" type="box" pos="0.5 0 0.2" quat="0 0 0 1" size="0.005 0.05 0.006"/>
+ <geom name="part_post" type="box" pos="0.52 0 0.2" size="0.02 0.008 0.006"/>
  <geom name="part_knob" type="sphere" pos="0.4 0 0.2" size="0.01"/></body></body></worldbody></mujoco>"""
 OUT = np.array([-1.0, 0.0, 0.0])
 
@@ -70,11 +71,26 @@ def test_corrections_add_up(belief, tmp_path):
     assert faces(twice.mjcf_path)[0] == pytest.approx(faces(belief.mjcf_path)[0] - 0.002)
 
 
-def test_grown_object_is_larger_on_every_side_and_stays_where_it_is(belief, tmp_path):
+def test_grown_object_comes_nearer_along_the_axis_but_offers_less_edge(belief, tmp_path):
     path = grown(belief, 0.003, tmp_path / "plan" / "object.xml")
-    before, after = (mujoco.MjModel.from_xml_path(str(p)).geom("part_bar") for p in (belief.mjcf_path, path))
-    assert after.size == pytest.approx(before.size + 0.003)
-    assert after.pos == pytest.approx(before.pos)
+    before, after = (mujoco.MjModel.from_xml_path(str(p)) for p in (belief.mjcf_path, path))
+    assert after.geom("part_bar").size == pytest.approx(
+        before.geom("part_bar").size + np.array([0.003, 0.0, -0.0015])
+    )
+    assert after.geom("part_bar").pos == pytest.approx(before.geom("part_bar").pos)
+
+
+def test_what_stands_still_grows_on_every_side(belief, tmp_path):
+    path = grown(belief, 0.003, tmp_path / "plan" / "object.xml")
+    before, after = (mujoco.MjModel.from_xml_path(str(p)) for p in (belief.mjcf_path, path))
+    assert after.geom("base_box").size == pytest.approx(before.geom("base_box").size + 0.003)
+
+
+def test_posts_also_grow_across(belief, tmp_path):
+    path = grown(belief, 0.003, tmp_path / "plan" / "object.xml")
+    before, after = (mujoco.MjModel.from_xml_path(str(p)) for p in (belief.mjcf_path, path))
+    more = after.geom("part_post").size - before.geom("part_post").size
+    assert more == pytest.approx([0.003, 0.003, -0.0015])
 
 
 def test_unknown_geom_is_refused_by_name(belief, tmp_path):
