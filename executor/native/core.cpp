@@ -226,7 +226,7 @@ void Core::settle_goal() noexcept {
   for (int joint = 1; joint < config_.dof; ++joint)
     if (std::abs(error(joint)) > std::abs(error(worst))) worst = joint;
   const Trip goal{Cause::kGoalTolerance, worst, error(worst), goal_tolerance()};
-  if (std::abs(goal.value) <= goal.limit && age_[worst] == 0) {
+  if (std::abs(goal.value) <= goal.limit && age_[oldest_answer()] == 0) {
     plan_done_ = true;
     emit(EventKind::kPlanDone, {Cause::kNone, worst, goal.value, goal.limit});
     apply(Trigger::kPlanEnded);

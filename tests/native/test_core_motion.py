@@ -126,7 +126,9 @@ def test_stop_shortly_before_the_end_lets_the_plan_end(armed, plan_from):
     armed.run_plan(plan)
     armed.step(1200)
     armed.command(STOP)
+    first = armed.state.tick
     snapshot = armed.until(lambda s: s.state == ExecutorState.HOLD, 250)
+    assert snapshot.tick - first == 1400 - 1201  # not a tick later than without the stop
     assert np.abs(snapshot.q_ref - plan.q[-1]).max() < 1e-12
 
 
@@ -390,6 +392,15 @@ def test_splice_within_tolerance_fades_instead_of_stepping(armed, plan_from, use
     assert np.abs(armed.state.q_ref - child.q[-1]).max() < 1e-12
 
 
+def test_splice_while_the_start_still_fades_keeps_what_is_left(armed, plan_from, use_of_limits):
+    plan = plan_from(armed.state.q_ref + 0.9e-4)
+    child = branch_of(plan, 0.08, 0.1)
+    armed.run_plan(plan)
+    armed.submit(child, plan_id=2, parent_id=1, splice_t=0.08)
+    armed.until(lambda s: s.plan_done and s.plan_id == 2, 2500)
+    assert use_of_limits(armed.emitted()) <= 1.0
+
+
 @pytest.mark.parametrize(
     ("changes", "fields", "refusal"),
     [
@@ -443,6 +454,17 @@ def test_goal_outside_its_tolerance_ends_in_a_stop_with_the_joint_named(make_cel
     assert snapshot.cause_limit == 0.02
     assert not snapshot.plan_done
     assert cell.events(PLAN_DONE) == []
+
+
+def test_goal_counts_only_with_a_fresh_answer_of_every_joint(armed, plan_from):
+    armed.run_plan(plan_from(armed.state.q_ref))
+    armed.step(1397)
+    armed.drives.silent.add(6)
+    armed.step(2)
+    assert armed.state.state == ExecutorState.RUN
+    armed.drives.silent.clear()
+    armed.step(2)
+    assert armed.state.plan_done
 
 
 def test_goal_that_is_reached_late_but_in_time_is_done(make_cell, plan_from):
