@@ -624,6 +624,7 @@ nb::dict cause_table(bool categories) {
 
 NB_MODULE(_native, m) {
   using namespace s2r;
+  nb::set_leak_warnings(false);  // objects still held by daemon threads when the interpreter ends are no news
   m.doc() = "Front end's side of the real-time core's shared memory, and the core's units for tests.";
 
   m.attr("MAX_JOINTS") = kMaxJoints;
