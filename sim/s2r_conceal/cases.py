@@ -100,7 +100,8 @@ def draw_cases(
     rng = np.random.default_rng([seed, 11])
     plans = [(group, plan) for group in GROUPS for plan in _plans(rng, rig, group, counts.get(group, 0))]
     order = rng.permutation(len(plans))
-    return [_draw(rig, (seed, 23, int(k)), *plans[k], duration_s) for k in order]
+    seeds = [(seed, 23, int(k)) for k in order]
+    return [_draw(rig, s, plans[s[2]][0], plans[s[2]][1], duration_s) for s in seeds]
 
 
 def redraw(case: Case, attempt: int) -> Case:
@@ -167,7 +168,9 @@ def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: Plan, duration_s: f
     controller = _controller(rng, rig, machine, mask)
     told = misjudged(rng, machine, mask.nominal_error if group != "clean" else 1e-3)
     paths = _paths(rng, rig, group, variant, duration_s)
-    feed_forward = float(rng.choice([0.0, 0.0, 1.0]))
+    feed_forward = float(
+        rng.choice([0.0, 0.0, 1.0] if rig.joints == 1 else [1.0, 1.0, 1.0])
+    )  # arms do not sag
     motions = {role: _motion(rig, told, q, feed_forward) for role, q in paths.items()}
     scales = _scales(rig, machine, controller, paths["fit"], duration_s)
     case = Case(

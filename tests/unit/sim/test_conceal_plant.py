@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -111,3 +112,41 @@ def test_poor_motions_show_little():
     assert np.ptp(poor(rng, "still", 3.0)) == 0.0
     assert np.all(np.diff(poor(rng, "one_way", 3.0)) >= 0.0)
     assert np.ptp(poor(rng, "crawl", 3.0)) < 0.01
+
+
+def _in_mujoco(column, model):
+    """The same loop stepped by MuJoCo at the plant's step, friction constraint made stiff."""
+    model.opt.timestep = 1e-4
+    model.dof_solref[:] = (0.001, 1.0)
+    model.dof_solimp[:] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+    data = mujoco.MjData(model)
+    motion, gains = column.motion, column.controller
+    data.qpos[:] = motion.q_cmd[0]
+    out = np.zeros_like(motion.q_cmd)
+    for tick in range(-SETTLE_TICKS, len(out)):
+        row, moving = max(tick, 0), tick >= 0
+        out[row] = data.qpos
+        error = motion.q_cmd[row] - data.qpos
+        data.ctrl[:] = gains.kp * error + gains.kd * (motion.dq_cmd[row] * moving - data.qvel)
+        for _ in range(10):
+            mujoco.mj_step(model, data)
+    return out
+
+
+@pytest.mark.parametrize("name", ["one_joint", "two_link"])
+def test_the_plant_agrees_with_mujoco_once_its_friction_is_made_stiff(name):
+    rig = rig_named(name)
+    machine = rig.draw(np.random.default_rng(12))
+    t = np.arange(600) / RATE_HZ
+    q = 0.3 * (1.0 - np.cos(2 * np.pi * 1.5 * t))[:, None] * np.linspace(1.0, -0.7, rig.joints)
+    dq, _ = derivatives(q)
+    column = _free(rig, machine, np.zeros(rig.joints))
+    gains = 300.0 * np.ones(rig.joints)
+    column = replace(
+        column,
+        motion=Motion(q, dq, np.zeros_like(q)),
+        controller=Controller(gains, 0.1 * gains, 0.0 * gains),
+    )
+    trace = simulate(rig, [column])[0]
+    model = mujoco.MjModel.from_xml_string(rig.mjcf(machine, [{} for _ in rig.joint_names]))
+    assert trace.q == pytest.approx(_in_mujoco(column, model), abs=5e-5)
