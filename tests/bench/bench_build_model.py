@@ -3,8 +3,8 @@
     python tests/bench/bench_build_model.py [--synthetic N] [--real]
 
 Real rows need the single-view laptop clip (UT-Austin-RobIn/ScrewMimic, close_laptop_1, depth as 16-bit PNG) with its
-pseudo truth (plane fits, good to 0.7 degrees and 8 mm) under ``$S2R_SHARED_DATA/screwmimic``. Axis errors keep the sign:
-a reversed axis counts as 180 degrees.
+pseudo truth (plane fits, good to 0.7 degrees and 8 mm) under ``$S2R_SHARED_DATA/screwmimic``. Axis errors keep the
+sign: a reversed axis counts as 180 degrees.
 """
 
 from __future__ import annotations
@@ -125,11 +125,12 @@ def print_summary(kind: str, rows: list[Row]) -> None:
         return f"{np.percentile(values, 50):.2f} / {np.percentile(values, 90):.2f}"
 
     hinges = [r.hinge_mm for r in good if r.hinge_mm is not None]
-    covered = [c for r in good for c in r.covered]
+    covered = 100 * np.mean([c for r in good for c in r.covered])
+    cpu_s = np.median([r.cpu_s for r in good])
     print(
         f"| {kind} | {len(rows)} | {abstained} | {len(good)}/{len(rows) - abstained} |"
         f" {pair([float(r.axis_deg or 0) for r in good])} | {pair([abs(r.amount_error or 0) for r in good])} |"
-        f" {pair(hinges) if hinges else ''} | {100 * np.mean(covered):.0f} % | {np.median([r.cpu_s for r in good]):.1f} |"
+        f" {pair(hinges) if hinges else ''} | {covered:.0f} % | {cpu_s:.1f} |"
     )
 
 

@@ -21,7 +21,7 @@ from s2r_host.perception.motion import JointMotion, JointType
 
 logger = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 SWING_MARGIN_RAD = 1.0
 

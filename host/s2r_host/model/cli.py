@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 from rich.console import Console
@@ -128,7 +128,7 @@ def parse_region(text: str | None) -> tuple[float, float, float, float, float, f
     return values[0], values[1], values[2], values[3], values[4], values[5]
 
 
-def _abstain(error: RefusedError, out: Path, as_json: bool) -> None:
+def _abstain(error: RefusedError, out: Path, as_json: bool) -> NoReturn:
     """Say why there is no answer, in the form asked for, and leave with the code for a refusal."""
     result = {"abstain": True, "reason": str(error)}
     with contextlib.suppress(OSError):  # the reason matters more than its copy on disk

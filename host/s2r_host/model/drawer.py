@@ -20,7 +20,7 @@ from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.motion import unit
 from s2r_host.perception.planes import fit_plane
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 FRONT_THICKNESS_M = 0.018
 WALL_M = 0.008

@@ -17,7 +17,7 @@ from s2r_host.model.pieces import Piece, box
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.view import DepthView
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 STANDS_OUT_M = 0.009
 COLUMN_M = 0.006

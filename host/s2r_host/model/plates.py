@@ -14,7 +14,7 @@ from s2r_host.model.points import ObservedObject
 from s2r_host.perception.motion import perpendicular_basis
 from s2r_host.perception.planes import Plane, find_planes, fit_plane
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 PLATE_M = 0.008
 VOXEL_M = 0.008
@@ -154,8 +154,9 @@ def _inside(p: Array, pieces: list[Piece], margin_m: float = 0.006) -> NDArray[n
 
 def _thickened(p: Array, seen: ObservedObject) -> Array:
     """Points and a copy of them one plate further from the camera: a shell has no volume otherwise."""
-    away = -seen.up if seen.p_camera is None else None
-    if away is None:
+    if seen.p_camera is None:
+        away = np.broadcast_to(-seen.up, p.shape)
+    else:
         ray = p - seen.p_camera
         away = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     return np.concatenate([p, p + 0.5 * PLATE_M * away, p + PLATE_M * away])

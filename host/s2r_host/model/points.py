@@ -11,7 +11,7 @@ from s2r_host.model.errors import ModelError
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.planes import find_planes
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 SUPPORT_CLEARANCE_M = 0.006
 UPRIGHT_COS = 0.985

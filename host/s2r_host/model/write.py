@@ -18,7 +18,7 @@ from s2r_host.model.belief import Physics
 from s2r_host.model.pieces import Piece
 from s2r_host.perception.motion import JointMotion
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 COLOUR = {"base": "0.55 0.57 0.60 1", "part": "0.85 0.55 0.25 1"}
 
@@ -79,7 +79,8 @@ def _add_geom(body: ET.Element, piece: Piece, physics: Physics) -> None:
         attributes |= {"type": "box", "size": _text(piece.half_size)}
     else:
         attributes |= {"type": "mesh", "mesh": _geom(piece)}
-    ET.SubElement(body, "geom", pos=_text(piece.X_base_piece[:3, 3]), quat=_text(quat), **attributes)
+    attributes |= {"pos": _text(piece.X_base_piece[:3, 3]), "quat": _text(quat)}
+    ET.SubElement(body, "geom", attributes)
 
 
 def write_urdf(

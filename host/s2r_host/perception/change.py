@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from s2r_host.perception.view import DepthView, Seen, View
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 SURE_M = 0.005  # how much deeper than the noise band the other view must see to call a point moved
@@ -63,7 +63,7 @@ def _clean_image(moved: Mask, view: DepthView) -> Mask:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=8)
     keep = np.zeros(count, bool)
     keep[1:] = stats[1:, cv2.CC_STAT_AREA] >= 30
-    return keep[labels].ravel()[view.flat]
+    return keep[np.asarray(labels, dtype=np.int64)].ravel()[view.flat]
 
 
 def _clean_cloud(moved: Mask, view: View) -> Mask:

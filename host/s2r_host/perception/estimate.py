@@ -28,7 +28,7 @@ from s2r_host.perception.view import CloudView, DepthView, View
 
 logger = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 Region = tuple[float, float, float, float, float, float]
 
@@ -37,7 +37,7 @@ EVIDENCE_SCALE = 0.02  # cost difference that makes a hypothesis e times less li
 FAMILY_MARGIN = 0.02  # cost; below it revolute and prismatic are not told apart
 MOST_RESIDUAL_M = 0.003
 LEAST_TRAVEL_M = 0.010  # of the fastest point of the part
-MOST_TILT_RAD = np.radians(30)
+MOST_TILT_RAD = np.radians(15)
 LEAST_EXPLAINED = 0.42  # with hands on the object 0.5-0.75; a plate taken for its own mirror image 0.3-0.4
 LEAST_MOVED_M2 = 3e-4
 
@@ -163,8 +163,9 @@ def estimate_joint(
     parts = segment(scene, best.motion)
     explained = _explained(best.motion, scene, rng)
     check_same_camera(view_a, view_b, changes, ~parts.before, rng)
+    fine = probe(view_a, scene.moved_before(), 1000, rng), probe(view_b, scene.moved_after(), 1000, rng)
+    check_second_part(best.motion, [h.motion for h in ranked[1:]], scene, fine)
     warnings += _judge(ranked, scene, parts, explained)
-    check_second_part(scene, parts, best.motion, rng)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
     noise_m = float(np.median(view_a.sigma_m[parts.before])) if parts.before.any() else 0.0015
     intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, noise_m)
@@ -210,7 +211,7 @@ def _in_region(view: View, region: Region | None) -> Mask:
     if region is None:
         return np.ones(len(view.points), dtype=bool)
     low, high = np.array(region[0::2]), np.array(region[1::2])
-    return ((view.points >= low) & (view.points <= high)).all(axis=1)
+    return np.all((view.points >= low) & (view.points <= high), axis=1)
 
 
 def _require_motion(scene: Scene) -> None:

@@ -17,7 +17,7 @@ from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.planes import find_planes
 from s2r_host.perception.view import Seen, View, agreement
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 COST_FREE = 1.2
 COST_STATIC = 0.8

@@ -31,15 +31,15 @@ class DepthFrame:
     """
 
     depth_m: NDArray[np.float32]
-    K: NDArray[np.float64]
-    X_base_camera: NDArray[np.float64]
+    K: NDArray[np.floating]
+    X_base_camera: NDArray[np.floating]
     colour: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         _check_depth(self.depth_m)
         _check_camera(self.K, self.X_base_camera, self.depth_m.shape)
 
-    def points_base(self) -> NDArray[np.float64]:
+    def points_base(self) -> NDArray[np.floating]:
         """Every pixel as a point in the base frame [m], shape (h, w, 3); NaN where there is no return."""
         return backproject(self.depth_m, self.K, self.X_base_camera)
 
@@ -55,8 +55,8 @@ class Cloud:
         colour: RGB, uint8, shape (n, 3), or None.
     """
 
-    points: NDArray[np.float64]
-    p_camera: NDArray[np.float64] | None = None
+    points: NDArray[np.floating]
+    p_camera: NDArray[np.floating] | None = None
     colour: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
@@ -64,8 +64,8 @@ class Cloud:
 
 
 def backproject(
-    depth_m: FloatArray, K: NDArray[np.float64], X_base_camera: NDArray[np.float64]
-) -> NDArray[np.float64]:
+    depth_m: FloatArray, K: NDArray[np.floating], X_base_camera: NDArray[np.floating]
+) -> NDArray[np.floating]:
     """Points of all pixels in the base frame [m], shape (h, w, 3); NaN where depth is 0."""
     h, w = depth_m.shape
     u, v = np.meshgrid(np.arange(w), np.arange(h))
@@ -105,7 +105,9 @@ def _check_range(what: str, distance_m: FloatArray) -> None:
         )
 
 
-def _check_camera(K: NDArray[np.float64], X_base_camera: NDArray[np.float64], shape: tuple[int, ...]) -> None:
+def _check_camera(
+    K: NDArray[np.floating], X_base_camera: NDArray[np.floating], shape: tuple[int, ...]
+) -> None:
     if K.shape != (3, 3) or not np.isfinite(K).all() or K[0, 0] <= 0 or K[1, 1] <= 0:
         raise BadViewError(
             "K must be a finite 3x3 pinhole matrix with positive focal lengths in pixels, got\n" + str(K)
@@ -130,7 +132,7 @@ def _check_camera(K: NDArray[np.float64], X_base_camera: NDArray[np.float64], sh
         )
 
 
-def _check_points(points: NDArray[np.float64]) -> None:
+def _check_points(points: NDArray[np.floating]) -> None:
     if points.ndim != 2 or points.shape[1] != 3:
         raise BadViewError(f"a cloud has shape (points, 3), got {points.shape}")
     if len(points) < FEWEST_POINTS:

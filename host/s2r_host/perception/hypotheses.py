@@ -16,7 +16,7 @@ from s2r_host.perception.evidence import Probe, Scene, score
 from s2r_host.perception.motion import JointMotion, JointType, perpendicular_basis
 from s2r_host.perception.planes import Plane, crossing_line, find_planes
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 SLIDES_M = np.concatenate([np.arange(0.008, 0.1, 0.008), np.arange(0.1, 0.42, 0.016)])
 TURNS_RAD = np.radians(np.concatenate([np.arange(4, 40, 4.0), np.arange(40, 125, 8.0)]))
@@ -128,7 +128,7 @@ def best_distinct(
 
 
 def _inside(points: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    return ((points >= low) & (points <= high)).all(axis=1)
+    return np.all((points >= low) & (points <= high), axis=1)
 
 
 def _planes(view: object, mask: NDArray[np.bool_], rng: np.random.Generator, most: int) -> list[Plane]:

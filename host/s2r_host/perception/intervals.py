@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from s2r_host.perception.motion import line_distance
 from s2r_host.perception.refine import Refined
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 Z90 = 1.645
 CHI90_2 = 2.146  # radius of the 90 % disc of a 2D normal distribution
@@ -18,7 +18,7 @@ CHI90_2 = 2.146  # radius of the 90 % disc of a 2D normal distribution
 FLOOR_TILT_RAD = np.radians(0.5)
 FLOOR_SHIFT_M = 0.0025
 FLOOR_SLIDE_M = 0.0006
-FLOOR_TURN_RAD = np.radians(0.3)
+FLOOR_TURN_RAD = np.radians(0.5)
 # Slow waves in the depth tilt a whole plate by about this much per metre of noise; a hinge found from two plates that
 # differ by an angle inherits it divided by 2 sin(angle / 2). On real laptop lids (noise 1.5 mm) this gives the errors
 # seen: 1-3 degrees at 13-24 degrees of motion, 5 degrees at 8.

@@ -25,10 +25,10 @@ FrameName = Literal["base", "camera"]
 class Camera:
     """Intrinsics [px] and pose of a camera as read from ``camera.json``."""
 
-    K: NDArray[np.float64]
+    K: NDArray[np.floating]
     width: int
     height: int
-    X_base_camera: NDArray[np.float64] | None
+    X_base_camera: NDArray[np.floating] | None
 
 
 def load_camera(path: Path) -> Camera:
@@ -144,7 +144,7 @@ def _load_ply(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
     import open3d as o3d
 
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        cloud = o3d.io.read_point_cloud(str(path), remove_nan_points=False, remove_infinite_points=False)
+        cloud = o3d.io.read_point_cloud(path, remove_nan_points=False, remove_infinite_points=False)
     points = np.asarray(cloud.points, dtype=np.float64)
     colour = np.asarray(cloud.colors) if cloud.has_colors() else None
     if len(points) == 0:
@@ -165,7 +165,7 @@ def _load_ply(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
     return Cloud(points, None, rgb)
 
 
-def _pose(path: Path, frame: FrameName, camera: Camera) -> NDArray[np.float64]:
+def _pose(path: Path, frame: FrameName, camera: Camera) -> NDArray[np.floating]:
     if frame == "camera":
         return np.eye(4)
     if camera.X_base_camera is None:
@@ -179,7 +179,7 @@ def _colour_or_none(colour: NDArray[np.generic] | None, shape: tuple[int, ...]) 
     return np.asarray(colour, dtype=np.uint8)
 
 
-def virtual_pinhole(points_camera: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[int, int]]:
+def virtual_pinhole(points_camera: NDArray[np.floating]) -> tuple[NDArray[np.floating], tuple[int, int]]:
     """A pinhole camera at the origin that sees the cloud at about one point per pixel.
 
     Args:
@@ -208,10 +208,10 @@ def virtual_pinhole(points_camera: NDArray[np.float64]) -> tuple[NDArray[np.floa
 
 
 def rasterise(
-    points: NDArray[np.float64],
-    K: NDArray[np.float64],
+    points: NDArray[np.floating],
+    K: NDArray[np.floating],
     shape: tuple[int, int],
-    X_base_camera: NDArray[np.float64],
+    X_base_camera: NDArray[np.floating],
     colour: NDArray[np.uint8] | None = None,
 ) -> DepthFrame:
     """Depth image of a cloud seen by a pinhole camera: nearest point per pixel, single-pixel gaps closed.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.view import DepthView, View
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 PART_RGB = np.array([0.88, 0.36, 0.10])
@@ -56,8 +56,8 @@ def view_figure(estimate: JointEstimate, after: bool) -> Figure:
 def cloud_figure(estimate: JointEstimate) -> Figure:
     """Both clouds around the part from above and from the side, part before and after, axis as a line."""
     figure = Figure(figsize=(11, 5.2), layout="constrained")
-    for k, (i, j) in enumerate(((0, 1), (0, 2))):
-        axes = figure.add_subplot(1, 2, k + 1)
+    panels = [figure.add_subplot(1, 2, k + 1) for k in range(2)]
+    for k, (axes, (i, j)) in enumerate(zip(panels, ((0, 1), (0, 2)), strict=True)):
         box = _box(estimate)
         for view, mask, colour, label in (
             (estimate.view_before, estimate.parts.before, PART_RGB, "part before"),
@@ -70,14 +70,18 @@ def cloud_figure(estimate: JointEstimate) -> Figure:
             axes.plot(*view.points[own][:, [i, j]].T, ".", ms=1.2, color=colour, label=label, zorder=2)
         a, b = _axis_ends(estimate)
         axes.annotate(
-            "", b[[i, j]], a[[i, j]], arrowprops={"arrowstyle": "-|>", "color": AXIS_RGB, "lw": 2.2}, zorder=4
+            "",
+            tuple(b[[i, j]]),
+            tuple(a[[i, j]]),
+            arrowprops={"arrowstyle": "-|>", "color": AXIS_RGB, "lw": 2.2},
+            zorder=4,
         )
         axes.plot(*estimate.axis_origin_m[[i, j]], "o", color=AXIS_RGB, ms=5, zorder=4, label="axis")
         axes.set_aspect("equal")
         axes.set_xlabel("xyz"[i] + " [m]")
         axes.set_ylabel("xyz"[j] + " [m]")
         axes.set_title("from above" if k == 0 else "from the side", fontsize=9)
-    legend = axes.legend(fontsize=8, loc="best")
+    legend = panels[1].legend(fontsize=8, loc="best")
     for handle in legend.legend_handles:
         if isinstance(handle, Line2D):
             handle.set_markersize(6)
@@ -111,7 +115,7 @@ def _shaded(view: DepthView, mask: Mask) -> Array:
 
 
 def _rays(view: DepthView) -> Array:
-    ray = view.points - view.p_camera
+    ray = view.points - view.X_base_camera[:3, 3]
     return ray / np.linalg.norm(ray, axis=1, keepdims=True)
 
 
@@ -149,7 +153,9 @@ def _side_view(axes: Axes, points: Array, mask: Mask, estimate: JointEstimate) -
     axes.plot(*points[inside & ~mask][:, [1, 2]].T, ",", color="0.7")
     axes.plot(*points[mask][:, [1, 2]].T, ".", ms=1.2, color=PART_RGB)
     a, b = _axis_ends(estimate)
-    axes.annotate("", b[[1, 2]], a[[1, 2]], arrowprops={"arrowstyle": "-|>", "color": AXIS_RGB, "lw": 2.5})
+    axes.annotate(
+        "", tuple(b[[1, 2]]), tuple(a[[1, 2]]), arrowprops={"arrowstyle": "-|>", "color": AXIS_RGB, "lw": 2.5}
+    )
     axes.set_aspect("equal")
     axes.set_xlabel("y [m]")
     axes.set_ylabel("z [m]")

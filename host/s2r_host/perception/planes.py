@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from s2r_host.perception.motion import perpendicular_basis, unit
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, eq=False)

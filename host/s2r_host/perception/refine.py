@@ -13,7 +13,7 @@ from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import JointMotion, perpendicular_basis, rotation, unit
 from s2r_host.perception.view import Seen, View, agreement
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 SOFT_M = 0.002  # scale of the soft-L1 loss on surfaces
 EDGE_SOFT_M = 0.004  # edges of a stereo image are ragged by several pixels

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.change import Change, Changes
 from s2r_host.perception.errors import AbstainError, BadViewError
-from s2r_host.perception.evidence import Scene
-from s2r_host.perception.motion import JointMotion
-from s2r_host.perception.segment import Parts
+from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry
+from s2r_host.perception.motion import JointMotion, rotation
 from s2r_host.perception.view import DepthView, Seen, View
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
+SECOND_PART_SHARE = 0.25
+SECOND_PART_EXPLAINED = 0.75
 MOST_CAMERA_SHIFT_M = 0.006
 
 
@@ -103,29 +106,41 @@ def _balanced(
     return rng.permutation(everything)[:most]
 
 
-def check_second_part(scene: Scene, parts: Parts, motion: JointMotion, rng: np.random.Generator) -> None:
+def check_second_part(
+    best: JointMotion, others: Sequence[JointMotion], scene: Scene, probes: tuple[Probe, Probe]
+) -> None:
     """Refuse a pair in which a second rigid piece moved differently.
 
-    Raises:
-        AbstainError: Names the size of the second piece.
-    """
-    # A second piece is claimed only if it is large and flat: hands and cables move too and are ignored.
-    from s2r_host.perception.planes import find_planes
+    A second piece is claimed only if what the best motion leaves over is large and nearly all of it follows one
+    other motion: hands and cables move too, but never as one.
 
-    left = scene.moved_before()
-    left = left[~parts.before[left]]
-    own = int(parts.before.sum())
-    left = left[scene.before.normal_ok[left]]
-    if len(left) < max(400, 0.3 * own):
+    Raises:
+        AbstainError: Names both motions.
+    """
+    fits = _fitting(best, scene, probes)
+    left = ~fits
+    if left.sum() < max(100, SECOND_PART_SHARE * len(fits)):
         return
-    planes = find_planes(scene.before.points[left], scene.before.normals[left], rng, 2, 0.003)
-    if not planes or planes[0].size < max(400, 0.3 * own):
-        return
-    raise AbstainError(
-        f"two parts moved: besides the {own} points of the {motion.joint_type} part, a flat piece of"
-        f" {planes[0].size} points near {np.round(planes[0].centre, 3).tolist()} m moved differently; move one part"
-        " at a time or give --region"
-    )
+    for other in others:
+        share = float(_fitting(other, scene, probes)[left].mean())
+        if share > SECOND_PART_EXPLAINED:
+            raise AbstainError(
+                f"two parts moved: besides the {best.joint_type} part ({best.delta:.3g}"
+                f" {'rad' if best.joint_type == 'revolute' else 'm'}), {100 * left.mean():.0f} % of the change follows"
+                f" another {other.joint_type} motion ({other.delta:.3g}); move one part at a time or give --region"
+            )
+
+
+def _fitting(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> NDArray[np.bool_]:
+    """Which sampled points of both views land on a matching surface."""
+    X = motion.transform()[None]
+    costs = []
+    for part, view, label, T in (
+        (probes[0], scene.after, scene.changes.after, X),
+        (probes[1], scene.before, scene.changes.before, np.linalg.inv(X)),
+    ):
+        costs.append(carry(T, part, view, label, 0.001)[0] if len(part.points) else np.zeros(0))
+    return np.concatenate(costs) <= COST_ON_SURFACE
 
 
 def _align_step(p: Array, sigma: Array, after: View, X: Array, centre: Array, gate_m: float) -> Array | None:
@@ -148,8 +163,6 @@ def _align_step(p: Array, sigma: Array, after: View, X: Array, centre: Array, ga
     angle = float(np.linalg.norm(step[:3]))
     R = np.eye(3)
     if angle > 1e-12:
-        from s2r_host.perception.motion import rotation
-
         R = rotation(step[:3] / angle, angle)
     result = np.eye(4)
     result[:3, :3] = R

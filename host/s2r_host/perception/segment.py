@@ -14,7 +14,7 @@ from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.view import Seen, View, agreement
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 PIECE_CELL_M = 0.03

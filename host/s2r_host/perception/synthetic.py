@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.motion import JointMotion, rotation, unit
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64) / 2
 _FACES = np.array(
@@ -61,7 +61,7 @@ def render(
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     for box in boxes:
         corners = (_CORNERS * box.size) @ box.X_base_box[:3, :3].T + box.X_base_box[:3, 3]
-        scene.add_triangles(corners.astype(np.float32), _FACES)
+        scene.add_triangles(o3d.core.Tensor(corners.astype(np.float32)), o3d.core.Tensor(_FACES))
     v, u = np.mgrid[: shape[0], : shape[1]]
     ray_C = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(shape)], axis=-1)
     direction = ray_C @ X_base_camera[:3, :3].T

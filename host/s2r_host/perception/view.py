@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from s2r_host.perception.frames import Cloud, DepthFrame
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
@@ -253,7 +253,10 @@ def _window_fit(
     """Weighted fit d ~ a (u-u0) + b (v-v0) + c in a square window: a, b, c, rms, count, each (h, w)."""
 
     def box(image: Array) -> Array:
-        return cv2.boxFilter(image, cv2.CV_64F, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        summed = cv2.boxFilter(
+            image, cv2.CV_64F, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT
+        )
+        return np.asarray(summed, dtype=np.float64)
 
     sw, su, sv, sd = box(w), box(w * u), box(w * v), box(w * d)
     suu, suv, svv = box(w * u * u), box(w * u * v), box(w * v * v)
