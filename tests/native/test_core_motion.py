@@ -111,6 +111,18 @@ def test_stop_request_ends_on_the_path_inside_all_limits(armed, plan_from, use_o
     assert list(armed.state.drive_state) == [4] * 7
 
 
+def test_reference_velocity_and_acceleration_are_the_derivatives_of_its_position(armed, plan_from):
+    armed.run_plan(plan_from(armed.state.q_ref))
+    armed.step(500)
+    armed.command(STOP)
+    armed.step(650)
+    records = armed.shared.records(65536)
+    q, dq, ddq = records["q_ref"], records["dq_ref"], records["ddq_ref"]
+    dt = 1e-3
+    assert np.abs((q[2:] - q[:-2]) / (2 * dt) - dq[1:-1]).max() < 300.0 * dt**2
+    assert np.abs((dq[2:] - dq[:-2]) / (2 * dt) - ddq[1:-1]).max() < 300.0 * dt
+
+
 def test_stop_takes_the_ramp_of_its_segment(armed, plan_from):
     armed.run_plan(plan_from(armed.state.q_ref))
     armed.step(500)

@@ -123,6 +123,19 @@ def test_stop_after_lost_tracking_is_as_short_as_the_limits_allow(moving):
 
 
 @pytest.mark.parametrize("joint", [0, 6])
+def test_drive_fault_during_a_path_stop_takes_over_without_a_step(moving, use_of_limits, joint):
+    moving.command(STOP)
+    moving.step(250)
+    assert moving.state.state == ExecutorState.STOPPING
+    moving.drives.state[joint] = moving.drives.stuck[joint] = 7
+    moving.step(2)
+    assert moving.state.state == ExecutorState.STOP1
+    moving.until(lambda s: s.state == ExecutorState.FAULT, 700)
+    assert moving.events(GATE_TRIP) == []
+    assert use_of_limits(moving.emitted()) <= 1.0
+
+
+@pytest.mark.parametrize("joint", [0, 6])
 def test_faulty_drive_stops_all_joints_in_the_next_tick(moving, use_of_limits, joint):
     moving.drives.state[joint] = moving.drives.stuck[joint] = 7
     moving.drives.error[joint] = 0x23
