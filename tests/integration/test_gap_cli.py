@@ -15,7 +15,15 @@ DRIVE = Drive(duration_s=8.0)
 
 
 def gap(case, out, *more, holdout=True):
-    arguments = ["gap", "--model", str(case["model"]), "--fit", str(case["fit"]), "--repeat", str(case["repeat"])]
+    arguments = [
+        "gap",
+        "--model",
+        str(case["model"]),
+        "--fit",
+        str(case["fit"]),
+        "--repeat",
+        str(case["repeat"]),
+    ]
     if holdout:
         arguments += ["--holdout", str(case["holdout"])]
     with pytest.raises(SystemExit) as ended:
@@ -68,7 +76,17 @@ def test_the_patched_model_loads_and_predicts_better(named):
 
 def test_the_answer_follows_the_contract(named):
     _, answer, out = named
-    for key in ("schema", "seed", "wall_s", "floor", "where", "rejected", "fit", "baselines", "next_experiment"):
+    for key in (
+        "schema",
+        "seed",
+        "wall_s",
+        "floor",
+        "where",
+        "rejected",
+        "fit",
+        "baselines",
+        "next_experiment",
+    ):
         assert key in answer
     assert {"q_rmse", "tau_rmse", "source"} <= set(answer["floor"])
     assert {"t", "q", "dq", "words"} <= set(answer["where"][0]["regime"])

@@ -1,1 +1,1 @@
-"""``s2r gap``: where simulation and recordings part, which physics is missing, and what it is worth on held-out data."""
+"""``s2r gap``: where simulation and recordings part, which physics is missing, and what it is worth held out."""

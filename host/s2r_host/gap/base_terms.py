@@ -28,6 +28,10 @@ class BaseTerm(Effect):
         """Required effort per unit of each member."""
         return Columns([m.column(s) for m in self.members])
 
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """Nominal values are rarely off by more than 5 %."""
+        return -min(8.0, 0.5 * (float(np.max(np.abs(theta), initial=0.0)) / 0.06) ** 2)
+
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Members in their own units."""
         found = {}

@@ -9,7 +9,6 @@ import click
 
 from s2r_protocol.exits import ExitCode
 
-
 LISTS = ("--fit", "--holdout", "--repeat")
 
 

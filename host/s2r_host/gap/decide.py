@@ -14,6 +14,7 @@ from s2r_host.gap.problem import DRIFT_SHARE, Problem
 from s2r_host.gap.search import TEMPER, Scored, Search, Solution, Term
 
 TIGHT = 0.05
+LIKE_PARAMETERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
 LEFTOVER_LIMIT = 1.6
 EXPLAINED_LEAST = 0.85
 EXPLAINED_GUESSED = 0.6
@@ -91,7 +92,9 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
         elif _base_matters(search, problem):
             decision = _parameters_only(problem, search)
         return decision
-    if decision.leftover > LEFTOVER_LIMIT and decision.explained < _explained_least(problem):
+    if decision.leftover > LEFTOVER_LIMIT and decision.explained < _explained_least(
+        problem, search, solution
+    ):
         nearest = ", ".join(e.name for e in decision.effects)
         decision.reasons.append(
             f"the best of the catalogue ({nearest}) leaves {decision.leftover:.1f} times the noise floor and explains "
@@ -133,9 +136,10 @@ def _add_drift(problem: Problem, solution: Solution, decision: Decision) -> None
             decision.verdict = "physics_missing"
 
 
-def _explained_least(problem: Problem) -> float:
-    """Without a repeated run the floor is a guess, and the bar for 'unknown' is lower."""
-    return EXPLAINED_LEAST if problem.floor_source == "repeat" else EXPLAINED_GUESSED
+def _explained_least(problem: Problem, search: Search, solution: Solution) -> float:
+    """Below this share the answer is 'unknown': lower when the floor is a guess or an effect is chaotic."""
+    bar = EXPLAINED_LEAST if problem.floor_source == "repeat" else EXPLAINED_GUESSED
+    return min([bar, *(search.effects[t.effect].explained_least for t in solution.terms)])
 
 
 def leftover(problem: Problem, rows: np.ndarray, solution: Solution) -> float:
@@ -294,6 +298,8 @@ def shape_curvature(
     h = step * scale
     for _ in range(12):
         drop = top - 0.5 * (value(x0 + h) + value(x0 - h))
+        if abs(drop) < 1e-9:  # finer than the grid of the hidden state: the grid is the resolution
+            return float(2.0 * h / np.sqrt(2.0 * 3.0)), False
         if 0.2 < drop < 3.0:
             return h / np.sqrt(2.0 * drop), h > 0.5 * abs(x0)
         h = h * 0.5 if drop >= 3.0 else h * 1.6
@@ -400,11 +406,15 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
     fit = ~problem.held
     base = search.marginal([], fit, noise)
     for name, effect in search.effects.items():
-        if isinstance(effect, BaseTerm) or name in ("coulomb_friction", "viscous_friction"):
-            for j in problem.joints if effect.scope == "joint" else [-1]:
-                best = search.best_shape((name, j), base, fit, noise, refine=False)
-                if best is not None and (isinstance(effect, BaseTerm) or _nominal(problem, name, j) > 0):
-                    scored.append(best)
+        friction = name in ("coulomb_friction", "viscous_friction")
+        if not isinstance(effect, BaseTerm) and not friction and name not in LIKE_PARAMETERS:
+            continue
+        for j in problem.joints if effect.scope == "joint" else [-1]:
+            if not effect.applies(problem.ctx, j) or (friction and _nominal(problem, name, j) <= 0):
+                continue
+            best = search.best_shape((name, j), base, fit, noise, refine=name in LIKE_PARAMETERS)
+            if best is not None:
+                scored.append(best)
     scored.sort(key=lambda x: -x[0])
     search.looseness = 1.0
     without = -0.5 * base.rss / noise
@@ -418,7 +428,10 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
     named = _named(problem, search, solution, 0, slot)
     search.looseness = 1.0
     decision = Decision("parameter_off", solution, rejected=_rejected_at_floor(problem, search))
-    decision.parameters_off = _off_entries(problem, search, named)
+    if named.name in LIKE_PARAMETERS:
+        decision.verdict, decision.effects = "physics_missing", [named]
+    else:
+        decision.parameters_off = _off_entries(problem, search, named)
     decision.explained = explained(problem, solution)
     decision.leftover = leftover(problem, solution.prediction, solution)
     return decision

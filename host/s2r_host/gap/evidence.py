@@ -26,7 +26,7 @@ class Whitener:
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Whiten and scale to unit variance, along the first axis."""
-        return lfilter(np.concatenate([[1.0], -self.coefficients]), [1.0], x, axis=0) / self.scale
+        return np.asarray(lfilter(np.concatenate([[1.0], -self.coefficients]), [1.0], x, axis=0)) / self.scale
 
 
 def fit_whitener(samples: list[np.ndarray], scale_floor: float, order: int = AR_ORDER) -> Whitener:
@@ -104,6 +104,7 @@ class Marginal:
         S = C.T @ self.project(C)
         m = C.T @ Py
         active = np.ones(C.shape[1], dtype=bool)
+        theta = np.zeros(C.shape[1])
         for _ in range(C.shape[1]):
             theta = np.zeros(C.shape[1])
             sub = np.ix_(active, active)

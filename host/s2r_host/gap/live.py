@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from types import SimpleNamespace
+from typing import cast
 
 import mujoco
 import numpy as np
 
 from s2r_host.gap.effects import catalogue
-from s2r_host.gap.effects.base import StepState
+from s2r_host.gap.effects.base import Context, StepState
 
 
 def install_terms(model: mujoco.MjModel, terms: list[dict]) -> Callable[[], None]:
@@ -30,13 +31,15 @@ def install_terms(model: mujoco.MjModel, terms: list[dict]) -> Callable[[], None
         rigid = SimpleNamespace(
             model=model, joints=[term["joint"]], unit=lambda _: "rad", effort_unit=lambda _: "N·m"
         )
-        ctx = SimpleNamespace(model=rigid, sessions=[], span=lambda _, s=term["span"]: tuple(s))
+        ctx = cast(
+            Context, SimpleNamespace(model=rigid, sessions=[], span=lambda _, s=term["span"]: tuple(s))
+        )
         made = effects[term["effect"]].runtime(
             ctx,
             0,
             term["shape"],
             np.array(term["theta"]),
-            float(model.opt.timestep),  # type: ignore[arg-type]
+            float(model.opt.timestep),
         )
         if made is not None:
             runtimes.append((dof, int(model.jnt_qposadr[joint.id]), made))

@@ -67,7 +67,7 @@ def propose(a: Analysis, decision: Decision, folder: Path) -> dict:
     j = max(pair[0].joint, 0)
     twins = [_twin_of(a, t, decision) for t in pair]
     low, high = a.problem.ctx.span(j)
-    floor = a.problem.floor[j] if j in a.problem.floor else 1e-9
+    floor = a.problem.floor.get(j, 1e-09)
     best, best_gap, name = None, -1.0, ""
     for label, q in motions(low, high, a.problem.ctx.top_speed(j)).items():
         s = _session(a, j, q)
@@ -107,7 +107,8 @@ def _pair(decision: Decision) -> tuple[Term, Term] | None:
 
 
 def _twin_of(a: Analysis, term: Term, decision: Decision) -> Twin:
-    assert a.problem is not None and a.search is not None
+    assert a.problem is not None
+    assert a.search is not None
     others = [t for t in decision.solution.terms if t.key not in (term.key, decision.solution.terms[0].key)]
     solution = a.search.finish([term, *others], [], [])
     terms = [

@@ -39,7 +39,8 @@ def write_report(a: Analysis, answer: dict, path: Path) -> None:
         f"<!doctype html><html lang=en><meta charset=utf-8><title>s2r gap: {html.escape(a.model.path.name)}</title>",
         f"<style>{STYLE}</style>",
         "<h1>Where simulation and recordings part</h1>",
-        f"<p class=muted>{html.escape(a.model.path.name)} · fit {_names(a.fit)} · held out {_names(a.hold) or 'last 30 %'}"
+        f"<p class=muted>{html.escape(a.model.path.name)} · fit {_names(a.fit)}"
+        f" · held out {_names(a.hold) or 'last 30 %'}"
         f" · repeat {_names(a.repeats) or 'none'} · seed {answer['seed']} · {answer['wall_s']:.0f} s</p>",
         _verdict(answer),
         _effects(a, answer),
@@ -62,7 +63,8 @@ def _verdict(answer: dict) -> str:
     css = "verdict" if answer["verdict"] == "nothing_missing" else "verdict bad"
     where = answer["where"][0] if answer["where"] else None
     place = (
-        f" The gap lives on <b>{html.escape(where['joint'])}</b> ({where['share']:.0%}), {html.escape(where['regime']['words'])}."
+        f" The gap lives on <b>{html.escape(where['joint'])}</b> ({where['share']:.0%}),"
+        f" {html.escape(where['regime']['words'])}."
         if where
         else ""
     )
@@ -82,7 +84,8 @@ def _effects(a: Analysis, answer: dict) -> str:
             else ""
         )
         rows.append(
-            f"<tr><td><b>{e['name']}</b> on {html.escape(e['joint'])}{also}<br><code>{html.escape(known[e['name']].equation)}</code></td>"
+            f"<tr><td><b>{e['name']}</b> on {html.escape(e['joint'])}{also}"
+            f"<br><code>{html.escape(known[e['name']].equation)}</code></td>"
             f"<td class=num>{e['probability']:.2f}</td><td>{parameters}</td><td>{html.escape(e['evidence'])}</td></tr>"
         )
     return (
@@ -102,7 +105,8 @@ def _parameters_off(answer: dict) -> str:
         return ""
     rows = "".join(
         f"<tr><td>{p['name']} of {html.escape(str(p.get('body', p.get('joint'))))}<td class=num>{p['from']:.5g}"
-        f"<td class=num>{p['to']:.5g} {html.escape(p['unit'])}<td class=num>[{p['interval90'][0]:.5g}, {p['interval90'][1]:.5g}]</tr>"
+        f"<td class=num>{p['to']:.5g} {html.escape(p['unit'])}"
+        f"<td class=num>[{p['interval90'][0]:.5g}, {p['interval90'][1]:.5g}]</tr>"
         for p in answer["parameters_off"]
     )
     return f"<h2>Parameters off</h2><table><tr><th>parameter<th>model<th>recordings<th>90 % interval</tr>{rows}</table>"
@@ -129,11 +133,13 @@ def _numbers(a: Analysis, answer: dict) -> str:
     ]
     body = "".join(f"<tr><td>{n}<td class=num>{cell(b)}<td class=num>{cell(c)}</tr>" for n, b, c in rows)
     for name, b in answer["baselines"].items():
-        body += f"<tr><td>baseline {name.replace('_', ' ')}, held out<td><td class=num>{cell(b['holdout'])} (open loop {cell(b['open_loop_holdout'])})</tr>"
+        body += f"<tr><td>baseline {name.replace('_', ' ')}, held out<td><td class=num>{cell(b['holdout'])}"
+        body += f" (open loop {cell(b['open_loop_holdout'])})</tr>"
     floor = answer["floor"]
     return (
         f"<h2>Root mean square errors [{fit['unit']}]</h2><table><tr><th>what<th>before<th>after</tr>{body}</table>"
-        f"<p class=muted>Noise floor ({floor['source']}): position {cell(floor['q_rmse'])}, effort {cell(floor['tau_rmse'])}.</p>"
+        f"<p class=muted>Noise floor ({floor['source']}): position {cell(floor['q_rmse'])},"
+        f" effort {cell(floor['tau_rmse'])}.</p>"
     )
 
 
@@ -141,7 +147,8 @@ def _rejected(answer: dict) -> str:
     if not answer["rejected"]:
         return ""
     rows = "".join(
-        f"<tr><td>{r['name']} on {html.escape(r['joint'])}<td class=num>{r['holdout_gain']:.1%}<td>{html.escape(r['why'])}</tr>"
+        f"<tr><td>{r['name']} on {html.escape(r['joint'])}<td class=num>{r['holdout_gain']:.1%}"
+        f"<td>{html.escape(r['why'])}</tr>"
         for r in answer["rejected"][:40]
     )
     return (
@@ -207,7 +214,11 @@ def heat_map(a: Analysis) -> Figure:
         columns.append(rows[: len(rows) // n * n].reshape(-1, n).max(1))
     width = min(map(len, columns))
     image = axes.imshow(
-        np.stack([c[:width] for c in columns]), aspect="auto", cmap="magma_r", vmin=0, vmax=max(4.0, np.percentile(columns[0], 98))
+        np.stack([c[:width] for c in columns]),
+        aspect="auto",
+        cmap="magma_r",
+        vmin=0,
+        vmax=max(4.0, float(np.percentile(np.concatenate(columns), 98))),
     )  # fmt: skip
     axes.set_yticks(range(len(p.joints)), [a.model.joints[j] for j in p.joints])
     edges, labels, at = [], [], 0.0
@@ -224,7 +235,8 @@ def heat_map(a: Analysis) -> Figure:
 
 def maps_figure(a: Analysis, j: int) -> Figure:
     """Residual against speed and position, before (red) and after (teal), binned by direction."""
-    assert a.problem is not None and a.decision is not None
+    assert a.problem is not None
+    assert a.decision is not None
     p = a.problem
     figure = Figure(figsize=(9, 3.2))
     after = a.decision.solution.prediction
@@ -268,7 +280,8 @@ def _binned(x: np.ndarray, y: np.ndarray, bins: int = 40) -> tuple[np.ndarray, n
 
 def overlay_figure(a: Analysis, j: int) -> Figure:
     """Held-out effort residual and open-loop position error, before and after."""
-    assert a.problem is not None and a.decision is not None
+    assert a.problem is not None
+    assert a.decision is not None
     p = a.problem
     figure = Figure(figsize=(9, 4.6))
     top, bottom = figure.subplots(2, 1)

@@ -22,7 +22,7 @@ MODEL_XML = """<mujoco model="rig">
   <option timestep="0.001" integrator="implicitfast"/>
   <worldbody>
     <body name="arm">
-      <joint name="elbow" type="hinge" axis="0 1 0" damping="{damping}" frictionloss="{friction}" armature="{armature}"/>
+      <joint name="elbow" axis="0 1 0" damping="{damping}" frictionloss="{friction}" armature="{armature}"/>
       <inertial mass="{mass}" pos="0 0 -{length}" diaginertia="{inertia} {inertia} 0.001"/>
     </body>
   </worldbody>
@@ -74,18 +74,6 @@ def write_model(
     return path
 
 
-def command(t: float, seed: int, drive: Drive) -> tuple[float, float]:
-    """A sum of sines with slow and fast parts; the seed sets the phases."""
-    rng = np.random.default_rng(1000 + seed)
-    q = dq = 0.0
-    for f, share in ((0.11, 0.5), (0.37, 0.3), (0.9, 0.14), (2.1, 0.06)):
-        phase = rng.uniform(0, 2 * math.pi)
-        w = 2 * math.pi * f
-        q += share * math.sin(w * t + phase)
-        dq += share * w * math.cos(w * t + phase)
-    return drive.offset + drive.amplitude * q, drive.amplitude * dq
-
-
 def simulate(secret: Secret, drive: Drive, motion_seed: int, noise_seed: int) -> dict[str, np.ndarray]:
     """Columns of one recording, 1 kHz."""
     rng = np.random.default_rng(noise_seed)
@@ -96,8 +84,8 @@ def simulate(secret: Secret, drive: Drive, motion_seed: int, noise_seed: int) ->
         for f, share in ((0.11, 0.5), (0.37, 0.3), (0.9, 0.14), (2.1, 0.06))
     ]
     t = np.arange(n) / RATE_HZ
-    q_cmd = drive.offset + sum(a * np.sin(w * t + p) for a, w, p in parts)
-    dq_cmd = sum(a * w * np.cos(w * t + p) for a, w, p in parts)
+    q_cmd = drive.offset + np.sum([a * np.sin(w * t + p) for a, w, p in parts], axis=0)
+    dq_cmd = np.sum([a * w * np.cos(w * t + p) for a, w, p in parts], axis=0)
     kick = np.zeros(n)
     keep = math.exp(-1.0 / RATE_HZ / 0.2)
     white = rng.normal(size=n) * drive.process * math.sqrt(1 - keep**2)
@@ -201,7 +189,11 @@ class _World:
     def _two_masses(self, u: float, h: float) -> None:
         s = self.s
         motor = s.get("motor_inertia") or 0.02
-        gap, k, d = s.get("backlash"), s.get("joint_elasticity") or 900.0, s.get("elastic_damping") or (1.5 if s.get("joint_elasticity") else 6.0)
+        gap, k, d = (
+            s.get("backlash"),
+            s.get("joint_elasticity") or 900.0,
+            s.get("elastic_damping") or (1.5 if s.get("joint_elasticity") else 6.0),
+        )
         delta = self.q - self.link
         over = delta - max(-gap, min(gap, delta))
         T = k * over + (d * (self.v - self.link_v) if over else 0.0)

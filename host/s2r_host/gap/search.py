@@ -17,8 +17,9 @@ TEMPER = 3.0
 MIN_GAIN = 12.0
 MAX_EFFECTS = 3
 FLOOR_SLACK = 1.2
+FLOOR_SLACK_AFTER = 1.4
 CONTAINER_CHARGE = 5.0
-CONTAINER_SHARE = 0.0005
+CONTAINER_SHARE = 0.002
 FURTHER_SHARE = 0.3
 FURTHER_GAIN = 0.004
 
@@ -165,7 +166,9 @@ class Search:
             w = base.weigh(C[rows], positive, None if fixed is None else fixed[rows])
             if fixed is None and not w.active.any():
                 return -np.inf
-            odds = self.effects[term.effect].log_prior(self.problem.ctx, term.joint, dict(term.shape))
+            effect, shape = self.effects[term.effect], dict(term.shape)
+            odds = effect.log_prior(self.problem.ctx, term.joint, shape)
+            odds += effect.size_prior(self.problem.ctx, term.joint, shape, w.theta)
             return w.log_evidence(noise, prior) + odds
 
         scored = [(weigh(term), term) for term in self.seeds(key)]
@@ -246,7 +249,11 @@ class Search:
         """An effect that contains a simpler one has to beat it by more than the model error of the simpler one."""
         gains = {s.term.key: s.gain for s in scored}
         for s in scored:
-            inner = [gains[(n, s.term.joint)] for n in self.effects[s.term.effect].contains if (n, s.term.joint) in gains]
+            inner = [
+                gains[(n, s.term.joint)]
+                for n in self.effects[s.term.effect].contains
+                if (n, s.term.joint) in gains
+            ]
             if inner:
                 charge = max(CONTAINER_CHARGE, CONTAINER_SHARE * max(inner))
                 s.score, s.gain = s.score - charge, s.gain - charge
@@ -347,10 +354,11 @@ class Search:
         x, B, y, _ = self.solve(chosen, self.noise_level(chosen))
         left = self.without_drift(y - B @ x, TEMPER)
         raw = self.unwhitened(left)
+        slack = FLOOR_SLACK_AFTER if chosen else FLOOR_SLACK
         for block in p.blocks:
             rows = raw[block.rows]
             for mask in (block.held, ~block.held):
-                if mask.any() and np.sqrt(np.mean(rows[mask] ** 2)) > FLOOR_SLACK * p.floor[block.joint]:
+                if mask.any() and np.sqrt(np.mean(rows[mask] ** 2)) > slack * p.floor[block.joint]:
                     return False
         return True
 
@@ -431,7 +439,9 @@ class Search:
         out = np.zeros_like(left)
         for block in self.problem.blocks:
             w = self.problem.whiteners[block.joint]
-            out[block.rows] = lfilter([w.scale], np.concatenate([[1.0], -w.coefficients]), (left / self.problem.weight)[block.rows])
+            out[block.rows] = lfilter(
+                [w.scale], np.concatenate([[1.0], -w.coefficients]), (left / self.problem.weight)[block.rows]
+            )
         return out
 
     def _joint(self, term: Term) -> str:

@@ -92,7 +92,7 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
             u[:, i] = np.interp(t, rec.t, effort)
     _add_wrenches(model, rec, t, q, u)
     return Session(
-        rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.isfinite(u).all(0),
+        rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.asarray(np.isfinite(u).all(0)),
         load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, q_lsb=q_lsb, q_raw=q_raw,
         cut=np.full(nv, min(COMPARE_CUT_HZ, 0.3 / rec.dt)),
     )  # fmt: skip
@@ -197,7 +197,9 @@ def wrench_efforts(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarr
     d = mujoco.MjData(m)
     out = np.zeros((len(t), m.nv))
     jacp, jacr = np.zeros((3, m.nv)), np.zeros((3, m.nv))
-    sampled = {b: np.stack([np.interp(t, rec.t, w[:, k]) for k in range(6)], axis=1) for b, w in wrenches.items()}
+    sampled = {
+        b: np.stack([np.interp(t, rec.t, w[:, k]) for k in range(6)], axis=1) for b, w in wrenches.items()
+    }
     for i in range(len(t)):
         d.qpos[:] = q[i]
         mujoco.mj_kinematics(m, d)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import bilinear, lfilter
 
 from s2r_host.gap.session import Session
 
@@ -102,6 +103,12 @@ def deflection(
         over = delta - np.minimum(np.maximum(delta, -gap), gap)
         out[i] = -k * over - d * rate * (over != 0.0)
     return out
+
+
+def filtered(num: list[float], den: list[float], x: np.ndarray, dt: float) -> np.ndarray:
+    """Continuous transfer function applied to a signal that starts at rest (bilinear transform)."""
+    b, a = bilinear(num, den, 1.0 / dt)
+    return np.asarray(lfilter(np.asarray(b), np.asarray(a), x))
 
 
 def delayed(x: np.ndarray, delay: float, dt: float) -> np.ndarray:

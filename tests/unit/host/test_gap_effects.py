@@ -10,12 +10,39 @@ from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
 from s2r_host.gap.session import make_session
 
-NAMES = (
-    "coulomb_friction viscous_friction stribeck presliding asymmetric_friction load_dependent_friction backlash "
-    "joint_elasticity hysteresis armature motor_coupling payload gravity_tilt effort_scale saturation thermal_drift "
-    "session_friction actuator_delay bandwidth clock_skew encoder_offset encoder_eccentricity cogging cable_spring "
-    "spring_return detent soft_end_stop soft_close joint_play flexible_part contact_slip"
-).split()
+NAMES = [
+    "coulomb_friction",
+    "viscous_friction",
+    "stribeck",
+    "presliding",
+    "asymmetric_friction",
+    "load_dependent_friction",
+    "backlash",
+    "joint_elasticity",
+    "hysteresis",
+    "armature",
+    "motor_coupling",
+    "payload",
+    "gravity_tilt",
+    "effort_scale",
+    "saturation",
+    "thermal_drift",
+    "session_friction",
+    "actuator_delay",
+    "bandwidth",
+    "clock_skew",
+    "encoder_offset",
+    "encoder_eccentricity",
+    "cogging",
+    "cable_spring",
+    "spring_return",
+    "detent",
+    "soft_end_stop",
+    "soft_close",
+    "joint_play",
+    "flexible_part",
+    "contact_slip",
+]
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, small_is_odd
 from s2r_host.gap.session import Session
 
 
@@ -21,6 +21,10 @@ class Armature(Effect):
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Acceleration."""
         return Columns([s.a[:, joint]], (True,))
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """Against a wrong number of the nominal model."""
+        return small_is_odd(float(theta[0]) / max(float(np.mean(ctx.sessions[0].mass[:, joint])), 1e-12))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Reflected inertia."""

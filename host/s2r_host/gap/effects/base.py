@@ -97,8 +97,8 @@ class StepState:
     load: np.ndarray
 
 
-# Returns the effort the effect takes away from each joint: (force (joint,), dry friction (joint,), both >= 0 meaningless
-# entries zero). Friction is handed to the solver's friction loss, which is implicit and does not chatter.
+# Effort an effect takes away from its joint, and dry friction it adds. The latter goes to the solver's friction loss,
+# which is implicit and does not chatter.
 Runtime = Callable[[StepState], tuple[float, float]]
 
 
@@ -114,6 +114,7 @@ class Effect:
     scope: ClassVar[str] = "joint"
     confusable: ClassVar[tuple[str, ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
+    explained_least: ClassVar[float] = 1.0
 
     def applies(self, ctx: Context, joint: int) -> bool:
         """Can this effect act on this joint at all, given model and channels?"""
@@ -130,6 +131,10 @@ class Effect:
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Required effort per unit coefficient along a session."""
         raise NotImplementedError
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """Log odds of this size, before the data: wrong numbers are small, added physics is not."""
+        return 0.0
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Physical parameters from shape and coefficients."""
@@ -160,6 +165,11 @@ class Effect:
     ) -> Callable[[float], float] | None:
         """What the sensor of this joint reports for a true position; None when it reports the truth."""
         return None
+
+
+def small_is_odd(share: float) -> float:
+    """Log odds for physics as small as the error of a nominal value."""
+    return -4.0 if abs(share) < 0.06 else 0.0
 
 
 def column_force(theta: np.ndarray, basis: Callable[[StepState], tuple[float, ...]]) -> Runtime:

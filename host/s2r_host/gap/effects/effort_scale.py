@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value, small_is_odd
 from s2r_host.gap.session import Session
 
 
@@ -22,6 +22,10 @@ class EffortScale(Effect):
         """The effort the model needs. The recorded effort would explain its own noise."""
         friction = float(ctx.model.model.dof_frictionloss[joint]) * s.sign(joint)
         return Columns([s.load[:, joint] + friction])
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """Against a wrong number of the nominal model."""
+        return small_is_odd(float(theta[0]))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Share of the recorded effort that arrives."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.effects.joint_elasticity import mean_inertia
 from s2r_host.gap.session import Session
+from s2r_host.gap.states import filtered
 
 
 class FlexiblePart(Effect):
@@ -34,9 +34,8 @@ class FlexiblePart(Effect):
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Reaction of the hanging share, per unit share of the inertia."""
         w = 2 * np.pi * shape["f"]
-        system = ([-1.0, 0.0, 0.0], [1.0, 2 * shape["zeta"] * w, w * w])
-        num, den, _ = cont2discrete(system, s.dt, "bilinear")
-        return Columns([s.mass[:, joint] * lfilter(np.ravel(num), den, s.a[:, joint])], (True,))
+        rate = filtered([-1.0, 0.0, 0.0], [1.0, 2 * shape["zeta"] * w, w * w], s.a[:, joint], s.dt)
+        return Columns([s.mass[:, joint] * rate], (True,))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Share of the inertia, frequency, damping ratio."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
 from s2r_host.gap.session import Session
-from s2r_host.gap.states import deflection
+from s2r_host.gap.states import deflection, filtered
 
 FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
 DAMPING = (0.02, 0.08, 0.25)
@@ -45,11 +44,8 @@ class JointElasticity(Effect):
         load = L - at_motor - np.minimum(motor, 0.95 * M) * a
         w = 2 * np.pi * shape["f"]
         # Held at the motor, T follows the link's rigid load through a second-order filter of unit gain.
-        num, den, _ = cont2discrete(
-            ([2 * shape["zeta"] * w, w * w], [1.0, 2 * shape["zeta"] * w, w * w]), s.dt, "foh"
-        )
-        num = np.ravel(num)
-        T = lfilter(num, den, load - load[0]) + load[0]
+        damping = 2 * shape["zeta"] * w
+        T = filtered([damping, w * w], [1.0, damping, w * w], load - load[0], s.dt) + load[0]
         return Columns([], fixed=T - load)
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, small_is_odd
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.session import Session
 
@@ -44,6 +44,10 @@ class Payload(Effect):
             v = ctx.model.variant(lambda model: add_mass(model, body, m, p))
             s.cache[key] = (ctx.model.inverse(s.q, s.v, s.a, v) - s.load) / m
         return Columns([s.cache[key]], (True,))
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """Against a wrong number of the nominal model."""
+        return small_is_odd(float(theta[0]) / max(float(ctx.model.model.body_mass[int(shape["body"])]), 1e-9))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Mass and distance along the body's centre of mass."""
