@@ -235,7 +235,8 @@ def _band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarra
 
 def _picks(s: Session, joint: int) -> np.ndarray:
     step = max(1, int(1.0 / (2.4 * float(s.cut[joint]) * s.dt)))
-    margin = max(3, min(int(0.15 / s.dt), len(s.t) // 20))
+    # Filters ring at the ends of a record for about a period of their cut.
+    margin = max(3, min(int(max(0.15, 1.5 / float(s.cut[joint])) / s.dt), len(s.t) // 8))
     return np.arange(margin, len(s.t) - margin, step)
 
 
