@@ -95,6 +95,14 @@ def _patches(p: Array, n: Array, ok: NDArray[np.bool_], rng: np.random.Generator
     return np.eye(int(number.max()) + 1)[number]
 
 
+def subset(part: Probe, keep: NDArray[np.bool_]) -> Probe:
+    """The kept points of a sample."""
+    return Probe(
+        part.points[keep], part.normals[keep], part.normal_ok[keep], part.sigma_m[keep], part.patch[keep],
+        part.oriented,
+    )  # fmt: skip
+
+
 def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: float) -> Array:
     """Cost per hypothesis and point.
 

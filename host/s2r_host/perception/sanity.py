@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.change import Change, Changes
 from s2r_host.perception.errors import AbstainError, BadViewError
-from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry
+from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry, score, subset
 from s2r_host.perception.motion import JointMotion, rotation
+from s2r_host.perception.refine import Side, refine
 from s2r_host.perception.view import DepthView, Seen, View
 
 Array = NDArray[np.floating]
@@ -107,23 +106,37 @@ def _balanced(
 
 
 def check_second_part(
-    best: JointMotion, others: Sequence[JointMotion], scene: Scene, probes: tuple[Probe, Probe]
+    best: JointMotion,
+    scanned: list[JointMotion],
+    scene: Scene,
+    both: tuple[Side, Side],
+    probes: tuple[Probe, Probe],
 ) -> None:
     """Refuse a pair in which a second rigid piece moved differently.
 
     A second piece is claimed only if what the best motion leaves over is large and nearly all of it follows one
     other motion: hands and cables move too, but never as one.
 
+    Args:
+        best: The chosen motion.
+        scanned: All motions of the scan; the leftover is judged by them anew.
+        scene: Both views.
+        both: Prepared sides for refinement.
+        probes: Samples of surely moved points.
+
     Raises:
         AbstainError: Names both motions.
     """
-    fits = _fitting(best, scene, probes)
-    left = ~fits
-    if left.sum() < max(100, SECOND_PART_SHARE * len(fits)):
+    left = ~_fitting(best, scene, probes)
+    if left.sum() < max(100, SECOND_PART_SHARE * len(left)):
         return
-    for other in others:
-        share = float(_fitting(other, scene, probes)[left].mean())
-        if share > SECOND_PART_EXPLAINED:
+    count = len(probes[0].points)
+    rest = subset(probes[0], left[:count]), subset(probes[1], left[count:])
+    cost = score(scanned, scene, *rest, extra_m=0.006)
+    for k in np.argsort(cost, kind="stable")[:3]:
+        refined = refine(scanned[int(k)], both)
+        other = scanned[int(k)] if refined is None else refined.motion
+        if float(_fitting(other, scene, rest).mean()) > SECOND_PART_EXPLAINED:
             raise AbstainError(
                 f"two parts moved: besides the {best.joint_type} part ({best.delta:.3g}"
                 f" {'rad' if best.joint_type == 'revolute' else 'm'}), {100 * left.mean():.0f} % of the change follows"

@@ -61,13 +61,15 @@ def render(
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     for box in boxes:
         corners = (_CORNERS * box.size) @ box.X_base_box[:3, :3].T + box.X_base_box[:3, 3]
-        scene.add_triangles(o3d.core.Tensor(corners.astype(np.float32)), o3d.core.Tensor(_FACES))
+        scene.add_triangles(
+            o3d.core.Tensor.from_numpy(corners.astype(np.float32)), o3d.core.Tensor.from_numpy(_FACES)
+        )
     v, u = np.mgrid[: shape[0], : shape[1]]
     ray_C = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(shape)], axis=-1)
     direction = ray_C @ X_base_camera[:3, :3].T
     origin = np.broadcast_to(X_base_camera[:3, 3], direction.shape)
     rays = np.concatenate([origin, direction], axis=-1).astype(np.float32)
-    hit = scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)
+    hit = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
     depth = hit["t_hit"].numpy().astype(np.float64)  # rays have z = 1 in the camera, so t is depth
     which = hit["geometry_ids"].numpy().astype(np.int64)
     missed = ~np.isfinite(depth)
