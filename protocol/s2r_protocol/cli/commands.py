@@ -40,9 +40,7 @@ COMMANDS: dict[str, Command] = {
     "replay": Command(
         "s2r_host.cli_replay:replay", "host", "Send a recorded plan again and overlay both recordings."
     ),
-    "gap": Command(
-        "s2r_host.gap.cli:gap", "host", "Name the physics a model leaves out, from recordings."
-    ),
+    "gap": Command("s2r_host.gap.cli:gap", "host", "Name the physics a model leaves out, from recordings."),
     "conceal": Command(
         "s2r_conceal.cli:conceal", "host,sim", "Recordings with hidden physics, to prove what a tool finds."
     ),
