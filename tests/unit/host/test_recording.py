@@ -1,6 +1,10 @@
 """What a run writes can be read again, by us and by others' tools."""
 
 import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +19,7 @@ NAMES = tuple(f"joint{i}" for i in range(1, 8))
 
 
 @dataclasses.dataclass(frozen=True)
-class Path:
+class TimedPath:
     t: np.ndarray
     q: np.ndarray
     dq: np.ndarray
@@ -34,7 +38,7 @@ class Frame:
 def path():
     rng = np.random.default_rng(3)
     t = np.array([0.0, 0.5, 1.25])
-    return Path(t, *rng.normal(size=(3, 3, 7)))
+    return TimedPath(t, *rng.normal(size=(3, 3, 7)))
 
 
 @pytest.fixture
@@ -119,6 +123,22 @@ def test_rosbags_opens_the_file_unmodified(tmp_path, capture, path):
         }
     assert seen["/lab/xmate3pro/plan"].joint_names == list(NAMES)
     assert seen["/lab/xmate3pro/camera/front/depth/image_raw"].encoding == "32FC1"
+
+
+def test_rerun_opens_the_file_unmodified(tmp_path, capture, path):
+    rerun = Path(sys.executable).with_name("rerun")
+    file, converted = tmp_path / "run.mcap", tmp_path / "run.rrd"
+    with RunRecorder(file, "/lab/xmate3pro", NAMES) as recorder:
+        recorder.add_capture("A", capture)
+        recorder.add_plan(path, "push 1", 1)
+        recorder.add_recording(executor_recording(tmp_path, np.zeros((5, 7))))
+    quiet = {**os.environ, "RERUN_ANALYTICS": "0", "NO_COLOR": "1"}
+    for arguments in (["check", file], ["convert", file, "-o", converted]):
+        done = subprocess.run(
+            [rerun, "mcap", *arguments], env=quiet, capture_output=True, text=True, timeout=120
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert converted.stat().st_size > 1000
 
 
 def test_broken_recording_is_refused_by_name(tmp_path):
