@@ -32,6 +32,7 @@ _FUNNEL_M, _FUNNEL_SLOPE = (
     2.5,
 )  # height over a place beside it, and how fast that falls towards the place
 _LISTED = 200
+TOUCH_WAYPOINT = 2  # row of a hook's route at which the fingertip meets the part
 
 
 class OutOfReachError(HostError, RefusedError):

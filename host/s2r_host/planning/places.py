@@ -10,7 +10,7 @@ import numpy as np
 from s2r_host.planning.hand_probe import HandProbe, quat_of
 from s2r_host.planning.scene import GeomKind, Scene
 
-_PAD_M = 0.012  # the point that should meet the part, this far behind the end of the fingertip
+_PAD_M = 0.018  # the point that should meet the part, this far behind the end of the fingertip
 _BEHIND_M = (0.010, 0.014, 0.018, 0.024)  # how far behind a geom places are looked for
 _PUSH_M = (0.008, 0.016, 0.024, 0.034)  # how far along the motion the part is felt for
 _BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out

@@ -294,6 +294,7 @@ class _Attempt:
             wall_s=0.0,
             torque_share=self.played.torque_share,
             p_part=self.hook.p_part,
+            route=self.hook.route,
             trace=tuple(entry for a in attempts for entry in a.trace),
         )
 

@@ -89,6 +89,8 @@ class PlanResult:
         cpu_s, wall_s: Time used, all threads and elapsed.
         torque_share: Largest torque over its limit in the delivered plan.
         p_part: The point on the part that the fingertip was sent to, part frame [m], (3,).
+        route: Joint postures that the sampler was offered: above that point, there, at the touch, and on with the
+            part to the target, (m, dof) [rad].
         trace: One entry per executed action.
     """
 
@@ -111,4 +113,5 @@ class PlanResult:
     wall_s: float
     torque_share: float
     p_part: np.ndarray
+    route: np.ndarray
     trace: tuple[StepTrace, ...]

@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.hooking import TOUCH_WAYPOINT
 from s2r_host.planning.kinematics import ToolKinematics
 from s2r_host.planning.planner import plan_manipulation
 from s2r_host.planning.scene import Scene, build_scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
+from s2r_host.trajectory.perturb import PERTURBATIONS, Perturbation
 from s2r_host.trajectory.time_law import TimeLawSettings, time_law
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
 from s2r_host.trajectory.verify import Replay, replay
@@ -24,6 +26,7 @@ from s2r_host.trajectory.verify import Replay, replay
 logger = logging.getLogger(__name__)
 
 _CORRECTIONS = 5
+_FRAGILE = 4.0  # success bands that a slightly different object may be off; more means that the part was lost
 _LARGEST_M = 0.04  # a larger correction means that the fingertip lost the part
 
 
@@ -35,7 +38,8 @@ class Delivery:
         trajectory: What the executor gets.
         replay: What the fine model did with it.
         corrections: How often the end of the path was moved.
-        followed: "motion" when the path is where the plan's arm was, "targets" when it is where it was told to be.
+        followed: "motion" when the path is where the plan's arm was, "targets" when it is where it was told to be,
+            "route" when it is the route through the hook that the plan's sampler was offered.
         speed: Share of the time law's full speed.
     """
 
@@ -71,16 +75,22 @@ def plan_trajectory(
     raise ValueError(f"attempts = {attempts} is not allowed: at least 1")
 
 
-def deliver(request: PlanRequest, result: PlanResult, settings: TimeLawSettings | None = None) -> Delivery:
+def deliver(
+    request: PlanRequest,
+    result: PlanResult,
+    settings: TimeLawSettings | None = None,
+    perturbations: tuple[Perturbation, ...] = PERTURBATIONS,
+) -> Delivery:
     """Time a plan, replay it in the fine model and correct its end until it is held on target.
 
     First along the motion the fine model made, which is known to be free of contact; then along the plan's
-    targets; then both at half the speed.
+    targets; then along the route its sampler was offered; then along the motion at half the speed.
 
     Args:
         request: The task that was planned.
         result: Its plan, successful.
         settings: Of the time law.
+        perturbations: Slightly different objects with which the motion must not lose the part either.
 
     Raises:
         PlanRefusedError: No attempt passed; the text has the reason of the last one.
@@ -90,24 +100,45 @@ def deliver(request: PlanRequest, result: PlanResult, settings: TimeLawSettings 
         raise PlanRefusedError(f"there is no plan to deliver: {result.reason}")
     settings = settings or TimeLawSettings()
     scene = build_scene(request.arm, request.object_mjcf, request.joint, request.settings)
-    end = result.hold_step
-    paths = {
-        "motion": np.concatenate([result.q_meas[:end], result.q_cmd[end : end + 1]]),
-        "targets": result.q_cmd[: end + 1],
-    }
     problem = "no attempt"
-    for speed in (1.0, 0.5):
-        for followed, path in paths.items():
-            timed = _with_speed(settings, speed)
-            delivery, problem = _corrected(request, result, scene, path, timed, followed)
-            if delivery is not None:
+    for followed, path, touch, speed in _paths(request, result):
+        timed = replace(settings, speed=settings.speed * speed)
+        delivery, problem = _corrected(request, result, scene, path, touch, timed, followed)
+        if delivery is not None:
+            fragile = _fragile(delivery, request, scene, perturbations)
+            if fragile is None:
                 return delivery
-            logger.info("timed along the plan's %s at speed %.1f: %s", followed, speed, problem)
+            problem = fragile
+        logger.info("timed along the plan's %s at speed %.1f: %s", followed, speed, problem)
     raise PlanRefusedError(problem)
 
 
-def _with_speed(settings: TimeLawSettings, speed: float) -> TimeLawSettings:
-    return replace(settings, speed=settings.speed * speed)
+def _fragile(
+    delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Perturbation, ...]
+) -> str | None:
+    """Which slightly different object the motion loses or hits, in words, or None."""
+    tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
+    for perturbation in perturbations:
+        played = replay(delivery.trajectory, request, perturbation.applied(scene))
+        if played.contact is not None:
+            return f"fragile: with the {perturbation} it touches {played.contact}"
+        if abs(played.error) > _FRAGILE * tolerance:
+            return f"fragile: with the {perturbation} it ends {played.error:+.4f} from the target"
+    return None
+
+
+def _paths(request: PlanRequest, result: PlanResult) -> list[tuple[str, np.ndarray, int, float]]:
+    """What to try in turn: name, path (n, dof), row of the touch, share of the speed."""
+    end = result.hold_step
+    touch = min(result.touch_step or 0, end - 1)
+    motion = np.concatenate([result.q_meas[:end], result.q_cmd[end : end + 1]])
+    route = np.concatenate([np.asarray(request.q_initial)[None], result.route])
+    return [
+        ("motion", motion, touch, 1.0),
+        ("targets", result.q_cmd[: end + 1], touch, 1.0),
+        ("route", route, TOUCH_WAYPOINT + 1, 1.0),
+        ("motion", motion, touch, 0.5),
+    ]
 
 
 def _corrected(
@@ -115,13 +146,13 @@ def _corrected(
     result: PlanResult,
     scene: Scene,
     path: np.ndarray,
+    touch: int,
     timed: TimeLawSettings,
     followed: str,
 ) -> tuple[Delivery | None, str]:
     """The delivery along one path, or None and the reason."""
     tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
-    shift = _end_shift(request, result, scene)
-    touch = min(result.touch_step or 0, len(path) - 2)
+    shift = _end_shift(path[-1], result.final, scene)
     ramp = np.clip((np.arange(len(path)) - touch) / max(len(path) - 1 - touch, 1), 0.0, 1.0)[:, None]
     extra, problem = 0.0, ""
     for correction in range(_CORRECTIONS + 1):
@@ -142,14 +173,14 @@ def _corrected(
     return None, problem
 
 
-def _end_shift(request: PlanRequest, result: PlanResult, scene: Scene) -> np.ndarray:
+def _end_shift(q_end: np.ndarray, s_end: float, scene: Scene) -> np.ndarray:
     """Change of the last posture per unit of the object's joint: the fingertip goes along with the part, (dof,)."""
-    world = FineWorld(scene, result.q_cmd[-1], result.final)
+    world = FineWorld(scene, q_end, s_end)
     p_tip = world.data.site_xpos[scene.tool_site].copy()
     direction = scene.part_motion(world.data, p_tip)
     if not scene.prismatic:
         joint = scene.fine.joint(scene.joint_name).id
         direction = np.cross(world.data.xaxis[joint], p_tip - world.data.xanchor[joint])
-    jacobian = ToolKinematics(scene, 0.0).jacobian(result.q_cmd[-1])
+    jacobian = ToolKinematics(scene, 0.0).jacobian(q_end)
     twist = np.concatenate([direction, np.zeros(3)])
     return jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-6 * np.eye(6), twist)
