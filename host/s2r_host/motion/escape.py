@@ -18,6 +18,9 @@ from s2r_host.motion.obstacles import Obstacle
 BACK_OFF_M = (0.005, 0.008, 0.012, 0.003, 0.018, 0.0)
 ASIDE_M = (0.0, 0.006, -0.006, 0.012, -0.012)
 OUT_M = (0.1, 0.07, 0.14, 0.05)
+MARGINS_M = (0.003, 0.002, 0.001)
+TOUCHING_M = 0.006
+LARGEST_STEP_RAD = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +43,10 @@ def plan_escape(
     q_home: np.ndarray,
     push_direction: np.ndarray,
     rng: np.random.Generator,
+    way_in: np.ndarray | None = None,
+    advance_m: np.ndarray | None = None,
 ) -> Escape:
-    """A way home from a posture in contact.
+    """A way home from a posture in contact: back off and straight out, else the way it came.
 
     Args:
         arm: Kinematics.
@@ -51,6 +56,8 @@ def plan_escape(
         q_home: Where to end, shape (dof,).
         push_direction: The way the tip pressed on the object: the tip first backs off against it, shape (3,).
         rng: For the way home.
+        way_in: Joint path by which the tip got to the object, shape (n, dof), if there was one.
+        advance_m: How far the touched part has moved since, base frame, shape (3,).
 
     Raises:
         NoMotionError: Every direction is blocked.
@@ -59,8 +66,8 @@ def plan_escape(
     home_checker = CollisionChecker(arm, far, Clearance(obstacle_m=0.012, tip_m=0.01))
     blocked = 0
     last = "no direction is free"
-    for margin_m in (0.003, 0.002, 0.001):
-        tight = CollisionChecker(arm, near, Clearance(obstacle_m=margin_m, table_m=0.004, tip_m=margin_m))
+    for margin_m in MARGINS_M:
+        tight = _tight(arm, near, margin_m)
         for back in _ways_back(arm, ik, tight, q_start, push_direction):
             for out in _ways_out(arm, ik, tight, back[-1], push_direction):
                 try:
@@ -70,7 +77,45 @@ def plan_escape(
                     continue
                 return Escape(np.concatenate([back, out[1:]]), home, margin_m)
             blocked += 1
+    if way_in is not None and advance_m is not None:
+        out = _way_it_came(arm, ik, near, q_start, way_in, advance_m)
+        if out is not None:
+            return Escape(out, plan_joint_motion(home_checker, out[-1], q_home, rng, what="way home"), 0.0)
+        last = "the way it came is not free either"
     raise NoMotionError(f"no way out of contact: {blocked} places beside the contact lead nowhere; {last}")
+
+
+def _tight(arm: ArmModel, near: Sequence[Obstacle], margin_m: float) -> CollisionChecker:
+    return CollisionChecker(arm, near, Clearance(obstacle_m=margin_m, table_m=0.004, tip_m=margin_m))
+
+
+def _way_it_came(
+    arm: ArmModel,
+    ik: InverseKinematics,
+    near: Sequence[Obstacle],
+    q_start: np.ndarray,
+    way_in: np.ndarray,
+    advance_m: np.ndarray,
+) -> np.ndarray | None:
+    """The way in, backwards and carried along with the part; None when it is not free or out of reach."""
+    checker = _tight(arm, near, 0.0)
+    path = [np.asarray(q_start, float)]
+    p_start = arm.tool_pose(q_start)[:3, 3]
+    for q_in in way_in[::-1]:
+        X = arm.tool_pose(q_in)
+        X[:3, 3] += advance_m
+        if np.linalg.norm(X[:3, 3] - arm.tool_pose(path[-1])[:3, 3]) < 0.002:
+            continue
+        q = ik.solve(X, path[-1], iterations=30)
+        if q is None or np.abs(q - path[-1]).max() > LARGEST_STEP_RAD:
+            return None
+        # The first millimetres touch: that is where the arm is.
+        if np.linalg.norm(X[:3, 3] - p_start) > TOUCHING_M and not checker.line_is_free(path[-1], q):
+            return None
+        path.append(q)
+        if np.linalg.norm(X[:3, 3] - p_start) > OUT_M[0]:
+            return np.array(path)
+    return None
 
 
 def _ways_back(

@@ -69,8 +69,7 @@ def state_figure(
             replay, executed = done.planned.delivery.replay, done.executed[0]
             pace = executed.wall_s / executed.trajectory.duration_s  # a stepped clock runs slower or faster
             label = "foreseen by the plan" if k == 0 else None
-            s_foreseen = 1e3 * np.array([done.planned.foreseen(value) for value in replay.s])
-            axes.plot(executed.begun_s + pace * replay.t, s_foreseen, color=PLANNED, lw=1.8, label=label)
+            axes.plot(executed.begun_s + pace * replay.t, 1e3 * replay.s, color=PLANNED, lw=1.8, label=label)
         seen = _seen(attempts, views, s_found)
         t, s, sigma, names = (list(column) for column in zip(*seen, strict=True))
         axes.errorbar(

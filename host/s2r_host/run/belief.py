@@ -107,33 +107,6 @@ def corrected(belief: Belief, geom: str, offset_m: float, pushed_out: bool, fold
     return replace(changed, shifts_m={**belief.shifts_m, geom: belief.shifts_m.get(geom, 0.0) - offset_m})
 
 
-def grown(belief: Belief, margin_m: float, path: Path) -> Path:
-    """Write the object with boxes grown by a margin; what is planned there keeps clear in truth.
-
-    All boxes grow along the axis, what stands still and what is longer along the axis than across (the posts of a
-    handle) also across. The moving part's edges come down by half the margin: a fingertip that holds by a
-    millimetre of edge slips off the real one.
-
-    The surface that gets pushed comes ``margin_m`` too early in this file: with the tip at the same place the object
-    is ``margin_m`` behind the file's joint value. Whoever plans with it asks for that much more.
-    """
-    tree = ET.parse(belief.mjcf_path)
-    for geom in tree.iterfind(".//geom[@type='box']"):
-        size = _numbers(geom, "size")
-        R = Rotation.from_quat(_numbers(geom, "quat"), scalar_first=True).as_matrix()
-        along, up = int(np.argmax(np.abs(R.T @ belief.axis))), int(np.argmax(np.abs(R[2])))
-        moves = geom.get("name", "").startswith("part_")
-        more = np.full(3, margin_m)
-        if moves:
-            more[size > size[along]] = 0.0
-            more[up] = -min(0.5 * margin_m, 0.5 * size[up])
-        more[along] = margin_m
-        geom.set("size", _text(size + more))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    tree.write(path, encoding="unicode")
-    return path
-
-
 def _with_face(belief: Belief, name: str, shift_m: float, path: Path, inner: bool) -> Belief:
     """The belief with one face of a geom shifted along the axis by ``shift_m`` (+ = out); a hull shifts whole."""
     tree = ET.parse(belief.mjcf_path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +14,21 @@ from s2r_host.motion.nearest import nearest_to_tip
 from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.planning import PlanRequest, PlanResult, plan_manipulation
-from s2r_host.run.belief import Belief, grown
+from s2r_host.run.belief import Belief
 from s2r_host.run.measure import Measurement, measure_state
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.travel import timed
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
+from s2r_host.trajectory.perturb import PERTURBATIONS, Perturbation
 from s2r_protocol.exits import RefusedError
 
 logger = logging.getLogger(__name__)
 
-MARGIN_SHARES = (1.0, 1.0, 0.6, 0.6)  # of the planning margin, one per try
+DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5)  # share of the usual doubt about the object, one per try
+# A correction is worth less than what a daring one can spoil: the drawer is within millimetres already.
+CORRECTION_DOUBTS = (1.0, 1.0)
+MOVING_M = 2e-4  # per control step
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -38,7 +42,6 @@ class PlannedManipulation:
         escape: The way out of contact and home.
         motions: All of it, in order.
         pushed_geom: What the fingertip presses on at the end.
-        margin_m: How much larger than believed the object was while planning.
     """
 
     number: int
@@ -48,19 +51,11 @@ class PlannedManipulation:
     escape: Escape
     motions: tuple[Motion, ...]
     pushed_geom: str
-    margin_m: float
 
     @property
     def foreseen_m(self) -> float:
-        """Joint value at the end for the object as believed [m]."""
-        return self.foreseen(self.delivery.replay.final)
-
-    def foreseen(self, s: float) -> float:
-        """Joint value of the object as believed when the larger one is at ``s`` [m]."""
-        start = self.request.s_initial
-        if self.request.s_target > start:
-            return max(start, s - self.margin_m)
-        return min(start, s + self.margin_m)
+        """Joint value at the end, as the model has it [m]."""
+        return self.delivery.replay.final
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +92,7 @@ class DoneManipulation:
 def prepare_manipulation(
     session: Session, belief: Belief, number: int, s_initial: float, view: Observation
 ) -> PlannedManipulation:
-    """Plan, time law, replay, way out; on failure again with other chance and then with a smaller margin.
+    """Plan, time law, replay, way out; on failure again with other chance, then with less doubt about the object.
 
     Raises:
         TargetError: No try succeeded; the text has the first one's reason.
@@ -105,9 +100,9 @@ def prepare_manipulation(
     """
     settings = session.settings
     reasons: list[str] = []
-    for k, share in enumerate(MARGIN_SHARES):
+    for k, doubt in enumerate(DOUBTS if number == 1 else CORRECTION_DOUBTS):
         try:
-            return _prepare_once(session, belief, number, s_initial, view, k, share * settings.plan_margin_m)
+            return _prepare_once(session, belief, number, s_initial, view, k, doubt)
         except RefusedError as error:
             reasons.append(str(error))
             logger.info("try %d to plan manipulation %d: %s", k + 1, number, error)
@@ -124,36 +119,64 @@ def _prepare_once(
     s_initial: float,
     view: Observation,
     attempt: int,
-    margin_m: float,
+    doubt: float,
 ) -> PlannedManipulation:
     settings = session.settings
     outwards = float(np.sign(settings.target_m - s_initial))
     request = PlanRequest(
         arm=session.arm.arm,
-        object_mjcf=grown(belief, margin_m, settings.out / f"plan-{number}" / "object.xml"),
+        object_mjcf=belief.mjcf_path,
         s_initial=s_initial,
-        s_target=settings.target_m + outwards * margin_m,
+        s_target=settings.target_m,
         q_initial=session.status().q_ref,
         seed=settings.seed + 1000 * number + attempt,
     )
     result = plan_manipulation(request)
     if not result.success:
         raise TargetError(result.reason)
-    delivery = deliver(request, result, TimeLawSettings(speed=settings.plan_speed))
+    doubts = tuple(_scaled(one, doubt) for one in PERTURBATIONS)
+    delivery = deliver(request, result, TimeLawSettings(speed=settings.plan_speed), doubts)
     q_end = delivery.trajectory.q[-1]
     shapes = object_obstacles(Path(request.object_mjcf), delivery.replay.final)
-    pushed, _ = nearest_to_tip(session.arm, q_end, [o for o in shapes if o.name.startswith("part_")])
     near = [*shapes, table_obstacle()]
     far = [*near, cloud_obstacle(_unmodelled(belief, view, s_initial), name="surroundings")]
+    played = delivery.replay
+    touched = int(np.argmax(np.abs(played.s - s_initial) > MOVING_M))
     escape = plan_escape(
-        session.arm, near, far, q_end, session.arm.arm.q_home, outwards * belief.axis, session.rng
+        session.arm,
+        near,
+        far,
+        q_end,
+        session.arm.arm.q_home,
+        outwards * belief.axis,
+        session.rng,
+        way_in=played.q_meas[:touched],
+        advance_m=(played.final - s_initial) * belief.axis,
     )
     motions = (
         Motion(delivery.trajectory, f"manipulation {number}"),
         timed(session, escape.out, f"manipulation {number}: out of contact", settings.push_speed),
         timed(session, escape.home, f"manipulation {number}: home", settings.travel_speed),
     )
-    return PlannedManipulation(number, request, result, delivery, escape, motions, pushed, margin_m)
+    return PlannedManipulation(
+        number, request, result, delivery, escape, motions, _pushed_geom(session, request, delivery)
+    )
+
+
+def _scaled(one: Perturbation, share: float) -> Perturbation:
+    """A perturbation with a share of its displacement and of its (logarithmic) change of resistance."""
+    x, y, z = one.shift_m
+    return replace(one, shift_m=(share * x, share * y, share * z), resistance=one.resistance**share)
+
+
+def _pushed_geom(session: Session, request: PlanRequest, delivery: Delivery) -> str:
+    """What the fingertip is nearest to when it moves the part for the last time in the replay."""
+    played = delivery.replay
+    moving = np.flatnonzero(np.abs(np.diff(played.s)) > MOVING_M)
+    row = int(moving[-1]) if len(moving) else len(played.s) - 1
+    shapes = object_obstacles(Path(request.object_mjcf), float(played.s[row]))
+    part = [shape for shape in shapes if shape.name.startswith("part_")]
+    return nearest_to_tip(session.arm, played.q_meas[row], part)[0]
 
 
 def carry_out_manipulation(session: Session, planned: PlannedManipulation) -> tuple[Executed, ...]:

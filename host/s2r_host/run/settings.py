@@ -25,11 +25,11 @@ class RunSettings:
         arm: Shipped arm or a folder with one.
         seed: Of all chance on the host.
         attempts: Planned manipulations at most: the first and its corrections.
-        good_enough_m: Measured error that ends the run without another attempt.
+        good_enough_m: Measured error that ends the run without another attempt. The camera is right within half a
+            millimetre; a correction may err by more than the little it would gain.
         tolerance_m: Measured error up to which the run counts as a success.
         push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan
             calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
-        plan_margin_m: How much larger than believed the object is planned with, on every side.
         settle_s: Wait between the end of a motion and a picture.
         dry_run: Look and plan the push, move nothing.
         push: Geometry of the first push.
@@ -45,12 +45,11 @@ class RunSettings:
     arm: str = "xmate3pro"
     seed: int = 0
     attempts: int = 3
-    good_enough_m: float = 0.0025
+    good_enough_m: float = 0.0035
     tolerance_m: float = 0.005
     push_speed: float = 0.25
     travel_speed: float = 0.6
     plan_speed: float = 0.6
-    plan_margin_m: float = 0.003
     settle_s: float = 0.2
     dry_run: bool = False
     push: PushSettings = field(default_factory=PushSettings)

@@ -226,6 +226,41 @@ def test_escape_backs_off_before_it_leaves_a_gap(arm, home):
     assert np.linalg.norm(arm.tool_pose(escape.out[-1])[:3, 3] - tip) > 0.04
 
 
+def test_a_boxed_in_tip_leaves_the_way_it_came(arm, home):
+    """A slot that is open upwards only, and not where the straight ways begin."""
+    import coal
+
+    X = arm.tool_pose(home)
+    ik = InverseKinematics(arm)
+    way_out = straight_line(arm, ik, home, X[:3, 3] + [0.0, 0.0, 0.13])
+    walls = []
+    for k, (x, y, size) in enumerate(
+        [(-0.0215, 0, (0.01, 0.12, 0.03)), (0.0215, 0, (0.01, 0.12, 0.03)), (0, 0.0245, (0.05, 0.01, 0.03)),
+         (0, -0.0245, (0.05, 0.01, 0.03))]
+    ):  # fmt: skip
+        pose = np.eye(4)
+        pose[:3, 3] = X[:3, 3] + np.array([x, y, 0.0])
+        walls.append(Obstacle(f"wall{k}", coal.Box(*size), pose))
+    obstacles = [*walls, table_obstacle()]
+    rng = np.random.default_rng(0)
+    away = home + np.array([0.8, 0, 0, 0, 0, 0, 0])
+    moved = np.array([0.0, 0.0, 0.0])
+    escape = plan_escape(
+        arm,
+        obstacles,
+        obstacles,
+        home,
+        away,
+        np.array([-1.0, 0, 0]),
+        rng,
+        way_in=way_out[::-1],
+        advance_m=moved,
+    )
+    checker = CollisionChecker(arm, obstacles, Clearance(obstacle_m=0.0, tip_m=0.0))
+    assert checker.path_is_free(escape.out[3:])
+    assert arm.tool_pose(escape.out[-1])[2, 3] > X[2, 3] + 0.04
+
+
 @dataclasses.dataclass(frozen=True)
 class View:
     depth_m: np.ndarray

@@ -5,14 +5,13 @@ import numpy as np
 import pytest
 
 from s2r_host.errors import SceneError
-from s2r_host.run.belief import Belief, _with_face, corrected, grown
+from s2r_host.run.belief import Belief, _with_face, corrected
 from s2r_host.run.measure import PartTemplate
 
 # A bar 10 mm thick along the axis (-x is out of the cabinet), turned by half a turn about z like real models.
 MJCF = """<mujoco><compiler angle="radian"/><worldbody><body name="object_base"><geom name="base_box" size="0.1 0.1 0.1"
  pos="1 0 0" type="box"/><body name="object_part"><joint name="object_joint" type="slide" axis="-1 0 0"
  range="-0.1 0.3"/><geom name="part_bar" type="box" pos="0.5 0 0.2" quat="0 0 0 1" size="0.005 0.05 0.006"/>
- <geom name="part_post" type="box" pos="0.52 0 0.2" size="0.02 0.008 0.006"/>
  <geom name="part_knob" type="sphere" pos="0.4 0 0.2" size="0.01"/></body></body></worldbody></mujoco>"""
 OUT = np.array([-1.0, 0.0, 0.0])
 
@@ -69,28 +68,6 @@ def test_corrections_add_up(belief, tmp_path):
     twice = corrected(once, "part_bar", -0.001, pushed_out=True, folder=tmp_path / "third")
     assert twice.shifts_m["part_bar"] == pytest.approx(-0.002)
     assert faces(twice.mjcf_path)[0] == pytest.approx(faces(belief.mjcf_path)[0] - 0.002)
-
-
-def test_grown_object_comes_nearer_along_the_axis_but_offers_less_edge(belief, tmp_path):
-    path = grown(belief, 0.003, tmp_path / "plan" / "object.xml")
-    before, after = (mujoco.MjModel.from_xml_path(str(p)) for p in (belief.mjcf_path, path))
-    assert after.geom("part_bar").size == pytest.approx(
-        before.geom("part_bar").size + np.array([0.003, 0.0, -0.0015])
-    )
-    assert after.geom("part_bar").pos == pytest.approx(before.geom("part_bar").pos)
-
-
-def test_what_stands_still_grows_on_every_side(belief, tmp_path):
-    path = grown(belief, 0.003, tmp_path / "plan" / "object.xml")
-    before, after = (mujoco.MjModel.from_xml_path(str(p)) for p in (belief.mjcf_path, path))
-    assert after.geom("base_box").size == pytest.approx(before.geom("base_box").size + 0.003)
-
-
-def test_posts_also_grow_across(belief, tmp_path):
-    path = grown(belief, 0.003, tmp_path / "plan" / "object.xml")
-    before, after = (mujoco.MjModel.from_xml_path(str(p)) for p in (belief.mjcf_path, path))
-    more = after.geom("part_post").size - before.geom("part_post").size
-    assert more == pytest.approx([0.003, 0.003, -0.0015])
 
 
 def test_unknown_geom_is_refused_by_name(belief, tmp_path):
