@@ -109,6 +109,15 @@ def test_the_answer_does_not_depend_on_the_run(rubbed, named, tmp_path):
     assert again == first
 
 
+def test_a_wrong_mass_is_a_parameter_and_no_physics(tmp_path):
+    case = write_case(tmp_path / "case", Secret(mass_factor=1.05), DRIVE)
+    _, answer = gap(case, tmp_path / "out")
+    assert answer["verdict"] == "parameter_off"
+    assert answer["effects"] == []
+    assert answer["parameters_off"][0]["name"] == "mass"
+    assert answer["parameters_off"][0]["to"] == pytest.approx(1.26, rel=0.02)
+
+
 def test_a_taken_out_effect_is_not_named_after_its_neighbour(tmp_path):
     case = write_case(tmp_path / "case", Secret(extra={"unknown_time": 0.15}), DRIVE)
     _, answer = gap(case, tmp_path / "out")

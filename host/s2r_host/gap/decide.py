@@ -85,16 +85,15 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
     _add_drift(problem, solution, decision)
     decision.leftover = leftover(problem, solution.prediction, solution)
     decision.explained = explained(problem, solution)
+    limit = LEFTOVER_LIMIT * problem.floor_doubt
     if not solution.terms:
-        if decision.leftover > LEFTOVER_LIMIT:
+        if decision.leftover > limit:
             decision.verdict = "unknown"
             decision.reasons.append("no effect of the catalogue removes the leftover")
         elif _base_matters(search, problem):
             decision = _parameters_only(problem, search)
         return decision
-    if decision.leftover > LEFTOVER_LIMIT and decision.explained < _explained_least(
-        problem, search, solution
-    ):
+    if decision.leftover > limit and decision.explained < _explained_least(problem, search, solution):
         nearest = ", ".join(e.name for e in decision.effects)
         decision.reasons.append(
             f"the best of the catalogue ({nearest}) leaves {decision.leftover:.1f} times the noise floor and explains "

@@ -67,6 +67,7 @@ class Problem:
         held: Mask of held-out rows, shape (rows,).
         base: Base parameters; ``B`` their whitened columns, ``prior`` their deviations.
         floor: Noise per joint in ``raw`` units (rms), keyed by joint index.
+        floor_doubt: Factor by which the floor may be too low, from the effective number of its samples.
         weight: Trust in each row: less where dry friction may stick and the sign of motion is a guess.
         effort: Filtered effort rows, same layout, whitened.
     """
@@ -85,6 +86,7 @@ class Problem:
     floor: dict[int, float]
     floor_source: str
     weight: np.ndarray
+    floor_doubt: float = 1.0
     drift: list[Drift] = field(default_factory=list)
     cache: dict = field(default_factory=dict)
 
@@ -180,6 +182,7 @@ def build_problem(
     problem.effort *= problem.weight
     _fill_base(problem, sessions)
     _fill_drift(problem, fit, hold)
+    problem.floor_doubt = max((_doubt(noise[j]) for j in joints), default=1.0)
     return problem
 
 
@@ -366,3 +369,12 @@ def _trust(block: Block, floor: float) -> np.ndarray:
     still = compare(1.0 - np.tanh(s.v[:, j] / (2.0 * s.v_eps[j])) ** 2, s, j, True)[block.picks]
     doubt = STICK_DOUBT * dry_level(s, j) * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
     return 1.0 / np.sqrt(1.0 + doubt**2)
+
+
+def _doubt(samples: list[np.ndarray]) -> float:
+    """One and a half standard deviations of an rms of correlated samples, as a factor above one."""
+    effective = 0.0
+    for x in samples:
+        rho = float(np.clip(np.mean(x[1:] * x[:-1]) / max(float(np.mean(x**2)), 1e-30), 0.0, 0.99))
+        effective += len(x) * (1.0 - rho) / (1.0 + rho)
+    return 1.0 + 1.5 / np.sqrt(2.0 * max(effective, 2.0))
