@@ -27,7 +27,7 @@ class Route:
 
         Each heads for the route's points ahead of the nearest one; an action never exceeds its bound.
         """
-        nearest = int(np.abs(self._points - target).max(axis=1).argmin())
+        nearest = int(np.linalg.norm(self._points - target, axis=1).argmin())
         last = len(self._points) - 1
         grid = np.arange(last + 1)
         sequences = []

@@ -92,7 +92,7 @@ def test_half_a_path_is_reported_as_missing_the_target(request_):
 
 def test_a_trajectory_that_loses_a_slightly_different_object_is_not_delivered(request_, plan):
     moved_away = (Perturbation((0.0, 0.0, 0.5), 1.0, 0.1),)
-    with pytest.raises(PlanRefusedError, match="fragile|touches|ends"):
+    with pytest.raises(PlanRefusedError, match=r"fragile|touches|ends"):
         deliver(request_, plan, perturbations=moved_away)
 
 
