@@ -164,7 +164,7 @@ def estimate_joint(
     explained = _explained(best.motion, scene, rng)
     check_same_camera(view_a, view_b, changes, ~parts.before, rng)
     fine = probe(view_a, scene.moved_before(), 1000, rng), probe(view_b, scene.moved_after(), 1000, rng)
-    check_second_part(best.motion, motions, scene, sides(scene, rng), fine)
+    check_second_part(best.motion, motions, scene, sides(scene, rng), fine, rng)
     warnings += _judge(ranked, scene, parts, explained)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
     noise_m = float(np.median(view_a.sigma_m[parts.before])) if parts.before.any() else 0.0015

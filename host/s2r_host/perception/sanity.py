@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from s2r_host.perception.change import Change, Changes
 from s2r_host.perception.errors import AbstainError, BadViewError
 from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry, score, subset
 from s2r_host.perception.motion import JointMotion, rotation
+from s2r_host.perception.planes import find_planes
 from s2r_host.perception.refine import Side, refine
 from s2r_host.perception.view import DepthView, Seen, View
 
 Array = NDArray[np.floating]
 
 SECOND_PART_SHARE = 0.25
-SECOND_PART_EXPLAINED = 0.75
+SECOND_PART_EXPLAINED = 0.45
 MOST_CAMERA_SHIFT_M = 0.006
 
 
@@ -111,11 +113,12 @@ def check_second_part(
     scene: Scene,
     both: tuple[Side, Side],
     probes: tuple[Probe, Probe],
+    rng: np.random.Generator,
 ) -> None:
     """Refuse a pair in which a second rigid piece moved differently.
 
-    A second piece is claimed only if what the best motion leaves over is large and nearly all of it follows one
-    other motion: hands and cables move too, but never as one.
+    A second piece is claimed only if what the best motion leaves over is large, half of it follows one other
+    motion, and that half is a flat piece of its own: the arm that moves a lid moves too, but is not flat.
 
     Args:
         best: The chosen motion.
@@ -123,6 +126,7 @@ def check_second_part(
         scene: Both views.
         both: Prepared sides for refinement.
         probes: Samples of surely moved points.
+        rng: For sampling.
 
     Raises:
         AbstainError: Names both motions.
@@ -136,12 +140,39 @@ def check_second_part(
     for k in np.argsort(cost, kind="stable")[:3]:
         refined = refine(scanned[int(k)], both)
         other = scanned[int(k)] if refined is None else refined.motion
-        if float(_fitting(other, scene, rest).mean()) > SECOND_PART_EXPLAINED:
+        follows = _fitting(other, scene, rest)
+        if float(follows.mean()) > SECOND_PART_EXPLAINED and _flat_elsewhere(probes, left, follows, rng):
             raise AbstainError(
                 f"two parts moved: besides the {best.joint_type} part ({best.delta:.3g}"
                 f" {'rad' if best.joint_type == 'revolute' else 'm'}), {100 * left.mean():.0f} % of the change follows"
                 f" another {other.joint_type} motion ({other.delta:.3g}); move one part at a time or give --region"
             )
+
+
+def _flat_elsewhere(
+    probes: tuple[Probe, Probe], left: NDArray[np.bool_], follows: NDArray[np.bool_], rng: np.random.Generator
+) -> bool:
+    """Whether the points that follow the other motion form a flat piece, 3 cm or more from the first part."""
+    count = len(probes[0].points)
+    kept = 0
+    follower = np.zeros(len(left), dtype=bool)
+    follower[np.flatnonzero(left)[follows]] = True
+    for part, own, second in (
+        (probes[0], ~left[:count], follower[:count]),
+        (probes[1], ~left[count:], follower[count:]),
+    ):
+        if second.sum() < 40:
+            continue
+        index = np.flatnonzero(second)
+        if own.any():
+            distance, _ = cKDTree(part.points[own]).query(part.points[index])
+            index = index[distance > 0.03]
+        index = index[part.normal_ok[index]]
+        planes = (
+            find_planes(part.points[index], part.normals[index], rng, 1, 0.003) if len(index) >= 40 else []
+        )
+        kept += planes[0].size if planes else 0
+    return kept > 0.1 * len(left)
 
 
 def _fitting(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> NDArray[np.bool_]:
