@@ -57,7 +57,7 @@ def main() -> None:
         folder = Path(temporary)
         case = write_emps(folder)
         config = folder / "gap.yaml"
-        config.write_text("open_loop_window_s: inf\n", encoding="utf-8")
+        config.write_text("open_loop_window_s: inf\ncalibrate_s: 5\n", encoding="utf-8")
         started = time.process_time()
         run_gap(case["model"], [case["DATA_EMPS"]], [case["DATA_EMPS_PULSES"]], [], config, folder / "out")
         used = time.process_time() - started

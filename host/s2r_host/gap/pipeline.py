@@ -118,12 +118,34 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
             a.verdict = decision.verdict = "insufficient"
             a.notes.insert(0, reason)
     a.twin = patched_twin(a, decision.solution, decision.verdict)
+    if config.calibrate_s > 0:
+        _calibrate(a, config.calibrate_s)
     if config.simulate:
         log("forward simulation before and after")
         nominal = build_twin(a.model, problem.ctx, [])
         joints = list(problem.joints)
         a.before = evaluate(nominal, a.fit, a.hold, joints, config.open_loop_window_s)
         a.after = evaluate(a.twin, a.fit, a.hold, joints, config.open_loop_window_s)
+
+
+def _calibrate(a: Analysis, seconds: float) -> None:
+    """Read one friction change per new held-out session from its first seconds; the notes announce it."""
+    assert a.problem is not None
+    assert a.decision is not None
+    assert a.twin is not None
+    for drift in a.problem.drift:
+        block = drift.block
+        s, early = block.session, block.session.t[block.picks] < seconds
+        left = a.decision.solution.drifted[block.rows][early]
+        column = drift.raw[early]
+        change = float(column @ left / max(column @ column, 1e-30))
+        level = a.twin.session_friction.setdefault(s.rec.session, np.zeros(len(a.model.joints)))
+        level[block.joint] += change
+        joint = a.model.joints[block.joint]
+        a.notes.append(
+            f"calibrated: friction of '{joint}' in session '{s.rec.session}' changed by {change:+.4g} "
+            f"{a.model.effort_unit(joint)}, read from its first {seconds:g} s"
+        )
 
 
 def _without_effort(a: Analysis, log: Log) -> None:

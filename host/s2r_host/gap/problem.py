@@ -19,6 +19,7 @@ LEAST_CUT_HZ = 2.5
 EDGE_SHARE = 0.5
 STICK_DOUBT = 0.3
 DRIFT_SHARE = 0.15
+GENERIC_FOLDS = 8
 
 
 @dataclass
@@ -329,13 +330,23 @@ def find_partner(twin: Session, fit: list[Session]) -> Session | None:
 
 
 def generic_leftover(s: Session, j: int, values: np.ndarray, picks: np.ndarray) -> np.ndarray:
-    """What a generic local correction cannot explain, scaled for its degrees of freedom, shape (rows,)."""
+    """What a generic local correction cannot predict on stretches it was not fitted to, shape (rows,).
+
+    Never more than the residual itself: then nothing was predictable, and all of it counts as noise.
+    """
     X = generic_basis(s, j, picks)
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
-    ridge = 1e-6 * len(X)
-    beta = np.linalg.solve(X.T @ X + ridge * np.eye(X.shape[1]), X.T @ values)
-    left = values - X @ beta
-    return left * np.sqrt(len(X) / max(len(X) - X.shape[1], 0.3 * len(X)))
+    fold = np.arange(len(X)) * GENERIC_FOLDS // max(len(X), 1)
+    best = values - np.mean(values)
+    for ridge in (1e-4, 1e-2, 1e-1):
+        left = np.empty_like(values)
+        for k in range(GENERIC_FOLDS):
+            train = fold != k
+            A = X[train].T @ X[train] + ridge * train.sum() * np.eye(X.shape[1])
+            left[~train] = values[~train] - X[~train] @ np.linalg.solve(A, X[train].T @ values[train])
+        if np.mean(left**2) < np.mean(best**2):
+            best = left
+    return best
 
 
 def generic_basis(s: Session, j: int, picks: np.ndarray, bins: int = 16) -> np.ndarray:

@@ -37,6 +37,7 @@ class Twin:
         spec: Source with every stock attribute written; ``model`` its compilation.
         live: Effects that need a callback.
         lag: Sensor lag per joint [s].
+        session_friction: Dry friction added in a session, by its label, shape (joint,).
     """
 
     rigid: RigidModel
@@ -49,6 +50,7 @@ class Twin:
     lag: dict[int, float] = field(default_factory=dict)
     offset: np.ndarray = field(default_factory=lambda: np.zeros(0))
     generic: Callable[[StepState], np.ndarray] | None = None
+    session_friction: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def build_twin(
@@ -131,6 +133,8 @@ class _Plan:
         self.dof = np.array([int(m.jnt_dofadr[names.index(j)]) for j in twin.rigid.joints])
         self.adr = np.array([int(m.jnt_qposadr[names.index(j)]) for j in twin.rigid.joints])
         self.friction = np.array(m.dof_frictionloss[self.dof])
+        self.friction += twin.session_friction.get(s.rec.session, 0.0)
+        m.dof_frictionloss[self.dof] = np.maximum(self.friction, 0.0)
         self.laws = [_law(twin.rigid, s, j) if closed else None for j in range(len(twin.rigid.joints))]
         self.u_rec = np.nan_to_num(s.u)
         h = m.opt.timestep

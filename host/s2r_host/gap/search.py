@@ -429,7 +429,7 @@ class Search:
             chosen, slots, thetas, covariances, x[:nb], np.sqrt(np.maximum(np.diag(covariance)[:nb], 0.0)), noise,
             (mean2(y0, fit), mean2(left, fit)), (mean2(y0, held), mean2(left, held)),
             (mean2(p.raw, fit), mean2(raw_left, fit)), (mean2(p.raw, held), mean2(raw_left, held)),
-            raw_left, drift, scans,
+            raw_left, drift, self.unwhitened(raw_drifted), scans,
         )  # fmt: skip
 
     def unwhitened(self, left: np.ndarray) -> np.ndarray:
