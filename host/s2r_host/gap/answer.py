@@ -39,7 +39,7 @@ def make_answer(a: Analysis, seed: int) -> dict:
     effects = [e.as_json(together) for e in a.decision.effects] if a.decision else []
     if a.verdict in ("insufficient", "nothing_missing"):
         effects = []
-    return clean(
+    answer = clean(
         {
             "schema": SCHEMA,
             "seed": seed,
@@ -56,6 +56,8 @@ def make_answer(a: Analysis, seed: int) -> dict:
             "notes": a.notes + (a.decision.reasons if a.decision else []),
         }
     )
+    assert isinstance(answer, dict)
+    return answer
 
 
 def fit_json(a: Analysis) -> dict:

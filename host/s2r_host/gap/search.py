@@ -82,6 +82,7 @@ class Solution:
     raw_held: tuple[float, float]
     prediction: np.ndarray
     drift: list[tuple[float, float]] = field(default_factory=list)
+    drifted: np.ndarray = field(default_factory=lambda: np.zeros(0))
     scans: list[Scored] = field(default_factory=list)
 
 
