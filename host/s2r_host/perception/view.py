@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 WIDEST_PX = 900
-MOST_CLOUD_POINTS = 60_000
+MOST_CLOUD_POINTS = 40_000
 
 
 class Seen(enum.IntEnum):

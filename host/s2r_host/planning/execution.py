@@ -21,12 +21,15 @@ class Report:
         touched: The fingertip touched the part at some substep.
         torque_share: Largest actuator torque over its limit, gravity compensation included.
         torque_joint: Index of the joint where that was.
+        press_N: Largest force of the fingertip on the part across the part's motion. It moves nothing; in a model
+            with little friction it slides off an edge that it jams on in truth.
     """
 
     contact: str | None = None
     touched: bool = False
     torque_share: float = 0.0
     torque_joint: int = 0
+    press_N: float = 0.0
 
     def merged(self, other: Report) -> Report:
         """This report followed by another."""
@@ -36,6 +39,7 @@ class Report:
             self.touched or other.touched,
             worst.torque_share,
             worst.torque_joint,
+            max(self.press_N, other.press_N),
         )
 
 
@@ -77,7 +81,7 @@ class FineWorld:
         """Step once per row of ``control``, (substeps, dof): joint targets [rad] of the position servos."""
         model, data, dof = self.scene.fine, self.data, self.scene.dof
         contact: str | None = None
-        touched, worst, joint = False, 0.0, 0
+        touched, worst, joint, press_N = False, 0.0, 0, 0.0
         for row in control:
             data.ctrl[:dof] = row
             mujoco.mj_step(model, data)
@@ -85,17 +89,40 @@ class FineWorld:
                 touch, other = self._contacts()
                 touched |= touch
                 contact = contact or other
+                if touch:
+                    press_N = max(press_N, self._press())
             share = np.abs(data.qfrc_actuator[:dof]) / self._tau_max
             if share.max() > worst:
                 joint = int(share.argmax())
                 worst = float(share[joint])
-        return Report(contact, touched, worst, joint)
+        return Report(contact, touched, worst, joint, press_N)
 
     def check_now(self) -> Report:
         """Contacts at the present state, without stepping."""
         mujoco.mj_forward(self.scene.fine, self.data)
         touch, other = self._contacts() if self.data.ncon else (False, None)
         return Report(other, touch)
+
+    def _press(self) -> float:
+        """Force between fingertip and part across the part's motion [N], now."""
+        model, data = self.scene.fine, self.data
+        total = np.zeros(3)
+        p_touch = np.zeros(3)
+        touching = 0
+        wrench = np.zeros(6)
+        for i, pair in enumerate(data.contact.geom):
+            first, second = self._kinds[pair]
+            if {int(first), int(second)} != {int(GeomKind.PART), int(GeomKind.FINGER)}:
+                continue
+            mujoco.mj_contactForce(model, data, i, wrench)
+            sign = 1.0 if second == GeomKind.PART else -1.0  # a contact's frame points from first to second
+            total += sign * data.contact.frame[i].reshape(3, 3).T @ wrench[:3]
+            p_touch += data.contact.pos[i]
+            touching += 1
+        if not touching:
+            return 0.0
+        motion = self.scene.part_motion(data, p_touch / touching)
+        return float(np.linalg.norm(total - (total @ motion) * motion))
 
     def _contacts(self) -> tuple[bool, str | None]:
         """Whether the fingertip touches the part, and the first contact that is anything else."""

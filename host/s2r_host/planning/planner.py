@@ -177,13 +177,18 @@ class _Attempt:
     ) -> tuple[np.ndarray, int, Report]:
         """Execute the best-ranked action that the fine model finds harmless; if none is, the least harmful one.
 
-        A contact is worse than a saturated motor, which the timed motion, slower than the plan, may not have.
+        A contact is worse than pressing, and pressing than a saturated motor, which the timed motion, slower than the
+        plan, may not have.
         """
-        tried: list[tuple[tuple[bool, bool], int, np.ndarray]] = []
+        tried: list[tuple[tuple[bool, bool, bool], int, np.ndarray]] = []
         for rank, action in enumerate(actions[: self.settings.retries]):
             goal = np.clip(target + action, low, high)
             report = self._play(target, goal)
-            harm = (report.contact is not None, report.torque_share > self.settings.torque_margin)
+            harm = (
+                report.contact is not None,
+                report.press_N > self.settings.press_max_N,
+                report.torque_share > self.settings.torque_margin,
+            )
             if not any(harm):
                 return goal, rank, report
             tried.append((harm, rank, goal))
@@ -246,6 +251,8 @@ class _Attempt:
                 self.touch_step = step + 1
         if self.played.contact is not None:
             return f"touches something unexpected: {self.played.contact}"
+        if self.played.press_N > self.settings.press_max_N:
+            return f"presses on the part with {self.played.press_N:.0f} N across its motion"
         late = [abs(self.task.s_target - s) for _, s in self.path[-(hold_steps // 2) :]]
         if max(late) >= self.task.tolerance:
             return f"the target is not held: s = {self.world.s:.4f} at the end of the hold"

@@ -37,6 +37,7 @@ class StepFacts:
         ds: Its speed [m/s or rad/s], (rollout, step).
         touches: The fingertip touches the part, bool (rollout, step).
         collides: The robot touches anything else, bool (rollout, step).
+        press_N: Force of the fingertip on the part across the part's motion, (rollout, step).
         dq: Joint speeds [rad/s], (rollout, step, dof).
         ddq: Joint accelerations [rad/s²], (rollout, step, dof).
         load: Servo torque without gravity compensation over the joint's torque limit, (rollout, step, dof).
@@ -48,6 +49,7 @@ class StepFacts:
     ds: np.ndarray
     touches: np.ndarray
     collides: np.ndarray
+    press_N: np.ndarray
     dq: np.ndarray
     ddq: np.ndarray
     load: np.ndarray
@@ -116,6 +118,15 @@ def r_calm(ds: np.ndarray, task: Task, weights: RewardWeights) -> np.ndarray:
     return -weights.calm * (1.0 if task.prismatic else 0.04) * ds**2
 
 
+def r_press(press_N: np.ndarray, weights: RewardWeights) -> np.ndarray:
+    """Press term: -w times the force across the part's motion beyond a free one. An addition to the paper.
+
+    Such a force moves nothing. With little friction in the model the fingertip slides along an edge that it jams on in
+    truth.
+    """
+    return -weights.press * np.maximum(press_N - weights.press_free_N, 0.0)
+
+
 def r_load(load: np.ndarray, weights: RewardWeights) -> np.ndarray:
     """Load term: -w times each joint's servo torque beyond a free share of its limit. An addition to the paper.
 
@@ -132,7 +143,7 @@ def joint_weights(weights: RewardWeights, dof: int) -> np.ndarray:
 
 
 def rewards(facts: StepFacts, task: Task, weights: RewardWeights) -> np.ndarray:
-    """Value of every rollout, (rollout,): the mean over its steps of the paper's five terms and the two added."""
+    """Value of every rollout, (rollout,): the mean over its steps of the paper's five terms and the three added."""
     total = (
         r_dist(facts.distance_m, facts.turn_rad, weights)
         + r_target(facts.s, task, weights)
@@ -140,6 +151,7 @@ def rewards(facts: StepFacts, task: Task, weights: RewardWeights) -> np.ndarray:
         + r_reg(facts.dq, facts.ddq, weights)
         + r_success(facts.s, task, weights)
         + r_calm(facts.ds, task, weights)
+        + r_press(facts.press_N, weights)
         + r_load(facts.load, weights)
     )
     return total.mean(axis=1)

@@ -21,6 +21,11 @@ class Rollouts:
         """Args: scene; stage of the cascade; settings; ``capacity``, the most sequences per call."""
         self._scene = scene
         self._servo = settings.servo
+        at_zero = mujoco.MjData(scene.fine)
+        at_zero.qpos[scene.s_qpos] = 0.0
+        mujoco.mj_kinematics(scene.fine, at_zero)
+        self._R_world_part = at_zero.xmat[scene.part_body].reshape(3, 3)
+        self._axis_part = scene.fine.jnt_axis[scene.fine.joint(scene.joint_name).id]
         self._control_dt_s = settings.control_dt_s
         self._substeps = round(settings.control_dt_s / stage.timestep_s)
         model = scene.rollout_model(stage)
@@ -63,7 +68,9 @@ class Rollouts:
         ddq = np.diff(dq, axis=1, prepend=before) / self._control_dt_s
         # Sensors and contacts describe the state before a substep: one substep behind qpos.
         pose = record["sensordata"][:, :, :7]
-        touches = record["sensordata"][:, :, 7:].sum(axis=2)
+        per_finger = record["sensordata"][:, :, 7:].reshape(*pose.shape[:2], -1, 4)
+        touches = per_finger[..., 0].sum(axis=2)
+        press_N = self._press(per_finger[..., 1:].sum(axis=2), record["qpos"][:, :, scene.s_qpos], hook)
         collides = record["ncon"].reshape(touches.shape) > touches
         after = np.minimum(np.arange(n, pose.shape[1] + 1, n), pose.shape[1] - 1)
         return StepFacts(
@@ -73,10 +80,22 @@ class Rollouts:
             ds=record["qvel"][:, n - 1 :: n, scene.s_dof],
             touches=_any_within(touches > 0, n),
             collides=_any_within(collides, n),
+            press_N=press_N.reshape(len(s), -1, n).max(axis=2),
             dq=dq,
             ddq=ddq,
             load=(self._servo.kp * (targets[:, 1:] - q) - self._servo.kd * dq) / scene.arm.limits.tau_max,
         )
+
+    def _press(self, force_N: np.ndarray, s: np.ndarray, hook: Hook) -> np.ndarray:
+        """Size of forces across the part's motion [N], (rollout, substep), from forces in the world frame (..., 3)."""
+        force_N = force_N @ self._R_world_part
+        if not self._scene.prismatic:
+            # The part has turned by s about its axis: turn the force back into the part's frame.
+            axis, c, sine = self._axis_part, np.cos(s)[..., None], np.sin(s)[..., None]
+            along = (force_N @ axis)[..., None] * axis
+            force_N = along + c * (force_N - along) - sine * np.cross(axis, force_N)
+        motion = hook.push_part / np.linalg.norm(hook.push_part)
+        return np.linalg.norm(force_N - (force_N @ motion)[..., None] * motion, axis=-1)
 
 
 def ramp(targets: np.ndarray, substeps: int) -> np.ndarray:

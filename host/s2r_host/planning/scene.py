@@ -226,7 +226,7 @@ def _add_clearance(spec: mujoco.MjSpec, arm: ArmDescription, clearance_m: float)
 
 
 def _add_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str) -> None:
-    """Tool pose in the part's frame (3 + 4 numbers), and how often each finger shape touches the part."""
+    """Tool pose in the part's frame (3 + 4 numbers), and per finger shape touches and net force (1 + 3)."""
     part = spec.joint(OBJECT_PREFIX + joint).parent.name
     for kind in (mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMEQUAT):
         spec.add_sensor(
@@ -246,7 +246,11 @@ def _add_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str) -> None:
                 objname=geom.name,
                 reftype=mujoco.mjtObj.mjOBJ_XBODY,
                 refname=part,
-                intprm=[1, 0, 1],  # data = found (the number of contacts), no reduction, one slot
+                intprm=[
+                    3,
+                    3,
+                    1,
+                ],  # found (the number of contacts) and force, net force in the world frame, one slot
             )
 
 

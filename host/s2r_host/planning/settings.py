@@ -86,6 +86,8 @@ class RewardWeights:
         speed: Per rad/s of weighted joint speed.
         acceleration: Per rad/s² of weighted joint acceleration.
         calm: Penalty per (m/s)² of a slide or (5 rad/s)² of a hinge.
+        press: Penalty per newton of the fingertip on the part across the part's motion, beyond the free force.
+        press_free_N: That free force.
         load: Penalty per unit of servo load over the torque limit; not in the paper, see ``rewards.r_load``.
         load_free: Share of the torque limit that costs nothing.
         joints: Weights of the joints in the speed and acceleration terms; arms with other counts repeat the last one.
@@ -102,6 +104,8 @@ class RewardWeights:
     speed: float = 0.03
     acceleration: float = 0.01
     calm: float = 200.0
+    press: float = 0.1
+    press_free_N: float = 15.0
     load: float = 20.0
     load_free: float = 0.4
     joints: tuple[float, ...] = (2.0, 3.0, 2.0, 2.0, 2.0, 1.0, 1.0)
@@ -155,6 +159,8 @@ class PlanSettings:
         hold_s: How long the target has to be held standing still.
         fine_timestep_s: Physics step of the execution model.
         torque_margin: Share of the torque limits a delivered plan may use.
+        press_max_N: Largest force of the fingertip on the part across the part's motion. A few newtons come from
+            friction; more is pressing on an edge.
         joint_margin_rad: Distance kept from the position limits.
         clearance_m: The rollouts count anything nearer than this to the robot, except the fingertip, as a collision.
         proposal_speeds: Speeds of the sequences along the hook's route that join each control step's first samples, as
@@ -177,6 +183,7 @@ class PlanSettings:
     hold_s: float = 0.5
     fine_timestep_s: float = 0.002
     torque_margin: float = 0.9
+    press_max_N: float = 40.0
     joint_margin_rad: float = 0.05
     clearance_m: float = 0.003
     proposal_speeds: tuple[float, ...] = (1.0, 0.5, 0.2)
@@ -201,6 +208,7 @@ class PlanSettings:
         _require(self.tolerance_m > 0.0, "tolerance_m", self.tolerance_m, "positive")
         _require(self.tolerance_rad > 0.0, "tolerance_rad", self.tolerance_rad, "positive")
         _require(0.0 < self.torque_margin <= 1.0, "torque_margin", self.torque_margin, "within (0, 1]")
+        _require(self.press_max_N > 0.0, "press_max_N", self.press_max_N, "positive")
         _require(len(self.cascade) >= 1, "cascade", self.cascade, "at least one stage")
         steps = [self.fine_timestep_s, *(stage.timestep_s for stage in self.cascade)]
         for step in steps:

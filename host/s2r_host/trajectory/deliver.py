@@ -27,6 +27,7 @@ logger = logging.getLogger(__name__)
 
 _CORRECTIONS = 5
 _FRAGILE = 4.0  # success bands that a slightly different object may be off; more means that the part was lost
+_FRAGILE_PRESS = 1.5  # of the press that the believed object may feel
 _LARGEST_M = 0.04  # a larger correction means that the fingertip lost the part
 
 
@@ -122,6 +123,10 @@ def _fragile(
         played = replay(delivery.trajectory, request, perturbation.applied(scene))
         if played.contact is not None:
             return f"fragile: with the {perturbation} it touches {played.contact}"
+        if played.press_N > _FRAGILE_PRESS * request.settings.press_max_N:
+            return (
+                f"fragile: with the {perturbation} it presses across the motion with {played.press_N:.0f} N"
+            )
         if abs(played.error) > _FRAGILE * tolerance:
             return f"fragile: with the {perturbation} it ends {played.error:+.4f} from the target"
     return None
@@ -166,7 +171,9 @@ def _corrected(
             return Delivery(trajectory, played, correction, followed, timed.speed), ""
         problem = found or f"the timed motion ends {played.error:+.4f} from the target"
         extra += played.error
-        if played.contact is not None or played.torque_share > request.settings.torque_margin:
+        if played.contact is not None or played.press_N > request.settings.press_max_N:
+            break
+        if played.torque_share > request.settings.torque_margin:
             break
         if abs(extra) > max(_LARGEST_M, 0.3 * abs(request.s_target - request.s_initial)):
             break

@@ -28,6 +28,7 @@ class Replay:
         touched: The fingertip touched the part.
         torque_share: Largest torque over its limit.
         torque_joint: Name of that joint.
+        press_N: Largest force of the fingertip on the part across the part's motion.
     """
 
     t: np.ndarray
@@ -40,6 +41,7 @@ class Replay:
     touched: bool
     torque_share: float
     torque_joint: str
+    press_N: float
 
     def problem(self, tolerance: float, settings: PlanSettings) -> str | None:
         """Why the trajectory may not be delivered, in one sentence, or None."""
@@ -47,6 +49,11 @@ class Replay:
             return f"the timed motion touches something unexpected: {self.contact}"
         if self.torque_share > settings.torque_margin:
             return f"joint {self.torque_joint!r}: the timed motion takes {self.torque_share:.0%} of its torque limit"
+        if self.press_N > settings.press_max_N:
+            return (
+                f"the timed motion presses on the part with {self.press_N:.0f} N across its motion, "
+                f"limit {settings.press_max_N:.0f} N"
+            )
         if not self.held:
             return f"the target is not held after the timed motion: s = {self.final:.4f} and still moving"
         if abs(self.error) >= tolerance:
@@ -94,4 +101,5 @@ def replay(trajectory: Trajectory, request: PlanRequest, scene: Scene | None = N
         touched=report.touched,
         torque_share=report.torque_share,
         torque_joint=scene.arm.joint_names[report.torque_joint],
+        press_N=report.press_N,
     )

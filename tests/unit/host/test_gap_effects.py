@@ -54,7 +54,11 @@ def ctx(tmp_path_factory):
     for k, phase in enumerate((0.3, 1.9)):
         q = 0.7 * np.sin(1.1 * t + phase) + 0.3 * np.sin(5.3 * t) + 0.1
         u = 3.0 * np.sin(q) + 0.5 * np.cos(3 * t)
-        channels = {"q": {"elbow": q}, "tau": {"elbow": u}, "wrench": {"arm.fx": 2 * np.sin(7 * t), "arm.my": 0.3 * np.sin(4 * t)}}
+        channels = {
+            "q": {"elbow": q},
+            "tau": {"elbow": u},
+            "wrench": {"arm.fx": 2 * np.sin(7 * t), "arm.my": 0.3 * np.sin(4 * t)},
+        }
         rec = Recording(f"r{k}", t, channels, Controller(), "commanded", "effort", f"s{k}", "", ())
         sessions.append(make_session(model, rec, k))
     context = Context(model, sessions)

@@ -96,6 +96,20 @@ def test_a_trajectory_that_loses_a_slightly_different_object_is_not_delivered(re
         deliver(request_, plan, perturbations=moved_away)
 
 
+def test_a_delivered_motion_does_not_press_on_the_part_across_its_motion(request_, plan):
+    played = deliver(request_, plan).replay
+    assert 0.0 < played.press_N < 20.0
+    found = replace(played, press_N=41.0).problem(0.002, request_.settings)
+    assert found == "the timed motion presses on the part with 41 N across its motion, limit 40 N"
+
+
+def test_a_plan_may_not_press_more_than_told(request_):
+    strict = replace(request_.settings, press_max_N=1e-3, cascade=request_.settings.cascade[:1])
+    result = plan_manipulation(replace(request_, settings=strict))
+    assert not result.success
+    assert "presses on the part with" in result.reason
+
+
 def test_perturbing_leaves_the_scene_as_it_was(request_):
     scene = build_scene(ARM, request_.object_mjcf, "object_joint", request_.settings)
     base = scene.fine.body("object/object_base").id

@@ -14,7 +14,9 @@ def at(value: float) -> np.ndarray:
     return np.array([[value]])
 
 
-def facts(s=0.0, touches=False, collides=False, distance_m=0.0, dq=0.0, load=0.0, ds=0.0) -> terms.StepFacts:
+def facts(
+    s=0.0, touches=False, collides=False, distance_m=0.0, dq=0.0, load=0.0, ds=0.0, press_N=0.0
+) -> terms.StepFacts:
     return terms.StepFacts(
         distance_m=at(distance_m),
         turn_rad=at(0.0),
@@ -22,6 +24,7 @@ def facts(s=0.0, touches=False, collides=False, distance_m=0.0, dq=0.0, load=0.0
         ds=at(ds),
         touches=np.array([[touches]]),
         collides=np.array([[collides]]),
+        press_N=at(press_N),
         dq=np.full((1, 1, 7), dq),
         ddq=np.zeros((1, 1, 7)),
         load=np.full((1, 1, 7), load),
@@ -96,6 +99,11 @@ def test_joint_weights_fit_arms_with_other_joint_counts():
 def test_load_below_the_free_share_costs_nothing():
     assert terms.r_load(np.full((1, 1, 7), -0.39), W) == pytest.approx(0.0)
     assert terms.r_load(np.array([[[0.0, -0.9]]]), W) == pytest.approx(-20.0 * 0.5)
+
+
+def test_pressing_across_the_motion_costs_beyond_the_free_force():
+    assert terms.r_press(at(W.press_free_N), W) == 0.0
+    assert terms.r_press(at(W.press_free_N + 20.0), W) == pytest.approx(-20.0 * W.press)
 
 
 def test_a_fast_object_costs_with_the_square_of_its_speed():
