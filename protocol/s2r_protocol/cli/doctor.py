@@ -99,7 +99,7 @@ def _native_core() -> list[Finding]:
 def _system_libraries() -> list[Finding]:
     wanted = {"gomp": "libgomp1"}
     if _is_installed("open3d"):
-        wanted |= {"usb-1.0": "libusb-1.0-0", "GL": "libgl1", "X11": "libx11-6"}
+        wanted |= {"usb-1.0": "libusb-1.0-0", "GL": "libgl1", "EGL": "libegl1", "X11": "libx11-6"}
     missing = [package for library, package in wanted.items() if ctypes.util.find_library(library) is None]
     if missing:
         text = f"missing: {', '.join(missing)}"

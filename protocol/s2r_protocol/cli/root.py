@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
+from typing import Any
 
 import click
 
@@ -23,6 +25,14 @@ class _LazyGroup(click.Group):
         command = COMMANDS.get(cmd_name)
         return None if command is None else _load(cmd_name)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the subcommand; what it imports when called may be missing as well."""
+        try:
+            return super().invoke(ctx)
+        except ModuleNotFoundError as error:
+            _refuse_missing_extra(ctx.invoked_subcommand or "", error)
+            raise
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.summary) for name, command in COMMANDS.items()])
@@ -34,12 +44,23 @@ def _load(name: str) -> click.Command:
     try:
         return getattr(importlib.import_module(module), attribute)
     except ModuleNotFoundError as error:
-        if error.name is None or not command.extra:
-            raise
-        raise NotReadyError(
-            f"'s2r {name}' needs the module {error.name!r}, which is not installed here. "
-            f"Install it with: pip install 'sim2real2[{command.extra}]'"
-        ) from error
+        _refuse_missing_extra(name, error)
+        raise
+
+
+def _refuse_missing_extra(name: str, error: ModuleNotFoundError) -> None:
+    """Say what to install when a command's optional packages are missing.
+
+    Raises:
+        NotReadyError: The command belongs to an extra and a module of somebody else's is missing.
+    """
+    command = COMMANDS.get(name)
+    if command is None or not command.extra or error.name is None or error.name.startswith("s2r_"):
+        return
+    raise NotReadyError(
+        f"'s2r {name}' needs the module {error.name!r}, which is not installed here. "
+        f"Install it with: pip install 'sim2real2[{command.extra}]'"
+    ) from error
 
 
 @click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -56,6 +77,9 @@ def s2r() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run ``s2r`` and exit with the documented code."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A shell's background job starts deaf to Ctrl-C. Whatever moves an arm has to hear it.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         code = s2r.main(args=arguments, prog_name="s2r", standalone_mode=False)
     except S2RError as error:

@@ -56,6 +56,40 @@ def test_a_missing_extra_names_the_install_that_helps(monkeypatch):
         root._load("run")
 
 
+def test_a_package_missing_only_when_the_command_runs_names_the_install_too(monkeypatch, capsys):
+    def fail():
+        raise ModuleNotFoundError("No module named 'mujoco'", name="mujoco")
+
+    monkeypatch.setattr(root, "_load", lambda name: click.Command(name, callback=fail))
+    with pytest.raises(SystemExit) as ended:
+        root.main(["sim-arm"])
+    assert ended.value.code == 3
+    assert "pip install 'sim2real2[sim]'" in capsys.readouterr().err
+
+
+def test_a_missing_module_of_our_own_is_a_bug(monkeypatch, capsys):
+    def fail():
+        raise ModuleNotFoundError("No module named 's2r_sim.gone'", name="s2r_sim.gone")
+
+    monkeypatch.setattr(root, "_load", lambda name: click.Command(name, callback=fail))
+    with pytest.raises(SystemExit) as ended:
+        root.main(["sim-arm"])
+    assert ended.value.code == 1
+    assert "this is a bug" in capsys.readouterr().err
+
+
+def test_a_background_job_hears_ctrl_c():
+    code = (
+        "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "from s2r_protocol.cli import root\n"
+        "import click, os\n"
+        "root._load = lambda name: click.Command(name, callback=lambda: os.kill(os.getpid(), signal.SIGINT))\n"
+        "root.main(['stop'])\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 130, run.stderr
+
+
 def test_help_imports_none_of_the_heavy_packages():
     code = (
         "import sys\nfrom s2r_protocol.cli.root import main\n"
