@@ -68,14 +68,15 @@ def push_points(front: Front, settings: PushSettings) -> np.ndarray:
 def push_proposals(
     front: Front, settings: PushSettings | None = None, max_points: int = 12
 ) -> Iterator[PushProposal]:
-    """Proposals, best first: central points first, and for each a steep to flat approach.
+    """Proposals, best first: a steep to flat approach, and for each the points from central to outermost.
 
-    The fingertip points along the push or tilted down from it; contact is where its foremost corner meets
+    The points are taken from all over the front: a wide handle may hide everything central. The fingertip points along the push or tilted down from it; contact is where its foremost corner meets
     the plane.
     """
     settings = settings or PushSettings()
     direction = -front.normal
-    points = push_points(front, settings)[:max_points]
+    points = push_points(front, settings)
+    points = points[np.unique(np.linspace(0, len(points) - 1, min(max_points, len(points))).astype(int))]
     for tilt in settings.tilts_rad:
         for turn in settings.turns_rad:
             for roll in settings.rolls_rad:
