@@ -70,8 +70,8 @@ def push_proposals(
 ) -> Iterator[PushProposal]:
     """Proposals, best first: a steep to flat approach, and for each the points from central to outermost.
 
-    The points are taken from all over the front: a wide handle may hide everything central. The fingertip points along the push or tilted down from it; contact is where its foremost corner meets
-    the plane.
+    The points are taken from all over the front: a wide handle may hide everything central. The fingertip points
+    along the push or tilted down from it; contact is where its foremost corner meets the plane.
     """
     settings = settings or PushSettings()
     direction = -front.normal
