@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -50,10 +52,22 @@ EVENT = np.dtype(
 )
 
 
+def atomic(method):
+    """Holds the core's lock: the front end asks from one thread while a test advances from another."""
+
+    @functools.wraps(method)
+    def held(self, *args, **kwargs):
+        with self._lock:
+            return method(self, *args, **kwargs)
+
+    return held
+
+
 class FakeCore:
     """Plays plans perfectly, one tick per millisecond, but only when told to advance."""
 
     def __init__(self, q: np.ndarray) -> None:
+        self._lock = threading.RLock()
         self.state = ExecutorState.DISARMED
         self.cause, self.epoch, self.tick = 0, 1, 0
         self.plan_id, self.plan_t, self.plan_done = 0, 0.0, False
@@ -69,6 +83,7 @@ class FakeCore:
     def beat(self):
         self.beats += 1
 
+    @atomic
     def submit_plan(self, plan_id, epoch, t, q, dq, ddq, stop_duration, path_tolerance, goal_tolerance, **_):
         if self.ring_full:
             return False
@@ -84,6 +99,7 @@ class FakeCore:
         self._event(EventKind.PLAN_STARTED, plan_id=plan_id)
         return True
 
+    @atomic
     def command(self, kind, epoch, value=0.0):
         if self.ring_full:
             return False
@@ -113,6 +129,7 @@ class FakeCore:
                 self.alive = False
         return True
 
+    @atomic
     def advance(self, ticks: int) -> None:
         for _ in range(ticks):
             self.tick += 1
@@ -151,14 +168,17 @@ class FakeCore:
         event["plan_id"], event["joint"], event["value"], event["limit"] = plan_id, joint, value, limit
         self._events.append(event)
 
+    @atomic
     def records(self, max_records=8192):
         taken, self._records = self._records[:max_records], self._records[max_records:]
         return np.array(taken, RECORD)
 
+    @atomic
     def events(self, max_events=1024):
         taken, self._events = self._events[:max_events], self._events[max_events:]
         return np.array(taken, EVENT)
 
+    @atomic
     def snapshot(self):
         return SimpleNamespace(
             alive=self.alive,
