@@ -17,6 +17,9 @@ Share = Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
 STAND_IN_HOST_TIMEOUT_S = 0.5
 """Shared machines leave a process without CPU for up to 0.25 s; on a stand-in nothing is lost by waiting longer."""
 
+LOCKSTEP_TIMEOUT_S = 5.0
+"""Lock-step: simulated time waits for whoever is late, so the wall clock says only who is gone for good."""
+
 
 class ConfigError(UsageError):
     """A configuration file or override cannot be used."""
@@ -115,16 +118,18 @@ class ExecutorConfig(_Strict):
 
     @property
     def effective_host_timeout_s(self) -> float:
-        """Silence of the lease holder after which the arm stops: 0.05 s, 0.5 s on the stand-in, or as told."""
-        if self.host_timeout_s is not None:
-            return self.host_timeout_s
-        return STAND_IN_HOST_TIMEOUT_S if self.is_stand_in else 0.05
+        """Silence of the lease holder after which the arm stops: 0.05 s, longer on the stand-in, or as told [s]."""
+        return self._relaxed_timeout_s(0.05) if self.host_timeout_s is None else self.host_timeout_s
 
     @property
     def effective_front_end_timeout_s(self) -> float:
-        """Silence of the front end after which the core stops the arm; relaxed on the stand-in like the host's."""
-        relaxed = STAND_IN_HOST_TIMEOUT_S if self.is_stand_in else 0.0
-        return max(self.core.front_end_timeout_s, relaxed)
+        """Silence of the front end after which the core stops the arm; longer on the stand-in like the host's [s]."""
+        return self._relaxed_timeout_s(self.core.front_end_timeout_s)
+
+    def _relaxed_timeout_s(self, strict_s: float) -> float:
+        if not self.is_stand_in:
+            return strict_s
+        return max(strict_s, LOCKSTEP_TIMEOUT_S if self.clock == "lockstep" else STAND_IN_HOST_TIMEOUT_S)
 
     @property
     def tick_ns(self) -> int:

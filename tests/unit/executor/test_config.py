@@ -10,6 +10,8 @@ from s2r_executor.config import ConfigError, load_config, parse_override
 def test_defaults_are_strict_on_hardware_and_relaxed_on_the_stand_in():
     assert load_config(overrides={"bus": "can:can0"}).effective_host_timeout_s == 0.05
     assert load_config(overrides={"bus": "unix:/tmp/x"}).effective_host_timeout_s == 0.5
+    lockstep = load_config(overrides={"bus": "unix:/tmp/x", "clock": "lockstep"})
+    assert lockstep.effective_host_timeout_s == lockstep.effective_front_end_timeout_s == 5.0
     assert load_config(overrides={"bus": "can:can0"}).effective_front_end_timeout_s == 0.1
     assert load_config(overrides={"host_timeout_s": 0.2}).effective_host_timeout_s == 0.2
 
