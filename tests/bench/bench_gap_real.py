@@ -1,77 +1,109 @@
-"""Real recordings: what `s2r gap` says about machines it never saw. Prints one table; run by hand or by `make bench`.
+"""Real recordings: what `s2r gap` says about machines it never saw, beside what is known about them.
 
-Budget: one minute of processor time per machine. EMPS: Janot, Gautier, Brunot, "Data Set and Reference Models of
-EMPS" (2019); nominal model = the publisher's four numbers without the offset.
+    python tests/bench/bench_gap_real.py [--only emps,ur10e] --out DIR
+
+Converts each public data set to the tool's input, runs the command as a user would, and writes ``table.md``. Cases
+whose answer was made by the same tool from the same input are not run again. Budget: one minute for one joint, ten for
+six, per case (wall time of the command, two cores).
 """
 
-import csv
+import argparse
+import hashlib
+import importlib
 import json
 import os
-import tempfile
+import subprocess
+import sys
 import time
 from pathlib import Path
 
 import yaml
 
-from s2r_host.gap.cli import run_gap
+sys.path.insert(0, str(Path(__file__).parent))
 
-BUDGET_S = 60.0
-EMPS_XML = """<mujoco model="emps">
-  <option timestep="0.001" integrator="implicitfast"/>
-  <worldbody><body name="carriage">
-    <joint name="slide" type="slide" axis="1 0 0" damping="203.5034" frictionloss="20.3935"/>
-    <inertial mass="95.1089" pos="0 0 0" diaginertia="1 1 1"/>
-  </body></worldbody>
-</mujoco>
-"""
+from gap_real.case import Case, Check, effects_text, shared_data
 
-
-def shared_data() -> Path:
-    """Folder of the real recordings."""
-    return Path(os.environ.get("S2R_SHARED_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
+MACHINES = ("emps", "brfd", "dfki", "laas", "pr2", "rokae", "ur10e")
+FOLDERS = {
+    "brfd": "brfd_friction_backlash", "dfki": "dfki_simple_pendulum", "laas": "laas_cogging", "pr2": "pr2_cabinet",
+    "rokae": "rokae_xmate3pro_recording", "so101": "so101_sage",
+}  # fmt: skip
+COMMAND = [sys.executable, "-c", "from s2r_protocol.cli.root import main; main()", "gap"]
 
 
-def write_emps(folder: Path) -> dict[str, Path]:
-    """Both EMPS records as CSV with side files, and the model."""
-    from scipy.io import loadmat
-
-    made = {"model": folder / "emps.xml"}
-    made["model"].write_text(EMPS_XML, encoding="utf-8")
-    for name, session in (("DATA_EMPS", "first"), ("DATA_EMPS_PULSES", "second")):
-        mat = loadmat(shared_data() / "emps" / f"{name}.mat")
-        gain = float(mat["gtau"].ravel()[0])
-        columns = (mat["t"].ravel(), mat["qm"].ravel(), mat["qg"].ravel(), gain * mat["vir"].ravel())
-        path = made[name] = folder / f"{name}.csv"
-        with path.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(["t", "q.slide", "q_cmd.slide", "tau.slide"])
-            writer.writerows(zip(*[[f"{x:.9g}" for x in c] for c in columns], strict=True))
-        side = {"effort": "commanded", "input": "effort", "session": session}
-        path.with_suffix(".yaml").write_text(yaml.safe_dump(side), encoding="utf-8")
-    return made
+def tool_hash() -> str:
+    """Hash of the tool's source: an answer is only as fresh as that."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[2].glob("host/s2r_host/gap/**/*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
-def main() -> None:
-    """Run EMPS and print what was found."""
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        case = write_emps(folder)
-        config = folder / "gap.yaml"
-        config.write_text("open_loop_window_s: inf\ncalibrate_s: 5\n", encoding="utf-8")
-        started = time.process_time()
-        run_gap(case["model"], [case["DATA_EMPS"]], [case["DATA_EMPS_PULSES"]], [], config, folder / "out")
-        used = time.process_time() - started
-        answer = json.loads((folder / "out" / "gap.json").read_text(encoding="utf-8"))
-    print(f"EMPS: {answer['verdict']}, {used:.1f} s of processor time (budget {BUDGET_S:.0f})")
-    for e in answer["effects"]:
-        values = ", ".join(f"{k} {v['value']:.4g} {v['unit']}" for k, v in e["parameters"].items())
-        print(f"  {e['name']:22s} p {e['probability']:.2f}  {values}")
-    fit = answer["fit"]
-    before, after = fit["open_loop_holdout_before"], fit["open_loop_holdout_after"]
-    print(
-        f"  whole second record, open loop: {1e3 * before:.2f} -> {1e3 * after:.2f} mm (published numbers: 8.41 mm)"
-    )
+def run_case(case: Case, out: Path, tool: str) -> tuple[dict | None, str]:
+    """Answer of one case and a remark; from the last run when nothing changed."""
+    folder = out / "answers" / case.name
+    folder.mkdir(parents=True, exist_ok=True)
+    model = out / "answers" / case.after / "model_patched.xml" if case.after else case.model
+    digest = hashlib.sha256(tool.encode())
+    for path in (model, *case.fit, *case.holdout, *case.repeat):
+        if not path.is_file():
+            return None, f"{path.name} is missing"
+        digest.update(path.read_bytes())
+    digest.update(json.dumps(case.config).encode())
+    stamp, answer = folder / "stamp", folder / "gap.json"
+    if answer.is_file() and stamp.is_file() and stamp.read_text(encoding="utf-8") == digest.hexdigest():
+        return json.loads(answer.read_text(encoding="utf-8")), "unchanged"
+    config = folder / "gap.yaml"
+    config.write_text(yaml.safe_dump(case.config), encoding="utf-8")
+    parts = [*COMMAND, "--model", str(model), "--config", str(config), "--out", str(folder)]
+    for flag, paths in (("--fit", case.fit), ("--holdout", case.holdout), ("--repeat", case.repeat)):
+        parts += [flag, *map(str, paths)] if paths else []
+    started = time.monotonic()
+    answer.unlink(missing_ok=True)
+    done = subprocess.run(parts, capture_output=True, text=True, env=os.environ, check=False)
+    (folder / "log.txt").write_text(done.stderr, encoding="utf-8")
+    if not answer.is_file():
+        return None, f"exit code {done.returncode}: {done.stderr.strip().splitlines()[-1:]}"
+    stamp.write_text(digest.hexdigest(), encoding="utf-8")
+    return json.loads(answer.read_text(encoding="utf-8")), f"{time.monotonic() - started:.0f} s"
+
+
+def main() -> int:
+    """Run what was asked for and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default=",".join(MACHINES), help="machines, comma separated")
+    parser.add_argument("--out", type=Path, required=True)
+    args = parser.parse_args()
+    wanted = args.only.split(",")
+    unknown = [m for m in wanted if m not in MACHINES]
+    if unknown:
+        parser.error(f"--only names '{unknown[0]}'; machines are {', '.join(MACHINES)}")
+    tool = tool_hash()
+    lines = ["| case | verdict | known | found | |", "|---|---|---|---|---|"]
+    right = total = 0
+    for number, machine in enumerate(wanted, 1):
+        print(f"[{number}/{len(wanted)}] {machine}", file=sys.stderr, flush=True)
+        if not (shared_data() / FOLDERS.get(machine, machine)).is_dir():
+            lines.append(f"| {machine} | recordings absent | | | |")
+            continue
+        data = args.out / "data" / machine
+        data.mkdir(parents=True, exist_ok=True)
+        for case in importlib.import_module(f"gap_real.{machine}").cases(data):
+            answer, remark = run_case(case, args.out, tool)
+            print(f"  {case.name}: {remark}", file=sys.stderr, flush=True)
+            checks = case.judge(answer) if answer else [Check("an answer", remark, False)]
+            verdict = effects_text(answer) + f" ({answer['wall_s']:.0f} s)" if answer else "none"
+            for i, check in enumerate(checks):
+                head = (case.name, verdict) if i == 0 else ("", "")
+                lines.append(
+                    f"| {head[0]} | {head[1]} | {check.known} | {check.found} | {'yes' if check.ok else 'NO'} |"
+                )
+                right, total = right + check.ok, total + 1
+    text = "\n".join(lines) + f"\n\n{right} of {total} agree with what is known.\n"
+    (args.out / "table.md").write_text(text, encoding="utf-8")
+    print(text)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

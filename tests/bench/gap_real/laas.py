@@ -1,0 +1,51 @@
+"""Open-robot actuator motor (brushless, direct drive) at constant command: cogging, BSD-3-Clause.
+
+Torque from the phase current with the motor's nominal constant. Nominal model: the rotor, without friction.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from .case import Case, Check, effect, named, shared_data, within, write_recording
+
+TORQUE_CONSTANT = 0.025  # N·m/A, data sheet of a motor of this size
+XML = """<mujoco model="motor">
+  <worldbody><body name="rotor">
+    <joint name="shaft" type="hinge" axis="0 0 1" damping="0.0001"/>
+    <inertial mass="0.05" pos="0 0 0" diaginertia="0.00001 0.00001 0.00002"/>
+  </body></worldbody>
+</mujoco>
+"""
+
+
+def cases(folder: Path) -> list[Case]:
+    """Speed control at one turn per second, the state in which the speed is even."""
+    model = folder / "laas.xml"
+    model.write_text(XML, encoding="utf-8")
+    path = shared_data() / "laas_cogging" / "speed_test.txt"
+    data = np.genfromtxt(path, delimiter=",", names=True, dtype=float)
+    even = data["Function_Activated"] == 0
+    t = data["Time"][even]
+    columns = {
+        "t": t - t[0],
+        "q.shaft": data["Position"][even],
+        "dq.shaft": data["Velocity"][even],
+        "tau.shaft": TORQUE_CONSTANT * data["Iq"][even],
+        "current.shaft": data["Iq"][even],
+    }
+    record = write_recording(
+        folder / "laas_even.csv", columns, {"effort": "measured", "input": "effort", "session": "even"}
+    )
+    return [Case("laas", model, [record], _judge)]
+
+
+def _judge(a: dict) -> list[Check]:
+    e = effect(a, "cogging")
+    order = e["parameters"]["order"]["value"] if e else None
+    size = e["parameters"]["amplitude"]["value"] / TORQUE_CONSTANT if e else None
+    return [
+        named(a, "cogging", "cogging"),
+        within("order 72 per turn", order, 71.9, 72.1, "1/rev"),
+        within("0.18 to 0.25 A", size, 0.15, 0.3, "A"),
+    ]

@@ -1,0 +1,55 @@
+"""PR2 pulls a cabinet door open with a hook: Jain and Kemp, "Pulling open doors and drawers" (2010), New BSD.
+
+The door angle is the angle of the hook about the circle through its track; the effort is the tangential force times
+that radius. No time stamps were kept: 100 Hz is assumed, and nothing depends on time in so slow a pull.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from .case import Case, Check, effect, named, shared_data, within, write_recording
+
+XML = """<mujoco model="cabinet">
+  <option gravity="0 0 0"/>
+  <worldbody><body name="door">
+    <joint name="hinge" type="hinge" axis="0 0 1" damping="0.1"/>
+    <inertial mass="3" pos="0.15 0 0" diaginertia="0.03 0.03 0.03"/>
+  </body></worldbody>
+</mujoco>
+"""
+
+
+def cases(folder: Path) -> list[Case]:
+    """One pull."""
+    model = folder / "pr2.xml"
+    model.write_text(XML, encoding="utf-8")
+    raw = np.load(shared_data() / "pr2_cabinet" / "ikea_cabinet_log_raw.npz")
+    x, y = raw["ee"][:, 0].astype(float), raw["ee"][:, 1].astype(float)
+    a, b, c = np.linalg.lstsq(np.stack([2 * x, 2 * y, np.ones(len(x))], 1), x**2 + y**2, rcond=None)[0]
+    radius = np.sqrt(c + a**2 + b**2)
+    angle = np.unwrap(np.arctan2(y - b, x - a))
+    force = -(raw["f"][:, 1] * np.cos(angle) - raw["f"][:, 0] * np.sin(angle))
+    columns = {
+        "t": np.arange(len(x)) / 100.0,
+        "q.hinge": angle - angle[0],
+        "tau.hinge": radius * force,
+    }
+    record = write_recording(
+        folder / "pr2_door.csv", columns, {"effort": "measured", "input": "effort", "session": "pull"}
+    )
+    peak_deg, peak = 8.0, 26.5 * radius
+    return [Case("pr2", model, [record], lambda answer: _judge(answer, peak_deg, float(peak)))]
+
+
+def _judge(a: dict, peak_deg: float, peak: float) -> list[Check]:
+    e = effect(a, "detent")
+    where = force = None
+    if e:
+        p = {k: v["value"] for k, v in e["parameters"].items()}
+        where, force = float(np.rad2deg(p["position"] + p["width"])), p["peak"]
+    return [
+        named(a, "latch", "detent"),
+        within(f"strongest pull at {peak_deg:.0f}° within 2°", where, peak_deg - 2, peak_deg + 2, "°"),
+        within(f"{peak:.2f} N·m within 15 %", force, 0.85 * peak, 1.15 * peak, "N·m"),
+    ]
