@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -66,8 +67,14 @@ def lowpass(x: np.ndarray, cut_hz: float, dt: float, order: int = 2) -> np.ndarr
     """Zero-phase Butterworth low-pass along the first axis; unchanged when the cut is above 0.45 of the rate."""
     if cut_hz * dt >= 0.45 or len(x) < 30:
         return np.asarray(x, dtype=float)
-    sos = butter(order, cut_hz, fs=1.0 / dt, output="sos")
-    return sosfiltfilt(sos, x, axis=0, padlen=min(len(x) - 1, int(3 / (cut_hz * dt))))
+    sections = _sections(round(cut_hz, 9), round(dt, 12), order)
+    return sosfiltfilt(sections, x, axis=0, padlen=min(len(x) - 1, int(3 / (cut_hz * dt))))
+
+
+@cache
+def _sections(cut_hz: float, dt: float, order: int) -> np.ndarray:
+    """Second-order sections of a low-pass; designing them costs more than using them."""
+    return butter(order, cut_hz, fs=1.0 / dt, output="sos")
 
 
 def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
