@@ -87,7 +87,8 @@ def deflection(
         T, shape (time, shapes).
     """
     n, shapes = load.shape
-    fastest = float(np.sqrt(np.max(k / np.min(inertia, axis=0))))
+    lightest = np.min(inertia, axis=0)  # along an arm's motion the inertia varies tenfold, the damping does not
+    fastest = float(max(np.max(np.sqrt(k / lightest)), np.max(d / lightest)))
     parts = max(1, int(np.ceil(fastest * s.dt / 0.35)))
     h = s.dt / parts
     delta = -np.sign(load[0]) * gap - load[0] / k
