@@ -147,8 +147,7 @@ def leftover(problem: Problem, rows: np.ndarray, solution: Solution) -> float:
     worst = 0.0
     for block in problem.blocks:
         mask = block.held if block.held.any() else ~block.held
-        rms = float(np.sqrt(np.mean(rows[block.rows][mask] ** 2)))
-        worst = max(worst, rms / problem.floor[block.joint])
+        worst = max(worst, problem.rms(rows, block, mask) / problem.floor[block.joint])
     return worst
 
 
@@ -159,8 +158,8 @@ def explained(problem: Problem, solution: Solution) -> float:
         mask = block.held if block.held.any() else ~block.held
         floor = problem.floor[block.joint] ** 2
         scale = floor
-        before += max(0.0, float(np.mean(problem.raw[block.rows][mask] ** 2)) - floor) / scale
-        after += max(0.0, float(np.mean(solution.prediction[block.rows][mask] ** 2)) - floor) / scale
+        before += max(0.0, problem.rms(problem.raw, block, mask) ** 2 - floor) / scale
+        after += max(0.0, problem.rms(solution.prediction, block, mask) ** 2 - floor) / scale
     return 1.0 - after / before if before > 0 else 0.0
 
 

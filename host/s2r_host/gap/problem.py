@@ -20,6 +20,8 @@ EDGE_SHARE = 0.5
 STICK_DOUBT = 0.3
 DRIFT_SHARE = 0.15
 GENERIC_FOLDS = 8
+GENERIC_BINS = 40
+LOOP_SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 
 
 @dataclass
@@ -111,6 +113,11 @@ class Problem:
             rows = compare(x, block.session, block.joint, True)[block.picks]
             out[block.rows] = self.whiteners[block.joint](rows)
         return out * self.weight
+
+    def rms(self, rows: np.ndarray, block: Block, mask: np.ndarray) -> float:
+        """Root mean square of effort rows of a block where ``mask`` holds, each row as trusted as its weight."""
+        weight = self.weight[block.rows][mask] ** 2
+        return float(np.sqrt(weight @ rows[block.rows][mask] ** 2 / max(float(weight.sum()), 1e-12)))
 
     def columns(self, per_session: dict[int, Columns], joint: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Whitened matrix (rows, k) and fixed column of an effect evaluated on every session."""
@@ -349,21 +356,42 @@ def generic_leftover(s: Session, j: int, values: np.ndarray, picks: np.ndarray) 
     return best
 
 
-def generic_basis(s: Session, j: int, picks: np.ndarray, bins: int = 16) -> np.ndarray:
-    """Position bins per direction, speed shapes, acceleration, load and delayed effort, shape (rows, k)."""
-    q, v, a, u = s.q[:, j], s.v[:, j], s.a[:, j], s.u[:, j]
+def generic_basis(s: Session, j: int, picks: np.ndarray) -> np.ndarray:
+    """Position bins per direction, speed shapes, acceleration, load and its derivatives, shape (rows, k)."""
+    q, v, a = s.q[:, j], s.v[:, j], s.a[:, j]
     sign, top = s.sign(j), np.max(np.abs(v)) + 1e-12
-    edges = np.linspace(q.min(), q.max() + 1e-12, bins)
+    edges = np.linspace(q.min(), q.max() + 1e-12, int(np.clip(len(picks) // 20, 12, GENERIC_BINS)))
     width = edges[1] - edges[0] + 1e-12
     columns = [np.ones_like(q), v, np.abs(v), v * np.abs(v), a, s.load[:, j], np.abs(s.load[:, j]) * sign]
     columns += [sign * np.exp(-((v / (share * top)) ** 2)) for share in (0.02, 0.1, 0.3)]
-    du = np.gradient(u, s.dt)
-    columns += [u, du, np.gradient(du, s.dt)]
+    # Late or lagging drives leave derivatives of the load. The effort itself is no column: with the load it spans
+    # the residual exactly, and any floor would come out.
+    late = np.gradient(s.load[:, j], s.dt)
+    columns += [late, np.gradient(late, s.dt)]
     columns += [s.load[:, i] for i in range(s.q.shape[1]) if i != j]
+    columns += loops(s, j)
     for centre in edges:
         hat = np.maximum(0.0, 1.0 - np.abs(q - centre) / width)
         columns += [hat, hat * sign]
     return np.stack([compare(c, s, j, True)[picks] for c in columns], axis=1)
+
+
+def loops(s: Session, j: int) -> list[np.ndarray]:
+    """Stop operators of several widths and their cubes: any loop at reversals, a dead zone included.
+
+    Prandtl and Ishlinskii's superposition (Visintin, Differential Models of Hysteresis, 1994, chapter III).
+    """
+    q = s.q[:, j]
+    found = []
+    for width in float(np.ptp(q)) * np.array(LOOP_SHARES):
+        if width <= 2.0 * s.q_lsb[j]:
+            continue
+        z, out = 0.0, np.empty(len(q))
+        for i, step in enumerate(np.diff(q, prepend=q[0]) / width):
+            z = min(1.0, max(-1.0, z + step))
+            out[i] = z
+        found += [out, out**3]
+    return found
 
 
 def dry_level(s: Session, j: int) -> float:

@@ -263,7 +263,7 @@ class Search:
         """Log likelihood of the held-out rows under coefficients fitted elsewhere, and their squared misfit."""
         p = self.problem
         rss, left = self._held_misfit(terms, noise)
-        return -0.5 * rss / noise, float(np.sum(self.unwhitened(left)[p.held] ** 2))
+        return -0.5 * rss / noise, float(np.sum((p.weight * self.unwhitened(left))[p.held] ** 2))
 
     def _held_misfit(self, terms: list[Term], noise: float) -> tuple[float, np.ndarray]:
         coefficients, B, y, _ = self.solve(terms, noise)
@@ -357,9 +357,8 @@ class Search:
         raw = self.unwhitened(left)
         slack = FLOOR_SLACK_AFTER if chosen else FLOOR_SLACK
         for block in p.blocks:
-            rows = raw[block.rows]
             for mask in (block.held, ~block.held):
-                if mask.any() and np.sqrt(np.mean(rows[mask] ** 2)) > slack * p.floor[block.joint]:
+                if mask.any() and p.rms(raw, block, mask) > slack * p.floor[block.joint]:
                     return False
         return True
 
