@@ -35,7 +35,8 @@ def control_law(model: RigidModel, s: Session, joint: int, lag_s: float = 0.0) -
     if law.ki.get(name):
         u = u + law.ki[name] * np.cumsum(command - q) * s.dt
     ahead = s.channel("tau_ff", name)
-    return u if ahead is None else u + ahead
+    low, high = model.effort_limits()
+    return np.clip(u if ahead is None else u + ahead, low[joint], high[joint])
 
 
 def control_lag(model: RigidModel, sessions: list[Session], joint: int) -> tuple[float, float] | None:

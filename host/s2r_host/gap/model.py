@@ -55,6 +55,24 @@ class RigidModel:
         """Degree of freedom of a joint."""
         return self.joints.index(joint)
 
+    def effort_limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest effort the model's drives can put on each joint, infinite where unlimited.
+
+        Limits on the joint itself and those of its actuators count; arrays of shape (joint,).
+        """
+        m = self.model
+        low, high = np.full(m.nv, -np.inf), np.full(m.nv, np.inf)
+        limited = np.flatnonzero(m.jnt_actfrclimited)
+        low[limited], high[limited] = m.jnt_actfrcrange[limited].T
+        for a in range(m.nu):
+            on_joint = int(m.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+            j, gear = int(m.actuator_trnid[a, 0]), float(m.actuator_gear[a, 0])
+            if not on_joint or not m.actuator_forcelimited[a] or np.sum(m.actuator_trnid[:, 0] == j) > 1:
+                continue
+            ends = sorted(gear * m.actuator_forcerange[a])
+            low[j], high[j] = max(low[j], ends[0]), min(high[j], ends[1])
+        return low, high
+
     def unit(self, joint: str) -> str:
         """``rad`` or ``m``."""
         return "rad" if int(self.model.jnt_type[self.index(joint)]) == HINGE else "m"

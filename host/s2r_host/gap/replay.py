@@ -137,6 +137,7 @@ class _Plan:
         m.dof_frictionloss[self.dof] = np.maximum(self.friction, 0.0)
         self.laws = [_law(twin.rigid, s, j) if closed else None for j in range(len(twin.rigid.joints))]
         self.u_rec = np.nan_to_num(s.u)
+        self.limits = twin.rigid.effort_limits()
         h = m.opt.timestep
         effects = catalogue()
         self.h = h
@@ -186,6 +187,7 @@ class _Plan:
             if law.ki:
                 self.integral[j] += error * self.s.dt
                 self.u[j] += law.ki * self.integral[j]
+        np.clip(self.u, *self.limits, out=self.u)
         return self.u.copy()
 
     def step(self) -> None:

@@ -97,6 +97,8 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
         effort = rec.get("tau", joint)
         if effort is not None:
             u[:, i] = np.interp(t, rec.t, effort)
+    if rec.effort == "commanded":
+        u = np.clip(u, *model.effort_limits())  # what the model says the drive can do is no news
     _add_wrenches(model, rec, t, q, u)
     return Session(
         rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.asarray(np.isfinite(u).all(0)),
