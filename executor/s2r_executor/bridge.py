@@ -6,7 +6,6 @@ Every query gets an answer, also one that is refused unread; no answer at all me
 
 from __future__ import annotations
 
-import json
 import logging
 import secrets
 import threading
@@ -24,12 +23,12 @@ from s2r_executor.front_end import Accepted, FrontEnd
 from s2r_executor.observations import EVENTS, TOPICS, Encoder, Topic
 from s2r_executor.plan import CommandRefusedError, PlanRequest
 from s2r_executor.status import ExecutorStatus
-from s2r_protocol import codec
-from s2r_protocol.exits import NotReadyError
+from s2r_protocol import codec, session
 from s2r_protocol.faults import Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
 from s2r_protocol.ros2.keys import Attachment, node_token, publisher_token, topic_key
+from s2r_protocol.session import Role
 
 logger = logging.getLogger(__name__)
 
@@ -52,7 +51,9 @@ class Bridge:
         """Open the session and declare everything.
 
         Raises:
-            NotReadyError: An address cannot be listened on.
+            ListenError: An address is taken.
+            AddressError: An address leaves this machine and there are no certificates.
+            CertificateError: A certificate cannot be used.
         """
         self._front_end = front_end
         self._encoder = encoder
@@ -68,7 +69,7 @@ class Bridge:
         self._last_refusal_s = 0.0
         self._ended = threading.Event()
         self._publish_lock = threading.Lock()
-        self._session = _open_session(config.listen)
+        self._session = session.listen(config.listen, Role.EXECUTOR, self._keys, config.tls)
         try:
             self._tokens = self._declare_node()
             self._publishers = {topic: _Publisher(self._session, self._topic_key(topic)) for topic in TOPICS}
@@ -337,26 +338,6 @@ def _is_stop(wire: bytes) -> bool:
 
 def _accepted(accepted: Accepted, seq: int) -> pb.Verdict:
     return pb.Verdict(accepted=True, seq=seq, epoch=accepted.epoch, duration=accepted.duration_s)
-
-
-def _open_session(listen: tuple[str, ...]) -> zenoh.Session:
-    config = zenoh.Config()
-    for key, value in (
-        ("mode", "peer"),
-        ("listen/endpoints", list(listen)),
-        ("listen/exit_on_failure", True),
-        ("connect/endpoints", []),
-        ("scouting/multicast/enabled", False),
-        ("scouting/gossip/enabled", False),
-    ):
-        config.insert_json5(key, json.dumps(value))
-    try:
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        raise NotReadyError(
-            f"cannot listen on {', '.join(listen)}: {error}. Is another executor running? "
-            "Stop it or choose another address with --listen"
-        ) from error
 
 
 def plan_from_message(body: pb.Plan) -> PlanRequest:

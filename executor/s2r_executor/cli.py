@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from s2r_executor.config import ExecutorConfig, load_config, parse_override
+from s2r_protocol.cli.options import tls_option
 from s2r_protocol.exits import ExitCode
 
 logger = logging.getLogger(__name__)
@@ -35,6 +36,7 @@ logger = logging.getLogger(__name__)
 @click.option(
     "--listen", multiple=True, help="Zenoh address to listen on, e.g. tcp/127.0.0.1:7447. May be repeated."
 )
+@tls_option
 @click.option(
     "--record", type=click.Path(file_okay=False, path_type=Path), help="Folder for recordings (MCAP)."
 )

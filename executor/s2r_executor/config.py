@@ -99,6 +99,7 @@ class ExecutorConfig(_Strict):
     clock: Literal["real", "lockstep"] = "real"
     pace: NotNegative = 1.0
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    tls: Path | None = None  # folder with the certificates; None: this machine only
     record: Path | None = None
     profile: Literal["stand-in", "default"] | None = None
     host_timeout_s: Annotated[float, Field(ge=0.02, le=5.0)] | None = None

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import click
 
+from s2r_protocol.cli.options import tls_option
+
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 
@@ -27,6 +29,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 )
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
+@tls_option
 @click.option("--seed", default=0, show_default=True, help="Of all chance on the host.")
 @click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most.")
 @click.option("--dry-run", is_flag=True, help="Look and plan the first push; move nothing.")
@@ -39,6 +42,7 @@ def run(
     out: Path | None,
     arm: str,
     cell: str,
+    tls: Path | None,
     seed: int,
     attempts: int,
     dry_run: bool,
@@ -61,6 +65,7 @@ def run(
         executor=executor,
         camera=camera,
         cell=cell,
+        tls=tls,
         arm=arm,
         seed=seed,
         attempts=attempts,

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from s2r_protocol.cli.options import tls_option
+
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 
 
@@ -27,6 +29,7 @@ DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 )
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--cell", default="lab", show_default=True)
+@tls_option
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison on standard output.")
 def replay(
     run_folder: Path,
@@ -37,6 +40,7 @@ def replay(
     out: Path | None,
     arm: str,
     cell: str,
+    tls: Path | None,
     as_json: bool,
 ) -> None:
     """Send a plan recorded in RUN through admission again and compare the executions.
@@ -58,8 +62,8 @@ def replay(
     plan = pick_plan(run_folder, number)
     description = load_arm(arm)
     model = ArmModel(description)
-    with ExecutorLink(executor, description, ArmKeys(cell, description.name)) as link:
-        obstacles = _seen(camera, ArmKeys(cell, description.name), model, link.status().q_meas)
+    with ExecutorLink(executor, description, ArmKeys(cell, description.name), tls=tls) as link:
+        obstacles = _seen(camera, ArmKeys(cell, description.name), tls, model, link.status().q_meas)
         try:
             replayed = replay_plan(link, model, run_folder, plan, obstacles)
         except KeyboardInterrupt:
@@ -87,7 +91,7 @@ def replay(
     click.echo(f"overlay: {path}")
 
 
-def _seen(camera: str | None, keys, arm, q_meas) -> list:  # noqa: ANN001 - types would import the heavy modules
+def _seen(camera: str | None, keys, tls: Path | None, arm, q_meas) -> list:  # noqa: ANN001 - types would import the heavy modules
     if camera is None:
         return []
     from s2r_host.link import CameraLink
@@ -95,7 +99,7 @@ def _seen(camera: str | None, keys, arm, q_meas) -> list:  # noqa: ANN001 - type
     from s2r_host.motion.robot_mask import robot_mask
     from s2r_host.motion.scene import observed_scene
 
-    with CameraLink(camera, keys) as link:
+    with CameraLink(camera, keys, tls=tls) as link:
         frame = link.capture().frame
     scene = observed_scene(frame, robot_mask(arm, q_meas, frame))
     return [cloud_obstacle(scene.p_base, scene.p_camera)]

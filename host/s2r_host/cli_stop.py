@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import secrets
 import time
+from pathlib import Path
 
 import click
 
 from s2r_host.errors import CommandRefusedError, PeerUnreachableError
 from s2r_host.link_session import ask, open_session
 from s2r_protocol import codec
+from s2r_protocol.cli.options import tls_option
 from s2r_protocol.faults import Cause, ExecutorState
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
@@ -18,7 +20,9 @@ from s2r_protocol.proto import s2r_pb2 as pb
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 
 
-def send_stop(endpoint: str, keys: ArmKeys, timeout_s: float) -> tuple[pb.Verdict, pb.Status]:
+def send_stop(
+    endpoint: str, keys: ArmKeys, timeout_s: float, tls: Path | None = None
+) -> tuple[pb.Verdict, pb.Status]:
     """Ask the executor to stop; its verdict and its state just before.
 
     Raises:
@@ -26,7 +30,7 @@ def send_stop(endpoint: str, keys: ArmKeys, timeout_s: float) -> tuple[pb.Verdic
         CommandRefusedError: The executor would not stop.
     """
     sender = f"stop:{os.getpid()}-{secrets.token_hex(2)}"
-    session = open_session(endpoint)
+    session = open_session(endpoint, keys, tls)
     try:
         hello_wire = codec.seal(pb.Hello(client=sender, software="s2r"), codec.Address(sender=sender))
         deadline = time.monotonic() + timeout_s
@@ -63,10 +67,11 @@ def send_stop(endpoint: str, keys: ArmKeys, timeout_s: float) -> tuple[pb.Verdic
 @click.option("--executor", "endpoint", default=DEFAULT_EXECUTOR, show_default=True, help="Zenoh endpoint.")
 @click.option("--cell", default="lab", show_default=True)
 @click.option("--arm", default="xmate3pro", show_default=True, help="Name of the arm in the cell.")
+@tls_option
 @click.option("--timeout", "timeout_s", default=3.0, show_default=True, help="Seconds to wait for an answer.")
-def stop(endpoint: str, cell: str, arm: str, timeout_s: float) -> None:
+def stop(endpoint: str, cell: str, arm: str, tls: Path | None, timeout_s: float) -> None:
     """Stop the arm on its path and hold. Needs no lease. This is software, not an emergency stop."""
-    verdict, before = send_stop(endpoint, ArmKeys(cell, arm), timeout_s)
+    verdict, before = send_stop(endpoint, ArmKeys(cell, arm), timeout_s, tls)
     state = ExecutorState(before.state).name
     cause = Cause(before.cause).name
     click.echo(

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, TypeVar
 
@@ -81,6 +82,7 @@ class ExecutorLink:
         keys: ArmKeys | None = None,
         connect_timeout_s: float = 5.0,
         query_timeout_s: float = 5.0,
+        tls: Path | None = None,
     ) -> None:
         """Connect and check that both sides mean the same arm.
 
@@ -90,6 +92,7 @@ class ExecutorLink:
             keys: Cell and arm names; by default cell "lab" and the arm's own name.
             connect_timeout_s: How long to retry (every 100 ms) until the executor answers hello.
             query_timeout_s: How long to wait for a verdict (admission of a long plan takes a while).
+            tls: Folder with the certificates; None when the executor is on this machine.
 
         Raises:
             PeerUnreachableError: Nobody answered in time.
@@ -104,7 +107,7 @@ class ExecutorLink:
         self._seq = 0
         self._epoch = 0
         self._heart: Heart | None = None
-        self._session: zenoh.Session = open_session(endpoint)
+        self._session: zenoh.Session = open_session(endpoint, self._keys, tls)
         try:
             self.identity, _ = self._greet(connect_timeout_s)
             check_same_arm(self.identity, arm)

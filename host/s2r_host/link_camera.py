@@ -6,6 +6,7 @@ import os
 import time
 import zlib
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -34,20 +35,27 @@ class Capture:
 class CameraLink:
     """A session with one camera process."""
 
-    def __init__(self, endpoint: str, keys: ArmKeys | None = None, connect_timeout_s: float = 5.0) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        keys: ArmKeys | None = None,
+        connect_timeout_s: float = 5.0,
+        tls: Path | None = None,
+    ) -> None:
         """Open the session; :meth:`capture` retries until the camera answers.
 
         Args:
             endpoint: Zenoh endpoint, e.g. ``tcp/127.0.0.1:7448``.
             keys: Cell and arm names.
             connect_timeout_s: How long the first capture retries.
+            tls: Folder with the certificates; None when the camera is on this machine.
         """
         self._endpoint = endpoint
         self._keys = keys or ArmKeys()
         self._connect_timeout_s = connect_timeout_s
         self._sender = f"host:{os.getpid()}"
         self._seq = 0
-        self._session = open_session(endpoint)
+        self._session = open_session(endpoint, self._keys, tls)
 
     def capture(self, camera: str = "front", timeout_s: float = 20.0) -> Capture:
         """Ask for one depth frame, taken now.

@@ -1,30 +1,21 @@
-"""Opening a Zenoh session and asking one question: no arrays, no messages, quick to import."""
+"""The host's sessions, and asking one question: no arrays, no messages, quick to import."""
 
 from __future__ import annotations
 
-import json
+from pathlib import Path
 
 import zenoh
 
+from s2r_protocol.keys import ArmKeys
+from s2r_protocol.session import Role, connect
 
-def open_session(endpoint: str) -> zenoh.Session:
-    """A peer that connects to one endpoint, retries every 100 ms, listens nowhere and scouts nobody.
+
+def open_session(endpoint: str, keys: ArmKeys, tls: Path | None = None) -> zenoh.Session:
+    """A session with one executor or camera; see :func:`s2r_protocol.session.connect`.
 
     Returns at once even when nobody listens there; a query then has zero replies.
     """
-    config = zenoh.Config()
-    for key, value in (
-        ("mode", "peer"),
-        ("connect/endpoints", [endpoint]),
-        ("connect/timeout_ms", 0),
-        ("connect/exit_on_failure", False),
-        ("connect/retry", {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor": 1}),
-        ("listen/endpoints", []),
-        ("scouting/multicast/enabled", False),
-        ("scouting/gossip/enabled", False),
-    ):
-        config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)
+    return connect(endpoint, Role.HOST, keys, tls)
 
 
 def ask(session: zenoh.Session, key: str, wire: bytes, timeout_s: float) -> list[bytes]:

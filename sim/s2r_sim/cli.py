@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from s2r_protocol.cli.options import tls_option
 from s2r_protocol.exits import UsageError
 
 PACKINGS = ("fd", "classic")
@@ -26,6 +27,7 @@ CLOCKS = ("lockstep", "real")
 @click.option(
     "--listen", default="tcp/127.0.0.1:7448", show_default=True, help="Zenoh endpoint of the camera."
 )
+@tls_option
 @click.option(
     "--truth", "truth_file", type=click.Path(path_type=Path), help="Log what really happens here (CSV)."
 )
@@ -43,6 +45,7 @@ def sim_arm(
     bus: str,
     packing: str,
     listen: str,
+    tls: Path | None,
     truth_file: Path | None,
     cell: str,
     arm_name: str,
@@ -66,6 +69,7 @@ def sim_arm(
         bus=bus,
         packing=packing,
         listen=listen,
+        tls=tls,
         truth_file=truth_file,
         cell=cell,
         injections=inject,

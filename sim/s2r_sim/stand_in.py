@@ -45,6 +45,7 @@ class StandInConfig:
     bus: str = "unix:/tmp/s2r.sock"
     packing: str = "fd"
     listen: str = "tcp/127.0.0.1:7448"
+    tls: Path | None = None
     truth_file: Path | None = None
     cell: str = "lab"
     injections: tuple[str, ...] = ()
@@ -84,7 +85,7 @@ def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
         plant.observers.append(snapshot)
         hub = Hub(config.bus)
         stack.callback(hub.close)
-        camera = CameraProcess(arm.directory, world, snapshot, config.listen, keys)
+        camera = CameraProcess(arm.directory, world, snapshot, config.listen, keys, config.tls)
         stack.callback(camera.close)
         bus = Bus(hub, wire, nodes, plant)
         stack.enter_context(_stopped_by_signals(bus))

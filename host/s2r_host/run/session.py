@@ -175,14 +175,14 @@ def open_session(settings: RunSettings, journal: Journal) -> Session:
     """
     arm = load_arm(settings.arm)
     keys = ArmKeys(settings.cell, arm.name)
-    link = ExecutorLink(settings.executor, arm, keys)
+    link = ExecutorLink(settings.executor, arm, keys, tls=settings.tls)
     settings.out.mkdir(parents=True, exist_ok=True)
     return Session(
         settings=settings,
         journal=journal,
         arm=ArmModel(arm),
         link=link,
-        camera=CameraLink(settings.camera, keys),
+        camera=CameraLink(settings.camera, keys, tls=settings.tls),
         recorder=RunRecorder(settings.out / "run.mcap", f"/{keys.base}", arm.joint_names),
         rng=np.random.default_rng(settings.seed),
     )

@@ -21,6 +21,7 @@ class RunSettings:
         target_m: Wanted joint value, 0 = as found in the first view, + = out of the cabinet.
         out: Run folder; must be new or empty.
         executor, camera: Zenoh endpoints.
+        tls: Folder with this host's certificate; None when both are on this machine.
         cell, camera_name: Names in the key space.
         arm: Shipped arm or a folder with one.
         seed: Of all chance on the host.
@@ -40,6 +41,7 @@ class RunSettings:
     out: Path
     executor: str = DEFAULT_EXECUTOR
     camera: str = DEFAULT_CAMERA
+    tls: Path | None = None
     cell: str = "lab"
     camera_name: str = "front"
     arm: str = "xmate3pro"

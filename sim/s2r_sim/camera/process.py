@@ -27,7 +27,13 @@ class CameraProcess:
     """Starts the camera and ends it. It also ends by itself when this process dies."""
 
     def __init__(
-        self, arm_directory: Path, world: WorldSpec, snapshot: Snapshot, listen: str, keys: ArmKeys
+        self,
+        arm_directory: Path,
+        world: WorldSpec,
+        snapshot: Snapshot,
+        listen: str,
+        keys: ArmKeys,
+        tls: Path | None = None,
     ) -> None:
         """Start and wait until it answers.
 
@@ -38,7 +44,7 @@ class CameraProcess:
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(
             target=_run,
-            args=(theirs, arm_directory, world.to_json(), snapshot, listen, keys),
+            args=(theirs, arm_directory, world.to_json(), snapshot, listen, keys, tls),
             name="s2r-camera",
             daemon=True,
         )
@@ -70,7 +76,13 @@ class CameraProcess:
 
 
 def _run(
-    parent: Connection, arm_directory: Path, world_json: str, snapshot: Snapshot, listen: str, keys: ArmKeys
+    parent: Connection,
+    arm_directory: Path,
+    world_json: str,
+    snapshot: Snapshot,
+    listen: str,
+    keys: ArmKeys,
+    tls: Path | None,
 ) -> None:
     """Body of the process: serve until the other end of the pipe closes."""
     signal.signal(
@@ -81,7 +93,14 @@ def _run(
     camera = DepthCamera(build_world(load_arm(arm_directory), world), world.camera)
     reported = world.camera.X_base_camera_reported
     try:
-        service = CameraService(listen, keys, lambda: camera.capture(snapshot.read()), camera.rig.K, reported)
+        service = CameraService(
+            listen,
+            keys,
+            lambda: camera.capture(snapshot.read()),
+            camera.rig.K,
+            reported,
+            tls=tls,
+        )
     except S2RError as error:
         parent.send(str(error))
         return

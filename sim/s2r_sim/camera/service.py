@@ -2,52 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import queue
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import zenoh
 
-from s2r_protocol import codec
+from s2r_protocol import codec, session
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
+from s2r_protocol.session import Role
 from s2r_sim.camera.camera import View
 from s2r_sim.camera.frame import to_message
-from s2r_sim.errors import StandInError
 
 logger = logging.getLogger(__name__)
 
 _WAITING = 4  # captures that may wait for their turn
-
-
-def open_session(listen: str) -> zenoh.Session:
-    """A peer that listens on one endpoint and scouts nobody.
-
-    Raises:
-        StandInError: The endpoint cannot be listened on.
-    """
-    config = zenoh.Config()
-    for key, value in (
-        ("mode", "peer"),
-        ("listen/endpoints", [listen]),
-        ("listen/exit_on_failure", True),
-        ("connect/endpoints", []),
-        ("scouting/multicast/enabled", False),
-        ("scouting/gossip/enabled", False),
-    ):
-        config.insert_json5(key, json.dumps(value))
-    try:
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        raise StandInError(
-            f"camera cannot listen on {listen}: {error}. Is another stand-in running? "
-            "Stop it or choose another address with --listen"
-        ) from error
 
 
 class CameraService:
@@ -61,6 +36,7 @@ class CameraService:
         K: np.ndarray,
         X_base_camera: np.ndarray,
         camera: str = "front",
+        tls: Path | None = None,
     ) -> None:
         """Listen and serve.
 
@@ -70,14 +46,17 @@ class CameraService:
             look: Takes one picture; called from the service's thread only.
             K, X_base_camera: Sent with every frame.
             camera: Its name.
+            tls: Folder with the certificates, or None for this machine only.
 
         Raises:
-            StandInError: The endpoint cannot be listened on.
+            ListenError: The endpoint is taken.
+            AddressError: The endpoint leaves this machine and there are no certificates.
+            CertificateError: A certificate cannot be used.
         """
         self._camera, self._look, self._K, self._X = camera, look, K, X_base_camera
         self._index = 0
         self._waiting: queue.Queue[zenoh.Query | None] = queue.Queue(_WAITING)
-        self._session = open_session(listen)
+        self._session = session.listen([listen], Role.CAMERA, keys, tls)
         self._worker = threading.Thread(target=self._serve, name="camera", daemon=True)
         self._worker.start()
         self._session.declare_queryable(keys.capture(camera), self._take)
@@ -116,7 +95,8 @@ class CameraService:
             logger.exception("capture %d failed", self._index)
             return pb.Frame(camera=self._camera, error=f"capture failed: {error}")
         self._index += 1
-        return to_message(view, self._camera, self._index, stamp_ns, self._K, self._X)
+        frame = to_message(view, self._camera, self._index, stamp_ns, self._K, self._X)
+        return frame
 
     def _reply(self, query: zenoh.Query, frame: pb.Frame) -> None:
         address = codec.Address(sender=f"camera:{os.getpid()}", seq=self._index)

@@ -317,6 +317,6 @@ def test_stop_without_executor_says_that_nothing_was_stopped():
 
 
 def test_session_to_nobody_opens_at_once_and_answers_nothing():
-    session = open_session(free_endpoint())
+    session = open_session(free_endpoint(), ArmKeys())
     assert list(session.get("lab/xmate3pro/hello", timeout=0.2)) == []
     session.close()

@@ -12,11 +12,11 @@ import zenoh
 from s2r_protocol import codec
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
+from s2r_protocol.session import ListenError
 from s2r_sim.camera.camera import View
 from s2r_sim.camera.process import CameraProcess
 from s2r_sim.camera.service import CameraService
 from s2r_sim.camera.snapshot import Snapshot
-from s2r_sim.errors import StandInError
 from s2r_sim.physics import build_world
 
 KEYS = ArmKeys("test", "xmate3pro")
@@ -101,7 +101,7 @@ def test_failure_in_rendering_is_told_and_survived(serve):
 
 def test_taken_endpoint_is_refused_with_a_hint(serve):
     endpoint = serve(lambda: SMALL)
-    with pytest.raises(StandInError, match="another stand-in running"):
+    with pytest.raises(ListenError, match="another camera running"):
         CameraService(endpoint, KEYS, lambda: SMALL, np.eye(3), np.eye(4))
 
 

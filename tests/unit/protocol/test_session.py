@@ -1,0 +1,135 @@
+"""Addresses that may be used, and a lab's certificates."""
+
+import datetime
+import stat
+
+import pytest
+from cryptography import x509
+
+from s2r_protocol.exits import UsageError
+from s2r_protocol.session import AddressError, CertificateError, Role, TlsFiles
+from s2r_protocol.session.certificates import check_certificate, make_certificates
+from s2r_protocol.session.open import endpoint_for
+
+NOW = datetime.datetime(2030, 1, 1, tzinfo=datetime.UTC)
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "tcp/127.0.0.1:7447",
+        "tcp/127.8.0.1:1",
+        "tcp/[::1]:7447",
+        "tcp/localhost:7447",
+        "unixsock-stream//run/s2r",
+    ],
+)
+def test_without_certificates_this_machine_is_reached_as_it_stands(endpoint):
+    assert endpoint_for(endpoint, has_tls=False) == endpoint
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "tcp/0.0.0.0:7447",
+        "tcp/[::]:7447",
+        "tcp/192.168.1.7:7447",
+        "tcp/arm.lab:7447",
+        "tcp/127.0.0.1.evil.org:7447",
+    ],
+)
+def test_without_certificates_no_network_is_opened(endpoint):
+    with pytest.raises(AddressError, match=r"anybody on that network could command the arm.*--make-certs"):
+        endpoint_for(endpoint, has_tls=False)
+
+
+@pytest.mark.parametrize("endpoint", ["udp/127.0.0.1:7447", "quic/127.0.0.1:7447", "ws/127.0.0.1:1"])
+def test_without_certificates_only_tcp_and_local_sockets_are_spoken(endpoint):
+    with pytest.raises(AddressError, match=r"use tcp/127\.0\.0\.1:PORT"):
+        endpoint_for(endpoint, has_tls=False)
+
+
+def test_with_certificates_nothing_is_spoken_in_the_clear():
+    assert endpoint_for("tcp/10.0.0.1:7447", has_tls=True) == "tls/10.0.0.1:7447"
+    assert endpoint_for("tls/arm.lab:7447", has_tls=True) == "tls/arm.lab:7447"
+    with pytest.raises(AddressError, match="use tls/HOST:PORT"):
+        endpoint_for("udp/10.0.0.1:7447", has_tls=True)
+
+
+@pytest.mark.parametrize("endpoint", ["", "tcp", "/x", "127.0.0.1:7447"])
+def test_a_malformed_address_is_refused(endpoint):
+    with pytest.raises(AddressError):
+        endpoint_for(endpoint, has_tls=False)
+
+
+@pytest.fixture
+def lab(tmp_path):
+    make_certificates(tmp_path, names=("arm.lab", "10.0.0.7"), days=30, now=NOW)
+    return tmp_path
+
+
+def test_every_role_gets_a_certificate_that_holds_for_the_named_addresses(lab):
+    for role in Role:
+        ends = check_certificate(TlsFiles.of(lab, role), NOW)
+        assert ends == NOW + datetime.timedelta(days=30)
+    certificate = x509.load_pem_x509_certificate((lab / "executor.pem").read_bytes())
+    names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert names.get_values_for_type(x509.DNSName) == ["localhost", "arm.lab"]
+    assert "10.0.0.7" in map(str, names.get_values_for_type(x509.IPAddress))
+
+
+def test_keys_are_readable_by_their_owner_only(lab):
+    for path in lab.glob("*.key"):
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600, path
+
+
+def test_making_again_renews_the_roles_and_keeps_the_authority(lab):
+    authority, host = (lab / "ca.pem").read_bytes(), (lab / "host.pem").read_bytes()
+    issued = make_certificates(lab, now=NOW + datetime.timedelta(days=29))
+    assert (lab / "ca.pem").read_bytes() == authority
+    assert (lab / "host.pem").read_bytes() != host
+    assert [i.name for i in issued] == [str(role) for role in Role]
+    check_certificate(TlsFiles.of(lab, Role.HOST), NOW + datetime.timedelta(days=60))
+
+
+def test_an_authority_without_its_key_makes_nothing(lab):
+    (lab / "ca.key").unlink()
+    with pytest.raises(CertificateError, match=r"holds ca.pem without ca.key"):
+        make_certificates(lab)
+
+
+def test_certificates_are_refused_before_and_after_their_time(lab):
+    files = TlsFiles.of(lab, Role.EXECUTOR)
+    for moment in (NOW - datetime.timedelta(hours=1), NOW + datetime.timedelta(days=31)):
+        with pytest.raises(
+            CertificateError, match=r"executor.pem holds from 2029-12-31 23:55 to 2030-01-31 00:00"
+        ):
+            check_certificate(files, moment)
+
+
+def test_a_certificate_of_another_role_authority_or_key_is_named(lab, tmp_path_factory):
+    other = tmp_path_factory.mktemp("other")
+    make_certificates(other, now=NOW)
+    for name, content, said in (
+        ("executor.pem", (lab / "host.pem").read_bytes(), "is for 'host', expected 'executor'"),
+        ("executor.pem", (other / "executor.pem").read_bytes(), "was not issued by the authority"),
+        ("executor.key", (other / "executor.key").read_bytes(), "is not the key of"),
+        ("executor.pem", b"rubbish", "executor: "),
+    ):
+        before = (lab / name).read_bytes()
+        (lab / name).write_bytes(content)
+        with pytest.raises(CertificateError, match=said):
+            check_certificate(TlsFiles.of(lab, Role.EXECUTOR), NOW)
+        (lab / name).write_bytes(before)
+
+
+def test_a_missing_file_is_named_with_the_way_to_get_it(tmp_path):
+    with pytest.raises(CertificateError, match=r"ca.pem cannot be read \(No such file.*--make-certs"):
+        TlsFiles.of(tmp_path, Role.HOST)
+
+
+def test_odd_wishes_are_refused(tmp_path):
+    with pytest.raises(UsageError, match="certificates for 0 days"):
+        make_certificates(tmp_path, days=0)
+    with pytest.raises(UsageError, match="neither an address nor a host name"):
+        make_certificates(tmp_path, names=("ärm.lab",))
