@@ -11,6 +11,7 @@ from s2r_protocol.exits import UsageError
 
 PACKINGS = ("fd", "classic")
 CLOCKS = ("lockstep", "real")
+SPLITS = ("train", "validation", "test")
 
 
 @click.command("sim-arm")
@@ -18,6 +19,7 @@ CLOCKS = ("lockstep", "real")
     "--world", "world_file", type=click.Path(path_type=Path), help="World file, from 's2r world draw'."
 )
 @click.option("--seed", type=int, help="Draw a world instead of reading one.")
+@click.option("--kind", default="drawer", show_default=True, help="Kind of object in a drawn world.")
 @click.option("--clock", type=click.Choice(CLOCKS), default="lockstep", show_default=True)
 @click.option(
     "--pace", type=float, default=1.0, show_default=True, help="Simulated over real seconds; 0: no limit."
@@ -40,6 +42,7 @@ CLOCKS = ("lockstep", "real")
 def sim_arm(
     world_file: Path | None,
     seed: int | None,
+    kind: str,
     clock: str,
     pace: float,
     bus: str,
@@ -61,7 +64,7 @@ def sim_arm(
 
     if (world_file is None) == (seed is None):
         raise UsageError("give either --world FILE or --seed N")
-    world = load_world(world_file) if world_file is not None else draw_world(seed or 0)
+    world = load_world(world_file) if world_file is not None else draw_world(seed or 0, kind)
     config = StandInConfig(
         arm=arm_name,
         clock=clock,
@@ -94,6 +97,19 @@ def draw(seed: int, kind: str, out: Path) -> None:
     drawn = draw_world(seed, kind)
     drawn.save(out)
     click.echo(drawn.commitment)
+
+
+@world.command("object")
+@click.option("--kind", required=True)
+@click.option("--split", type=click.Choice(SPLITS), default="train", show_default=True)
+@click.option("--seed", type=int, required=True)
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
+def write_object(kind: str, split: str, seed: int, out: Path) -> None:
+    """Write one procedural object as MJCF with its parameters and true joint."""
+    from s2r_sim.objects import scene
+    from s2r_sim.objects.splits import Split, draw_object
+
+    scene.write_object(draw_object(kind, Split[split.upper()], seed), out)
 
 
 @world.command()

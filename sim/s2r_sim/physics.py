@@ -11,11 +11,11 @@ from s2r_protocol.arms import ArmDescription
 from s2r_sim.errors import WorldFileError
 from s2r_sim.objects.catalogue import add_object
 from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
+from s2r_sim.objects.scene import add_table
 from s2r_sim.world import ArmTruth, WorldSpec
 
 STEP_NS = 1_000_000
 FINGER_FRICTION = 0.6
-TABLE_RGBA = (0.42, 0.44, 0.46, 1.0)
 # Rotor inertia times gear ratio squared [kg·m²]: large with harmonic gears; it keeps a stiff drive loop calm.
 ROTOR_INERTIA_BIG = 0.6
 ROTOR_INERTIA_WRIST = 0.15
@@ -43,13 +43,7 @@ def build_world(arm: ArmDescription, world: WorldSpec) -> mujoco.MjModel:
     option.impratio = 10.0
     spec.memory = 8 * 1024 * 1024
     _make_true(spec, arm, world.arm)
-    spec.worldbody.add_geom(
-        name="table",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[2.0, 2.0, 0.1],
-        rgba=TABLE_RGBA,
-        friction=[0.5, 0.005, 0.0001],
-    )
+    add_table(spec)
     add_object(spec, world.object)
     return spec.compile()
 
@@ -97,7 +91,7 @@ class Physics:
         self._object_v = int(self.model.joint(JOINT).dofadr[0])
         self._side = self._geom_sides()
         self.data.qpos[self._q_index] = arm.q_home
-        self.data.qpos[self._object_q] = world.object.opening_m
+        self.data.qpos[self._object_q] = world.object.q_start
         mujoco.mj_forward(self.model, self.data)
         self._refuse_collision_at_start()
         self._nominal = nominal_arm(arm)
@@ -120,7 +114,7 @@ class Physics:
         contacts = self.contacts()
         if contacts.part or contacts.base:
             raise WorldFileError(
-                "the object stands where the arm is in its home pose; move it (object.x_front_m, object.y_m)"
+                "the object stands where the arm is in its home pose; move it (its x and y in the world file)"
             )
 
     @property

@@ -16,7 +16,7 @@ from pydantic import ValidationError, model_validator
 
 from s2r_sim.errors import WorldFileError
 from s2r_sim.geometry import rotation_from_vector
-from s2r_sim.objects.catalogue import KINDS, ObjectSpec
+from s2r_sim.objects.catalogue import ObjectSpec, kind_named
 from s2r_sim.objects.parameters import Parameters, uniform
 
 SCHEMA = 1
@@ -138,13 +138,11 @@ def draw_world(seed: int, kind: str = "drawer", salt: str | None = None) -> Worl
     Raises:
         WorldFileError: Unknown kind of object.
     """
-    if kind not in KINDS:
-        raise WorldFileError(f"unknown kind of object {kind!r}; known are {', '.join(KINDS)}")
     rng_object, rng_arm, rng_camera = np.random.default_rng([seed, SCHEMA]).spawn(3)
     return WorldSpec(
         salt=salt if salt is not None else secrets.token_hex(16),
         seed=seed,
-        object=KINDS[kind].draw(rng_object),
+        object=kind_named(kind).draw(rng_object),
         arm=_draw_arm(rng_arm),
         camera=_draw_camera(rng_camera),
     )

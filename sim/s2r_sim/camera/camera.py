@@ -106,6 +106,19 @@ class DepthCamera:
         self._in_bands(band)
         return out
 
+    def body_mask(self, qpos: np.ndarray, body: str) -> np.ndarray:
+        """Pixels of the left imager in which a body is in front, shape (height, width), bool."""
+        self._place(qpos)
+        out = np.empty((self.rig.height, self.rig.width), bool)
+        of_body = np.append(self.model.geom_bodyid == self.model.body(body).id, False)  # -1: nothing hit
+
+        def band(rows: slice) -> None:
+            hits = self._cast(np.zeros(3), self._rays_world[rows])
+            out[rows] = of_body[hits.geom].reshape(-1, self.rig.width)
+
+        self._in_bands(band)
+        return out
+
     def _place(self, qpos: np.ndarray) -> None:
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self._data)

@@ -1,7 +1,7 @@
 """A procedural drawer: cabinet on the table, one drawer with a bar handle, hidden rail friction and play.
 
-Object frame: origin on the table below the middle of the cabinet's front plane, x out of the cabinet (towards the arm),
-z up. The joint coordinate is 0 when closed and positive outwards.
+Object frame: origin on the table below the middle of the cabinet's front plane, x out of the cabinet (towards
+the arm), z up. The joint coordinate is 0 when closed and positive outwards.
 """
 
 from __future__ import annotations
@@ -68,6 +68,16 @@ class DrawerSpec(Parameters):
     front_rgb: tuple[float, float, float]
     body_rgb: tuple[float, float, float]
     handle_rgb: tuple[float, float, float]
+
+    @property
+    def q_start(self) -> float:
+        """Joint value as found [m]."""
+        return self.opening_m
+
+    @property
+    def q_max(self) -> float:
+        """Upper stop [m]."""
+        return self.range_m
 
 
 def draw_drawer(rng: np.random.Generator) -> DrawerSpec:

@@ -1,0 +1,199 @@
+"""How exact is the joint estimate from one pair of noisy single views? Prints markdown tables; no budget is
+asserted.
+
+    python tests/bench/bench_perception.py --split validation --count 30 --out runs/perception-validation
+    python tests/bench/bench_perception.py --split test --count 100 --out runs/perception-test
+
+Objects are procedural (s2r_sim.objects), views come from the stand-in's active-stereo camera, the part moves
+8 to 50 % of its range but at least 3 cm or 15 degrees. Axis errors keep the sign: a reversed axis counts as
+180 degrees. The transport error is the mean distance between corners of the part moved on from the second
+view by the estimated and by the true joint, over 0.10 m or 45 degrees. Results are kept as JSON lines; a run
+that was interrupted goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_host.perception import AbstainError, DepthFrame, JointMotion, estimate_joint
+from s2r_host.perception.motion import line_distance
+from s2r_sim.batch import run_jobs
+from s2r_sim.objects.pairs import Pair, draw_pair
+from s2r_sim.objects.splits import Split
+
+CATEGORIES = {
+    "chest": "drawer",
+    "laptop": "laptop",
+    "faucet": "faucet",
+    "door": "door",
+    "lid": "lid",
+    "dial": "dial",
+}
+COMMANDED = {"prismatic": 0.10, "revolute": np.radians(45)}
+SEEN_PX = 150
+
+
+def true_motion(pair: Pair) -> JointMotion:
+    """The motion between the two views, its direction with the sense of the motion."""
+    joint = pair.joint
+    return JointMotion(
+        joint.joint_type, np.array(joint.origin_m), np.array(joint.direction), pair.delta
+    ).positive()
+
+
+def frames(pair: Pair) -> tuple[DepthFrame, DepthFrame]:
+    """What the host gets."""
+    return (
+        DepthFrame(pair.depth_before, pair.K, pair.X_base_camera, None),
+        DepthFrame(pair.depth_after, pair.K, pair.X_base_camera, None),
+    )
+
+
+def measure(kind: str, split: int, seed: int) -> dict[str, Any]:
+    """One pair: truth, answer and errors as plain values."""
+    pair = draw_pair(kind, Split(split), seed)
+    truth = true_motion(pair)
+    row: dict[str, Any] = {
+        "kind": kind,
+        "seed": seed,
+        "type_true": truth.joint_type,
+        "delta_true": truth.delta,
+        "azimuth_deg": np.degrees(pair.azimuth_rad),
+        "elevation_deg": np.degrees(pair.elevation_rad),
+        "distance_m": pair.distance_m,
+        "part_px": [int(pair.part_before.sum()), int(pair.part_after.sum())],
+    }
+    start = time.process_time()
+    try:
+        found = estimate_joint(*frames(pair))
+    except AbstainError as error:
+        return row | {"abstained": str(error), "cpu_s": time.process_time() - start}
+    row |= {
+        "type": found.joint_type,
+        "cpu_s": time.process_time() - start,
+        "delta": found.delta,
+        "residual_mm": 1e3 * found.residual_m,
+        "explained": found.explained,
+        "hypotheses": [
+            [h.motion.joint_type, round(h.cost, 4), *axis_errors(h.motion, truth, pair)]
+            for h in found.hypotheses
+        ],
+    }
+    if found.joint_type != truth.joint_type:
+        return row
+    axis_deg, line_mm = axis_errors(found.motion, truth, pair)
+    iv = found.intervals90
+    covered = {
+        "axis": axis_deg < np.degrees(iv.axis_angle_rad),
+        "delta": iv.delta[0] <= truth.delta <= iv.delta[1],
+    }
+    if truth.joint_type == "revolute":
+        covered["line"] = line_mm < 1e3 * iv.axis_offset_m
+    return row | {
+        "axis_deg": axis_deg,
+        "line_mm": line_mm,
+        "delta_error": found.delta - truth.delta,
+        "transport_mm": transport_mm(found.motion, truth, pair),
+        "covered": {name: bool(value) for name, value in covered.items()},
+        "interval": [np.degrees(iv.axis_angle_rad), 1e3 * iv.axis_offset_m, iv.delta[1] - iv.delta[0]],
+    }
+
+
+def axis_errors(found: JointMotion, truth: JointMotion, pair: Pair) -> tuple[float, float]:
+    """Angle between the axes [deg], sign aware, and distance [mm] of the lines beside the part."""
+    found = found.positive()
+    angle = float(np.degrees(np.arccos(np.clip(found.direction @ truth.direction, -1, 1))))
+    middle = (pair.part_points.min(axis=0) + pair.part_points.max(axis=0)) / 2
+    foot = truth.origin + ((middle - truth.origin) @ truth.direction) * truth.direction
+    return angle, 1e3 * float(line_distance(found.origin, found.direction, foot[None])[0])
+
+
+def transport_mm(found: JointMotion, truth: JointMotion, pair: Pair) -> float:
+    """Mean distance of the part's corners, moved on from the second view by both joints [mm]."""
+    X = truth.transform()
+    after = pair.part_points @ X[:3, :3].T + X[:3, 3]
+    ends = []
+    for motion in (found, truth):
+        T = replace(motion, delta=COMMANDED[truth.joint_type]).transform()
+        ends.append(after @ T[:3, :3].T + T[:3, 3])
+    return 1e3 * float(np.linalg.norm(ends[0] - ends[1], axis=1).mean())
+
+
+def print_tables(rows: list[dict[str, Any]]) -> None:
+    """One line per category and metric: median / 90th percentile over the answered pairs of the right type."""
+    head = (
+        "category", "n", "hidden", "abstained", "type right", "axis [°]", "line [mm]", "state",
+        "transport [mm]", "cover axis / line / state", "CPU [s]",
+    )  # fmt: skip
+    print(f"| {' | '.join(head)} |")
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    for kind in dict.fromkeys(row["kind"] for row in rows):
+        print(_summary(kind, [row for row in rows if row["kind"] == kind]))
+
+
+def _summary(kind: str, rows: list[dict[str, Any]]) -> str:
+    hidden = sum(min(row["part_px"]) < SEEN_PX for row in rows)
+    answered = [row for row in rows if "type" in row]
+    good = [row for row in answered if "axis_deg" in row]
+    turns = rows[0]["type_true"] == "revolute"
+    scale, unit = (180 / np.pi, "°") if turns else (1e3, " mm")
+
+    def spread(value: Callable[[dict[str, Any]], float], suffix: str = "") -> str:
+        values = [value(row) for row in good]
+        if not values:
+            return "–"
+        return f"{np.percentile(values, 50):.2f} / {np.percentile(values, 90):.2f}{suffix}"
+
+    def cover(name: str) -> str:
+        values = [row["covered"][name] for row in good if name in row["covered"]]
+        return f"{100 * np.mean(values):.0f}" if values else "–"
+
+    cells = [
+        CATEGORIES.get(kind, kind),
+        str(len(rows)),
+        str(hidden),
+        str(len(rows) - len(answered)),
+        f"{len(good)}/{len(answered)}",
+        spread(lambda row: row["axis_deg"]),
+        spread(lambda row: row["line_mm"]) if turns else "–",
+        spread(lambda row: abs(row["delta_error"]) * scale, unit),
+        spread(lambda row: row["transport_mm"]),
+        f"{cover('axis')} / {cover('line')} / {cover('delta')} %",
+        f"{np.median([row['cpu_s'] for row in rows]):.1f}",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--kinds", default="chest,laptop,faucet", help="comma-separated")
+    parser.add_argument("--split", default="validation", choices=[s.name.lower() for s in Split])
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--count", type=int, default=30, help="pairs per kind")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the results")
+    parser.add_argument("--json", action="store_true", help="print the rows instead of tables")
+    args = parser.parse_args()
+    split = Split[args.split.upper()]
+    seeds = range(args.first, args.first + args.count)
+    jobs = [(kind, int(split), seed) for seed in seeds for kind in args.kinds.split(",")]
+    rows = run_jobs(measure, jobs, args.out / "rows.jsonl", args.jobs, "pairs")
+    if args.json:
+        print(json.dumps(rows, indent=1))
+    else:
+        print_tables(rows)
+
+
+if __name__ == "__main__":
+    main()
