@@ -15,6 +15,7 @@ from s2r_host.gap.session import MOTION_CUT_HZ, Session, lowpass, nominal_fricti
 
 HOLDOUT_SHARE = 0.3
 SIGNAL_TO_NOISE = 20.0
+SIGNAL_TO_GUESS = 3.0  # against a leftover, which is noise and model error together
 LEAST_CUT_HZ = 2.5
 EDGE_SHARE = 0.5
 STICK_DOUBT = 0.3
@@ -37,24 +38,26 @@ class Block:
 
 @dataclass
 class Drift:
-    """Friction of a held-out session that was not among the fitted ones: one nuisance factor.
+    """Friction of a held-out session that was not among the fitted ones, as nuisance: dry and viscous change.
 
     Attributes:
         block: Rows it belongs to.
-        column: Whitened direction of motion on those rows; ``raw`` the same in effort units.
-        prior: Standard deviation of its coefficient [N·m or N].
+        columns: Whitened direction of motion (and speed, where there is viscous friction), shape (rows, k).
+        raw: Direction of motion in effort units, shape (rows,).
+        level: Friction the fitted sessions show: dry [N·m or N], viscous [N·m·s/rad or N·s/m], shape (k,).
     """
 
     block: Block
-    column: np.ndarray
+    columns: np.ndarray
     raw: np.ndarray
-    prior: float
+    level: np.ndarray
 
-    def estimate(self, left: np.ndarray, noise: float) -> tuple[float, float]:
-        """Change of friction that the whitened leftover of this block asks for, and its deviation."""
+    def estimate(self, left: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
+        """Changes the whitened leftover of this block asks for, and their covariance; (k,) and (k, k)."""
         r = left[self.block.rows]
-        power = float(self.column @ self.column) / noise + 1.0 / self.prior**2
-        return float(self.column @ r) / noise / power, power**-0.5
+        power = self.columns.T @ self.columns / noise + np.diag((DRIFT_SHARE * self.level) ** -2.0)
+        covariance = np.linalg.inv(power)
+        return covariance @ (self.columns.T @ r) / noise, covariance
 
 
 @dataclass
@@ -163,7 +166,7 @@ def build_problem(
     blocks, raw = _blocks(model, sessions, hold, joints)
     noise, source = _noise(model, joints, fit, repeats, blocks, raw)
     for j in joints:
-        cut = _band(j, fit, blocks, noise[j])
+        cut = _band(j, fit, blocks, noise[j], SIGNAL_TO_NOISE if source == "repeat" else SIGNAL_TO_GUESS)
         for s in sessions + repeats:
             s.cut[j] = min(cut, float(s.cut[j]))
     blocks, raw = _blocks(model, sessions, hold, joints)
@@ -215,7 +218,9 @@ def _blocks(
     return blocks, raw
 
 
-def _band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray]) -> float:
+def _band(
+    j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray], least: float
+) -> float:
     """Highest frequency at which the effort still stands well above the noise [Hz].
 
     Beyond it a regressor is made of noise, and whatever filters that noise would look like physics: the
@@ -239,7 +244,7 @@ def _band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarra
     if power_u is None or power_n is None:
         return float(s.cut[j])
     power_n = np.maximum(power_n / len(noise), 1e-30)
-    strong = np.flatnonzero(power_u / power_n > SIGNAL_TO_NOISE)
+    strong = np.flatnonzero((power_u / power_n > least) & (f <= s.cut[j]))
     highest = float(f[strong[-1]]) if strong.size else 0.0
     return float(np.clip(1.5 * highest, LEAST_CUT_HZ, s.cut[j]))
 
@@ -255,12 +260,19 @@ def _fill_drift(problem: Problem, fit: list[Session], hold: list[Session]) -> No
     known = {s.rec.session for s in fit}
     for block in problem.blocks:
         s, j = block.session, block.joint
-        level = dry_level(s, j)
-        if s not in hold or s.rec.session in known or level <= 0:
+        if s not in hold or s.rec.session in known:
             continue
-        rows = compare(s.sign(j), s, j, True)[block.picks]
-        column = problem.whiteners[j](rows) * problem.weight[block.rows]
-        problem.drift.append(Drift(block, column, rows, DRIFT_SHARE * level))
+        levels = [friction_levels(problem.ctx.model, x, j) for x in fit if x.has_u[j]]
+        if not levels:
+            continue
+        dry, viscous = np.mean(levels, axis=0)
+        parts = [(dry, s.sign(j)), (viscous, s.v[:, j])]
+        if dry <= 0:
+            continue
+        kept = [(level, compare(x, s, j, True)[block.picks]) for level, x in parts if level > 0]
+        weight = problem.weight[block.rows]
+        columns = np.stack([problem.whiteners[j](rows) * weight for _, rows in kept], axis=1)
+        problem.drift.append(Drift(block, columns, kept[0][1], np.array([level for level, _ in kept])))
 
 
 def _fill_base(problem: Problem, sessions: list[Session]) -> None:
@@ -396,10 +408,23 @@ def loops(s: Session, j: int) -> list[np.ndarray]:
 
 def dry_level(s: Session, j: int) -> float:
     """Size of the friction step in a recording, by plain regression [N·m or N]."""
-    r = compare(s.u[:, j], s, j, True) - compare(s.load[:, j], s, j, False)
-    columns = [s.sign(j), s.v[:, j], s.a[:, j], s.load[:, j], np.ones(len(s.t))]
-    X = np.stack([compare(c, s, j, True) for c in columns], axis=1)
-    return abs(float(np.linalg.lstsq(X, r, rcond=None)[0][0]))
+    return abs(float(_friction_fit(s, j)[0]))
+
+
+def friction_levels(model: RigidModel, s: Session, j: int) -> tuple[float, float]:
+    """Dry [N·m or N] and viscous [N·m·s/rad or N·s/m] friction of a recording, the model's own included."""
+    fitted = _friction_fit(s, j)
+    return abs(float(fitted[0])), max(0.0, float(fitted[1]) + float(model.model.dof_damping[j]))
+
+
+def _friction_fit(s: Session, j: int) -> np.ndarray:
+    key = ("friction", j, float(s.cut[j]), float(s.v_eps[j]))
+    if key not in s.cache:
+        r = compare(s.u[:, j], s, j, True) - compare(s.load[:, j], s, j, False)
+        columns = [s.sign(j), s.v[:, j], s.a[:, j], s.load[:, j], np.ones(len(s.t))]
+        X = np.stack([compare(c, s, j, True) for c in columns], axis=1)
+        s.cache[key] = np.linalg.lstsq(X, r, rcond=None)[0]
+    return s.cache[key]
 
 
 def _trust(block: Block, floor: float) -> np.ndarray:
