@@ -187,6 +187,16 @@ Config to_config(const nb::dict& values) {
   fields.read("record_capacity", c.record_capacity);
   fields.read("drive_extrapolation_ticks", c.drive_extrapolation_ticks);
   fields.read("overrun_stop_count", c.overrun_stop_count);
+  fields.read("following_rest_share", c.following_rest_share);
+  fields.read("frozen_rad", c.frozen_rad);
+  fields.read("collision_share", c.collision_share);
+  fields.read("collision_ticks", c.collision_ticks);
+  fields.read("temperature_warn_C", c.temperature_warn_C);
+  fields.read("temperature_stop_C", c.temperature_stop_C);
+  fields.read("warning_speed", c.warning_speed);
+  fields.read("brake_feedback", c.brake_feedback);
+  fields.read("brake_timeout_s", c.brake_timeout_s);
+  fields.read("estop_discrepancy_s", c.estop_discrepancy_s);
   fields.refuse_unknown();
   if (const std::string fault = find_fault(c); !fault.empty()) throw nb::value_error(("config: " + fault).c_str());
   return c;
@@ -283,7 +293,8 @@ class PyShared {
 
   bool submit_plan(std::uint64_t plan_id, std::uint64_t epoch, const Vector& t, const Matrix& q, const Matrix& dq,
                    const Matrix& ddq, const Vector& stop_duration, double path_tolerance, double goal_tolerance,
-                   std::uint64_t parent_id, double splice_t) {
+                   std::uint64_t parent_id, double splice_t, const std::optional<Matrix>& tau_rest,
+                   const std::optional<Matrix>& tau_move) {
     const std::size_t n = t.shape(0);
     const auto dof = static_cast<std::size_t>(block().config.dof);
     if (n < 2 || n > static_cast<std::size_t>(kMaxKnots))
@@ -299,6 +310,11 @@ class PyShared {
       throw nb::value_error(("plan: stop_duration has " + std::to_string(stop_duration.shape(0)) +
                              " values, expected one per segment, " + std::to_string(n - 1))
                                 .c_str());
+    if (tau_rest.has_value() != tau_move.has_value())
+      throw nb::value_error("plan: tau_rest and tau_move come together or not at all");
+    for (const auto& [name, matrix] : {std::pair{"tau_rest", &tau_rest}, std::pair{"tau_move", &tau_move}})
+      if (matrix->has_value() && ((*matrix)->shape(0) != n || (*matrix)->shape(1) != dof))
+        throw nb::value_error(("plan: " + std::string(name) + " is not of shape (knots, joints)").c_str());
     for (PlanSlot& slot : block().plans) {
       if (slot.filled.load(std::memory_order_acquire) != 0) continue;
       Plan& plan = slot.plan;
@@ -316,7 +332,10 @@ class PyShared {
         plan.q[i] = row(q, i);
         plan.dq[i] = row(dq, i);
         plan.ddq[i] = row(ddq, i);
+        if (tau_rest) plan.tau_rest[i] = row(*tau_rest, i);
+        if (tau_move) plan.tau_move[i] = row(*tau_move, i);
       }
+      plan.has_torque = tau_rest.has_value();
       slot.order = block().plans_submitted.fetch_add(1, std::memory_order_relaxed) + 1;
       slot.filled.store(1, std::memory_order_release);
       return true;
@@ -398,7 +417,8 @@ class QueuePort final : public FramePort {
 
 class PyCore {
  public:
-  explicit PyCore(PyShared& shared) : core_(std::make_unique<Core>(shared.block(), port_, false)) {}
+  PyCore(PyShared& shared, std::uint64_t first_tick)
+      : core_(std::make_unique<Core>(shared.block(), port_, false, first_tick)) {}
 
   std::vector<PyFrame> step(const std::vector<PyFrame>& frames, std::int64_t now_ns, std::uint64_t skipped,
                             bool send_fails) {
@@ -704,6 +724,12 @@ NB_MODULE(_native, m) {
           "Frames with a wrong checksum, length or counter.")
       .def_prop_ro(
           "realtime", [](const PySnapshot& p) { return p.s.realtime != 0; }, "SCHED_FIFO and memory lock obtained.")
+      .def_prop_ro(
+          "next_plan_id", [](const PySnapshot& p) { return p.s.next_plan_id; },
+          "Plan that waits for its splice point; 0: none.")
+      .def_prop_ro(
+          "bus_load_foreign", [](const PySnapshot& p) { return p.s.bus_load_foreign; },
+          "Share of the bus taken by frames of others.")
       .def_prop_ro("bus_load_computed", [](const PySnapshot& p) { return p.s.bus_load_computed; }, "Worst case, 0..1.");
 
   nb::class_<PyShared>(m, "Shared", "The memory shared with s2r-rt. One thread may submit, one may read.")
@@ -714,8 +740,10 @@ NB_MODULE(_native, m) {
       .def("beat", &PyShared::beat, "Show that the front end lives; at least every 20 ms.")
       .def("submit_plan", &PyShared::submit_plan, "plan_id"_a, "epoch"_a, "t"_a, "q"_a, "dq"_a, "ddq"_a,
            "stop_duration"_a, "path_tolerance"_a, "goal_tolerance"_a, "parent_id"_a = 0, "splice_t"_a = 0.0,
+           "tau_rest"_a = nb::none(), "tau_move"_a = nb::none(),
            "Hand a plan over; the core answers by events. False: no free slot.\n\n"
-           "t (n,) [s], q, dq, ddq (n, dof), stop_duration (n - 1,) [s]; a tolerance of 0 is the configured one.")
+           "t (n,) [s], q, dq, ddq (n, dof), stop_duration (n - 1,) [s]; a tolerance of 0 is the configured one.\n"
+           "tau_rest, tau_move (n, dof): torque [N m] standing at a knot and passing it as planned, for contact.")
       .def("command", &PyShared::command, "kind"_a, "epoch"_a, "value"_a = 0.0,
            "Queue a control command (ControlKind number or QUIT). False: no room.")
       .def("snapshot", &PyShared::snapshot, "A consistent copy of the core's state.")
@@ -733,7 +761,7 @@ NB_MODULE(_native, m) {
           "Events lost because nobody took them.");
 
   nb::class_<PyCore>(m, "Core", "The real-time core without sockets or clock, stepped by a test.")
-      .def(nb::init<PyShared&>(), "shared"_a, nb::keep_alive<1, 2>())
+      .def(nb::init<PyShared&, std::uint64_t>(), "shared"_a, "first_tick"_a = 0, nb::keep_alive<1, 2>())
       .def("step", &PyCore::step, "frames"_a, "now_ns"_a, "skipped"_a = 0, "send_fails"_a = false,
            "One tick: frames (identifier, data, is FD) in, frames out; `skipped` ticks were lost before it.")
       .def("request_quit", &PyCore::request_quit, "As SIGTERM: stop on the path, disable, finish.")

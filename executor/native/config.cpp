@@ -65,6 +65,15 @@ std::string find_fault(const Config& config) {
       {"realtime_priority", double(config.realtime_priority), 0, 98},
       {"record_capacity", double(config.record_capacity), 16, 1 << 22},
       {"drive_extrapolation_ticks", double(config.drive_extrapolation_ticks), 0, 3},
+      {"following_rest_share", config.following_rest_share, 0.05, 1.0},
+      {"frozen_rad", config.frozen_rad, 1e-4, 1.0},
+      {"collision_share", config.collision_share, 0.01, 10.0},
+      {"collision_ticks", double(config.collision_ticks), 1, 1000},
+      {"temperature_warn_C", double(config.temperature_warn_C), 1, double(config.temperature_stop_C)},
+      {"temperature_stop_C", double(config.temperature_stop_C), 1, 255},
+      {"warning_speed", config.warning_speed, 0.01, 1.0},
+      {"brake_timeout_s", config.brake_timeout_s, 1e-3, 10},
+      {"estop_discrepancy_s", config.estop_discrepancy_s, 1e-3, 1.0},
       {"overrun_stop_count", double(config.overrun_stop_count), 1, OverrunCounter::kMaxCount},
   };
   for (const Range& range : ranges)

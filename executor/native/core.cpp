@@ -15,14 +15,16 @@ std::uint64_t ticks_per_second(std::int64_t tick_ns) noexcept {
 
 }  // namespace
 
-Core::Core(SharedBlock& shared, FramePort& port, bool realtime) noexcept
+Core::Core(SharedBlock& shared, FramePort& port, bool realtime, std::uint64_t first_tick) noexcept
     : shared_(shared),
       port_(port),
       config_(shared.config),
       dt_(1e-9 * static_cast<double>(config_.tick_ns)),
       commands_(shared.commands()),
       events_(shared.events()),
-      records_(shared.records()) {
+      records_(shared.records()),
+      tick_(first_tick),
+      read_tick_(first_tick) {
   fd_.configure(config_.dof);
   classic_.configure(config_.dof, dt_);
   if (config_.packing == PackingKind::kFd)
@@ -32,12 +34,17 @@ Core::Core(SharedBlock& shared, FramePort& port, bool realtime) noexcept
   gate_.configure(config_.limits, config_.dof, dt_, config_.gate_margin);
   motion_.configure(config_.limits, config_.dof, dt_);
   overrun_counter_.configure(config_.overrun_stop_count, ticks_per_second(config_.tick_ns));
+  estop_.configure(config_.estop_discrepancy_s, dt_);
+  plausibility_.configure(config_.limits, config_.dof, dt_, config_.frozen_rad);
+  collision_.configure(config_.limits, config_.dof, config_.collision_share, config_.collision_ticks);
+  window_.configure(config_.limits, config_.dof, dt_, config_.following_rest_share);
   for (int joint = 0; joint < config_.dof; ++joint) {
     const double a = config_.limits.ddq_max[joint], j = config_.limits.dddq_max[joint];
     stop1_guard_s_ = std::max(stop1_guard_s_, 1.5 * (config_.limits.dq_max[joint] / a + 2.0 * a / j));
     age_[joint] = kNever;
   }
   snapshot_.bus_load_computed = bus_load(config_.packing, config_.dof, config_.tick_ns);
+  foreign_.configure(snapshot_.bus_load_computed, dt_);
   snapshot_.realtime = realtime ? 1 : 0;
   shared_.core_running.store(1, std::memory_order_release);
 }
@@ -59,6 +66,8 @@ void Core::tick(std::int64_t now_ns, std::int64_t lateness_ns) noexcept {
 
 void Core::read() noexcept {
   receive();
+  foreign_.close_tick(tick_ - read_tick_);
+  read_tick_ = tick_;
   count_answers();
   listen_to_front_end();
 }
@@ -75,6 +84,9 @@ void Core::receive() noexcept {
     if (!sent_any_ && !frame.error) continue;  // answers to somebody else's setpoints
     const RxResult result = packing_->unpack(frame, sent_, drives_);
     if (result.kind == RxKind::kCorrupt) ++snapshot_.crc_errors;
+    if (result.kind == RxKind::kPeriodOver) period_over_ = true;
+    const bool foreign = result.kind == RxKind::kIgnored && result.joint < 0;
+    if (foreign || result.kind == RxKind::kForeignMaster) foreign_.add(frame);
     if (result.kind == RxKind::kForeignMaster) foreign_master_ = true;
     if (result.kind == RxKind::kBusOff) bus_off_ = true;
     if (result.kind == RxKind::kEmergency)
@@ -83,7 +95,7 @@ void Core::receive() noexcept {
 }
 
 bool Core::all_answered() const noexcept {
-  if (!command_complete_ || !sent_any_) return true;
+  if (!command_complete_ || !sent_any_ || period_over_) return true;
   for (int joint = 0; joint < config_.dof; ++joint)
     if (!drives_[joint].seen || drives_[joint].answered_tick != sent_.tick) return false;
   return true;
@@ -251,11 +263,15 @@ void Core::write() noexcept {
     return;
   }
   tx_failed_in_a_row_ = 0;
+  period_over_ = false;
   packing_->sent();
   sent_ = command_;
   sent_any_ = true;
   ++command_.seq;
   sent_q_ref_ = powered() ? motion_.reference().q : setpoint_q_;
+  sent_tau_known_ = powered() && motion_.knows_torque();
+  if (sent_tau_known_) sent_tau_ = motion_.expected_torque();
+  window_.advance(powered() ? motion_.reference().dq : Joints{});
 }
 
 void Core::publish(std::int64_t lateness_ns) noexcept {
@@ -266,9 +282,11 @@ void Core::publish(std::int64_t lateness_ns) noexcept {
   s.stamp_ns = now_ns_;
   s.epoch = epoch_;
   s.plan_id = plan_id_;
+  s.next_plan_id = motion_.child() != nullptr ? motion_.child()->id : 0;
+  s.bus_load_foreign = foreign_.load();
   s.plan_t = plan_t_;
   s.plan_done = plan_done_ ? 1 : 0;
-  s.speed_scale = motion_.has_plan() ? motion_.rate() : speed_;
+  s.speed_scale = motion_.has_plan() ? motion_.rate() : allowed_speed();
   s.state = static_cast<std::uint8_t>(state_);
   s.cause = static_cast<std::uint16_t>(cause_.cause);
   s.cause_joint = static_cast<std::int16_t>(cause_.joint);

@@ -3,6 +3,7 @@
 // arm.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -10,6 +11,7 @@
 #include "gate.hpp"
 #include "motion.hpp"
 #include "packing.hpp"
+#include "protective.hpp"
 #include "shm.hpp"
 #include "state_machine.hpp"
 #include "types.hpp"
@@ -20,7 +22,8 @@ namespace s2r {
 class Core {
  public:
   // Both must outlive the core. The block's configuration must have passed find_fault().
-  Core(SharedBlock& shared, FramePort& port, bool realtime) noexcept;
+  // `first_tick`: where its counter begins; tests start it just before a wrap of the wire's 16 bits.
+  Core(SharedBlock& shared, FramePort& port, bool realtime, std::uint64_t first_tick = 0) noexcept;
   ~Core();
   Core(const Core&) = delete;
   Core& operator=(const Core&) = delete;
@@ -32,7 +35,7 @@ class Core {
 
   // Takes in what has arrived; tick() does it as well.
   void receive() noexcept;
-  // Every drive has answered the newest command (or none is out): lock-step may go on.
+  // Every drive has answered the newest command, or the stand-in has said that no more will come: lock-step may go on.
   bool all_answered() const noexcept;
   // The loop is alive although tick() is not called (lock-step waits for a drive).
   void show_alive() noexcept { shared_.core_beats.fetch_add(1, std::memory_order_relaxed); }
@@ -78,6 +81,11 @@ class Core {
   // core_stops.cpp: watchdogs, stops, transitions
   void watch() noexcept;
   void warn_late_answers() noexcept;
+  void watch_estop() noexcept;
+  void watch_powered() noexcept;
+  void watch_warnings() noexcept;
+  void watch_brakes() noexcept;
+  Trip find_following_error() const noexcept;
   void watch_arming() noexcept;
   void watch_reset() noexcept;
   void choose_request() noexcept;
@@ -92,6 +100,7 @@ class Core {
   int first_not_enabled() const noexcept;  // joint, -1 if none
   int oldest_answer() const noexcept;      // joint
 
+  double allowed_speed() const noexcept { return slowed_ ? std::min(speed_, config_.warning_speed) : speed_; }
   bool powered() const noexcept { return is_powered(state_); }
   double path_tolerance() const noexcept;
   double goal_tolerance() const noexcept;
@@ -111,6 +120,11 @@ class Core {
   Gate gate_{};
   Motion motion_{};
   OverrunCounter overrun_counter_{};
+  EstopChain estop_{};
+  Plausibility plausibility_{};
+  CollisionWatch collision_{};
+  FollowingWindow window_{};
+  ForeignLoad foreign_{};
 
   State state_ = State::kBoot;
   Trip cause_{};
@@ -120,6 +134,11 @@ class Core {
   double speed_ = 1.0;
   std::uint64_t state_since_tick_ = 0;
   bool disarm_pending_ = false;
+  // Brakes before power: HOLD asks for "disable operation", and goes back to holding when a brake does not close.
+  bool closing_brakes_ = false, reenabling_ = false;
+  std::uint64_t brakes_since_tick_ = 0;
+  std::uint64_t enabled_ticks_ = 0;  // all drives enabled while arming, brakes may still open
+  bool slowed_ = false;              // by a drive's warning
   bool quit_ = false, quit_done_ = false;
   std::uint64_t quit_ticks_ = 0;
 
@@ -142,6 +161,10 @@ class Core {
   PerJoint<std::uint64_t> warned_tick_{};
   Joints setpoint_q_{};  // of an unpowered or arming arm: the measured position
   Joints sent_q_ref_{};  // reference of the newest command
+  Joints sent_tau_{};    // torque expected for it
+  bool sent_tau_known_ = false;
+  bool period_over_ = false;  // lock-step: no more answers to it will come
+  std::uint64_t read_tick_ = 0;
   DriveRequest request_ = DriveRequest::kDisable;
   bool quick_stop_ = false;  // entered FAULT while moving
   bool resetting_ = false;

@@ -44,7 +44,7 @@ void Core::take_command(const Command& command) noexcept {
         apply(Trigger::kResume);
       }
       if (state_ == State::kRun)
-        motion_.change_rate(speed_);
+        motion_.change_rate(allowed_speed());
       else
         refused = {Refusal::kState, -1, kind, 0.0};
       break;
@@ -58,7 +58,8 @@ void Core::take_command(const Command& command) noexcept {
 }
 
 Refused Core::arm() noexcept {
-  if (state_ != State::kDisarmed || quit_) return {Refusal::kState, -1, double(static_cast<int>(state_)), 1.0};
+  if (state_ != State::kDisarmed || quit_ || !estop_.closed())
+    return {Refusal::kState, -1, double(static_cast<int>(state_)), 1.0};
   const int oldest = oldest_answer();
   if (age_[oldest] >= static_cast<std::uint32_t>(config_.feedback_fault_ticks))
     return {Refusal::kState, oldest, double(age_[oldest]), double(config_.feedback_fault_ticks)};
@@ -76,8 +77,16 @@ Refused Core::arm() noexcept {
 
 Refused Core::disarm() noexcept {
   switch (state_) {
-    case State::kArming:
     case State::kHold:
+      if (closing_brakes_) return {};
+      if (config_.brake_feedback) {  // power stays on until every brake has closed: watch_brakes()
+        closing_brakes_ = true;
+        brakes_since_tick_ = tick_;
+        ++epoch_;
+        return {};
+      }
+      [[fallthrough]];
+    case State::kArming:
       cause_ = {Cause::kDisarmRequested};
       ++epoch_;
       apply(Trigger::kDisarm);
@@ -104,7 +113,7 @@ Refused Core::reset() noexcept {
 Refused Core::set_speed(double value) noexcept {
   if (!(value > 0.0 && value <= 1.0)) return {Refusal::kMalformed, -1, value, 1.0};
   speed_ = value;
-  if (state_ == State::kRun && motion_.target_rate() > 0.0) motion_.change_rate(value);
+  if (state_ == State::kRun && motion_.target_rate() > 0.0) motion_.change_rate(allowed_speed());
   return {};
 }
 
@@ -127,6 +136,12 @@ void Core::take_plan() noexcept {
     }
     if (plan.parent_id != 0) {
       motion_.splice(plan);
+      release_plans();  // one that it replaces
+      Event event{.tick = tick_, .stamp_ns = now_ns_, .plan_id = plan.id, .value = plan.splice_t};
+      event.kind = static_cast<std::uint16_t>(EventKind::kInfo);
+      event.joint = -1;
+      event.state = static_cast<std::uint8_t>(state_);
+      events_.push(event);
       return;
     }
     cause_ = {};
@@ -134,7 +149,7 @@ void Core::take_plan() noexcept {
     plan_t_ = 0.0;
     plan_done_ = false;
     settling_ticks_ = 0;
-    motion_.start(plan, speed_);
+    motion_.start(plan, allowed_speed());
     apply(Trigger::kPlanAccepted);
     emit(EventKind::kPlanStarted, {Cause::kNone, -1, plan.duration(), 0.0});
     return;
@@ -149,7 +164,8 @@ Refused Core::refuse(const Plan& plan) noexcept {
 }
 
 Refused Core::refuse_start(const Plan& plan) const noexcept {
-  if (state_ != State::kHold) return {Refusal::kState, -1, double(static_cast<int>(state_)), 3.0};
+  if (state_ != State::kHold || closing_brakes_ || reenabling_)
+    return {Refusal::kState, -1, double(static_cast<int>(state_)), 3.0};
   for (int joint = 0; joint < config_.dof; ++joint) {
     const double error = plan.q[0][joint] - motion_.reference().q[joint];
     if (!(std::abs(error) <= kStartTolerance)) return {Refusal::kStart, joint, error, kStartTolerance};
@@ -160,8 +176,7 @@ Refused Core::refuse_start(const Plan& plan) const noexcept {
 Refused Core::refuse_splice(const Plan& plan) noexcept {
   if (state_ != State::kRun) return {Refusal::kState, -1, double(static_cast<int>(state_)), 4.0};
   const Plan& parent = *motion_.plan();
-  if (plan.parent_id != parent.id || motion_.child() != nullptr)
-    return {Refusal::kSplice, -1, double(plan.parent_id), double(parent.id)};
+  if (plan.parent_id != parent.id) return {Refusal::kSplice, -1, double(plan.parent_id), double(parent.id)};
   if (!(plan.splice_t > motion_.plan_t() + dt_)) return {Refusal::kLate, -1, plan.splice_t, motion_.plan_t() + dt_};
   if (!(plan.splice_t <= parent.duration())) return {Refusal::kSplice, -1, plan.splice_t, parent.duration()};
   const PathPoint at = motion_.planned(plan.splice_t);

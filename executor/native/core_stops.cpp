@@ -1,5 +1,6 @@
 // Watchdogs, stops and state transitions of the core.
 #include <algorithm>
+#include <cmath>
 
 #include "core.hpp"
 
@@ -13,6 +14,7 @@ constexpr double kWarningInterval_s = 1.0;
 }  // namespace
 
 void Core::watch() noexcept {
+  watch_estop();
   const bool silent = front_end_silence_s_ > config_.front_end_timeout_s;
   const Trip silence{Cause::kFrontEndLost, -1, front_end_silence_s_, config_.front_end_timeout_s};
   if (silent && !front_end_lost_) {
@@ -28,23 +30,104 @@ void Core::watch() noexcept {
   }
 
   if (powered()) {
-    const Observed seen{
-        drives_,         age_,    sent_q_ref_, path_tolerance(), front_end_silence_s_, tx_failed_in_a_row_,
-        foreign_master_, bus_off_};
-    warn_late_answers();
-    for (const auto& check : {check_feedback, check_drives, check_following}) {
-      const Finding finding = check(config_, seen);
-      if (!finding.trip) continue;
-      if (finding.drives_off)
-        drives_off(finding.trip);
-      else
-        stop(finding.trip);
-    }
+    watch_powered();
   } else if (state_ == State::kArming) {
     watch_arming();
   }
+  if (!powered()) (void)plausibility_.check(drives_, age_, sent_q_ref_, false);
+  watch_warnings();
+  watch_brakes();
   watch_reset();
   foreign_master_ = false;
+}
+
+// Every finding is tried in this order; the first that leads to a harder stop than the one under way takes it.
+void Core::watch_powered() noexcept {
+  const Observed seen{drives_, age_, tx_failed_in_a_row_, foreign_master_, bus_off_};
+  warn_late_answers();
+  if (foreign_.load() > foreign_.limit()) stop({Cause::kBusLoad, -1, foreign_.load(), foreign_.limit()});
+  for (const auto& check : {check_feedback, check_drives}) {
+    const Finding finding = check(config_, seen);
+    if (!finding.trip) continue;
+    const bool on_purpose = finding.trip.cause == Cause::kDriveNotEnabled && (closing_brakes_ || reenabling_);
+    if (on_purpose) continue;
+    if (finding.drives_off)
+      drives_off(finding.trip);
+    else
+      stop(finding.trip);
+  }
+  stop(check_brakes(config_, drives_));
+  stop(find_following_error());
+  stop(plausibility_.check(drives_, age_, sent_q_ref_, true));
+  if (sent_tau_known_)
+    stop(collision_.check(drives_, age_, sent_tau_));
+  else
+    collision_.forget();
+  stop(check_temperature(config_, drives_));
+}
+
+Trip Core::find_following_error() const noexcept {
+  for (int joint = 0; joint < config_.dof; ++joint) {
+    if (age_[joint] != 0) continue;
+    const double error = drives_[joint].q - sent_q_ref_[joint], limit = window_.allowed(joint, path_tolerance());
+    if (!(std::abs(error) <= limit)) return {Cause::kFollowing, joint, error, limit};
+  }
+  return {};
+}
+
+// The hardware has removed the power already: take note, let go, latch. A broken contact found later is the cause then.
+void Core::watch_estop() noexcept {
+  const Trip trip = estop_.observe(drives_, config_.dof);
+  if (!trip) return;
+  if (state_ != State::kEstop) {
+    cause_ = trip;
+    ++epoch_;
+    quick_stop_ = resetting_ = false;
+    emit(EventKind::kStopBegun, trip);
+    apply(Trigger::kEstopOpen);
+  } else if (cause_.cause != trip.cause && trip.cause == Cause::kEstopDiscrepancy) {
+    cause_ = trip;
+    emit(EventKind::kLatch, trip);
+  }
+}
+
+// A drive that warns slows the plan down; it goes back to full speed when the warning is gone.
+void Core::watch_warnings() noexcept {
+  const Trip warning = check_warnings(config_, drives_, slowed_);
+  if (static_cast<bool>(warning) != slowed_) {
+    slowed_ = !slowed_;
+    emit(EventKind::kWatchdog, warning);
+  }
+  const bool other_speed = motion_.target_rate() > 0.0 && motion_.target_rate() != allowed_speed();
+  if (state_ == State::kRun && other_speed) motion_.change_rate(allowed_speed());
+}
+
+void Core::watch_brakes() noexcept {
+  if (state_ != State::kHold || !(closing_brakes_ || reenabling_)) return;
+  int enabled = -1, released = -1;
+  for (int joint = 0; joint < config_.dof; ++joint) {
+    if (drives_[joint].state == DriveState::kOperationEnabled) enabled = joint;
+    if (drives_[joint].brake_released) released = joint;
+  }
+  if (reenabling_) {
+    if (first_not_enabled() < 0)
+      reenabling_ = false;
+    else if (seconds_since(brakes_since_tick_) > config_.arming_timeout_s)
+      stop({Cause::kDriveNotEnabled, first_not_enabled(), 0.0, 0.0});
+    return;
+  }
+  if (enabled < 0 && released < 0) {
+    closing_brakes_ = false;
+    cause_ = {Cause::kDisarmRequested};
+    apply(Trigger::kDisarm);
+  } else if (seconds_since(brakes_since_tick_) > config_.brake_timeout_s) {
+    closing_brakes_ = disarm_pending_ = false;  // without its brake the joint would fall: keep holding
+    reenabling_ = true;
+    brakes_since_tick_ = tick_;
+    cause_ = {Cause::kBrake, released >= 0 ? released : enabled, 1.0, 0.0};
+    emit(EventKind::kWatchdog, cause_);
+    reject(0, {Refusal::kState, cause_.joint, double(static_cast<int>(state_)), 1.0});
+  }
 }
 
 void Core::warn_late_answers() noexcept {
@@ -59,15 +142,19 @@ void Core::warn_late_answers() noexcept {
 
 void Core::watch_arming() noexcept {
   const int oldest = oldest_answer(), faulty = first_in_fault(), waiting = first_not_enabled();
-  if (age_[oldest] >= static_cast<std::uint32_t>(config_.feedback_fault_ticks))
+  const Trip brake = check_brakes(config_, drives_);
+  if (age_[oldest] >= static_cast<std::uint32_t>(config_.feedback_fault_ticks)) {
     stop({Cause::kFeedbackLost, oldest, double(age_[oldest]), double(config_.feedback_fault_ticks)});
-  else if (faulty >= 0)
+  } else if (faulty >= 0) {
     stop({Cause::kDriveFault, faulty, double(drives_[faulty].error), 0.0});
-  else if (waiting < 0)
+  } else if (waiting < 0 && !brake) {
     apply(Trigger::kDrivesEnabled);
-  else if (seconds_since(state_since_tick_) > config_.arming_timeout_s)
+  } else if (waiting < 0) {
+    if (dt_ * static_cast<double>(++enabled_ticks_) > config_.brake_timeout_s) stop(brake);
+  } else if (seconds_since(state_since_tick_) > config_.arming_timeout_s) {
     stop({Cause::kArmingTimeout, waiting, double(static_cast<int>(drives_[waiting].state)),
           double(static_cast<int>(DriveState::kOperationEnabled))});
+  }
 }
 
 // A latch clears when every drive answers and none is in fault, and not by itself: only after a fresh RESET.
@@ -76,8 +163,9 @@ void Core::watch_reset() noexcept {
   if (!resetting_ || tick_ == reset_since_tick_) return;
   const int oldest = oldest_answer(), faulty = first_in_fault();
   const bool answers = age_[oldest] < static_cast<std::uint32_t>(config_.feedback_stop_ticks);
-  if (answers && faulty < 0) {
+  if (answers && faulty < 0 && estop_.closed()) {
     resetting_ = bus_off_ = false;
+    estop_.reset();
     apply(Trigger::kReset);
   } else if (seconds_since(reset_since_tick_) > kResetTimeout_s) {
     resetting_ = false;
@@ -88,7 +176,7 @@ void Core::watch_reset() noexcept {
 void Core::choose_request() noexcept {
   request_ = DriveRequest::kDisable;
   if (powered()) {
-    request_ = DriveRequest::kEnable;
+    request_ = closing_brakes_ ? DriveRequest::kSwitchOn : DriveRequest::kEnable;
   } else if (state_ == State::kArming) {
     bool switched_on = true;
     for (int joint = 0; joint < config_.dof; ++joint) {
@@ -133,6 +221,8 @@ void Core::apply(Trigger trigger) noexcept {
 
 void Core::enter(State from) noexcept {
   state_since_tick_ = tick_;
+  closing_brakes_ = reenabling_ = false;
+  enabled_ticks_ = 0;
   emit(EventKind::kState, cause_);
   switch (state_) {
     case State::kHold: {
@@ -160,7 +250,10 @@ void Core::enter(State from) noexcept {
     default: break;
   }
   release_plans();
-  if (state_ == State::kHold && disarm_pending_) apply(Trigger::kDisarm);
+  if (state_ == State::kHold && disarm_pending_) {
+    disarm_pending_ = false;
+    (void)disarm();
+  }
 }
 
 // Slots of plans that were taken in and are no longer played go back to the front end.

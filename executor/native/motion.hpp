@@ -17,7 +17,7 @@ class Motion {
   void adopt(const Joints& q) noexcept;
   // From rest; path time begins with the next advance(). The plan must stay alive until it is dropped.
   void start(const Plan& plan, double rate) noexcept;
-  // The child takes over where the running plan reaches its splice_t.
+  // The child takes over where the running plan reaches its splice_t; it replaces one that still waits for that.
   void splice(const Plan& child) noexcept;
   // Pause (0), resume, speed. Without effect where the plan ends before the new rate would be reached.
   void change_rate(double target) noexcept;
@@ -35,6 +35,10 @@ class Motion {
   const Reference& next() const noexcept { return next_; }
   // The reference of the plan at path time s, as planned (rate 1).
   PathPoint planned(double s) noexcept { return cursor_.at(s); }
+
+  // Torque that admission expects for the reference on the path [N m]; only while knows_torque().
+  bool knows_torque() const noexcept { return mode_ == Mode::kPath && plan_->has_torque; }
+  Joints expected_torque() const noexcept { return cursor_.torque(s_, ramp_.rate()); }
 
   bool has_plan() const noexcept { return plan_ != nullptr; }
   const Plan* plan() const noexcept { return plan_; }

@@ -65,6 +65,11 @@ std::uint16_t crc16(std::span<const std::uint8_t> data, std::uint8_t last) noexc
   return static_cast<std::uint16_t>(c);
 }
 
+double frame_seconds(const Frame& frame) noexcept {
+  if (frame.error) return 0.0;
+  return frame.fd ? fd_seconds(frame.length) : 1e-6 * classic_bits(frame.length);
+}
+
 double bus_load(PackingKind packing, int dof, std::int64_t tick_ns) noexcept {
   const double tick_s = 1e-9 * static_cast<double>(tick_ns);
   if (packing == PackingKind::kFd) return (fd_seconds(64) + dof * fd_seconds(16)) / tick_s;

@@ -26,6 +26,7 @@ struct Frame {
   std::array<std::uint8_t, 64> data{};
 };
 inline constexpr std::uint32_t kErrorClassBusOff = 0x40;  // CAN_ERR_BUSOFF
+inline constexpr std::uint32_t kErrorClassNone = 0;       // no controller sends it: the stand-in's "period is over"
 
 // CiA 402 states, numbered as in the low nibble of STAT.
 enum class DriveState : std::uint8_t {
@@ -69,11 +70,21 @@ struct JointFeedback {
   bool following_warning = false;
   std::uint16_t error = 0;
   std::uint8_t temperature_C = 0;
+  std::uint8_t estop_open = 0;      // bit 0, 1: channel 1, 2 of the emergency stop chain is open
   bool seen = false;                // at least one valid answer so far
   std::uint64_t answered_tick = 0;  // the command that the newest answer belongs to
 };
 
-enum class RxKind : std::uint8_t { kAnswer, kIgnored, kCorrupt, kForeignMaster, kEmergency, kBusError, kBusOff };
+enum class RxKind : std::uint8_t {
+  kAnswer,
+  kIgnored,  // joint = -1: none of our frames
+  kCorrupt,
+  kForeignMaster,
+  kEmergency,
+  kBusError,
+  kBusOff,
+  kPeriodOver,  // lock-step: the stand-in has no more answers to the newest command
+};
 struct RxResult {
   RxKind kind = RxKind::kIgnored;
   int joint = -1;
@@ -135,6 +146,8 @@ class PackingClassic final : public Packing {
 std::uint32_t crc32(std::span<const std::uint8_t> first, std::span<const std::uint8_t> second) noexcept;
 std::uint16_t crc16(std::span<const std::uint8_t> data, std::uint8_t last) noexcept;
 
+// Bus time of one frame in the worst case of bit stuffing; FD at 1 / 5 Mbit/s, classical at 1 Mbit/s [s].
+double frame_seconds(const Frame& frame) noexcept;
 // Share of the bus that one arm takes in the worst case of bit stuffing, 0..1 and above.
 double bus_load(PackingKind packing, int dof, std::int64_t tick_ns) noexcept;
 inline constexpr double kMaxBusLoad = 0.70;

@@ -15,6 +15,8 @@ constexpr std::uint8_t kNmtStart = 0x01;
 constexpr std::uint8_t kNmtOperational = 0x05;
 constexpr std::uint8_t kSyncCounters = 240;  // CiA 301, object 0x1019: 1..240
 
+std::uint8_t sync_counter(std::uint64_t tick) noexcept { return static_cast<std::uint8_t>(1 + tick % kSyncCounters); }
+
 bool is_node(std::uint32_t id, std::uint32_t base, int dof) noexcept {
   return id > base && id <= base + static_cast<std::uint32_t>(dof);
 }
@@ -79,7 +81,7 @@ int PackingClassic::pack(const DriveCommand& command, const PerJoint<JointFeedba
     frame.data[0] = kNmtStart;  // all nodes
   }
   Frame& sync = out[n++] = make_frame(kSyncId, 1);
-  sync.data[0] = static_cast<std::uint8_t>(1 + command.tick % kSyncCounters);
+  sync.data[0] = sync_counter(command.tick);
   return static_cast<int>(n);
 }
 
@@ -95,7 +97,10 @@ EncodedSetpoint PackingClassic::setpoints(std::span<const Frame> frames) const n
 // TPDO1 carries no velocity: it is the difference of two positions, over the ticks between them.
 RxResult PackingClassic::unpack(const Frame& frame, const DriveCommand& sent,
                                 PerJoint<JointFeedback>& drives) noexcept {
+  if (frame.error && frame.id == kErrorClassNone)
+    return {frame.data[0] == sync_counter(sent.tick) ? RxKind::kPeriodOver : RxKind::kIgnored, 0};
   if (frame.error) return {frame.id & kErrorClassBusOff ? RxKind::kBusOff : RxKind::kBusError, -1};
+  if (frame.id == kNmtId) return {RxKind::kForeignMaster, -1};
   if (frame.id == kSyncId || is_node(frame.id, kRpdo1Id, dof_)) return {RxKind::kForeignMaster, -1};
 
   if (is_node(frame.id, kTpdo1Id, dof_)) {
@@ -110,6 +115,7 @@ RxResult PackingClassic::unpack(const Frame& frame, const DriveCommand& sent,
     drive.state = classic::drive_state(statusword);
     drive.brake_released = (statusword & 0x4000U) != 0U;     // manufacturer specific
     drive.following_warning = (statusword & 0x2000U) != 0U;  // cyclic synchronous position: following error
+    drive.estop_open = static_cast<std::uint8_t>(((statusword >> 8) & 1U) | ((statusword >> 14) & 2U));  // manufacturer
     drive.answered_tick = sent.tick;
     drive.seen = true;
     return {RxKind::kAnswer, joint};

@@ -4,6 +4,7 @@
 namespace s2r {
 namespace {
 
+constexpr std::uint32_t kNmtId = 0x000;  // CANopen network management: nobody's business on this bus
 constexpr std::uint32_t kSetId = 0x080;
 constexpr std::uint32_t kStatId = 0x180;  // + node
 constexpr int kSetLength = 64;
@@ -43,7 +44,12 @@ EncodedSetpoint PackingFd::setpoints(std::span<const Frame> frames) const noexce
 // STAT: seq echo u8 | state u8 | position i32 | velocity i16 | torque i16 | tick echo u16 | error u8 |
 // temperature u8 | crc16 over bytes 0..13 and the node number.
 RxResult PackingFd::unpack(const Frame& frame, const DriveCommand& sent, PerJoint<JointFeedback>& drives) noexcept {
+  if (frame.error && frame.id == kErrorClassNone)
+    return {get<std::uint16_t>(frame.data, 0) == static_cast<std::uint16_t>(sent.tick) ? RxKind::kPeriodOver
+                                                                                       : RxKind::kIgnored,
+            0};
   if (frame.error) return {frame.id & kErrorClassBusOff ? RxKind::kBusOff : RxKind::kBusError, -1};
+  if (frame.id == kNmtId && !frame.fd && frame.length == 2) return {RxKind::kForeignMaster, -1};
   if (frame.id == kSetId) return {RxKind::kForeignMaster, -1};
   if (frame.id <= kStatId || frame.id > kStatId + static_cast<std::uint32_t>(dof_)) return {RxKind::kIgnored, -1};
   const auto node = static_cast<std::uint8_t>(frame.id - kStatId);
@@ -65,6 +71,7 @@ RxResult PackingFd::unpack(const Frame& frame, const DriveCommand& sent, PerJoin
   drive.state = static_cast<DriveState>(state & 0x0FU);
   drive.brake_released = (state & 0x10U) != 0U;
   drive.following_warning = (state & 0x20U) != 0U;
+  drive.estop_open = static_cast<std::uint8_t>(state >> 6);
   drive.q = decode_position(get<std::int32_t>(frame.data, 2));
   drive.dq = decode_velocity(get<std::int16_t>(frame.data, 6));
   drive.tau = decode_torque(get<std::int16_t>(frame.data, 8));

@@ -33,6 +33,9 @@ Refused check_knot(const Plan& plan, std::size_t i, const Config& config) noexce
     if (!(q <= limits.q_max[joint])) return {Refusal::kPosition, joint, q, limits.q_max[joint]};
     if (!(std::abs(dq) <= config.gate_margin * limits.dq_max[joint]))
       return {Refusal::kVelocity, joint, dq, limits.dq_max[joint]};
+    if (plan.has_torque)
+      for (const double tau : {plan.tau_rest[i][joint], plan.tau_move[i][joint]})
+        if (!(std::abs(tau) <= limits.tau_max[joint])) return {Refusal::kTorque, joint, tau, limits.tau_max[joint]};
     if (!(std::abs(ddq) <= config.gate_margin * limits.ddq_max[joint]))
       return {Refusal::kAcceleration, joint, ddq, limits.ddq_max[joint]};
   }

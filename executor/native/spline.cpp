@@ -1,6 +1,7 @@
 #include "spline.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace s2r {
 
@@ -65,6 +66,20 @@ PathPoint PlanCursor::at(double s) noexcept {
     out.dq[joint] = m.v;
     out.ddq[joint] = m.a;
     out.dddq[joint] = m.j;
+  }
+  return out;
+}
+
+// Along the path torque is rest + (what passing costs) * rate^2; the change of rate itself is left out.
+Joints PlanCursor::torque(double s, double rate) const noexcept {
+  const int segment = find(s);
+  const auto i = static_cast<std::size_t>(segment);
+  const double t0 = plan_->t[i], x = std::clamp((s - t0) / (plan_->t[i + 1] - t0), 0.0, 1.0);
+  Joints out;
+  for (int joint = 0; joint < plan_->dof; ++joint) {
+    const double rest = std::lerp(plan_->tau_rest[i][joint], plan_->tau_rest[i + 1][joint], x);
+    const double move = std::lerp(plan_->tau_move[i][joint], plan_->tau_move[i + 1][joint], x);
+    out[joint] = rest + (move - rest) * rate * rate;
   }
   return out;
 }

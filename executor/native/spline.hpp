@@ -35,6 +35,8 @@ class PlanCursor {
   PathPoint at(double s) noexcept;
   // Longest stop_duration of the segments that [s_from, s_to] touches [s].
   double stop_duration(double s_from, double s_to) const noexcept;
+  // Expected torque at path time s and rate r, linear between knots [N m]; only for plans that have it.
+  Joints torque(double s, double rate) const noexcept;
   const Plan* plan() const noexcept { return plan_; }
 
  private:

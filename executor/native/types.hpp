@@ -81,6 +81,16 @@ struct Config {
   int record_capacity = 65536;        // ticks kept for the front end
   int drive_extrapolation_ticks = 3;  // missing setpoints that a drive bridges at constant velocity
   int overrun_stop_count = 3;         // late wake-ups within one second: joint-space stop
+  double following_rest_share = 0.5;  // of the path tolerance, for a joint at rest
+  double frozen_rad = 0.004;          // travel of the reference with not one count of measured motion: stop
+  double collision_share = 0.5;       // of tau_max: torque away from the plan's that counts as contact
+  int collision_ticks = 5;            // answers in a row outside: joint-space stop
+  int temperature_warn_C = 70;        // slow down
+  int temperature_stop_C = 85;        // joint-space stop
+  double warning_speed = 0.5;         // rate of path time while a drive warns
+  bool brake_feedback = true;         // drives report their brakes
+  double brake_timeout_s = 0.3;       // for brakes to open and close
+  double estop_discrepancy_s = 0.05;  // the two channels may disagree for so long
 };
 
 // A timed quintic spline. Knot i: t[i] [s], q[i], dq[i], ddq[i]; stop_duration[i] [s] belongs to segment i.
@@ -96,6 +106,8 @@ struct Plan {
   std::array<double, kMaxKnots> t{};
   std::array<Joints, kMaxKnots> q{}, dq{}, ddq{};
   std::array<double, kMaxKnots> stop_duration{};
+  bool has_torque = false;                               // the next two are filled
+  std::array<Joints, kMaxKnots> tau_rest{}, tau_move{};  // torque standing at a knot and passing it as planned [N m]
 
   double time(int knot) const noexcept { return t[static_cast<std::size_t>(knot)]; }
   double duration() const noexcept { return time(knots - 1); }
@@ -153,6 +165,7 @@ struct Snapshot {
   std::int64_t stamp_ns = 0;
   std::uint64_t epoch = 0;
   std::uint64_t plan_id = 0;
+  std::uint64_t next_plan_id = 0;  // waits for its splice point; 0 = none
   double plan_t = 0.0;
   double speed_scale = 1.0;
   double cause_value = 0.0;
@@ -164,6 +177,7 @@ struct Snapshot {
   std::uint64_t crc_errors = 0;    // frames with a wrong checksum, length or counter
   std::uint64_t late_answers = 0;  // drive answers that were not there when they were due
   double bus_load_computed = 0.0;
+  double bus_load_foreign = 0.0;           // frames that are none of ours, as heard
   PerJoint<std::uint32_t> feedback_age{};  // [ticks]
   PerJoint<std::uint8_t> drive_state{};    // CiA 402, numbered as in the STAT frame
   std::uint8_t state = 0;

@@ -1,7 +1,5 @@
 #include "watchdogs.hpp"
 
-#include <cmath>
-
 namespace s2r {
 
 Finding check_feedback(const Config& config, const Observed& seen) noexcept {
@@ -32,16 +30,6 @@ Finding check_drives(const Config& config, const Observed& seen) noexcept {
       return {{Cause::kDriveNotEnabled, joint, double(static_cast<int>(drive.state)),
                double(static_cast<int>(DriveState::kOperationEnabled))},
               false};
-  }
-  return {};
-}
-
-Finding check_following(const Config& config, const Observed& seen) noexcept {
-  for (int joint = 0; joint < config.dof; ++joint) {
-    if (seen.age[joint] != 0) continue;
-    const double error = seen.drives[joint].q - seen.q_ref[joint];
-    if (!(std::abs(error) <= seen.path_tolerance))
-      return {{Cause::kFollowing, joint, error, seen.path_tolerance}, false};
   }
   return {};
 }

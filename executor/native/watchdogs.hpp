@@ -9,10 +9,7 @@ namespace s2r {
 struct Observed {
   const PerJoint<JointFeedback>& drives;
   const PerJoint<std::uint32_t>& age;  // [ticks] since the command that the newest answer belongs to
-  const Joints& q_ref;                 // the setpoint that fresh answers belong to
-  double path_tolerance;               // [rad]
-  double front_end_silence_s;
-  std::uint32_t tx_failed_in_a_row;  // [ticks]
+  std::uint32_t tx_failed_in_a_row;    // [ticks]
   bool foreign_master;
   bool bus_off;
 };
@@ -26,8 +23,6 @@ struct Finding {
 Finding check_feedback(const Config& config, const Observed& seen) noexcept;
 // Bus and drives while powered.
 Finding check_drives(const Config& config, const Observed& seen) noexcept;
-// |q_meas - q_ref| of joints with a fresh answer.
-Finding check_following(const Config& config, const Observed& seen) noexcept;
 
 // Late wake-ups within one second.
 class OverrunCounter {

@@ -143,6 +143,14 @@ class Snapshot:
         """SCHED_FIFO and memory lock obtained."""
 
     @property
+    def next_plan_id(self) -> int:
+        """Plan that waits for its splice point; 0: none."""
+
+    @property
+    def bus_load_foreign(self) -> float:
+        """Share of the bus taken by frames of others."""
+
+    @property
     def bus_load_computed(self) -> float:
         """Worst case, 0..1."""
 
@@ -173,11 +181,14 @@ class Shared:
         goal_tolerance: float,
         parent_id: int = 0,
         splice_t: float = 0.0,
+        tau_rest: NDArray[numpy.float64] | None = None,
+        tau_move: NDArray[numpy.float64] | None = None,
     ) -> bool:
         """
         Hand a plan over; the core answers by events. False: no free slot.
 
         t (n,) [s], q, dq, ddq (n, dof), stop_duration (n - 1,) [s]; a tolerance of 0 is the configured one.
+        tau_rest, tau_move (n, dof): torque [N m] standing at a knot and passing it as planned, for contact.
         """
 
     def command(self, kind: int, epoch: int, value: float = 0.0) -> bool:
@@ -203,7 +214,7 @@ class Shared:
 class Core:
     """The real-time core without sockets or clock, stepped by a test."""
 
-    def __init__(self, shared: Shared) -> None: ...
+    def __init__(self, shared: Shared, first_tick: int = 0) -> None: ...
     def step(
         self,
         frames: Sequence[tuple[int, bytes, bool]],

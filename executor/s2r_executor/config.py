@@ -74,7 +74,17 @@ class CoreConfig(_Strict):
     answer_timeout_s: Positive = 5.0  # lock-step, wall clock: a busy machine is late, not broken
     arming_timeout_s: Positive = 2.0
     realtime_priority: Annotated[int, Field(ge=0, le=99)] = 80
-    record_capacity: Annotated[int, Field(ge=1024)] = 65_536
+    record_capacity: Annotated[int, Field(ge=1024)] = 16_384
+    following_rest_share: Annotated[float, Field(ge=0.05, le=1)] = 0.5  # of the path tolerance, for a joint at rest
+    frozen_rad: Positive = 0.004  # travel of the reference with not one count of measured motion
+    collision_share: Positive = 0.5  # of the torque limit: contact nobody planned
+    collision_ticks: Annotated[int, Field(ge=1)] = 5
+    temperature_warn_C: Annotated[int, Field(ge=1, le=255)] = 70
+    temperature_stop_C: Annotated[int, Field(ge=1, le=255)] = 85
+    warning_speed: Annotated[float, Field(gt=0, le=1)] = 0.5  # rate of path time while a drive warns
+    brake_feedback: bool = True  # the drives report their brakes
+    brake_timeout_s: Positive = 0.3
+    estop_discrepancy_s: Positive = 0.05
 
 
 class RecorderConfig(_Strict):

@@ -73,6 +73,16 @@ def core_settings(config: ExecutorConfig, arm: ArmDescription) -> dict[str, Any]
         "realtime_priority": core.realtime_priority,
         "allow_not_realtime": config.allow_not_realtime or config.is_stand_in,
         "record_capacity": core.record_capacity,
+        "following_rest_share": core.following_rest_share,
+        "frozen_rad": core.frozen_rad,
+        "collision_share": core.collision_share,
+        "collision_ticks": core.collision_ticks,
+        "temperature_warn_C": core.temperature_warn_C,
+        "temperature_stop_C": core.temperature_stop_C,
+        "warning_speed": core.warning_speed,
+        "brake_feedback": core.brake_feedback,
+        "brake_timeout_s": core.brake_timeout_s,
+        "estop_discrepancy_s": core.estop_discrepancy_s,
     }
 
 

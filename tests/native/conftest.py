@@ -56,6 +56,10 @@ class Drives:
     silent: set[int] = field(default_factory=set)
     offset: list[int] = field(default_factory=lambda: [0] * DOF)  # added to the answered position
     error: list[int] = field(default_factory=lambda: [0] * DOF)
+    tau: list[float] = field(default_factory=lambda: [0.0] * DOF)
+    temperature: list[int] = field(default_factory=lambda: [30] * DOF)
+    estop: int = 0  # bit 0, 1: that channel of the chain is open
+    brake_stuck: dict[int, bool] = field(default_factory=dict)  # joint: what its brake reports for ever
     stuck: dict[int, int] = field(default_factory=dict)  # joint: state it never leaves
     damage: Callable[[int, bytes], bytes] | None = None  # of an answer of joint
     ctrl: int = 0
@@ -78,8 +82,8 @@ class Drives:
         state = self.state[joint]
         if self.ctrl == 0:
             state = 1 if state != 7 else 7
-        elif self.ctrl == 1 and state in (1, 2):
-            state += 1
+        elif self.ctrl == 1 and state in (1, 2, 4):
+            state = 3 if state == 4 else state + 1
         elif self.ctrl == 2 and state == 3:
             state = 4
         elif self.ctrl == 3 and state == 4:
@@ -93,13 +97,13 @@ class Drives:
     def _stat(self, joint: int, seq: int, tick: int) -> bytes:
         body = STAT.pack(
             seq,
-            self.state[joint],
+            self.state[joint] | self.brake_stuck.get(joint, self.state[joint] >= 4) << 4 | self.estop << 6,
             self.counts[joint] + self.offset[joint],
             0,
-            0,
+            round(self.tau[joint] / 0.01),
             tick,
             self.error[joint],
-            30,
+            self.temperature[joint],
         )
         data = body + struct.pack("<H", crc16(body + bytes([joint + 1])))
         return self.damage(joint, data) if self.damage else data

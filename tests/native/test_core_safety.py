@@ -157,12 +157,18 @@ def test_drive_that_leaves_operation_enabled_is_noticed_in_the_next_tick(armed, 
 
 
 @pytest.mark.parametrize(("error", "stops"), [(0.0499, False), (0.0501, True), (-0.0501, True)])
-def test_following_error_over_the_path_tolerance_stops_the_arm(moving, error, stops):
-    moving.drives.offset[2] = round(error / 4e-9)
-    moving.step(2)
-    assert (moving.state.state == ExecutorState.STOP1) == stops
+def test_following_error_over_the_path_tolerance_stops_the_arm(make_cell, plan_from, error, stops):
+    cell = make_cell(following_rest_share=1.0)
+    cell.arm()
+    cell.run_plan(plan_from(cell.state.q_ref))
+    cell.step(600)
+    for i in range(1, 21):  # no faster than a joint can move
+        cell.drives.offset[2] = round(error * i / 20 / 4e-9)
+        cell.step()
+    cell.step()
+    assert (cell.state.state == ExecutorState.STOP1) == stops
     if stops:
-        snapshot = moving.state
+        snapshot = cell.state
         assert (snapshot.cause, snapshot.cause_joint, snapshot.cause_limit) == (Cause.FOLLOWING, 2, 0.05)
         assert snapshot.cause_value == pytest.approx(error, abs=1e-8)
 

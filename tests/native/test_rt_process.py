@@ -125,7 +125,7 @@ def start(tmp_path: Path, core_config: dict, make_drives: Callable) -> Iterator[
         bus = BusOfOne(path, ClassicDrives() if classic else make_drives())
         settings = {**core_config, "bus": f"unix:{path}", "pace": 0.0, "front_end_timeout_s": 5.0, **config}
         if classic:
-            settings.update(packing="classic", tick_ns=4_000_000)
+            settings.update(packing="classic", tick_ns=4_000_000, brake_feedback=False)
         process = Process(_native.Shared.create(settings))
         started.extend((process, bus))
         return process, bus

@@ -67,6 +67,7 @@ class FakeDrives final : public FramePort {
       DriveState& state = state_[joint];
       if (request == DriveRequest::kDisable && state != DriveState::kFault) state = DriveState::kSwitchOnDisabled;
       if (request == DriveRequest::kSwitchOn && state < DriveState::kSwitchedOn) state = DriveState::kSwitchedOn;
+      if (request == DriveRequest::kSwitchOn && state == DriveState::kOperationEnabled) state = DriveState::kSwitchedOn;
       if (request == DriveRequest::kEnable && state == DriveState::kSwitchedOn) state = DriveState::kOperationEnabled;
       if (request == DriveRequest::kFaultReset) state = DriveState::kSwitchOnDisabled;
       if (faulty == joint) state = DriveState::kFault;
@@ -90,7 +91,8 @@ class FakeDrives final : public FramePort {
     frame.length = 16;
     frame.fd = true;
     put(frame.data, 0, set[0]);
-    put(frame.data, 1, static_cast<std::uint8_t>(state_[joint]));
+    const unsigned released = state_[joint] == DriveState::kOperationEnabled ? 0x10U : 0U;
+    put(frame.data, 1, static_cast<std::uint8_t>(static_cast<unsigned>(state_[joint]) | released));
     put(frame.data, 2, position_[joint]);
     put(frame.data, 10, get<std::uint16_t>(set, 2));
     put(frame.data, 14, crc16(std::span<const std::uint8_t>(frame.data).first(14), node));
