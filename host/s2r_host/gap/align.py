@@ -6,6 +6,8 @@ difference it fits at that difference. This is the only equation that tells the 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from s2r_host.gap.model import RigidModel
@@ -14,29 +16,54 @@ from s2r_host.gap.session import Session, lowpass
 MAX_LAG_S = 0.1
 
 
-def control_law(model: RigidModel, s: Session, joint: int, lag_s: float = 0.0) -> np.ndarray | None:
-    """Effort the declared law asks for, from the recorded motion shifted by ``lag_s``; None when it is not known.
+@dataclass(frozen=True)
+class LawParts:
+    """Terms of the declared control law along a session, each of shape (time,), and the limits of the drive."""
 
-    Returns:
-        Effort without the integral part's unknown start, shape (time,).
-    """
+    kp: np.ndarray
+    kd: np.ndarray
+    rest: np.ndarray
+    low: float
+    high: float
+
+    def total(self) -> np.ndarray:
+        """Effort the law asks for, clipped as the model says."""
+        return np.clip(self.kp + self.kd + self.rest, self.low, self.high)
+
+
+def law_parts(model: RigidModel, s: Session, joint: int, lag_s: float = 0.0) -> LawParts | None:
+    """Terms of the declared law from the recorded motion shifted by ``lag_s``; None when it is not known."""
     name = model.joints[joint]
     law = s.rec.controller
     command = s.channel("q_cmd", name)
     if law.kind not in ("pd", "pid", "position_servo") or name not in law.kp or command is None:
         return None
     grid = np.arange(len(s.t)) * s.dt
+    speed = s.channel("dq", name)
     q = np.interp(grid + lag_s, grid, s.q_raw[:, joint])
-    v = np.interp(grid + lag_s, grid, s.v[:, joint])
+    v = np.interp(grid + lag_s, grid, s.v[:, joint] if speed is None else speed)
     dq_cmd = s.channel("dq_cmd", name)
     if dq_cmd is None:
         dq_cmd = np.gradient(command, s.dt) if law.kind != "position_servo" else np.zeros(len(grid))
-    u = law.kp[name] * (command - q) + law.kd.get(name, 0.0) * (dq_cmd - v)
+    rest = np.zeros(len(grid))
     if law.ki.get(name):
-        u = u + law.ki[name] * np.cumsum(command - q) * s.dt
+        rest = law.ki[name] * np.cumsum(command - q) * s.dt
     ahead = s.channel("tau_ff", name)
     low, high = model.effort_limits()
-    return np.clip(u if ahead is None else u + ahead, low[joint], high[joint])
+    return LawParts(
+        law.kp[name] * (command - q), law.kd.get(name, 0.0) * (dq_cmd - v),
+        rest if ahead is None else rest + ahead, float(low[joint]), float(high[joint]),
+    )  # fmt: skip
+
+
+def control_law(model: RigidModel, s: Session, joint: int, lag_s: float = 0.0) -> np.ndarray | None:
+    """Effort the declared law asks for, from the recorded motion shifted by ``lag_s``; None when it is not known.
+
+    Returns:
+        Effort without the integral part's unknown start, shape (time,).
+    """
+    parts = law_parts(model, s, joint, lag_s)
+    return None if parts is None else parts.total()
 
 
 def control_lag(model: RigidModel, sessions: list[Session], joint: int) -> tuple[float, float] | None:

@@ -10,7 +10,8 @@ import numpy as np
 from s2r_host.gap.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.effects.base import Value
 from s2r_host.gap.evidence import Marginal
-from s2r_host.gap.problem import DRIFT_SHARE, Problem
+from s2r_host.gap.law import LawFinding
+from s2r_host.gap.problem import Drift, Problem
 from s2r_host.gap.search import TEMPER, Scored, Search, Solution, Term
 
 TIGHT = 0.05
@@ -67,10 +68,23 @@ class Decision:
     reasons: list[str] = field(default_factory=list)
     leftover: float = 0.0
     explained: float = 0.0
+    law: list[LawFinding] = field(default_factory=list)
 
 
 def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda _: None) -> Decision:
     """Search, then say only what the data carry."""
+    decision = _from_plant(problem, search, log)
+    _add_drift(problem, decision.solution, decision)
+    for finding in problem.law:
+        _add_law(problem, finding, decision)
+    decision.effects.sort(key=lambda e: -e.probability)
+    if decision.verdict == "unknown":
+        decision.effects = []
+    return decision
+
+
+def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) -> Decision:
+    """What the plant's equation says: effort recorded against effort needed."""
     search.looseness = TIGHT
     if search.at_floor([]):
         log("the nominal model reaches the noise floor")
@@ -79,22 +93,22 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
     search.looseness = 1.0
     if search.at_floor([]):
         log("small changes of base parameters reach the noise floor")
-        return _parameters_only(problem, search)
+        decision = _parameters_only(problem, search)
+        if not _too_much_left(problem, search, decision):
+            return decision
     solution = search.run()
     decision = _name(problem, search, solution)
-    _add_drift(problem, solution, decision)
     decision.leftover = leftover(problem, solution.prediction, solution)
     decision.explained = explained(problem, solution)
-    limit = LEFTOVER_LIMIT * problem.floor_doubt
     if not solution.terms:
-        if decision.leftover > limit:
+        if decision.leftover > LEFTOVER_LIMIT * problem.floor_doubt:
             decision.verdict = "unknown"
             decision.reasons.append("no effect of the catalogue removes the leftover")
         elif _base_matters(search, problem):
             decision = _parameters_only(problem, search)
         return decision
-    if decision.leftover > limit and decision.explained < _explained_least(problem, search, solution):
-        nearest = ", ".join(e.name for e in decision.effects)
+    if _too_much_left(problem, search, decision):
+        nearest = ", ".join(e.name for e in decision.effects) or "a wrong parameter"
         decision.reasons.append(
             f"the best of the catalogue ({nearest}) leaves {decision.leftover:.1f} times the noise floor and explains "
             f"{decision.explained:.0%} of the gap"
@@ -108,31 +122,77 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
     return decision
 
 
+def _too_much_left(problem: Problem, search: Search, decision: Decision) -> bool:
+    """Does the best explanation leave so much that its name would be a guess?"""
+    if decision.leftover <= LEFTOVER_LIMIT * problem.floor_doubt:
+        return False
+    return decision.explained < _explained_least(problem, search, decision.solution)
+
+
+def _add_law(problem: Problem, finding: LawFinding, decision: Decision) -> None:
+    """Name what the control law shows: a wrong gain, late stamps, or what a measured effort hides."""
+    joint = problem.ctx.model.joints[finding.joint]
+    if finding.name == "controller_gain":
+        for which, p in finding.parameters.items():
+            decision.parameters_off.append(_off(f"controller_{which}", joint, True, p["from"], p))
+        if decision.verdict == "nothing_missing":
+            decision.verdict = "parameter_off"
+        return
+    if any(e.name == finding.name and e.joint == joint for e in decision.effects):
+        return
+    weights = {finding.name: 1.0} | {
+        n: float(np.exp(max(g - finding.gain, -60.0))) for n, g in finding.rivals.items()
+    }
+    also = [n for n, w in weights.items() if w > 0.05 and n not in (finding.name, "controller_gain")]
+    decision.effects.append(
+        Named(
+            Term(finding.name, finding.joint, tuple(sorted(finding.shape.items()))), finding.name, joint,
+            1.0 / sum(weights.values()), also,
+            f"the declared control law misses the recorded effort; this removes {finding.share:.0%} of it",
+            finding.parameters, np.zeros(0),
+        )
+    )  # fmt: skip
+    decision.law.append(finding)
+    if decision.verdict in ("nothing_missing", "parameter_off"):
+        decision.verdict = "physics_missing"
+
+
 def _add_drift(problem: Problem, solution: Solution, decision: Decision) -> None:
     """Name the change of friction in held-out sessions that were not among the fitted ones."""
-    for drift, (change, deviation) in zip(problem.drift, solution.drift, strict=True):
-        level = drift.prior / DRIFT_SHARE
-        share = abs(change) / level
-        odds = 0.5 * (change / deviation) ** 2 - 3.0
-        if odds < 4.0 or share < 0.01:
+    for drift, (change, covariance) in zip(problem.drift, solution.drift, strict=True):
+        share, deviation = _common_share(drift, change, covariance)
+        odds = 0.5 * float(change @ np.linalg.solve(covariance, change)) - 3.0
+        if odds < 4.0 or abs(share) < 0.01:
             continue
         s, j = drift.block.session, drift.block.joint
         joint = problem.ctx.model.joints[j]
         half = Z90 * deviation
+        own = Z90 * float(np.sqrt(covariance[0, 0]))
         table = {
-            "value": change,
-            "unit": problem.ctx.model.effort_unit(joint),
-            "interval90": [change - half, change + half],
-            "identifiable": True,
-        }
+            "factor": {
+                "value": 1.0 + share, "unit": "1", "interval90": [1.0 + share - half, 1.0 + share + half],
+                "identifiable": True,
+            },
+            f"change_{s.rec.session}": {
+                "value": float(change[0]), "unit": problem.ctx.model.effort_unit(joint),
+                "interval90": [float(change[0]) - own, float(change[0]) + own], "identifiable": True,
+            },
+        }  # fmt: skip
         named = Named(
             Term("session_friction", j), "session_friction", joint, float(1.0 / (1.0 + np.exp(-min(odds, 30.0)))), [],
-            f"friction of session '{s.rec.session}' differs by {change / level:+.1%} from the fitted sessions",
-            {f"change_{s.rec.session}": table}, np.array([change]),
+            f"friction of session '{s.rec.session}' differs by {share:+.1%} from the fitted sessions",
+            table, change,
         )  # fmt: skip
         decision.effects.append(named)
         if decision.verdict in ("nothing_missing", "parameter_off"):
             decision.verdict = "physics_missing"
+
+
+def _common_share(drift: Drift, change: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
+    """Relative change common to dry and viscous friction, and its deviation."""
+    power = np.linalg.inv(covariance)
+    scale = float(drift.level @ power @ drift.level)
+    return float(drift.level @ power @ change) / scale, scale**-0.5
 
 
 def _explained_least(problem: Problem, search: Search, solution: Solution) -> float:

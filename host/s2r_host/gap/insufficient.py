@@ -9,6 +9,8 @@ from s2r_host.gap.model import RigidModel
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.session import Session
 
+ONE_WAY = 0.02
+
 
 def no_effort(model: RigidModel, fit: list[Session]) -> str | None:
     """A sentence when no joint has an effort channel."""
@@ -20,18 +22,45 @@ def no_effort(model: RigidModel, fit: list[Session]) -> str | None:
     )
 
 
+def no_motion(model: RigidModel, fit: list[Session], problem: Problem) -> str | None:
+    """A sentence when no joint moves enough to show anything, whatever the residual looks like."""
+    still = [j for j in problem.joints if _span(fit, j) < _least_span(model, fit, j)]
+    if len(still) < len(problem.joints):
+        return None
+    return _still(model, fit, still[0]) if still else None
+
+
 def poor_excitation(model: RigidModel, fit: list[Session], problem: Problem) -> str | None:
     """A sentence when 'nothing missing' would only mean 'nothing was tried'."""
     for j in problem.joints:
-        span = max(float(np.ptp(s.q[:, j])) for s in fit)
-        lsb = max(float(s.q_lsb[j]) for s in fit)
-        reversals = sum(count_reversals(s, j) for s in fit)
         name = model.joints[j]
-        if span < max(30.0 * lsb, 0.02 if model.unit(name) == "rad" else 0.002):
-            return f"cannot tell: joint '{name}' moves {span:.4g} {model.unit(name)} only; move it through its range"
-        if reversals < 2:
-            return f"cannot tell: joint '{name}' reverses {reversals} time(s); move it both ways at several speeds"
+        if _span(fit, j) < _least_span(model, fit, j):
+            return _still(model, fit, j)
+        reversals = sum(count_reversals(s, j) for s in fit)
+        if reversals < 2 or _minor_share(fit, j) < ONE_WAY:
+            return f"cannot tell: joint '{name}' moves one way only; move it both ways at several speeds"
         top = max(float(np.percentile(np.abs(s.v[:, j]), 99)) for s in fit)
         if top < 10.0 * max(float(s.v_eps[j]) for s in fit):
             return f"cannot tell: joint '{name}' never moves faster than its velocity noise ({top:.3g}); move it faster"
     return None
+
+
+def _still(model: RigidModel, fit: list[Session], j: int) -> str:
+    name = model.joints[j]
+    return f"cannot tell: joint '{name}' moves {_span(fit, j):.4g} {model.unit(name)} only; move it through its range"
+
+
+def _span(fit: list[Session], j: int) -> float:
+    return max(float(np.ptp(s.q[:, j])) for s in fit)
+
+
+def _least_span(model: RigidModel, fit: list[Session], j: int) -> float:
+    lsb = max(float(s.q_lsb[j]) for s in fit)
+    return max(30.0 * lsb, 0.02 if model.unit(model.joints[j]) == "rad" else 0.002)
+
+
+def _minor_share(fit: list[Session], j: int) -> float:
+    """Way travelled in the rarer direction over the way in the other one."""
+    up = sum(float(np.sum(np.clip(s.v[:, j], 0.0, None)[s.v[:, j] > 3 * s.v_eps[j]]) * s.dt) for s in fit)
+    down = sum(float(np.sum(np.clip(-s.v[:, j], 0.0, None)[s.v[:, j] < -3 * s.v_eps[j]]) * s.dt) for s in fit)
+    return min(up, down) / max(up, down, 1e-12)

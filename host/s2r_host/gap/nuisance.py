@@ -212,9 +212,9 @@ def _hold(model: RigidModel, j: int, joint: str) -> BaseParameter:
     def column(s: Session) -> np.ndarray:
         if not s.has_u[j]:
             return np.zeros_like(s.q)
-        return _on_joint(
-            s, j, s.rec.dt * np.gradient(lowpass(s.u[:, j], min(50.0, 0.3 / s.rec.dt), s.dt), s.dt)
-        )
+        rate = s.rec.controller.rate_hz
+        held = min(s.rec.dt, 1.0 / rate) if rate else s.rec.dt
+        return _on_joint(s, j, held * np.gradient(lowpass(s.u[:, j], min(50.0, 0.3 / s.rec.dt), s.dt), s.dt))
 
     return BaseParameter("timing", joint, True, 0.0, 1.0, "samples", 0.7, column, lambda *_: None)
 

@@ -107,16 +107,20 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
         lag = control_lag(a.model, a.fit, j)
         if lag is not None:
             problem.ctx.control_lag[j] = lag
+    for f in problem.law:
+        if f.name == "clock_skew":
+            problem.ctx.control_lag[f.joint] = (f.shape["lag"], 0.0005 + 0.1 * abs(f.shape["lag"]))
     log("search over the catalogue")
     search = a.search = Search(problem, frozenset(config.skip), log)
     decision = a.decision = decide(problem, search, log)
     a.verdict = decision.verdict
     a.places = locate(problem, problem.raw) if decision.verdict not in ("nothing_missing",) else []
-    if decision.verdict == "nothing_missing":
+    reason = insufficient.no_motion(a.model, a.fit, problem)
+    if reason is None and decision.verdict in ("nothing_missing", "parameter_off"):
         reason = insufficient.poor_excitation(a.model, a.fit, problem)
-        if reason:
-            a.verdict = decision.verdict = "insufficient"
-            a.notes.insert(0, reason)
+    if reason:
+        a.verdict = decision.verdict = "insufficient"
+        a.notes.insert(0, reason)
     a.twin = patched_twin(a, decision.solution, decision.verdict)
     if config.calibrate_s > 0:
         _calibrate(a, config.calibrate_s)
@@ -172,6 +176,8 @@ def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
         Live(t.effect, t.joint, dict(t.shape), th)
         for t, th in zip(solution.terms, solution.theta, strict=True)
     ]
+    if a.decision is not None:
+        terms += [Live(f.name, f.joint, f.shape, np.zeros(0)) for f in a.decision.law]
     base = [
         (p, float(x)) for p, x in zip(problem.base, solution.base, strict=True)
         if p.name not in ("timing", "edge") and abs(x) * p.size > 0

@@ -17,6 +17,7 @@ from s2r_host.gap.nuisance import BaseParameter
 from s2r_host.gap.session import Session
 
 MAX_STEP_S = 0.002
+DRIVE = ("actuator_delay", "bandwidth", "saturation")
 
 
 @dataclass(frozen=True)
@@ -141,10 +142,12 @@ class _Plan:
         h = m.opt.timestep
         effects = catalogue()
         self.h = h
+        arrived = not closed and s.rec.effort == "measured"  # a measured effort has passed the drive
         self.make: Callable[[], list[tuple[int, Runtime]]] = lambda: [
             (max(t.joint, 0), r)
             for t in twin.live
-            if (r := effects[t.effect].runtime(twin.ctx, t.joint, t.shape, t.theta, h)) is not None
+            if not (arrived and t.effect in DRIVE)
+            and (r := effects[t.effect].runtime(twin.ctx, t.joint, t.shape, t.theta, h)) is not None
         ]
         self.runtimes: list[tuple[int, Runtime]] = []
         self.integral = np.zeros(len(self.dof))

@@ -81,7 +81,7 @@ class Solution:
     raw_fit: tuple[float, float]
     raw_held: tuple[float, float]
     prediction: np.ndarray
-    drift: list[tuple[float, float]] = field(default_factory=list)
+    drift: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
     drifted: np.ndarray = field(default_factory=lambda: np.zeros(0))
     scans: list[Scored] = field(default_factory=list)
 
@@ -277,7 +277,7 @@ class Search:
         left = left.copy()
         for drift in self.problem.drift:
             change, _ = drift.estimate(left, noise)
-            left[drift.block.rows] -= change * drift.column
+            left[drift.block.rows] -= drift.columns @ change
         return left
 
     def solve(self, terms: list[Term], noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
