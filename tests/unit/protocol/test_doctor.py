@@ -1,12 +1,16 @@
 """`s2r doctor`: findings with a fix, and a code a script can use."""
 
 import json
+from dataclasses import replace
 
+import pytest
 import yaml
 from click.testing import CliRunner
 
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli import doctor as module
+from s2r_protocol.exits import UsageError
+from s2r_protocol.machine.realtime import read_facts
 
 
 def test_every_problem_and_note_comes_with_a_fix():
@@ -15,11 +19,34 @@ def test_every_problem_and_note_comes_with_a_fix():
         assert finding.level == "ok" or finding.fix, finding
 
 
-def test_a_missing_base_package_is_a_problem(monkeypatch):
-    monkeypatch.setattr(module, "_is_installed", lambda name: name != "zenoh")
-    base = next(f for f in module.check_machine() if f.topic == "packages: base")
-    assert (base.level, base.fix) == ("problem", "pip install 'sim2real2'")
-    assert "zenoh" in base.text
+def test_a_machine_without_the_interface_is_not_ready_for_it():
+    result = CliRunner().invoke(module.doctor, ["--bus", "can:nosuch0", "--json"], standalone_mode=False)
+    assert result.return_value == 3
+    findings = {f["topic"]: f for f in json.loads(result.output)}
+    assert findings["CAN nosuch0"]["level"] == "problem"
+
+
+def test_only_a_can_bus_can_be_judged():
+    with pytest.raises(UsageError, match=r"--bus unix:/tmp/x: expected can:INTERFACE"):
+        module.check_machine("unix:/tmp/x")
+
+
+@pytest.mark.parametrize(("bus", "level"), [("", "note"), ("can:can0", "problem")])
+def test_missing_real_time_rights_matter_on_hardware_only(monkeypatch, bus, level):
+    facts = replace(read_facts(), fifo="Operation not permitted")
+    monkeypatch.setattr(module, "read_facts", lambda interface: facts)
+    findings = {f.topic: f for f in module.check_machine(bus)}
+    assert findings["FIFO priority"].level == findings["preflight"].level == level
+    assert findings["preflight"].text.startswith("REFUSED")
+
+
+def test_certificates_are_made_and_listed(tmp_path):
+    arguments = ["--make-certs", str(tmp_path / "lab"), "--name", "arm.lab", "--json"]
+    result = CliRunner().invoke(module.doctor, arguments, standalone_mode=False)
+    assert result.return_value == 0
+    topics = [f["topic"] for f in json.loads(result.output)]
+    assert topics == ["authority", "host", "executor", "camera", "monitor", "next"]
+    assert sorted(p.name for p in (tmp_path / "lab").iterdir())[:3] == ["ca.key", "ca.pem", "camera.key"]
 
 
 def test_the_shipped_arm_is_complete():
