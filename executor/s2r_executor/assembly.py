@@ -12,6 +12,7 @@ from s2r_executor.config import ExecutorConfig
 from s2r_executor.core_process import CoreProcess
 from s2r_executor.front_end import FrontEnd
 from s2r_executor.observations import Encoder, Timeline
+from s2r_executor.preflight import run_preflight
 from s2r_executor.recorder import Recorder
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import NotReadyError
@@ -30,13 +31,15 @@ class Executor:
         """Start everything.
 
         Raises:
-            NotReadyError: Native parts missing or address in use.
+            NotReadyError: Native parts missing, address in use, or a machine that must not drive this bus.
             UnreachableError: The bus cannot be opened.
         """
         self.config = config
         self.arm = load_arm(config.arm)
         self._ended = threading.Event()
         self._failure: BaseException | None = None
+        self._watched_s = time.monotonic()
+        self.preflight = run_preflight(config)
         self.process = CoreProcess(config, self.arm)
         try:
             self._assemble()
@@ -76,7 +79,7 @@ class Executor:
                 },
                 config.publish_period_s,
             )
-            front_end = FrontEnd(arm, config, core, self.recorder)
+            front_end = FrontEnd(arm, config, core, self.recorder, speed_cap=self.preflight.speed_cap)
             self.bridge = Bridge(front_end, encoder, config)
             self.front_end = front_end
         except BaseException:
@@ -86,6 +89,7 @@ class Executor:
     def _watch(self) -> None:
         """Beats, host watch, records. Its death is the front end's death: the core then stops the arm by itself."""
         while not self._ended.wait(_WATCH_PERIOD_S):
+            self._watched_s = time.monotonic()
             front_end, bridge = self.front_end, self.bridge
             if front_end is None:
                 self.process.core.beat()
@@ -112,7 +116,7 @@ class Executor:
             f"s2r executor ready: {config.cell}/{arm.name} model {arm.model_hash.hex()[:8]} "
             f"limits {arm.limit_hash.hex()[:8]}, bus {config.bus} ({config.packing}, {config.clock}, "
             f"load {core.bus_load_computed:.0%}), listening on {', '.join(config.listen)}, "
-            f"{ExecutorState(core.state).name}, {realtime}"
+            f"{ExecutorState(core.state).name}, {realtime}, {self.preflight.line}"
         )
 
     def check(self) -> None:
@@ -127,6 +131,18 @@ class Executor:
             raise NotReadyError(
                 f"the executor's watch loop failed: {self._failure}; restart it"
             ) from self._failure
+
+    @property
+    def watch_age_s(self) -> float:
+        """Time since the watch loop last went round [s]."""
+        return time.monotonic() - self._watched_s
+
+    def status_line(self) -> str:
+        """State and why the arm does not move, for the service manager."""
+        if self.front_end is None:
+            return "starting"
+        status = self.front_end.status()
+        return f"{status.state.name}: {status.why_not_moving}"
 
     def shut_down(self) -> bool:
         """Stop on the path and switch the drives off; False if the arm did not come to rest in time."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import os
 import signal
 import sys
 import threading
@@ -14,10 +15,14 @@ from typing import Any
 import click
 
 from s2r_executor.config import ExecutorConfig, load_config, parse_override
+from s2r_executor.service_manager import ServiceManager
 from s2r_protocol.cli.options import tls_option
 from s2r_protocol.exits import ExitCode
 
 logger = logging.getLogger(__name__)
+
+_CHECK_PERIOD_S = 0.1
+_WATCH_STUCK_S = 1.0
 
 
 @click.command()
@@ -90,6 +95,7 @@ def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:
     from s2r_executor.assembly import Executor
 
     asked_to_end = threading.Event()
+    manager = ServiceManager(os.environ)
     previous = {
         number: signal.signal(number, lambda *_: asked_to_end.set())
         for number in (signal.SIGINT, signal.SIGTERM)
@@ -101,8 +107,13 @@ def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:
             sys.stdout.flush()
             if ready_file is not None:
                 ready_file.write_text(line + "\n", encoding="utf-8")
-            while not asked_to_end.wait(0.1):
+            manager.ready(line)
+            period_s = min(_CHECK_PERIOD_S, (manager.watchdog_s or 1.0) / 4)
+            while not asked_to_end.wait(period_s):
                 executor_.check()
+                if executor_.watch_age_s < _WATCH_STUCK_S:  # a stuck watch loop is no life
+                    manager.alive(executor_.status_line())
+            manager.stopping()
             started = time.monotonic()
             at_rest = executor_.shut_down()
             logger.info("shut down in %.2f s", time.monotonic() - started)

@@ -75,7 +75,9 @@ class CoreConfig(_Strict):
     arming_timeout_s: Positive = 2.0
     realtime_priority: Annotated[int, Field(ge=0, le=99)] = 80
     record_capacity: Annotated[int, Field(ge=1024)] = 16_384
-    following_rest_share: Annotated[float, Field(ge=0.05, le=1)] = 0.5  # of the path tolerance, for a joint at rest
+    following_rest_share: Annotated[float, Field(ge=0.05, le=1)] = (
+        0.5  # of the path tolerance, for a joint at rest
+    )
     frozen_rad: Positive = 0.004  # travel of the reference with not one count of measured motion
     collision_share: Positive = 0.5  # of the torque limit: contact nobody planned
     collision_ticks: Annotated[int, Field(ge=1)] = 5
@@ -85,6 +87,18 @@ class CoreConfig(_Strict):
     brake_feedback: bool = True  # the drives report their brakes
     brake_timeout_s: Positive = 0.3
     estop_discrepancy_s: Positive = 0.05
+
+
+class PreflightConfig(_Strict):
+    """What a machine that cannot keep every deadline may still do on a hardware bus.
+
+    Attributes:
+        degraded_speed: Largest share of planned speed when the preflight says DEGRADED.
+        accept: Topics of the preflight that this laboratory lives with, e.g. ["hypervisor"]; logged at every start.
+    """
+
+    degraded_speed: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.25
+    accept: tuple[str, ...] = ()
 
 
 class RecorderConfig(_Strict):
@@ -119,6 +133,7 @@ class ExecutorConfig(_Strict):
     admission: AdmissionConfig = AdmissionConfig()
     core: CoreConfig = CoreConfig()
     recorder: RecorderConfig = RecorderConfig()
+    preflight: PreflightConfig = PreflightConfig()
 
     @property
     def is_stand_in(self) -> bool:

@@ -64,6 +64,7 @@ class FrontEnd:
         core: The native core's shared memory.
         recorder: Gets every record, event and plan.
         now_s: Monotonic clock [s]; tests pass their own.
+        speed_cap: Largest share of planned speed, in (0, 1]; what the preflight allows.
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class FrontEnd:
         core: Core,
         recorder: Recorder,
         now_s: Callable[[], float] = time.monotonic,
+        speed_cap: float = 1.0,
     ) -> None:
         self.arm = arm
         self.config = config
@@ -81,6 +83,7 @@ class FrontEnd:
         self._core = core
         self._recorder = recorder
         self._now_s = now_s
+        self._speed_cap = speed_cap
         self._lease = Lease(config.effective_host_timeout_s)
         self._admission = Admission(
             arm, config.admission, config.core.path_tolerance_rad, config.core.goal_tolerance_rad
@@ -241,13 +244,14 @@ class FrontEnd:
                     quantity="state",
                     value=state,
                 )
-            if kind == pb.SET_SPEED and not 0.0 < value <= 1.0:
+            if kind == pb.SET_SPEED and not 0.0 < value <= self._speed_cap:
+                why = "" if self._speed_cap == 1.0 else "; this machine allows no more, 's2r doctor' says why"
                 raise CommandRefusedError(
                     Refusal.VELOCITY,
-                    f"speed scale {value:g} is outside (0, 1]",
+                    f"speed scale {value:g} is outside (0, {self._speed_cap:g}]{why}",
                     quantity="speed_scale",
                     value=value,
-                    limit=1.0,
+                    limit=self._speed_cap,
                 )
             return self._carry_out(kind, core, value)
 
@@ -273,6 +277,7 @@ class FrontEnd:
                 config.arming_timeout_s + _ANSWER_WITHIN_S,
             )
             self._expect(pb.ARM, ExecutorState.HOLD)
+            self._cap_speed()
         elif kind == pb.RESET:
             self._wait(lambda c: c.state == ExecutorState.DISARMED)
             self._expect(pb.RESET, ExecutorState.DISARMED)
@@ -284,6 +289,15 @@ class FrontEnd:
         elif kind == pb.RESUME:
             self._wait(lambda c: c.state != ExecutorState.PAUSED)
         return Accepted(self._core.snapshot().epoch)
+
+    def _cap_speed(self) -> None:
+        """Arming starts at full speed in the core; no plan is taken before the cap holds."""
+        if self._speed_cap == 1.0:
+            return
+        self._send(pb.SET_SPEED, self._core.snapshot().epoch, self._speed_cap)
+        if not self._wait(lambda c: c.speed_scale <= self._speed_cap):
+            self._send(pb.DISARM, self._core.snapshot().epoch)
+            raise CommandRefusedError(Refusal.INTERNAL, "the core did not take the speed cap: disarmed again")
 
     def _expect(self, kind: int, wanted: ExecutorState) -> None:
         state = ExecutorState(self._core.snapshot().state)

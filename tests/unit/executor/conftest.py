@@ -71,6 +71,7 @@ class FakeCore:
         self.state = ExecutorState.DISARMED
         self.cause, self.epoch, self.tick = 0, 1, 0
         self.plan_id, self.plan_t, self.plan_done = 0, 0.0, False
+        self.speed = 1.0
         self.q, self.dq = np.array(q, float), np.zeros(DOF)
         self.alive, self.beats, self.records_dropped = True, 0, 0
         self.commands: list[tuple[int, int, float]] = []
@@ -119,6 +120,8 @@ class FakeCore:
                 self.epoch += 1
                 self.state = ExecutorState.FAULT if self.refuses_arm else ExecutorState.HOLD
                 self.cause = int(Cause.ARMING_TIMEOUT) if self.refuses_arm else 0
+            case pb.SET_SPEED:
+                self.speed = value
             case pb.DISARM | pb.RESET:
                 self.state = ExecutorState.DISARMED
             case pb.PAUSE:
@@ -193,7 +196,7 @@ class FakeCore:
             plan_id=self.plan_id,
             plan_t=self.plan_t,
             plan_done=self.plan_done,
-            speed_scale=1.0,
+            speed_scale=self.speed,
             q_ref=self.q.copy(),
             dq_ref=self.dq.copy(),
             ddq_ref=np.zeros(DOF),

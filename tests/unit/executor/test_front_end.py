@@ -326,3 +326,37 @@ def test_addresses_for_another_arm_are_refused_before_anything_else(rig, smooth_
         (rig.front_end.check_door, ()),
     ):
         assert code_of(call, wrong, *rest) is Refusal.MODEL
+
+
+def capped(arm, core, cap):
+    config = load_config(overrides={"bus": "can:none"})
+    front_end = FrontEnd(arm, config, core, NoRecorder(), speed_cap=cap)
+    return SimpleNamespace(front_end=front_end, core=core, seq=0)
+
+
+def test_a_degraded_machine_is_capped_before_any_plan_can_start(arm, core):
+    armed(capped(arm, core, 0.25))
+    assert core.speed == 0.25
+    kinds = [kind for kind, _, _ in core.commands]
+    assert kinds == [pb.ARM, pb.SET_SPEED]
+
+
+def test_a_speed_above_the_cap_is_refused_and_below_it_taken(arm, core):
+    rig = armed(capped(arm, core, 0.25))
+    with pytest.raises(
+        CommandRefusedError, match=r"0\.26 is outside \(0, 0\.25\]; this machine allows no more"
+    ):
+        rig.front_end.control(address(rig), pb.SET_SPEED, 0.26)
+    rig.front_end.control(address(rig), pb.SET_SPEED, 0.2)
+    assert core.speed == 0.2
+
+
+def test_a_core_that_does_not_take_the_cap_is_disarmed_again(arm, core, monkeypatch):
+    rig = capped(arm, core, 0.25)
+    taken = core.command
+    monkeypatch.setattr(core, "command", lambda kind, *rest: kind == pb.SET_SPEED or taken(kind, *rest))
+    monkeypatch.setattr("s2r_executor.front_end._ANSWER_WITHIN_S", 0.01)
+    rig.front_end.lease(address(rig), release=False)
+    with pytest.raises(CommandRefusedError, match="did not take the speed cap"):
+        rig.front_end.control(address(rig), pb.ARM, 0.0)
+    assert core.state == ExecutorState.DISARMED
