@@ -13,6 +13,7 @@ from s2r_host.gap.law import LawFinding, check_law
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.nuisance import BaseParameter, base_parameters
 from s2r_host.gap.session import MOTION_CUT_HZ, Session, lowpass, nominal_friction
+from s2r_host.gap.states import stop_operator
 
 HOLDOUT_SHARE = 0.3
 SIGNAL_TO_NOISE = 20.0
@@ -395,18 +396,13 @@ def generic_basis(s: Session, j: int, picks: np.ndarray) -> np.ndarray:
 def loops(s: Session, j: int) -> list[np.ndarray]:
     """Stop operators of several widths and their cubes: any loop at reversals, a dead zone included.
 
-    Prandtl and Ishlinskii's superposition (Visintin, Differential Models of Hysteresis, 1994, chapter III).
+    Prandtl and Ishlinskii's superposition of them approximates rate-independent loops.
     """
-    q = s.q[:, j]
     found = []
-    for width in float(np.ptp(q)) * np.array(LOOP_SHARES):
-        if width <= 2.0 * s.q_lsb[j]:
-            continue
-        z, out = 0.0, np.empty(len(q))
-        for i, step in enumerate(np.diff(q, prepend=q[0]) / width):
-            z = min(1.0, max(-1.0, z + step))
-            out[i] = z
-        found += [out, out**3]
+    for width in float(np.ptp(s.q[:, j])) * np.array(LOOP_SHARES):
+        if width > 2.0 * s.q_lsb[j]:
+            z = stop_operator(s, j, float(width))
+            found += [z, z**3]
     return found
 
 

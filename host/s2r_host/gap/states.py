@@ -37,6 +37,21 @@ def bristle(s: Session, joint: int, width: np.ndarray, power: int = 1) -> np.nda
     return out
 
 
+def stop_operator(s: Session, joint: int, reach: float) -> np.ndarray:
+    """Elasto-plastic slip in [-1, 1]: follows the motion, held where |z| would exceed one, shape (time,).
+
+    The stop operator (Visintin, Differential Models of Hysteresis, 1994, chapter III) of half travel ``reach``.
+    """
+    key = ("stop", joint, round(reach, 12))
+    if key not in s.cache:
+        z, out = 0.0, np.empty(len(s.t))
+        for i, step in enumerate((np.diff(s.q[:, joint], prepend=s.q[0, joint]) / reach).tolist()):
+            z = min(1.0, max(-1.0, z + step))
+            out[i] = z
+        s.cache[key] = out
+    return s.cache[key]
+
+
 def linear_recursion(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """z[i] = a[i] z[i-1] + b[i] with z[-1] = 0, by doubling, along the first axis."""
     a, z = a.copy(), b.copy()
@@ -87,7 +102,9 @@ def deflection(
         T, shape (time, shapes).
     """
     n, shapes = load.shape
-    lightest = np.min(inertia, axis=0)  # along an arm's motion the inertia varies tenfold, the damping does not
+    lightest = np.min(
+        inertia, axis=0
+    )  # along an arm's motion the inertia varies tenfold, the damping does not
     fastest = float(max(np.max(np.sqrt(k / lightest)), np.max(d / lightest)))
     parts = max(1, int(np.ceil(fastest * s.dt / 0.35)))
     h = s.dt / parts

@@ -1,15 +1,23 @@
-"""Backlash: a dead zone between motor and link."""
+"""Backlash: a dead zone between motor and link, which carries either an inertia or only friction.
+
+With inertia behind the gap the hidden link is integrated. With friction alone (a damper, a brake band, a light part)
+no inertia is needed: the link stays until the gap is crossed and the contact's spring pulls as hard as the friction;
+the transmitted force is a dead zone of a stop operator.
+"""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.effects.joint_elasticity import mean_inertia, motor_shares, second_joint, transmitted
 from s2r_host.gap.session import Session
+from s2r_host.gap.states import stop_operator
 
 LOG_STEP = 0.06
+LOOSE_SHARES = (0.25, 0.4, 0.55, 0.7, 0.85)  # free part of the travel between both friction forces
+LOOSE_ODDS = -3.0  # a joint whose load is friction alone is the rarer machine
 
 
 class Backlash(Effect):
@@ -32,7 +40,12 @@ class Backlash(Effect):
         """Half widths from the encoder step to 6 % of the travel."""
         low, high = ctx.span(joint)
         widths = (high - low) * np.geomspace(0.0006, 0.05, 24)
-        return [
+        least = 4.0 * max(float(s.q_lsb[joint]) for s in ctx.sessions)
+        reaches = [r for r in (high - low) * np.geomspace(0.002, 0.3, 16) if r > least]
+        loose = [
+            {"reach": float(r), "loose": x} for r in reaches for x in LOOSE_SHARES if ctx.turns(joint) >= 2
+        ]
+        return loose + [
             {"w": float(w), "motor": m, "f": f, "zeta": z}
             for m in motor_shares(ctx, joint)
             for w in widths
@@ -42,10 +55,26 @@ class Backlash(Effect):
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Width on a log scale, motor share linear."""
-        return {"w": ("log", 0.24), "motor": ("linear", 0.1), "f": ("log", 0.24), "zeta": ("log", 0.48)}
+        return {
+            "w": ("log", 0.24), "motor": ("linear", 0.1), "f": ("log", 0.24), "zeta": ("log", 0.48),
+            "reach": ("log", 0.15), "loose": ("linear", 0.08),
+        }  # fmt: skip
+
+    def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
+        """Less than a fifth of free travel is presliding."""
+        return {"loose": (0.2, 0.95)}
+
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """Friction alone behind the gap is rarer than an inertia."""
+        return LOOSE_ODDS if "loose" in shape else 0.0
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
-        """Motor inertia plus transmitted effort, minus the rigid load."""
+        """Motor inertia plus transmitted effort, minus the rigid load; or friction behind the gap."""
+        if "loose" in shape:
+            pull = behind_gap(stop_operator(s, joint, shape["reach"]), shape["loose"])
+            if float(ctx.model.model.dof_frictionloss[joint]) > 0.0:
+                return Columns([pull, s.sign(joint)], (True, False))
+            return Columns([pull], (True,))
         store: dict[tuple, np.ndarray] = s.cache.setdefault(("backlash", joint), {})
         wanted = node(shape)
         if wanted not in store:
@@ -54,7 +83,7 @@ class Backlash(Effect):
                 for k in range(4)
                 for d in (-8, -4, -2, -1, 1, 2, 4, 8)
             ]
-            seeds = [node(x) for x in self.shapes(ctx, joint)] if not store else near
+            seeds = [node(x) for x in self.shapes(ctx, joint) if "w" in x] if not store else near
             batch = [x for x in dict.fromkeys([*seeds, wanted]) if x not in store and 0 <= x[1] <= 18]
             values = np.array([denode(x) for x in batch])
             T = transmitted(ctx, s, joint, values[:, [2, 3, 1]], values[:, 0])
@@ -65,6 +94,17 @@ class Backlash(Effect):
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Half width and motor inertia."""
         name = ctx.model.joints[joint]
+        if "loose" in shape:
+            free = shape["reach"] * shape["loose"]
+            return {
+                "half_width": Value(free, ctx.model.unit(name), shape_key="loose", scale=shape["reach"]),
+                "friction_behind": Value(
+                    float(theta[0]), ctx.model.effort_unit(name), (1.0, 0.0)[: len(theta)]
+                ),
+                "contact_travel": Value(
+                    shape["reach"] - free, ctx.model.unit(name), shape_key="reach", scale=1.0 - shape["loose"]
+                ),
+            }
         J = mean_inertia(ctx, joint)
         return {
             "half_width": Value(shape["w"], ctx.model.unit(name), shape_key="w"),
@@ -72,12 +112,35 @@ class Backlash(Effect):
         }
 
     def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:
-        """A second, coincident joint with a range of ±w."""
+        """A second, coincident joint with a range of ±w; friction behind the gap has no stock form."""
+        if "loose" in shape:
+            return False
         flex = second_joint(ctx, spec, joint, shape["motor"] * mean_inertia(ctx, joint))
         flex.range = [-shape["w"], shape["w"]]
         flex.limited = 1
         flex.solref_limit = [0.004, 0.7]
         return True
+
+    def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
+        """Friction behind the gap as force; the friction the model puts before it is taken back."""
+        reach, loose, level = shape["reach"], shape["loose"], float(theta[0])
+        before = float(theta[1]) if len(theta) > 1 else 0.0
+        z = 0.0
+        last: float | None = None
+
+        def step(state: StepState) -> tuple[float, float]:
+            nonlocal z, last
+            q = float(state.q[joint])
+            z = min(1.0, max(-1.0, z + (0.0 if last is None else q - last) / reach))
+            last = q
+            return level * float(behind_gap(np.asarray(z), loose)), before
+
+        return step
+
+
+def behind_gap(z: np.ndarray, loose: float) -> np.ndarray:
+    """Share of the friction that reaches the motor when the slip is ``z`` and the gap takes ``loose`` of it."""
+    return np.sign(z) * np.maximum(np.abs(z) - loose, 0.0) / (1.0 - loose)
 
 
 def node(shape: Shape) -> tuple[int, int, int, int]:

@@ -1,4 +1,4 @@
-"""Cogging and other forces that repeat with position."""
+"""Cogging, and friction that changes along the travel: forces bound to position."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from s2r_host.gap.session import Session
 
 MIN_PERIODS = 1.2
 SEEDS = 16
+RUB_PERIODS = (0.5, 0.75, 1.0)
+RUB_ODDS = -3.0
 
 
 class Cogging(Effect):
-    """tau = A sin(N q + phase)."""
+    """tau = A sin(N q + phase), or the same times the direction: a friction that is not the same everywhere."""
 
     name = "cogging"
-    equation = "tau = A sin(N q + phase)"
+    equation = "tau = A sin(N q + phase) {1, sgn dq}"
     signature = "a sine in position at a fixed order, at any speed and in both directions"
     separating_motion = "two constant speeds, both directions, over several periods"
     confusable = ("detent", "encoder_eccentricity")
@@ -28,32 +30,31 @@ class Cogging(Effect):
         return None if high - low > 50 * least else "travel below 50 encoder steps"
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
-        """Peaks of the residual's spectrum over position."""
+        """Peaks of the residual's spectrum over position, as it is and turned with the direction."""
         low, high = ctx.span(joint)
         travel = high - low
         least = max(float(s.q_lsb[joint]) for s in ctx.sessions)
         typical = max(float(np.median(np.abs(s.v[:, joint]))) for s in ctx.sessions)
+        cut = max(float(s.cut[joint]) for s in ctx.sessions)
         top = min(
-            2 * np.pi / (6 * least + 1e-12), 2 * np.pi * 25.0 / max(typical, 1e-9), 2 * np.pi / travel * 300
+            2 * np.pi / (6 * least + 1e-12),
+            2 * np.pi * 0.83 * cut / max(typical, 1e-9),
+            2 * np.pi / travel * 300,
         )
         first = 2 * np.pi * MIN_PERIODS / travel
         if top <= first:
             return []
-        orders = np.arange(first, top, 2 * np.pi / travel / 4.0)
-        power = np.zeros(len(orders))
-        for s in ctx.sessions:
-            r = ctx.residual.get((s.index, joint))
-            if r is None:
-                continue
-            picks = slice(None, None, max(1, int(0.008 / s.dt)))
-            r, q = r[picks] * np.hanning(len(r[picks])) ** 0.1, s.q[picks, joint]
-            for i in range(0, len(orders), 64):
-                power[i : i + 64] += np.abs(np.exp(-1j * np.outer(orders[i : i + 64], q)) @ r) ** 2
-        peaks, _ = find_peaks(power)
-        best = peaks[np.argsort(-power[peaks])][:SEEDS]
-        if not best.size:
-            best = np.array([int(np.argmax(power))])
-        return [{"order": float(orders[i])} for i in best]
+        found = [{"order": x, "rub": 0.0} for x in _peaks(ctx, joint, first, top, False)[:SEEDS]]
+        if ctx.turns(joint) >= 2:
+            slow = [2 * np.pi * x / travel for x in RUB_PERIODS]
+            found += [
+                {"order": x, "rub": 1.0} for x in slow + _peaks(ctx, joint, first, top, True)[: SEEDS // 2]
+            ]
+        return found
+
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """A friction that changes along the travel is the rarer machine."""
+        return RUB_ODDS * shape["rub"]
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Order, within half a resolution cell."""
@@ -63,7 +64,8 @@ class Cogging(Effect):
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Sine and cosine."""
         phase = shape["order"] * s.q[:, joint]
-        return Columns([np.sin(phase), np.cos(phase)])
+        turn = s.sign(joint) if shape["rub"] else 1.0
+        return Columns([np.sin(phase) * turn, np.cos(phase) * turn])
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Amplitude, order (per radian of joint angle, so per turn as an integer) or pitch, phase."""
@@ -77,6 +79,8 @@ class Cogging(Effect):
             found["spatial_frequency"] = Value(
                 shape["order"] / (2 * np.pi), "1/m", shape_key="order", scale=1 / (2 * np.pi)
             )
+        if shape["rub"]:
+            found["turns_with_direction"] = Value(1.0, "1")
         across = (-g[1] / size, g[0] / size)
         found["phase"] = Value(float(np.arctan2(theta[1], theta[0])), "rad", across)
         return found
@@ -84,12 +88,34 @@ class Cogging(Effect):
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Sine of position."""
         order, a, b = shape["order"], float(theta[0]), float(theta[1])
+        rub = bool(shape["rub"])
 
         def step(state: StepState) -> tuple[float, float]:
             x = order * float(state.q[joint])
-            return a * float(np.sin(x)) + b * float(np.cos(x)), 0.0
+            size = a * float(np.sin(x)) + b * float(np.cos(x))
+            return (0.0, size) if rub else (size, 0.0)
 
         return step
+
+
+def _peaks(ctx: Context, joint: int, first: float, top: float, turned: bool) -> list[float]:
+    """Orders at which the residual's spectrum over position peaks, strongest first."""
+    low, high = ctx.span(joint)
+    orders = np.arange(first, top, 2 * np.pi / (high - low) / 4.0)
+    power = np.zeros(len(orders))
+    for s in ctx.sessions:
+        r = ctx.residual.get((s.index, joint))
+        if r is None:
+            continue
+        picks = slice(None, None, max(1, int(0.24 / float(s.cut[joint]) / s.dt)))
+        r, q = r[picks] * np.hanning(len(r[picks])) ** 0.1, s.q[picks, joint]
+        if turned:
+            r = r * s.sign(joint)[picks]
+        for i in range(0, len(orders), 64):
+            power[i : i + 64] += np.abs(np.exp(-1j * np.outer(orders[i : i + 64], q)) @ r) ** 2
+    peaks, _ = find_peaks(power)
+    best = peaks[np.argsort(-power[peaks])]
+    return [float(orders[i]) for i in (best if best.size else [int(np.argmax(power))])]
 
 
 EFFECT = Cogging()
