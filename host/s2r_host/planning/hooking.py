@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 
 _FUNNEL_M, _FUNNEL_SLOPE = (
     0.05,
-    2.5,
+    5.0,
 )  # height over a place beside it, and how fast that falls towards the place
 _LISTED = 200
 TOUCH_WAYPOINT = 2  # row of a hook's route at which the fingertip meets the part
@@ -120,8 +120,13 @@ def find_hooks(
 
 
 def _tightness(places: Places) -> np.ndarray:
-    """Cost of places that leave little room or are far from the touch, (n,), in units of radians of travel."""
-    return 0.2 * places.blocked + 5.0 * np.abs(places.push_m - 0.012)
+    """Cost of places that leave little room or are far from the touch, (n,), in units of radians of travel.
+
+    Room towards the part counts most: a fingertip that comes down within a few millimetres of an edge lands on it
+    when the object stands a little nearer than believed, and jams there.
+    """
+    near, far = np.maximum(0.012 - places.push_m, 0.0), np.maximum(places.push_m - 0.016, 0.0)
+    return 0.2 * places.blocked + 150.0 * near + 5.0 * far
 
 
 def _scores(scene: Scene, data: mujoco.MjData, places: Places) -> np.ndarray:

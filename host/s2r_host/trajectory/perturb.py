@@ -43,10 +43,13 @@ class Perturbation:
 
 
 # Errors of calibration and perception are 1-2 mm; friction and damping are typed in, not measured.
+# Little friction loses a part, much friction jams a fingertip on an edge: away from the robot both are tried.
 PERTURBATIONS = (
     Perturbation((0.003, 0.0, 0.0), 0.5, 0.1),
+    Perturbation((0.003, 0.0, 0.0), 1.5, 0.6),
     Perturbation((-0.003, 0.0, 0.0), 1.5, 0.6),
     Perturbation((0.0, 0.0, 0.003), 0.5, 0.6),
     Perturbation((0.0, 0.0, -0.003), 1.5, 0.1),
     Perturbation((0.0, 0.004, 0.0), 1.0, 0.6),
+    Perturbation((0.0, -0.004, 0.0), 1.0, 0.6),
 )
