@@ -16,10 +16,12 @@ from s2r_host.gap.search import TEMPER, Scored, Search, Solution, Term
 
 TIGHT = 0.05
 LIKE_PARAMETERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
-LEFTOVER_LIMIT = 1.6
+LEFTOVER_LIMIT = 1.45
 EXPLAINED_LEAST = 0.85
 EXPLAINED_GUESSED = 0.6
 SMALL_CHANGE = 0.6
+DRIFT_ODDS, DRIFT_COMMON, DRIFT_LEAST = 18.0, 0.7, 0.02
+OTHER_MACHINE = 0.4
 Z90 = 1.645
 EQUIVALENT = (
     ("gravity_tilt", "encoder_offset"),
@@ -78,9 +80,30 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
     for finding in problem.law:
         _add_law(problem, finding, decision)
     decision.effects.sort(key=lambda e: -e.probability)
+    if decision.verdict != "unknown" and (moved := _other_machine(problem, decision)):
+        decision.verdict = "unknown"
+        decision.reasons.append(moved)
     if decision.verdict == "unknown":
         decision.effects = []
     return decision
+
+
+def _other_machine(problem: Problem, decision: Decision) -> str | None:
+    """A sentence when the parameters found belong to another machine than the model's."""
+    m = problem.ctx.model.model
+    for body in problem.ctx.model.jointed_bodies():
+        name = problem.ctx.model.body_name(body)
+        shifts = [
+            p["to"] - p["from"]
+            for p in decision.parameters_off if p["name"].startswith("com_") and p.get("body") == name
+        ]  # fmt: skip
+        arm, shift = float(np.linalg.norm(m.body_ipos[body])), float(np.linalg.norm(shifts))
+        if shift > OTHER_MACHINE * arm > 0:
+            return (
+                f"the centre of mass of '{name}' would have to move by {shift:.3g} m from {arm:.3g} m off the joint: "
+                "is this recording of another machine?"
+            )
+    return None
 
 
 def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) -> Decision:
@@ -99,7 +122,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     solution = search.run()
     decision = _name(problem, search, solution)
     decision.leftover = leftover(problem, solution.prediction, solution)
-    decision.explained = explained(problem, solution)
+    decision.explained = explained(problem, search, solution)
     if not solution.terms:
         if decision.leftover > LEFTOVER_LIMIT * problem.floor_doubt:
             decision.verdict = "unknown"
@@ -161,8 +184,10 @@ def _add_drift(problem: Problem, solution: Solution, decision: Decision) -> None
     """Name the change of friction in held-out sessions that were not among the fitted ones."""
     for drift, (change, covariance) in zip(problem.drift, solution.drift, strict=True):
         share, deviation = _common_share(drift, change, covariance)
-        odds = 0.5 * float(change @ np.linalg.solve(covariance, change)) - 3.0
-        if odds < 4.0 or abs(share) < 0.01:
+        total = 0.5 * float(change @ np.linalg.solve(covariance, change))
+        odds = 0.5 * (share / deviation) ** 2
+        # What raises one kind of friction and lowers the other is no session's doing, but something unmodelled.
+        if odds < DRIFT_ODDS or odds < DRIFT_COMMON * total or abs(share) < DRIFT_LEAST:
             continue
         s, j = drift.block.session, drift.block.joint
         joint = problem.ctx.model.joints[j]
@@ -198,6 +223,7 @@ def _common_share(drift: Drift, change: np.ndarray, covariance: np.ndarray) -> t
 def _explained_least(problem: Problem, search: Search, solution: Solution) -> float:
     """Below this share the answer is 'unknown': lower when the floor is a guess or an effect is chaotic."""
     bar = EXPLAINED_LEAST if problem.floor_source == "repeat" else EXPLAINED_GUESSED
+    bar = 1.0 - (1.0 - bar) / max(len(solution.terms), 1)  # several effects together imitate almost anything
     return min([bar, *(search.effects[t.effect].explained_least for t in solution.terms)])
 
 
@@ -211,15 +237,18 @@ def leftover(problem: Problem, rows: np.ndarray, solution: Solution) -> float:
     return worst
 
 
-def explained(problem: Problem, solution: Solution) -> float:
-    """Share of the gap above the floor that the solution removes on held-out rows."""
+def explained(problem: Problem, search: Search, solution: Solution) -> float:
+    """Share of the gap above the floor that the solution removes on held-out rows.
+
+    The gap is what small changes of base parameters leave over: a wrong mass is no merit of an effect.
+    """
+    rows = search.finish([], [], []).prediction
     before = after = 0.0
     for block in problem.blocks:
         mask = block.held if block.held.any() else ~block.held
         floor = problem.floor[block.joint] ** 2
-        scale = floor
-        before += max(0.0, problem.rms(problem.raw, block, mask) ** 2 - floor) / scale
-        after += max(0.0, problem.rms(solution.prediction, block, mask) ** 2 - floor) / scale
+        before += max(0.0, problem.rms(rows, block, mask) ** 2 / floor - 1.0)
+        after += max(0.0, problem.rms(solution.prediction, block, mask) ** 2 / floor - 1.0)
     return 1.0 - after / before if before > 0 else 0.0
 
 
@@ -283,7 +312,7 @@ def _named(problem: Problem, search: Search, solution: Solution, i: int, slot: l
     elif term.joint < 0 and not term.effect.startswith(PREFIX):
         joint = problem.ctx.model.joints[0]
     return Named(
-        term, term.effect, joint, own, also[:3], text, parameter_table(problem, search, solution, i), solution.theta[i]
+        term, term.effect, joint, own, also[:1], text, parameter_table(problem, search, solution, i), solution.theta[i]
     )  # fmt: skip
 
 
@@ -490,7 +519,7 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
         decision.verdict, decision.effects = "physics_missing", [named]
     else:
         decision.parameters_off = _off_entries(problem, search, named)
-    decision.explained = explained(problem, solution)
+    decision.explained = explained(problem, search, solution)
     decision.leftover = leftover(problem, solution.prediction, solution)
     return decision
 
