@@ -230,7 +230,8 @@ class Search:
         top = found[0][0] if found else 0.0
         polished = []
         for i, (value, term) in enumerate(found):
-            if i < 6 or value > top - 30.0:
+            hopeful = value > without or not self.effects[term.effect].costly
+            if hopeful and (i < 6 or value > top - 30.0):
                 again = self.best_shape(term.key, base, fit, noise, refine=True)
                 polished.append(again if again is not None else (value, term))
             else:

@@ -28,6 +28,7 @@ class Backlash(Effect):
     signature = "after each reversal of the load the effort vanishes for a constant travel, then an impact"
     separating_motion = "reversals with and without preload"
     confusable = ("presliding", "hysteresis", "joint_elasticity")
+    costly = True
     explained_least = 0.5  # impacts are chaotic: no model follows each of them
 
     def blocked(self, ctx: Context, joint: int) -> str | None:

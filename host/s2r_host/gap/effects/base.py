@@ -115,6 +115,7 @@ class Effect:
     confusable: ClassVar[tuple[str, ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
     explained_least: ClassVar[float] = 1.0
+    costly: ClassVar[bool] = False  # shapes are refined only when a seed beats having no effect at all
 
     def applies(self, ctx: Context, joint: int) -> bool:
         """Can this effect act on this joint at all, given model and channels?"""
