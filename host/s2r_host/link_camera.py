@@ -24,12 +24,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Capture:
-    """One depth frame with the camera's own stamp and running number."""
+    """One depth frame with the camera's own stamp and running number.
+
+    A stand-in's camera also names its sealed world by a salted hash; a real camera leaves ``world_commitment`` empty.
+    """
 
     camera: str
     stamp_ns: int
     index: int
     frame: DepthFrame
+    world_commitment: str = ""
 
 
 class CameraLink:
@@ -79,7 +83,7 @@ class CameraLink:
             X_base_camera=np.array(body.X_base_camera).reshape(4, 4),
             colour=colour,
         )
-        return Capture(camera, body.stamp_ns, body.index, frame)
+        return Capture(camera, body.stamp_ns, body.index, frame, body.world_commitment)
 
     def close(self) -> None:
         """Close the session."""

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import logging
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.run.belief import build_belief, corrected, estimate_slide
@@ -36,13 +33,12 @@ def run_drawer(settings: RunSettings, journal: Journal, arguments: tuple[str, ..
     """
     record = RunRecord(settings, journal, arguments)
     try:
-        with _interruptible():
-            with journal.stage("connect") as stage:
-                session = open_session(settings, journal)
-                _introduce(record, session)
-                stage.note = f"{record.arm_name} at {settings.executor}"
-            with session:
-                _loop(session, record)
+        with journal.stage("connect") as stage:
+            session = open_session(settings, journal)
+            _introduce(record, session)
+            stage.note = f"{record.arm_name} at {settings.executor}"
+        with session:
+            _loop(session, record)
     except KeyboardInterrupt:
         record.code, record.reason = (
             ExitCode.INTERRUPTED,
@@ -176,18 +172,5 @@ def _home(session: Session, record: RunRecord) -> None:
 def _look(session: Session, record: RunRecord, name: str) -> Observation:
     view = observe(session, name)
     record.views.append(view)
+    record.world_commitment = record.world_commitment or view.capture.world_commitment or None
     return view
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does."""
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

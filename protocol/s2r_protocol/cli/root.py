@@ -76,10 +76,10 @@ def s2r() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run ``s2r`` and exit with the documented code."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        # A shell's background job starts deaf to Ctrl-C. Whatever moves an arm has to hear it.
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Run ``s2r`` and exit with the documented code. SIGTERM ends every command as Ctrl-C does."""
+    # A shell's background job starts deaf to Ctrl-C. Whatever moves an arm has to hear it.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     try:
         code = s2r.main(args=arguments, prog_name="s2r", standalone_mode=False)
     except S2RError as error:

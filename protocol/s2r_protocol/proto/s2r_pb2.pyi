@@ -227,7 +227,7 @@ class CaptureRequest(_message.Message):
     def __init__(self, camera: _Optional[str] = ...) -> None: ...
 
 class Frame(_message.Message):
-    __slots__ = ("camera", "stamp_ns", "index", "width", "height", "depth_u16", "depth_unit_m", "colour_rgb8", "K", "X_base_camera", "error")
+    __slots__ = ("camera", "stamp_ns", "index", "width", "height", "depth_u16", "depth_unit_m", "colour_rgb8", "K", "X_base_camera", "error", "world_commitment")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     INDEX_FIELD_NUMBER: _ClassVar[int]
@@ -239,6 +239,7 @@ class Frame(_message.Message):
     K_FIELD_NUMBER: _ClassVar[int]
     X_BASE_CAMERA_FIELD_NUMBER: _ClassVar[int]
     ERROR_FIELD_NUMBER: _ClassVar[int]
+    WORLD_COMMITMENT_FIELD_NUMBER: _ClassVar[int]
     camera: str
     stamp_ns: int
     index: int
@@ -250,4 +251,5 @@ class Frame(_message.Message):
     K: _containers.RepeatedScalarFieldContainer[float]
     X_base_camera: _containers.RepeatedScalarFieldContainer[float]
     error: str
-    def __init__(self, camera: _Optional[str] = ..., stamp_ns: _Optional[int] = ..., index: _Optional[int] = ..., width: _Optional[int] = ..., height: _Optional[int] = ..., depth_u16: _Optional[bytes] = ..., depth_unit_m: _Optional[float] = ..., colour_rgb8: _Optional[bytes] = ..., K: _Optional[_Iterable[float]] = ..., X_base_camera: _Optional[_Iterable[float]] = ..., error: _Optional[str] = ...) -> None: ...
+    world_commitment: str
+    def __init__(self, camera: _Optional[str] = ..., stamp_ns: _Optional[int] = ..., index: _Optional[int] = ..., width: _Optional[int] = ..., height: _Optional[int] = ..., depth_u16: _Optional[bytes] = ..., depth_unit_m: _Optional[float] = ..., colour_rgb8: _Optional[bytes] = ..., K: _Optional[_Iterable[float]] = ..., X_base_camera: _Optional[_Iterable[float]] = ..., error: _Optional[str] = ..., world_commitment: _Optional[str] = ...) -> None: ...

@@ -99,6 +99,7 @@ def _run(
             lambda: camera.capture(snapshot.read()),
             camera.rig.K,
             reported,
+            world.commitment,
             tls=tls,
         )
     except S2RError as error:

@@ -35,6 +35,7 @@ class CameraService:
         look: Callable[[], View],
         K: np.ndarray,
         X_base_camera: np.ndarray,
+        world_commitment: str,
         camera: str = "front",
         tls: Path | None = None,
     ) -> None:
@@ -44,7 +45,7 @@ class CameraService:
             listen: Zenoh endpoint, e.g. ``tcp/127.0.0.1:7448``.
             keys: Cell and arm names.
             look: Takes one picture; called from the service's thread only.
-            K, X_base_camera: Sent with every frame.
+            K, X_base_camera, world_commitment: Sent with every frame.
             camera: Its name.
             tls: Folder with the certificates, or None for this machine only.
 
@@ -54,6 +55,7 @@ class CameraService:
             CertificateError: A certificate cannot be used.
         """
         self._camera, self._look, self._K, self._X = camera, look, K, X_base_camera
+        self._world_commitment = world_commitment
         self._index = 0
         self._waiting: queue.Queue[zenoh.Query | None] = queue.Queue(_WAITING)
         self._session = session.listen([listen], Role.CAMERA, keys, tls)
@@ -96,6 +98,7 @@ class CameraService:
             return pb.Frame(camera=self._camera, error=f"capture failed: {error}")
         self._index += 1
         frame = to_message(view, self._camera, self._index, stamp_ns, self._K, self._X)
+        frame.world_commitment = self._world_commitment
         return frame
 
     def _reply(self, query: zenoh.Query, frame: pb.Frame) -> None:

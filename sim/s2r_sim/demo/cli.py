@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import tempfile
@@ -99,10 +100,14 @@ def demo(
 
 
 def _run_host(arguments: list[str | Path]) -> int:
-    """Run the host in the foreground; Ctrl-C reaches it as well as us, and it brings the arm to rest first."""
+    """Run the host in the foreground; it brings the arm to rest before executor and stand-in go.
+
+    Ctrl-C in a terminal reaches the host as well as us; SIGTERM reaches only us and is passed on.
+    """
     from s2r_sim.demo.processes import s2r_command
 
     host = subprocess.Popen(s2r_command(*arguments), stdout=sys.stderr)
+    signal.signal(signal.SIGTERM, lambda number, _frame: host.send_signal(number))
     while True:
         try:
             return host.wait()

@@ -58,7 +58,7 @@ def serve(endpoint):
     services = []
 
     def start(look):
-        services.append(CameraService(endpoint, KEYS, look, np.eye(3), np.eye(4)))
+        services.append(CameraService(endpoint, KEYS, look, np.eye(3), np.eye(4), "c0ffee"))
         return endpoint
 
     yield start
@@ -72,6 +72,7 @@ def test_query_is_answered_with_a_frame(serve):
     np.testing.assert_allclose(depth, SMALL.depth_m, atol=0.51e-4)
     colour = np.frombuffer(zlib.decompress(frame.colour_rgb8), np.uint8).reshape(3, 4, 3)
     np.testing.assert_array_equal(colour, SMALL.colour)
+    assert frame.world_commitment == "c0ffee"
     assert not frame.error
 
 
@@ -102,7 +103,7 @@ def test_failure_in_rendering_is_told_and_survived(serve):
 def test_taken_endpoint_is_refused_with_a_hint(serve):
     endpoint = serve(lambda: SMALL)
     with pytest.raises(ListenError, match="another camera running"):
-        CameraService(endpoint, KEYS, lambda: SMALL, np.eye(3), np.eye(4))
+        CameraService(endpoint, KEYS, lambda: SMALL, np.eye(3), np.eye(4), "c0ffee")
 
 
 def test_camera_process_sees_the_newest_positions(arm, world, endpoint):

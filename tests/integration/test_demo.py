@@ -1,0 +1,51 @@
+"""`s2r demo` as a process: what a terminal, a script or a service manager does to it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from s2r_protocol.exits import ExitCode
+
+
+def processes_of(folder):
+    """Running processes whose command line names the folder."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            try:
+                line = (entry / "cmdline").read_bytes()
+            except OSError:  # it ended while we looked
+                continue
+            if str(folder).encode() in line:
+                found.append(entry.name)
+    return found
+
+
+def test_a_demo_that_is_terminated_leaves_no_process_behind(tmp_path):
+    out = tmp_path / "demo"
+    command = [sys.executable, "-m", "s2r_protocol", "demo", "--out", str(out), "--pace", "0"]
+    demo = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    assert demo.stderr is not None
+    for line in demo.stderr:
+        if "connect" in line:  # the host's first stage: all three processes are up
+            break
+    demo.send_signal(signal.SIGTERM)
+    assert "interrupted" in demo.communicate(timeout=60)[1]
+    assert demo.returncode == ExitCode.INTERRUPTED
+    deadline = time.monotonic() + 60
+    while processes_of(out):
+        assert time.monotonic() < deadline, processes_of(out)
+        time.sleep(0.1)
+
+
+def test_a_demo_refuses_a_folder_that_holds_something(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    command = [sys.executable, "-m", "s2r_protocol", "demo", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == ExitCode.USAGE
+    assert "is not empty" in done.stderr
