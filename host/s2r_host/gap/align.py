@@ -47,7 +47,9 @@ def law_parts(model: RigidModel, s: Session, joint: int, lag_s: float = 0.0) -> 
         dq_cmd = np.gradient(command, s.dt) if law.kind != "position_servo" else np.zeros(len(grid))
     rest = np.zeros(len(grid))
     if law.ki.get(name):
-        rest = law.ki[name] * np.cumsum(command - q) * s.dt
+        # The law sums once per tick of its own rate; between the rows kept, the trapezoid is the better guess.
+        tick = min(s.dt, 1.0 / law.rate_hz) if law.rate_hz else s.dt
+        rest = law.ki[name] * (np.cumsum(command - q) * s.dt - 0.5 * (command - q) * (s.dt - tick))
     ahead = s.channel("tau_ff", name)
     low, high = model.effort_limits()
     return LawParts(

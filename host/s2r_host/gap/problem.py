@@ -12,7 +12,7 @@ from s2r_host.gap.evidence import Whitener, fit_whitener
 from s2r_host.gap.law import LawFinding, check_law
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.nuisance import BaseParameter, base_parameters
-from s2r_host.gap.session import MOTION_CUT_HZ, Session, lowpass, nominal_friction
+from s2r_host.gap.session import Session, lowpass, nominal_friction
 from s2r_host.gap.states import stop_operator
 
 HOLDOUT_SHARE = 0.3
@@ -20,7 +20,7 @@ SIGNAL_TO_NOISE = 20.0
 SIGNAL_TO_GUESS = 3.0  # against a leftover, which is noise and model error together
 LEAST_CUT_HZ = 2.5
 EDGE_SHARE = 0.5
-STICK_DOUBT = 0.3
+STICK_DOUBT = 0.5
 DRIFT_SHARE = 0.15
 GENERIC_FOLDS = 8
 GENERIC_BINS = 40
@@ -142,7 +142,7 @@ class Problem:
 def compare(x: np.ndarray, s: Session, joint: int, nonlinear: bool) -> np.ndarray:
     """Bring a signal to the comparison band; what was not made from filtered motion passes both filters."""
     if nonlinear:
-        x = lowpass(x, min(MOTION_CUT_HZ, 0.4 / s.rec.dt), s.dt)
+        x = lowpass(x, float(s.motion_cut[joint]), s.dt)
     return lowpass(x, float(s.cut[joint]), s.dt)
 
 
@@ -428,11 +428,27 @@ def _friction_fit(s: Session, j: int) -> np.ndarray:
 
 
 def _trust(block: Block, floor: float) -> np.ndarray:
-    """Weight of the rows of a block, shape (rows,), in (0, 1]."""
+    """Weight of the rows of a block, shape (rows,), in (0, 1].
+
+    At rest dry friction balances whatever is there, up to its break-away level: such rows say little.
+    """
     s, j = block.session, block.joint
-    still = compare(1.0 - np.tanh(s.v[:, j] / (2.0 * s.v_eps[j])) ** 2, s, j, True)[block.picks]
-    doubt = STICK_DOUBT * dry_level(s, j) * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
+    still = compare(stillness(s, j), s, j, True)[block.picks]
+    doubt = STICK_DOUBT * max(stiction(s, j)) * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
     return 1.0 / np.sqrt(1.0 + doubt**2)
+
+
+def stillness(s: Session, j: int) -> np.ndarray:
+    """One where a joint may stick, zero where it clearly moves, shape (time,)."""
+    return 1.0 - np.tanh(s.v[:, j] / (2.0 * s.v_eps[j])) ** 2
+
+
+def stiction(s: Session, j: int) -> tuple[float, float]:
+    """Effort that friction was seen to hold at rest (95th percentile), and dry friction in motion [N·m or N]."""
+    moving = dry_level(s, j)
+    r = compare(s.u[:, j], s, j, True) - compare(s.load[:, j], s, j, False)
+    rest = compare(stillness(s, j), s, j, True) > 0.9
+    return (float(np.percentile(np.abs(r[rest]), 95)) if rest.sum() > 20 else 0.0), moving
 
 
 def _doubt(samples: list[np.ndarray]) -> float:
