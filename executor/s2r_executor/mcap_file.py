@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,8 +24,7 @@ class McapFile:
 
     def __init__(self, path: Path, namespace: str, chunk_bytes: int) -> None:
         self.path = path
-        # Unbuffered below our own buffer: flush() then means the kernel has the bytes.
-        self._stream = io.BufferedWriter(path.open("wb", buffering=0), buffer_size=256 * 1024)
+        self._stream = _Sink(path)
         self._writer = Writer(self._stream, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="s2r")
         self._channels: dict[Topic, int] = {}
@@ -69,10 +67,45 @@ class McapFile:
         self.messages += len(messages)
 
     def flush(self) -> None:
-        """Hand everything in closed chunks to the kernel."""
+        """Close the open chunk and hand everything to the kernel."""
+        self._writer.flush()
         self._stream.flush()
+
+    def abandon(self) -> None:
+        """Close the file as it is, without its index, when nothing more can be written."""
+        self._stream.abandon()
 
     def close(self) -> None:
         """Write the index and close."""
         self._writer.finish()
         self._stream.close()
+
+
+class _Sink:
+    """The stream below the writer: flush() means that the kernel has the bytes; it can be closed on a full disk."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb", buffering=0)
+        self._held = bytearray()
+        self._position = 0
+
+    def write(self, data: bytes) -> int:
+        self._held += data
+        self._position += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        return self._position
+
+    def flush(self) -> None:
+        while self._held:
+            written = self._file.write(self._held)
+            del self._held[:written]
+
+    def close(self) -> None:
+        self.flush()
+        self._file.close()
+
+    def abandon(self) -> None:
+        self._held.clear()
+        self._file.close()

@@ -1,42 +1,38 @@
-"""The recorder: a session file at the publishing rate and one file per plan at the tick rate.
+"""The front end's face of the recorder: feeds the writing process, never waits for it.
 
-Whatever happens here never reaches the loop: the core drops records when its ring is full, the front end drops
-batches when this thread's queue is full, and both count what they dropped.
+Whatever happens to disk or writer never reaches the loop: the core drops records when its ring is full, the front
+end drops batches when the queue to the writer is full, the writer drops what the disk does not take. All of it is
+counted in :class:`RecordingLoss`.
 """
 
 from __future__ import annotations
 
 import logging
+import os
 import queue
+import socket
+import subprocess
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from s2r_executor.config import RecorderConfig
-from s2r_executor.mcap_file import McapFile
-from s2r_executor.observations import EVENTS, JOINT_COMMANDS, JOINT_STATES, STATE, Encoder
+from s2r_executor.observations import Encoder
+from s2r_executor.recorder_process import WriterSettings, command_line
+from s2r_executor.recorder_wire import Batch, Frame, PlanIdentity, batch_frame, receive, send
 from s2r_protocol.arms import ArmDescription
-from s2r_protocol.faults import ExecutorState
+
+__all__ = ["PlanIdentity", "Recorder", "RecordingAnswer", "RecordingLoss"]
 
 logger = logging.getLogger(__name__)
 
 _QUEUE_BATCHES = 4096
-_TAIL_S = 0.2
-_MOVING = np.array([ExecutorState.RUN, ExecutorState.PAUSED, ExecutorState.STOPPING, ExecutorState.STOP1])
-
-
-@dataclass(frozen=True)
-class PlanIdentity:
-    """Which plan a recording is of: the core's number, the host's number, epoch, sender and label."""
-
-    plan_id: int
-    seq: int
-    epoch: int
-    sender: str
-    label: str
+_CLOSE_TIMEOUT_S = 20.0
+_RESTART_S = 1.0
+_RECOVER = "what was written can be mended with 's2r log recover'"
 
 
 @dataclass(frozen=True)
@@ -48,33 +44,12 @@ class RecordingAnswer:
     path: Path | None = None
 
 
-@dataclass
-class _Track:
-    """A file and what its state messages need to know."""
-
-    file: McapFile
-    plan_seq: int = 0
-    epoch: int = 0
-    last_state: int = -1
-
-
-@dataclass
-class _PlanFile:
-    identity: PlanIdentity
-    track: _Track
-    started: bool = False
-    rest_ticks: int = 0
-
-    @property
-    def file(self) -> McapFile:
-        return self.track.file
-
-
 @dataclass(frozen=True)
-class _Batch:
-    records: np.ndarray
-    events: np.ndarray
-    holder: str
+class RecordingLoss:
+    """Ticks that are in no file, and why; ``reason`` is empty while everything is written."""
+
+    ticks: int
+    reason: str
 
 
 @dataclass
@@ -82,11 +57,14 @@ class _State:
     """What other threads may ask about, guarded by one lock."""
 
     answers: dict[int, RecordingAnswer] = field(default_factory=dict)
-    batches_dropped: int = 0
+    session_path: Path | None = None
+    dropped_ticks: int = 0  # never reached the writer
+    lost_ticks: int = 0  # reached it, but not the disk
+    reason: str = ""
 
 
 class Recorder:
-    """Writes recordings in its own thread; without a directory it only answers that there are none."""
+    """Feeds a writing process; without a directory it only answers that there are no recordings."""
 
     def __init__(
         self,
@@ -98,50 +76,57 @@ class Recorder:
         facts: dict[str, str],
         publish_period_s: float = 0.01,
     ) -> None:
-        """Open the session file and start the thread.
+        """Start the writing process.
 
         Args:
             directory: For the files; made if missing. None = record nothing.
             arm: Attached to every file.
             namespace: Of the topics.
-            encoder: Packs the messages.
-            config: Chunk sizes.
+            encoder: Tells tick and clock; the writer packs messages with one like it.
+            config: Chunk size, and the most a crash may cost [s].
             facts: Named values for every file: hashes, boot id, bus, clock.
             publish_period_s: Spacing of joint states in the session file.
         """
-        self._directory = directory
-        self._arm = arm
-        self._namespace = namespace
-        self._encoder = encoder
-        self._config = config
-        self._facts = facts
-        self._tail_ticks = max(1, round(_TAIL_S * 1e9 / encoder.timeline.tick_ns))
-        self._stride = max(1, round(publish_period_s * 1e9 / encoder.timeline.tick_ns))
-        self._queue: queue.Queue[_Batch | tuple[PlanIdentity, bytes] | int | None] = queue.Queue(
-            _QUEUE_BATCHES
-        )
         self._lock = threading.Lock()
         self._state = _State()
-        self._plans: dict[int, _PlanFile] = {}
-        self._session: _Track | None = None
+        self._queue: queue.Queue[Frame | None] = queue.Queue(_QUEUE_BATCHES)
         self._thread: threading.Thread | None = None
-        if directory is not None:
-            directory.mkdir(parents=True, exist_ok=True)
-            stamp = time.strftime("%Y%m%d-%H%M%S", time.gmtime())
-            self._session = _Track(self._new_file(_free_name(directory, f"session-{stamp}")))
-            self._thread = threading.Thread(target=self._run, name="s2r-recorder", daemon=True)
-            self._thread.start()
+        self._process: subprocess.Popen[bytes] | None = None
+        if directory is None:
+            return
+        timeline = encoder.timeline
+        self._settings = WriterSettings(
+            directory=str(directory.absolute()),
+            arm=str(arm.directory),
+            namespace=namespace,
+            offset_ns=timeline.offset_ns,
+            tick_ns=timeline.tick_ns,
+            stepped=timeline.stepped,
+            chunk_bytes=config.chunk_bytes,
+            flush_period_s=config.flush_period_s,
+            publish_period_s=publish_period_s,
+            facts=facts,
+        )
+        self._connection = self._start_writer()
+        self._thread = threading.Thread(target=self._send_all, name="s2r-recorder", daemon=True)
+        self._thread.start()
 
     @property
     def session_path(self) -> Path | None:
-        """The session file."""
-        return self._session.file.path if self._session else None
+        """The newest session file; None before the writer has opened it."""
+        with self._lock:
+            return self._state.session_path
 
     @property
-    def batches_dropped(self) -> int:
-        """Batches lost because the disk was too slow."""
+    def writer_pid(self) -> int | None:
+        """Process id of the writer, None without one."""
+        return self._process.pid if self._process is not None else None
+
+    @property
+    def loss(self) -> RecordingLoss:
+        """What is in no file so far."""
         with self._lock:
-            return self._state.batches_dropped
+            return RecordingLoss(self._state.dropped_ticks + self._state.lost_ticks, self._state.reason)
 
     # -- called by the front end ----------------------------------------------------------------------
 
@@ -151,16 +136,17 @@ class Recorder:
             return
         with self._lock:
             self._state.answers[identity.seq] = RecordingAnswer(False)
-        self._put((identity, wire))
+        self._put(Frame({"kind": "plan", "identity": asdict(identity)}, wire))
 
     def drop_plan(self, plan_id: int, reason: str) -> None:
         """The announced plan never ran."""
         logger.info("no recording of plan id %d: %s", plan_id, reason)
-        self._put(plan_id)
+        self._put(Frame({"kind": "drop", "plan_id": plan_id}))
 
     def feed(self, records: np.ndarray, events: np.ndarray, holder: str) -> None:
         """Queue records and events; never blocks."""
-        self._put(_Batch(records, events, holder))
+        if self._thread is not None:
+            self._put(batch_frame(Batch(records, events, holder)))
 
     def answer(self, plan_seq: int) -> RecordingAnswer:
         """Whether and where there is a recording of the newest plan with this number."""
@@ -171,176 +157,107 @@ class Recorder:
         return known or RecordingAnswer(False, f"no plan {plan_seq} ran since the executor started")
 
     def close(self) -> None:
-        """Finish all files and end the thread."""
-        if self._thread is not None:
-            self._queue.put(None)
-            self._thread.join()
-            self._thread = None
+        """Finish all files and end the writer."""
+        if self._thread is None:
+            return
+        self._queue.put(None)
+        self._thread.join()
+        assert self._process is not None
+        try:
+            self._process.wait(_CLOSE_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            logger.error("recorder did not finish within %.0f s and is ended; %s", _CLOSE_TIMEOUT_S, _RECOVER)
+            self._process.kill()
+            self._process.wait()
+        self._listener.join()
+        self._connection.close()
+        self._thread = None
 
-    def _put(self, item: _Batch | tuple[PlanIdentity, bytes] | int) -> None:
+    def _put(self, frame: Frame) -> None:
         if self._thread is None:
             return
         try:
-            self._queue.put_nowait(item)
+            self._queue.put_nowait(frame)
         except queue.Full:
-            with self._lock:
-                self._state.batches_dropped += 1
-                first = self._state.batches_dropped == 1
-            if first:
-                logger.error("recorder cannot keep up: dropping batches; is the disk full or stalled?")
+            self._drop(frame, "the writer cannot keep up")
 
-    # -- the recorder's thread --------------------------------------------------------------------------
+    def _drop(self, frame: Frame, reason: str) -> None:
+        with self._lock:
+            first = not self._state.reason
+            self._state.dropped_ticks += int(frame.head.get("ticks", 0))
+            self._state.reason = reason
+        if first:
+            logger.error("recordings have a hole: %s; motion goes on", reason)
 
-    def _run(self) -> None:
-        last_flush_s = time.monotonic()
-        while True:
-            try:
-                item = self._queue.get(timeout=self._config.flush_period_s)
-            except queue.Empty:
-                item = _Batch(np.empty(0), np.empty(0), "")
-            try:
-                if item is None:
-                    self._finish_all()
-                    return
-                self._handle(item)
-                if time.monotonic() - last_flush_s > self._config.flush_period_s:
-                    last_flush_s = time.monotonic()
-                    self._flush()
-            except Exception:  # a full disk, above all: a recorder that fails must not stop an arm
-                logger.exception("recording failed; motion goes on without it")
-                self._give_up()
-                return
+    # -- the writer -------------------------------------------------------------------------------------
 
-    def _handle(self, item: _Batch | tuple[PlanIdentity, bytes] | int) -> None:
-        if isinstance(item, int):
-            self._discard(item)
-        elif isinstance(item, tuple):
-            self._open(*item)
-        else:
-            self._write(item)
-
-    def _new_file(self, path: Path) -> McapFile:
-        file = McapFile(path, self._namespace, self._config.chunk_bytes)
-        file.describe("s2r", self._facts)
-        file.attach(f"{self._arm.name}.urdf", "application/xml", self._arm.urdf.encode())
-        file.attach("limits.yaml", "application/yaml", self._arm.limits_yaml.encode())
-        return file
-
-    def _open(self, identity: PlanIdentity, wire: bytes) -> None:
-        assert self._directory is not None
-        for other in list(self._plans.values()):
-            self._finish(other)  # a new plan is about to begin: the old one's tail ends here
-        file = self._new_file(_free_name(self._directory, f"plan-{identity.epoch}-{identity.seq}"))
-        file.describe(
-            "s2r.plan",
-            {
-                "seq": str(identity.seq),
-                "epoch": str(identity.epoch),
-                "plan_id": str(identity.plan_id),
-                "sender": identity.sender,
-                "label": identity.label,
-            },
+    def _start_writer(self) -> socket.socket:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            descriptor = theirs.fileno()
+            os.set_inheritable(descriptor, True)
+            self._process = subprocess.Popen(
+                command_line(self._settings, descriptor), pass_fds=(descriptor,), stdin=subprocess.DEVNULL
+            )
+        self._listener = threading.Thread(
+            target=self._listen, args=(ours,), name="s2r-recorder-answers", daemon=True
         )
-        file.attach("plan.s2r", "application/octet-stream", wire)
-        self._plans[identity.plan_id] = _PlanFile(identity, _Track(file, identity.seq, identity.epoch))
+        self._listener.start()
+        return ours
 
-    def _discard(self, plan_id: int) -> None:
-        plan = self._plans.pop(plan_id, None)
-        if plan is None:
-            return
-        plan.file.close()
-        plan.file.path.unlink()
-        with self._lock:
-            self._state.answers.pop(plan.identity.seq, None)
+    def _send_all(self) -> None:
+        broken_at_s: float | None = None
+        while (frame := self._queue.get()) is not None:
+            if broken_at_s is not None and time.monotonic() - broken_at_s > _RESTART_S:
+                self._connection = self._start_writer()
+                broken_at_s = None
+            if broken_at_s is None:
+                try:
+                    send(self._connection, frame)
+                    continue
+                except OSError:
+                    broken_at_s = time.monotonic()
+                    self._writer_died()
+            self._drop(frame, "the writing process died and is started again")
+        try:
+            self._connection.shutdown(socket.SHUT_WR)
+        except OSError:
+            logger.warning("the recorder's process had ended before the end; %s", _RECOVER)
 
-    def _write(self, batch: _Batch) -> None:
-        assert self._session is not None
-        if len(batch.records):
-            self._write_records(self._session.file, batch.records[batch.records["tick"] % self._stride == 0])
-            self._write_states(self._session, batch.records, batch.holder)
-        for event in batch.events:  # before the records, whose end may close a plan's file
-            stamp_ns, message = self._encoder.event(event)
-            for file in (self._session.file, *(p.file for p in self._plans.values())):
-                file.add(EVENTS, [stamp_ns], [message])
-        for plan in list(self._plans.values()):
-            self._write_plan(plan, batch)
-
-    def _write_plan(self, plan: _PlanFile, batch: _Batch) -> None:
-        records = batch.records
-        if not len(records):
-            return
-        if not plan.started:
-            begin = np.nonzero(records["plan_id"] == plan.identity.plan_id)[0]
-            if not len(begin):
-                return
-            plan.started = True
-            records = records[begin[0] :]
-        still = ~np.isin(records["state"], _MOVING)
-        # Rest counts from the last moving tick on; the recording ends a little after it.
-        moving = np.nonzero(~still)[0]
-        if len(moving):
-            after = len(records) - 1 - moving[-1]
-            end = min(len(records), moving[-1] + 1 + self._tail_ticks)
-            plan.rest_ticks = after
-        else:
-            end = min(len(records), max(0, self._tail_ticks - plan.rest_ticks))
-            plan.rest_ticks += len(records)
-        self._write_records(plan.file, records[:end])
-        self._write_states(plan.track, records[:end], batch.holder)
-        if plan.rest_ticks >= self._tail_ticks:
-            self._finish(plan)
-
-    def _write_records(self, file: McapFile, records: np.ndarray) -> None:
-        if not len(records):
-            return
-        stamps = self._encoder.timeline.of(records["tick"], records["stamp_ns"])
-        listed = stamps.tolist()
-        file.add(JOINT_STATES, listed, self._encoder.joint_states(records, stamps))
-        file.add(JOINT_COMMANDS, listed, self._encoder.joint_commands(records, stamps))
-
-    def _write_states(self, track: _Track, records: np.ndarray, holder: str) -> None:
-        """At the publishing rate and at every change of state."""
-        if not len(records):
-            return
-        states = records["state"].astype(int)
-        changed = np.concatenate([[track.last_state], states[:-1]]) != states
-        stamps = self._encoder.timeline.of(records["tick"], records["stamp_ns"])
-        for i in np.nonzero(changed | (records["tick"] % self._stride == 0))[0]:
-            stamp = int(stamps[i])
-            message = self._encoder.recorded_state(records[i], stamp, track.plan_seq, track.epoch, holder)
-            track.file.add(STATE, [stamp], [message])
-        track.last_state = int(states[-1])
-
-    def _finish(self, plan: _PlanFile) -> None:
-        plan.file.close()
-        del self._plans[plan.identity.plan_id]
-        with self._lock:
-            self._state.answers[plan.identity.seq] = RecordingAnswer(True, path=plan.file.path)
-
-    def _flush(self) -> None:
-        assert self._session is not None
-        self._session.file.flush()
-        for plan in self._plans.values():
-            plan.file.flush()
-
-    def _finish_all(self) -> None:
-        for plan in list(self._plans.values()):
-            self._finish(plan)
-        if self._session is not None:
-            self._session.file.close()
-
-    def _give_up(self) -> None:
-        reason = "the recorder failed: see the executor's log"
+    def _writer_died(self) -> None:
+        assert self._process is not None
+        code = self._process.wait()
+        self._connection.close()
+        logger.error("the recorder's process ended with %d; motion goes on, %s", code, _RECOVER)
         with self._lock:
             for seq, known in self._state.answers.items():
                 if not known.complete:
+                    reason = f"the recorder's process died; {_RECOVER}"
                     self._state.answers[seq] = RecordingAnswer(False, reason)
 
+    def _listen(self, connection: socket.socket) -> None:
+        try:
+            while (frame := receive(connection)) is not None:
+                self._note(frame.head)
+        except OSError:  # the sending side has noticed as well, and acts
+            logger.debug("the recorder's answers ended")
 
-def _free_name(directory: Path, stem: str) -> Path:
-    path = directory / f"{stem}.mcap"
-    number = 2
-    while path.exists():
-        path = directory / f"{stem}-{number}.mcap"
-        number += 1
-    return path
+    def _note(self, said: dict) -> None:
+        with self._lock:
+            state = self._state
+            match said["kind"]:
+                case "answer":
+                    path = Path(said["path"]) if said.get("path") else None
+                    known = RecordingAnswer(path is not None, said.get("reason", ""), path)
+                    state.answers[int(said["seq"])] = known
+                case "session":
+                    state.session_path, state.reason = Path(said["path"]), ""
+                case "health":
+                    state.lost_ticks = int(said["lost_ticks"])
+                case "failed":
+                    state.lost_ticks, state.reason = int(said["lost_ticks"]), said["reason"]
+                    for seq, answer in state.answers.items():
+                        if not answer.complete:
+                            state.answers[seq] = RecordingAnswer(False, f"not recorded: {said['reason']}")
+        if said["kind"] == "failed":
+            logger.error("recording failed: %s; motion goes on without it", said["reason"])

@@ -23,6 +23,7 @@ from mcap.writer import CompressionType, Writer
 from s2r_host.errors import RecordingError
 from s2r_host.link_camera import Capture
 from s2r_host.link_types import TimedPath
+from s2r_protocol.arms import ArmDescription
 from s2r_protocol.ros2 import pack, unpack
 from s2r_protocol.ros2.definitions import schema_text
 
@@ -30,6 +31,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 TEXT = "std_msgs/msg/String"
 STATE = "s2r_msgs/msg/ExecutorState"
+_CHUNK_BYTES = 256 * 1024
 
 
 def stamp(stamp_ns: int) -> dict[str, int]:
@@ -62,22 +64,51 @@ class RecordedPlan:
 class RunRecorder:
     """Writes ``run.mcap``. A context manager; leaving it finishes the file."""
 
-    def __init__(self, path: Path, namespace: str, joint_names: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        namespace: str,
+        joint_names: tuple[str, ...],
+        arm: ArmDescription | None = None,
+        facts: Mapping[str, str] | None = None,
+    ) -> None:
         """Open the file.
 
         Args:
             path: Where to write.
             namespace: Common prefix of all topics, e.g. ``/lab/xmate3pro``.
             joint_names: In the arm's order.
+            arm: Its URDF, MJCF and limits are attached, its hashes noted.
+            facts: Further named values: seeds, versions, arguments.
         """
         self._file = path.open("wb")
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+        self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="s2r")
         self._namespace = namespace.rstrip("/")
         self._joint_names = joint_names
         self._channels: dict[tuple[str, str], int] = {}
         self._schemas: dict[str, int] = {}
         self._plans = 0
+        self._closed = False
+        known = dict(facts or {})
+        if arm is not None:
+            known |= {
+                "arm": arm.name,
+                "model_hash": arm.model_hash.hex(),
+                "limit_hash": arm.limit_hash.hex(),
+            }
+            self.attach(f"{arm.name}.urdf", "application/xml", arm.urdf.encode())
+            self.attach(f"{arm.name}.xml", "application/xml", arm.mjcf.encode())
+            self.attach("limits.yaml", "application/yaml", arm.limits_yaml.encode())
+        if known:
+            self._writer.add_metadata("s2r", known)
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Add a file to the recording."""
+        now = time.time_ns()
+        self._writer.add_attachment(
+            create_time=now, log_time=now, name=name, media_type=media_type, data=data
+        )
 
     def add_capture(self, name: str, capture: Capture) -> None:
         """One depth frame as a 32-bit float image with its camera matrix and pose."""
@@ -143,6 +174,12 @@ class RunRecorder:
         """Anything else the run knows, as JSON text: estimates, measurements, verdicts."""
         text = json.dumps({"kind": kind, **values}, sort_keys=True)
         self._put("run", TEXT, {"data": text}, now_ns or time.time_ns())
+        self._writer.flush()  # a note is what somebody may be waiting for: the console follows the growing file
+
+    def add_stage(self, name: str, phase: str, note: str = "") -> None:
+        """A stage of the run began or ended; phase is "begun", "ended" or "failed"."""
+        if not self._closed:
+            self.add_note("stage", {"name": name, "phase": phase, "note": note})
 
     def add_recording(self, mcap: bytes) -> int:
         """Merge an executor's recording; the number of messages taken over.
@@ -183,6 +220,7 @@ class RunRecorder:
 
     def close(self) -> None:
         """Finish the file."""
+        self._closed = True
         self._writer.finish()
         self._file.close()
 
@@ -303,7 +341,7 @@ def _messages(recording: Path | bytes, type_name: str) -> Iterator[tuple[str, in
                     yield channel.topic, message.log_time, message.data
         except (McapError, EOFError) as error:
             name = "recording" if isinstance(recording, bytes) else str(recording)
-            raise RecordingError(f"{name} is damaged: {error}; recover it with 'mcap recover'") from error
+            raise RecordingError(f"{name} is damaged: {error}; mend it with 's2r log recover'") from error
 
 
 def _recorded_plan(body: Mapping[str, Any], note: Mapping[str, Any]) -> RecordedPlan:

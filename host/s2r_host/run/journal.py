@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -35,6 +35,9 @@ class Journal:
         self.stages: list[Stage] = []
         self.warnings: list[str] = []
         self.verdicts: list[dict[str, object]] = []
+        self.on_stage: Callable[[str, str, str], None] = lambda name, phase, note: (
+            None
+        )  # for who follows the run
 
     @property
     def elapsed_s(self) -> float:
@@ -46,6 +49,7 @@ class Journal:
         """Time a stage; the caller may set its ``note``."""
         stage = Stage(name, self.elapsed_s)
         self.stages.append(stage)
+        self.on_stage(name, "begun", "")
         cpu = time.process_time()
         try:
             if self._console.is_terminal:
@@ -59,6 +63,7 @@ class Journal:
         finally:
             stage.wall_s = self.elapsed_s - stage.start_s
             stage.cpu_s = time.process_time() - cpu
+            self.on_stage(name, "failed" if stage.failed else "ended", stage.note)
             mark = "[red]✗[/red]" if stage.failed else "[green]✓[/green]"
             self._console.print(
                 f"{mark} {stage.start_s:6.1f} s  {name:<28s} {stage.wall_s:6.2f} s  {escape(stage.note)}"

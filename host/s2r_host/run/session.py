@@ -177,12 +177,19 @@ def open_session(settings: RunSettings, journal: Journal) -> Session:
     keys = ArmKeys(settings.cell, arm.name)
     link = ExecutorLink(settings.executor, arm, keys, tls=settings.tls)
     settings.out.mkdir(parents=True, exist_ok=True)
+    facts = {
+        "seed": str(settings.seed),
+        "target_m": repr(settings.target_m),
+        "software": link.identity.software,
+    }
+    recorder = RunRecorder(settings.out / "run.mcap", f"/{keys.base}", arm.joint_names, arm, facts)
+    journal.on_stage = recorder.add_stage
     return Session(
         settings=settings,
         journal=journal,
         arm=ArmModel(arm),
         link=link,
         camera=CameraLink(settings.camera, keys, tls=settings.tls),
-        recorder=RunRecorder(settings.out / "run.mcap", f"/{keys.base}", arm.joint_names),
+        recorder=recorder,
         rng=np.random.default_rng(settings.seed),
     )

@@ -6,6 +6,8 @@ a template is filled column by column with numpy, which packs a thousand message
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from s2r_protocol.ros2.cdr import pack
@@ -79,3 +81,13 @@ class JointStateEncoder:
         whole = raw.tobytes()
         size = self.size_bytes
         return [whole[i * size : (i + 1) * size] for i in range(len(stamps))]
+
+    def rows(self, messages: Sequence[bytes]) -> np.ndarray:
+        """The other way round: n messages of this very layout as an array with a field per column, shape (n,).
+
+        Raises:
+            ValueError: A message has another length, so other names or arrays.
+        """
+        if any(len(message) != self.size_bytes for message in messages):
+            raise ValueError(f"not all messages are {self.size_bytes} bytes long, the length of this layout")
+        return np.frombuffer(b"".join(messages), self._dtype)

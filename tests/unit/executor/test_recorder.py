@@ -39,6 +39,7 @@ def wait_complete(recorder, seq):
     deadline = time.monotonic() + 60
     while not recorder.answer(seq).complete:
         assert time.monotonic() < deadline, recorder.answer(seq)
+        assert not recorder.loss.ticks, recorder.loss
         time.sleep(0.01)
     return recorder.answer(seq).path
 

@@ -1,0 +1,1 @@
+"""Recordings as files: check, recover, export, compare, look at."""

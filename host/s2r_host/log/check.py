@@ -1,0 +1,128 @@
+"""``s2r log check``: is a recording whole, and does it hold what it claims?"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_host.errors import RecordingError
+from s2r_host.log.tables import Recording, Topic, read_recording
+from s2r_protocol.ros2 import CdrError, unpack
+from s2r_protocol.ros2.definitions import UnknownMessageTypeError, message_type
+
+_GAP = 5.0  # a pause of this many usual periods is worth a line
+
+
+@dataclass(frozen=True)
+class TopicFacts:
+    """One topic: how many messages, over what time, how regular."""
+
+    name: str
+    type_name: str
+    messages: int
+    duration_s: float
+    rate_hz: float
+    longest_gap_s: float
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The answer. ``problems`` make the file unfit as it is; ``notes`` are worth knowing."""
+
+    path: Path
+    topics: list[TopicFacts]
+    attachments: list[str]
+    metadata: dict[str, dict[str, str]]
+    problems: list[str]
+    notes: list[str]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {**asdict(self), "path": str(self.path)}
+
+
+def check(path: Path) -> Checked:
+    """Read everything once and decode every message.
+
+    Raises:
+        RecordingError: It cannot be opened or is no MCAP file.
+    """
+    recording = read_recording(path)
+    problems, notes = _whole(recording), []
+    if recording.profile != "ros2":
+        notes.append(f"profile is {recording.profile!r}, not 'ros2': ROS 2 tools may not open it")
+    facts = []
+    for topic in recording.topics.values():
+        if not topic.messages:
+            continue
+        facts.append(_facts(topic))
+        problems += _undecodable(topic)
+        if facts[-1].rate_hz > 50 and facts[-1].longest_gap_s > _GAP / facts[-1].rate_hz:
+            notes.append(
+                f"{topic.name}: longest gap {facts[-1].longest_gap_s:.3f} s at {facts[-1].rate_hz:.0f} Hz"
+            )
+    if not facts:
+        problems.append("no messages")
+    problems += _numbers(recording)
+    if "s2r" not in recording.metadata:
+        notes.append("no 's2r' metadata: arm, hashes and versions are unknown")
+    return Checked(path, facts, sorted(recording.attachments), recording.metadata, problems, notes)
+
+
+def _whole(recording: Recording) -> list[str]:
+    found, damage = [], recording.damage
+    if damage.truncated:
+        found.append(
+            f"cut off: {damage.unread_bytes} bytes after the last whole record ({damage.reason}); "
+            "mend it with 's2r log recover'"
+        )
+    if damage.chunks:
+        found.append(f"{damage.chunks} damaged chunks ({damage.reason}); 's2r log recover' saves the rest")
+    if not damage.truncated and not recording.has_index:
+        found.append("no index: readers that seek will refuse it; 's2r log recover' writes one")
+    return found
+
+
+def _facts(topic: Topic) -> TopicFacts:
+    stamps = np.sort(np.array(topic.stamp_ns, np.int64))
+    duration = float(stamps[-1] - stamps[0]) * 1e-9
+    gaps = np.diff(stamps) * 1e-9
+    # The median, not the mean: a file of several motions has pauses between them.
+    period = float(np.median(gaps)) if len(gaps) else 0.0
+    rate = 1.0 / period if period > 0 else 0.0
+    return TopicFacts(
+        topic.name, topic.type_name, len(stamps), duration, rate, float(gaps.max()) if len(gaps) else 0.0
+    )
+
+
+def _undecodable(topic: Topic) -> list[str]:
+    if topic.encoding != "cdr":
+        return [f"{topic.name}: messages are {topic.encoding!r}, not CDR"]
+    try:
+        message_type(topic.type_name)
+    except (UnknownMessageTypeError, ValueError):
+        return []  # somebody else's topic: not ours to judge
+    bad = 0
+    for data in topic.messages:
+        try:
+            unpack(topic.type_name, data)
+        except CdrError:
+            bad += 1
+    return [f"{topic.name}: {bad} of {len(topic.messages)} messages cannot be decoded"] if bad else []
+
+
+def _numbers(recording: Recording) -> list[str]:
+    found = []
+    for topic in recording.of_type("sensor_msgs/msg/JointState"):
+        try:
+            joints = recording.joints(topic.short)
+        except (RecordingError, CdrError) as error:
+            found.append(str(error))
+            continue
+        for label, values in (("positions", joints.q), ("velocities", joints.dq), ("efforts", joints.tau)):
+            if values is not None and not np.isfinite(values).all():
+                found.append(f"{topic.name}: {label} hold NaN or infinity")
+    return found

@@ -1,0 +1,163 @@
+"""``s2r log``: check, recover, export and compare recordings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from s2r_protocol.exits import ExitCode
+
+_RECORDING = click.Path(path_type=Path, exists=True)
+EXPORTS = ("parquet", "csv", "rrd", "lerobot")
+
+
+def recording_file(path: Path) -> Path:
+    """A recording given as a file, or as a run folder that holds ``run.mcap``.
+
+    Raises:
+        UsageError: The folder holds none.
+    """
+    from s2r_protocol.exits import UsageError
+
+    if not path.is_dir():
+        return path
+    inside = path / "run.mcap"
+    if not inside.is_file():
+        raise UsageError(f"folder {path} holds no run.mcap; name a recording or a run folder")
+    return inside
+
+
+@click.group()
+def log() -> None:
+    """Check, mend, export and compare recordings (MCAP). A run folder stands for its run.mcap."""
+
+
+@log.command()
+@click.argument("file", type=_RECORDING)
+@click.option("--json", "as_json", is_flag=True, help="Print the findings on standard output.")
+def check(file: Path, as_json: bool) -> int:
+    """Is FILE whole, and can every message be decoded? Exit 4 if not."""
+    from s2r_host.log.check import check as look
+
+    found = look(recording_file(file))
+    if as_json:
+        click.echo(json.dumps(found.as_dict(), indent=1))
+    else:
+        for topic in found.topics:
+            click.echo(
+                f"{topic.messages:9d}  {topic.rate_hz:7.1f} Hz  {topic.duration_s:8.2f} s  "
+                f"{topic.name}  [{topic.type_name}]"
+            )
+        if found.attachments:
+            click.echo(f"attachments: {', '.join(found.attachments)}")
+        for text in found.notes:
+            click.echo(f"note: {text}")
+        for text in found.problems:
+            click.echo(f"problem: {text}", err=True)
+        click.echo(f"{found.path}: {'damaged' if found.problems else 'whole'}")
+    return int(ExitCode.REFUSED if found.problems else ExitCode.OK)
+
+
+@log.command()
+@click.argument("file", type=_RECORDING)
+@click.option("--out", type=click.Path(path_type=Path), help="New file [default: FILE with .recovered.mcap].")
+@click.option("--json", "as_json", is_flag=True, help="Print what was saved on standard output.")
+def recover(file: Path, out: Path | None, as_json: bool) -> int:
+    """Write everything readable of FILE into a new, complete recording."""
+    from s2r_host.log.recover import recover as mend
+
+    source = recording_file(file)
+    saved = mend(source, out or source.with_suffix(".recovered.mcap"))
+    if as_json:
+        values = {**asdict(saved), "path": str(saved.path)}
+        click.echo(json.dumps(values, indent=1))
+        return int(ExitCode.OK)
+    span_s = (saved.last_ns - saved.first_ns) * 1e-9
+    click.echo(f"{saved.messages} messages over {span_s:.2f} s saved in {saved.path}")
+    damage = saved.damage
+    if damage.any:
+        click.echo(
+            f"not readable: {damage.unread_bytes} bytes at the end, {damage.chunks} chunks, "
+            f"{saved.orphans} messages without a channel ({damage.reason})"
+        )
+    else:
+        click.echo("the file was whole")
+    return int(ExitCode.OK)
+
+
+@log.command()
+@click.argument("file", type=_RECORDING)
+@click.option("--to", "kind", type=click.Choice(EXPORTS), required=True, help="Format.")
+@click.option("--out", type=click.Path(path_type=Path), help="File (rrd) or folder [default: beside FILE].")
+@click.option(
+    "--fps", type=click.IntRange(1, 1000), default=50, show_default=True, help="lerobot: frames per second."
+)
+@click.option("--arm", help="rrd: shipped arm or folder [default: what the recording names].")
+def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None) -> int:
+    """Turn FILE into tables (parquet, csv), a Rerun recording (rrd) or a LeRobot dataset (lerobot)."""
+    from s2r_host.log.tables import read_recording
+
+    source = recording_file(file)
+    recording = read_recording(source)
+    if recording.damage.any:
+        click.echo(f"s2r log: {source} is damaged; exporting what is readable", err=True)
+    if kind == "rrd":
+        from s2r_host.log.export_rrd import export_rrd
+
+        click.echo(export_rrd(recording, out or source.with_suffix(".rrd"), arm))
+        return int(ExitCode.OK)
+    folder = out or source.with_name(f"{source.stem}-{kind}")
+    if kind == "lerobot":
+        from s2r_host.log.export_lerobot import export_lerobot
+
+        count = export_lerobot(recording, folder, fps)
+        click.echo(f"{count} episodes in {folder}")
+        return int(ExitCode.OK)
+    from s2r_host.log.export_tables import export_tables
+
+    written, left_out = export_tables(recording, folder, kind)
+    for path in written:
+        click.echo(path)
+    if left_out:
+        click.echo(f"not tables, left out: {', '.join(left_out)}", err=True)
+    return int(ExitCode.OK)
+
+
+@log.command()
+@click.argument("first", type=_RECORDING)
+@click.argument("second", type=_RECORDING)
+@click.option(
+    "--tolerance",
+    "tolerance_rad",
+    type=click.FloatRange(0),
+    default=1e-3,
+    show_default=True,
+    help="Largest residual [rad] that is no difference.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the comparison on standard output.")
+def diff(first: Path, second: Path, tolerance_rad: float, as_json: bool) -> int:
+    """Compare the motions of two recordings on one time base. Exit 7 if they differ."""
+    from s2r_host.log.diff import diff as compare
+    from s2r_host.log.tables import read_recording
+
+    found = compare(read_recording(recording_file(first)), read_recording(recording_file(second)))
+    differs = found.exceeds(tolerance_rad)
+    if as_json:
+        click.echo(json.dumps({**found.as_dict(), "differs": differs}, indent=1))
+    else:
+        for name, (a, b) in found.facts.items():
+            click.echo(f"{name}: {a} | {b}")
+        for m in found.motions:
+            joint, t_s, residual = m.worst
+            click.echo(
+                f"{m.label}: rms {1e3 * float(m.rms_rad.max()):.4f} mrad, worst {1e3 * residual:+.4f} mrad on "
+                f"{found.joint_names[joint]} at {t_s:.2f} s"
+            )
+        for which, labels in (("first", found.only_a), ("second", found.only_b)):
+            if labels:
+                click.echo(f"only in the {which}: {', '.join(labels)}")
+        click.echo("they differ" if differs else f"no difference above {tolerance_rad:g} rad")
+    return int(ExitCode.DIFFERENCE if differs else ExitCode.OK)

@@ -1,0 +1,101 @@
+"""``s2r log recover``: everything readable of a damaged or cut recording, in a new and complete file."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.writer import CompressionType, Writer
+
+from s2r_host.errors import RecordingError
+from s2r_host.log.scan import Damage, Scan
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """What a recovery brought back.
+
+    Attributes:
+        messages: In the new file.
+        orphans: Messages whose channel was lost with a damaged chunk.
+        first_ns, last_ns: Log times of the first and last message, 0 without one.
+        damage: What could not be read.
+    """
+
+    path: Path
+    messages: int
+    orphans: int
+    first_ns: int
+    last_ns: int
+    damage: Damage
+
+
+def recover(source: Path, target: Path) -> Recovered:
+    """Copy every readable record of ``source`` into ``target``, which appears only when it is complete.
+
+    Raises:
+        RecordingError: Source is no MCAP file, or target exists.
+    """
+    if target.exists():
+        raise RecordingError(f"{target} exists; name another file with --out")
+    scan = Scan(source)
+    part = target.with_name(target.name + ".part")
+    try:
+        with part.open("wb") as stream:
+            counts = _copy(scan, Writer(stream, compression=CompressionType.ZSTD))
+        os.replace(part, target)
+    except BaseException:
+        with contextlib.suppress(FileNotFoundError):
+            part.unlink()
+        raise
+    return Recovered(target, *counts, scan.damage)
+
+
+def _copy(scan: Scan, writer: Writer) -> tuple[int, int, int, int]:
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
+    messages = orphans = last = 0
+    first: int | None = None
+    begun = False
+    for record in scan.records():
+        if not begun:  # the header comes first, so the profile is known now
+            writer.start(profile=scan.profile, library="s2r log recover")
+            begun = True
+        match record:
+            case Schema():
+                if record.id not in schemas:
+                    schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+            case Channel():
+                if record.id not in channels and record.schema_id in schemas:
+                    channels[record.id] = writer.register_channel(
+                        record.topic,
+                        record.message_encoding,
+                        schemas[record.schema_id],
+                        dict(record.metadata),
+                    )
+            case Message() if record.channel_id not in channels:
+                orphans += 1
+            case Message():
+                writer.add_message(
+                    channels[record.channel_id],
+                    record.log_time,
+                    record.data,
+                    record.publish_time,
+                    record.sequence,
+                )
+                messages += 1
+                first = record.log_time if first is None else min(first, record.log_time)
+                last = max(last, record.log_time)
+            case Attachment():
+                writer.add_attachment(
+                    record.create_time, record.log_time, record.name, record.media_type, record.data
+                )
+            case Metadata():
+                writer.add_metadata(record.name, dict(record.metadata))
+    if not begun:
+        writer.start(profile=scan.profile, library="s2r log recover")
+    writer.finish()
+    return messages, orphans, first or 0, last

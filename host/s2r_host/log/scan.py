@@ -1,0 +1,111 @@
+"""Reading an MCAP file that may end anywhere or be damaged inside: everything readable, and what was not.
+
+The file's own index is not used, so it need not be there. Format: https://mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mcap.exceptions import McapError
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    Metadata,
+    Schema,
+)
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+
+from s2r_host.errors import RecordingError
+
+try:
+    from zstandard import ZstdError
+except ImportError as error:  # mcap depends on it
+    raise ImportError("zstandard is missing; it comes with the package mcap") from error
+
+
+@dataclass
+class Damage:
+    """What could not be read.
+
+    Attributes:
+        truncated: The file ends without its closing record.
+        unread_bytes: After the last readable record.
+        chunks: Chunks that did not decompress or whose checksum is wrong, skipped.
+        reason: Of the first problem.
+    """
+
+    truncated: bool = False
+    unread_bytes: int = 0
+    chunks: int = 0
+    reason: str = ""
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is wrong."""
+        return self.truncated or self.chunks > 0
+
+
+@dataclass
+class Scan:
+    """An open scan: iterate :meth:`records` once, then look at ``damage``."""
+
+    path: Path
+    damage: Damage = field(default_factory=Damage)
+    profile: str = ""
+    has_index: bool = False
+
+    def records(self) -> Iterator[Schema | Channel | Message | Attachment | Metadata]:
+        """Every readable record in the file's order.
+
+        Raises:
+            RecordingError: The file cannot be opened or does not begin as an MCAP file.
+        """
+        try:
+            stream = self.path.open("rb")
+        except OSError as error:
+            raise RecordingError(f"recording {self.path}: {error.strerror}") from error
+        with stream:
+            size = self.path.stat().st_size
+            reader = StreamReader(stream, emit_chunks=True, record_size_limit=max(size, 1))
+            ended, good = False, 0
+            try:
+                for record in reader.records:
+                    good = stream.tell()
+                    ended = ended or isinstance(record, (DataEnd, Footer))
+                    yield from self._content(record)
+            except (McapError, EOFError, ValueError, OverflowError, struct.error) as error:
+                if good == 0:
+                    raise RecordingError(
+                        f"{self.path} is no MCAP recording: {error or type(error).__name__}"
+                    ) from error
+                self.damage.reason = self.damage.reason or f"{type(error).__name__} at byte {good}"
+            if not ended:
+                self.damage.truncated = True
+                self.damage.unread_bytes = size - good
+                self.damage.reason = self.damage.reason or "the file ends before its closing record"
+
+    def _content(self, record: McapRecord) -> Iterator[Schema | Channel | Message | Attachment | Metadata]:
+        if isinstance(record, Chunk):
+            try:
+                inner = breakup_chunk(record, validate_crc=True)
+            except (McapError, CRCValidationError, ZstdError, EOFError, ValueError, struct.error) as error:
+                self.damage.chunks += 1
+                self.damage.reason = self.damage.reason or f"chunk: {error}"
+                return
+            yield from (r for r in inner if isinstance(r, (Schema, Channel, Message)))
+        elif isinstance(record, Header):
+            self.profile = record.profile
+        elif isinstance(record, Footer):
+            self.has_index = record.summary_start > 0
+        elif isinstance(record, (Schema, Channel, Message, Attachment, Metadata)):
+            yield record

@@ -1,0 +1,60 @@
+"""The motions of a recording: which plan ran when, by the executor's own state messages."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+
+from s2r_host.log.tables import EXECUTOR_STATE, TEXT, Recording
+from s2r_protocol.ros2 import unpack
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One executed plan: its number, its label if known, and its span in nanoseconds since the Unix epoch."""
+
+    seq: int
+    label: str
+    begin_ns: int
+    end_ns: int
+
+
+def segments(recording: Recording) -> list[Segment]:
+    """Executed plans in the order of time; empty when the recording holds no executor states."""
+    spans: dict[int, list[int]] = {}
+    for topic in recording.of_type(EXECUTOR_STATE):
+        for data in topic.messages:
+            body = unpack(EXECUTOR_STATE, data)
+            seq = int(body["plan_seq"])
+            if seq:
+                stamp = body["header"]["stamp"]
+                spans.setdefault(seq, []).append(int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"]))
+    labels = plan_labels(recording)
+    found = [Segment(seq, labels.get(seq, f"plan {seq}"), min(s), max(s)) for seq, s in spans.items()]
+    return sorted(found, key=lambda segment: segment.begin_ns)
+
+
+def plan_labels(recording: Recording) -> dict[int, str]:
+    """Sequence number -> label, from the host's notes or the executor's metadata."""
+    labels = {int(note["seq"]): str(note["label"]) for note in notes(recording) if note["kind"] == "plan"}
+    own = recording.metadata.get("s2r.plan")
+    if own is not None:
+        labels[int(own["seq"])] = own["label"]
+    return labels
+
+
+def notes(recording: Recording) -> list[dict]:
+    """The host's notes of a run, in order."""
+    return [
+        json.loads(unpack(TEXT, data)["data"])
+        for topic in recording.of_type(TEXT)
+        if topic.short == "run"
+        for data in topic.messages
+    ]
+
+
+def inside(stamp_ns: np.ndarray, segment: Segment) -> np.ndarray:
+    """Bool of shape (n,): which stamps lie in a segment."""
+    return (stamp_ns >= segment.begin_ns) & (stamp_ns <= segment.end_ns)

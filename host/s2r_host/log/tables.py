@@ -1,0 +1,206 @@
+"""A recording as tables: one per topic, one row per message, columns of numbers and texts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+
+from s2r_host.errors import RecordingError
+from s2r_host.log.scan import Damage, Scan
+from s2r_protocol.ros2 import CdrError, JointStateEncoder, unpack
+from s2r_protocol.ros2.definitions import UnknownMessageTypeError, message_type
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+EXECUTOR_STATE = "s2r_msgs/msg/ExecutorState"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+TEXT = "std_msgs/msg/String"
+LOG = "rcl_interfaces/msg/Log"
+IMAGE = "sensor_msgs/msg/Image"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+_MAX_ARRAY = 64  # longer arrays are blobs (images, clouds), not columns
+
+
+@dataclass
+class Topic:
+    """All messages of one topic. ``stamp_ns`` are log times, nanoseconds since the Unix epoch."""
+
+    name: str
+    type_name: str
+    encoding: str
+    stamp_ns: list[int] = field(default_factory=list)
+    messages: list[bytes] = field(default_factory=list)
+
+    @property
+    def short(self) -> str:
+        """Last part of the name."""
+        return self.name.rsplit("/", 1)[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """Joint states: ``stamp_ns`` (n,), ``q`` [rad], ``dq`` [rad/s], ``tau`` [N·m] or None, shape (n, dof)."""
+
+    names: tuple[str, ...]
+    stamp_ns: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    tau: np.ndarray | None
+
+    @property
+    def t(self) -> np.ndarray:
+        """Seconds since the first row, shape (n,)."""
+        return (self.stamp_ns - self.stamp_ns[0]) * 1e-9
+
+
+@dataclass
+class Recording:
+    """A recording in memory. Damage is not an error here: whoever needs a whole file looks at ``damage``."""
+
+    path: Path
+    profile: str
+    damage: Damage
+    topics: dict[str, Topic]
+    attachments: dict[str, bytes]
+    metadata: dict[str, dict[str, str]]
+    has_index: bool
+
+    def of_type(self, type_name: str) -> list[Topic]:
+        """Topics of one type, with messages."""
+        return [t for t in self.topics.values() if t.type_name == type_name and t.messages]
+
+    def topic(self, short: str, type_name: str) -> Topic:
+        """The topic whose name ends with ``short``.
+
+        Raises:
+            RecordingError: There is none with messages.
+        """
+        for topic in self.of_type(type_name):
+            if topic.short == short:
+                return topic
+        known = ", ".join(t.name for t in self.topics.values() if t.messages) or "none"
+        raise RecordingError(f"{self.path} has no messages on a topic '…/{short}'; it has {known}")
+
+    def joints(self, short: str = "joint_states") -> Joints:
+        """Measured joints, or with ``joint_commands`` the references, in the order of their stamps.
+
+        Raises:
+            RecordingError: The topic is missing, or its joints change on the way.
+        """
+        return joints_of(self.topic(short, JOINT_STATE), str(self.path))
+
+    def bodies(self, topic: Topic) -> list[Mapping[str, Any]]:
+        """Every message of a topic, decoded."""
+        return [unpack(topic.type_name, data) for data in topic.messages]
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a whole file.
+
+    Raises:
+        RecordingError: It cannot be opened or is no MCAP file.
+    """
+    scan = Scan(path)
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Topic] = {}
+    topics: dict[str, Topic] = {}
+    attachments: dict[str, bytes] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    for record in scan.records():
+        match record:
+            case Schema():
+                schemas[record.id] = record
+            case Channel():
+                if record.id not in channels:
+                    schema = schemas.get(record.schema_id)
+                    fresh = Topic(record.topic, schema.name if schema else "", record.message_encoding)
+                    channels[record.id] = topics.setdefault(record.topic, fresh)
+            case Message() if record.channel_id in channels:
+                channels[record.channel_id].stamp_ns.append(record.log_time)
+                channels[record.channel_id].messages.append(record.data)
+            case Attachment():
+                attachments[record.name] = record.data
+            case Metadata():
+                metadata[record.name] = dict(record.metadata)
+    return Recording(path, scan.profile, scan.damage, topics, attachments, metadata, scan.has_index)
+
+
+def joints_of(topic: Topic, who: str) -> Joints:
+    """A JointState topic as arrays.
+
+    Raises:
+        RecordingError: Names or lengths change on the way.
+    """
+    first = unpack(JOINT_STATE, topic.messages[0])
+    names = tuple(first["name"])
+    has_effort = len(first["effort"]) > 0
+    encoder = JointStateEncoder(names, first["header"]["frame_id"], has_effort)
+    try:
+        rows = encoder.rows(topic.messages)
+    except ValueError as error:
+        raise RecordingError(f"{who}: joints of {topic.name} change on the way: {error}") from error
+    stamps = rows["sec"].astype(np.int64) * 1_000_000_000 + rows["nanosec"]
+    order = np.argsort(stamps, kind="stable")
+    tau = rows["effort"][order].copy() if has_effort else None
+    return Joints(names, stamps[order], rows["position"][order].copy(), rows["velocity"][order].copy(), tau)
+
+
+def table_of(topic: Topic, who: str) -> dict[str, np.ndarray | list[str]] | None:
+    """Columns of a topic; None when its messages are blobs (images) or of a type we have no definition of.
+
+    Raises:
+        RecordingError: A message cannot be decoded.
+    """
+    if topic.type_name == JOINT_STATE:
+        return _joint_columns(topic, who)
+    try:
+        message_type(topic.type_name)
+    except (UnknownMessageTypeError, ValueError):
+        return None
+    if topic.type_name == IMAGE:
+        return None
+    try:
+        rows = [_flat(unpack(topic.type_name, data)) for data in topic.messages]
+    except CdrError as error:
+        raise RecordingError(f"{who}: a message of {topic.name} cannot be decoded: {error}") from error
+    columns: dict[str, np.ndarray | list[str]] = {"log_time_ns": np.array(topic.stamp_ns, np.int64)}
+    for name in dict.fromkeys(key for row in rows for key in row):
+        values = [row.get(name) for row in rows]
+        if any(isinstance(v, str) for v in values):
+            columns[name] = ["" if v is None else str(v) for v in values]
+        else:
+            columns[name] = np.array([np.nan if v is None else v for v in values])
+    return columns
+
+
+def _joint_columns(topic: Topic, who: str) -> dict[str, np.ndarray | list[str]]:
+    joints = joints_of(topic, who)
+    columns: dict[str, np.ndarray | list[str]] = {"stamp_ns": joints.stamp_ns, "t_s": joints.t}
+    for label, values in (("q_rad", joints.q), ("dq_rad_s", joints.dq), ("tau_Nm", joints.tau)):
+        if values is not None:
+            for i, name in enumerate(joints.names):
+                columns[f"{label}.{name}"] = values[:, i]
+    return columns
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested values as dotted names; a stamp becomes nanoseconds; long arrays are left out."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            if set(value) == {"sec", "nanosec"}:
+                found[f"{name}_ns"] = int(value["sec"]) * 1_000_000_000 + int(value["nanosec"])
+            else:
+                found.update(_flat(value, f"{name}."))
+        elif isinstance(value, (str, int, float, bool, np.generic)):
+            found[name] = value
+        elif len(value) <= _MAX_ARRAY:
+            for i, item in enumerate(value):
+                label = f"{name}[{i}]"
+                found.update(_flat(item, f"{label}.") if isinstance(item, Mapping) else {label: item})
+    return found

@@ -1,0 +1,191 @@
+"""Recordings as files: damaged ones are told and mended, whole ones exported and compared."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from s2r_executor.observations import Encoder, Timeline
+from s2r_executor.recorder_files import FileSettings, RecordingFiles
+from s2r_executor.recorder_wire import Batch, PlanIdentity
+from s2r_host.errors import RecordingError
+from s2r_host.log.check import check
+from s2r_host.log.diff import diff
+from s2r_host.log.export_lerobot import export_lerobot
+from s2r_host.log.export_tables import export_tables, parquet_joints
+from s2r_host.log.recover import recover
+from s2r_host.log.segments import segments
+from s2r_host.log.tables import read_recording
+from s2r_protocol.arms import load_arm
+from s2r_protocol.cli.root import main
+from s2r_protocol.faults import ExecutorState
+
+ARM = load_arm("xmate3pro")
+OFFSET_NS = 1_700_000_000_000_000_000
+RECORD = np.dtype(
+    [("tick", "<u8"), ("stamp_ns", "<i8"), ("state", "<u4"), ("cause", "<u4"), ("plan_id", "<u8")]
+    + [("plan_t", "<f8"), ("speed_scale", "<f8")]
+    + [(name, "<f8", (7,)) for name in ("q_ref", "dq_ref", "q_meas", "dq_meas", "tau_meas")]
+)
+EVENT = np.dtype([("tick", "<u8"), ("stamp_ns", "<i8"), ("kind", "<u4"), ("state", "<u4")])
+
+
+def record(folder: Path, ticks=1500, offset_rad=0.0, chunk_bytes=32_768) -> Path:
+    """A plan of ``ticks`` milliseconds and its tail, as the executor writes it."""
+    done = []
+    files = RecordingFiles(
+        folder,
+        ARM,
+        "/lab/xmate3pro",
+        Encoder(ARM, Timeline(OFFSET_NS, 1_000_000, stepped=True)),
+        FileSettings(chunk_bytes, 0.01),
+        {"arm": "xmate3pro", "model_hash": ARM.model_hash.hex()},
+        lambda identity, path: done.append(path),
+    )
+    files.open_plan(PlanIdentity(1, 7, 2, "host:1", "push"), b"wire")
+    rows = np.zeros(ticks + 300, RECORD)
+    rows["tick"] = np.arange(len(rows))
+    rows["state"] = np.where(rows["tick"] < ticks, ExecutorState.RUN, ExecutorState.HOLD)
+    rows["plan_id"] = 1
+    rows["plan_t"] = rows["tick"] * 1e-3
+    wave = 0.3 * np.sin(rows["tick"] * 2e-3)[:, None] * np.ones(7)
+    noise = 1e-6 * np.random.default_rng(3).standard_normal(wave.shape)  # so that chunks are not all alike
+    rows["q_ref"], rows["q_meas"] = wave, wave + offset_rad + noise
+    for begin in range(0, len(rows), 100):
+        files.write(Batch(rows[begin : begin + 100], np.zeros(0, EVENT), "host:1"))
+    files.finish()
+    return done[0]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("whole"))
+
+
+def command(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "s2r_protocol", *map(str, arguments)], capture_output=True, text=True
+    )
+
+
+def exit_code(*arguments: str | Path) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    return int(ended.value.code or 0)
+
+
+def test_a_whole_recording_is_whole(whole):
+    found = check(whole)
+    assert found.problems == []
+    assert {t.name.rsplit("/", 1)[1]: t.messages for t in found.topics}["joint_states"] == 1700
+    assert found.metadata["s2r"]["model_hash"] == ARM.model_hash.hex()
+    assert "plan.s2r" in found.attachments
+
+
+def test_a_cut_recording_is_refused_and_mended_up_to_the_cut(whole, tmp_path):
+    data = whole.read_bytes()
+    for share in (0.35, 0.6, 0.9):
+        cut, mended = tmp_path / f"cut{share}.mcap", tmp_path / f"mended{share}.mcap"
+        cut.write_bytes(data[: int(share * len(data))])
+        assert any("cut off" in text and "s2r log recover" in text for text in check(cut).problems)
+        saved = recover(cut, mended)
+        assert saved.damage.truncated
+        assert check(mended).problems == []
+        rows = read_recording(mended).joints()
+        original = read_recording(whole).joints()
+        np.testing.assert_array_equal(rows.q, original.q[: len(rows.q)])
+    assert len(rows.q) > 1000
+
+
+def test_a_damaged_chunk_costs_only_itself(whole, tmp_path):
+    data = bytearray(whole.read_bytes())
+    with whole.open("rb") as stream:
+        chunk = make_reader(stream).get_summary().chunk_indexes[2]
+    middle = chunk.chunk_start_offset + chunk.chunk_length // 2
+    data[middle : middle + 64] = bytes(64)
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(data)
+    assert any("damaged chunk" in text for text in check(broken).problems)
+    saved = recover(broken, tmp_path / "mended.mcap")
+    assert saved.damage.chunks == 1
+    joints = read_recording(saved.path).joints()
+    assert joints.stamp_ns[-1] == read_recording(whole).joints().stamp_ns[-1]
+
+
+def test_what_is_no_recording_is_refused_by_name(tmp_path):
+    text = tmp_path / "notes.mcap"
+    text.write_text("these are notes, not a recording")
+    with pytest.raises(RecordingError, match=r"notes\.mcap is no MCAP recording"):
+        check(text)
+
+
+def test_recover_never_overwrites(whole, tmp_path):
+    there = tmp_path / "there.mcap"
+    there.write_bytes(b"")
+    with pytest.raises(RecordingError, match="exists"):
+        recover(whole, there)
+
+
+def test_parquet_and_csv_hold_every_tick_with_units_in_the_names(whole, tmp_path):
+    recording = read_recording(whole)
+    written, left_out = export_tables(recording, tmp_path / "p", "parquet")
+    assert left_out == []
+    columns = parquet_joints(tmp_path / "p" / "joint_states.parquet")
+    np.testing.assert_array_equal(columns["q_rad.joint3"], recording.joints().q[:, 2])
+    export_tables(recording, tmp_path / "c", "csv")
+    lines = (tmp_path / "c" / "joint_states.csv").read_text().splitlines()
+    assert len(lines) == 1701
+    assert '"tau_Nm.joint7"' in lines[0]
+    assert len(written) == 3
+
+
+def test_the_lerobot_dataset_is_read_by_an_independent_reader(whole, tmp_path):
+    assert export_lerobot(read_recording(whole), tmp_path / "set", fps=50) == 1
+    info = json.loads((tmp_path / "set/meta/info.json").read_text())
+    assert info["total_frames"] == 75 + 10  # 1.5 s and the 0.2 s tail
+    assert info["features"]["observation.state"]["shape"] == [21]
+    reader = pytest.importorskip("rerun.experimental").LeRobotReader
+    assert reader(str(tmp_path / "set")) is not None
+
+
+def test_rerun_accepts_the_recording_and_its_export(whole, tmp_path):
+    rerun = Path(sys.executable).with_name("rerun")
+    if not rerun.exists():
+        pytest.skip("rerun-sdk is not installed")
+    checked = subprocess.run([rerun, "mcap", "check", whole], capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    assert exit_code("log", "export", whole, "--to", "rrd", "--out", tmp_path / "x.rrd") == 0
+    verified = subprocess.run([rerun, "rrd", "verify", tmp_path / "x.rrd"], capture_output=True, text=True)
+    assert verified.returncode == 0, verified.stdout + verified.stderr
+    printed = subprocess.run([rerun, "rrd", "print", tmp_path / "x.rrd"], capture_output=True, text=True)
+    assert "/arm/measured/joint7" in printed.stdout + printed.stderr
+
+
+def test_motions_are_found_by_the_executors_own_states(whole):
+    (only,) = segments(read_recording(whole))
+    assert (only.seq, only.label) == (7, "push")
+
+
+def test_a_shifted_recording_differs_by_the_shift(whole, tmp_path):
+    shifted = record(tmp_path, offset_rad=2e-3)
+    found = diff(read_recording(whole), read_recording(shifted))
+    np.testing.assert_allclose(found.motions[0].rms_rad, 2e-3, rtol=1e-2)
+    assert found.exceeds(1e-3)
+    assert not found.exceeds(3e-3)
+
+
+def test_diff_and_check_end_with_the_documented_codes(whole, tmp_path, capsys):
+    shifted = record(tmp_path, offset_rad=2e-3)
+    assert exit_code("log", "diff", whole, whole) == 0
+    assert exit_code("log", "diff", whole, shifted, "--json") == 7
+    assert json.loads(capsys.readouterr().out.split("\n", 2)[-1])["differs"] is True
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[:-2000])
+    assert exit_code("log", "check", cut) == 4
+    assert exit_code("log", "check", tmp_path) == 2
