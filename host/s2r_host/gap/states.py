@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import bilinear, lfilter
+from scipy.signal import lfilter
 
 from s2r_host.gap.session import Session
 
@@ -124,9 +124,18 @@ def deflection(
 
 
 def filtered(num: list[float], den: list[float], x: np.ndarray, dt: float) -> np.ndarray:
-    """Continuous transfer function applied to a signal that starts at rest (bilinear transform)."""
-    b, a = bilinear(num, den, 1.0 / dt)
-    return np.asarray(lfilter(np.asarray(b), np.asarray(a), x))
+    """Continuous transfer function of up to second order applied to a signal that starts at rest.
+
+    Tustin's substitution s = 2/dt (1 - z)/(1 + z), z the delay by one sample.
+    """
+    k = 2.0 / dt
+    b, a = _tustin(num, k), _tustin(den, k)
+    return np.asarray(lfilter(b / a[0], a / a[0], x))
+
+
+def _tustin(polynomial: list[float], k: float) -> np.ndarray:
+    c2, c1, c0 = [0.0] * (3 - len(polynomial)) + polynomial
+    return np.array([c2 * k * k + c1 * k + c0, 2.0 * (c0 - c2 * k * k), c2 * k * k - c1 * k + c0])
 
 
 def delayed(x: np.ndarray, delay: float, dt: float) -> np.ndarray:
