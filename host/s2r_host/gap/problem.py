@@ -141,9 +141,9 @@ class Problem:
 
 def compare(x: np.ndarray, s: Session, joint: int, nonlinear: bool) -> np.ndarray:
     """Bring a signal to the comparison band; what was not made from filtered motion passes both filters."""
-    if nonlinear:
-        x = lowpass(x, float(s.motion_cut[joint]), s.dt)
-    return lowpass(x, float(s.cut[joint]), s.dt)
+    return lowpass(
+        x, float(s.cut[joint]), s.dt, before_hz=float(s.motion_cut[joint]) if nonlinear else np.inf
+    )
 
 
 def residual(model: RigidModel, s: Session, joint: int) -> np.ndarray:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache
 
 import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt
+from scipy.signal import welch
 
+from s2r_host.gap.filters import zero_phase
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.recording import Recording
 
 MAX_RATE_HZ = 500.0
 MOTION_CUT_HZ = 50.0
 COMPARE_CUT_HZ = 30.0
+LEAST_MOTION_CUT_HZ = 8.0
+NOISY_SPEED = 0.08
+LINE_SHARE = 0.6
+LINE_MARGIN = 1.5
 
 
 @dataclass
@@ -32,6 +36,7 @@ class Session:
         v_eps: Speed below which the sign of motion is noise [rad/s or m/s], shape (joint,).
         q_lsb: Resolution of the position [rad or m], shape (joint,).
         cut: Upper end of the band in which efforts are compared [Hz], shape (joint,).
+        motion_cut: Cut of the filter behind position and its derivatives [Hz], shape (joint,).
         index: Number of the recording on the command line.
         cache: States already integrated, keyed by whoever made them.
     """
@@ -51,6 +56,7 @@ class Session:
     q_lsb: np.ndarray
     q_raw: np.ndarray
     cut: np.ndarray
+    motion_cut: np.ndarray
     cache: dict = field(default_factory=dict)
 
     def sign(self, joint: int) -> np.ndarray:
@@ -63,18 +69,17 @@ class Session:
         return None if raw is None else np.interp(self.t, self.rec.t, raw)
 
 
-def lowpass(x: np.ndarray, cut_hz: float, dt: float, order: int = 2) -> np.ndarray:
-    """Zero-phase Butterworth low-pass along the first axis; unchanged when the cut is above 0.45 of the rate."""
-    if cut_hz * dt >= 0.45 or len(x) < 30:
+def lowpass(
+    x: np.ndarray, cut_hz: float, dt: float, order: int = 2, before_hz: float = np.inf
+) -> np.ndarray:
+    """Zero-phase Butterworth low-pass along the first axis; unchanged when the cut is above 0.45 of the rate.
+
+    ``before_hz`` is the cut of a second filter applied in the same pass.
+    """
+    cuts = tuple(c for c in (before_hz, cut_hz) if c * dt < 0.45)
+    if not cuts or len(x) < 30:
         return np.asarray(x, dtype=float)
-    sections = _sections(round(cut_hz, 9), round(dt, 12), order)
-    return sosfiltfilt(sections, x, axis=0, padlen=min(len(x) - 1, int(3 / (cut_hz * dt))))
-
-
-@cache
-def _sections(cut_hz: float, dt: float, order: int) -> np.ndarray:
-    """Second-order sections of a low-pass; designing them costs more than using them."""
-    return butter(order, cut_hz, fs=1.0 / dt, output="sos")
+    return zero_phase(x, cuts, dt, order)
 
 
 def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
@@ -85,6 +90,8 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
     q_raw = np.zeros((n, nv))
     u[:] = np.nan
     v_eps, q_lsb = np.full(nv, 1e-3), np.zeros(nv)
+    cut = np.full(nv, min(COMPARE_CUT_HZ, 0.3 / rec.dt))
+    motion_cut = np.full(nv, min(MOTION_CUT_HZ, 0.4 / rec.dt))
     for i, joint in enumerate(model.joints):
         raw = rec.get("q", joint)
         if raw is None:
@@ -92,18 +99,23 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
             continue
         q_raw[:, i] = np.interp(t, rec.t, raw)
         q_lsb[i] = resolution(raw)
-        q[:, i], v[:, i], a[:, i] = _motion(rec, joint, t, dt)
-        v_eps[i] = _speed_noise(v[:, i], dt, q_lsb[i])
         effort = rec.get("tau", joint)
         if effort is not None:
             u[:, i] = np.interp(t, rec.t, effort)
+            line = line_hz(effort, rec.dt)
+            cut[i] = max(cut[i], min(LINE_MARGIN * line, 0.3 / rec.dt, 0.4 / dt))
+            motion_cut[i] = max(motion_cut[i], cut[i])
+        least = LEAST_MOTION_CUT_HZ if cut[i] <= COMPARE_CUT_HZ else float(cut[i])
+        (q[:, i], v[:, i], a[:, i]), motion_cut[i] = _quiet_motion(rec, joint, t, dt, float(motion_cut[i]), least)
+        cut[i] = min(cut[i], motion_cut[i])
+        v_eps[i] = _speed_noise(v[:, i], dt, float(motion_cut[i]))
     if rec.effort == "commanded":
         u = np.clip(u, *model.effort_limits())  # what the model says the drive can do is no news
     _add_wrenches(model, rec, t, q, u)
     return Session(
         rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.asarray(np.isfinite(u).all(0)),
         load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, q_lsb=q_lsb, q_raw=q_raw,
-        cut=np.full(nv, min(COMPARE_CUT_HZ, 0.3 / rec.dt)),
+        cut=cut, motion_cut=motion_cut,
     )  # fmt: skip
 
 
@@ -122,15 +134,45 @@ def _grid(rec: Recording) -> tuple[np.ndarray, float]:
     return t[t <= rec.t[-1] + 1e-9], float(dt)
 
 
+def line_hz(effort: np.ndarray, dt: float) -> float:
+    """Highest line of an effort that lives above the usual band, 0 when it does not [Hz].
+
+    Cogging of a fast motor puts most of the effort into a few narrow lines; noise spreads.
+    """
+    f, power = welch(effort, 1.0 / dt, nperseg=min(1024, len(effort) // 4))
+    above = f > COMPARE_CUT_HZ
+    if power[above].sum() < LINE_SHARE * power.sum():
+        return 0.0
+    order = np.argsort(-power * above)[: max(3, len(f) // 40)]
+    if power[order].sum() < LINE_SHARE * power.sum():
+        return 0.0
+    strong = order[power[order] > 0.05 * power[order[0]]]
+    return float(f[strong].max())
+
+
+def _quiet_motion(
+    rec: Recording, joint: str, t: np.ndarray, dt: float, cut: float, least: float
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], float]:
+    """Motion at the highest cut whose velocity noise stays a small part of the top speed, and that cut [Hz]."""
+    motion = _motion(rec, joint, t, dt, cut)
+    while cut > least and _speed_noise(motion[1], dt, cut) > NOISY_SPEED * _top(motion[1]):
+        cut = max(0.7 * cut, least)
+        motion = _motion(rec, joint, t, dt, cut)
+    return motion, cut
+
+
+def _top(v: np.ndarray) -> float:
+    return float(np.percentile(np.abs(v), 99)) if v.size else 1.0
+
+
 def _motion(
-    rec: Recording, joint: str, t: np.ndarray, dt: float
+    rec: Recording, joint: str, t: np.ndarray, dt: float, cut: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Position, velocity, acceleration from the quieter of two routes: q alone, or q with the logged dq."""
     raw = rec.get("q", joint)
     assert raw is not None
     fine_dt = rec.dt
     fine_t = np.arange(0.0, rec.t[-1] + 1e-9, fine_dt)
-    cut = min(MOTION_CUT_HZ, 0.4 / fine_dt)
     q = lowpass(_resample(rec.t, raw, fine_t), cut, fine_dt)
     routes = [(q, *_derivatives(q, fine_t))]
     logged = rec.get("dq", joint)
@@ -143,7 +185,8 @@ def _motion(
     best = routes[1] if len(routes) == 2 and noise[1] < 0.7 * noise[0] else routes[0]
     if len(routes) == 2 and 1.0 / fine_dt < 100.0:
         best = routes[1]
-    return tuple(np.interp(t, fine_t, x) for x in best)  # type: ignore[return-value]
+    q, dq, ddq = (np.asarray(np.interp(t, fine_t, x)) for x in best)
+    return q, dq, ddq
 
 
 def _resample(t_from: np.ndarray, x: np.ndarray, t_to: np.ndarray) -> np.ndarray:
@@ -158,9 +201,9 @@ def _derivatives(q: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return spline(t, 1), spline(t, 2)
 
 
-def _speed_noise(v: np.ndarray, dt: float, lsb: float) -> float:
+def _speed_noise(v: np.ndarray, dt: float, cut: float) -> float:
     """Twice the velocity left above the motion, never under 0.2 % of the top speed."""
-    fast = v - lowpass(v, 0.6 * min(MOTION_CUT_HZ, 0.4 / dt), dt)
+    fast = v - lowpass(v, 0.6 * cut, dt)
     top = float(np.max(np.abs(v))) if v.size else 1.0
     return max(2.0 * float(np.median(np.abs(fast))) * 1.48, 2e-3 * top, 1e-6)
 

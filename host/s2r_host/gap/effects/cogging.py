@@ -9,6 +9,7 @@ from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, 
 from s2r_host.gap.session import Session
 
 MIN_PERIODS = 1.2
+MAX_PERIODS = 2000
 SEEDS = 16
 RUB_PERIODS = (0.5, 0.75, 1.0)
 RUB_ODDS = -3.0
@@ -39,7 +40,7 @@ class Cogging(Effect):
         top = min(
             2 * np.pi / (6 * least + 1e-12),
             2 * np.pi * 0.83 * cut / max(typical, 1e-9),
-            2 * np.pi / travel * 300,
+            2 * np.pi / travel * MAX_PERIODS,
         )
         first = 2 * np.pi * MIN_PERIODS / travel
         if top <= first:
