@@ -68,12 +68,14 @@ def draw(
 @click.option("--command", "command", required=True, help="The tool, e.g. 's2r gap'; options may follow.")
 @click.option("--workers", default=1, show_default=True, help="Processes at a time.")
 @click.option("--timeout", "timeout_s", default=900.0, show_default=True, help="Seconds per case.")
-def run(folder: Path, command: str, workers: int, timeout_s: float) -> None:
+@click.option("--batch", is_flag=True, help="One call with --batch JOBS instead of one call per case.")
+def run(folder: Path, command: str, workers: int, timeout_s: float, batch: bool) -> None:
     """Run a tool over all cases; may be stopped and started again. Ends by hashing the verdicts."""
-    from s2r_conceal.run import run_all
+    from s2r_conceal.run import run_all, run_batched
 
     with click.progressbar(length=0, label="running") as bar:
-        total = run_all(folder, command, workers, timeout_s, bar)
+        runner = run_batched if batch else run_all
+        total = runner(folder, command, workers, timeout_s, bar)
     click.echo(f"verdicts hashed: {total}")
 
 

@@ -52,13 +52,7 @@ def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar
     """
     manifest = read_manifest(folder)
     check_files(folder, manifest)
-    words = shlex.split(command)
-    program = shutil.which(words[0]) if words else None
-    if program is None:
-        raise ConcealError(f"--command '{command}': no such program on the path")
-    words[0] = str(
-        Path(program).absolute()
-    )  # the tool is started elsewhere; a virtual environment's link stays
+    words = _program(command)
     folder = folder.absolute()
     (folder / "verdicts").mkdir(exist_ok=True)
     todo = [c for c in manifest["cases"] if not (folder / "verdicts" / f"{c}.json").is_file()]
@@ -72,6 +66,74 @@ def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar
     return publish_verdicts(folder)
 
 
+def run_batched(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar) -> str:
+    """Like :func:`run_all`, with one call of ``command --batch JOBS``: a tool that keeps its workers starts once.
+
+    The tool sees ``work/``, a folder with the inputs of the cases and nothing else. May be stopped and started again.
+
+    Raises:
+        SealError: A file of the set was changed.
+        ConcealError: The program cannot be started, or left cases without an answer.
+    """
+    manifest = read_manifest(folder)
+    check_files(folder, manifest)
+    words = _program(command)
+    folder = folder.absolute()
+    work, verdicts = folder / "work", folder / "verdicts"
+    verdicts.mkdir(exist_ok=True)
+    cases = manifest["cases"]
+    for case in cases:
+        (work / case).mkdir(parents=True, exist_ok=True)
+        for name in INPUTS:
+            shutil.copyfile(folder / case / name, work / case / name)
+    jobs = [{"name": c, "model": f"{c}/model.xml"} | {r: [f"{c}/{r}.csv"] for r in ROLES} for c in cases]
+    (work / "jobs.json").write_text(json.dumps(jobs) + "\n")
+    arguments = ["--batch", "jobs.json", "--out", "out", "--seed", "0", "--workers", str(workers)]
+    bar.length = len(cases)
+    shown = 0
+    with (work / "stderr.txt").open("w") as said:
+        running = subprocess.Popen([*words, *arguments], cwd=work, stdout=subprocess.DEVNULL, stderr=said)
+        deadline = time.monotonic() + timeout_s * len(cases)
+        try:
+            while running.poll() is None and time.monotonic() < deadline:
+                ready = sum(_batch_verdict(work / "out" / c) is not None for c in cases)
+                bar.update(ready - shown)
+                shown = ready
+                time.sleep(2.0)
+        finally:
+            running.terminate()
+            running.wait()
+    for case in cases:
+        verdict = _batch_verdict(work / "out" / case)
+        if verdict is None:
+            said_last = (work / "stderr.txt").read_text()[-500:]
+            raise ConcealError(f"the tool left {case} without an answer: {said_last}; start again to go on")
+        _write(verdicts / f"{case}.json", verdict)
+    return publish_verdicts(folder)
+
+
+def _batch_verdict(out: Path) -> dict[str, Any] | None:
+    for left in ("refused.json", "failed.json"):
+        why = _read(out / left)
+        if why is not None:
+            said = str(why.get("reason"))[-2000:]
+            return {"exit_code": why.get("exit_code"), "wall_s": None, "stderr_tail": said, "gap": None}
+    gap = _read(out / "gap.json")
+    if gap is None or not (out / "report.html").is_file():
+        return None
+    fine = gap.get("verdict") in ("nothing_missing", "insufficient")
+    return {"exit_code": 0 if fine else 7, "wall_s": gap.get("wall_s"), "stderr_tail": "", "gap": gap}
+
+
+def _program(command: str) -> list[str]:
+    words = shlex.split(command)
+    program = shutil.which(words[0]) if words else None
+    if program is None:
+        raise ConcealError(f"--command '{command}': no such program on the path")
+    # The tool is started elsewhere; a virtual environment's link stays.
+    return [str(Path(program).absolute()), *words[1:]]
+
+
 def run_case(folder: Path, case: str, words: list[str], timeout_s: float) -> None:
     """Run the tool on one case and write its verdict file, whole or not at all."""
     with tempfile.TemporaryDirectory(prefix="s2r-case-") as scratch:
@@ -82,7 +144,10 @@ def run_case(folder: Path, case: str, words: list[str], timeout_s: float) -> Non
         for role in ROLES:
             arguments += [f"--{role}", f"{role}.csv"]
         verdict = _run(place, [*words, *arguments, "--out", "out", "--seed", "0"], timeout_s)
-    path = folder / "verdicts" / f"{case}.json"
+    _write(folder / "verdicts" / f"{case}.json", verdict)
+
+
+def _write(path: Path, verdict: dict[str, Any]) -> None:
     part = path.with_suffix(".part")
     part.write_text(json.dumps(verdict, indent=1) + "\n")
     part.replace(path)

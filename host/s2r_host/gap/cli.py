@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import click
@@ -31,7 +32,7 @@ class _ListCommand(click.Command):
 
 
 @click.command(cls=_ListCommand)
-@click.option("--model", "model_path", required=True, type=click.Path(path_type=Path), help="MJCF or URDF.")
+@click.option("--model", "model_path", default=None, type=click.Path(path_type=Path), help="MJCF or URDF.")
 @click.option("--fit", "fit", multiple=True, type=click.Path(path_type=Path), help="Recordings to fit on.")
 @click.option(
     "--holdout", "holdout", multiple=True, type=click.Path(path_type=Path), help="Recordings to predict only."
@@ -41,22 +42,55 @@ class _ListCommand(click.Command):
 )
 @click.option("--config", "config_path", default=None, type=click.Path(path_type=Path), help="GAP.yaml.")
 @click.option("--out", "out", required=True, type=click.Path(path_type=Path), help="Folder for the answer.")
+@click.option(
+    "--batch",
+    "batch_path",
+    default=None,
+    type=click.Path(path_type=Path),
+    help="Many runs: a list of jobs (YAML).",
+)
+@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), help="Processes of a batch.")
 @click.option("--json", "as_json", is_flag=True, help="Print gap.json on stdout.")
 @click.option("--seed", default=0, show_default=True, help="Seed of everything drawn at random.")
 def gap(
-    model_path: Path, fit: tuple[Path, ...], holdout: tuple[Path, ...], repeat: tuple[Path, ...],
-    config_path: Path | None, out: Path, as_json: bool, seed: int,
+    model_path: Path | None, fit: tuple[Path, ...], holdout: tuple[Path, ...], repeat: tuple[Path, ...],
+    config_path: Path | None, out: Path, batch_path: Path | None, workers: int, as_json: bool, seed: int,
 ) -> int:  # fmt: skip
     """Find where simulation and recordings part, and name the physics left out.
 
     Exit code 0: nothing missing; 7: a difference was found; 2: bad usage; 4: a file was refused.
     """
+    from s2r_host.gap.errors import GapUsageError
+
+    if batch_path is not None:
+        if model_path is not None or fit or holdout or repeat or config_path is not None:
+            raise GapUsageError(
+                "--batch names every file in the batch itself; drop --model, --fit and the others"
+            )
+        return int(_batch(batch_path, out, workers, as_json, seed))
+    if model_path is None:
+        raise GapUsageError("no model given: use --model MODEL, or --batch JOBS.yaml for many runs")
     return int(run_gap(model_path, list(fit), list(holdout), list(repeat), config_path, out, as_json, seed))
+
+
+def _batch(path: Path, out: Path, workers: int, as_json: bool, seed: int) -> ExitCode:
+    from s2r_host.gap.batch import read_jobs, run_batch
+
+    jobs = read_jobs(path)
+    with click.progressbar(length=len(jobs), label="runs", file=sys.stderr) as bar:
+        rows = run_batch(jobs, out, workers, seed, bar.update)
+    if as_json:
+        click.echo(json.dumps(rows, ensure_ascii=False))
+    click.echo(f"{len(rows)} runs: {out / 'summary.html'}", err=True)
+    if any(r["verdict"] == "failed" for r in rows):
+        return ExitCode.BUG
+    fine = all(r["verdict"] in ("nothing_missing", "insufficient") for r in rows)
+    return ExitCode.OK if fine else ExitCode.DIFFERENCE
 
 
 def run_gap(
     model_path: Path, fit: list[Path], holdout: list[Path], repeat: list[Path], config_path: Path | None,
-    out: Path, as_json: bool = False, seed: int = 0,
+    out: Path, as_json: bool = False, seed: int = 0, quiet: bool = False,
 ) -> ExitCode:  # fmt: skip
     """Run the tool and write its answer; returns the exit code.
 
@@ -77,7 +111,8 @@ def run_gap(
         raise GapUsageError(f"--out '{out}' is a file; give a folder")
 
     def log(text: str) -> None:
-        click.echo(text, err=True)
+        if not quiet:
+            click.echo(text, err=True)
 
     analysis = analyse(model_path, fit, holdout, repeat, config, log)
     add_extras(analysis, config, seed, out, log)

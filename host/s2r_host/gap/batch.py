@@ -1,0 +1,218 @@
+"""Many runs of the tool: a spawn pool that keeps its workers, resumable, with a summary over robots and dates.
+
+A job is one line of the batch file. Its answer stands in its own folder; a job whose ``gap.json`` exists is not
+run again, so a stopped batch goes on where it was.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+import multiprocessing
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from s2r_host.gap.errors import GapUsageError
+from s2r_protocol.exits import ExitCode, S2RError
+
+KEYS = {"name", "model", "fit", "holdout", "repeat", "config", "robot", "date"}
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run: its files, and whose they are.
+
+    Attributes:
+        name: Folder of the answer.
+        robot: Which machine; ``date`` when it was recorded (any text that sorts).
+    """
+
+    name: str
+    model: Path
+    fit: tuple[Path, ...]
+    holdout: tuple[Path, ...] = ()
+    repeat: tuple[Path, ...] = ()
+    config: Path | None = None
+    robot: str = ""
+    date: str = ""
+
+
+def read_jobs(path: Path) -> list[Job]:
+    """Read a batch file: YAML or JSON, a list of maps with the keys of :class:`Job`; paths beside the file.
+
+    Raises:
+        GapUsageError: Unreadable, an unknown key, a missing one, or a name used twice.
+    """
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise GapUsageError(f"batch '{path}': {str(error).splitlines()[0]}") from error
+    if not isinstance(raw, list) or not raw:
+        raise GapUsageError(f"batch '{path}': write a list of jobs, each with name, model and fit")
+    jobs = [_job(path, entry, i) for i, entry in enumerate(raw)]
+    seen: set[str] = set()
+    for job in jobs:
+        if job.name in seen:
+            raise GapUsageError(f"batch '{path}': two jobs are called '{job.name}'")
+        seen.add(job.name)
+    return jobs
+
+
+def _job(path: Path, entry: Any, number: int) -> Job:
+    if not isinstance(entry, dict) or set(entry) - KEYS or not {"name", "model", "fit"} <= set(entry):
+        raise GapUsageError(
+            f"batch '{path}': job {number + 1} needs name, model and fit; allowed keys: {', '.join(sorted(KEYS))}"
+        )
+    base, name = path.parent, str(entry["name"])
+    if not name or "/" in name or name.startswith("."):
+        raise GapUsageError(f"batch '{path}': '{name}' cannot be the name of a folder")
+
+    def files(key: str) -> tuple[Path, ...]:
+        value = entry.get(key) or []
+        return tuple(base / str(x) for x in (value if isinstance(value, list) else [value]))
+
+    return Job(
+        name=name, model=base / str(entry["model"]), fit=files("fit"), holdout=files("holdout"),
+        repeat=files("repeat"), config=base / str(entry["config"]) if entry.get("config") else None,
+        robot=str(entry.get("robot") or name), date=str(entry.get("date") or ""),
+    )  # fmt: skip
+
+
+def run_batch(
+    jobs: list[Job], out: Path, workers: int, seed: int, told: Callable[[int], None] = lambda _: None
+) -> list[dict]:
+    """Run every job that has no answer yet; returns one summary row per job, in the order given.
+
+    Args:
+        jobs: What to run.
+        out: One folder per job goes here, and ``summary.json`` and ``summary.html``.
+        workers: Processes at a time.
+        seed: Given to every run.
+        told: Called with the number of jobs just finished; first with those already there.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    todo = [j for j in jobs if not answered(out / j.name)]
+    told(len(jobs) - len(todo))
+    for _ in _finished(todo, out, workers, seed):
+        told(1)
+    rows = [_row(j, out / j.name) for j in jobs]
+    (out / "summary.json").write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    (out / "summary.html").write_text(_page(rows), encoding="utf-8")
+    return rows
+
+
+def answered(folder: Path) -> bool:
+    """Is there a whole answer, or a refusal, from an earlier run? A failed run is tried again."""
+    return (folder / "report.html").is_file() or (folder / "refused.json").is_file()
+
+
+def _finished(todo: list[Job], out: Path, workers: int, seed: int) -> Iterator[None]:
+    if not todo:
+        return
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for done in as_completed([pool.submit(run_job, j, out / j.name, seed) for j in todo]):
+            done.result()
+            yield None
+
+
+def run_job(job: Job, folder: Path, seed: int) -> None:
+    """Run one job: a refused file leaves ``refused.json``, an error of the tool ``failed.json``; the batch goes on."""
+    from s2r_host.gap.cli import run_gap
+
+    (folder / "failed.json").unlink(missing_ok=True)
+    try:
+        run_gap(
+            job.model, list(job.fit), list(job.holdout), list(job.repeat), job.config, folder,
+            seed=seed, quiet=True,
+        )  # fmt: skip
+    except S2RError as error:
+        _leave(folder / "refused.json", str(error), int(error.exit_code))
+    except Exception:  # noqa: BLE001 - the summary says so, and the batch ends with the exit code of a bug
+        _leave(folder / "failed.json", traceback.format_exc(), int(ExitCode.BUG))
+
+
+def _leave(path: Path, reason: str, code: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps({"reason": reason, "exit_code": code}) + "\n", encoding="utf-8")
+
+
+def _row(job: Job, folder: Path) -> dict:
+    head = {"name": job.name, "robot": job.robot, "date": job.date}
+    for verdict in ("refused", "failed"):
+        left = folder / f"{verdict}.json"
+        if left.is_file():
+            reason = json.loads(left.read_text(encoding="utf-8"))["reason"]
+            return head | {"verdict": verdict, "reason": reason.strip().splitlines()[-1], "effects": []}
+    gap = json.loads((folder / "gap.json").read_text(encoding="utf-8"))
+    effects = [
+        {"name": e["name"], "joint": e["joint"], "probability": e["probability"]} for e in gap["effects"]
+    ]
+    off = [{"name": p["name"], "place": p.get("body", p.get("joint"))} for p in gap["parameters_off"]]
+    return head | {
+        "verdict": gap["verdict"],
+        "effects": effects,
+        "parameters_off": off,
+        "wall_s": gap["wall_s"],
+    }
+
+
+def since_when(rows: list[dict]) -> list[dict]:
+    """Per robot, joint and effect: the first date it was named and in how many runs since."""
+    found: dict[tuple[str, str, str], dict] = {}
+    for row in sorted(rows, key=lambda r: (r["robot"], r["date"], r["name"])):
+        for e in row["effects"]:
+            key = (row["robot"], e["joint"], e["name"])
+            entry = found.setdefault(
+                key,
+                {
+                    "robot": key[0],
+                    "joint": key[1],
+                    "effect": key[2],
+                    "since": row["date"] or row["name"],
+                    "runs": 0,
+                },
+            )
+            entry["runs"] += 1
+    return list(found.values())
+
+
+STYLE = """body{font:15px/1.5 system-ui,sans-serif;color:#1d2433;max-width:1000px;margin:2rem auto;padding:0 1rem}
+h1{font-size:1.4rem}h2{font-size:1.1rem;margin-top:2rem}table{border-collapse:collapse;width:100%;font-size:.9rem}
+td,th{padding:.3rem .5rem;border-bottom:1px solid #e4e7ec;text-align:left;vertical-align:top}th{color:#667085}
+.found{color:#d1495b}.fine{color:#1f7a8c}"""
+
+
+def _page(rows: list[dict]) -> str:
+    counts = {v: sum(r["verdict"] == v for r in rows) for v in sorted({r["verdict"] for r in rows})}
+    head = " · ".join(f"{n} {v.replace('_', ' ')}" for v, n in counts.items())
+    since = "".join(
+        f"<tr><td>{html.escape(e['robot'])}<td>{html.escape(e['joint'])}<td>{html.escape(e['effect'])}"
+        f"<td>{html.escape(e['since'])}<td>{e['runs']}"
+        for e in since_when(rows)
+    )
+    return "\n".join([
+        "<!doctype html><html lang=en><meta charset=utf-8><title>s2r gap: summary</title>",
+        f"<style>{STYLE}</style><h1>{len(rows)} runs: {html.escape(head)}</h1>",
+        "<h2>Which effect in which robot since when</h2>",
+        f"<table><tr><th>robot<th>joint<th>effect<th>since<th>runs{since}</table>" if since else "<p>None named.</p>",
+        "<h2>Runs</h2><table><tr><th>run<th>robot<th>date<th>verdict<th>what",
+        *(_line(r) for r in rows), "</table></html>",
+    ])  # fmt: skip
+
+
+def _line(row: dict) -> str:
+    name = html.escape(row["name"])
+    link = name if "reason" in row else f"<a href='{name}/report.html'>{name}</a>"
+    what = ", ".join(f"{e['name']} on {e['joint']} ({e['probability']:.2f})" for e in row["effects"])
+    what = what or ", ".join(f"{p['name']} of {p['place']}" for p in row.get("parameters_off", []))
+    kind = "fine" if row["verdict"] == "nothing_missing" else "found"
+    return (
+        f"<tr><td>{link}<td>{html.escape(row['robot'])}<td>{html.escape(row['date'])}"
+        f"<td class={kind}>{row['verdict'].replace('_', ' ')}<td>{html.escape(row.get('reason') or what)}"
+    )
