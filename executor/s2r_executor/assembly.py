@@ -8,6 +8,7 @@ import time
 from types import TracebackType
 
 from s2r_executor.bridge import Bridge, software_name
+from s2r_executor.commission import check_record
 from s2r_executor.config import ExecutorConfig
 from s2r_executor.core_process import CoreProcess
 from s2r_executor.front_end import FrontEnd
@@ -40,6 +41,12 @@ class Executor:
         self._failure: BaseException | None = None
         self._watched_s = time.monotonic()
         self.preflight = run_preflight(config)
+        if config.commissioned is not None:
+            check_record(config.commissioned, config, self.arm)
+        elif not config.is_stand_in:
+            logger.warning(
+                "no 'commissioned' record is named: nobody has checked how these drives are set up"
+            )
         self.process = CoreProcess(config, self.arm)
         try:
             self._assemble()

@@ -61,11 +61,19 @@ _WATCH_STUCK_S = 1.0
 @click.option(
     "--ready-file", type=click.Path(dir_okay=False, path_type=Path), help="Written when ready: one line."
 )
+@click.option(
+    "--commission",
+    is_flag=True,
+    help="Only look at the drives on the bus: who they are, their limits and watchdogs. Enables nothing.",
+)
+@click.option("--json", "as_json", is_flag=True, help="With --commission: print the findings as JSON.")
 @click.option("-v", "--verbose", is_flag=True, help="Log more.")
 def executor(
     config_path: Path | None,
     overrides: tuple[str, ...],
     ready_file: Path | None,
+    commission: bool,
+    as_json: bool,
     verbose: bool,
     **options: Any,  # the remaining options, by name; None or () where not given
 ) -> None:
@@ -82,7 +90,34 @@ def executor(
     for name, value in options.items():
         if value not in (None, ()):
             settings[renamed.get(name, name)] = value
-    sys.exit(run(load_config(config_path, settings), ready_file))
+    config = load_config(config_path, settings)
+    sys.exit(run_commissioning(config, as_json) if commission else run(config, ready_file))
+
+
+def run_commissioning(config: ExecutorConfig, as_json: bool) -> ExitCode:
+    """Look at the drives, print what was found, keep it if the configuration names a file.
+
+    Raises:
+        S2RError: The bus is not there, or another master is on it.
+    """
+    import json
+    from dataclasses import asdict
+
+    from s2r_executor.commission import commission, read_identities, write_record
+    from s2r_protocol.arms import load_arm
+    from s2r_protocol.cli.findings import print_findings
+
+    arm = load_arm(config.arm)
+    known = read_identities(config.commissioned) if config.commissioned is not None else None
+    found = commission(config, arm, known, lambda doing: click.echo(f"commissioning: {doing}", err=True))
+    if config.commissioned is not None:
+        write_record(config.commissioned, config, arm, found)
+        click.echo(f"commissioning: kept in {config.commissioned}", err=True)
+    if as_json:
+        click.echo(json.dumps([asdict(finding) for finding in found.findings], indent=2))
+    else:
+        print_findings(found.findings)
+    return ExitCode.OK if found.passed else ExitCode.REFUSED
 
 
 def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:

@@ -130,6 +130,9 @@ class ExecutorConfig(_Strict):
     publish_period_s: Positive = 0.01
     ros_domain: Annotated[int, Field(ge=0, le=232)] = 0
     allow_not_realtime: bool = False
+    commissioned: Path | None = (
+        None  # record of --commission; when named, a start without a good one is refused
+    )
     admission: AdmissionConfig = AdmissionConfig()
     core: CoreConfig = CoreConfig()
     recorder: RecorderConfig = RecorderConfig()

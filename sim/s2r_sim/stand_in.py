@@ -22,6 +22,7 @@ from s2r_sim.bus.bus import Bus
 from s2r_sim.bus.classic_nodes import ClassicNodes
 from s2r_sim.bus.fd_nodes import FdNodes
 from s2r_sim.bus.hub import Hub
+from s2r_sim.bus.object_dictionary import SdoServers
 from s2r_sim.bus.wire import Injection, Wire
 from s2r_sim.camera.process import CameraProcess
 from s2r_sim.camera.snapshot import Snapshot
@@ -88,6 +89,7 @@ def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
         camera = CameraProcess(arm.directory, world, snapshot, config.listen, keys, config.tls)
         stack.callback(camera.close)
         bus = Bus(hub, wire, nodes, plant)
+        bus.responders.append(SdoServers(plant.drives, arm, nodes.tick_ns).answer)
         stack.enter_context(_stopped_by_signals(bus))
         click.echo(
             f"bus {hub.path}, {config.packing} packing, worst-case load {100 * load:.1f} %, {config.clock} clock; "

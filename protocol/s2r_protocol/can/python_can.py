@@ -35,6 +35,7 @@ class StandInBus(can.BusABC):
         self._socket.setblocking(False)
         self._can_protocol = CanProtocol.CAN_FD
         self.channel_info = f"s2r stand-in bus at {channel}"
+        self._channel = str(channel)  # every message carries it; log formats want one word
         super().__init__(channel=channel, can_filters=can_filters)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
@@ -44,7 +45,7 @@ class StandInBus(can.BusABC):
         packet = self._socket.recv(128)
         if not packet:
             raise can.CanOperationError(f"{self.channel_info} was closed by the stand-in")
-        return to_message(CanFrame.unpack(packet), self.channel_info), False
+        return to_message(CanFrame.unpack(packet), self._channel), False
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Put a frame on the bus.

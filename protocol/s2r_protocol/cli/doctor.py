@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from s2r_protocol.arms import ArmDescription, load_arm
+from s2r_protocol.cli.findings import print_findings
 from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.machine import Finding, Level
 from s2r_protocol.machine.can_interface import check_interface, list_interfaces
@@ -107,20 +108,6 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
     return findings
 
 
-def _print_table(findings: list[Finding]) -> None:
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    colours = {Level.OK: "green", Level.NOTE: "yellow", Level.PROBLEM: "red"}
-    table = Table(box=None, pad_edge=False)
-    for column in ("", "topic", "finding", "what to do"):
-        table.add_column(column, overflow="fold")
-    for f in findings:
-        table.add_row(f"[{colours[f.level]}]{f.level}[/]", f.topic, escape(f.text), escape(f.fix))
-    Console().print(table)
-
-
 def _make_certificates(folder: Path, names: tuple[str, ...], days: int) -> list[Finding]:
     from s2r_protocol.session.certificates import make_certificates
 
@@ -171,7 +158,7 @@ def doctor(
     if as_json:
         click.echo(json.dumps([asdict(f) for f in findings], indent=2))
     else:
-        _print_table(findings)
+        print_findings(findings)
     if not any(f.level == Level.PROBLEM for f in findings):
         return int(ExitCode.OK)
     return int(ExitCode.NOT_READY if arm is None else ExitCode.USAGE)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 
 from s2r_protocol.can.frames import (
     CAN_EFF_FLAG,
@@ -25,6 +26,9 @@ from s2r_sim.bus.fd_nodes import FdNodes
 from s2r_sim.bus.hub import Client, Hub
 from s2r_sim.bus.wire import Wire
 from s2r_sim.plant import Plant
+
+Responder = Callable[[int, bytes], list[bytes]]
+"""(identifier, packet) of a client's frame -> frames that a drive answers at once, such as SDOs."""
 
 logger = logging.getLogger(__name__)
 
@@ -45,8 +49,10 @@ class Bus:
         self.plant = plant
         self.ticks = 0
         self.ignored = 0  # packets that are no CAN frame
+        self.responders: list[Responder] = []
         self._window_ns = plant.t_ns
         self._running = True
+        self._stepped = False  # time advances only with what the clients send
 
     def stop(self) -> None:
         """Leave the loop; may be called from a signal handler or another thread."""
@@ -59,6 +65,7 @@ class Bus:
         Args:
             pace: At most this many simulated seconds per second; 0 = as fast as possible.
         """
+        self._stepped = True
         allowed_ns = time.monotonic_ns()
         wall_tick_ns = int(self.nodes.tick_ns / pace) if pace > 0 else 0
         while self._running:
@@ -103,7 +110,14 @@ class Bus:
             self.tick()
         else:
             self._carry(self._window_ns + self.wire.tick_ns)
+            while self._time_stands_still and self.wire.waits:
+                self.tick()
         self._report_refused()
+
+    @property
+    def _time_stands_still(self) -> bool:
+        """Lock-step without a master: what others send, such as SDOs, takes its bit time all the same."""
+        return self._stepped and not any(client.is_master for client in self.hub.clients)
 
     def tick(self) -> None:
         """One period: what is on the wire arrives, physics advances, the drives answer."""
@@ -124,6 +138,9 @@ class Bus:
             self.hub.broadcast(frame.packet, frame.sender)
             if frame.sender is not None:
                 self.nodes.receive(frame.can_id, frame.packet)
+                for respond in self.responders:
+                    for packet in respond(frame.can_id, frame.packet):
+                        self.wire.offer(packet, None, self.wire.free_ns, self.ticks)
             if until_sync and frame.can_id == self.nodes.sync_id:
                 return True
         return False

@@ -81,6 +81,11 @@ class Wire:
         """Share of the last hundred ticks during which the bus was busy."""
         return sum(self.loads) / len(self.loads) if self.loads else 0.0
 
+    @property
+    def waits(self) -> bool:
+        """Whether a frame waits for the bus."""
+        return bool(self._waiting)
+
     def offer(self, packet: bytes, sender: object, now_ns: int, tick: int) -> None:
         """A node wants to transmit a packed frame."""
         can_id = int.from_bytes(packet[:4], "little") & (CAN_EFF_FLAG | CAN_EFF_MASK)

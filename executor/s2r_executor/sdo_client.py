@@ -1,0 +1,142 @@
+"""Asking drives for entries of their object dictionaries, over any bus python-can knows."""
+
+from __future__ import annotations
+
+import struct
+import time
+from types import TracebackType
+
+import can
+
+from s2r_protocol.can import sdo
+from s2r_protocol.can.frames import CanFrame
+from s2r_protocol.can.python_can import from_message, to_message
+from s2r_protocol.exits import S2RError, UnreachableError
+
+_ABORTS = {
+    sdo.NO_OBJECT: "there is no such object",
+    sdo.NO_SUBINDEX: "there is no such subindex",
+    sdo.READ_ONLY: "it is read only",
+}
+
+
+class SdoAbortError(S2RError, RuntimeError):
+    """The drive answered with an abort; ``code`` is CiA 301's."""
+
+    def __init__(self, node: int, index: int, subindex: int, code: int) -> None:
+        why = _ABORTS.get(code, "abort code of CiA 301")
+        super().__init__(f"node {node}: object {index:#06x}:{subindex}: {why} ({code:#010x})")
+        self.code = code
+
+
+class SdoTimeoutError(UnreachableError, TimeoutError):
+    """The node did not answer."""
+
+
+class CanLine:
+    """One attachment to a bus: frames out, frames in. A context manager."""
+
+    def __init__(self, address: str) -> None:
+        """Join ``unix:PATH`` or ``can:IFACE``.
+
+        Raises:
+            UnreachableError: It is not there.
+        """
+        kind, _, channel = address.partition(":")
+        try:
+            if kind == "can":
+                self._bus: can.BusABC = can.Bus(interface="socketcan", channel=channel, fd=True)
+            else:
+                from s2r_protocol.can.python_can import StandInBus
+
+                self._bus = StandInBus(address)
+        except (can.CanError, OSError) as error:
+            raise UnreachableError(f"bus {address} cannot be opened: {error}") from error
+
+    def send(self, frame: CanFrame) -> None:
+        """Put a frame on the bus."""
+        self._bus.send(to_message(frame, ""))
+
+    def receive(self, until_s: float) -> CanFrame | None:
+        """The next data frame, or None when the monotonic clock reaches ``until_s``."""
+        while (left := until_s - time.monotonic()) > 0:
+            message = self._bus.recv(left)
+            if message is not None and not message.is_error_frame and not message.is_remote_frame:
+                return from_message(message)
+        return None
+
+    def listen(self, duration_s: float) -> list[CanFrame]:
+        """Everything heard in that time."""
+        until = time.monotonic() + duration_s
+        frames = []
+        while (frame := self.receive(until)) is not None:
+            frames.append(frame)
+        return frames
+
+    def __enter__(self) -> CanLine:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bus.shutdown()
+
+
+class SdoClient:
+    """Reads entries of one node after the other."""
+
+    def __init__(self, line: CanLine, timeout_s: float = 0.5) -> None:
+        self._line = line
+        self._timeout_s = timeout_s
+
+    def upload(self, node: int, index: int, subindex: int = 0) -> bytes:
+        """The entry's bytes.
+
+        Raises:
+            SdoAbortError: The drive has no such entry.
+            SdoTimeoutError: It did not answer.
+        """
+        payload = self._ask(node, sdo.pack_head(sdo.UPLOAD, index, subindex))
+        command, _, _, data = self._checked(node, payload, index, subindex)
+        value = sdo.expedited(command, data)
+        if value is not None:
+            return value
+        (size,), value, toggle, last = struct.unpack("<I", data), b"", 0, False
+        while not last:
+            payload = self._ask(node, bytes([sdo.UPLOAD_SEGMENT | toggle]).ljust(8, b"\0"))
+            self._checked(node, payload, index, subindex)
+            part, last = sdo.segment_part(payload)
+            value += part
+            toggle ^= sdo.TOGGLE
+        return value[:size]
+
+    def number(self, node: int, index: int, subindex: int = 0, signed: bool = False) -> int:
+        """The entry as an integer of whatever length it has."""
+        return int.from_bytes(self.upload(node, index, subindex), "little", signed=signed)
+
+    def present(self, timeout_s: float, last_node: int = sdo.MAX_NODE) -> dict[int, int]:
+        """Ask every node for its device type at once; node -> number of answers (two: a node id used twice)."""
+        found: dict[int, int] = {}
+        for first in range(1, last_node + 1, 16):  # a burst that no transmit queue overflows at
+            for node in range(first, min(first + 16, last_node + 1)):
+                self._line.send(CanFrame(sdo.REQUEST_ID + node, sdo.pack_head(sdo.UPLOAD, 0x1000, 0)))
+            for frame in self._line.listen(timeout_s):
+                node = frame.can_id - sdo.RESPONSE_ID
+                if 1 <= node <= sdo.MAX_NODE and len(frame.data) == 8 and not frame.is_fd:
+                    found[node] = found.get(node, 0) + 1
+        return found
+
+    def _ask(self, node: int, payload: bytes) -> bytes:
+        self._line.send(CanFrame(sdo.REQUEST_ID + node, payload))
+        until = time.monotonic() + self._timeout_s
+        while (frame := self._line.receive(until)) is not None:
+            if frame.can_id == sdo.RESPONSE_ID + node and len(frame.data) == 8:
+                return frame.data
+        raise SdoTimeoutError(f"node {node} did not answer an SDO within {self._timeout_s:g} s")
+
+    @staticmethod
+    def _checked(node: int, payload: bytes, index: int, subindex: int) -> tuple[int, int, int, bytes]:
+        head = sdo.unpack_head(payload)
+        if head[0] == sdo.ABORT:
+            raise SdoAbortError(node, index, subindex, struct.unpack("<I", head[3])[0])
+        return head
