@@ -20,7 +20,7 @@ from google.protobuf.message import Message
 
 from s2r_executor.config import ExecutorConfig
 from s2r_executor.front_end import Accepted, FrontEnd
-from s2r_executor.observations import EVENTS, TOPICS, Encoder, Topic
+from s2r_executor.observations import EVENTS, PLAN, TIMING, TOPICS, Encoder, Topic
 from s2r_executor.plan import CommandRefusedError, PlanRequest
 from s2r_executor.status import ExecutorStatus
 from s2r_protocol import codec, session
@@ -34,6 +34,7 @@ logger = logging.getLogger(__name__)
 
 _NODE = "s2r_executor"
 _LOG_REFUSED_EVERY_S = 1.0
+_TIMING_PERIOD_S = 0.5
 
 
 def software_name() -> str:
@@ -101,8 +102,17 @@ class Bridge:
                 stamp_ns, message = self._encoder.event(event)
                 self._publishers[EVENTS].put(message, stamp_ns)
 
+    def _publish(self, topic: Topic, stamp_ns: int, message: bytes) -> None:
+        with self._publish_lock:
+            if not self._ended.is_set():
+                self._publishers[topic].put(message, stamp_ns)
+
     def _publish_loop(self) -> None:
+        timing_at_s = 0.0
         while not self._ended.wait(self._config.publish_period_s):
+            if time.monotonic() >= timing_at_s:
+                timing_at_s = time.monotonic() + _TIMING_PERIOD_S
+                self._publish(TIMING, *self._encoder.timing(*self._front_end.punctuality()))
             status = self._front_end.status()
             stamp_ns = int(self._encoder.timeline.of(status.core.tick, status.core.stamp_ns))
             for topic, message in self._encoder.snapshot(status):
@@ -204,7 +214,10 @@ class Bridge:
 
     def _plan(self, envelope: pb.Envelope, wire: bytes) -> pb.Verdict:
         def act(address: codec.Address) -> Accepted:
-            return self._front_end.plan(address, plan_from_message(codec.open_body(envelope, pb.Plan)), wire)
+            request = plan_from_message(codec.open_body(envelope, pb.Plan))
+            accepted = self._front_end.plan(address, request, wire)
+            self._publish(PLAN, *self._encoder.plan(request))
+            return accepted
 
         return self._once(envelope, wire, act)
 

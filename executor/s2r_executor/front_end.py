@@ -22,8 +22,9 @@ from s2r_executor.core import Core, CoreSnapshot, EventKind
 from s2r_executor.door import Identity, SequenceBook, check_addressee, check_epoch
 from s2r_executor.lease import Lease, LeaseDecision
 from s2r_executor.plan import AdmittedPlan, CommandRefusedError, PlanRequest
-from s2r_executor.recorder import PlanIdentity, Recorder, RecordingAnswer
+from s2r_executor.recorder import PlanIdentity, Recorder, RecordingAnswer, RecordingLoss
 from s2r_executor.status import ExecutorStatus, why_not_moving
+from s2r_executor.tick_timing import TickTiming
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.codec import Address
 from s2r_protocol.faults import Cause, ExecutorState, Refusal
@@ -97,6 +98,7 @@ class FrontEnd:
         self._seq_of_plan: dict[int, int] = {0: 0}
         self._rejections: OrderedDict[int, int] = OrderedDict()  # plan id -> code
         self._rejections_lock = threading.Lock()
+        self._timing = TickTiming()
 
     # -- asking -------------------------------------------------------------------------------------
 
@@ -114,6 +116,10 @@ class FrontEnd:
     def recording(self, plan_seq: int) -> RecordingAnswer:
         """The recording of the newest plan with this number."""
         return self._recorder.answer(plan_seq)
+
+    def punctuality(self) -> tuple[TickTiming, int, RecordingLoss]:
+        """Lateness of the ticks so far, ticks that never left the core, and ticks that are in no recording."""
+        return self._timing, self._core.records_dropped, self._recorder.loss
 
     # -- the right to move --------------------------------------------------------------------------
 
@@ -373,6 +379,8 @@ class FrontEnd:
             self._stop_if_moving(Cause.HOST_LOST)
         events = self._core.events()
         records = self._core.records()
+        if len(records):
+            self._timing.add(records)
         self._note_rejections(events)
         dropped = self._core.records_dropped
         if dropped > self._dropped_said:

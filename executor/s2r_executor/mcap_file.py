@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
-from s2r_executor.observations import TOPICS, Topic
+from s2r_executor.observations import RECORDED, Topic
 from s2r_protocol.ros2.definitions import message_type, schema_text
 from s2r_protocol.ros2.rihs import type_hash
 
@@ -30,7 +30,7 @@ class McapFile:
         self._channels: dict[Topic, int] = {}
         self._counts: dict[Topic, int] = {}
         schemas: dict[str, int] = {}
-        for topic in TOPICS:
+        for topic in RECORDED:
             name = topic.type_name
             if name not in schemas:
                 schemas[name] = self._writer.register_schema(name, "ros2msg", schema_text(name).encode())

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from s2r_executor.core import CoreSnapshot, EventKind
 from s2r_executor.fault_table import FAULTS
 from s2r_executor.status import ExecutorStatus, known_cause
+from s2r_executor.tick_timing import EDGES_S, TickTiming
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.faults import ExecutorState, Refusal
 from s2r_protocol.ros2 import JointStateEncoder, pack
 
+if TYPE_CHECKING:
+    from s2r_executor.plan import PlanRequest
+    from s2r_executor.recorder import RecordingLoss
+
 JOINT_STATE = "sensor_msgs/msg/JointState"
 EXECUTOR_STATE = "s2r_msgs/msg/ExecutorState"
 LOG = "rcl_interfaces/msg/Log"
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+TICK_TIMING = "s2r_msgs/msg/TickTiming"
 
 _DEBUG, _INFO, _WARN, _ERROR = 10, 20, 30, 40
 _LEVEL = {
@@ -46,7 +55,10 @@ JOINT_STATES = Topic("joint_states", JOINT_STATE)
 JOINT_COMMANDS = Topic("joint_commands", JOINT_STATE)
 STATE = Topic("executor_state", EXECUTOR_STATE)
 EVENTS = Topic("events", LOG)
-TOPICS = (JOINT_STATES, JOINT_COMMANDS, STATE, EVENTS)
+PLAN = Topic("plan", TRAJECTORY)
+TIMING = Topic("timing", TICK_TIMING)
+RECORDED = (JOINT_STATES, JOINT_COMMANDS, STATE, EVENTS)
+TOPICS = (*RECORDED, PLAN, TIMING)
 
 
 @dataclass(frozen=True)
@@ -137,6 +149,40 @@ class Encoder:
                 "plan_seq": plan_seq,
                 "epoch": epoch,
                 "lease_holder": holder,
+            },
+        )
+
+    def plan(self, request: PlanRequest) -> tuple[int, bytes]:
+        """Wall-clock stamp [ns] and message of a plan that was accepted just now; the label is its frame id."""
+        stamp_ns = time.time_ns()
+        points = [
+            {
+                "positions": request.q[i],
+                "velocities": request.dq[i],
+                "accelerations": request.ddq[i],
+                "time_from_start": stamp_of(round(float(request.t[i]) * 1e9)),
+            }
+            for i in range(len(request.t))
+        ]
+        header = {"stamp": stamp_of(stamp_ns), "frame_id": request.label}
+        body = {"header": header, "joint_names": list(request.joint_names), "points": points}
+        return stamp_ns, pack(TRAJECTORY, body)
+
+    def timing(self, timing: TickTiming, records_dropped: int, loss: RecordingLoss) -> tuple[int, bytes]:
+        """Wall-clock stamp [ns] and message of the loop's punctuality so far."""
+        stamp_ns = time.time_ns()
+        count, worst_s = timing.read()
+        return stamp_ns, pack(
+            TICK_TIMING,
+            {
+                "header": {"stamp": stamp_of(stamp_ns)},
+                "ticks": int(count.sum()),
+                "edge_s": EDGES_S,
+                "count": count.astype(np.uint64),
+                "worst_s": worst_s,
+                "records_dropped": records_dropped,
+                "recording_lost_ticks": loss.ticks,
+                "recording_problem": loss.reason,
             },
         )
 
