@@ -56,7 +56,7 @@ void Core::watch_powered() noexcept {
     else
       stop(finding.trip);
   }
-  stop(check_brakes(config_, drives_));
+  if (!closing_brakes_ && !reenabling_) stop(check_brakes(config_, drives_));
   stop(find_following_error());
   stop(plausibility_.check(drives_, age_, sent_q_ref_, true));
   if (sent_tau_known_)
@@ -110,7 +110,7 @@ void Core::watch_brakes() noexcept {
     if (drives_[joint].brake_released) released = joint;
   }
   if (reenabling_) {
-    if (first_not_enabled() < 0)
+    if (first_not_enabled() < 0 && !check_brakes(config_, drives_))
       reenabling_ = false;
     else if (seconds_since(brakes_since_tick_) > config_.arming_timeout_s)
       stop({Cause::kDriveNotEnabled, first_not_enabled(), 0.0, 0.0});
@@ -205,9 +205,13 @@ void Core::drives_off(const Trip& trip) noexcept { stop_with(trip, Trigger::kSto
 void Core::stop_with(const Trip& trip, Trigger trigger) noexcept {
   const bool while_holding = state_ == State::kHold && trigger == Trigger::kStopCat2;
   if (next_state(state_, trigger) == state_ && !while_holding) return;  // nothing moves, or a harder stop is under way
-  cause_ = trip;
-  ++epoch_;  // whatever was on its way is void
-  emit(EventKind::kStopBegun, trip);
+  if (state_ == State::kStop1) {
+    emit(EventKind::kWatchdog, trip);  // the same stop by harder means: it keeps the cause that began it
+  } else {
+    cause_ = trip;
+    ++epoch_;  // whatever was on its way is void
+    emit(EventKind::kStopBegun, trip);
+  }
   if (while_holding) emit(EventKind::kStopDone, trip);
   if (trigger == Trigger::kStopCat0) quick_stop_ = powered() && !motion_.at_rest();
   apply(trigger);

@@ -25,8 +25,13 @@ struct Frame {
   bool error = false;  // error frame of the controller: id holds the error class bits
   std::array<std::uint8_t, 64> data{};
 };
-inline constexpr std::uint32_t kErrorClassBusOff = 0x40;  // CAN_ERR_BUSOFF
-inline constexpr std::uint32_t kErrorClassNone = 0;       // no controller sends it: the stand-in's "period is over"
+inline constexpr std::uint32_t kErrorClassBusOff = 0x40;      // CAN_ERR_BUSOFF
+inline constexpr std::uint32_t kErrorClassController = 0x04;  // CAN_ERR_CRTL, detail in data[1]
+inline constexpr std::uint8_t kTransmitOverflow = 0x02;       // CAN_ERR_CRTL_TX_OVERFLOW
+constexpr bool is_transmit_overflow(const Frame& frame) noexcept {
+  return frame.error && (frame.id & kErrorClassController) != 0U && (frame.data[1] & kTransmitOverflow) != 0U;
+}
+inline constexpr std::uint32_t kErrorClassNone = 0;  // no controller sends it: the stand-in's "period is over"
 
 // CiA 402 states, numbered as in the low nibble of STAT.
 enum class DriveState : std::uint8_t {

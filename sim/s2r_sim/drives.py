@@ -6,6 +6,7 @@ protects itself: missing set-points are bridged for three periods at constant ve
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from s2r_protocol.arms import ArmDescription
@@ -118,6 +119,11 @@ class Drive:
         self._q_brake = q
         self._powered_s = 0.0
         self._following_s = 0.0
+        # What a test or an operator may break: channels of the emergency stop chain that are open (bit 0, 1), a brake
+        # that no longer moves (the state its sensor tells), and an encoder that lies (true angle -> told angle).
+        self.estop_open = 0
+        self.brake_stuck: bool | None = None
+        self.encoder: Callable[[float], float] | None = None
 
     @property
     def following_error(self) -> float:
@@ -151,7 +157,10 @@ class Drive:
 
     def period(self, period_s: float) -> None:
         """One communication period has passed: walk the state machine and mind the watchdog."""
-        self._walk()
+        if self.estop_open and self.state not in _OFF:  # safe torque off: no power, whatever is asked
+            self._enter(DriveState.SWITCH_ON_DISABLED)
+        elif not self.estop_open:
+            self._walk()
         if self.state != DriveState.OPERATION_ENABLED:
             self._missed, self._fresh, self.ddq_set = 0, False, 0.0
             return
@@ -190,7 +199,7 @@ class Drive:
     def _close_brake(self) -> None:
         if self.brake_released:
             self._q_brake = self.q_meas
-        self.brake_released = False
+        self.brake_released = bool(self.brake_stuck)
         self.following_warning = False
         self._following_s = 0.0
 
@@ -201,6 +210,8 @@ class Drive:
 
     def measure(self, q: float, dq: float) -> None:
         """Read the encoder: true joint position [rad] and velocity [rad/s] in, quantised position kept."""
+        if self.encoder is not None:
+            q = self.encoder(q)
         self.q_meas = round(q * ENCODER_COUNTS_PER_RAD) / ENCODER_COUNTS_PER_RAD
         self.dq_meas = dq
 
@@ -217,7 +228,9 @@ class Drive:
             self._q_set = self._q_from + (self._q_to - self._q_from) * phase
         elif state in _RAMPING:
             self._ramp(dt)
-        self.tau_meas = self._servo(bias, dt) if self.state in _POWERED else 0.0
+        # "Disable operation" keeps the torque until the brake has closed.
+        holds = self.state == DriveState.SWITCHED_ON and self.brake_released
+        self.tau_meas = self._servo(bias, dt) if self.state in _POWERED or holds else 0.0
         return self.tau_meas if self.brake_released else self.tau_meas + self._brake()
 
     def _servo(self, bias: float, dt: float) -> float:
@@ -228,7 +241,8 @@ class Drive:
             self._watch_following(abs(error), dt)
         elif self.state == DriveState.OPERATION_ENABLED:
             self._powered_s += dt
-            self.brake_released = self._powered_s >= BRAKE_RELEASE_S
+            opened = self._powered_s >= BRAKE_RELEASE_S
+            self.brake_released = opened if self.brake_stuck is None else self.brake_stuck
         torque = p.kp * error + p.kd * (self._dq_set - self.dq_meas) + self._integral + bias + self._tau_ff
         return _clip(torque, p.tau_max)
 
@@ -263,6 +277,7 @@ class Drive:
 
 _RAMPING = frozenset({DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION})
 _POWERED = _RAMPING | {DriveState.OPERATION_ENABLED}
+_OFF = frozenset({DriveState.NOT_READY, DriveState.SWITCH_ON_DISABLED, DriveState.FAULT})
 
 
 def _clip(value: float, limit: float) -> float:

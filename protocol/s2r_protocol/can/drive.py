@@ -42,6 +42,7 @@ class DriveError(enum.IntEnum):
 
 BRAKE_RELEASED = 0x10  # STAT state byte, bit 4
 FOLLOWING_WARNING = 0x20  # STAT state byte, bit 5
+ESTOP_SHIFT = 6  # STAT state byte, bits 6 and 7: channel 1 and 2 of the emergency stop chain are open
 
 # Statusword (0x6041): the bits that tell the states apart, then the ones a master watches.
 STATUSWORD: dict[DriveState, int] = {
@@ -59,6 +60,8 @@ SW_REMOTE = 0x0200
 SW_FOLLOWS = 0x1000  # cyclic synchronous modes: the drive follows the command value
 SW_FOLLOWING_ERROR = 0x2000
 SW_BRAKE_RELEASED = 0x4000  # manufacturer specific
+SW_ESTOP_1 = 0x0100  # manufacturer specific: channel 1 of the emergency stop chain is open
+SW_ESTOP_2 = 0x8000  # manufacturer specific: channel 2
 
 CW_FAULT_RESET = 0x0080  # controlword (0x6040), acts on its rising edge
 

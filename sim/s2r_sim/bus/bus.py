@@ -30,6 +30,9 @@ from s2r_sim.plant import Plant
 Responder = Callable[[int, bytes], list[bytes]]
 """(identifier, packet) of a client's frame -> frames that a drive answers at once, such as SDOs."""
 
+Tap = Callable[[int, bytes, object], None]
+"""(time [ns], packet, sender): None is a drive, anything else a client."""
+
 logger = logging.getLogger(__name__)
 
 RUN_OUT_NS = 2_000_000_000  # simulated time in which drives without a master come to rest
@@ -49,7 +52,9 @@ class Bus:
         self.plant = plant
         self.ticks = 0
         self.ignored = 0  # packets that are no CAN frame
+        self.taps: list[Tap] = []  # hear what clients want to send and what drives have sent
         self.responders: list[Responder] = []
+        self.announces_periods = False  # lock-step: tell the master when it has all answers it will get
         self._window_ns = plant.t_ns
         self._running = True
         self._stepped = False  # time advances only with what the clients send
@@ -65,7 +70,7 @@ class Bus:
         Args:
             pace: At most this many simulated seconds per second; 0 = as fast as possible.
         """
-        self._stepped = True
+        self._stepped = self.announces_periods = True
         allowed_ns = time.monotonic_ns()
         wall_tick_ns = int(self.nodes.tick_ns / pace) if pace > 0 else 0
         while self._running:
@@ -105,9 +110,13 @@ class Bus:
             self.ignored += 1
             return
         self.wire.offer(packet, client, self.plant.t_ns, self.ticks)
+        for tap in self.taps:
+            tap(self.plant.t_ns, packet, client)
         if self._begins_period(packet):
             client.is_master = True
             self.tick()
+            if self.announces_periods:
+                self.hub.send(client, self._period_over(packet))
         else:
             self._carry(self._window_ns + self.wire.tick_ns)
             while self._time_stands_still and self.wire.waits:
@@ -136,6 +145,9 @@ class Bus:
         """Deliver frames that fit before ``end_ns``; True when it ended with the frame that begins a period."""
         while (frame := self.wire.next(end_ns)) is not None:
             self.hub.broadcast(frame.packet, frame.sender)
+            if frame.sender is None:
+                for tap in self.taps:
+                    tap(self.wire.free_ns, frame.packet, None)
             if frame.sender is not None:
                 self.nodes.receive(frame.can_id, frame.packet)
                 for respond in self.responders:
@@ -148,6 +160,13 @@ class Bus:
     def _begins_period(self, packet: bytes) -> bool:
         raw = int.from_bytes(packet[:4], "little")
         return raw & (CAN_EFF_FLAG | CAN_ERR_FLAG | CAN_EFF_MASK) == self.nodes.sync_id
+
+    def _period_over(self, packet: bytes) -> bytes:
+        """An error frame of no error class, which no controller sends, with the counter of the period's command.
+
+        Without it the master could not tell a lost answer from a stand-in that has no CPU to spare right now.
+        """
+        return CanFrame(0, self.nodes.counter_of(packet), is_error=True).pack()
 
     def _report_refused(self) -> None:
         for frame in self.wire.refused:

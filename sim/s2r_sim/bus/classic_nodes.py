@@ -10,6 +10,8 @@ from s2r_protocol.can.drive import (
     CW_FAULT_RESET,
     STATUSWORD,
     SW_BRAKE_RELEASED,
+    SW_ESTOP_1,
+    SW_ESTOP_2,
     SW_FOLLOWING_ERROR,
     SW_FOLLOWS,
     SW_REMOTE,
@@ -66,6 +68,11 @@ class ClassicNodes:
                 self._latched[(can_id & CAN_SFF_MASK) - classic.RPDO1_ID - 1] = payload
             else:
                 self.refused += 1
+
+    @staticmethod
+    def counter_of(packet: bytes) -> bytes:
+        """The counter in a SYNC frame."""
+        return packet[8:9]
 
     def forget_master(self) -> None:
         """Nothing is remembered of a master but its SYNCs."""
@@ -140,6 +147,7 @@ def _statusword(drive: Drive) -> int:
         word |= SW_WARNING | SW_FOLLOWING_ERROR
     if drive.state == DriveState.OPERATION_ENABLED:
         word |= SW_FOLLOWS
+    word |= (SW_ESTOP_1 if drive.estop_open & 1 else 0) | (SW_ESTOP_2 if drive.estop_open & 2 else 0)
     if drive.error == DriveError.FOLLOWING:
         word |= SW_FOLLOWING_ERROR
     return word

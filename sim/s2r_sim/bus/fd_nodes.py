@@ -6,7 +6,14 @@ import struct
 from binascii import crc_hqx
 
 from s2r_protocol.can import fd
-from s2r_protocol.can.drive import BRAKE_RELEASED, FOLLOWING_WARNING, Control, DriveCommand, DriveState
+from s2r_protocol.can.drive import (
+    BRAKE_RELEASED,
+    ESTOP_SHIFT,
+    FOLLOWING_WARNING,
+    Control,
+    DriveCommand,
+    DriveState,
+)
 from s2r_protocol.can.frames import CANFD_BRS, CANFD_FDF, FD_BYTES
 from s2r_protocol.can.units import COUNTS_PER_RAD, TORQUE_UNIT, VELOCITY_UNIT, saturated_i16
 from s2r_sim.drives import Drive
@@ -68,6 +75,11 @@ class FdNodes:
                 slots[3 * i + 2] * TORQUE_UNIT,
             )
 
+    @staticmethod
+    def counter_of(packet: bytes) -> bytes:
+        """The counter in a SET frame as it came: bytes 2 and 3 of its payload."""
+        return packet[10:12]
+
     def forget_master(self) -> None:
         """The next SET may carry any counter."""
         self._seq = None
@@ -85,6 +97,7 @@ class FdNodes:
             state |= BRAKE_RELEASED
         if drive.following_warning:
             state |= FOLLOWING_WARNING
+        state |= drive.estop_open << ESTOP_SHIFT
         body = fd.STAT_BODY.pack(
             self._seq or 0,
             state,

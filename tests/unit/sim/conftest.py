@@ -49,8 +49,15 @@ class FdMaster:
         self.socket.send(fd.set_frame(payload).pack())
 
     def receive(self, count=7):
-        frames = [CanFrame.unpack(self.socket.recv(128)) for _ in range(count)]
+        frames = [self.next_frame() for _ in range(count)]
         return [fd.unpack_stat(f.data, f.can_id - fd.STAT_ID) for f in frames]
+
+    def next_frame(self):
+        """The next frame but the stand-in's word that a period is over."""
+        while True:
+            frame = CanFrame.unpack(self.socket.recv(128))
+            if not (frame.is_error and frame.can_id == 0):
+                return frame
 
     def cycle(self, control, q=None, dq=None):
         self.send(control, q, dq)
