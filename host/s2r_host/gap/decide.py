@@ -44,6 +44,7 @@ class Named:
     evidence: str
     parameters: dict[str, dict]
     theta: np.ndarray
+    log_odds: dict[str, float] = field(default_factory=dict)
 
     def as_json(self, together: bool) -> dict:
         """The contract's form."""
@@ -54,6 +55,7 @@ class Named:
             "could_also_be": self.could_also_be,
             "evidence": self.evidence,
             "parameters": self.parameters,
+            "log_odds": {n: round(x, 2) for n, x in self.log_odds.items()},
         }
         return found | ({"together": True} if together else {})
 
@@ -172,7 +174,7 @@ def _add_law(problem: Problem, finding: LawFinding, decision: Decision) -> None:
             Term(finding.name, finding.joint, tuple(sorted(finding.shape.items()))), finding.name, joint,
             1.0 / sum(weights.values()), also,
             f"the declared control law misses the recorded effort; this removes {finding.share:.0%} of it",
-            finding.parameters, np.zeros(0),
+            finding.parameters, np.zeros(0), {finding.name: finding.gain} | finding.rivals,
         )
     )  # fmt: skip
     decision.law.append(finding)
@@ -312,8 +314,17 @@ def _named(problem: Problem, search: Search, solution: Solution, i: int, slot: l
     elif term.joint < 0 and not term.effect.startswith(PREFIX):
         joint = problem.ctx.model.joints[0]
     return Named(
-        term, term.effect, joint, own, also[:1], text, parameter_table(problem, search, solution, i), solution.theta[i]
+        term, term.effect, joint, own, also[:1], text, parameter_table(problem, search, solution, i), solution.theta[i],
+        rival_odds(slot),
     )  # fmt: skip
+
+
+def rival_odds(slot: list[Scored]) -> dict[str, float]:
+    """Log odds of the best explanations of one place by name, nothing at all being zero."""
+    found: dict[str, float] = {}
+    for s in sorted(slot, key=lambda s: -s.gain)[:8]:
+        found.setdefault(s.term.effect.removeprefix(PREFIX), float(s.gain))
+    return found
 
 
 def slot_probabilities(slot: list[Scored]) -> dict[tuple[str, int], float]:
@@ -534,8 +545,12 @@ def _off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
     found = []
     if isinstance(effect, BaseTerm):
         for member in effect.members:
-            p = named.parameters[member.name]
-            if len(effect.members) > 1 and abs(p["value"] - member.nominal) < 1e-3 * member.size:
+            p = named.parameters.get(member.name) or named.parameters[f"{member.name}@{member.place}"]
+            moved = abs(p["value"] - member.nominal)
+            if len(effect.members) > 1 and moved < 1e-3 * member.size:
+                continue
+            sure = (p["interval90"][1] - p["interval90"][0]) / Z90
+            if len(effect.members) > 3 and (moved < sure or moved < TIGHT * member.size):
                 continue
             found.append(_off(member.name, member.place, member.on_joint, member.nominal, p))
         return found

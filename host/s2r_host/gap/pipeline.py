@@ -22,7 +22,7 @@ from s2r_host.gap.replay import Live, Twin, build_twin
 from s2r_host.gap.search import Search, Solution
 from s2r_host.gap.seeds import fill_residuals, sharpen_sign
 from s2r_host.gap.session import Session, make_session
-from s2r_host.gap.where import Place, locate
+from s2r_host.gap.where import Place, acting, locate, narrowed
 
 Log = Callable[[str], None]
 
@@ -114,7 +114,7 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     search = a.search = Search(problem, frozenset(config.skip), log)
     decision = a.decision = decide(problem, search, log)
     a.verdict = decision.verdict
-    a.places = locate(problem, problem.raw) if decision.verdict not in ("nothing_missing",) else []
+    a.places = _places(problem, search, decision)
     reason = insufficient.no_motion(a.model, a.fit, problem)
     if reason is None and decision.verdict in ("nothing_missing", "parameter_off"):
         reason = insufficient.poor_excitation(a.model, a.fit, problem)
@@ -130,6 +130,21 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
         joints = list(problem.joints)
         a.before = evaluate(nominal, a.fit, a.hold, joints, config.open_loop_window_s)
         a.after = evaluate(a.twin, a.fit, a.hold, joints, config.open_loop_window_s)
+
+
+def _places(problem: Problem, search: Search, decision: Decision) -> list[Place]:
+    """Where the gap lives; what is named gives the regime in which it acts."""
+    if decision.verdict == "nothing_missing":
+        return []
+    places = locate(problem, problem.raw)
+    if decision.verdict != "physics_missing":
+        return places
+    found = []
+    for place in places:
+        joint = problem.ctx.model.index(place.joint)
+        acts = acting(search, decision, joint)
+        found.append(place if acts is None else narrowed(place, acts[0], joint, acts[1]))
+    return found
 
 
 def _calibrate(a: Analysis, seconds: float) -> None:

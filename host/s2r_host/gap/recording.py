@@ -40,7 +40,7 @@ class Recording:
 
     Attributes:
         name: File stem, the name used in every message.
-        t: Time [s], shape (time,), strictly rising.
+        t: Time [s] since the first row, shape (time,), strictly rising; ``start_s`` is that row's own stamp.
         channels: ``channels[kind][joint]`` is an array of shape (time,); kinds are the columns of the contract.
         effort: ``commanded`` (before delay, lag, clip, scale) or ``measured``.
         driven_by: ``effort`` or ``q_cmd``: what drives the forward simulation.
@@ -57,6 +57,7 @@ class Recording:
     session: str
     notes: str
     warnings: tuple[str, ...]
+    start_s: float = 0.0
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -214,6 +215,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         session=str(side.get("session", path.stem)),
         notes=str(side.get("notes", "")),
         warnings=tuple(warnings),
+        start_s=float(t[0]),
     )
 
 

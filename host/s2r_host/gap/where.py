@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from s2r_host.gap.decide import Decision
 from s2r_host.gap.problem import Problem
+from s2r_host.gap.search import Search
 from s2r_host.gap.session import Session
+
+ACTING, MERGE_S = 0.2, 0.06
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,8 @@ def _place(problem: Problem, rows: np.ndarray, j: int, share: float) -> Place:
     if weight.sum() <= 0:
         weight = r**2 + 1e-30
     return Place(
-        problem.ctx.model.joints[j], share, intervals(t, r, problem.floor[j]), weighted_range(q, weight),
+        problem.ctx.model.joints[j], share, intervals(t + s.rec.start_s, r, problem.floor[j]),
+        weighted_range(q, weight),
         weighted_range(v, weight), words(s, j, q, v, weight, t),
     )  # fmt: skip
 
@@ -75,6 +80,64 @@ def intervals(t: np.ndarray, r: np.ndarray, floor: float) -> list[list[float]]:
             found.append([float(time), float(time)])
     step = float(t[1] - t[0]) if len(t) > 1 else 0.0
     return [[round(a, 3), round(b + step, 3)] for a, b in found][:200]
+
+
+def acting(search: Search, decision: Decision, joint: int) -> tuple[Session, np.ndarray] | None:
+    """Effort of the first effect named on a joint, along the recording in which it is strongest, shape (time,).
+
+    None when nothing named acts there.
+    """
+    ctx = search.problem.ctx
+    best: tuple[Session, np.ndarray] | None = None
+    for named in decision.effects:
+        if named.term.joint not in (-1, joint) or named.term.effect not in search.effects or best is not None:
+            continue
+        if named.name == "session_friction":
+            best = _drifting(search.problem, joint)
+            continue
+        for s in ctx.sessions:
+            columns = search.effects[named.term.effect].columns(
+                ctx, s, named.term.joint, dict(named.term.shape)
+            )
+            parts = [c * x for c, x in zip(columns.linear, named.theta, strict=True)]
+            parts += [columns.fixed] if columns.fixed is not None else []
+            effort = np.abs(sum((x[:, joint] if x.ndim == 2 else x for x in parts), np.zeros(len(s.t))))
+            if np.any(effort > 0) and (best is None or np.mean(effort**2) > np.mean(best[1] ** 2)):
+                best = (s, effort)
+    return best
+
+
+def _drifting(problem: Problem, joint: int) -> tuple[Session, np.ndarray] | None:
+    for drift in problem.drift:
+        s = drift.block.session
+        if drift.block.joint == joint:
+            return s, np.abs(s.sign(joint))
+    return None
+
+
+def narrowed(place: Place, s: Session, joint: int, effort: np.ndarray) -> Place:
+    """A place with the regime in which an effect acts: its effort above a fifth of its peak."""
+    active = effort > ACTING * max(float(np.percentile(effort, 98)), 1e-12)
+    found = _runs(s.t, active)
+    if not found:
+        return place
+    q, v = s.q[active, joint], s.v[active, joint]
+    box = [[round(float(np.percentile(x, 1)), 5), round(float(np.percentile(x, 99)), 5)] for x in (q, v)]
+    offset = s.rec.start_s
+    return replace(
+        place, t=[[round(a + offset, 3), round(b + offset, 3)] for a, b in found], q=box[0], dq=box[1]
+    )
+
+
+def _runs(t: np.ndarray, active: np.ndarray) -> list[tuple[float, float]]:
+    """Intervals in which a mask holds, gaps under 60 ms closed and blips under 10 ms dropped."""
+    found: list[list[float]] = []
+    for time in t[active]:
+        if found and time - found[-1][1] < MERGE_S:
+            found[-1][1] = float(time)
+        else:
+            found.append([float(time), float(time)])
+    return [(a, b) for a, b in found if b - a >= MERGE_S / 6][:200]
 
 
 def weighted_range(x: np.ndarray, weight: np.ndarray) -> list[float]:
