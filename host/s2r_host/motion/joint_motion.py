@@ -7,19 +7,68 @@ ICRA 2000.
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
 from s2r_host.errors import NoMotionError
 from s2r_host.motion.collision import CollisionChecker
+from s2r_protocol.arms import ArmDescription
 
 STEP_RAD = 0.25
 SHORTCUTS = 120
 SPACING_RAD = 0.05
 
 
+class Range(Protocol):
+    """An arm's range, as far as a path needs to know it."""
+
+    @property
+    def arm(self) -> ArmDescription:
+        """Its description."""
+        ...
+
+    @property
+    def q_min(self) -> np.ndarray:
+        """Lower position limits [rad], (dof,)."""
+        ...
+
+    @property
+    def q_max(self) -> np.ndarray:
+        """Upper position limits [rad], (dof,)."""
+        ...
+
+    def inside_limits(self, q: np.ndarray) -> bool:
+        """Whether a posture is within them."""
+        ...
+
+
+class FreeChecker(Protocol):
+    """Whoever else knows what is free, a simulator's model for example."""
+
+    @property
+    def arm(self) -> Range:
+        """The arm's range."""
+        ...
+
+    def touching(self, q: np.ndarray) -> str | None:
+        """What touches what at a posture, or None."""
+        ...
+
+    def line_is_free(self, q_from: np.ndarray, q_to: np.ndarray) -> bool:
+        """Whether the straight joint-space line is free."""
+        ...
+
+    def path_is_free(self, q_path: np.ndarray) -> bool:
+        """Whether a polyline (n, dof) is free."""
+        ...
+
+
+Checker = CollisionChecker | FreeChecker
+
+
 def plan_joint_motion(
-    checker: CollisionChecker,
+    checker: Checker,
     q_start: np.ndarray,
     q_goal: np.ndarray,
     rng: np.random.Generator,
@@ -83,7 +132,7 @@ class _Tree:
 
 
 def _connect(
-    checker: CollisionChecker,
+    checker: Checker,
     q_start: np.ndarray,
     q_goal: np.ndarray,
     rng: np.random.Generator,
@@ -112,7 +161,7 @@ def _connect(
     return None
 
 
-def _extend(checker: CollisionChecker, tree: _Tree, q: np.ndarray) -> int | None:
+def _extend(checker: Checker, tree: _Tree, q: np.ndarray) -> int | None:
     near = tree.nearest(q)
     step = q - tree.nodes[near]
     length = float(np.linalg.norm(step))
@@ -122,7 +171,7 @@ def _extend(checker: CollisionChecker, tree: _Tree, q: np.ndarray) -> int | None
     return tree.add(q_new, near) if checker.line_is_free(tree.nodes[near], q_new) else None
 
 
-def _reach(checker: CollisionChecker, tree: _Tree, q: np.ndarray) -> int | None:
+def _reach(checker: Checker, tree: _Tree, q: np.ndarray) -> int | None:
     while True:
         new = _extend(checker, tree, q)
         if new is None:
@@ -131,7 +180,7 @@ def _reach(checker: CollisionChecker, tree: _Tree, q: np.ndarray) -> int | None:
             return new
 
 
-def _shortened(checker: CollisionChecker, corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _shortened(checker: Checker, corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     path = [np.asarray(q) for q in corners]
     for _ in range(SHORTCUTS):
         if len(path) < 3:
@@ -142,7 +191,7 @@ def _shortened(checker: CollisionChecker, corners: np.ndarray, rng: np.random.Ge
     return np.array(path)
 
 
-def _rounded(checker: CollisionChecker, corners: np.ndarray) -> np.ndarray:
+def _rounded(checker: Checker, corners: np.ndarray) -> np.ndarray:
     """Corners rounded by a moving average, as widely as stays free; sharp corners cost the time law dearly."""
     dense = densify(corners)
     for half_width in (6, 3, 1):

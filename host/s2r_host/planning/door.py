@@ -1,11 +1,14 @@
-"""Requests that are refused before anything is computed."""
+"""Requests that are refused before anything is planned."""
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest
+
+_STAY_S = 0.6  # how long an untouched part is watched
 
 
 def check_numbers(request: PlanRequest) -> None:
@@ -47,3 +50,39 @@ def check_target(request: PlanRequest, scene: Scene, tolerance: float) -> None:
                 f"joint {request.joint!r}: {name} = {value:.4f} {unit} is beyond its range "
                 f"[{low:.4f}, {high:.4f}] {unit}"
             )
+
+
+def check_stays(request: PlanRequest, scene: Scene, tolerance: float) -> None:
+    """Refuse objects that do not stay untouched, where they are now or at the target.
+
+    A lid that is lighter in friction than gravity falls back as soon as the arm leaves it, so no target but a stop can
+    be held. Watched in the fine model with an arm that touches nothing.
+    """
+    if scene.bystanders:
+        return  # what else moves would be in other places by then
+    for name, s in (("s_initial", request.s_initial), ("s_target", request.s_target)):
+        problem = _drift(request, scene, tolerance, s)
+        if problem is not None:
+            raise PlanRefusedError(f"joint {request.joint!r} does not stay at {name} = {s:.4f}: {problem}")
+
+
+def _drift(request: PlanRequest, scene: Scene, tolerance: float, s: float) -> str | None:
+    """Why an untouched part leaves joint value s, or None."""
+    model = scene.without_robot()
+    data = mujoco.MjData(model)
+    data.qpos[: scene.dof] = data.ctrl[: scene.dof] = np.asarray(request.q_initial, dtype=float)
+    data.qpos[scene.s_qpos] = s
+    mujoco.mj_forward(model, data)
+    load = float(data.qfrc_passive[scene.s_dof] - data.qfrc_bias[scene.s_dof])
+    friction = float(model.dof_frictionloss[scene.s_dof])
+    for _ in range(round(_STAY_S / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+    moved = float(data.qpos[scene.s_qpos]) - s
+    unit, force = ("m", "N") if scene.prismatic else ("rad", "N·m")
+    falls = abs(load) > friction and abs(moved) > tolerance
+    if not falls and abs(moved) < 5.0 * tolerance:
+        return None
+    return (
+        f"untouched it moves by {moved:+.4f} {unit} in {_STAY_S:g} s, because gravity and springs turn or push it with "
+        f"{abs(load):.2f} {force} and its friction holds only {friction:.2f} {force}"
+    )

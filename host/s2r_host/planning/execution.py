@@ -128,6 +128,11 @@ class FineWorld:
         """Whether the fingertip touches the part, and the first contact that is anything else."""
         pairs = self.data.contact.geom
         kinds = self._kinds[pairs]
+        robot = kinds.max(axis=1) >= GeomKind.ROBOT
+        if not robot.all():  # a scene's own things touch each other
+            pairs, kinds = pairs[robot], kinds[robot]
+            if not len(pairs):
+                return False, None
         expected = (kinds.min(axis=1) == GeomKind.PART) & (kinds.max(axis=1) == GeomKind.FINGER)
         if expected.all():
             return True, None

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import logging
+
 import mujoco
 import mujoco.batch
 import numpy as np
 
-from s2r_host.planning.scene import FINGER_PREFIX, GeomKind, Scene
+from s2r_host.planning.scene import GeomKind, Scene
+
+logger = logging.getLogger(__name__)
+
+_COPY = "geom_"  # copies are called by the number of their original: names may be missing
 
 
 class HandProbe:
@@ -16,7 +22,7 @@ class HandProbe:
         spec = mujoco.MjSpec()
         model = scene.fine
         for geom in range(model.ngeom):
-            if scene.geom_kind[geom] <= GeomKind.PART and model.geom_contype[geom]:
+            if scene.geom_kind[geom] <= GeomKind.PART and scene.solid[geom]:
                 _copy_geom(spec, spec.worldbody, model, geom, data.geom_xpos[geom], data.geom_xmat[geom])
         hand = spec.worldbody.add_body(name="hand")
         hand.add_freejoint()
@@ -29,11 +35,9 @@ class HandProbe:
             _copy_geom(spec, hand, model, int(geom), p_geom, R_geom.ravel())
         everything = spec.compile()
         fingers = spec.compile()
-        self._finger = np.array(
-            [everything.geom(g).name.startswith(FINGER_PREFIX) for g in range(everything.ngeom)]
-        )
-        part = {model.geom(int(g)).name for g in np.flatnonzero(scene.geom_kind == GeomKind.PART)}
-        is_part = np.array([everything.geom(g).name in part for g in range(everything.ngeom)])
+        source = np.array([int(everything.geom(g).name.removeprefix(_COPY)) for g in range(everything.ngeom)])
+        self._finger = scene.geom_kind[source] == GeomKind.FINGER
+        is_part = scene.geom_kind[source] == GeomKind.PART
         in_hand = everything.geom_bodyid == everything.body("hand").id
         fingers.geom_contype[in_hand & ~self._finger] = 0
         fingers.geom_conaffinity[in_hand & ~self._finger] = 0
@@ -75,9 +79,11 @@ def _copy_geom(
 ) -> None:
     """A geom of a compiled model as a geom of another body, at a pose in that body's frame."""
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
-    name = model.geom(geom).name or f"geom_{geom}"
+    if kind in (mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_SDF):
+        logger.warning("geom %d is a %s: no places are looked for near it", geom, kind.name)
+        return
     copy = body.add_geom(
-        name=name, type=kind, size=model.geom_size[geom], pos=p, quat=quat_of(R.reshape(3, 3))
+        name=f"{_COPY}{geom}", type=kind, size=model.geom_size[geom], pos=p, quat=quat_of(R.reshape(3, 3))
     )
     in_hand = body.name == "hand"
     copy.contype, copy.conaffinity = (1, 2) if in_hand else (2, 1)

@@ -10,14 +10,16 @@ axis, and the whole arm has a collision-free joint solution there, both at the s
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from s2r_host.errors import HostError
+from s2r_host.planning.approach import find_approach
 from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.free_space import FreeSpace
 from s2r_host.planning.hand_probe import HandProbe, quat_of
 from s2r_host.planning.kinematics import ToolKinematics
 from s2r_host.planning.places import Places, find_places, part_box
@@ -32,6 +34,11 @@ _FUNNEL_M, _FUNNEL_SLOPE = (
     5.0,
 )  # height over a place beside it, and how fast that falls towards the place
 _LISTED = 200
+_SEARCHED = 6  # hooks without a straight way for which one is searched
+_ENOUGH = 6  # hooks at which no further joint solutions are looked for
+_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the part's way, where the arm has to follow it
+_FOLLOW = (1.0, 0.0, 0.5)  # shares of a hinge's turn that the tool makes with it, tried in turn
+_LARGEST_TURN_RAD = 1.5  # of one joint between them; more is a flip
 TOUCH_WAYPOINT = 2  # row of a hook's route at which the fingertip meets the part
 
 
@@ -50,6 +57,11 @@ class Hook:
         q: Joint solution there [rad], (dof,).
         route: Joint solutions above the place, at the place, at the touch, and on with the part to the target,
             (m, dof) [rad]. Only a proposal for the sampler.
+        approach: Postures on a free way from the start posture to above the place, (k, dof) [rad]; none if the
+            straight line there is free.
+        axis_part: Axis of a hinge in the part's frame, (3,); zero for a slide.
+        s_start: The object's joint at the place.
+        follow: Share of a hinge's turn that the tool makes with it.
     """
 
     p_part: np.ndarray
@@ -57,6 +69,20 @@ class Hook:
     push_part: np.ndarray
     q: np.ndarray
     route: np.ndarray
+    approach: np.ndarray
+    axis_part: np.ndarray
+    s_start: float
+    follow: float
+
+    @property
+    def whole_route(self) -> np.ndarray:
+        """Approach and route, (k + m, dof) [rad]."""
+        return np.concatenate([self.approach, self.route])
+
+    @property
+    def touch_row(self) -> int:
+        """Row of the whole route at which the fingertip meets the part."""
+        return len(self.approach) + TOUCH_WAYPOINT
 
     def distance(self, p_tip_part: np.ndarray) -> np.ndarray:
         """Distance [m] that the reward sees, for tool tips in the part's frame (..., 3).
@@ -76,9 +102,18 @@ class Hook:
         wanted = np.minimum(_FUNNEL_M, _FUNNEL_SLOPE * beside)
         return np.hypot(beside, height - wanted)
 
-    def turn(self, quat_part_wxyz: np.ndarray) -> np.ndarray:
-        """Angle [rad] between the tool's orientation (..., 4) and the one it has here."""
-        cosine = np.abs(quat_part_wxyz @ quat_of(self.R_part_tool))
+    def turn(self, quat_part_wxyz: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """Angle [rad] between the tool's orientation in the part (..., 4) and the wanted one at joint value s (...)."""
+        half = -0.5 * (1.0 - self.follow) * (s - self.s_start)
+        w, xyz = np.cos(half), np.sin(half)[..., None] * self.axis_part
+        if self.follow == 1.0:
+            w, xyz = np.ones_like(half), np.zeros((*np.shape(half), 3))
+        grip = quat_of(self.R_part_tool)
+        wanted_w = w * grip[0] - xyz @ grip[1:]
+        wanted_xyz = w[..., None] * grip[1:] + grip[0] * xyz + np.cross(xyz, grip[1:])
+        cosine = np.abs(
+            wanted_w * quat_part_wxyz[..., 0] + (wanted_xyz * quat_part_wxyz[..., 1:]).sum(axis=-1)
+        )
         return 2.0 * np.arccos(np.minimum(cosine, 1.0))
 
 
@@ -98,25 +133,178 @@ def find_hooks(
             f"object {name}: the fingertip fits nowhere behind the part that joint {scene.joint!r} moves "
             f"towards s = {s_target:.3f}; is there a gap behind the handle?"
         )
-    scores = _scores(scene, world.data, places)
-    order = _different(places, np.argsort(scores, kind="stable"))[: settings.hooks]
-    tool = ToolKinematics(scene, settings.joint_margin_rad)
-    tightness = _tightness(places)
+    order = _different(places, np.argsort(_scores(scene, world.data, places), kind="stable"))
+    solver = _Solver(scene, world, places, s_target, settings)
     found: list[tuple[float, Hook]] = []
-    for index in order:
-        hook = _solve(scene, world, tool, places, int(index), s_target)
-        if hook is not None:
-            travel = np.abs(hook.q - world.q).max() + 0.5 * np.abs(hook.route[-1] - hook.q).max()
-            found.append((float(travel + tightness[index]), hook))
+    for seeds in (_near_seeds, _far_seeds):
+        found += solver.hooks(order, seeds(scene, world.q, places.p[order]))
+        if len(found) >= _ENOUGH:
+            break
     if not found:
         raise OutOfReachError(
-            f"object {name}: out of reach: the arm {scene.arm.name!r} has no collision-free joint solution at any of "
-            f"{len(order)} places behind the part (nearest {np.linalg.norm(places.p, axis=1).min():.2f} m from the "
-            f"base) both now and at s = {s_target:.3f}; move the object"
+            f"object {name}: out of reach: the arm {scene.arm.name!r} {solver.failure(len(order), s_target)} "
+            f"(nearest place {np.linalg.norm(places.p, axis=1).min():.2f} m from the base); move the object"
         )
     found.sort(key=lambda entry: entry[0])
-    logger.debug("%d of %d places have joint solutions", len(found), len(places))
-    return [hook for _, hook in found]
+    logger.debug("%d joint solutions at %d places", len(found), len(order))
+    ways = solver.with_approach(_apart([hook for _, hook in found]), settings.hooks)
+    if not ways:
+        raise OutOfReachError(
+            f"object {name}: out of reach: the arm {scene.arm.name!r} finds no free way to {len(found)} postures at "
+            f"places behind the part"
+        )
+    return ways
+
+
+class _Solver:
+    """Joint solutions of the whole arm at places: free now, free at the target, and along with the part between."""
+
+    def __init__(
+        self, scene: Scene, world: FineWorld, places: Places, s_target: float, settings: PlanSettings
+    ) -> None:
+        self._scene, self._q, self._s, self._s_target = scene, world.q, world.s, s_target
+        self._places = places
+        self._tool = ToolKinematics(scene, settings.joint_margin_rad, settings.threads)
+        self._space = FreeSpace(scene, settings.threads)
+        self._tightness = _tightness(places)
+        self._part = [_part_pose_at(scene, world, self._s + k * (s_target - self._s)) for k in _SHARES]
+        joint = scene.fine.joint(scene.joint_name).id
+        hinge = 0.0 if scene.prismatic else 1.0
+        self._axis_world = hinge * world.data.xaxis[joint]
+        self._axis_part = hinge * scene.fine.jnt_axis[joint]
+        self._reached = self._free = self._followed = 0
+
+    def hooks(self, order: np.ndarray, seeds: list[np.ndarray]) -> list[tuple[float, Hook]]:
+        """Hooks and their costs; every array of seeds is (places in order, dof)."""
+        index = np.tile(order, len(seeds))
+        p, R = self._places.p[index], self._places.R[index]
+        q, good = self._tool.solve_many(p, R, np.concatenate(seeds))
+        index, p, R, q = index[good], p[good], R[good], q[good]
+        self._reached += len(q)
+        free = self._space.contacts(q, self._s) == 0
+        index, p, R, q = index[free], p[free], R[free], q[free]
+        self._free += len(q)
+        p_start, R_start = self._part[0]
+        p_part, R_part_tool = (p - p_start) @ R_start, R_start.T @ R
+        push_part = (self._places.push_m[index, None] * self._places.way[index]) @ R_start
+        above, has_above = self._tool.solve_many(p - _FUNNEL_M * R[:, :, 2], R, q)
+        above[~has_above] = q[~has_above]
+        follow, route = np.full(len(q), np.nan), np.empty((2 + len(_SHARES), *q.shape))
+        route[0], route[1] = above, q
+        for share in (1.0,) if self._scene.prismatic else _FOLLOW:
+            left = np.flatnonzero(np.isnan(follow))
+            ok, ways = self._follow(p_part[left], push_part[left], R_part_tool[left], q[left], share)
+            follow[left[ok]] = share
+            route[2:, left[ok]] = ways[:, ok]
+        rows = np.flatnonzero(np.isfinite(follow))
+        self._followed += len(rows)
+        if not len(rows):
+            return []
+        blocked = self._space.blocked_share(self._q, above[rows], self._s)
+        descent = np.array(
+            [not self._space.path_is_free(np.array([above[i], q[i]]), self._s) for i in rows], dtype=bool
+        )
+        travel = np.abs(q[rows] - self._q).max(axis=1) + 0.5 * np.abs(route[-1] - q)[rows].max(axis=1)
+        costs = travel + self._tightness[index[rows]] + 4.0 * blocked + descent
+        return [
+            (
+                float(cost),
+                Hook(
+                    p_part[i], R_part_tool[i], push_part[i], q[i], route[:, i],
+                    np.full((int(hit), self._scene.dof), np.nan), self._axis_part, self._s, follow[i],
+                ),
+            )
+            for i, cost, hit in zip(rows, costs, (blocked > 0.0) | descent, strict=True)
+        ]  # fmt: skip
+
+    def with_approach(self, hooks: list[Hook], most: int) -> list[Hook]:
+        """Hooks that the arm has a free way to, with that way, in the given order; only so many are looked for."""
+        found: list[Hook] = []
+        searched = 0
+        for hook in hooks:
+            if len(found) >= most or searched >= _SEARCHED:
+                break
+            if not len(hook.approach):
+                found.append(hook)
+                continue
+            searched += 1
+            descent_free = self._space.path_is_free(hook.route[:2], self._s)
+            goal = hook.route[0] if descent_free else hook.q
+            way = find_approach(self._scene, self._space, self._q, goal, self._s)
+            if way is not None:
+                route = hook.route if descent_free else np.concatenate([hook.q[None], hook.route[1:]])
+                found.append(replace(hook, approach=way[1:-1], route=route))
+        return found
+
+    def _follow(
+        self, p_part: np.ndarray, push_part: np.ndarray, R_part_tool: np.ndarray, q: np.ndarray, share: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Which fingertips can go with the part from the touch to the target, bool (n,), and how, (waypoints, n, dof).
+
+        ``share`` of a hinge's turn is made by the tool as well; at the end of a slide it must be free to let go.
+        """
+        route, ok = [q], np.ones(len(q), dtype=bool)
+        _, R_start = self._part[0]
+        R_tool = R_part_tool
+        for (p_now, R_now), way in zip(self._part, _SHARES, strict=True):
+            s = self._s + way * (self._s_target - self._s)
+            R_tool = self._turned(share * (s - self._s)) @ R_start @ R_part_tool
+            reached, good = self._tool.solve_many(p_now + (p_part + push_part) @ R_now.T, R_tool, route[-1])
+            ok &= good & (np.abs(reached - route[-1]).max(axis=1, initial=0.0) < _LARGEST_TURN_RAD)
+            ok &= self._space.contacts(reached, s, touching=True) == 0
+            route.append(reached)
+        if not self._scene.prismatic:
+            return ok, np.array(route[1:])  # a turned finger touches the part on both sides of a narrow gap
+        p_end, R_end = self._part[-1]
+        q_end, good = self._tool.solve_many(p_end + p_part @ R_end.T, R_tool, route[-1])
+        ok &= good & (self._space.contacts(q_end, self._s_target) == 0)
+        return ok, np.array(route[1:])
+
+    def _turned(self, angle_rad: float) -> np.ndarray:
+        """Rotation by an angle about the hinge's axis in the world, (3, 3)."""
+        quat_wxyz, R = np.empty(4), np.empty(9)
+        mujoco.mju_axisAngle2Quat(quat_wxyz, self._axis_world, angle_rad)
+        mujoco.mju_quat2Mat(R, quat_wxyz)
+        return R.reshape(3, 3)
+
+    def failure(self, count: int, s_target: float) -> str:
+        """Why there is no hook, for the middle of a sentence."""
+        if not self._reached:
+            return f"reaches none of {count} places behind the part"
+        if not self._free:
+            return f"touches something at each of {count} places behind the part that it reaches"
+        return f"can be at places behind the part, but cannot follow it from there to s = {s_target:.3f}"
+
+
+def _near_seeds(scene: Scene, q: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
+    """Starts of the inverse kinematics: where the arm is, and its home turned towards the place."""
+    here = np.tile(q, (len(p), 1))
+    turned = np.tile(scene.arm.q_home, (len(p), 1))
+    turned[:, 0] = np.arctan2(p[:, 1], p[:, 0])
+    return [here, turned]
+
+
+def _far_seeds(scene: Scene, q: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
+    """More starts, of other postures: the middle of the range and a few by chance, always the same."""
+    limits = scene.arm.limits
+    rng = np.random.default_rng(0)
+    seeds = [np.tile(0.5 * (limits.q_min + limits.q_max), (len(p), 1))]
+    seeds += [rng.uniform(0.7 * limits.q_min, 0.7 * limits.q_max, (len(p), scene.dof)) for _ in range(3)]
+    for seed in seeds:
+        seed[:, 0] = np.arctan2(p[:, 1], p[:, 0])
+    return seeds
+
+
+def _apart(hooks: list[Hook]) -> list[Hook]:
+    """The hooks in an order in which the first few are not neighbours of each other."""
+    first, later = [], []
+    for hook in hooks:
+        near = any(
+            np.linalg.norm(hook.p_part - other.p_part) < 0.015 and np.abs(hook.q - other.q).max() < 0.5
+            for other in first
+        )
+        (later if near else first).append(hook)
+    return first + later
 
 
 def _tightness(places: Places) -> np.ndarray:
@@ -159,50 +347,9 @@ def _different(places: Places, order: np.ndarray) -> np.ndarray:
     return np.array(taken)
 
 
-def _solve(
-    scene: Scene, world: FineWorld, tool: ToolKinematics, places: Places, index: int, s_target: float
-) -> Hook | None:
-    """The place with its joint solutions, or None when the arm cannot be there or would touch something."""
-    p, R = places.p[index], places.R[index]
-    q = tool.solve(p, R, world.q)
-    if q is None:
-        return None
-    state, s_start = world.save(), world.s
-    try:
-        p_start, R_start = _part_pose(scene, world)
-        if _touches(scene, world, q, s_start):
-            return None
-        p_part, R_part_tool = R_start.T @ (p - p_start), R_start.T @ R
-        push_part = R_start.T @ (places.push_m[index] * places.way[index])
-        above = tool.solve(p - _FUNNEL_M * R[:, 2], R, q)
-        route = [q if above is None else above, q]
-        for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-            p_now, R_now = _part_pose_at(scene, world, s_start + share * (s_target - s_start))
-            reached = tool.solve(p_now + R_now @ (p_part + push_part), R_now @ R_part_tool, route[-1])
-            if reached is None:
-                return None
-            route.append(reached)
-        q_end = tool.solve(p_now + R_now @ p_part, R_now @ R_part_tool, route[-1])
-        if q_end is None or _touches(scene, world, q_end, s_target):
-            return None
-    finally:
-        world.restore(state)
-        mujoco.mj_forward(scene.fine, world.data)
-    return Hook(p_part, R_part_tool, push_part, q, np.array(route))
-
-
-def _touches(scene: Scene, world: FineWorld, q: np.ndarray, s: float) -> bool:
-    world.data.qpos[: scene.dof] = q
-    world.data.qpos[scene.s_qpos] = s
-    return world.check_now().contact is not None
-
-
-def _part_pose(scene: Scene, world: FineWorld) -> tuple[np.ndarray, np.ndarray]:
-    body = scene.part_body
-    return world.data.xpos[body].copy(), world.data.xmat[body].reshape(3, 3).copy()
-
-
 def _part_pose_at(scene: Scene, world: FineWorld, s: float) -> tuple[np.ndarray, np.ndarray]:
-    world.data.qpos[scene.s_qpos] = s
-    mujoco.mj_kinematics(scene.fine, world.data)
-    return _part_pose(scene, world)
+    data = mujoco.MjData(scene.fine)
+    data.qpos[:] = world.data.qpos
+    data.qpos[scene.s_qpos] = s
+    mujoco.mj_kinematics(scene.fine, data)
+    return data.xpos[scene.part_body].copy(), data.xmat[scene.part_body].reshape(3, 3).copy()

@@ -1,66 +1,106 @@
-"""Joint solutions for tool poses, and poses for joint positions, on the fine model alone."""
+"""Joint solutions for tool poses, and poses for joint positions, on the arm alone."""
 
 from __future__ import annotations
 
 import mujoco
+import mujoco.batch
 import numpy as np
 
 from s2r_host.planning.scene import Scene
 
+_CHUNK = 256
+_NEAR_M, _NEAR_RAD = 1e-3, 1e-2  # a solution is this near to the wanted pose
+
 
 class ToolKinematics:
-    """Forward and inverse kinematics of the tool site. Keeps its own MjData; not for several threads."""
+    """Forward and inverse kinematics of the tool site, one or many at a time. Not for several threads."""
 
-    def __init__(self, scene: Scene, joint_margin_rad: float) -> None:
-        """Args: scene; ``joint_margin_rad``, distance that solutions keep from the position limits."""
-        self._model = scene.fine
-        self._data = mujoco.MjData(scene.fine)
-        self._site = scene.tool_site
+    def __init__(self, scene: Scene, joint_margin_rad: float, threads: int = 1) -> None:
+        """Args: scene; ``joint_margin_rad``, distance that solutions keep from the position limits; threads."""
+        model = mujoco.MjSpec.from_string(scene.arm.mjcf).compile()
+        model.geom_contype[:] = 0
         self._dof = scene.dof
+        self._site = model.site(scene.arm.tool_frame).id
+        self._joints = np.array([model.joint(name).id for name in scene.arm.joint_names])
+        self._batch = mujoco.batch.Batch(model, nsim=_CHUNK, nthread=threads)
+        self._fields = {
+            name: self._batch.bind(name) for name in ("qpos", "site_xpos", "site_xmat", "xaxis", "xanchor")
+        }
         self.q_min = scene.arm.limits.q_min + joint_margin_rad
         self.q_max = scene.arm.limits.q_max - joint_margin_rad
 
+    def poses(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tool positions (n, 3) [m] and rotations (n, 3, 3) in the base frame at joint positions (n, dof)."""
+        p, R, _ = self._all(np.atleast_2d(q))
+        return p, R
+
     def pose(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tool position (3,) [m] and rotation (3, 3) in the world frame at joint positions (dof,)."""
-        self._data.qpos[: self._dof] = q
-        mujoco.mj_kinematics(self._model, self._data)
-        return self._data.site_xpos[self._site].copy(), self._data.site_xmat[self._site].reshape(3, 3).copy()
+        """Tool position (3,) [m] and rotation (3, 3) in the base frame at joint positions (dof,)."""
+        p, R = self.poses(q)
+        return p[0], R[0]
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Jacobian of the tool at q, (6, dof): linear velocity over angular velocity, world frame."""
-        self.pose(q)
-        mujoco.mj_comPos(self._model, self._data)
-        jacobian = np.empty((6, self._model.nv))
-        mujoco.mj_jacSite(self._model, self._data, jacobian[:3], jacobian[3:], self._site)
-        return jacobian[:, : self._dof]
+        """Jacobian of the tool at q, (6, dof): linear velocity over angular velocity, base frame."""
+        return self._all(np.atleast_2d(q))[2][0]
 
-    def solve(
+    def solve(self, p_world: np.ndarray, R_world_tool: np.ndarray, q_start: np.ndarray) -> np.ndarray | None:
+        """Joint positions near ``q_start`` that reach a tool pose, or None."""
+        q, found = self.solve_many(p_world[None], R_world_tool[None], np.asarray(q_start)[None])
+        return q[0] if found[0] else None
+
+    def solve_many(
         self, p_world: np.ndarray, R_world_tool: np.ndarray, q_start: np.ndarray, iterations: int = 40
-    ) -> np.ndarray | None:
-        """Joint positions near ``q_start`` that reach a tool pose, or None.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Joint positions near starts (n, dof) that reach tool poses (n, 3), (n, 3, 3), and which do, bool (n,).
 
         Damped least squares with the position limits as a clip; a solution is within 1 mm and 10 mrad.
         """
         q = np.clip(q_start, self.q_min, self.q_max)
+        found = np.zeros(len(q), dtype=bool)
+        left = np.arange(len(q))
         for _ in range(iterations):
-            jacobian = self.jacobian(q)
-            p_tool = self._data.site_xpos[self._site]
-            error = np.concatenate([p_world - p_tool, rotation_error(self._rotation(), R_world_tool)])
-            if np.linalg.norm(error[:3]) < 1e-3 and np.linalg.norm(error[3:]) < 1e-2:
-                return q
-            error[:3] *= min(1.0, 0.2 / max(np.linalg.norm(error[:3]), 1e-9))
-            error[3:] *= min(1.0, 0.6 / max(np.linalg.norm(error[3:]), 1e-9))
-            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-4 * np.eye(6), error)
-            q = np.clip(q + step, self.q_min, self.q_max)
-        return None
+            p, R, jacobian = self._all(q[left])
+            error = np.concatenate([p_world[left] - p, rotation_errors(R, R_world_tool[left])], axis=1)
+            far, turn = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)
+            there = (far < _NEAR_M) & (turn < _NEAR_RAD)
+            found[left[there]] = True
+            left, error, jacobian = left[~there], error[~there], jacobian[~there]
+            if not len(left):
+                break
+            error[:, :3] *= np.minimum(1.0, 0.2 / np.maximum(far[~there], 1e-9))[:, None]
+            error[:, 3:] *= np.minimum(1.0, 0.6 / np.maximum(turn[~there], 1e-9))[:, None]
+            transposed = jacobian.transpose(0, 2, 1)
+            damped = jacobian @ transposed + 1e-4 * np.eye(6)
+            step = (transposed @ np.linalg.solve(damped, error[..., None]))[..., 0]
+            q[left] = np.clip(q[left] + step, self.q_min, self.q_max)
+        return q, found
 
-    def _rotation(self) -> np.ndarray:
-        return self._data.site_xmat[self._site].reshape(3, 3)
+    def _all(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions (n, 3), rotations (n, 3, 3), Jacobians (n, 6, dof)."""
+        n = len(q)
+        p, R, jacobian = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 6, self._dof))
+        for start in range(0, n, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            ids = np.arange(len(q[part]))
+            self._fields["qpos"][ids] = q[part]
+            self._batch.forward(ids=ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
+            p[part] = self._fields["site_xpos"][ids, self._site]
+            R[part] = self._fields["site_xmat"][ids, self._site].reshape(-1, 3, 3)
+            axis = self._fields["xaxis"][ids][:, self._joints]
+            anchor = self._fields["xanchor"][ids][:, self._joints]
+            jacobian[part, :3] = np.cross(axis, p[part, None] - anchor).transpose(0, 2, 1)
+            jacobian[part, 3:] = axis.transpose(0, 2, 1)
+        return p, R, jacobian
 
 
-def rotation_error(R_now: np.ndarray, R_goal: np.ndarray) -> np.ndarray:
-    """Rotation vector [rad] in the world frame that turns ``R_now`` into ``R_goal``, (3,)."""
-    quat_wxyz, vector = np.empty(4), np.empty(3)
-    mujoco.mju_mat2Quat(quat_wxyz, (R_goal @ R_now.T).ravel())
-    mujoco.mju_quat2Vel(vector, quat_wxyz, 1.0)
-    return vector
+def rotation_errors(R_now: np.ndarray, R_goal: np.ndarray) -> np.ndarray:
+    """Rotation vectors [rad] in the world frame that turn ``R_now`` into ``R_goal``, (n, 3) for (n, 3, 3)."""
+    R = R_goal @ R_now.transpose(0, 2, 1)
+    vector = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    sine = np.linalg.norm(vector, axis=1) / 2.0
+    angle = np.arctan2(sine, (np.trace(R, axis1=1, axis2=2) - 1.0) / 2.0)
+    scale = np.where(sine > 1e-6, angle / np.maximum(2.0 * sine, 1e-12), 0.5)
+    # Near half a turn the antisymmetric part vanishes: any axis turns nearer, x does as well as another.
+    result = vector * scale[:, None]
+    result[(sine <= 1e-6) & (angle > 1.0)] = [np.pi, 0.0, 0.0]
+    return result

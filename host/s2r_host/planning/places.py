@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import mujoco
@@ -10,13 +11,18 @@ import numpy as np
 from s2r_host.planning.hand_probe import HandProbe, quat_of
 from s2r_host.planning.scene import GeomKind, Scene
 
-_PAD_M = 0.018  # the point that should meet the part, this far behind the end of the fingertip
+_PAD_M = (0.018, 0.006)  # the point that should meet the part, this far behind the end of the fingertip
 _BEHIND_M = (0.010, 0.014, 0.018, 0.024)  # how far behind a geom places are looked for
 _PUSH_M = (0.003, 0.006, 0.009, 0.012, 0.016, 0.024, 0.034)  # how far along the motion the part is felt for
 _BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out
 _FACING = 0.5  # cosine between a face's normal and the motion from which on the face can be pushed
 _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
-_STEP_M, _SPREAD = 0.02, 160
+_STEP_M, _FINE_STEP_M, _SMALL_M, _SPREAD = 0.02, 0.008, 0.022, 160
+_START_M, _NARROW_M = (
+    0.001,
+    0.032,
+)  # where rays begin behind a face; a gap in which the middle is the only place
+_SOLID_GROUP = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)  # see _only_solid
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,67 +93,96 @@ def part_box(scene: Scene, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]
 
 def _candidates(scene: Scene, data: mujoco.MjData, sign: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Tool tips, orientations and directions worth a closer look: behind the part, with a way out."""
-    centres = _points_behind(scene, data, sign)
-    ways = sign * scene.part_motion(data, centres)
-    keep = np.array([_sees_part(scene, data, c, w) for c, w in zip(centres, ways, strict=True)], dtype=bool)
-    chosen = np.flatnonzero(keep)[_spread(centres[keep], _SPREAD)]
+    seen = _only_solid(scene)
+    centres, ways = _points_behind(scene, seen, data, sign)
+    chosen = _spread(centres, _SPREAD)
     tips, rotations, directions = [], [], []
     for centre, way in zip(centres[chosen], ways[chosen], strict=True):
         R = _frame(way) @ _ORIENTATIONS
-        R = R[_free_along(scene, data, centre, -R[:, :, 2]) > _BACK_M[-1] + _PAD_M]
-        tips.append(centre + _PAD_M * R[:, :, 2])
-        rotations.append(R)
-        directions.append(np.broadcast_to(way, (len(R), 3)))
+        R = R[_free_along(seen, data, centre, -R[:, :, 2]) > _BACK_M[-1] + _PAD_M[0]]
+        for pad in _PAD_M:
+            tips.append(centre + pad * R[:, :, 2])
+            rotations.append(R)
+            directions.append(np.broadcast_to(way, (len(R), 3)))
     if not tips:
         return np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3))
     return np.concatenate(tips), np.concatenate(rotations), np.concatenate(directions)
 
 
 def _part_geoms(scene: Scene) -> np.ndarray:
-    return np.flatnonzero((scene.geom_kind == GeomKind.PART) & (scene.fine.geom_contype != 0))
+    return np.flatnonzero((scene.geom_kind == GeomKind.PART) & scene.solid)
 
 
-def _points_behind(scene: Scene, data: mujoco.MjData, sign: float) -> np.ndarray:
-    """Points a finger's half thickness and more behind the faces of the part's geoms, as it moves, (n, 3).
+def _points_behind(
+    scene: Scene, seen: mujoco.MjModel, data: mujoco.MjData, sign: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points behind the faces of the part's geoms, as it moves, and the part's direction there, two (n, 3).
 
-    Geom by geom, because a grid around the whole part would miss a thin bar.
+    Geom by geom, because a grid around the whole part would miss a thin bar. From just behind a face a ray finds the
+    part ahead and another whatever lies behind: in a narrow gap the point is its middle, else some distances.
     """
     geoms = _part_geoms(scene)
     per_side = 9 if len(geoms) <= 16 else 4
-    points = [np.zeros((0, 3))]
+    points, ways = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for geom in geoms:
         R = data.geom_xmat[geom].reshape(3, 3)
         reach = scene.fine.geom_aabb[geom, 3:]
         centre = data.geom_xpos[geom] + R @ scene.fine.geom_aabb[geom, :3]
         against = -(R.T @ (sign * scene.part_motion(data, centre)))
         for axis in np.flatnonzero(np.abs(against) > _FACING):
-            sides = []
-            for other in range(3):
-                if other == axis:
-                    sides.append(np.sign(against[axis]) * (reach[axis] + np.array(_BEHIND_M)))
-                else:
-                    count = int(np.clip(np.ceil(2.0 * reach[other] / _STEP_M), 1, per_side))
-                    sides.append(((np.arange(count) + 0.5) / count * 2.0 - 1.0) * reach[other])
-            points.append(centre + np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3) @ R.T)
-    above = np.concatenate(points)
-    return above[above[:, 2] > 0.012]
+            sides = [_along(reach[other], per_side) for other in range(3)]
+            sides[axis] = np.sign(against[axis]) * np.array([reach[axis] + _START_M])
+            starts = centre + np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3) @ R.T
+            for start in starts:
+                way = sign * scene.part_motion(data, start)
+                found = _in_gap(scene, seen, data, start, way)
+                points.append(found)
+                ways.append(np.broadcast_to(way, found.shape))
+    all_points, all_ways = np.concatenate(points), np.concatenate(ways)
+    keep = all_points[:, 2] > 0.012 if scene.on_table else np.ones(len(all_points), dtype=bool)
+    return all_points[keep], all_ways[keep]
 
 
-def _sees_part(scene: Scene, data: mujoco.MjData, point: np.ndarray, way: np.ndarray) -> bool:
-    """True when the part is the first thing met from a point along the motion, within the feeling distance."""
+def _along(reach_m: float, most: int) -> np.ndarray:
+    """Even places along one side of a box of half length ``reach_m``; denser on small geoms."""
+    count = int(np.clip(np.ceil(2.0 * reach_m / (_STEP_M if reach_m > _SMALL_M else _FINE_STEP_M)), 1, most))
+    return ((np.arange(count) + 0.5) / count * 2.0 - 1.0) * reach_m
+
+
+def _in_gap(
+    scene: Scene, seen: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, way: np.ndarray
+) -> np.ndarray:
+    """Points on the line through a start along the motion, between the part ahead and what lies behind, (n, 3)."""
     geom = np.zeros(1, dtype=np.int32)
-    distance_m = mujoco.mj_ray(scene.fine, data, point, way, None, 1, -1, geom)
-    return 0.004 < distance_m < _PUSH_M[-1] + 0.01 and scene.geom_kind[geom[0]] == GeomKind.PART
+    ahead_m = mujoco.mj_ray(seen, data, start, way, _SOLID_GROUP, 1, -1, geom)
+    if not 0.0 <= ahead_m < _PUSH_M[-1] or scene.geom_kind[geom[0]] != GeomKind.PART:
+        return np.zeros((0, 3))
+    behind_m = mujoco.mj_ray(seen, data, start, -way, _SOLID_GROUP, 1, -1, geom)
+    gap_m = ahead_m + (behind_m if behind_m >= 0.0 else np.inf)
+    surface = start + ahead_m * way
+    if gap_m < _NARROW_M:
+        return (surface - 0.5 * gap_m * way)[None]
+    room = [back for back in _BEHIND_M if back < gap_m - _BEHIND_M[0]]
+    return surface - np.array(room)[:, None] * way
 
 
-def _free_along(scene: Scene, data: mujoco.MjData, point: np.ndarray, directions: np.ndarray) -> np.ndarray:
+def _free_along(
+    seen: mujoco.MjModel, data: mujoco.MjData, point: np.ndarray, directions: np.ndarray
+) -> np.ndarray:
     """Free distance [m] from a point along unit directions (n, 3); the arm itself does not count, (n,)."""
     count = len(directions)
     geoms, distances = np.zeros(count, dtype=np.int32), np.zeros(count)
     rays = np.ascontiguousarray(directions).ravel()
-    mujoco.mj_multiRay(scene.fine, data, point, rays, None, 1, -1, geoms, distances, None, count, 1.0)
-    nothing = (geoms < 0) | (scene.geom_kind[geoms] >= GeomKind.ROBOT)
-    return np.where(nothing, np.inf, distances)
+    mujoco.mj_multiRay(seen, data, point, rays, _SOLID_GROUP, 1, -1, geoms, distances, None, count, 1.0)
+    return np.where(geoms < 0, np.inf, distances)
+
+
+def _only_solid(scene: Scene) -> mujoco.MjModel:
+    """The fine model with what can be touched, the robot excepted, in geom group 0 and the rest in group 5."""
+    model = copy.copy(scene.fine)
+    touchable = scene.solid & (scene.geom_kind < GeomKind.ROBOT)
+    model.geom_group[:] = np.where(touchable, 0, 5)
+    return model
 
 
 def _frame(way: np.ndarray) -> np.ndarray:

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from s2r_host.planning.door import check_numbers, check_target
+from s2r_host.planning.door import check_numbers, check_stays, check_target
 from s2r_host.planning.execution import FineWorld, Report
 from s2r_host.planning.hooking import Hook, find_hooks
 from s2r_host.planning.icem import Icem
+from s2r_host.planning.patience import Patience
 from s2r_host.planning.proposals import Route
 from s2r_host.planning.rewards import Task, rewards
 from s2r_host.planning.rollouts import Rollouts, ramp
@@ -25,7 +26,20 @@ _BACK_STEPS = 3  # how far the first step back goes; the second goes twice as fa
 _LANDING_STEPS = 9  # halvings of the last action until the hold ends on target
 
 
-def plan_manipulation(request: PlanRequest) -> PlanResult:
+def scene_of(request: PlanRequest) -> Scene:
+    """The two models that a request is planned in.
+
+    Raises:
+        SceneFileError: The object file is unusable.
+    """
+    return build_scene(
+        request.arm, request.object_mjcf, request.joint, request.settings, in_scene=request.in_scene
+    )
+
+
+def plan_manipulation(
+    request: PlanRequest, scene: Scene | None = None, patience: Patience | None = None
+) -> PlanResult:
     """Plan how the arm moves the object's joint from ``s_initial`` to ``s_target``.
 
     Every action is chosen by rollouts in the coarse model and executed in the fine model, whose state the next
@@ -33,25 +47,34 @@ def plan_manipulation(request: PlanRequest) -> PlanResult:
     replay has found no unexpected contact at any substep and no torque beyond its limit; else the next stage of
     the cascade tries, and after the last one the result says why there is no plan.
 
+    Args:
+        request: The task.
+        scene: Its scene, if it has been built already.
+        patience: A limit on the time, and who is told about progress.
+
     Raises:
         PlanRefusedError: The request is impossible or absurd; the text says which.
         OutOfReachError: The arm cannot get its fingertip behind the part.
         SceneFileError: The object file is unusable.
+        TimeIsUpError: The time limit has passed.
     """
     start_wall, start_cpu = time.perf_counter(), time.process_time()
+    patience = patience or Patience()
     check_numbers(request)
     settings = request.settings
-    scene = build_scene(request.arm, request.object_mjcf, request.joint, settings)
+    scene = scene or scene_of(request)
     tolerance = settings.tolerance_m if scene.prismatic else settings.tolerance_rad
     check_target(request, scene, tolerance)
+    check_stays(request, scene, tolerance)
     world = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial)
     _check_start(world)
+    patience.check("looking for places for the fingertip")
     hooks = find_hooks(scene, world, request.object_mjcf, request.s_target, settings)
     task = Task(request.s_initial, request.s_target, tolerance, scene.prismatic)
     attempts = []
     for index, stage in enumerate(settings.cascade):
         attempt = _Attempt(
-            scene, stage, index, settings, task, hooks[index % len(hooks)], world, request.seed
+            scene, stage, index, settings, task, hooks[index % len(hooks)], world, request.seed, patience
         )
         attempt.run()
         attempts.append(attempt)
@@ -82,6 +105,7 @@ class _Attempt:
     hook: Hook
     world: FineWorld
     seed: int
+    patience: Patience
     targets: list[np.ndarray] = field(default_factory=list)
     trace: list[StepTrace] = field(default_factory=list)
     env_steps: int = 0
@@ -113,17 +137,23 @@ class _Attempt:
         target = self.world.q
         self.targets = [target]
         states = [self.world.save()]
-        route = Route(np.concatenate([target[None], self.hook.route]), settings.action_max_rad)
-        backtracks = 0
+        route = Route(np.concatenate([target[None], self.hook.whole_route]), settings.action_max_rad)
+        if settings.lead_in:
+            problem = self._lead_in(states)
+            if problem is not None:
+                return problem
+            target = self.targets[-1]
+        first, backtracks = len(states), 0
         for step in range(settings.max_steps):
+            self.patience.step(f"attempt {self.index + 1}, step {step}, s = {self.world.s:.4f}")
             ranked, values = self._think(icem, rollouts, route, target, low, high)
             goal, rank, report = self._execute(target, ranked[:, 0], low, high, states[-1])
             self._note(step, float(values[rank]), rank, report)
-            if report.contact is not None:
+            if report.contact is not None or report.press_N > settings.press_max_N:
                 backtracks += 1
                 if backtracks > settings.backtracks:
-                    return f"touches something unexpected: {report.contact}"
-                keep = max(1, len(states) - _BACK_STEPS * backtracks)
+                    return _harm(report)
+                keep = max(first, len(states) - _BACK_STEPS * backtracks)
                 del states[keep:], self.targets[keep:]
                 self.world.restore(states[-1])
                 target = self.targets[-1]
@@ -142,6 +172,20 @@ class _Attempt:
             f"the target was not reached in {settings.max_steps} control steps: s = {self.world.s:.4f} {unit}, "
             f"target {self.task.s_target:.4f} {unit}, fingertip {self.trace[-1].distance_m:.3f} m from its place"
         )
+
+    def _lead_in(self, states: list[np.ndarray]) -> str | None:
+        """Go through free space to the place behind the part, or say what is in the way.
+
+        The sampler is for contact. Through free space it finds its way too, more slowly and not everywhere.
+        """
+        waypoints = np.concatenate([self.targets[:1], self.hook.whole_route[: self.hook.touch_row]])
+        for goal in Route(waypoints, self.settings.action_max_rad).points[1:]:
+            report = self._play(self.targets[-1], goal)
+            self.targets.append(goal)
+            states.append(self.world.save())
+            if report.contact is not None:
+                return _harm(report)
+        return None
 
     def _think(
         self,
@@ -249,12 +293,11 @@ class _Attempt:
             self.path.append((self.world.q, self.world.s))
             if report.touched and self.touch_step is None:
                 self.touch_step = step + 1
-        if self.played.contact is not None:
-            return f"touches something unexpected: {self.played.contact}"
-        if self.played.press_N > self.settings.press_max_N:
-            return f"presses on the part with {self.played.press_N:.0f} N across its motion"
+        if self.played.contact is not None or self.played.press_N > self.settings.press_max_N:
+            return _harm(self.played)
         late = [abs(self.task.s_target - s) for _, s in self.path[-(hold_steps // 2) :]]
-        if max(late) >= self.task.tolerance:
+        # A lid on a soft friction creeps a little: it may pass the target during the hold, not leave it.
+        if max(late) >= 2.0 * self.task.tolerance or late[-1] >= self.task.tolerance:
             return f"the target is not held: s = {self.world.s:.4f} at the end of the hold"
         return None
 
@@ -301,9 +344,16 @@ class _Attempt:
             wall_s=0.0,
             torque_share=self.played.torque_share,
             p_part=self.hook.p_part,
-            route=self.hook.route,
+            route=self.hook.whole_route,
+            route_touch=self.hook.touch_row,
             trace=tuple(entry for a in attempts for entry in a.trace),
         )
+
+
+def _harm(report: Report) -> str:
+    if report.contact is not None:
+        return f"touches something unexpected: {report.contact}"
+    return f"presses on the part with {report.press_N:.0f} N across its motion"
 
 
 def _accumulate(target: np.ndarray, actions: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

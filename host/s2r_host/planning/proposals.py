@@ -19,7 +19,7 @@ class Route:
         for a, b in itertools.pairwise(waypoints):
             count = max(1, int(np.ceil(np.abs(b - a).max() / action_max)))
             pieces.append(a + (np.arange(1, count + 1) / count)[:, None] * (b - a))
-        self._points = np.concatenate(pieces)
+        self.points = np.concatenate(pieces)
         self._action_max = action_max
 
     def proposals(self, target: np.ndarray, horizon: int, speeds: tuple[float, ...]) -> np.ndarray:
@@ -27,13 +27,13 @@ class Route:
 
         Each heads for the route's points ahead of the nearest one; an action never exceeds its bound.
         """
-        nearest = int(np.linalg.norm(self._points - target, axis=1).argmin())
-        last = len(self._points) - 1
+        nearest = int(np.linalg.norm(self.points - target, axis=1).argmin())
+        last = len(self.points) - 1
         grid = np.arange(last + 1)
         sequences = []
         for speed in speeds:
             ahead = np.minimum(nearest + speed * np.arange(1, horizon + 1), last)
-            goals = np.column_stack([np.interp(ahead, grid, joint) for joint in self._points.T])
+            goals = np.column_stack([np.interp(ahead, grid, joint) for joint in self.points.T])
             actions, now = [], target
             for goal in goals:
                 action = np.clip(goal - now, -self._action_max, self._action_max)

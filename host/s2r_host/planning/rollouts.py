@@ -33,6 +33,7 @@ class Rollouts:
         self._qpos = self._batch.bind("qpos")
         self._qvel = self._batch.bind("qvel")
         self._warmstart = self._batch.bind("qacc_warmstart")
+        self._unused_controls = model.nu - scene.dof
         self.env_steps = 0
 
     def run(self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, hook: Hook) -> StepFacts:
@@ -52,8 +53,11 @@ class Rollouts:
         self._qvel[ids] = qvel
         self._warmstart[ids] = 0.0  # the same start for every rollout, whatever was computed before
         control = ramp(targets, self._substeps)
+        if self._unused_controls:
+            rest = np.zeros((*control.shape[:2], self._unused_controls))
+            control = np.concatenate([control, rest], axis=2)
         record = self._batch.rollout(
-            control.shape[1], control, _CONTROL, ("qpos", "qvel", "sensordata", "ncon"), ids=ids
+            control.shape[1], control, _CONTROL, ("qpos", "qvel", "sensordata"), ids=ids
         )
         self.env_steps += rollouts * steps
         return self._facts(record, qvel, targets, hook)
@@ -68,14 +72,15 @@ class Rollouts:
         ddq = np.diff(dq, axis=1, prepend=before) / self._control_dt_s
         # Sensors and contacts describe the state before a substep: one substep behind qpos.
         pose = record["sensordata"][:, :, :7]
-        per_finger = record["sensordata"][:, :, 7:].reshape(*pose.shape[:2], -1, 4)
+        contacts = record["sensordata"][:, :, 7]
+        per_finger = record["sensordata"][:, :, 8:].reshape(*pose.shape[:2], -1, 4)
         touches = per_finger[..., 0].sum(axis=2)
         press_N = self._press(per_finger[..., 1:].sum(axis=2), record["qpos"][:, :, scene.s_qpos], hook)
-        collides = record["ncon"].reshape(touches.shape) > touches
+        collides = contacts > touches
         after = np.minimum(np.arange(n, pose.shape[1] + 1, n), pose.shape[1] - 1)
         return StepFacts(
             distance_m=hook.distance(pose[:, after, :3]),
-            turn_rad=hook.turn(pose[:, after, 3:]),
+            turn_rad=hook.turn(pose[:, after, 3:], record["qpos"][:, after, scene.s_qpos]),
             s=s,
             ds=record["qvel"][:, n - 1 :: n, scene.s_dof],
             touches=_any_within(touches > 0, n),

@@ -9,25 +9,24 @@ from __future__ import annotations
 
 import copy
 import enum
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from s2r_host.errors import HostError
+from s2r_host.planning.scene_file import SceneFile, SceneFileError, one_line, read_scene, read_spec
 from s2r_host.planning.settings import PlanSettings, ServoSettings, Stage
 from s2r_protocol.arms import ArmDescription
-from s2r_protocol.exits import UsageError
 
 OBJECT_PREFIX = "object/"  # keeps the object's names apart from the arm's
 FINGER_PREFIX = "finger"  # shapes of the tool that are meant to touch the part
 
 _ROBOT_BIT, _WORLD_BIT = 1, 2
-
-
-class SceneFileError(HostError, UsageError):
-    """The object file cannot be read, or lacks the joint or the tool that the task names."""
+# A scene keeps its own contact bits; the arm meets everything solid in it through one bit that scenes leave free.
+_SCENE_ROBOT_BIT = 1 << 29
+_ROBOT_CONTACTS = "robot_contacts"
 
 
 class GeomKind(enum.IntEnum):
@@ -55,6 +54,11 @@ class Scene:
         part_body: Body that the joint moves.
         tool_site: Site of the fingertip.
         geom_kind: GeomKind of every geom, (ngeom,).
+        solid: Geoms that the robot can touch, bool (ngeom,).
+        on_table: The world frame's plane z = 0 is a table that the planner has added.
+        gravity: In the arm's base frame [m/s²], (3,).
+        bystanders: Something besides the arm and the task's joint can move.
+        X_scene_base: Pose of the arm's base in the file's frame, (4, 4).
     """
 
     coarse: mujoco.MjModel
@@ -68,6 +72,11 @@ class Scene:
     part_body: int
     tool_site: int
     geom_kind: np.ndarray
+    solid: np.ndarray
+    on_table: bool
+    gravity: np.ndarray
+    bystanders: bool
+    X_scene_base: np.ndarray
 
     @property
     def joint_name(self) -> str:
@@ -85,7 +94,14 @@ class Scene:
         model.opt.timestep = stage.timestep_s
         if stage.self_collision:
             robot = self.geom_kind >= GeomKind.ROBOT
-            model.geom_conaffinity[robot & (model.geom_contype != 0)] |= _ROBOT_BIT
+            model.geom_conaffinity[robot] |= model.geom_contype[robot]
+        return model
+
+    def without_robot(self) -> mujoco.MjModel:
+        """The fine model with an arm that touches nothing."""
+        model = copy.copy(self.fine)
+        robot = self.geom_kind >= GeomKind.ROBOT
+        model.geom_contype[robot] = model.geom_conaffinity[robot] = 0
         return model
 
     def part_motion(self, data: mujoco.MjData, p_world: np.ndarray) -> np.ndarray:
@@ -98,25 +114,36 @@ class Scene:
         return sweep / np.maximum(np.linalg.norm(sweep, axis=-1, keepdims=True), 1e-9)
 
 
-def build_scene(arm: ArmDescription, object_mjcf: str | Path, joint: str, settings: PlanSettings) -> Scene:
+def build_scene(
+    arm: ArmDescription,
+    object_mjcf: str | Path,
+    joint: str,
+    settings: PlanSettings,
+    *,
+    in_scene: bool = False,
+) -> Scene:
     """Put arm, object and table together and compile both models.
 
     Args:
         arm: The arm; its base stands at the origin of the object file's frame, on the table plane z = 0.
-        object_mjcf: MJCF file of the object, in the arm's base frame.
+        object_mjcf: MJCF file of the object, in the arm's base frame; its geoms meet the robot only.
         joint: The object's joint that the task is about: a slide or a hinge.
         settings: Time steps and servo gains.
+        in_scene: The file is a whole scene instead: the arm stands where its ``arm_base`` is, nothing is added, and
+            the scene's geoms also meet each other as the file says.
 
     Raises:
-        SceneFileError: The file cannot be read or compiled, or has no such joint.
+        SceneFileError: The file cannot be read or compiled, or has no such joint, or no place for the arm.
     """
-    fine = _compile(arm, object_mjcf, joint, settings, fine=True)
-    fine.opt.timestep = settings.fine_timestep_s
-    coarse = _compile(arm, object_mjcf, joint, settings, fine=False)
+    given = read_scene(object_mjcf, joint, arm) if in_scene else None
+    fine_spec = fine_model_spec(arm, object_mjcf, joint, settings, given)
+    fine = _compile(fine_spec, object_mjcf)
+    coarse = _compile(_coarse_spec(arm, object_mjcf, joint, settings, given), object_mjcf)
     joint_id = fine.joint(OBJECT_PREFIX + joint).id
     part = int(fine.jnt_bodyid[joint_id])
     limited = bool(fine.jnt_limited[joint_id])
     low, high = fine.jnt_range[joint_id]
+    robot_bit = _SCENE_ROBOT_BIT if given else _ROBOT_BIT
     return Scene(
         coarse=coarse,
         fine=fine,
@@ -129,15 +156,80 @@ def build_scene(arm: ArmDescription, object_mjcf: str | Path, joint: str, settin
         part_body=part,
         tool_site=fine.site(arm.tool_frame).id,
         geom_kind=_geom_kinds(fine, arm, part),
+        solid=(fine.geom_conaffinity & robot_bit) != 0,
+        on_table=given is None,
+        gravity=fine.opt.gravity.copy(),
+        bystanders=fine.nv > arm.dof + 1,
+        X_scene_base=given.X_scene_base if given else np.eye(4),
     )
 
 
-def _compile(
-    arm: ArmDescription, object_mjcf: str | Path, joint: str, settings: PlanSettings, *, fine: bool
-) -> mujoco.MjModel:
-    spec = _arm_spec(arm, settings.servo, fine=fine)
-    thing = _object_spec(object_mjcf, joint)
-    spec.attach(thing, prefix=OBJECT_PREFIX, frame=spec.worldbody.add_frame())
+def fine_model_spec(
+    arm: ArmDescription, object_mjcf: str | Path, joint: str, settings: PlanSettings, given: SceneFile | None
+) -> mujoco.MjSpec:
+    """Arm and object as the execution model, not compiled."""
+    spec = _together(arm, object_mjcf, joint, settings, given, fine=True)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.timestep = settings.fine_timestep_s
+    return spec
+
+
+def _coarse_spec(
+    arm: ArmDescription, object_mjcf: str | Path, joint: str, settings: PlanSettings, given: SceneFile | None
+) -> mujoco.MjSpec:
+    spec = _together(arm, object_mjcf, joint, settings, given, fine=False)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+    _add_clearance(spec, arm, settings.clearance_m)
+    _add_sensors(spec, arm, joint)
+    return spec
+
+
+def _together(
+    arm: ArmDescription,
+    object_mjcf: str | Path,
+    joint: str,
+    settings: PlanSettings,
+    given: SceneFile | None,
+    *,
+    fine: bool,
+) -> mujoco.MjSpec:
+    """Arm and object in the arm's base frame, with the contact bits of either convention."""
+    spec = _arm_spec(arm, settings.servo)
+    if given is None:
+        _set_contacts(spec, _ROBOT_BIT, _WORLD_BIT, fine=fine)
+        spec.attach(_object_spec(object_mjcf, joint), prefix=OBJECT_PREFIX, frame=spec.worldbody.add_frame())
+        _add_table(spec)
+        spec.option.gravity = [0.0, 0.0, -9.81]
+    else:
+        thing = given.spec.copy()
+        _meet_robot(thing)
+        priority = max((int(geom.priority) for geom in thing.geoms), default=0)
+        _set_contacts(spec, _SCENE_ROBOT_BIT, 0, fine=fine, priority=priority + 1)
+        X = given.X_base_scene
+        quat_wxyz = np.empty(4)
+        mujoco.mju_mat2Quat(quat_wxyz, np.ascontiguousarray(X[:3, :3]).ravel())
+        frame = spec.worldbody.add_frame(pos=X[:3, 3], quat=quat_wxyz)
+        _attach_quietly(spec, thing, frame)
+        spec.option.gravity = X[:3, :3] @ given.gravity
+    if fine:
+        for name, tau_max in zip(arm.joint_names, arm.limits.tau_max, strict=True):
+            driven = spec.joint(name)
+            driven.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            driven.actfrcrange = [-tau_max, tau_max]
+    return spec
+
+
+def _attach_quietly(spec: mujoco.MjSpec, thing: mujoco.MjSpec, frame: mujoco.MjsFrame) -> None:
+    """Attach a scene. What MuJoCo warns about are options of the scene that the planner sets itself."""
+    thing.memory, thing.njmax, thing.nconmax = spec.memory, spec.njmax, spec.nconmax
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        spec.attach(thing, prefix=OBJECT_PREFIX, frame=frame)
+
+
+def _add_table(spec: mujoco.MjSpec) -> None:
     spec.worldbody.add_geom(
         name="table",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
@@ -145,76 +237,69 @@ def _compile(
         contype=_WORLD_BIT,
         conaffinity=_ROBOT_BIT,
     )
-    option = spec.option
-    option.gravity = [0.0, 0.0, -9.81]
-    if fine:
-        option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    else:
-        option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
-        option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
-        _add_clearance(spec, arm, settings.clearance_m)
-        _add_sensors(spec, arm, joint)
+
+
+def _compile(spec: mujoco.MjSpec, object_mjcf: str | Path) -> mujoco.MjModel:
     try:
-        return spec.compile()
-    except ValueError as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            return spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
         raise SceneFileError(
-            f"object file {object_mjcf}: arm and object do not compile together: {error}"
+            f"object file {object_mjcf}: arm and object do not compile together: {one_line(error)}"
         ) from error
 
 
-def _arm_spec(arm: ArmDescription, servo: ServoSettings, *, fine: bool) -> mujoco.MjSpec:
-    """The arm with position servos and gravity compensation. Only the fine model saturates its torques."""
+def _arm_spec(arm: ArmDescription, servo: ServoSettings) -> mujoco.MjSpec:
+    """The arm with position servos and gravity compensation."""
     spec = mujoco.MjSpec.from_string(arm.mjcf)
     for key in list(spec.keys):
         spec.delete(key)
     for body in spec.bodies[1:]:
         body.gravcomp = 1.0
     for geom in spec.geoms:
-        geom.contype = _ROBOT_BIT
-        geom.priority = 1  # the robot's friction decides
         geom.friction = [servo.finger_friction, 0.005, 0.0001]
-        geom.conaffinity = _WORLD_BIT | _ROBOT_BIT if fine else _WORLD_BIT
     declared = {frozenset((e.bodyname1, e.bodyname2)) for e in spec.excludes}
     for first, second in arm.collision_exclude:
         if frozenset((first, second)) not in declared:
             spec.add_exclude(bodyname1=first, bodyname2=second)
-    for name, tau_max in zip(arm.joint_names, arm.limits.tau_max, strict=True):
+    for name in arm.joint_names:
         joint = spec.joint(name)
         joint.armature = servo.armature
         joint.damping = [servo.damping, 0.0, 0.0]
         joint.actgravcomp = True
-        if fine:
-            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
-            joint.actfrcrange = [-tau_max, tau_max]
         actuator = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         actuator.set_to_position(kp=servo.kp, kv=servo.kd)
     return spec
 
 
+def _set_contacts(
+    spec: mujoco.MjSpec, robot_bit: int, world_bit: int, *, fine: bool, priority: int = 1
+) -> None:
+    """Contact bits of the arm's geoms; only the fine model lets the arm meet itself. Its friction decides."""
+    for geom in spec.geoms:
+        geom.priority = priority
+        geom.contype = robot_bit
+        geom.conaffinity = world_bit | robot_bit if fine else world_bit
+
+
 def _object_spec(object_mjcf: str | Path, joint: str) -> mujoco.MjSpec:
     """The object, its geoms set to meet the robot only; visual geoms stay visual."""
-    if not Path(object_mjcf).is_file():
-        raise SceneFileError(f"object file {object_mjcf}: no such file")
-    try:
-        spec = mujoco.MjSpec.from_file(str(object_mjcf))
-    except ValueError as error:
-        raise SceneFileError(f"object file {object_mjcf}: {error}") from error
-    names = [j.name for j in spec.joints]
-    if joint not in names:
-        raise SceneFileError(
-            f"object file {object_mjcf}: no joint {joint!r}; it has {', '.join(names) or 'none'}"
-        )
-    kind = spec.joint(joint).type
-    if kind not in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE):
-        raise SceneFileError(f"object file {object_mjcf}: joint {joint!r} is neither a slide nor a hinge")
-    for key in list(spec.keys):
-        spec.delete(key)
+    spec = read_spec(object_mjcf, joint)
     for geom in spec.geoms:
         geom.margin = geom.gap = 0.0
         if geom.contype or geom.conaffinity:
             geom.contype, geom.conaffinity = _WORLD_BIT, _ROBOT_BIT
     return spec
+
+
+def _meet_robot(scene: mujoco.MjSpec) -> None:
+    """Let every solid geom of a scene meet the robot, and each other as before."""
+    for geom in scene.geoms:
+        geom.margin = geom.gap = 0.0
+        if geom.contype or geom.conaffinity:
+            geom.contype &= ~_SCENE_ROBOT_BIT
+            geom.conaffinity |= _SCENE_ROBOT_BIT
 
 
 def _add_clearance(spec: mujoco.MjSpec, arm: ArmDescription, clearance_m: float) -> None:
@@ -226,7 +311,7 @@ def _add_clearance(spec: mujoco.MjSpec, arm: ArmDescription, clearance_m: float)
 
 
 def _add_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str) -> None:
-    """Tool pose in the part's frame (3 + 4 numbers), and per finger shape touches and net force (1 + 3)."""
+    """Tool pose in the part's frame (3 + 4 numbers), the robot's contacts (1), per finger touches and force (1 + 3)."""
     part = spec.joint(OBJECT_PREFIX + joint).parent.name
     for kind in (mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMEQUAT):
         spec.add_sensor(
@@ -237,6 +322,14 @@ def _add_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str) -> None:
             reftype=mujoco.mjtObj.mjOBJ_XBODY,
             refname=part,
         )
+    # All contacts of the robot; a scene has others, among its own things.
+    spec.add_sensor(
+        name=_ROBOT_CONTACTS,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname=arm.source.base,
+        intprm=[1, 0, 1],
+    )
     for geom in spec.geoms:
         if geom.name.startswith(FINGER_PREFIX):
             spec.add_sensor(
@@ -246,11 +339,8 @@ def _add_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str) -> None:
                 objname=geom.name,
                 reftype=mujoco.mjtObj.mjOBJ_XBODY,
                 refname=part,
-                intprm=[
-                    3,
-                    3,
-                    1,
-                ],  # found (the number of contacts) and force, net force in the world frame, one slot
+                # found (the number of contacts) and force, net force in the world frame, one slot
+                intprm=[3, 3, 1],
             )
 
 

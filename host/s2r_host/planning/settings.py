@@ -104,7 +104,7 @@ class RewardWeights:
     speed: float = 0.03
     acceleration: float = 0.01
     calm: float = 200.0
-    press: float = 0.1
+    press: float = 1.0
     press_free_N: float = 15.0
     load: float = 20.0
     load_free: float = 0.4
@@ -163,6 +163,7 @@ class PlanSettings:
             friction; more is pressing on an edge.
         joint_margin_rad: Distance kept from the position limits.
         clearance_m: The rollouts count anything nearer than this to the robot, except the fingertip, as a collision.
+        lead_in: Go to the place behind the part along the collision-free route, and let the sampler begin there.
         proposal_speeds: Speeds of the sequences along the hook's route that join each control step's first samples, as
             shares of the largest action; empty for none.
         retries: Ranked samples tried in the fine model before an action with an unexpected contact is taken.
@@ -186,6 +187,7 @@ class PlanSettings:
     press_max_N: float = 40.0
     joint_margin_rad: float = 0.05
     clearance_m: float = 0.003
+    lead_in: bool = True
     proposal_speeds: tuple[float, ...] = (1.0, 0.5, 0.2)
     retries: int = 8
     backtracks: int = 6

@@ -24,6 +24,7 @@ class PlanRequest:
     Attributes:
         arm: The arm; its base is the world frame.
         object_mjcf: MJCF file of the object in that frame, standing on the table z = 0.
+        in_scene: That file is a whole scene instead, with the arm or an ``arm_base`` for it; nothing is added.
         s_initial: The object's joint now [m or rad].
         s_target: Where it shall end [m or rad].
         q_initial: The arm's joints now [rad], (dof,), at rest.
@@ -39,6 +40,7 @@ class PlanRequest:
     q_initial: np.ndarray
     joint: str = "object_joint"
     seed: int = 0
+    in_scene: bool = False
     settings: PlanSettings = field(default_factory=PlanSettings)
 
 
@@ -89,8 +91,9 @@ class PlanResult:
         cpu_s, wall_s: Time used, all threads and elapsed.
         torque_share: Largest torque over its limit in the delivered plan.
         p_part: The point on the part that the fingertip was sent to, part frame [m], (3,).
-        route: Joint postures that the sampler was offered: above that point, there, at the touch, and on with the
-            part to the target, (m, dof) [rad].
+        route: Joint postures that the sampler was offered: on the way there, above that point, there, at the touch,
+            and on with the part to the target, (m, dof) [rad].
+        route_touch: Row of the route at which the fingertip meets the part.
         trace: One entry per executed action.
     """
 
@@ -114,4 +117,5 @@ class PlanResult:
     torque_share: float
     p_part: np.ndarray
     route: np.ndarray
+    route_touch: int
     trace: tuple[StepTrace, ...]

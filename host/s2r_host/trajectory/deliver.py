@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_host.planning.execution import FineWorld
-from s2r_host.planning.hooking import TOUCH_WAYPOINT
 from s2r_host.planning.kinematics import ToolKinematics
-from s2r_host.planning.planner import plan_manipulation
-from s2r_host.planning.scene import Scene, build_scene
+from s2r_host.planning.patience import Patience, TimeIsUpError
+from s2r_host.planning.planner import plan_manipulation, scene_of
+from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
 from s2r_host.trajectory.perturb import PERTURBATIONS, Perturbation
 from s2r_host.trajectory.time_law import TimeLawSettings, time_law
@@ -42,6 +42,7 @@ class Delivery:
         followed: "motion" when the path is where the plan's arm was, "targets" when it is where it was told to be,
             "route" when it is the route through the hook that the plan's sampler was offered.
         speed: Share of the time law's full speed.
+        fragile: With which slightly different object the motion fails, in words; None: with none of those tried.
     """
 
     trajectory: Trajectory
@@ -49,10 +50,17 @@ class Delivery:
     corrections: int
     followed: str
     speed: float
+    fragile: str | None = None
 
 
 def plan_trajectory(
-    request: PlanRequest, settings: TimeLawSettings | None = None, attempts: int = 3
+    request: PlanRequest,
+    settings: TimeLawSettings | None = None,
+    attempts: int = 3,
+    *,
+    scene: Scene | None = None,
+    patience: Patience | None = None,
+    accept_fragile: bool = False,
 ) -> tuple[PlanResult, Delivery]:
     """Plan and deliver; a plan that cannot be delivered is planned again with another seed.
 
@@ -60,20 +68,36 @@ def plan_trajectory(
         request: The task.
         settings: Of the time law.
         attempts: Plans tried; the seeds are ``request.seed`` and those 1000 apart from it.
+        scene: The request's scene, if it has been built already.
+        patience: A limit on the time, and who is told about progress.
+        accept_fragile: When no attempt survives the slightly different objects, take the first that was held with
+            the believed one; ``Delivery.fragile`` then says what it fails with.
 
     Raises:
         PlanRefusedError: The request is absurd, or no attempt led to a delivery; the text has the last reason.
-        OutOfReachError, SceneFileError, TrajectoryError: As the planner and the time law say.
+        OutOfReachError, SceneFileError, TrajectoryError, TimeIsUpError: As the planner and the time law say.
     """
+    scene, patience = scene or scene_of(request), patience or Patience()
+    second_best: tuple[PlanResult, Delivery] | None = None
     for attempt in range(attempts):
-        result = plan_manipulation(replace(request, seed=request.seed + 1000 * attempt))
         try:
-            return result, deliver(request, result, settings)
-        except PlanRefusedError as error:
+            result = plan_manipulation(replace(request, seed=request.seed + 1000 * attempt), scene, patience)
+            delivery = deliver(
+                request, result, settings, scene=scene, patience=patience, accept_fragile=accept_fragile
+            )
+            if delivery.fragile is None:
+                return result, delivery
+            second_best = second_best or (result, delivery)
+        except (PlanRefusedError, TrajectoryError, TimeIsUpError) as error:
             logger.info("attempt %d of %d: %s", attempt + 1, attempts, error)
-            if attempt == attempts - 1:
+            last = attempt == attempts - 1 or isinstance(error, TimeIsUpError)
+            if last and second_best is None:
                 raise
-    raise ValueError(f"attempts = {attempts} is not allowed: at least 1")
+            if last:
+                break
+    if second_best is None:
+        raise ValueError(f"attempts = {attempts} is not allowed: at least 1")
+    return second_best
 
 
 def deliver(
@@ -81,6 +105,10 @@ def deliver(
     result: PlanResult,
     settings: TimeLawSettings | None = None,
     perturbations: tuple[Perturbation, ...] = PERTURBATIONS,
+    *,
+    scene: Scene | None = None,
+    patience: Patience | None = None,
+    accept_fragile: bool = False,
 ) -> Delivery:
     """Time a plan, replay it in the fine model and correct its end until it is held on target.
 
@@ -92,17 +120,23 @@ def deliver(
         result: Its plan, successful.
         settings: Of the time law.
         perturbations: Slightly different objects with which the motion must not lose the part either.
+        scene: The request's scene, if it has been built already.
+        patience: A limit on the time, and who is told about progress.
+        accept_fragile: Rather than refuse, take the first motion that is held with the believed object.
 
     Raises:
         PlanRefusedError: No attempt passed; the text has the reason of the last one.
         TrajectoryError: The path cannot be timed.
+        TimeIsUpError: The time limit has passed.
     """
     if not result.success:
-        raise PlanRefusedError(f"there is no plan to deliver: {result.reason}")
-    settings = settings or TimeLawSettings()
-    scene = build_scene(request.arm, request.object_mjcf, request.joint, request.settings)
+        raise PlanRefusedError(result.reason)
+    settings, patience = settings or TimeLawSettings(), patience or Patience()
+    scene = scene or scene_of(request)
     problem = "no attempt"
+    second_best: Delivery | None = None
     for followed, path, touch, speed in _paths(request, result):
+        patience.check(f"timing the motion along the plan's {followed}")
         timed = replace(settings, speed=settings.speed * speed)
         delivery, problem = _corrected(request, result, scene, path, touch, timed, followed)
         if delivery is not None:
@@ -110,7 +144,10 @@ def deliver(
             if fragile is None:
                 return delivery
             problem = fragile
+            second_best = second_best or replace(delivery, fragile=fragile)
         logger.info("timed along the plan's %s at speed %.1f: %s", followed, speed, problem)
+    if second_best is not None and accept_fragile:
+        return second_best
     raise PlanRefusedError(problem)
 
 
@@ -141,7 +178,7 @@ def _paths(request: PlanRequest, result: PlanResult) -> list[tuple[str, np.ndarr
     return [
         ("motion", motion, touch, 1.0),
         ("targets", result.q_cmd[: end + 1], touch, 1.0),
-        ("route", route, TOUCH_WAYPOINT + 1, 1.0),
+        ("route", route, result.route_touch + 1, 1.0),
         ("motion", motion, touch, 0.5),
     ]
 
@@ -162,7 +199,7 @@ def _corrected(
     extra, problem = 0.0, ""
     for correction in range(_CORRECTIONS + 1):
         try:
-            trajectory = time_law(path + ramp * extra * shift, request.arm, timed, touch)
+            trajectory = time_law(path + ramp * extra * shift, request.arm, timed, touch, scene.gravity)
         except TrajectoryError as error:
             return None, str(error)
         played = replay(trajectory, request, scene)

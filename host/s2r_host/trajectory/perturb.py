@@ -34,8 +34,10 @@ class Perturbation:
     def applied(self, scene: Scene) -> Scene:
         """The scene with its fine model changed; the given one stays as it is."""
         model = copy.copy(scene.fine)
-        base = model.body_rootid[scene.part_body]
-        model.body_pos[base] += np.array(self.shift_m)
+        if scene.on_table:
+            model.body_pos[model.body_rootid[scene.part_body]] += np.array(self.shift_m)
+        else:  # in a scene the object may consist of several trees: move the arm instead
+            model.body_pos[model.body(scene.arm.source.base).id] -= np.array(self.shift_m)
         model.dof_damping[scene.s_dof] *= self.resistance
         model.dof_frictionloss[scene.s_dof] *= self.resistance
         model.geom_friction[scene.geom_kind >= GeomKind.ROBOT, 0] = self.finger_friction

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from toppra.constraint import JointAccelerationConstraint, JointTorqueConstraint, JointVelocityConstraint
 
 from s2r_host.trajectory.path import length_at, smooth_path
-from s2r_host.trajectory.torque import InverseDynamics, torque_stretch
+from s2r_host.trajectory.torque import STANDARD_GRAVITY, InverseDynamics, torque_stretch
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError, check_positions
 from s2r_protocol.arms import ArmDescription
 
@@ -72,6 +72,7 @@ def time_law(
     arm: ArmDescription,
     settings: TimeLawSettings | None = None,
     contact_row: int | None = None,
+    gravity: np.ndarray | None = None,
 ) -> Trajectory:
     """Time a joint path within velocity, acceleration, jerk and torque limits, from rest to rest.
 
@@ -80,6 +81,7 @@ def time_law(
         arm: Its limits and dynamics.
         settings: See TimeLawSettings.
         contact_row: Row of the path at which the fingertip meets the part; None if it moves nothing.
+        gravity: In the arm's base frame [m/s²], (3,); None: the arm stands upright.
 
     Returns:
         Knots whose quintic segments stay within the limits everywhere, zero velocity and acceleration at both ends.
@@ -92,7 +94,7 @@ def time_law(
     if np.ndim(q_path) == 2 and np.shape(q_path)[1] != arm.dof:
         raise TrajectoryError(f"the path has {np.shape(q_path)[1]} joints; arm {arm.name!r} has {arm.dof}")
     path = smooth_path(q_path, settings.deviation_rad)
-    dynamics = InverseDynamics(arm)
+    dynamics = InverseDynamics(arm, gravity)
     contact_at = np.inf
     if contact_row is not None:
         contact_at = length_at(np.asarray(q_path, dtype=float), contact_row) * path.x[-1]
@@ -108,7 +110,11 @@ def time_law(
         if best is None or trajectory.duration_s < best.duration_s:
             best = trajectory
     assert best is not None
-    best = best.stretched(torque_stretch(best, arm, dynamics, settings.torque_share) / settings.speed)
+    stretch = torque_stretch(best, arm, dynamics, settings.torque_share)
+    if gravity is not None and np.abs(np.asarray(gravity) - STANDARD_GRAVITY).max() > 0.05:
+        # The executor believes that every arm stands upright; what it cannot admit is of no use.
+        stretch = max(stretch, torque_stretch(best, arm, InverseDynamics(arm), settings.torque_share))
+    best = best.stretched(stretch / settings.speed)
     check_positions(best, arm)
     return best
 

@@ -8,13 +8,17 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]  # an extension
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
 from s2r_protocol.arms import ArmDescription
 
+STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])  # in the base frame of an upright arm [m/s²]
+
 
 class InverseDynamics:
     """Recursive Newton-Euler for one arm with its tool, without payload. Not for several threads."""
 
-    def __init__(self, arm: ArmDescription) -> None:
-        """Args: the arm, whose URDF is read."""
+    def __init__(self, arm: ArmDescription, gravity: np.ndarray | None = None) -> None:
+        """Args: the arm, whose URDF is read; ``gravity`` in its base frame [m/s²], (3,), None: upright on earth."""
         self._model = pin.buildModelFromXML(arm.urdf)
+        if gravity is not None:
+            self._model.gravity.linear = np.asarray(gravity, dtype=float)
         self._data = self._model.createData()
         self._tool = self._model.getFrameId(arm.tool_frame)
 

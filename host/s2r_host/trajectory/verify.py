@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from s2r_host.planning.execution import FineWorld
-from s2r_host.planning.scene import Scene, build_scene
+from s2r_host.planning.planner import scene_of
+from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
 from s2r_host.planning.task import PlanRequest
 from s2r_host.trajectory.trajectory import Trajectory
@@ -23,7 +24,8 @@ class Replay:
         q_meas: The arm's joints then [rad], (m, dof).
         final: The object's joint at the end of the hold.
         error: ``s_target - final``.
-        held: The joint moved less than half the success band during the second half of the hold.
+        held: During the second half of the hold the joint stayed within two success bands of the target. A lid on a
+            soft friction creeps.
         contact: First contact that was not fingertip against part, or None.
         touched: The fingertip touched the part.
         torque_share: Largest torque over its limit.
@@ -54,11 +56,67 @@ class Replay:
                 f"the timed motion presses on the part with {self.press_N:.0f} N across its motion, "
                 f"limit {settings.press_max_N:.0f} N"
             )
-        if not self.held:
-            return f"the target is not held after the timed motion: s = {self.final:.4f} and still moving"
         if abs(self.error) >= tolerance:
             return f"the timed motion ends at s = {self.final:.4f}, {self.error:+.4f} from the target"
+        if not self.held:
+            return (
+                f"the target is not held after the timed motion: s = {self.final:.4f} at the end of the hold"
+            )
         return None
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The fine model at every substep of a replay.
+
+    Attributes:
+        t: Times [s], (m,), the start included.
+        s, ds: The object's joint and its speed, (m,).
+        touch: The fingertip touches the part, bool (m,).
+        q_ref, q_meas, tau: Reference [rad], joints [rad] and torques [N·m] of the arm, (m, dof).
+    """
+
+    t: np.ndarray
+    s: np.ndarray
+    ds: np.ndarray
+    touch: np.ndarray
+    q_ref: np.ndarray
+    q_meas: np.ndarray
+    tau: np.ndarray
+
+
+def trace_of(trajectory: Trajectory, request: PlanRequest, scene: Scene) -> Trace:
+    """Play a trajectory as :func:`replay` does and note every substep."""
+    world, dof = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial), scene.dof
+    q, control, _ = _control(trajectory, request)
+    rows = []
+    for k in range(len(control) + 1):
+        if k:
+            report = world.play(control[k - 1 : k])
+        else:
+            report = world.check_now()
+        data = world.data
+        speed = float(data.qvel[scene.s_dof])
+        q_ref = q[k - 1] if k else world.q
+        rows.append(
+            np.concatenate(
+                [[data.time, world.s, speed, report.touched], q_ref, world.q, data.qfrc_actuator[:dof]]
+            )
+        )
+    table = np.array(rows)
+    joints = [table[:, 4 + k * dof : 4 + (k + 1) * dof] for k in range(3)]
+    return Trace(table[:, 0], table[:, 1], table[:, 2], table[:, 3] > 0.5, *joints)
+
+
+def _control(trajectory: Trajectory, request: PlanRequest) -> tuple[np.ndarray, np.ndarray, int]:
+    """Reference (n, dof), servo targets (n, dof) at every substep to the end of the hold, substeps per control step."""
+    settings = request.settings
+    dt = settings.fine_timestep_s
+    steps = int(np.ceil((trajectory.duration_s + settings.hold_s) / dt))
+    times = np.minimum(np.arange(1, steps + 1) * dt, trajectory.duration_s)
+    q, dq, _ = trajectory.sample(times)
+    # A position servo damps against standing still; shifting its target by kd/kp dq makes it damp against dq.
+    return q, q + settings.servo.kd / settings.servo.kp * dq, max(1, round(settings.control_dt_s / dt))
 
 
 def replay(trajectory: Trajectory, request: PlanRequest, scene: Scene | None = None) -> Replay:
@@ -72,18 +130,12 @@ def replay(trajectory: Trajectory, request: PlanRequest, scene: Scene | None = N
         scene: The request's scene if it has been built already.
     """
     settings = request.settings
-    scene = scene or build_scene(request.arm, request.object_mjcf, request.joint, settings)
+    scene = scene or scene_of(request)
     tolerance = settings.tolerance_m if scene.prismatic else settings.tolerance_rad
     world = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial)
-    dt = settings.fine_timestep_s
-    steps = int(np.ceil((trajectory.duration_s + settings.hold_s) / dt))
-    times = np.minimum(np.arange(1, steps + 1) * dt, trajectory.duration_s)
-    q, dq, _ = trajectory.sample(times)
-    # A position servo damps against standing still; shifting its target by kd/kp dq makes it damp against dq.
-    control = q + settings.servo.kd / settings.servo.kp * dq
-    chunk = max(1, round(settings.control_dt_s / dt))
+    _, control, chunk = _control(trajectory, request)
     report, s, q_meas, t = world.check_now(), [world.s], [world.q], [0.0]
-    for start in range(0, steps, chunk):
+    for start in range(0, len(control), chunk):
         report = report.merged(world.play(control[start : start + chunk]))
         s.append(world.s)
         q_meas.append(world.q)
@@ -96,7 +148,7 @@ def replay(trajectory: Trajectory, request: PlanRequest, scene: Scene | None = N
         q_meas=np.array(q_meas),
         final=world.s,
         error=request.s_target - world.s,
-        held=bool(np.abs(late - world.s).max() < tolerance / 2.0),
+        held=bool(np.abs(late - request.s_target).max() < 2.0 * tolerance),
         contact=report.contact,
         touched=report.touched,
         torque_share=report.torque_share,

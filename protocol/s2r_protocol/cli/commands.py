@@ -33,13 +33,18 @@ COMMANDS: dict[str, Command] = {
     "executor": Command("s2r_executor.cli:executor", "", "Admit plans and stream setpoints to the drives."),
     "sim-arm": Command("s2r_sim.cli:sim_arm", "sim", "The stand-in: arm, object, drives, bus and camera."),
     "world": Command("s2r_sim.cli:world", "sim", "Draw and commit to hidden worlds for the stand-in."),
+    "data": Command("s2r_sim.cli_data:data", "sim", "Make training data from procedural objects."),
     "run": Command("s2r_host.cli:run", "host", "Perceive, build, plan and execute one manipulation."),
+    "plan": Command(
+        "s2r_host.cli_plan:plan", "host", "Plan through contact on any MJCF scene, in simulation."
+    ),
     "build-model": Command(
         "s2r_host.model.cli:build_model", "host", "Two depth views in, a physics model (URDF, MJCF) out."
     ),
     "replay": Command(
         "s2r_host.cli_replay:replay", "host", "Send a recorded plan again and overlay both recordings."
     ),
+    "log": Command("s2r_host.log.cli:log", "host", "Check, mend, export and compare recordings."),
     "gap": Command("s2r_host.gap.cli:gap", "host", "Name the physics a model leaves out, from recordings."),
     "conceal": Command(
         "s2r_conceal.cli:conceal", "host,sim", "Recordings with hidden physics, to prove what a tool finds."

@@ -1,0 +1,123 @@
+"""A strip of pictures of a motion in the fine model, drawn by ray casting: no graphics library is needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from matplotlib.figure import Figure
+
+from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.scene import GeomKind, Scene
+from s2r_host.trajectory.trajectory import Trajectory
+from s2r_host.trajectory.verify import Replay
+
+_WIDTH, _HEIGHT, _FOV_RAD = 300, 260, 0.75
+_LIGHT = np.array([0.35, 0.45, 0.82])
+_PART, _FINGER = np.array([0.93, 0.55, 0.20]), np.array([0.15, 0.35, 0.80])
+_SKY = np.array([0.93, 0.95, 0.97])
+_FRAMES = 6
+
+
+def save_picture_strip(
+    path: Path, scene: Scene, trajectory: Trajectory, played: Replay, q_initial: np.ndarray, s_initial: float
+) -> Path:
+    """Write a PNG of the start, moments on the way and the end; the moving part is orange, the fingertip blue."""
+    times = _moments(played)
+    world = FineWorld(scene, q_initial, s_initial)
+    model = _visible(scene)
+    figure = Figure(figsize=(3.0 * _FRAMES, 3.0), layout="constrained")
+    origin, vectors = _camera(scene, world.data, played)
+    for k, t in enumerate(times):
+        row = int(np.argmin(np.abs(played.t - t)))
+        world.data.qpos[: scene.dof] = played.q_meas[row]
+        world.data.qpos[scene.s_qpos] = played.s[row]
+        mujoco.mj_kinematics(scene.fine, world.data)
+        axes = figure.add_subplot(1, _FRAMES, k + 1)
+        axes.imshow(_shaded(scene, model, world.data, origin, vectors), interpolation="nearest")
+        unit = "m" if scene.prismatic else "rad"
+        moving = t <= trajectory.duration_s
+        axes.set_title(
+            f"t = {t:.2f} s{'' if moving else ' (held)'},  s = {played.s[row]:+.3f} {unit}", fontsize=8
+        )
+        axes.set_axis_off()
+    figure.savefig(path, dpi=110)
+    return path
+
+
+def _moments(played: Replay) -> np.ndarray:
+    """Start, the first motion of the part, moments to the end of its motion, and the end of the hold."""
+    moving = np.abs(played.s - played.s[0]) > 0.02 * max(np.abs(played.s - played.s[0]).max(), 1e-9)
+    touch = played.t[int(np.argmax(moving))] if moving.any() else played.t[-1] / 2.0
+    return np.array([0.0, 0.6 * touch, *np.linspace(touch, played.t[-1], _FRAMES - 2)])
+
+
+def _visible(scene: Scene) -> mujoco.MjModel:
+    """A model whose geom group 0 holds what is drawn: what is solid and what the file shows."""
+    import copy
+
+    model = copy.copy(scene.fine)
+    shown = scene.solid | (scene.geom_kind >= GeomKind.ROBOT) | (model.geom_group < 3)
+    model.geom_group[:] = np.where(shown & (model.geom_rgba[:, 3] > 0.0), 0, 5)
+    return model
+
+
+def _camera(scene: Scene, data: mujoco.MjData, played: Replay) -> tuple[np.ndarray, np.ndarray]:
+    """Eye (3,) and ray directions (pixels, 3) that see the part and the hand from the side."""
+    part = np.flatnonzero((scene.geom_kind == GeomKind.PART) & scene.solid)
+    centre = data.geom_xpos[part].mean(axis=0) if len(part) else data.xpos[scene.part_body]
+    up = (
+        -scene.gravity / max(np.linalg.norm(scene.gravity), 1e-9)
+        if scene.gravity.any()
+        else np.array([0, 0, 1.0])
+    )
+    out = centre - (centre @ up) * up
+    out /= max(np.linalg.norm(out), 1e-9)
+    side = np.cross(up, out)
+    look_at = centre - 0.18 * out + 0.05 * up
+    origin = look_at + 1.15 * side * (-1.0 if played.q_meas[0, 0] > 0 else 1.0) - 0.45 * out + 0.65 * up
+    ahead = look_at - origin
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, up)
+    right /= np.linalg.norm(right)
+    down = np.cross(ahead, right)
+    span = np.tan(_FOV_RAD / 2.0)
+    x = np.linspace(-span, span, _WIDTH)
+    y = np.linspace(-span, span, _HEIGHT) * _HEIGHT / _WIDTH
+    rays = ahead + x[None, :, None] * right + y[:, None, None] * down
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    return origin, np.ascontiguousarray(rays.reshape(-1, 3))
+
+
+def _shaded(
+    scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, origin: np.ndarray, vectors: np.ndarray
+) -> np.ndarray:
+    """Picture (h, w, 3) of colours by geom, darker where a surface turns away from the light."""
+    count = len(vectors)
+    geom, distance, normal = np.empty(count, np.int32), np.empty(count), np.empty((count, 3))
+    groups = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)
+    mujoco.mj_multiRay(
+        model,
+        data,
+        origin,
+        vectors.ravel(),
+        groups,
+        True,
+        -1,
+        geom,
+        distance,
+        normal.reshape(-1),
+        count,
+        20.0,
+    )
+    colours = model.geom_rgba[:, :3].copy()
+    colours[scene.geom_kind == GeomKind.PART] = (
+        0.35 * colours[scene.geom_kind == GeomKind.PART] + 0.65 * _PART
+    )
+    colours[scene.geom_kind == GeomKind.FINGER] = _FINGER
+    hit = geom >= 0
+    light = 0.55 + 0.45 * np.clip(normal @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
+    picture = np.tile(_SKY, (count, 1))
+    picture[hit] = colours[geom[hit]] * light[hit, None]
+    return np.clip(picture.reshape(_HEIGHT, _WIDTH, 3), 0.0, 1.0)

@@ -1,0 +1,174 @@
+"""One scene file in, a folder with the plan out: what ``s2r plan`` does."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_host.planning.patience import Patience
+from s2r_host.planning.planner import scene_of
+from s2r_host.planning.scene import Scene
+from s2r_host.planning.settings import PlanSettings
+from s2r_host.planning.task import PlanRequest, PlanResult
+from s2r_host.trajectory.deliver import Delivery, plan_trajectory
+from s2r_host.trajectory.picture_strip import save_picture_strip
+from s2r_host.trajectory.plan_files import write_knots_csv, write_model, write_plan_csv, write_trace_csv
+from s2r_host.trajectory.verify import trace_of
+from s2r_protocol.arms import ArmDescription
+from s2r_protocol.exits import S2RError
+
+
+@dataclass(frozen=True, eq=False)
+class PlanTask:
+    """What ``s2r plan`` is asked.
+
+    Attributes:
+        scene: MJCF file; scene and object start at their ``qpos0``.
+        joint: The object's joint.
+        s_target: Where it shall end [m or rad].
+        arm: The arm that is put at ``arm_base``, or that the scene holds.
+        out: Folder for the results; made if it is not there.
+        q_initial: The arm's start pose [rad], (dof,); None: its home.
+        seed: Of all chance.
+        settings: Of the planner.
+    """
+
+    scene: Path
+    joint: str
+    s_target: float
+    arm: ArmDescription
+    out: Path
+    q_initial: np.ndarray | None = None
+    seed: int = 0
+    settings: PlanSettings = field(default_factory=PlanSettings)
+
+
+def plan_scene(task: PlanTask, patience: Patience) -> dict[str, Any]:
+    """Plan, time, replay and write everything into ``task.out``; returns what ``plan.json`` holds.
+
+    A refusal leaves a ``plan.json`` with ``success`` false and the reason, and goes on to the caller.
+
+    Raises:
+        S2RError: The request was refused, or a file cannot be used; the text is the reason.
+    """
+    task.out.mkdir(parents=True, exist_ok=True)
+    for name in ("plan.csv", "knots.csv", "trace.csv", "strip.png"):
+        (task.out / name).unlink(missing_ok=True)  # of an earlier plan, which this one may not replace
+    cpu_s, wall_s = time.process_time(), time.perf_counter()
+    try:
+        patience.check("reading the scene")
+        request = _request(task, 0.0)
+        scene = scene_of(request)
+        request = _request(task, float(scene.fine.qpos0[scene.s_qpos]))
+        result, delivery = plan_trajectory(request, scene=scene, patience=patience, accept_fragile=True)
+    except S2RError as error:
+        answer = _refusal(task, str(error), patience)
+        _finish(task, answer, cpu_s, wall_s)
+        raise
+    answer = _answer(task, request, scene, result, delivery, patience)
+    answer["cpu_s"], answer["wall_s"] = _since(cpu_s, wall_s)
+    patience.check("writing the files")
+    _write_all(task, request, scene, delivery)
+    _save(task, answer)
+    return answer
+
+
+def _request(task: PlanTask, s_initial: float) -> PlanRequest:
+    q_initial = task.arm.q_home if task.q_initial is None else task.q_initial
+    return PlanRequest(
+        arm=task.arm,
+        object_mjcf=task.scene,
+        s_initial=s_initial,
+        s_target=task.s_target,
+        q_initial=q_initial,
+        joint=task.joint,
+        seed=task.seed,
+        in_scene=True,
+        settings=task.settings,
+    )
+
+
+def _write_all(task: PlanTask, request: PlanRequest, scene: Scene, delivery: Delivery) -> None:
+    names = task.arm.joint_names
+    write_plan_csv(task.out / "plan.csv", delivery.trajectory, names)
+    write_knots_csv(task.out / "knots.csv", delivery.trajectory, names)
+    write_trace_csv(task.out / "trace.csv", trace_of(delivery.trajectory, request, scene), names)
+    write_model(task.out / "model", request, scene)
+    save_picture_strip(
+        task.out / "strip.png",
+        scene,
+        delivery.trajectory,
+        delivery.replay,
+        np.asarray(request.q_initial, dtype=float),
+        request.s_initial,
+    )
+
+
+def _answer(
+    task: PlanTask,
+    request: PlanRequest,
+    scene: Scene,
+    result: PlanResult,
+    delivery: Delivery,
+    patience: Patience,
+) -> dict[str, Any]:
+    played = delivery.replay
+    return {
+        "success": True,
+        "held": played.held,
+        "final": played.final,
+        "error": played.error,
+        "control_steps": patience.control_steps,
+        "cpu_s": 0.0,
+        "wall_s": 0.0,
+        "seed": task.seed,
+        "reason": "held on target",
+        **_task_fields(task),
+        "unit": "m" if scene.prismatic else "rad",
+        "s_initial": request.s_initial,
+        "duration_s": delivery.trajectory.duration_s,
+        "stage": result.stage,
+        "followed": delivery.followed,
+        "torque_share": played.torque_share,
+        "press_N": played.press_N,
+        "fragile": delivery.fragile,
+        "X_scene_base": scene.X_scene_base.tolist(),
+    }
+
+
+def _refusal(task: PlanTask, reason: str, patience: Patience) -> dict[str, Any]:
+    return {
+        "success": False,
+        "held": False,
+        "final": None,
+        "error": None,
+        "control_steps": patience.control_steps,
+        "cpu_s": 0.0,
+        "wall_s": 0.0,
+        "seed": task.seed,
+        "reason": reason,
+        **_task_fields(task),
+    }
+
+
+def _task_fields(task: PlanTask) -> dict[str, Any]:
+    target = task.s_target if np.isfinite(task.s_target) else str(task.s_target)  # JSON knows no NaN
+    return {"scene": str(task.scene), "joint": task.joint, "target": target, "arm": task.arm.name}
+
+
+def _since(cpu_s: float, wall_s: float) -> tuple[float, float]:
+    return time.process_time() - cpu_s, time.perf_counter() - wall_s
+
+
+def _finish(task: PlanTask, answer: dict[str, Any], cpu_s: float, wall_s: float) -> None:
+    answer["cpu_s"], answer["wall_s"] = _since(cpu_s, wall_s)
+    _save(task, answer)
+
+
+def _save(task: PlanTask, answer: dict[str, Any]) -> None:
+    (task.out / "plan.json").write_text(json.dumps(answer, indent=1) + "\n")
