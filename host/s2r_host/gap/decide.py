@@ -20,6 +20,7 @@ LEFTOVER_LIMIT = 1.45
 EXPLAINED_LEAST = 0.85
 EXPLAINED_GUESSED = 0.6
 SMALL_CHANGE = 0.6
+HEAT, CEILING = 0.01, 0.96
 DRIFT_ODDS, DRIFT_COMMON, DRIFT_LEAST = 18.0, 0.7, 0.02
 OTHER_MACHINE = 0.4
 Z90 = 1.645
@@ -172,7 +173,7 @@ def _add_law(problem: Problem, finding: LawFinding, decision: Decision) -> None:
     decision.effects.append(
         Named(
             Term(finding.name, finding.joint, tuple(sorted(finding.shape.items()))), finding.name, joint,
-            1.0 / sum(weights.values()), also,
+            CEILING / sum(weights.values()), also,
             f"the declared control law misses the recorded effort; this removes {finding.share:.0%} of it",
             finding.parameters, np.zeros(0), {finding.name: finding.gain} | finding.rivals,
         )
@@ -205,8 +206,9 @@ def _add_drift(problem: Problem, solution: Solution, decision: Decision) -> None
                 "interval90": [float(change[0]) - own, float(change[0]) + own], "identifiable": True,
             },
         }  # fmt: skip
+        probability = CEILING / (1.0 + float(np.exp(-min(odds, 30.0))))
         named = Named(
-            Term("session_friction", j), "session_friction", joint, float(1.0 / (1.0 + np.exp(-min(odds, 30.0)))), [],
+            Term("session_friction", j), "session_friction", joint, probability, [],
             f"friction of session '{s.rec.session}' differs by {share:+.1%} from the fitted sessions",
             table, change,
         )  # fmt: skip
@@ -294,8 +296,8 @@ def _is_parameter(problem: Problem, term: Term, theta: np.ndarray) -> bool:
 
 def _named(problem: Problem, search: Search, solution: Solution, i: int, slot: list[Scored]) -> Named:
     term = solution.terms[i]
-    probabilities = slot_probabilities(slot)
-    own = probabilities.get(term.key, 1.0)
+    probabilities = slot_probabilities(search, slot)
+    own = probabilities.get(term.key, CEILING)
     others = sorted(((p, k) for k, p in probabilities.items() if k != term.key), reverse=True)
     also = [k[0] for p, k in others if p > 0.05 and k[0] != term.effect and not k[0].startswith(PREFIX)]
     for group in EQUIVALENT:
@@ -327,16 +329,25 @@ def rival_odds(slot: list[Scored]) -> dict[str, float]:
     return found
 
 
-def slot_probabilities(slot: list[Scored]) -> dict[tuple[str, int], float]:
-    """Posterior over what may stand in one place, 'nothing' included."""
+def slot_probabilities(search: Search, slot: list[Scored]) -> dict[tuple[str, int], float]:
+    """Probability of everything that may stand in one place, 'nothing' and 'none of these' included.
+
+    The models behind two explanations err in proportion to the gap, so the difference of their log odds counts
+    less the larger the gap is; not so for an explanation that contains the winner, where only the extra part errs.
+    ``CEILING`` is what the tuning set says of a first name without rivals.
+    """
     if not slot:
         return {}
     scores = {s.term.key: s.gain for s in slot}
-    scores[("", 0)] = 0.0
-    top = max(scores.values())
-    weights = {k: float(np.exp(max(v - top, -60.0))) for k, v in scores.items()}
+    winner = max(scores, key=lambda k: scores[k])
+    top = scores[winner]
+    heat = 1.0 + HEAT * max(top, 0.0)
+    weights = {("", 0): float(np.exp(max(-top, -60.0)))}
+    for key, gain in scores.items():
+        contains = winner[0] in search.effects[key[0]].contains
+        weights[key] = float(np.exp(max((gain - top) / (1.0 if contains else heat), -60.0)))
     total = sum(weights.values())
-    return {k: w / total for k, w in weights.items() if k[0]}
+    return {k: CEILING * w / total for k, w in weights.items() if k[0]}
 
 
 def _close(slot: list[Scored], name: str, margin: float = 8.0) -> bool:

@@ -7,6 +7,8 @@ import numpy as np
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.session import Session
 
+SHARES = (0.5, 0.65, 0.75, 0.82, 0.88, 0.92, 0.95, 0.975, 0.99, 0.995, 0.998)
+
 
 class Saturation(Effect):
     """applied = clip(u, ±limit (1 - max(0, sgn(u) dq) / v0))."""
@@ -25,11 +27,12 @@ class Saturation(Effect):
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Limits at quantiles of the effort; no-load speeds above the top speed."""
         u = np.concatenate([np.abs(s.u[:, joint]) for s in ctx.sessions])
-        limits = [float(np.quantile(u, x)) for x in (0.5, 0.65, 0.75, 0.82, 0.88, 0.92, 0.95, 0.975, 0.99)]
+        limits = [float(np.quantile(u, x)) for x in SHARES]
         limits = [x for x in limits if x > 0]
         top = ctx.top_speed(joint)
         plain = [{"limit": x, "v0": 0.0} for x in limits]
-        return plain + [{"limit": x * 1.3, "v0": top * y} for x in limits[::3] for y in (1.2, 2.0, 4.0)]
+        sloped = [(x, y) for x in limits[::2] for y in (1.3, 2.0, 4.0, 8.0)]
+        return plain + [{"limit": x / (1.0 - 0.3 / y), "v0": top * y} for x, y in sloped]
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Both on a log scale."""

@@ -19,6 +19,7 @@ class ThermalDrift(Effect):
     signature = "one regressor whose coefficient drifts over the recording"
     separating_motion = "repeat the first motion at the end"
     confusable = ("session_friction", "payload")
+    contains = ("coulomb_friction", "viscous_friction")
 
     def blocked(self, ctx: Context, joint: int) -> str | None:
         """Needs some length."""
