@@ -1,11 +1,10 @@
 """What travels between the front end and the process that writes recordings: length, JSON head, raw bytes.
 
-No pickles: arrays go as ``.npy`` bytes (dtype included), everything else as JSON.
+No pickles: arrays go as raw bytes with their layout in the head, everything else as JSON.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import socket
 import struct
@@ -87,25 +86,47 @@ def _exactly(connection: socket.socket, count: int) -> bytes | None:
 
 
 def batch_frame(batch: Batch) -> Frame:
-    """A batch as bytes."""
-    records = _array_bytes(batch.records)
-    return Frame(
-        {"kind": "batch", "holder": batch.holder, "split": len(records), "ticks": len(batch.records)},
-        records + _array_bytes(batch.events),
-    )
+    """A batch as bytes; the layouts travel along, the core's fields are not in the order of their offsets."""
+    records, events = np.ascontiguousarray(batch.records), np.ascontiguousarray(batch.events)
+    head = {
+        "kind": "batch",
+        "holder": batch.holder,
+        "ticks": len(records),
+        "split": records.nbytes,
+        "layouts": [_layout(records.dtype), _layout(events.dtype)],
+    }
+    return Frame(head, records.tobytes() + events.tobytes())
 
 
 def batch_of(frame: Frame) -> Batch:
     """The batch of a frame."""
     split = int(frame.head["split"])
-    return Batch(_array(frame.body[:split]), _array(frame.body[split:]), str(frame.head["holder"]))
+    of_records, of_events = (_dtype(layout) for layout in frame.head["layouts"])
+    return Batch(
+        np.frombuffer(frame.body[:split], of_records),
+        np.frombuffer(frame.body[split:], of_events),
+        str(frame.head["holder"]),
+    )
 
 
-def _array_bytes(values: np.ndarray) -> bytes:
-    stream = io.BytesIO()
-    np.lib.format.write_array(stream, np.ascontiguousarray(values), allow_pickle=False)
-    return stream.getvalue()
+def _layout(dtype: np.dtype) -> dict[str, Any]:
+    """A structured dtype as JSON: name -> (base format, shape, offset); a plain one has no fields."""
+    fields = {}
+    for name, entry in (dtype.fields or {}).items():
+        base, shape = entry[0].subdtype or (entry[0], ())
+        fields[name] = [base.str, list(shape), entry[1]]
+    return {"fields": fields, "itemsize": dtype.itemsize, "plain": "" if fields else dtype.str}
 
 
-def _array(data: bytes) -> np.ndarray:
-    return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+def _dtype(layout: dict[str, Any]) -> np.dtype:
+    if layout["plain"]:
+        return np.dtype(layout["plain"])
+    fields = layout["fields"]
+    return np.dtype(
+        {
+            "names": list(fields),
+            "formats": [(base, tuple(shape)) if shape else base for base, shape, _ in fields.values()],
+            "offsets": [offset for *_, offset in fields.values()],
+            "itemsize": layout["itemsize"],
+        }
+    )

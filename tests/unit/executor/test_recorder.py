@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from s2r_executor.config import RecorderConfig
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.recorder import PlanIdentity, Recorder
+from s2r_executor.recorder_wire import Batch, batch_frame, batch_of
 from s2r_protocol.faults import ExecutorState
 from s2r_protocol.proto import s2r_pb2 as pb
 from s2r_protocol.ros2.definitions import message_type
@@ -226,3 +227,13 @@ def test_session_file_runs_from_start_to_end_at_the_publishing_rate(recorder, co
     states = [t for topic, t, _ in messages(recorder.session_path) if topic == "joint_states"]
     assert len(states) == 2450 // 10
     assert set(np.diff(states)) == {10_000_000}
+
+
+def test_arrays_with_fields_out_of_order_cross_to_the_writer_unchanged():
+    layout = {"names": ["b", "a"], "formats": ["<u4", ("<f8", (3,))], "offsets": [24, 0], "itemsize": 32}
+    records = np.zeros(5, np.dtype(layout))
+    records["a"], records["b"] = np.arange(15).reshape(5, 3), np.arange(5)
+    back = batch_of(batch_frame(Batch(records, np.empty(0), "host:1")))
+    np.testing.assert_array_equal(back.records["a"], records["a"])
+    np.testing.assert_array_equal(back.records["b"], records["b"])
+    assert (len(back.events), back.holder) == (0, "host:1")
