@@ -86,8 +86,8 @@ def _body_parameters(model: RigidModel, body: int) -> list[BaseParameter]:
     def write_mass(spec: mujoco.MjSpec, x: float) -> None:
         make_explicit(spec, model, body)
         b = spec.body(name)
-        b.mass *= 1.0 + x
-        b.inertia = np.asarray(b.inertia) * (1.0 + x)
+        b.mass *= max(0.05, 1.0 + x)
+        b.inertia = np.asarray(b.inertia) * max(0.05, 1.0 + x)
 
     def write_inertia(spec: mujoco.MjSpec, x: float) -> None:
         make_explicit(spec, model, body)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from s2r_host.gap.base_terms import base_terms
+from s2r_host.gap.complete import LinkGroup, complete
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Effect
 from s2r_host.gap.evidence import Marginal
@@ -102,7 +103,13 @@ class Search:
         self.effects |= base_terms(problem.base)
         self._columns: dict[Term, tuple[np.ndarray, np.ndarray | None, np.ndarray, np.ndarray]] = {}
         self._shapes: dict[tuple[str, int], list[Term]] = {}
+        self.completed = 0
         self.effort_rms = float(np.sqrt(np.mean(problem.effort**2))) + 1e-12
+
+    def forget(self) -> None:
+        """Drop stored columns after the problem's rows were scaled anew."""
+        self._columns.clear()
+        self.effort_rms = float(np.sqrt(np.mean(self.problem.effort**2))) + 1e-12
 
     def candidates(self) -> list[tuple[str, int]]:
         """Every (effect, joint) that can act here."""
@@ -139,7 +146,7 @@ class Search:
             first = next(iter(per_session.values()))
             positive = np.array(first.positive or (False,) * C.shape[1], dtype=bool)
             size = np.sqrt(np.mean(C**2, axis=0)) + 1e-12 * self.effort_rms
-            prior = 0.5 * self.effort_rms / size
+            prior = effect.deviations() if isinstance(effect, LinkGroup) else 0.5 * self.effort_rms / size
             stored = self._columns[term] = (C, fixed, positive, prior)
         return stored
 
@@ -324,14 +331,14 @@ class Search:
 
     def run(self, max_effects: int = MAX_EFFECTS) -> Solution:
         """Greedy selection, then replacement of each term while that helps."""
-        chosen: list[Term] = []
-        slots: list[list[Scored]] = []
+        chosen, slots = complete(self)
+        self.completed = len(chosen)
         scans: list[Scored] = []
-        while len(chosen) < max_effects and not self.at_floor(chosen):
+        while len(chosen) < self.completed + max_effects and not self.at_floor(chosen):
             scored, _ = self._scan_profiled(chosen)
-            if not chosen:
+            if len(chosen) == self.completed:
                 scans = scored
-            if not scored or not self._worth_it(scored[0], slots):
+            if not scored or not self._worth_it(scored[0], slots[self.completed :]):
                 break
             self.log(
                 f"  + {scored[0].term.effect} on {self._joint(scored[0].term)}: gain {scored[0].gain:.0f}"
@@ -377,9 +384,9 @@ class Search:
     def _replace(
         self, chosen: list[Term], slots: list[list[Scored]]
     ) -> tuple[list[Term], list[list[Scored]]]:
-        for _ in range(2 if len(chosen) > 1 else 0):
+        for _ in range(2 if len(chosen) > self.completed + 1 else 0):
             changed = False
-            for i in range(len(chosen)):
+            for i in range(self.completed, len(chosen)):
                 others = [t for k, t in enumerate(chosen) if k != i]
                 scored, _ = self._scan_profiled(others)
                 if scored and scored[0].term != chosen[i]:
