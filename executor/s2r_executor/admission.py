@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from s2r_executor.bridge_motion import PathState, bridge
 from s2r_executor.checks.bounds import check_bounds
 from s2r_executor.checks.collision import CollisionModel
 from s2r_executor.checks.dynamics import InverseDynamics, check_torque
@@ -16,6 +17,9 @@ from s2r_executor.quintic import sample, spline_through
 from s2r_executor.stop_ramps import stop_durations
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.faults import Refusal
+
+SPLICE_POSITION_RAD, SPLICE_VELOCITY_RAD_S, SPLICE_ACCELERATION_RAD_S2 = 1e-6, 1e-5, 1e-4
+"""Where a plan may begin off the one it replaces without a bridge; plan_check.hpp holds the same numbers."""
 
 
 class Admission:
@@ -36,7 +40,7 @@ class Admission:
         self._collision = CollisionModel(arm, config)
 
     def admit(self, plan: PlanRequest, q_ref: np.ndarray) -> AdmittedPlan:
-        """Check everything.
+        """Check a plan that starts from rest.
 
         Args:
             plan: As it came.
@@ -45,17 +49,43 @@ class Admission:
         Raises:
             CommandRefusedError: At the first check that fails; its text is one sentence for the operator.
         """
+        check_form(plan, self._arm.joint_names, self._config)
+        check_start(plan, self._arm.joint_names, q_ref, self._config)
+        return self._check_motion(_from_reference(plan, q_ref))
+
+    def admit_splice(self, plan: PlanRequest, start: PathState) -> AdmittedPlan:
+        """Check a plan that takes over from a running one; where it does not begin on that one, build a bridge.
+
+        Args:
+            plan: As it came.
+            start: Where the running plan will be at ``plan.splice_t``.
+
+        Raises:
+            CommandRefusedError: As :meth:`admit`; SPLICE when the two cannot be joined. The running plan goes on.
+        """
+        check_form(plan, self._arm.joint_names, self._config, from_rest=False)
+        ending = plan.dq.copy(), plan.ddq.copy()
+        for values in ending:
+            values[-1] = 0.0
+        plan = replace(plan, dq=ending[0], ddq=ending[1])
+        if _meets(plan, start):
+            q, dq, ddq = plan.q.copy(), plan.dq.copy(), plan.ddq.copy()
+            q[0], dq[0], ddq[0] = start.q, start.dq, start.ddq
+            plan = replace(plan, q=q, dq=dq, ddq=ddq)
+        else:
+            plan = bridge(plan, start, self._arm.limits, self._config)
+            if len(plan.t) > self._config.max_knots:
+                raise CommandRefusedError(
+                    Refusal.SIZE,
+                    f"with its bridge the plan has {len(plan.t)} knots, allowed are {self._config.max_knots}",
+                    quantity="knots",
+                    value=len(plan.t),
+                    limit=self._config.max_knots,
+                )
+        return self._check_motion(plan)
+
+    def _check_motion(self, plan: PlanRequest) -> AdmittedPlan:
         names, config, limits = self._arm.joint_names, self._config, self._arm.limits
-        check_form(plan, names, config)
-        if plan.parent_seq or plan.splice_t:
-            raise CommandRefusedError(
-                Refusal.SPLICE,
-                f"splicing into running plan {plan.parent_seq} is not available; send the plan when the arm holds",
-                quantity="parent_seq",
-                value=plan.parent_seq,
-            )
-        check_start(plan, names, q_ref, config)
-        plan = _from_reference(plan, q_ref)
         # Absurdly large numbers overflow to inf or NaN here; the checks refuse both, so no warning is needed.
         with np.errstate(over="ignore", invalid="ignore"):
             spline = spline_through(plan.t, plan.q, plan.dq, plan.ddq)
@@ -69,6 +99,7 @@ class Admission:
         stops = stop_durations(
             spline, limits, self._dynamics.torque, names, tau_limit, config.stop_duration_max_s
         )
+        still = np.zeros_like(plan.q)
         return AdmittedPlan(
             t=plan.t,
             q=plan.q,
@@ -77,8 +108,19 @@ class Admission:
             stop_duration=stops,
             path_tolerance=plan.path_tolerance or self._path_tolerance_rad,
             goal_tolerance=plan.goal_tolerance or self._goal_tolerance_rad,
+            tau_rest=self._dynamics.torque(plan.q, still, still),
+            tau_move=self._dynamics.torque(plan.q, plan.dq, plan.ddq),
             margins=margins,
         )
+
+
+def _meets(plan: PlanRequest, start: PathState) -> bool:
+    """The core's own tolerances for a splice: nobody could see such a step."""
+    return bool(
+        (np.abs(plan.q[0] - start.q) <= SPLICE_POSITION_RAD).all()
+        and (np.abs(plan.dq[0] - start.dq) <= SPLICE_VELOCITY_RAD_S).all()
+        and (np.abs(plan.ddq[0] - start.ddq) <= SPLICE_ACCELERATION_RAD_S2).all()
+    )
 
 
 def _from_reference(plan: PlanRequest, q_ref: np.ndarray) -> PlanRequest:

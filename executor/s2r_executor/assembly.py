@@ -167,6 +167,7 @@ class Executor:
         self._end_watch()
         if self.front_end is not None and self._failure is None:
             self.front_end.step()  # the last records and events
+            self.front_end.close()
         self.recorder.close()
         self.front_end = self.bridge = None  # the shared memory must be free before the interpreter goes
         logger.info("real-time core ended with exit %d", code)

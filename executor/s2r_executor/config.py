@@ -55,6 +55,9 @@ class AdmissionConfig(_Strict):
     fingertip_table_margin_m: NotNegative = 0.005
     keep_out: tuple[BoxZone, ...] = ()
     stop_duration_max_s: Positive = 2.0
+    commit_horizon_s: Positive = 0.05  # a splice must lie at least so far ahead of the running plan's time
+    bridge_max_rad: NotNegative = 0.02  # a splice that misses the running plan by more is refused, not bridged
+    bridge_max_rad_s: NotNegative = 0.2
     max_path_tolerance_rad: Positive = 0.2
     max_goal_tolerance_rad: Positive = 0.1
 
@@ -106,6 +109,7 @@ class RecorderConfig(_Strict):
 
     chunk_bytes: Annotated[int, Field(ge=1024)] = 128 * 1024
     flush_period_s: Positive = 0.5
+    black_box_s: Positive = 30.0  # kept in memory, written when a fault latches
     reply_chunk_bytes: Annotated[int, Field(ge=1024)] = 4 * 1024 * 1024
 
 

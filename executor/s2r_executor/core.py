@@ -55,6 +55,8 @@ class CoreSnapshot(Protocol):
     @property
     def plan_id(self) -> int: ...  # noqa: D102
     @property
+    def next_plan_id(self) -> int: ...  # noqa: D102
+    @property
     def plan_t(self) -> float: ...  # noqa: D102
     @property
     def plan_done(self) -> bool: ...  # noqa: D102
@@ -113,6 +115,8 @@ class Core(Protocol):
         goal_tolerance: float,
         parent_id: int = 0,
         splice_t: float = 0.0,
+        tau_rest: np.ndarray | None = None,
+        tau_move: np.ndarray | None = None,
     ) -> bool: ...
 
     def command(self, kind: int, epoch: int, value: float = 0.0) -> bool: ...  # noqa: D102

@@ -17,11 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from s2r_executor.admission import Admission
+from s2r_executor.black_box import BlackBox
+from s2r_executor.bridge_motion import PathState
 from s2r_executor.config import ExecutorConfig
 from s2r_executor.core import Core, CoreSnapshot, EventKind
 from s2r_executor.door import Identity, SequenceBook, check_addressee, check_epoch
 from s2r_executor.lease import Lease, LeaseDecision
 from s2r_executor.plan import AdmittedPlan, CommandRefusedError, PlanRequest
+from s2r_executor.quintic import sample, spline_through
 from s2r_executor.recorder import PlanIdentity, Recorder, RecordingAnswer, RecordingLoss
 from s2r_executor.status import ExecutorStatus, why_not_moving
 from s2r_executor.tick_timing import TickTiming
@@ -46,6 +49,7 @@ _ANSWER_WITHIN_S = 2.0
 _STOP_WITHIN_S = 0.5
 _POLL_S = 0.001
 _KEPT_REJECTIONS = 64
+_KEPT_PLANS = 4  # the running one, one that waits for its splice point, and those they have replaced
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,7 @@ class FrontEnd:
         core: The native core's shared memory.
         recorder: Gets every record, event and plan.
         now_s: Monotonic clock [s]; tests pass their own.
+        idle: Called while waiting for the core; tests move their own time.
         speed_cap: Largest share of planned speed, in (0, 1]; what the preflight allows.
     """
 
@@ -75,6 +80,7 @@ class FrontEnd:
         core: Core,
         recorder: Recorder,
         now_s: Callable[[], float] = time.monotonic,
+        idle: Callable[[], None] = lambda: time.sleep(_POLL_S),
         speed_cap: float = 1.0,
     ) -> None:
         self.arm = arm
@@ -83,7 +89,11 @@ class FrontEnd:
         self.book = SequenceBook()
         self._core = core
         self._recorder = recorder
+        self._black_box = (
+            BlackBox(config.record, config.recorder.black_box_s, config.tick_ns) if config.record else None
+        )
         self._now_s = now_s
+        self._idle = idle
         self._speed_cap = speed_cap
         self._lease = Lease(config.effective_host_timeout_s)
         self._admission = Admission(
@@ -96,7 +106,8 @@ class FrontEnd:
         self._dropped_said = 0
         self._next_plan_id = 1
         self._seq_of_plan: dict[int, int] = {0: 0}
-        self._rejections: OrderedDict[int, int] = OrderedDict()  # plan id -> code
+        self._rejections: OrderedDict[int, np.void] = OrderedDict()  # plan id -> the core's event
+        self._admitted: OrderedDict[int, AdmittedPlan] = OrderedDict()  # plan id -> what the core plays
         self._rejections_lock = threading.Lock()
         self._timing = TickTiming()
 
@@ -166,6 +177,8 @@ class FrontEnd:
         with self._command_lock:
             stops_before = self._stops_asked
             core = self._check_right(address)
+            if request.parent_seq or request.splice_t:
+                return self._splice(address, request, core, wire, stops_before)
             if core.state != ExecutorState.HOLD:
                 raise CommandRefusedError(
                     Refusal.STATE,
@@ -176,15 +189,72 @@ class FrontEnd:
                     limit=ExecutorState.HOLD,
                 )
             admitted = self._admission.admit(request, np.asarray(core.q_ref))
-            if self._stops_asked != stops_before:
-                raise CommandRefusedError(
-                    Refusal.STALE,
-                    "a stop was requested while the plan was being checked; send it again if still wanted",
-                )
+            self._refuse_if_stopped(stops_before)
             return self._start(address, request, admitted, core.epoch, wire)
 
+    def _refuse_if_stopped(self, stops_before: int) -> None:
+        if self._stops_asked != stops_before:
+            raise CommandRefusedError(
+                Refusal.STALE,
+                "a stop was requested while the plan was being checked; send it again if still wanted",
+            )
+
+    def _splice(
+        self, address: Address, request: PlanRequest, core: CoreSnapshot, wire: bytes, stops_before: int
+    ) -> Accepted:
+        """Replace the running plan from ``splice_t`` of its own time on; if that is refused, it goes on."""
+        running_seq = self._seq_of_plan.get(core.plan_id, 0)
+        if core.state != ExecutorState.RUN:
+            raise CommandRefusedError(
+                Refusal.STATE,
+                f"a plan can be replaced only while it runs; the executor is {ExecutorState(core.state).name}. "
+                + self.status().why_not_moving,
+                quantity="state",
+                value=core.state,
+                limit=ExecutorState.RUN,
+            )
+        if request.parent_seq != running_seq:
+            raise CommandRefusedError(
+                Refusal.SPLICE,
+                f"plan {request.parent_seq} does not run, plan {running_seq} does; splice into that one",
+                quantity="parent_seq",
+                value=request.parent_seq,
+                limit=running_seq,
+            )
+        parent = self._admitted[core.plan_id]
+        earliest = core.plan_t + self.config.admission.commit_horizon_s
+        if not request.splice_t >= earliest:
+            raise CommandRefusedError(
+                Refusal.LATE,
+                f"the new plan is to begin at {request.splice_t:.4f} s of plan {running_seq}, which is at "
+                f"{core.plan_t:.4f} s; it must begin {self.config.admission.commit_horizon_s:g} s ahead or later",
+                t=request.splice_t,
+                quantity="splice_t",
+                value=request.splice_t,
+                limit=earliest,
+            )
+        if not request.splice_t <= parent.duration_s:
+            raise CommandRefusedError(
+                Refusal.SPLICE,
+                f"plan {running_seq} ends at {parent.duration_s:.4f} s, before the splice at {request.splice_t:.4f} s",
+                t=request.splice_t,
+                quantity="splice_t",
+                value=request.splice_t,
+                limit=parent.duration_s,
+            )
+        at = sample(spline_through(parent.t, parent.q, parent.dq, parent.ddq), np.array([request.splice_t]))
+        admitted = self._admission.admit_splice(request, PathState(at.q[0], at.dq[0], at.ddq[0]))
+        self._refuse_if_stopped(stops_before)
+        return self._start(address, request, admitted, core.epoch, wire, core.plan_id)
+
     def _start(
-        self, address: Address, request: PlanRequest, admitted: AdmittedPlan, epoch: int, wire: bytes
+        self,
+        address: Address,
+        request: PlanRequest,
+        admitted: AdmittedPlan,
+        epoch: int,
+        wire: bytes,
+        parent_id: int = 0,
     ) -> Accepted:
         plan_id = self._next_plan_id
         self._next_plan_id += 1
@@ -202,22 +272,32 @@ class FrontEnd:
                 admitted.stop_duration,
                 admitted.path_tolerance,
                 admitted.goal_tolerance,
+                parent_id=parent_id,
+                splice_t=request.splice_t if parent_id else 0.0,
+                tau_rest=admitted.tau_rest,
+                tau_move=admitted.tau_move,
             )
         if not queued:
             self._recorder.drop_plan(plan_id, "the core's plan queue was full")
             raise CommandRefusedError(
                 Refusal.INTERNAL, "the core's plan queue is full; is the core still running?"
             )
-        started = self._wait(lambda c: c.plan_id == plan_id or self._rejection(plan_id) is not None)
-        code = self._rejection(plan_id)
-        if code is not None or not started:
+        self._admitted[plan_id] = admitted
+        while len(self._admitted) > _KEPT_PLANS:
+            self._admitted.popitem(last=False)
+        started = self._wait(
+            lambda c: (
+                plan_id in (c.plan_id, c.next_plan_id if parent_id else 0)
+                or self._rejection(plan_id) is not None
+            )
+        )
+        rejection = self._rejection(plan_id)
+        if rejection is not None or not started:
             reason = f"the core did not take the plan within {_ANSWER_WITHIN_S:g} s"
-            if code is not None:
-                reason = (
-                    f"the core refused the plan ({Refusal(code).name}): it stopped or changed state meanwhile"
-                )
-            self._recorder.drop_plan(plan_id, reason)
-            raise CommandRefusedError(Refusal(code) if code else Refusal.INTERNAL, reason)
+            self._recorder.drop_plan(plan_id, reason if rejection is None else "the core refused it")
+            if rejection is None:
+                raise CommandRefusedError(Refusal.INTERNAL, reason)
+            raise self._refused_by_core(rejection)
         logger.info(
             "plan %d '%s' of '%s' runs for %.2f s",
             address.seq,
@@ -350,10 +430,30 @@ class FrontEnd:
         while not condition(self._core.snapshot()):
             if time.monotonic() > deadline:
                 return False
-            time.sleep(_POLL_S)
+            self._idle()
         return True
 
-    def _rejection(self, plan_id: int) -> int | None:
+    def _refused_by_core(self, event: np.void) -> CommandRefusedError:
+        """What the core said, for the operator; it checks again by itself what admission has checked."""
+        code, joint = Refusal(int(event["cause"])), int(event["joint"])
+        name = self.arm.joint_names[joint] if 0 <= joint < len(self.arm.joint_names) else ""
+        why = {
+            Refusal.STALE: "it stopped or was armed meanwhile",
+            Refusal.STATE: "it changed its state meanwhile",
+            Refusal.LATE: "the splice point had passed when the plan arrived; splice further ahead",
+        }.get(code, "the plan does not fit the reference any more")
+        where = f"joint '{name}' (index {joint}): " if name else ""
+        return CommandRefusedError(
+            code,
+            f"{where}the core refused the plan ({code.name}): {why}; value {event['value']:.6g}, "
+            f"limit {event['limit']:.6g}",
+            joint=name,
+            quantity=code.name.lower(),
+            value=float(event["value"]),
+            limit=float(event["limit"]),
+        )
+
+    def _rejection(self, plan_id: int) -> np.void | None:
         with self._rejections_lock:
             return self._rejections.get(plan_id)
 
@@ -382,6 +482,8 @@ class FrontEnd:
         if len(records):
             self._timing.add(records)
         self._note_rejections(events)
+        if self._black_box is not None:
+            self._black_box.add(records, events)
         dropped = self._core.records_dropped
         if dropped > self._dropped_said:
             if self._dropped_said == 0:
@@ -401,9 +503,14 @@ class FrontEnd:
         for event in events:
             if event["kind"] == EventKind.REJECTED and event["plan_id"]:
                 with self._rejections_lock:
-                    self._rejections[int(event["plan_id"])] = int(event["cause"])
+                    self._rejections[int(event["plan_id"])] = event
                     if len(self._rejections) > _KEPT_REJECTIONS:
                         self._rejections.popitem(last=False)
+
+    def close(self) -> None:
+        """Finish what is being written."""
+        if self._black_box is not None:
+            self._black_box.close()
 
     def shut_down(self, timeout_s: float = 5.0) -> bool:
         """Stop on the path, then switch the drives off; True if it came to rest and off in time."""

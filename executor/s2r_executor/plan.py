@@ -51,6 +51,7 @@ class AdmittedPlan:
         t, q, dq, ddq: Knots as they will be played: the request's, except that the first one is the reference itself.
         stop_duration: Duration of the on-path stop that begins in each segment [s], shape (n - 1,).
         path_tolerance, goal_tolerance: [rad].
+        tau_rest, tau_move: Torque standing still at each knot and passing it as planned [N·m], shape (n, dof).
         margins: Largest share of each limit in use, e.g. ``{"velocity": 0.42}``; 1 is the limit.
     """
 
@@ -61,6 +62,8 @@ class AdmittedPlan:
     stop_duration: np.ndarray
     path_tolerance: float
     goal_tolerance: float
+    tau_rest: np.ndarray
+    tau_move: np.ndarray
     margins: dict[str, float] = field(default_factory=dict)
 
     @property

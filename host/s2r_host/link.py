@@ -234,8 +234,19 @@ class ExecutorLink:
         """Clear a latch whose cause is gone."""
         return self._control(pb.RESET)
 
-    def send_plan(self, path: TimedPath, label: str, payload: Payload | None = None) -> Verdict:
+    def send_plan(
+        self,
+        path: TimedPath,
+        label: str,
+        payload: Payload | None = None,
+        running: Verdict | None = None,
+        splice_t: float = 0.0,
+    ) -> Verdict:
         """Send a plan through admission; it starts at once when accepted.
+
+        With ``running``, the verdict of the plan that plays, it takes over at ``splice_t`` [s] of that plan's time
+        instead. It should begin in the state the running plan has there; where it misses it a little, the executor
+        puts a bridge in front. If it is refused, the running plan goes on.
 
         Raises:
             CommandRefusedError: With the verdict's sentence: joint, time, quantity, value and limit.
@@ -249,6 +260,8 @@ class ExecutorLink:
             ddq=np.asarray(path.ddq, float).ravel(),
             label=label,
         )
+        if running is not None:
+            body.parent_seq, body.splice_t = running.seq, splice_t
         if payload is not None and payload.mass_kg > 0.0:
             body.payload_mass = payload.mass_kg
             body.payload_com.extend(payload.com_m)

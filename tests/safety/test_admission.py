@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from s2r_executor.admission import Admission
+from s2r_executor.bridge_motion import PathState
 from s2r_executor.checks.bounds import check_bounds
 from s2r_executor.config import AdmissionConfig, BoxZone
 from s2r_executor.plan import CommandRefusedError, PlanRequest
@@ -176,8 +177,45 @@ def test_start_must_be_the_reference_and_the_first_setpoint_makes_no_step(sign):
         assert (error.code, error.joint) == (Refusal.START, NAMES[joint])
 
 
-def test_a_splice_is_refused_while_there_is_none():
-    assert refused(replace(move(one_joint(0, 0.1), 1.0), parent_seq=3)).code is Refusal.SPLICE
+def splice_state(offset=0.0):
+    parent = move(one_joint(0, 0.1), 1.0)
+    at = sample(spline_through(parent.t, parent.q, parent.dq, parent.ddq), np.array([0.5]))
+    return PathState(at.q[0] + one_joint(0, offset), at.dq[0], at.ddq[0])
+
+
+def child_of(state, duration_s=1.2, knots=13):
+    """From a moving state to rest 0.05 rad further on."""
+    goal = state.q + one_joint(0, 0.05)
+    zero = np.zeros(7)
+    ends = spline_through(
+        np.array([0.0, duration_s]),
+        *(np.stack(x) for x in ((state.q, goal), (state.dq, zero), (state.ddq, zero))),
+    )
+    at = sample(ends, np.linspace(0.0, duration_s, knots))
+    return PlanRequest(NAMES, at.t, at.q, at.dq, at.ddq, parent_seq=1, splice_t=0.5)
+
+
+def test_a_splice_that_meets_the_running_plan_is_admitted_as_it_is():
+    admitted = ADMISSION.admit_splice(child_of(splice_state()), splice_state(5e-7))
+    assert len(admitted.t) == 13
+    np.testing.assert_array_equal(admitted.q[0], splice_state(5e-7).q)
+
+
+@pytest.mark.parametrize("offset", [2e-6, 1e-3, -0.0199])
+def test_a_splice_that_misses_the_running_plan_gets_a_bridge_inside_the_limits(offset):
+    admitted = ADMISSION.admit_splice(child_of(splice_state()), splice_state(offset))
+    np.testing.assert_array_equal(admitted.q[0], splice_state(offset).q)
+    np.testing.assert_allclose(admitted.q[-1], child_of(splice_state()).q[-1], atol=1e-12)
+    assert max(admitted.margins.values()) <= 1.0
+
+
+def test_a_splice_too_far_from_the_running_plan_is_refused_with_its_numbers():
+    with pytest.raises(CommandRefusedError) as caught:
+        ADMISSION.admit_splice(child_of(splice_state()), splice_state(0.021))
+    error = caught.value
+    assert (error.code, error.joint, error.quantity, error.t) == (Refusal.SPLICE, NAMES[0], "position", 0.5)
+    assert error.value == pytest.approx(0.021)
+    assert error.limit == 0.02
 
 
 @pytest.mark.parametrize(

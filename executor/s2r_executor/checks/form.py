@@ -11,14 +11,16 @@ from s2r_protocol.faults import Refusal
 _UNITS = {"q": "rad", "dq": "rad/s", "ddq": "rad/s²"}
 
 
-def check_form(plan: PlanRequest, joint_names: tuple[str, ...], config: AdmissionConfig) -> None:
+def check_form(
+    plan: PlanRequest, joint_names: tuple[str, ...], config: AdmissionConfig, from_rest: bool = True
+) -> None:
     """Everything that needs no arm model but its joint names. Arrays have matching shapes afterwards."""
     _check_names(plan, joint_names)
     _check_sizes(plan, len(joint_names), config)
     _check_finite(plan, joint_names)
     _check_time(plan, config)
     _check_scalars(plan, config)
-    _check_rest(plan, joint_names, config)
+    _check_rest(plan, joint_names, config, from_rest)
 
 
 def _check_names(plan: PlanRequest, joint_names: tuple[str, ...]) -> None:
@@ -153,8 +155,10 @@ def _check_scalars(plan: PlanRequest, config: AdmissionConfig) -> None:
             )
 
 
-def _check_rest(plan: PlanRequest, joint_names: tuple[str, ...], config: AdmissionConfig) -> None:
-    for knot, where in ((0, "starts"), (-1, "ends")):
+def _check_rest(
+    plan: PlanRequest, joint_names: tuple[str, ...], config: AdmissionConfig, from_rest: bool
+) -> None:
+    for knot, where in ((0, "starts"), (-1, "ends"))[0 if from_rest else 1 :]:
         for name, limit, unit in (
             ("dq", config.rest_speed_rad_s, "rad/s"),
             ("ddq", config.rest_acceleration_rad_s2, "rad/s²"),

@@ -21,6 +21,7 @@ from s2r_protocol.can.frames import (
     FD_BYTES,
     CanFrame,
 )
+from s2r_sim.bus.can_hub import CanHub
 from s2r_sim.bus.classic_nodes import ClassicNodes
 from s2r_sim.bus.fd_nodes import FdNodes
 from s2r_sim.bus.hub import Client, Hub
@@ -45,7 +46,7 @@ _TX_FULL = CanFrame(
 class Bus:
     """Runs the stand-in's time. Single-threaded; only :meth:`stop` may be called from elsewhere."""
 
-    def __init__(self, hub: Hub, wire: Wire, nodes: FdNodes | ClassicNodes, plant: Plant) -> None:
+    def __init__(self, hub: Hub | CanHub, wire: Wire, nodes: FdNodes | ClassicNodes, plant: Plant) -> None:
         self.hub = hub
         self.wire = wire
         self.nodes = nodes
