@@ -1,7 +1,7 @@
 # Two commands on a fresh machine: `make demo` and `make test`. Each does all its set-up.
 SEED ?= 1
 
-.PHONY: demo test check build lock generate clean
+.PHONY: demo test prove check build lock generate clean
 
 demo:   ## open a never-seen drawer end to end on the stand-in
 	scripts/bootstrap demo
@@ -10,6 +10,10 @@ demo:   ## open a never-seen drawer end to end on the stand-in
 test:   ## set up everything, then run what CI runs
 	scripts/bootstrap test
 	scripts/check
+
+prove:  ## what takes too long for every change: the executor on a kernel CAN bus
+	scripts/bootstrap test
+	scripts/prove-socketcan
 
 check:  ## what CI runs, without the set-up
 	scripts/check

@@ -169,7 +169,8 @@ def _compare(node: int, identity: dict[str, int], known: dict[str, int] | None) 
 def _probe(line: CanLine, config: ExecutorConfig, arm: ArmDescription) -> list[Finding]:
     """One command that enables nothing; every drive must answer in this packing, unpowered and inside its limits."""
     if config.packing == "fd":
-        line.send(fd.set_frame(fd.pack_set(0, Control.DISABLE, 0, [0.0] * arm.dof)))
+        # The counter a starting executor would use only after 255 others: drives ignore one that repeats.
+        line.send(fd.set_frame(fd.pack_set(255, Control.DISABLE, 0, [0.0] * arm.dof)))
     else:
         line.send(CanFrame(classic.SYNC_ID, bytes([1])))
     seen: dict[int, tuple[DriveState, float]] = {}

@@ -24,7 +24,12 @@ SPLITS = ("train", "validation", "test")
 @click.option(
     "--pace", type=float, default=1.0, show_default=True, help="Simulated over real seconds; 0: no limit."
 )
-@click.option("--bus", default="unix:/tmp/s2r.sock", show_default=True, help="Local bus to listen on.")
+@click.option(
+    "--bus",
+    default="unix:/tmp/s2r.sock",
+    show_default=True,
+    help="unix:PATH to listen on, or can:IFACE to join (vcan0).",
+)
 @click.option("--packing", type=click.Choice(PACKINGS), default="fd", show_default=True)
 @click.option(
     "--listen", default="tcp/127.0.0.1:7448", show_default=True, help="Zenoh endpoint of the camera."

@@ -21,7 +21,7 @@ from s2r_protocol.keys import ArmKeys
 from s2r_sim.bus.bus import Bus
 from s2r_sim.bus.classic_nodes import ClassicNodes
 from s2r_sim.bus.fd_nodes import FdNodes
-from s2r_sim.bus.hub import Hub
+from s2r_sim.bus.can_hub import open_hub
 from s2r_sim.bus.object_dictionary import SdoServers
 from s2r_sim.bus.wire import Injection, Wire
 from s2r_sim.camera.process import CameraProcess
@@ -84,7 +84,7 @@ def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
         snapshot = Snapshot(plant.physics.model.nq)
         snapshot(plant)
         plant.observers.append(snapshot)
-        hub = Hub(config.bus)
+        hub = open_hub(config.bus)
         stack.callback(hub.close)
         camera = CameraProcess(arm.directory, world, snapshot, config.listen, keys, config.tls)
         stack.callback(camera.close)
