@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from s2r_host.gap.align import control_law
 from s2r_host.gap.effects import catalogue
@@ -16,7 +17,8 @@ from s2r_host.gap.model import RigidModel
 from s2r_host.gap.nuisance import BaseParameter
 from s2r_host.gap.session import Session
 
-MAX_STEP_S = 0.002
+MAX_STEP_S = 0.00025
+HARD_SOLREF, HARD_SOLIMP = (0.001, 1.0), (0.9999, 0.9999, 0.001, 0.5, 2.0)  # dry friction that does not creep
 DRIVE = ("actuator_delay", "bandwidth", "saturation")
 
 
@@ -108,9 +110,12 @@ def run(twin: Twin, s: Session, start: int, stop: int, closed: bool) -> Run:
     plan.reset(start)
     for i in range(n):
         q_out[i] = plan.measure()
-        u_out[i] = plan.control(start + i)
-        for _ in range(plan.substeps):
-            plan.step()
+        for k in range(plan.ticks):
+            u = plan.control((start + i) * plan.ticks + k)
+            if k == 0:
+                u_out[i] = u
+            for _ in range(plan.substeps):
+                plan.step()
         if not np.all(np.isfinite(plan.data.qpos)) or np.max(np.abs(plan.data.qvel)) > 1e4:
             q_out[i + 1 :] = np.nan
             return Run(q_out, u_out, False)
@@ -126,18 +131,25 @@ class _Plan:
     def __init__(self, twin: Twin, s: Session, closed: bool) -> None:
         self.twin, self.s, self.closed = twin, s, closed
         m = self.model = copy.copy(twin.model)
-        self.substeps = max(1, int(np.ceil(s.dt / min(m.opt.timestep, MAX_STEP_S) - 1e-9)))
-        m.opt.timestep = s.dt / self.substeps
+        # The law runs at its own rate between the rows that were kept; time steps divide its period.
+        rate = s.rec.controller.rate_hz if closed else None
+        self.ticks = max(1, round(s.dt * rate)) if rate else 1
+        self.substeps = max(1, int(np.ceil(s.dt / self.ticks / min(m.opt.timestep, MAX_STEP_S) - 1e-9)))
+        m.opt.timestep = self.tick_s = s.dt / self.ticks
+        m.opt.timestep /= self.substeps
         m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         self.data = mujoco.MjData(m)
         names = [m.joint(i).name for i in range(m.njnt)]
         self.dof = np.array([int(m.jnt_dofadr[names.index(j)]) for j in twin.rigid.joints])
         self.adr = np.array([int(m.jnt_qposadr[names.index(j)]) for j in twin.rigid.joints])
+        m.dof_solref[self.dof], m.dof_solimp[self.dof] = HARD_SOLREF, HARD_SOLIMP
         self.friction = np.array(m.dof_frictionloss[self.dof])
         self.friction += twin.session_friction.get(s.rec.session, 0.0)
         m.dof_frictionloss[self.dof] = np.maximum(self.friction, 0.0)
-        self.laws = [_law(twin.rigid, s, j) if closed else None for j in range(len(twin.rigid.joints))]
-        self.u_rec = np.nan_to_num(s.u)
+        self.laws = [
+            _law(twin.rigid, s, j, self.ticks) if closed else None for j in range(len(twin.rigid.joints))
+        ]
+        self.u_rec = np.repeat(np.nan_to_num(s.u), self.ticks, axis=0)
         self.limits = twin.rigid.effort_limits()
         h = m.opt.timestep
         effects = catalogue()
@@ -168,8 +180,9 @@ class _Plan:
         self.integral[:] = 0.0
         for j, law in enumerate(self.laws):
             if law is not None and law.ki and s.has_u[j]:
-                static = law.kp * (law.q_cmd[start] - s.q[start, j]) + law.kd * (
-                    law.dq_cmd[start] - s.v[start, j]
+                first = start * self.ticks
+                static = law.kp * (law.q_cmd[first] - s.q[start, j]) + law.kd * (
+                    law.dq_cmd[first] - s.v[start, j]
                 )
                 self.integral[j] = (s.u[start, j] - static) / law.ki
 
@@ -188,7 +201,7 @@ class _Plan:
             error = law.q_cmd[i] - q[j]
             self.u[j] = law.kp * error + law.kd * (law.dq_cmd[i] - v[j]) + law.ahead[i]
             if law.ki:
-                self.integral[j] += error * self.s.dt
+                self.integral[j] += error * self.tick_s
                 self.u[j] += law.ki * self.integral[j]
         np.clip(self.u, *self.limits, out=self.u)
         return self.u.copy()
@@ -224,19 +237,22 @@ class _Law:
     ahead: np.ndarray
 
 
-def _law(rigid: RigidModel, s: Session, joint: int) -> _Law | None:
+def _law(rigid: RigidModel, s: Session, joint: int, ticks: int = 1) -> _Law | None:
     if control_law(rigid, s, joint) is None:
         return None
     name, law = rigid.joints[joint], s.rec.controller
     q_cmd = s.channel("q_cmd", name)
     assert q_cmd is not None
-    dq_cmd = s.channel("dq_cmd", name)
-    if dq_cmd is None:
+    fine = np.arange(len(s.t) * ticks) * (s.dt / ticks)
+    dq_cmd, ahead = s.channel("dq_cmd", name), s.channel("tau_ff", name)
+    if dq_cmd is not None:
+        between = CubicHermiteSpline(s.t, q_cmd, dq_cmd)(np.minimum(fine, s.t[-1]))
+    else:
+        between = np.interp(fine, s.t, q_cmd)
         dq_cmd = np.gradient(q_cmd, s.dt) if law.kind != "position_servo" else np.zeros(len(q_cmd))
-    ahead = s.channel("tau_ff", name)
     return _Law(
-        law.kp[name], law.kd.get(name, 0.0), law.ki.get(name, 0.0), q_cmd, dq_cmd,
-        np.zeros(len(q_cmd)) if ahead is None else ahead,
+        law.kp[name], law.kd.get(name, 0.0), law.ki.get(name, 0.0), between, np.interp(fine, s.t, dq_cmd),
+        np.zeros(len(fine)) if ahead is None else np.interp(fine, s.t, ahead),
     )  # fmt: skip
 
 
