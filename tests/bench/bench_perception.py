@@ -58,12 +58,14 @@ def frames(pair: Pair) -> tuple[DepthFrame, DepthFrame]:
 
 
 def measure(kind: str, split: int, seed: int) -> dict[str, Any]:
-    """One pair: truth, answer and errors as plain values."""
-    pair = draw_pair(kind, Split(split), seed)
+    """Draw one pair and judge the answer."""
+    return {"kind": kind, "seed": seed} | assess(draw_pair(kind, Split(split), seed))
+
+
+def assess(pair: Pair) -> dict[str, Any]:
+    """Truth, answer and errors as plain values."""
     truth = true_motion(pair)
     row: dict[str, Any] = {
-        "kind": kind,
-        "seed": seed,
         "type_true": truth.joint_type,
         "delta_true": truth.delta,
         "azimuth_deg": np.degrees(pair.azimuth_rad),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from s2r_host.perception.view import DepthView, Seen, View
@@ -15,6 +16,9 @@ from s2r_host.perception.view import DepthView, Seen, View
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
+PIECE_M = 0.03
+LEAST_SHARE = 0.15  # of the largest moved piece; smaller ones count only beside it
+BESIDE_M = 0.12
 SURE_M = 0.005  # how much deeper than the noise band the other view must see to call a point moved
 
 
@@ -37,6 +41,31 @@ class Changes:
 def compare(before: View, after: View) -> Changes:
     """Label every point of both views against the other one."""
     return Changes(_label(before, after), _label(after, before))
+
+
+def without_specks(before: View, after: View, changes: Changes) -> Changes:
+    """Call small moved pieces far from the large ones unknown: at a few metres a stereo camera sees ghosts."""
+    parts = ((before, changes.before), (after, changes.after))
+    index = [np.flatnonzero(label == Change.MOVED) for _, label in parts]
+    points = np.concatenate([view.points[i] for (view, _), i in zip(parts, index, strict=True)])
+    if len(points) < 30:
+        return changes
+    cell, inverse = np.unique(np.floor(points / PIECE_M).astype(np.int64), axis=0, return_inverse=True)
+    tree = cKDTree(cell.astype(np.float64))
+    _, piece_of_cell = connected_components(
+        tree.sparse_distance_matrix(tree, 1.8, output_type="coo_matrix"), directed=False
+    )
+    piece = piece_of_cell[inverse.ravel()]
+    weight = np.bincount(piece)
+    large = (weight >= LEAST_SHARE * weight.max())[piece]
+    distance, _ = cKDTree(points[large]).query(points)
+    keep = large | (distance < BESIDE_M)
+    cleaned = []
+    for (_, label), i, kept in zip(parts, index, np.split(keep, [len(index[0])]), strict=True):
+        copy = label.copy()
+        copy[i[~kept]] = Change.UNKNOWN
+        cleaned.append(copy)
+    return Changes(*cleaned)
 
 
 def _label(view: View, other: View) -> NDArray[np.uint8]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception import hypotheses as hyp
-from s2r_host.perception.change import compare, measured_noise_scale
+from s2r_host.perception.change import compare, measured_noise_scale, without_specks
 from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry, probe, score
 from s2r_host.perception.frames import Cloud, DepthFrame
@@ -25,6 +25,7 @@ from s2r_host.perception.refine import Refined, refine, sides
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
 from s2r_host.perception.segment import Parts, segment
 from s2r_host.perception.view import CloudView, DepthView, View
+from s2r_host.perception.wishes import Wishes
 
 logger = logging.getLogger(__name__)
 
@@ -38,8 +39,13 @@ FAMILY_MARGIN = 0.02  # cost; below it revolute and prismatic are not told apart
 MOST_RESIDUAL_M = 0.003
 LEAST_TRAVEL_M = 0.010  # of the fastest point of the part
 MOST_TILT_RAD = np.radians(15)
-LEAST_EXPLAINED = 0.42  # with hands on the object 0.5-0.75; a plate taken for its own mirror image 0.3-0.4
-LEAST_MOVED_M2 = 3e-4
+LEAST_EXPLAINED = 0.5  # with hands on the object 0.5-0.75; a plate taken for its own mirror image 0.3-0.48
+LEAST_MOVED_M2 = 1e-4
+COST_ASKEW, ASKEW_RAD = 0.08, np.radians(15)  # one joint in fifty: e to the power of -4
+COST_SLIDING_LEVER = 0.04  # one thin part in ten slides
+# Half of a lever's pixels lie on rims and carry no surface.
+THIN_EXPLAINED, THIN_EVIDENCE = 0.33, 0.45
+UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +127,7 @@ def estimate_joint(
     ignore_mask_after: Mask | None = None,
     extra_axes: Sequence[hyp.Axis] = (),
     joint_type: JointType | None = None,
+    up: Array | None = UP,
     seed: int = 0,
 ) -> JointEstimate:
     """Estimate type, axis and motion of the one part that moved.
@@ -133,6 +140,7 @@ def estimate_joint(
         ignore_mask_after: The same for the second view.
         extra_axes: More candidate axes, e.g. the modes of a network.
         joint_type: Consider only this family (a user who knows it is a drawer may say so).
+        up: Unit vector against gravity in the frame of the views, None if unknown: most hinges are upright or level.
         seed: Of the sampling.
 
     Raises:
@@ -142,20 +150,21 @@ def estimate_joint(
     rng = np.random.default_rng(seed)
     view_a, view_b, warnings = _views(before, after, ignore_mask_before, ignore_mask_after, rng)
     check_pair(view_a, view_b)
-    changes = compare(view_a, view_b)
+    changes = without_specks(view_a, view_b, compare(view_a, view_b))
     scene = Scene(view_a, view_b, changes, _in_region(view_a, region), _in_region(view_b, region))
     _require_motion(scene)
     # Nearest neighbours in a bare cloud cost ten times a projection.
     few = 300 if isinstance(view_a, DepthView) and isinstance(view_b, DepthView) else 100
     probes = probe(view_a, scene.moved_before(), few, rng), probe(view_b, scene.moved_after(), few, rng)
-    shape = hyp.structure(scene, rng)
+    shape = hyp.structure(scene, rng, up)
     found = [*extra_axes, *hyp.axes(shape)]
     if joint_type is not None:
         found = [axis for axis in found if axis.joint_type == joint_type]
     motions, cost = hyp.scan(found, scene, *probes)
     anchors = np.concatenate([probes[0].points[:100], probes[1].points[:100]])
     starts = hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)
-    ranked = _rank([m for m, _ in starts], scene, shape.fronts(), rng)
+    wishes = Wishes(shape.fronts(), up, *shape.levers)
+    ranked = _rank([m for m, _ in starts], scene, wishes, rng)
     if not ranked:
         check_same_camera(view_a, view_b, changes, np.ones(len(view_a.points), dtype=bool), rng)
         raise AbstainError(
@@ -167,10 +176,10 @@ def estimate_joint(
     check_same_camera(view_a, view_b, changes, ~parts.before, rng)
     fine = probe(view_a, scene.moved_before(), 1000, rng), probe(view_b, scene.moved_after(), 1000, rng)
     check_second_part(best.motion, motions, scene, sides(scene, rng), fine, rng)
-    warnings += _judge(ranked, scene, parts, explained)
+    warnings += _judge(ranked, scene, parts, explained, wishes.thin)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
     noise_m = float(np.median(view_a.sigma_m[parts.before])) if parts.before.any() else 0.0015
-    intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, noise_m)
+    intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, noise_m, wishes.thin)
     _require_narrow(intervals, best.motion)
     motion = _with_origin_near(best.motion, centre)
     logger.info(
@@ -237,18 +246,18 @@ def _area(view: View, index: NDArray[np.int64]) -> float:
 
 
 def _rank(
-    starts: list[JointMotion], scene: Scene, fronts: Array, rng: np.random.Generator
+    starts: list[JointMotion], scene: Scene, wishes: Wishes, rng: np.random.Generator
 ) -> list[Hypothesis]:
     """Refine all starts, judge them with finer evidence and priors, best first."""
     both = sides(scene, rng)
-    refined = [r for r in (refine(start, both, fronts=fronts) for start in starts) if r is not None]
+    refined = [r for r in (refine(start, both, wishes=wishes) for start in starts) if r is not None]
     refined = [r for r in refined if _sensible(r.motion)]
     probes = (
         probe(scene.before, scene.moved_before(), 1200, rng),
         probe(scene.after, scene.moved_after(), 1200, rng),
     )
     evidence = score([r.motion for r in refined], scene, *probes, extra_m=0.001)
-    cost = evidence + np.array([_prior(r.motion, scene, probes) for r in refined])
+    cost = evidence + np.array([_prior(r.motion, scene, probes, wishes) for r in refined])
     order = np.argsort(cost, kind="stable")
     weight = np.exp(-(cost - cost.min()) / EVIDENCE_SCALE) if len(cost) else cost
     weight = weight / max(weight.sum(), 1e-12)
@@ -263,10 +272,10 @@ def _sensible(motion: JointMotion) -> bool:
     return motion.delta < (0.8 if motion.joint_type == "prismatic" else np.radians(160))
 
 
-def _prior(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> float:
-    """Physical preferences in units of cost: short motions, hinges near their part, fewer parameters."""
+def _prior(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe], wishes: Wishes) -> float:
+    """Physical preferences in units of cost: short motions, hinges near their part, upright or level."""
     if motion.joint_type == "prismatic":
-        return 0.04 * motion.delta / 0.3
+        return 0.04 * motion.delta / 0.3 + (COST_SLIDING_LEVER if wishes.thin else 0.0)
     fits = _fitting_points(motion, scene, probes)
     if len(fits) == 0:
         return 0.1
@@ -274,7 +283,15 @@ def _prior(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> fl
     blind = 0.012 / max(2 * np.sin(motion.delta / 2), 0.02)
     reach = float(np.percentile(line_distance(motion.origin, motion.direction, fits), 2))
     far = min(1.0, max(0.0, reach - 0.03 - blind) / 0.08)
-    return 0.01 + 0.06 * motion.delta / 1.5 + 0.10 * far
+    return 0.01 + 0.06 * motion.delta / 1.5 + 0.10 * far + _askew(motion, wishes.up)
+
+
+def _askew(motion: JointMotion, up: Array | None) -> float:
+    """Cost of a hinge that is neither upright nor level."""
+    if up is None:
+        return 0.0
+    off = float(np.arcsin(min(1.0, abs(float(motion.direction @ up)))))
+    return COST_ASKEW * min(1.0, min(off, np.pi / 2 - off) / ASKEW_RAD) ** 2
 
 
 def _fitting_points(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> Array:
@@ -301,13 +318,17 @@ def _explained(motion: JointMotion, scene: Scene, rng: np.random.Generator) -> f
     return len(_fitting_points(motion, scene, probes)) / max(count, 1)
 
 
-def _judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: float) -> list[str]:
+def _judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: float, thin: bool) -> list[str]:
     """Abstain where the evidence does not carry; else warnings."""
     best = ranked[0]
     X = best.motion.transform()
     travel = np.linalg.norm(scene.before.points[parts.before] @ (X[:3, :3] - np.eye(3)).T + X[:3, 3], axis=1)
     most_travel = float(np.percentile(travel, 98)) if travel.size else 0.0
-    if travel.size < 100 or explained < LEAST_EXPLAINED:
+    if thin:  # half of a lever's pixels lie on its rims and carry no surface
+        clear = explained >= THIN_EXPLAINED and best.evidence < THIN_EVIDENCE
+    else:
+        clear = explained >= LEAST_EXPLAINED
+    if travel.size < 100 or not clear:
         raise AbstainError(
             f"no single rigid motion explains the change: the best one explains {100 * explained:.0f} % of the moved"
             " points; remove hands and other moving things, give --region, or show the same side of the part twice"
@@ -333,7 +354,7 @@ def _judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: floa
         warnings.append(
             f"small motion ({most_travel * 1e3:.0f} mm at most): the axis is uncertain, push 3 cm or more"
         )
-    if explained < 0.5:
+    if explained < 0.6:
         warnings.append(
             f"only {100 * explained:.0f} % of the moved points fit the joint; something else moved too"
         )

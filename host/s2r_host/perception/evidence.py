@@ -103,6 +103,13 @@ def subset(part: Probe, keep: NDArray[np.bool_]) -> Probe:
     )  # fmt: skip
 
 
+def thinned(part: Probe, most: int) -> Probe:
+    """Every k-th point of a sample, at most about ``most`` of them."""
+    keep = np.zeros(len(part.points), dtype=bool)
+    keep[:: max(1, -(-len(part.points) // most))] = True
+    return subset(part, keep)
+
+
 def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: float) -> Array:
     """Cost per hypothesis and point.
 

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.change import Change
-from s2r_host.perception.evidence import Probe, Scene, score
+from s2r_host.perception.evidence import Probe, Scene, score, thinned
+from s2r_host.perception.levers import Lever, bisector_pivots, columns, lever, lever_directions, line_pivots
 from s2r_host.perception.motion import JointMotion, JointType, perpendicular_basis
 from s2r_host.perception.planes import Plane, crossing_line, find_planes
 
 Array = NDArray[np.floating]
 
+FEW_POINTS = 70
 SLIDES_M = np.concatenate([np.arange(0.008, 0.1, 0.008), np.arange(0.1, 0.42, 0.016)])
 TURNS_RAD = np.radians(np.concatenate([np.arange(4, 40, 4.0), np.arange(40, 125, 8.0)]))
 
@@ -41,6 +43,8 @@ class Structure:
         arrived: Planes among points that appeared or may have appeared (second view).
         static: Planes of the unchanged surroundings.
         low, high: Box around the moved points [m], shape (3,).
+        levers: Lines of a thin part before and after the motion, if it is thin.
+        thin_axes: Candidate axes of a thin part.
     """
 
     moved: list[Plane]
@@ -48,6 +52,8 @@ class Structure:
     static: list[Plane]
     low: Array
     high: Array
+    levers: tuple[Lever | None, Lever | None]
+    thin_axes: list[Axis]
 
     def fronts(self) -> Array:
         """Normals of the large moved or arrived planes, shape (n, 3)."""
@@ -56,7 +62,7 @@ class Structure:
         return np.array([plane.normal for plane in planes if plane.size > 0.4 * largest]).reshape(-1, 3)
 
 
-def structure(scene: Scene, rng: np.random.Generator) -> Structure:
+def structure(scene: Scene, rng: np.random.Generator, up: Array | None = None) -> Structure:
     """Find the planes that suggest axes."""
     a, b = scene.moved_before(), scene.moved_after()
     moved_points = np.concatenate([scene.before.points[a], scene.after.points[b]])
@@ -67,35 +73,42 @@ def structure(scene: Scene, rng: np.random.Generator) -> Structure:
     left = (scene.changes.before != Change.STATIC) & box_before & scene.candidate_before
     came = (scene.changes.after != Change.STATIC) & box_after & scene.candidate_after
     rest = (scene.changes.before == Change.STATIC) & box_before
+    left_points, came_points = scene.before.points[a], scene.after.points[b]
+    lines = lever(left_points), lever(came_points)
     return Structure(
         moved=_planes(scene.before, left, rng, 5),
         arrived=_planes(scene.after, came, rng, 5),
         static=_planes(scene.before, rest, rng, 4),
         low=low,
         high=high,
+        levers=lines,
+        thin_axes=_thin_axes(scene, lines, (left_points, came_points), up) if lines != (None, None) else [],
     )
 
 
 def axes(shape: Structure) -> list[Axis]:
     """All candidate axes, duplicates within 4 degrees and 15 mm removed."""
     found = _slides(shape) + _crossings(shape) + _edges(shape)
-    found += _pivots(shape)
-    kept: list[Axis] = []
-    for axis in found:
-        if not any(_same(axis, other) for other in kept):
-            kept.append(axis)
-    return kept
+    found += shape.thin_axes + _pivots(shape)
+    return _distinct(found)
 
 
 def scan(found: list[Axis], scene: Scene, before: Probe, after: Probe) -> tuple[list[JointMotion], Array]:
-    """Try every axis at a grid of joint values in both senses; motions and their costs."""
+    """Try every axis at a grid of joint values in both senses; motions and their costs.
+
+    A few points sort out the hopeless three quarters; their cost is left at what those points say.
+    """
     motions: list[JointMotion] = []
     for axis in found:
         values = SLIDES_M if axis.joint_type == "prismatic" else TURNS_RAD
         for value in values:
             motions.append(JointMotion(axis.joint_type, axis.origin, axis.direction, float(value)))
             motions.append(JointMotion(axis.joint_type, axis.origin, -axis.direction, float(value)))
-    return motions, score(motions, scene, before, after, extra_m=0.006)
+    cost = score(motions, scene, thinned(before, FEW_POINTS), thinned(after, FEW_POINTS), extra_m=0.006)
+    hopeful = np.argsort(cost, kind="stable")[: max(500, len(motions) // 4)]
+    cost += 1.0  # judged by few points: behind all the others
+    cost[hopeful] = score([motions[i] for i in hopeful], scene, before, after, extra_m=0.006)
+    return motions, cost
 
 
 def best_distinct(
@@ -195,9 +208,39 @@ def _pivots(shape: Structure) -> list[Axis]:
     return found
 
 
-def _same(a: Axis, b: Axis) -> bool:
-    if a.joint_type != b.joint_type or abs(float(a.direction @ b.direction)) < np.cos(np.radians(3)):
-        return False
-    if a.joint_type == "prismatic":
-        return True
-    return float(np.linalg.norm(np.cross(a.origin - b.origin, b.direction))) < 0.012
+def _thin_axes(
+    scene: Scene, lines: tuple[Lever | None, Lever | None], points: tuple[Array, Array], up: Array | None
+) -> list[Axis]:
+    """Axes of a lever: where its two lines cross, where it is carried over, and the round body it sits on."""
+    a, b = lines
+    middles = [np.median(p, axis=0) for p in points if len(p)]
+    p_a, p_b = middles[0], middles[-1]
+    moved = np.concatenate(points)
+    found = []
+    for direction in lever_directions(a, b, p_a, p_b, up):
+        pivots = [(p, "round body") for p in columns(scene, direction, moved)]
+        if a is not None and b is not None:
+            pivots += [(p, "lines of a lever") for p in line_pivots(a, b, direction)]
+        for line in (a, b):
+            if line is not None:
+                pivots += [(p, "line of a lever") for p in bisector_pivots(line, p_a, p_b, direction)]
+        found += [Axis("revolute", p, direction, source) for p, source in pivots]
+    return found
+
+
+def _distinct(found: list[Axis]) -> list[Axis]:
+    """Earlier axes win over later ones within 3 degrees and 12 mm of them."""
+    direction = np.array([axis.direction for axis in found]).reshape(-1, 3)
+    origin = np.array([axis.origin for axis in found]).reshape(-1, 3)
+    slides = np.array([axis.joint_type == "prismatic" for axis in found], dtype=bool)
+    kept: list[int] = []
+    for i in range(len(found)):
+        same = slides[kept] == slides[i]
+        same &= np.abs(direction[kept] @ direction[i]) >= np.cos(np.radians(3))
+        if not slides[i]:
+            gap = origin[i] - origin[kept]
+            along = np.einsum("nk,nk->n", gap, direction[kept])
+            same &= np.einsum("nk,nk->n", gap, gap) - along**2 < 0.012**2
+        if not same.any():
+            kept.append(i)
+    return [found[i] for i in kept]

@@ -19,6 +19,10 @@ FLOOR_TILT_RAD = np.radians(0.5)
 FLOOR_SHIFT_M = 0.0025
 FLOOR_SLIDE_M = 0.0006
 FLOOR_TURN_RAD = np.radians(0.5)
+# A lever's few hundred pixels sit on rims that stereo matching fattens by some pixels, differently before and after.
+THIN_TILT_RAD = np.radians(2.5)
+THIN_SHIFT_M = 0.003
+THIN_TURN_RAD = np.radians(0.8)
 # Slow waves in the depth tilt a whole plate by about this much per metre of noise; a hinge found from two plates that
 # differ by an angle inherits it divided by 2 sin(angle / 2). On real laptop lids (noise 1.5 mm) this gives the errors
 # seen: 1-3 degrees at 13-24 degrees of motion, 5 degrees at 8.
@@ -41,27 +45,33 @@ class Intervals:
     delta: tuple[float, float]
 
 
-def intervals90(weighted: list[tuple[Refined, float]], centre: Array, noise_m: float) -> Intervals:
+def intervals90(
+    weighted: list[tuple[Refined, float]], centre: Array, noise_m: float, thin: bool = False
+) -> Intervals:
     """Intervals of the first (best) motion, widened by the others of its family in proportion to belief.
 
     Args:
         weighted: Refined motions with their share of belief, best first.
         centre: Middle of the part [m], shape (3,); offsets are judged there.
         noise_m: Depth noise on the part [m].
+        thin: The part is a lever.
     """
     best = weighted[0][0]
     lever = 0.0
     kind = best.motion.joint_type
     covariance = best.covariance
-    tilt2 = float(max(np.trace(covariance[:2, :2]) / 2, 0.0)) + FLOOR_TILT_RAD**2
+    tilt2 = (
+        float(max(np.trace(covariance[:2, :2]) / 2, 0.0)) + (THIN_TILT_RAD if thin else FLOOR_TILT_RAD) ** 2
+    )
     if kind == "revolute":
         lever = 1.0 / max(2.0 * float(np.sin(best.motion.delta / 2)), 0.02)
         tilt2 += (PLATE_TILT_RAD_PER_M * noise_m * lever) ** 2
-    floor_delta = FLOOR_TURN_RAD if kind == "revolute" else FLOOR_SLIDE_M
+    floor_turn = THIN_TURN_RAD if thin else FLOOR_TURN_RAD
+    floor_delta = floor_turn if kind == "revolute" else FLOOR_SLIDE_M
     delta2 = float(covariance[-1, -1]) + floor_delta**2
     shift2 = 0.0
     if kind == "revolute":
-        shift2 = float(np.trace(covariance[2:4, 2:4]) / 2) + FLOOR_SHIFT_M**2
+        shift2 = float(np.trace(covariance[2:4, 2:4]) / 2) + (THIN_SHIFT_M if thin else FLOOR_SHIFT_M) ** 2
         shift2 += (PLATE_SHIFT_PER_NOISE * noise_m * lever) ** 2
     same = [(r, w) for r, w in weighted if r.motion.joint_type == kind]
     foot = (

@@ -63,9 +63,11 @@ def unit(v: Array) -> Array:
 
 def perpendicular_basis(direction: Array) -> tuple[Array, Array]:
     """Two unit vectors that span the plane normal to ``direction``."""
-    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    e1 = unit(np.cross(direction, helper))
-    return e1, np.cross(direction, e1)
+    x, y, z = direction
+    helper = int(np.argmin(np.abs(direction)))
+    e1 = unit(np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))[helper]))
+    a, b, c = e1
+    return e1, np.array((y * c - z * b, z * a - x * c, x * b - y * a))
 
 
 def line_distance(p_line: Array, direction: Array, points: Array) -> Array:

@@ -12,14 +12,13 @@ from s2r_host.perception.change import Change
 from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import JointMotion, perpendicular_basis, rotation, unit
 from s2r_host.perception.view import Seen, View, agreement
+from s2r_host.perception.wishes import Wishes
 
 Array = NDArray[np.floating]
 
 SOFT_M = 0.002  # scale of the soft-L1 loss on surfaces
 EDGE_SOFT_M = 0.004  # edges of a stereo image are ragged by several pixels
 EDGE_WEIGHT = 0.5
-FRONT_SIGMA_RAD = np.radians(1.0)
-FRONT_CAPTURE_RAD = np.radians(12.0)
 CORRELATED_POINTS = 30.0  # neighbouring pixels share their matching window, hence their error
 
 
@@ -79,7 +78,7 @@ def refine(
     both: tuple[Side, Side],
     rounds: int = 8,
     first_gate_m: float = 0.02,
-    fronts: Array | None = None,
+    wishes: Wishes | None = None,
 ) -> Refined | None:
     """Gauss-Newton with re-association in every round; None if nothing overlaps.
 
@@ -88,8 +87,8 @@ def refine(
         both: From `sides`.
         rounds: Re-associations; the association gate shrinks from ``first_gate_m`` to 6 mm over them.
         first_gate_m: First gate [m].
-        fronts: Unit normals of the large flat faces of the part, shape (n, 3): a slide within `FRONT_CAPTURE_RAD`
-            of one is pulled towards it, as drawers run square to their fronts to about `FRONT_SIGMA_RAD`.
+        wishes: What is known of joints beforehand; held against the surface rows as if neighbouring pixels were one
+            measurement.
     """
     motion = start
     gates = np.geomspace(first_gate_m, 0.006, rounds)
@@ -100,7 +99,7 @@ def refine(
         if surface.sum() < 30:
             return None
         hessian, gradient = (J * w[:, None]).T @ J, (J * w[:, None]).T @ r
-        pull, push = _front_prior(motion, fronts, scale)
+        pull, push = _wished(motion, wishes, scale)
         hessian, gradient = hessian + pull, gradient + push
         damping = np.diag(1e-4 * np.diag(hessian) + 1e-9)
         step = -np.linalg.solve(hessian + damping, gradient)
@@ -112,29 +111,25 @@ def refine(
     if surface.sum() < 30:
         return None
     scale = 1.4826 * float(np.median(np.abs(r[surface])))
-    hessian = (J * w[:, None]).T @ J + 1e-9 * np.eye(n_params) + _front_prior(motion, fronts, scale)[0]
+    hessian = (J * w[:, None]).T @ J + 1e-9 * np.eye(n_params) + _wished(motion, wishes, scale)[0]
     spread = max(scale, 0.0005)
     covariance = np.linalg.inv(hessian) * spread**2 * CORRELATED_POINTS
     return Refined(motion.positive(), scale, covariance, used)
 
 
-def _front_prior(motion: JointMotion, fronts: Array | None, scale_m: float) -> tuple[Array, Array]:
-    """Hessian and gradient of the wish that a slide runs along a front's normal, in units of the surface rows."""
-    n_params = len(_steps(motion))
-    pull, push = np.zeros((n_params, n_params)), np.zeros(n_params)
-    if motion.joint_type != "prismatic" or fronts is None or len(fronts) == 0:
-        return pull, push
-    cosine = fronts @ motion.direction
-    nearest = int(np.argmax(np.abs(cosine)))
-    if abs(cosine[nearest]) < np.cos(FRONT_CAPTURE_RAD):
-        return pull, push
-    wanted = fronts[nearest] * np.sign(cosine[nearest])
-    turn = np.cross(motion.direction, wanted)  # the small rotation that would align them
-    e1, e2 = perpendicular_basis(motion.direction)
-    weight = max(scale_m, 0.0005) ** 2 * CORRELATED_POINTS / FRONT_SIGMA_RAD**2
-    pull[0, 0] = pull[1, 1] = weight
-    push[0], push[1] = -weight * (turn @ e1), -weight * (turn @ e2)
-    return pull, push
+def _wished(motion: JointMotion, wishes: Wishes | None, scale_m: float) -> tuple[Array, Array]:
+    """Hessian and gradient of the wishes, in units of the surface rows."""
+    steps = _steps(motion)
+    active = [] if wishes is None else wishes.active(motion)
+    if not active:
+        return np.zeros((len(steps), len(steps))), np.zeros(len(steps))
+    r = np.array([wish(motion) for wish in active])
+    J = np.empty((len(active), len(steps)))
+    for k, step in enumerate(steps):
+        moved = perturbed(motion, np.eye(len(steps))[k] * step)
+        J[:, k] = (np.array([wish(moved) for wish in active]) - r) / step
+    weight = max(scale_m, 0.0005) ** 2 * CORRELATED_POINTS
+    return weight * J.T @ J, weight * J.T @ r
 
 
 def perturbed(motion: JointMotion, step: Array) -> JointMotion:

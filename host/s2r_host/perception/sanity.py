@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from s2r_host.perception.change import Change, Changes
 from s2r_host.perception.errors import AbstainError, BadViewError
-from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry, score, subset
+from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry, score, subset, thinned
 from s2r_host.perception.motion import JointMotion, rotation
 from s2r_host.perception.planes import find_planes
 from s2r_host.perception.refine import Side, refine
@@ -136,7 +136,7 @@ def check_second_part(
         return
     count = len(probes[0].points)
     rest = subset(probes[0], left[:count]), subset(probes[1], left[count:])
-    cost = score(scanned, scene, *rest, extra_m=0.006)
+    cost = score(scanned, scene, thinned(rest[0], 100), thinned(rest[1], 100), extra_m=0.006)
     for k in np.argsort(cost, kind="stable")[:3]:
         refined = refine(scanned[int(k)], both)
         other = scanned[int(k)] if refined is None else refined.motion

@@ -60,6 +60,21 @@ class View:
     infrared: tuple[np.ndarray, np.ndarray]
 
 
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What is really there, per pixel of the left imager.
+
+    Attributes:
+        body: MuJoCo's body index, -1 where nothing is in reach, shape (height, width).
+        point: Surface point in the world frame [m], shape (height, width, 3).
+        normal: Unit normal towards the camera's side, shape (height, width, 3).
+    """
+
+    body: np.ndarray
+    point: np.ndarray
+    normal: np.ndarray
+
+
 class DepthCamera:
     """Renders one world through the true camera pose. Not thread-safe: one caller at a time."""
 
@@ -106,18 +121,22 @@ class DepthCamera:
         self._in_bands(band)
         return out
 
-    def body_mask(self, qpos: np.ndarray, body: str) -> np.ndarray:
-        """Pixels of the left imager in which a body is in front, shape (height, width), bool."""
+    def exact_sight(self, qpos: np.ndarray) -> Sight:
+        """Bodies, points and normals without noise: for labels, never for a host."""
         self._place(qpos)
-        out = np.empty((self.rig.height, self.rig.width), bool)
-        of_body = np.append(self.model.geom_bodyid == self.model.body(body).id, False)  # -1: nothing hit
+        h, w = self.rig.height, self.rig.width
+        sight = Sight(np.empty((h, w), np.int32), np.empty((h, w, 3)), np.empty((h, w, 3)))
+        of_geom = np.append(self.model.geom_bodyid, -1)  # geom -1: nothing hit
 
         def band(rows: slice) -> None:
             hits = self._cast(np.zeros(3), self._rays_world[rows])
-            out[rows] = of_body[hits.geom].reshape(-1, self.rig.width)
+            rays = self._rays_world[rows].reshape(-1, 3)
+            sight.body[rows] = of_geom[hits.geom].reshape(-1, w)
+            sight.point[rows] = (self.X_base_camera[:3, 3] + hits.distance[:, None] * rays).reshape(-1, w, 3)
+            sight.normal[rows] = hits.normal.reshape(-1, w, 3)
 
         self._in_bands(band)
-        return out
+        return sight
 
     def _place(self, qpos: np.ndarray) -> None:
         self._data.qpos[:] = qpos

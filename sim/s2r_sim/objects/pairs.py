@@ -86,6 +86,35 @@ def draw_pair(
     q, delta = _draw_motion(rng, spec, PUSH_M if entry.slides else PUSH_RAD, least_share)
     spec = _at(spec, q)
     model = table_scene(spec).compile()
+    camera_truth, azimuth, elevation, distance = place_camera(rng, model, q)
+    points, part = part_points(model, q), model.body(PART_BODY).id
+    camera = DepthCamera(model, camera_truth, rig)
+    qpos_a, qpos_b = qpos_at(model, q), qpos_at(model, q + delta)
+    view_a = camera.capture(qpos_a)
+    depth_a = view_a.depth_m if noise else camera.exact_depth(qpos_a).astype(np.float32)
+    depth_b = camera.capture(qpos_b).depth_m if noise else camera.exact_depth(qpos_b).astype(np.float32)
+    return Pair(
+        spec,
+        joint_truth(model, spec),
+        depth_a,
+        depth_b,
+        view_a.colour,
+        camera.exact_sight(qpos_a).body == part,
+        camera.exact_sight(qpos_b).body == part,
+        camera.rig.K,
+        camera.X_base_camera,
+        delta,
+        azimuth,
+        elevation,
+        distance,
+        points,
+    )
+
+
+def place_camera(
+    rng: np.random.Generator, model: mujoco.MjModel, q: float
+) -> tuple[CameraTruth, float, float, float]:
+    """A camera that looks at the part: it, azimuth and elevation [rad] seen from the object's front, distance [m]."""
     azimuth, elevation = rng.uniform(-AZIMUTH_RAD, AZIMUTH_RAD), rng.uniform(*ELEVATION_RAD)
     distance = rng.uniform(*DISTANCE_M)
     points = part_points(model, q)
@@ -98,7 +127,7 @@ def draw_pair(
             np.sin(elevation),
         ]
     )
-    camera_truth = CameraTruth(
+    truth = CameraTruth(
         position_m=_triple(target + distance * outward),
         target_m=_triple(target),
         roll_rad=float(rng.uniform(-0.04, 0.04)),
@@ -106,27 +135,7 @@ def draw_pair(
         hand_eye_rad=(0.0, 0.0, 0.0),
         seed=int(rng.integers(2**31)),
     )
-    camera = DepthCamera(model, camera_truth, rig)
-    qpos_a, qpos_b = qpos_at(model, q), qpos_at(model, q + delta)
-    view_a = camera.capture(qpos_a)
-    depth_a = view_a.depth_m if noise else camera.exact_depth(qpos_a).astype(np.float32)
-    depth_b = camera.capture(qpos_b).depth_m if noise else camera.exact_depth(qpos_b).astype(np.float32)
-    return Pair(
-        spec,
-        joint_truth(model, spec),
-        depth_a,
-        depth_b,
-        view_a.colour,
-        camera.body_mask(qpos_a, PART_BODY),
-        camera.body_mask(qpos_b, PART_BODY),
-        camera.rig.K,
-        camera.X_base_camera,
-        delta,
-        azimuth,
-        elevation,
-        distance,
-        points,
-    )
+    return truth, azimuth, elevation, distance
 
 
 def part_points(model: mujoco.MjModel, q: float) -> np.ndarray:

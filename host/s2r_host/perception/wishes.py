@@ -1,0 +1,97 @@
+"""What is known of joints before looking: slides run square to fronts, hinges are upright or level, levers meet
+their axis.
+
+Each wish is a residual in units of its standard deviation. It holds only for a motion that is near it
+already; a lid that is tilted for good is left alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.levers import Lever
+from s2r_host.perception.motion import JointMotion, perpendicular_basis
+
+Array = NDArray[np.floating]
+Wish = Callable[[JointMotion], float]
+
+FRONT_SIGMA_RAD = np.radians(1.0)
+FRONT_CAPTURE_RAD = np.radians(12.0)
+UPRIGHT_SIGMA_RAD = np.radians(2.0)
+UPRIGHT_CAPTURE_RAD = np.radians(15.0)
+LEVER_SIGMA_M = 0.005
+LEVER_CAPTURE_M = 0.012
+SQUARE_SIGMA_RAD = np.radians(5.0)
+SQUARE_CAPTURE_RAD = np.radians(25.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Wishes:
+    """Sources of wishes.
+
+    Attributes:
+        fronts: Unit normals of the large flat faces of the part, shape (n, 3): drawers run square to one of them.
+        up: Unit vector against gravity; None if the frame does not tell.
+        before, after: Lines of a thin part in both views, if it is thin.
+    """
+
+    fronts: Array
+    up: Array | None = None
+    before: Lever | None = None
+    after: Lever | None = None
+
+    @property
+    def thin(self) -> bool:
+        """The moving part looks like a lever."""
+        return self.before is not None or self.after is not None
+
+    def active(self, motion: JointMotion) -> list[Wish]:
+        """The wishes that hold for motions near this one."""
+        if motion.joint_type == "prismatic":
+            return self._square_to_front(motion)
+        return self._upright_or_level(motion) + self._through_lever(motion)
+
+    def _square_to_front(self, motion: JointMotion) -> list[Wish]:
+        cosine = self.fronts @ motion.direction
+        if len(cosine) == 0 or np.abs(cosine).max() < np.cos(FRONT_CAPTURE_RAD):
+            return []
+        normal = self.fronts[int(np.argmax(np.abs(cosine)))]
+        return [_across(axis, FRONT_SIGMA_RAD) for axis in perpendicular_basis(normal)]
+
+    def _upright_or_level(self, motion: JointMotion) -> list[Wish]:
+        if self.up is None:
+            return []
+        cosine = abs(float(motion.direction @ self.up))
+        if cosine > np.cos(UPRIGHT_CAPTURE_RAD):
+            return [_across(axis, UPRIGHT_SIGMA_RAD) for axis in perpendicular_basis(self.up)]
+        if cosine < np.sin(UPRIGHT_CAPTURE_RAD):
+            return [_across(self.up, UPRIGHT_SIGMA_RAD)]
+        return []
+
+    def _through_lever(self, motion: JointMotion) -> list[Wish]:
+        found: list[Wish] = []
+        level = self.up is not None and abs(float(motion.direction @ self.up)) < np.sin(UPRIGHT_CAPTURE_RAD)
+        for line in (self.before, self.after):
+            if line is None:
+                continue
+            sine = float(np.linalg.norm(np.cross(motion.direction, line.direction)))
+            if sine > 0.5 and abs(_gap(motion, line)) < LEVER_CAPTURE_M:
+                found.append(lambda m, line=line: _gap(m, line) / LEVER_SIGMA_M)
+            if level and sine > np.cos(SQUARE_CAPTURE_RAD):
+                found.append(_across(line.direction, SQUARE_SIGMA_RAD))
+        return found
+
+
+def _across(axis: Array, sigma_rad: float) -> Wish:
+    """The wish to be square to an axis."""
+    return lambda motion: float(motion.direction @ axis) / sigma_rad
+
+
+def _gap(motion: JointMotion, line: Lever) -> float:
+    """Signed distance between the joint's axis and a line [m]."""
+    normal = np.cross(motion.direction, line.direction)
+    return float((line.centre - motion.origin) @ normal / max(np.linalg.norm(normal), 1e-9))

@@ -1,0 +1,45 @@
+"""``s2r data``: simulated training data, made by resumable jobs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from s2r_protocol.exits import UsageError
+
+
+@click.group()
+def data() -> None:
+    """Make training data from procedural objects."""
+
+
+@data.command()
+@click.option("--kinds", default="chest,laptop,faucet,door,lid,dial", show_default=True)
+@click.option(
+    "--split", type=click.Choice(["train", "validation", "test"]), default="train", show_default=True
+)
+@click.option("--objects", default=75, show_default=True, help="Per kind.")
+@click.option("--pushes", default=40, show_default=True, help="Per object.")
+@click.option("--jobs", default=1, show_default=True, help="Processes.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
+)
+def pushes(kinds: str, split: str, objects: int, pushes: int, jobs: int, out: Path) -> None:
+    """One noisy view per object, and what random pushes at it do."""
+    from s2r_sim.batch import run_jobs
+    from s2r_sim.objects.catalogue import kind_named
+    from s2r_sim.objects.push_data import push_object
+    from s2r_sim.objects.splits import Split
+
+    if min(objects, pushes, jobs) < 1:
+        raise UsageError(f"--objects {objects}, --pushes {pushes}, --jobs {jobs}: each must be 1 or more")
+    names = [name.strip() for name in kinds.split(",")]
+    for name in names:
+        kind_named(name)
+    out.mkdir(parents=True, exist_ok=True)
+    number = int(Split[split.upper()])
+    todo = [(name, number, seed, pushes, str(out)) for seed in range(objects) for name in names]
+    rows = run_jobs(push_object, todo, out / f"{split}.jsonl", jobs, "objects")
+    done, good = sum(row["pushes"] for row in rows), sum(row["useful"] for row in rows)
+    click.echo(f"{len(rows)} objects, {done} pushes, {100 * good / max(done, 1):.1f} % useful, in {out}")
