@@ -230,12 +230,13 @@ def check_orders(trace: Trace, arm_ticks: Sequence[int], motion_ticks: Sequence[
     both = held[1:] & held[:-1]
     moves = ((np.diff(trace.counts, axis=0) != 0) & both).any(axis=1)
     quiet = 20  # commands without any motion make a stand-still
-    last = -quiet - 1
-    for i in np.flatnonzero(moves):
-        now, since = int(trace.tick[i + 1]), int(trace.tick[last + 1]) if last >= 0 else -1
-        if i - last > quiet and not any(since < m <= now for m in motion_ticks):
+    moving = np.flatnonzero(moves)
+    begins = np.flatnonzero(np.diff(moving, prepend=-quiet - 1) > quiet)
+    for k in begins:
+        now = int(trace.tick[moving[k] + 1])
+        since = int(trace.tick[moving[k - 1] + 1]) if k else -1
+        if not any(since < m <= now for m in motion_ticks):
             report.violations.append(Violation("I3", now, -1, "motion begins without an order", 1, 0))
-        last = int(i)
 
 
 def check_rhythm(trace: Trace, report: Report) -> None:
