@@ -1,97 +1,254 @@
-"""``s2r replay``: send a recorded plan again and overlay both recordings."""
+"""``s2r replay``: send a recorded plan again, on a stand-in of its own or on the real arm, and compare."""
 
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from s2r_protocol.cli.options import tls_option
+from s2r_protocol.exits import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from s2r_host.link import ExecutorLink
+    from s2r_host.motion.arm_model import ArmModel
+    from s2r_host.motion.obstacles import Obstacle
+    from s2r_host.replay.replay import Replayed, ReplaySettings
+    from s2r_host.replay.sources import Replayable
+    from s2r_protocol.arms import ArmDescription
+    from s2r_protocol.keys import ArmKeys
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 
 
 @click.command()
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument("source", metavar="SOURCE", type=click.Path(path_type=Path, exists=True))
 @click.option(
     "--plan", "number", type=int, default=None, help="Plan number [default: the first manipulation]."
 )
-@click.option("--list", "only_list", is_flag=True, help="Only list the plans of the run.")
+@click.option("--list", "only_list", is_flag=True, help="Only list the plans.")
 @click.option(
-    "--executor", default=DEFAULT_EXECUTOR, show_default=True, help="Zenoh endpoint of the executor."
+    "--speed", type=float, default=1.0, show_default=True, help="Share of the recorded speed, in (0, 1]."
 )
 @click.option(
-    "--camera", default=None, help="Endpoint of a camera: the way to the start also avoids what it sees."
+    "--from", "t_start", type=float, default=0.0, show_default=True, help="Begin at this plan time [s]."
 )
 @click.option(
-    "--out", type=click.Path(path_type=Path), default=None, help="Folder [default: RUN/replay-<plan>]."
+    "--step", "step_s", type=click.FloatRange(0), default=0.0, help="Pause after each so many seconds."
+)
+@click.option(
+    "--loop",
+    "loops",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    help="Replays; 2 or more: statistics.",
+)
+@click.option("--real", is_flag=True, help="Send it to the executor at --executor instead of a stand-in.")
+@click.option("--yes", is_flag=True, help="With --real: do not ask.")
+@click.option(
+    "--executor", default=None, help=f"With --real: its Zenoh endpoint [default: {DEFAULT_EXECUTOR}]."
+)
+@click.option(
+    "--camera", default=None, help="With --real: a camera; the way to the start also avoids what it sees."
+)
+@click.option(
+    "--world", type=click.Path(path_type=Path, exists=True), help="Stand-in's world [default: SOURCE's own]."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=None, help="Folder [default: replay-<plan> beside]."
 )
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--cell", default="lab", show_default=True)
 @tls_option
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison on standard output.")
 def replay(
-    run_folder: Path,
+    source: Path,
     number: int | None,
     only_list: bool,
-    executor: str,
+    speed: float,
+    t_start: float,
+    step_s: float,
+    loops: int,
+    real: bool,
+    yes: bool,
+    executor: str | None,
     camera: str | None,
+    world: Path | None,
     out: Path | None,
     arm: str,
     cell: str,
     tls: Path | None,
     as_json: bool,
-) -> None:
-    """Send a plan recorded in RUN through admission again and compare the executions.
+) -> int:
+    """Send a plan of SOURCE (a run folder or a recording) through admission again and compare the executions.
 
-    The arm first goes to the plan's start by a checked move. The object is not put back.
+    On a stand-in of its own by default; --real sends it to a running executor, after showing where it starts and
+    how fast it gets. The arm first goes to the start by a checked move. The object is not put back.
     """
-    from s2r_host.link import ExecutorLink
+    for name, value in (("--executor", executor), ("--camera", camera), ("--tls", tls), ("--yes", yes)):
+        if value and not real:
+            raise UsageError(
+                f"{name} is for a running executor: add --real, or leave it out to use a stand-in"
+            )
     from s2r_host.motion.arm_model import ArmModel
-    from s2r_host.recording import read_plans
-    from s2r_host.replay.overlay import write_overlay
-    from s2r_host.replay.replay import pick_plan, replay_plan
+    from s2r_host.replay.replay import ReplaySettings, as_sent
+    from s2r_host.replay.sources import pick, read_source
     from s2r_protocol.arms import load_arm
     from s2r_protocol.keys import ArmKeys
 
-    if only_list:
-        for plan in read_plans(run_folder / "run.mcap"):
-            click.echo(f"{plan.number:3d}  {plan.t[-1]:6.2f} s  {plan.label}")
-        return
-    plan = pick_plan(run_folder, number)
     description = load_arm(arm)
+    plans = read_source(source, description)
+    if only_list:
+        for plan in plans:
+            click.echo(f"{plan.number:3d}  {plan.trajectory.duration_s:6.2f} s  {plan.label}")
+        return int(ExitCode.OK)
+    plan = pick(plans, number, source)
+    settings = ReplaySettings(speed, t_start, step_s, _ask_next)
+    sent = as_sent(plan, settings)
+    folder = out or (source if source.is_dir() else source.parent) / f"replay-{plan.number}"
+    keys = ArmKeys(cell, description.name)
     model = ArmModel(description)
-    with ExecutorLink(executor, description, ArmKeys(cell, description.name), tls=tls) as link:
-        obstacles = _seen(camera, ArmKeys(cell, description.name), tls, model, link.status().q_meas)
-        try:
-            replayed = replay_plan(link, model, run_folder, plan, obstacles)
-        except KeyboardInterrupt:
-            link.stop()
-            link.wait_at_rest()
-            raise
-    folder = out or run_folder / f"replay-{plan.number}"
-    path = write_overlay(replayed, description.joint_names, run_folder, folder)
-    (folder / "replay.mcap").write_bytes(replayed.recording)
-    found = replayed.comparison
-    rms = dict(zip(description.joint_names, found.rms_rad.tolist(), strict=True))
-    values = {
-        "plan": plan.number,
-        "label": plan.label,
-        "plan_seq": replayed.seq,
+    if real:
+        endpoint = executor or DEFAULT_EXECUTOR
+        with _linked(endpoint, description, keys, tls) as link:
+            _confirm(plan, sent, description, endpoint, yes)
+            obstacles = _seen(camera, keys, tls, model, link.status().q_meas)
+            done = _replays(link, model, plan, settings, obstacles, loops)
+    else:
+        from s2r_protocol.cli.peers import stand_in_cell
+
+        drawn = world or _own_world(source)
+        where = ("--world", drawn) if drawn else ("--seed", "1")
+        cell_options = ("--cell", cell, "--arm", arm)
+        with (
+            stand_in_cell(
+                folder / "stand-in", where, stand_in=cell_options, executor=cell_options
+            ) as started,
+            _linked(started.executor, description, keys, None) as link,
+        ):
+            done = _replays(link, model, plan, settings, (), loops)
+    return _report(done, description, source, folder, as_json, "real" if real else "stand-in")
+
+
+def _replays(
+    link: ExecutorLink,
+    model: ArmModel,
+    plan: Replayable,
+    settings: ReplaySettings,
+    obstacles: list[Obstacle] | tuple[()],
+    loops: int,
+) -> list[Replayed]:
+    from s2r_host.replay.replay import replay_plan
+
+    done: list[Replayed] = []
+    try:
+        with click.progressbar(length=loops, label="replays", file=sys.stderr, hidden=loops == 1) as bar:
+            for _ in range(loops):
+                done.append(replay_plan(link, model, plan, settings, obstacles))
+                bar.update(1)
+    except KeyboardInterrupt:
+        link.stop()
+        link.wait_at_rest()
+        raise
+    return done
+
+
+def _report(
+    done: list[Replayed], arm: ArmDescription, source: Path, folder: Path, as_json: bool, where: str
+) -> int:
+    from s2r_host.replay.overlay import write_overlay
+    from s2r_host.replay.replay import repeatability
+
+    last = done[-1]
+    spread = repeatability(done, arm.joint_names) if len(done) > 1 else None
+    page = write_overlay(last, arm.joint_names, source, folder, spread)
+    for k, one in enumerate(done, start=1):
+        (folder / ("replay.mcap" if len(done) == 1 else f"replay-{k}.mcap")).write_bytes(one.recording)
+    rms = dict(zip(arm.joint_names, last.comparison.rms_rad.tolist(), strict=True))
+    values: dict[str, Any] = {
+        "plan": last.plan.number,
+        "label": last.plan.label,
+        "where": where,
+        "plan_seq": last.seq,
+        "against": "first execution" if last.plan.first is not None else "plan",
         "rms_rad": rms,
-        "page": str(path),
+        "page": str(page),
     }
+    if spread is not None:
+        values["loops"] = len(done)
+        values["sigma_rad"] = dict(zip(arm.joint_names, spread.sigma_rad.tolist(), strict=True))
+        values["range_rad"] = dict(zip(arm.joint_names, spread.range_rad.tolist(), strict=True))
     (folder / "replay.json").write_text(json.dumps(values, indent=1) + "\n")
     if as_json:
         click.echo(json.dumps(values, indent=1))
-        return
-    click.echo(f"plan {plan.number} '{plan.label}' replayed; RMS difference per joint [mrad]:")
+        return int(ExitCode.OK)
+    click.echo(
+        f"plan {last.plan.number} '{last.plan.label}' replayed on the {where}; "
+        f"RMS difference to its {values['against']} per joint [mrad]:"
+    )
     click.echo("  " + "  ".join(f"{name} {1e3 * value:.3f}" for name, value in rms.items()))
-    click.echo(f"overlay: {path}")
+    if spread is not None:
+        click.echo(f"repeatability of {len(done)} replays, standard deviation per joint [mrad]:")
+        click.echo("  " + "  ".join(f"{n} {1e3 * v:.4f}" for n, v in values["sigma_rad"].items()))
+    click.echo(f"overlay: {page}")
+    return int(ExitCode.OK)
 
 
-def _seen(camera: str | None, keys, tls: Path | None, arm, q_meas) -> list:  # noqa: ANN001 - types would import the heavy modules
+@contextmanager
+def _linked(endpoint: str, arm: ArmDescription, keys: ArmKeys, tls: Path | None) -> Iterator[ExecutorLink]:
+    from s2r_host.link import ExecutorLink
+
+    with ExecutorLink(endpoint, arm, keys, tls=tls) as link:
+        yield link
+
+
+def _confirm(plan: Replayable, sent: Any, arm: ArmDescription, endpoint: str, yes: bool) -> None:
+    """Show where it starts and how fast it gets; go on only when told to.
+
+    Raises:
+        UsageError: Nobody is there to answer.
+    """
+    import numpy as np
+
+    times = np.linspace(0.0, sent.duration_s, 500)
+    fastest = np.abs(sent.sample(times)[1]).max(axis=0)
+    click.echo(
+        f"plan {plan.number} '{plan.label}', {sent.duration_s:.2f} s, to the executor at {endpoint}", err=True
+    )
+    click.echo("  joint      starts at [rad]   fastest [rad/s]   of its limit", err=True)
+    for i, name in enumerate(arm.joint_names):
+        share = fastest[i] / arm.limits.dq_max[i]
+        click.echo(f"  {name:10s} {sent.q[0, i]:+15.4f} {fastest[i]:17.3f} {share:13.0%}", err=True)
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise UsageError("--real moves an arm and nobody can be asked here; add --yes when the cell is clear")
+    click.confirm("Is the cell clear and a hand on the emergency stop?", abort=True, err=True)
+
+
+def _ask_next(t: float) -> bool:
+    answer = click.prompt(
+        f"paused at {t:.2f} s; Enter to go on, s to stop", default="", show_default=False, err=True
+    )
+    return answer.strip().lower() != "s"
+
+
+def _own_world(source: Path) -> Path | None:
+    """The hidden world a demo's run was made in: the stand-in opens it, the host does not."""
+    folder = source if source.is_dir() else source.parent
+    for candidate in (folder / "world.json", folder.parent / "world.json"):
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def _seen(camera: str | None, keys: ArmKeys, tls: Path | None, arm: ArmModel, q_meas: Any) -> list[Obstacle]:
     if camera is None:
         return []
     from s2r_host.link import CameraLink

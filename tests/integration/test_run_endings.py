@@ -142,7 +142,9 @@ def test_a_hidden_drawer_is_opened_and_its_push_can_be_replayed(plant, tmp_path)
 
     with running_plant(tmp_path / "again") as fresh:  # the same world, as found
         again = subprocess.run(
-            command("replay", plant["out"], "--executor", fresh["executor"], "--json", "--plan", "2"),
+            command(
+                "replay", plant["out"], "--real", "--yes", "--executor", fresh["executor"], "--json", "--plan", "2"
+            ),
             capture_output=True, text=True, timeout=120,
         )  # fmt: skip
     assert again.returncode == ExitCode.OK, again.stderr

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from s2r_host.replay.replay import Replayed
+from s2r_host.replay.replay import Repeatability, Replayed
 from s2r_host.report.markup import page, section, table
 from s2r_host.report.style import EXECUTED, PLANNED, RC, SEEN, inline_png
 
@@ -18,13 +18,20 @@ def overlay_figure(replayed: Replayed, joint_names: tuple[str, ...]) -> Figure:
     """Per joint: both executions above, replay minus first below."""
     found = replayed.comparison
     difference = 1e3 * (found.q_again - found.q_first)
+    base = "first" if replayed.plan.first is not None else "plan"
     with mpl.rc_context(RC):
         figure = Figure(figsize=(12.5, 4.4), layout="constrained")
         grid = figure.subplots(2, len(joint_names), sharex=True, height_ratios=[2.2, 1.0])
         reach = max(0.05, 1.1 * float(np.abs(difference).max()))
         for i, name in enumerate(joint_names):
             upper, lower = grid[0, i], grid[1, i]
-            upper.plot(found.t, found.q_first[:, i], color=PLANNED, lw=3.0, alpha=0.45, label="first")
+            upper.plot(
+                found.t,
+                found.q_first[:, i],
+                color=PLANNED,
+                lw=3.0,
+                alpha=0.45,
+                label=base)
             upper.plot(found.t, found.q_again[:, i], color=EXECUTED, lw=1.0, label="replay")
             lower.plot(found.t, difference[:, i], color=SEEN, lw=0.8)
             lower.set_ylim(-reach, reach)
@@ -36,8 +43,14 @@ def overlay_figure(replayed: Replayed, joint_names: tuple[str, ...]) -> Figure:
         return figure
 
 
-def write_overlay(replayed: Replayed, joint_names: tuple[str, ...], run: Path, folder: Path) -> Path:
-    """Write ``overlay.png`` and ``replay.html``; the page's path."""
+def write_overlay(
+    replayed: Replayed,
+    joint_names: tuple[str, ...],
+    run: Path,
+    folder: Path,
+    spread: Repeatability | None = None,
+) -> Path:
+    """Write ``overlay.png`` and ``replay.html``, with statistics when there were several; the page's path."""
     folder.mkdir(parents=True, exist_ok=True)
     figure = overlay_figure(replayed, joint_names)
     figure.savefig(folder / "overlay.png", dpi=110)
@@ -49,13 +62,20 @@ def write_overlay(replayed: Replayed, joint_names: tuple[str, ...], run: Path, f
     plan = replayed.plan
     head = (
         f"<h1>Replay of '{escape(plan.label)}'</h1><p class='lead'>plan {plan.number} of {escape(run.name)}, "
-        f"{plan.t[-1]:.2f} s, sent again as plan {replayed.seq} through the same admission</p>"
+        f"{plan.trajectory.duration_s:.2f} s, sent again as plan {replayed.seq} through the same admission</p>"
     )
     parts = [
         head,
         section("Both recordings", inline_png(figure, "joints of both executions")),
         section("Difference, replay minus first", table(("joint", "RMS [mrad]", "largest [mrad]"), rows)),
     ]
+    if spread is not None:
+        rows = [
+            (name, f"{1e3 * sigma:.4f}", f"{1e3 * span:.4f}")
+            for name, sigma, span in zip(joint_names, spread.sigma_rad, spread.range_rad, strict=True)
+        ]
+        header = ("joint", "standard deviation [mrad]", "largest spread [mrad]")
+        parts.append(section(f"Repeatability of {len(spread.q)} replays", table(header, rows)))
     path = folder / "replay.html"
     path.write_text(page(f"replay of {plan.label}", parts), encoding="utf-8")
     return path

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,23 +15,42 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.collision import CollisionChecker
 from s2r_host.motion.joint_motion import plan_joint_motion
 from s2r_host.motion.obstacles import Obstacle, table_obstacle
-from s2r_host.recording import JointTrack, RecordedPlan, plan_track, read_plans
+from s2r_host.recording import JointTrack, plan_track
+from s2r_host.replay.pace import from_time, path_time, slowed
+from s2r_host.replay.sources import Replayable
 from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
+from s2r_protocol.faults import ExecutorState
 
 logger = logging.getLogger(__name__)
 
 AT_START_RAD = 1e-4
 TRAVEL_SPEED = 0.5
-DEFAULT_LABEL = "manipulation"
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """How to replay.
+
+    Attributes:
+        speed: Share of the recorded speed, in (0, 1].
+        t_start: Begin at this time of the plan [s].
+        step_s: Pause after each so much of plan time [s]; 0 = do not.
+        next_step: Called at each pause; False ends the replay with a stop.
+    """
+
+    speed: float = 1.0
+    t_start: float = 0.0
+    step_s: float = 0.0
+    next_step: Callable[[float], bool] = lambda t: True
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two executions of one plan, sampled at the same plan times.
+    """Executions of one plan, sampled at the same plan times.
 
     Attributes:
-        t: Plan times both recordings cover [s], shape (n,).
-        q_planned, q_first, q_again: [rad], shape (n, dof).
+        t: Plan times all recordings cover [s], shape (n,).
+        q_planned, q_first, q_again: [rad], shape (n, dof). Without a first execution it is the plan.
     """
 
     t: np.ndarray
@@ -52,64 +71,124 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """A plan that was sent again."""
+    """A plan that was sent again, once."""
 
-    plan: RecordedPlan
+    plan: Replayable
     seq: int
     recording: bytes
     comparison: Comparison
 
 
-def pick_plan(run: Path, number: int | None) -> RecordedPlan:
-    """A plan of a run folder: by its number, by default the first planned manipulation, else the last plan.
+@dataclass(frozen=True, eq=False)
+class Repeatability:
+    """Several replays of one plan: spread of the measured joints about their mean.
+
+    Attributes:
+        t: [s], shape (n,).
+        q: Measured [rad], shape (replays, n, dof).
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    names: tuple[str, ...] = field(default=())
+
+    @property
+    def sigma_rad(self) -> np.ndarray:
+        """Standard deviation over the replays, root mean square over time, per joint, shape (dof,)."""
+        return np.sqrt(self.q.var(axis=0, ddof=1).mean(axis=0))
+
+    @property
+    def range_rad(self) -> np.ndarray:
+        """Largest spread between any two replays at one time, per joint, shape (dof,)."""
+        return np.ptp(self.q, axis=0).max(axis=0)
+
+
+def as_sent(plan: Replayable, settings: ReplaySettings) -> Trajectory:
+    """What goes to admission.
 
     Raises:
-        RecordingError: The run has no such plan.
+        TargetError: Speed or start time out of range.
     """
-    plans = read_plans(run / "run.mcap")
-    if number is None:
-        named = [plan for plan in plans if plan.label.startswith(DEFAULT_LABEL)]
-        return named[0] if named else plans[-1]
-    for plan in plans:
-        if plan.number == number:
-            return plan
-    known = ", ".join(f"{plan.number} ({plan.label})" for plan in plans)
-    raise RecordingError(f"{run} has no plan {number}; it has {known}")
+    return slowed(from_time(plan.trajectory, settings.t_start), settings.speed)
 
 
 def replay_plan(
-    link: ExecutorLink, arm: ArmModel, run: Path, plan: RecordedPlan, obstacles: Sequence[Obstacle] = ()
+    link: ExecutorLink,
+    arm: ArmModel,
+    plan: Replayable,
+    settings: ReplaySettings | None = None,
+    obstacles: Sequence[Obstacle] = (),
 ) -> Replayed:
-    """Go to the plan's start, send it, and compare both recordings.
+    """Go to the start, send the plan, and compare with its first execution.
 
     Args:
         link: To the executor.
         arm: Kinematics for the way to the start.
-        run: Folder with the first recording.
         plan: Which.
+        settings: How.
         obstacles: Besides the table, for the way to the start.
 
     Raises:
         NoMotionError: No free way to the start.
         CommandRefusedError: Admission refused it; the text says why.
-        ArmStoppedError: A protection stopped it.
+        ArmStoppedError: A protection stopped it, or the operator at a step.
     """
-    bridge = _bridge(link, arm, plan, obstacles)
-    trajectory = Trajectory(plan.t, plan.q, plan.dq, plan.ddq)
+    settings = settings or ReplaySettings()
+    trajectory = as_sent(plan, settings)
+    bridge = _bridge(link, arm, trajectory.q[0], obstacles)
     with link.leased():
         link.arm_drives()
         if bridge is not None:
             link.wait_done(link.send_plan(bridge, f"replay: to the start of '{plan.label}'"))
         verdict = link.send_plan(trajectory, f"replay of '{plan.label}'")
+        if settings.step_s > 0:
+            _step(link, verdict.seq, settings)
         link.wait_done(verdict)
     recording = link.recording(verdict.seq)
-    first = plan_track(run / "run.mcap", plan.seq)
-    return Replayed(
-        plan, verdict.seq, recording, compare(trajectory, first, plan_track(recording, verdict.seq))
-    )
+    again = plan_track(recording, verdict.seq)
+    return Replayed(plan, verdict.seq, recording, _against_first(plan, settings, trajectory, again))
 
 
-def compare(trajectory: Trajectory, first: JointTrack, again: JointTrack) -> Comparison:
+def _step(link: ExecutorLink, seq: int, settings: ReplaySettings) -> None:
+    """Pause on the path, ask, go on; the last pause is skipped when the plan ends before it."""
+    due = settings.step_s
+    while True:
+        status = link.status()
+        if status.plan_seq != seq or status.state not in (ExecutorState.RUN, ExecutorState.PAUSED):
+            return
+        if status.state == ExecutorState.RUN and status.plan_t >= due:
+            link.pause()
+            due = status.plan_t + settings.step_s
+            if settings.next_step(status.plan_t):
+                link.resume()
+            else:
+                link.stop()
+                return
+        time.sleep(0.005)
+
+
+def _against_first(
+    plan: Replayable, settings: ReplaySettings, sent: Trajectory, again: JointTrack
+) -> Comparison:
+    if plan.first is None or settings.step_s > 0:
+        q_sent = sent.sample(again.t)[0]
+        return Comparison(again.t, q_sent, q_sent, again.q)
+    mapped = path_time(again.t, settings.t_start, settings.speed, plan.trajectory.duration_s)
+    return compare(plan.trajectory, plan.first, _on(again, mapped))
+
+
+@dataclass(frozen=True, eq=False)
+class _Mapped:
+    t: np.ndarray
+    q: np.ndarray
+
+
+def _on(track: JointTrack, t: np.ndarray) -> _Mapped:
+    keep = np.concatenate([[True], np.diff(t) > 0])
+    return _Mapped(t[keep], track.q[keep])
+
+
+def compare(trajectory: Trajectory, first: JointTrack, again: JointTrack | _Mapped) -> Comparison:
     """Both tracks at the first one's times, as far as both go.
 
     Raises:
@@ -123,14 +202,32 @@ def compare(trajectory: Trajectory, first: JointTrack, again: JointTrack) -> Com
     return Comparison(t, trajectory.sample(t)[0], first.q[inside], q_again)
 
 
+def repeatability(replays: Sequence[Replayed], names: tuple[str, ...]) -> Repeatability:
+    """The spread of several replays of one plan.
+
+    Raises:
+        RecordingError: Fewer than two.
+    """
+    if len(replays) < 2:
+        raise RecordingError(f"{len(replays)} replay says nothing about repeatability; use --loop 2 or more")
+    end = min(r.comparison.t[-1] for r in replays)
+    begin = max(r.comparison.t[0] for r in replays)
+    t = np.arange(begin, end, 0.005)
+    q = [
+        np.column_stack([np.interp(t, r.comparison.t, column) for column in r.comparison.q_again.T])
+        for r in replays
+    ]
+    return Repeatability(t, np.array(q), names)
+
+
 def _bridge(
-    link: ExecutorLink, arm: ArmModel, plan: RecordedPlan, obstacles: Sequence[Obstacle]
+    link: ExecutorLink, arm: ArmModel, q_start: np.ndarray, obstacles: Sequence[Obstacle]
 ) -> Trajectory | None:
     q_now = link.status().q_ref
-    if np.abs(q_now - plan.q[0]).max() < AT_START_RAD:
+    if np.abs(q_now - q_start).max() < AT_START_RAD:
         return None
     checker = CollisionChecker(arm, [table_obstacle(), *obstacles])
     path = plan_joint_motion(
-        checker, q_now, plan.q[0], np.random.default_rng(0), what="way to the plan's start"
+        checker, q_now, q_start, np.random.default_rng(0), what="way to the plan's start"
     )
     return time_law(path, arm.arm, TimeLawSettings(speed=TRAVEL_SPEED))

@@ -20,6 +20,13 @@ class BodyMesh:
     vertices: np.ndarray
     faces: np.ndarray
 
+    def inflated(self, by_m: float) -> np.ndarray:
+        """Vertices moved outwards along their normals [m], shape (n, 3)."""
+        if by_m == 0.0 or not len(self.vertices):
+            return self.vertices
+        mesh = trimesh.Trimesh(self.vertices, self.faces, process=False)
+        return (self.vertices + by_m * mesh.vertex_normals).astype(np.float32)
+
 
 class ArmShapes:
     """Meshes and forward kinematics of one arm. Not thread-safe: it owns one Pinocchio workspace."""

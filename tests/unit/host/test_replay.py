@@ -3,12 +3,16 @@
 import numpy as np
 import pytest
 
-from s2r_host.errors import RecordingError
+from s2r_host.errors import RecordingError, TargetError
 from s2r_host.recording import JOINT_STATE, STATE, JointTrack, RunRecorder, plan_track, stamp
 from s2r_host.replay.overlay import write_overlay
-from s2r_host.replay.replay import Replayed, compare, pick_plan
+from s2r_host.replay.pace import from_time, path_time, slowed
+from s2r_host.replay.replay import Replayed, compare, repeatability
+from s2r_host.replay.sources import Replayable, pick, read_source, trajectory_of_message
 from s2r_host.trajectory import Trajectory
+from s2r_protocol.arms import load_arm
 
+ARM = load_arm("xmate3pro")
 NAMES = tuple(f"joint{i}" for i in range(1, 8))
 
 
@@ -48,12 +52,12 @@ def run(tmp_path, trajectory):
 
 
 def test_default_is_the_first_planned_manipulation(run):
-    assert pick_plan(run, None).label == "manipulation 1"
+    assert pick(read_source(run, ARM), None, run).label == "manipulation 1"
 
 
 def test_unknown_number_lists_the_known_ones(run):
     with pytest.raises(RecordingError, match=r"no plan 9; it has 1 \(push 1\), 2 \(manipulation 1\), 3"):
-        pick_plan(run, 9)
+        pick(read_source(run, ARM), 9, run)
 
 
 def test_track_of_a_plan_leaves_out_the_others(run, trajectory):
@@ -87,9 +91,107 @@ def test_recordings_of_different_length_are_compared_where_both_exist(trajectory
 
 def test_overlay_is_written_as_picture_and_offline_page(run, trajectory):
     found = compare(trajectory, track(trajectory), track(trajectory, delay_s=0.01))
-    path = write_overlay(Replayed(pick_plan(run, None), 12, b"", found), NAMES, run, run / "replay")
+    path = write_overlay(
+        Replayed(pick(read_source(run, ARM), None, run), 12, b"", found), NAMES, run, run / "replay"
+    )
     text = path.read_text()
     assert (run / "replay" / "overlay.png").stat().st_size > 10_000
     assert "RMS" in text
     assert "http" not in text.replace("http://www.w3.org", "")
     assert "<script" not in text
+
+
+def test_a_slowed_plan_takes_longer_on_the_same_path(trajectory):
+    slow = slowed(trajectory, 0.25)
+    assert slow.duration_s == pytest.approx(4.0)
+    np.testing.assert_allclose(slow.sample(2.0)[0], trajectory.sample(0.5)[0], atol=1e-12)
+    with pytest.raises(TargetError, match=r"1\.5 is outside \(0, 1\]"):
+        slowed(trajectory, 1.5)
+
+
+@pytest.mark.parametrize("t_start", [0.2, 0.5, 0.9])
+def test_a_plan_begun_in_the_middle_starts_at_rest_and_stays_on_the_path(trajectory, t_start):
+    rest = from_time(trajectory, t_start)
+    np.testing.assert_allclose(rest.q[0], trajectory.sample(t_start)[0], atol=1e-12)
+    assert np.abs(rest.dq[0]).max() == 0.0
+    assert np.abs(rest.ddq[0]).max() < 1e-12
+    t = np.linspace(0.0, rest.duration_s, 300)
+    on_path = trajectory.sample(path_time(t, t_start, 1.0, trajectory.duration_s))[0]
+    np.testing.assert_allclose(rest.sample(t)[0], on_path, atol=1e-6)
+    np.testing.assert_allclose(rest.q[-1], trajectory.q[-1], atol=1e-12)
+    with pytest.raises(TargetError, match="outside the plan"):
+        from_time(trajectory, 1.0)
+
+
+def test_repeatability_is_the_spread_about_the_mean(run, trajectory):
+    plan = pick(read_source(run, ARM), None, run)
+    shifts = (-1e-3, 0.0, 1e-3)
+    done = [
+        Replayed(plan, 1, b"", compare(trajectory, track(trajectory), track(trajectory, offset=s)))
+        for s in shifts
+    ]
+    found = repeatability(done, NAMES)
+    np.testing.assert_allclose(found.sigma_rad, 1e-3)
+    np.testing.assert_allclose(found.range_rad, 2e-3)
+    with pytest.raises(RecordingError, match="--loop 2"):
+        repeatability(done[:1], NAMES)
+
+
+def message(trajectory, names=NAMES, velocities=True):
+    points = [
+        {
+            "positions": trajectory.q[i],
+            "velocities": trajectory.dq[i] if velocities else [],
+            "accelerations": [],
+            "time_from_start": stamp(round(trajectory.t[i] * 1e9)),
+        }
+        for i in range(len(trajectory.t))
+    ]
+    return {"header": {"frame_id": ""}, "joint_names": list(names), "points": points}
+
+
+def test_a_foreign_trajectory_is_read_by_joint_name(trajectory):
+    shuffled = (*NAMES[3:], *NAMES[:3])
+    found = trajectory_of_message(message(trajectory, shuffled), ARM)
+    np.testing.assert_allclose(found.q[:, 0], trajectory.q[:, 4])
+    assert np.abs(found.ddq[-1]).max() == 0.0
+
+
+def test_way_points_without_velocities_get_a_time_law_within_limits(trajectory):
+    found = trajectory_of_message(message(trajectory, velocities=False), ARM)
+    speed = np.abs(found.sample(np.linspace(0, found.duration_s, 400))[1]).max(axis=0)
+    assert (speed <= ARM.limits.dq_max).all()
+    np.testing.assert_allclose(found.q[-1], trajectory.q[-1], atol=1e-6)
+
+
+def test_a_foreign_trajectory_that_cannot_be_meant_is_refused_by_name(trajectory):
+    with pytest.raises(RecordingError, match="is of joints elbow"):
+        trajectory_of_message(message(trajectory, ("elbow", *NAMES[1:])), ARM)
+    backwards = message(trajectory)
+    backwards["points"][3]["time_from_start"] = stamp(0)
+    with pytest.raises(RecordingError, match="do not rise"):
+        trajectory_of_message(backwards, ARM)
+    short = message(trajectory)
+    short["points"][2]["positions"] = [0.0]
+    with pytest.raises(RecordingError, match="point 2 has 1 positions"):
+        trajectory_of_message(short, ARM)
+
+
+def test_an_executors_own_recording_is_a_source_without_a_run_folder(tmp_path, trajectory):
+    path = tmp_path / "plan.mcap"
+    with RunRecorder(path, "/lab/xmate3pro", NAMES) as recorder:
+        for k in range(0, 1001):
+            t_ns = 10_000_000_000 + k * 1_000_000
+            q, dq, _ = trajectory.sample(k * 1e-3)
+            header = {"stamp": stamp(t_ns)}
+            for topic in ("joint_states", "joint_commands"):
+                body = {"header": header, "name": NAMES, "position": q, "velocity": dq}
+                recorder._put(topic, JOINT_STATE, body, t_ns)
+            recorder._put(
+                "executor_state", STATE, {"header": header, "plan_seq": 4, "plan_t": k * 1e-3}, t_ns
+            )
+    (only,) = read_source(path, ARM)
+    t = np.linspace(0, 1, 50)
+    np.testing.assert_allclose(only.trajectory.sample(t)[0], trajectory.sample(t)[0], atol=2e-4)
+    assert isinstance(only, Replayable)
+    assert only.first is not None

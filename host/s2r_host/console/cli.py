@@ -1,0 +1,94 @@
+"""``s2r console``: the operator's page."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import threading
+from pathlib import Path
+
+import click
+
+from s2r_protocol.cli.options import tls_option
+
+DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
+DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
+
+
+@click.command()
+@click.option(
+    "--executor", default=DEFAULT_EXECUTOR, show_default=True, help="Zenoh endpoint of the executor."
+)
+@click.option("--camera", default=DEFAULT_CAMERA, show_default=True, help="Zenoh endpoint of the camera.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on; beyond loopback needs a token.",
+)
+@click.option(
+    "--port", default=7450, show_default=True, type=click.IntRange(0, 65535), help="Port; 0 takes a free one."
+)
+@click.option(
+    "--token-file",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="File with the token browsers must show, at least 16 characters.",
+)
+@click.option("--view-only", is_flag=True, help="Never take the lease; STOP still works.")
+@click.option(
+    "--runs",
+    "runs_root",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("runs"),
+    show_default=True,
+    help="Folder with run folders.",
+)
+@click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
+@click.option("--cell", default="lab", show_default=True)
+@tls_option
+@click.option(
+    "--ready-file", type=click.Path(dir_okay=False, path_type=Path), help="Written when ready: the address."
+)
+def console(
+    executor: str,
+    camera: str,
+    host: str,
+    port: int,
+    token_file: Path | None,
+    view_only: bool,
+    runs_root: Path,
+    arm: str,
+    cell: str,
+    tls: Path | None,
+    ready_file: Path | None,
+) -> None:
+    """Show one arm in the browser: what it does, why it does not, its runs; and stop it.
+
+    Without control the page only views, and STOP works always. It is a software stop, not an emergency stop.
+    """
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    from s2r_host.console.gate import Address, Gate
+
+    token = token_file.read_text(encoding="utf-8").strip() if token_file is not None else ""
+    address = Address(host, port, token)
+    from s2r_host.console.app import Console
+    from s2r_protocol.arms import load_arm
+    from s2r_protocol.keys import ArmKeys
+
+    description = load_arm(arm)
+    ended = threading.Event()
+    before = {n: signal.signal(n, lambda *_: ended.set()) for n in (signal.SIGINT, signal.SIGTERM)}
+    page = Console(description, ArmKeys(cell, description.name), executor, camera, runs_root, tls, view_only)
+    try:
+        with Gate(address, page.port) as gate:
+            page.start()
+            shown = "127.0.0.1" if host in ("0.0.0.0", "::") else host
+            url = f"http://{f'[{shown}]' if ':' in shown else shown}:{gate.port}/"
+            click.echo(f"s2r console: {url}{'?token=…' if token else ''}")
+            if ready_file is not None:
+                ready_file.write_text(url + "\n", encoding="utf-8")
+            ended.wait()
+    finally:
+        page.close()
+        for number, handler in before.items():
+            signal.signal(number, handler)

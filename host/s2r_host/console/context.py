@@ -1,0 +1,73 @@
+"""What every screen of the console may use."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import viser
+
+from s2r_host.console.feed import Feed
+from s2r_host.console.jobs import Jobs
+from s2r_host.console.operator import Operator
+from s2r_host.console.playback import Playback
+from s2r_host.console.run_index import RunIndex
+from s2r_host.console.scene import CellScene
+from s2r_protocol.arms import ArmDescription
+from s2r_protocol.exits import S2RError
+
+logger = logging.getLogger(__name__)
+
+Event = viser.GuiEvent
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """The parts of one console, shared by its screens."""
+
+    server: viser.ViserServer
+    arm: ArmDescription
+    feed: Feed
+    operator: Operator
+    scene: CellScene
+    playback: Playback
+    runs: RunIndex
+    jobs: Jobs
+    endpoint: str
+    camera: str
+    runs_root: Path
+
+    def tell(self, event: Event, title: str, text: str, color: str = "blue") -> None:
+        """Show a notification in the browser an event came from."""
+        if event.client is not None:
+            event.client.add_notification(title, text, auto_close_seconds=8.0, color=color)  # type: ignore[arg-type]
+
+    def on_click(self, button: viser.GuiButtonHandle, act: Callable[[Event], str | None]) -> None:
+        """Attach an action: what it returns is told, what it raises is told in red; a bug is logged as well."""
+        button.on_click(self.guarded(button.label, act))
+
+    def guarded(self, what: str, act: Callable[[Event], str | None]) -> Callable[[Event], None]:
+        """The action with its outcome shown to whoever asked for it."""
+
+        @functools.wraps(act)
+        def run(event: Event) -> None:
+            try:
+                said = act(event)
+            except S2RError as error:
+                self.tell(event, f"{what}: not done", str(error), "red")
+            except Exception as error:
+                logger.exception("'%s' failed", what)
+                self.tell(event, f"{what}: a bug", f"{type(error).__name__}: {error}", "red")
+            else:
+                if said:
+                    self.tell(event, what, said, "green")
+
+        return run
+
+
+def browser_of(event: Event) -> int:
+    """Number of the browser an event came from; -1 is nobody's."""
+    return -1 if event.client_id is None else event.client_id

@@ -1,0 +1,127 @@
+"""The history of runs: an sqlite index of run folders, brought up to date by looking for ``run.json`` files."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sqlite3
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+logger = logging.getLogger(__name__)
+
+DEPTH = 3
+INDEX_NAME = "index.sqlite"
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS runs (
+    folder TEXT PRIMARY KEY, mtime REAL, ended REAL, task TEXT, arm TEXT, target REAL, delta REAL,
+    code INTEGER, outcome TEXT, reason TEXT, plans INTEGER, wall_s REAL, seed INTEGER, arguments TEXT
+)
+"""
+
+
+@dataclass(frozen=True)
+class RunEntry:
+    """One run. ``target`` and ``delta`` [m, rad] are None if it did not get that far; ``ended`` is Unix time."""
+
+    folder: Path
+    ended: float
+    task: str
+    arm: str
+    target: float | None
+    delta: float | None
+    code: int
+    outcome: str
+    reason: str
+    plans: int
+    wall_s: float
+    seed: int
+    arguments: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Shown in lists: the folder's name, with its parent's where it is called "run"."""
+        return self.folder.name if self.folder.name != "run" else f"{self.folder.parent.name}/run"
+
+
+class RunIndex:
+    """All runs below one folder."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        root.mkdir(parents=True, exist_ok=True)
+        self._database = sqlite3.connect(root / INDEX_NAME, check_same_thread=False)
+        self._database.execute(_SCHEMA)
+
+    def refresh(self) -> int:
+        """Read what is new or changed, forget what has gone; how many rows changed."""
+        known = dict(self._database.execute("SELECT folder, mtime FROM runs"))
+        present = {str(path.parent): path for path in _run_files(self.root)}
+        gone = [(folder,) for folder in known if folder not in present]
+        self._database.executemany("DELETE FROM runs WHERE folder = ?", gone)
+        changed = 0
+        for folder, path in present.items():
+            mtime = path.stat().st_mtime
+            if known.get(folder) == mtime:
+                continue
+            row = _row(path, mtime)
+            if row is not None:
+                changed += 1
+                self._database.execute(f"REPLACE INTO runs VALUES ({','.join('?' * len(row))})", row)
+        self._database.commit()
+        return changed + len(gone)
+
+    def find(self, words: str = "", limit: int = 200) -> list[RunEntry]:
+        """Runs in which every word occurs (folder, task, arm, outcome or reason), newest first."""
+        query, values = "SELECT * FROM runs", []
+        clauses = []
+        for word in words.split():
+            clauses.append("(folder || ' ' || task || ' ' || arm || ' ' || outcome || ' ' || reason) LIKE ?")
+            values.append(f"%{word}%")
+        if clauses:
+            query += " WHERE " + " AND ".join(clauses)
+        rows = self._database.execute(f"{query} ORDER BY ended DESC LIMIT ?", [*values, limit]).fetchall()
+        return [_entry(row) for row in rows]
+
+    def close(self) -> None:
+        """Close the database."""
+        self._database.close()
+
+
+def _run_files(root: Path) -> list[Path]:
+    patterns = ["/".join(["*"] * depth + ["run.json"]) for depth in range(1, DEPTH + 1)]
+    return [path for pattern in patterns for path in root.glob(pattern)]
+
+
+def _row(path: Path, mtime: float) -> tuple[Any, ...] | None:
+    try:
+        run = json.loads(path.read_text())
+        settings = run["inputs"]["settings"]
+        return (
+            str(path.parent),
+            mtime,
+            mtime,
+            str(run["task"]),
+            str(run["arm"]["name"]),
+            run["s_target"],
+            run["delta"],
+            int(run["exit"]["code"]),
+            str(run["exit"]["name"]),
+            str(run["exit"]["reason"]),
+            len(run["verdicts"]),
+            float(run["wall_s"]),
+            int(settings["seed"]),
+            json.dumps(run["inputs"]["arguments"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        logger.warning("%s is left out of the index: %s: %s", path, type(error).__name__, error)
+        return None
+
+
+def _entry(row: tuple[Any, ...]) -> RunEntry:
+    folder, _, ended, task, arm, target, delta, code, outcome, reason, plans, wall_s, seed, arguments = row
+    return RunEntry(
+        Path(folder), ended, task, arm, target, delta, code, outcome, reason, plans, wall_s, seed,
+        tuple(json.loads(arguments)),
+    )  # fmt: skip

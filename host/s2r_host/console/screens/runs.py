@@ -1,0 +1,211 @@
+"""Screen Runs: the history, found by words; open one, replay it on the stand-in, run it again."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import viser
+
+from s2r_host.console import markup as ui
+from s2r_host.console.context import Context, Event, browser_of
+from s2r_host.console.live_run import sight_of
+from s2r_host.console.playback import packed
+from s2r_host.console.run_index import RunEntry
+from s2r_host.console.scene import Axis
+from s2r_host.errors import RecordingError
+from s2r_host.log.tables import read_recording
+from s2r_protocol.exits import RefusedError
+
+_NONE = "no run"
+_SHOWN = 12
+
+
+class RunsScreen:
+    """The list is read from the index when the screen is refreshed."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        gui = context.server.gui
+        self._filter = gui.add_text("filter", initial_value="", hint="Words of folder, outcome or reason.")
+        self._list = gui.add_html("")
+        self.choice = gui.add_dropdown("run", (_NONE,), initial_value=_NONE)
+        self._details = gui.add_html("")
+        open_ = gui.add_button("Open in 3D", icon=viser.Icon.PLAYER_PLAY)
+        self._time = gui.add_slider("time [s]", min=0.0, max=1.0, step=0.01, initial_value=0.0, visible=False)
+        self._live = gui.add_button(
+            "Back to the live arm", icon=viser.Icon.BROADCAST, color="gray", visible=False
+        )
+        replay = gui.add_button("Replay on the stand-in", icon=viser.Icon.REPEAT, color="gray")
+        again = gui.add_button(
+            "Run again on this arm",
+            icon=viser.Icon.ROCKET,
+            color="orange",
+            disabled=context.operator.view_only,
+        )
+        cancel = gui.add_button("Cancel the job", icon=viser.Icon.X, color="gray")
+        self._job = gui.add_html("")
+        self._filter.on_update(lambda _: self.refresh_list())
+        self.choice.on_update(lambda _: self._show_details())
+        self._time.on_update(lambda _: context.playback.seek(float(self._time.value)))
+        context.on_click(open_, self._open)
+        context.on_click(self._live, self._back)
+        context.on_click(replay, self._replay)
+        context.on_click(again, self._again)
+        context.on_click(cancel, self._cancel)
+        self._entries: dict[str, RunEntry] = {}
+        self.refresh_list()
+
+    def refresh_list(self) -> None:
+        """Look for runs and show those that match the filter."""
+        self._context.runs.refresh()
+        found = self._context.runs.find(self._filter.value)
+        self._entries = {entry.name: entry for entry in reversed(found)}
+        names = tuple(entry.name for entry in found) or (_NONE,)
+        if self.choice.options != names:
+            chosen = self.choice.value
+            self.choice.options = names
+            if chosen in names:
+                self.choice.value = chosen
+        rows = [
+            (_ago(e.ended), e.name, _mm(e.target), _mm(e.delta), e.outcome.lower()) for e in found[:_SHOWN]
+        ]
+        header = ("ended", "run", "target", "δ", "outcome")
+        content = ui.block(
+            ui.table(header, rows, "56px 1fr 82px 72px 84px")
+            if rows
+            else ui.line(f"no runs below {self._context.runs_root}")
+        )
+        if self._list.content != content:
+            self._list.content = content
+            self._show_details()
+
+    def refresh_job(self) -> None:
+        """The end of the job's output."""
+        jobs = self._context.jobs
+        lines = "\n".join(jobs.lines[-14:])
+        state = "running" if jobs.running else "last job"
+        content = ui.block(ui.heading(f"{state}: {jobs.title}"), _preformatted(lines)) if lines else ""
+        if self._job.content != content:
+            self._job.content = content
+
+    def entry(self) -> RunEntry:
+        """The chosen run.
+
+        Raises:
+            RefusedError: There is none.
+        """
+        found = self._entries.get(str(self.choice.value))
+        if found is None:
+            raise RefusedError("no run is chosen")
+        return found
+
+    def _show_details(self) -> None:
+        found = self._entries.get(str(self.choice.value))
+        if found is None:
+            self._details.content = ""
+            return
+        rows = [
+            ("outcome", f"exit {found.code} {found.outcome.lower()}"),
+            ("reason", found.reason),
+            ("arm, seed", f"{found.arm}, {found.seed}"),
+            ("plans", f"{found.plans} in {found.wall_s:.0f} s"),
+            ("report", str(found.folder / "report.html")),
+        ]
+        self._details.content = ui.block(ui.facts(rows))
+
+    def _open(self, event: Event) -> str:
+        entry = self.entry()
+        recording = read_recording(entry.folder / "run.mcap")
+        try:
+            reference = recording.joints("joint_commands")
+        except RecordingError:
+            reference = None
+        opened = packed(recording.joints(), reference, entry.name)
+        sight = sight_of(entry.folder / "run.mcap")
+        if sight.cloud is not None:
+            self._context.scene.show_cloud(sight.cloud, sight.colours)
+        if sight.axis is not None:
+            self._context.scene.show_axis(Axis(*sight.axis))
+        self._time.max = max(float(opened.t[-1]), 0.02)
+        self._time.value = 0.0
+        self._time.visible = self._live.visible = True
+        self._context.playback.open(opened)
+        return f"{entry.name}: {opened.t[-1]:.1f} s of motion; move the time slider"
+
+    def show_at(self, t: float) -> None:
+        """Move the slider of the opened run [s]."""
+        self._time.value = min(max(t, 0.0), float(self._time.max))
+        self._context.playback.seek(float(self._time.value))
+
+    def _back(self, event: Event) -> None:
+        self._context.playback.open(None)
+        self._time.visible = self._live.visible = False
+
+    def _replay(self, event: Event) -> str:
+        entry = self.entry()
+        out = entry.folder / f"replay-console-{time.strftime('%H%M%S')}"
+        self._context.jobs.start(
+            f"replay of {entry.name} on the stand-in", ["replay", str(entry.folder), "--out", str(out)]
+        )
+        return "A stand-in and an executor of its own start; the live arm is not touched."
+
+    def _again(self, event: Event) -> str:
+        """The same command with a new folder, on this console's executor and camera."""
+        browser = browser_of(event)
+        self._context.operator.require(browser)
+        entry = self.entry()
+        out = self._context.runs_root / time.strftime("again-%Y%m%d-%H%M%S")
+        arguments = again(entry.arguments, out, self._context.endpoint, self._context.camera)
+        self._context.operator.lend_lease(browser)  # the run takes the lease itself
+        self._context.jobs.start(f"{entry.name} again", arguments)
+        return f"The run writes to {out}; STOP ends its motion."
+
+    def _cancel(self, event: Event) -> str:
+        self._context.operator.require(browser_of(event)) if self._context.jobs.title.endswith(
+            "again"
+        ) else None
+        self._context.jobs.cancel()
+        return "asked to end, as by Ctrl-C"
+
+
+def again(arguments: tuple[str, ...], out: Path, executor: str, camera: str) -> list[str]:
+    """A run's command line with other places.
+
+    Raises:
+        RefusedError: It was not an ``s2r run``.
+    """
+    if not arguments or arguments[0] != "run":
+        raise RefusedError(
+            f"only 's2r run' can be repeated, this was: s2r {' '.join(arguments) or '(unknown)'}"
+        )
+    kept, skip = [], False
+    for word in arguments:
+        if skip:
+            skip = False
+        elif word in ("--out", "--executor", "--camera"):
+            skip = True
+        elif not word.startswith(("--out=", "--executor=", "--camera=")):
+            kept.append(word)
+    return [*kept, "--out", str(out), "--executor", executor, "--camera", camera]
+
+
+def _preformatted(text: str) -> str:
+    from html import escape
+
+    return (
+        '<pre style="font-size:11.5px;white-space:pre-wrap;overflow-wrap:anywhere;background:#f4f6f8;'
+        f'border-radius:6px;padding:8px;margin:4px 0">{escape(text)}</pre>'
+    )
+
+
+def _mm(value: float | None) -> str:
+    return "–" if value is None else f"{1e3 * value:+.1f} mm"
+
+
+def _ago(unix_s: float) -> str:
+    seconds = max(0.0, time.time() - unix_s)
+    for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
+        if seconds >= length:
+            return f"{seconds / length:.0f} {unit}"
+    return "now"

@@ -1,0 +1,175 @@
+"""Where plans to replay come from: a run, an executor's recording, or anybody's recording of a trajectory.
+
+Whatever the file says goes through the same admission as any plan; here it is only read and brought into knots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_host.errors import RecordingError
+from s2r_host.log.segments import inside, segments
+from s2r_host.log.tables import TRAJECTORY, Recording, read_recording
+from s2r_host.recording import JointTrack
+from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
+from s2r_protocol.arms import ArmDescription
+
+KNOT_S = 0.02
+DEFAULT_LABEL = "manipulation"
+_WAYPOINT_SPEED = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Replayable:
+    """A plan to replay.
+
+    Attributes:
+        number: Counts the plans of the source from 1.
+        label: E.g. "push 1".
+        trajectory: Knots.
+        first: Its first execution, None when the source holds none.
+    """
+
+    number: int
+    label: str
+    trajectory: Trajectory
+    first: JointTrack | None
+
+
+def read_source(path: Path, arm: ArmDescription) -> list[Replayable]:
+    """All plans of a run folder or recording.
+
+    Raises:
+        RecordingError: It holds none, or of another arm.
+    """
+    file = path / "run.mcap" if path.is_dir() else path
+    recording = read_recording(file)
+    if recording.damage.any:
+        raise RecordingError(
+            f"{file} is damaged ({recording.damage.reason}); mend it with 's2r log recover {file}'"
+        )
+    topics = recording.of_type(TRAJECTORY)
+    if topics:
+        found = _from_trajectories(recording, arm)
+    else:
+        found = _from_references(recording, arm)
+    if not found:
+        raise RecordingError(f"{file} holds no plan; was the run stopped before the first motion?")
+    return found
+
+
+def pick(plans: list[Replayable], number: int | None, who: Path) -> Replayable:
+    """A plan by its number; by default the first planned manipulation, else the last plan.
+
+    Raises:
+        RecordingError: There is no such number.
+    """
+    if number is None:
+        named = [plan for plan in plans if plan.label.startswith(DEFAULT_LABEL)]
+        return named[0] if named else plans[-1]
+    for plan in plans:
+        if plan.number == number:
+            return plan
+    known = ", ".join(f"{plan.number} ({plan.label})" for plan in plans)
+    raise RecordingError(f"{who} has no plan {number}; it has {known}")
+
+
+def _from_trajectories(recording: Recording, arm: ArmDescription) -> list[Replayable]:
+    ran = segments(recording)
+    found = []
+    for topic in recording.of_type(TRAJECTORY):
+        for body in recording.bodies(topic):
+            number = len(found) + 1
+            trajectory = trajectory_of_message(body, arm)
+            label = ran[number - 1].label if number <= len(ran) else body["header"]["frame_id"]
+            first = _track(recording, ran[number - 1].seq) if number <= len(ran) else None
+            found.append(Replayable(number, label or f"trajectory {number}", trajectory, first))
+    return found
+
+
+def _track(recording: Recording, seq: int) -> JointTrack | None:
+    from s2r_host.recording import plan_track
+
+    try:
+        return plan_track(recording.path, seq)
+    except RecordingError:
+        return None
+
+
+def _from_references(recording: Recording, arm: ArmDescription) -> list[Replayable]:
+    """The executor's own recordings: knots from the references it played."""
+    joints = recording.joints("joint_commands")
+    order = _order(joints.names, arm)
+    found = []
+    for number, segment in enumerate(segments(recording), start=1):
+        keep = np.nonzero(inside(joints.stamp_ns, segment))[0]
+        t_all = (joints.stamp_ns[keep] - joints.stamp_ns[keep[0]]) * 1e-9
+        moving = np.nonzero(np.abs(joints.dq[keep]).max(axis=1) > 0)[0]
+        if len(moving) < 2:
+            continue
+        end_s = float(t_all[min(int(moving[-1]) + 1, len(t_all) - 1)])
+        t = np.arange(0.0, end_s + KNOT_S, KNOT_S)
+        q = _sampled(t, t_all, joints.q[keep][:, order])
+        dq = _sampled(t, t_all, joints.dq[keep][:, order])
+        dq[0] = dq[-1] = 0.0
+        ddq = np.gradient(dq, t, axis=0)
+        ddq[0] = ddq[-1] = 0.0
+        first = _track(recording, segment.seq)
+        found.append(Replayable(number, segment.label, Trajectory(t, q, dq, ddq), first))
+    return found
+
+
+def _sampled(t: np.ndarray, t_have: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.interp(t, t_have, column) for column in values.T])
+
+
+def _order(names: tuple[str, ...] | list[str], arm: ArmDescription) -> list[int]:
+    if sorted(names) != sorted(arm.joint_names):
+        raise RecordingError(
+            f"the trajectory is of joints {', '.join(names)}; {arm.name} has {', '.join(arm.joint_names)}"
+        )
+    return [list(names).index(name) for name in arm.joint_names]
+
+
+def trajectory_of_message(body: Mapping[str, Any], arm: ArmDescription) -> Trajectory:
+    """A ``trajectory_msgs/JointTrajectory`` as knots, joints brought into the arm's order by name.
+
+    Without velocities the positions are way-points and get a time law of ours. Without accelerations these are the
+    differences of the velocities; admission judges what comes of it.
+
+    Raises:
+        RecordingError: Other joints, fewer than two points, or arrays that do not fit.
+        TrajectoryError: Way-points that cannot be timed.
+    """
+    order = _order(body["joint_names"], arm)
+    points = body["points"]
+    if len(points) < 2:
+        raise RecordingError(f"the trajectory has {len(points)} points, needs at least 2")
+    q = _column(points, "positions", arm)[:, order]
+    if not len(points[0]["velocities"]):
+        return time_law(q, arm, TimeLawSettings(speed=_WAYPOINT_SPEED))
+    stamps = [p["time_from_start"] for p in points]
+    t = np.array([s["sec"] + 1e-9 * s["nanosec"] for s in stamps], float)
+    if (np.diff(t) <= 0).any():
+        raise RecordingError(
+            "the trajectory's times do not rise; time_from_start must grow from point to point"
+        )
+    dq = _column(points, "velocities", arm)[:, order]
+    has_ddq = len(points[0]["accelerations"]) > 0
+    ddq = _column(points, "accelerations", arm)[:, order] if has_ddq else np.gradient(dq, t, axis=0)
+    if not has_ddq:
+        ddq[0] = ddq[-1] = 0.0
+    return Trajectory(t - t[0], q, dq, ddq)
+
+
+def _column(points: list[Mapping[str, Any]], name: str, arm: ArmDescription) -> np.ndarray:
+    rows = [np.asarray(point[name], float) for point in points]
+    bad = next((i for i, row in enumerate(rows) if len(row) != arm.dof), None)
+    if bad is not None:
+        raise RecordingError(f"point {bad} has {len(rows[bad])} {name}, {arm.name} has {arm.dof} joints")
+    return np.array(rows)
