@@ -41,6 +41,7 @@ COMMANDS: dict[str, Command] = {
     "build-model": Command(
         "s2r_host.model.cli:build_model", "host", "Two depth views in, a physics model (URDF, MJCF) out."
     ),
+    "console": Command("s2r_host.console.cli:console", "host,console", "The operator's page: see, stop, replay."),
     "replay": Command(
         "s2r_host.cli_replay:replay", "host", "Send a recorded plan again and overlay both recordings."
     ),
@@ -49,5 +50,6 @@ COMMANDS: dict[str, Command] = {
     "conceal": Command(
         "s2r_conceal.cli:conceal", "host,sim", "Recordings with hidden physics, to prove what a tool finds."
     ),
+    "bench": Command("s2r_host.cli_bench:bench", "host", "Measure the planner against others on this machine."),
     "stop": Command("s2r_host.cli_stop:stop", "", "Stop the arm on its path, from any terminal."),
 }
