@@ -26,6 +26,8 @@ BARE_SHARE = 0.5
 LINKS = f"{PREFIX}links"
 LINK_PRIOR = 10.0  # in units of the usual small error: masses within 30 %
 LEAST_GAIN = 12.0
+LEAST_LEVEL = 0.3
+EDGE_STEPS = 10.0
 ROUNDS = 3
 RICHER = ("stribeck", "presliding", "asymmetric_friction", "load_dependent_friction")
 BODY = ("mass", "inertia", "com_x", "com_y", "com_z")
@@ -86,6 +88,8 @@ def complete(search: Search) -> tuple[list[Term], list[list[Scored]]]:
         for name in ("coulomb_friction", "viscous_friction")
         if not search.effects[name].blocked(p.ctx, j)
     ] if {"coulomb_friction", "viscous_friction"} <= set(search.effects) else []  # fmt: skip
+    zeros = [Term(f"{PREFIX}effort@{p.ctx.model.joints[j]}", -1) for j in p.joints]
+    parts += [_Part(t, *_columns(search, t)) for t in zeros if t.effect in search.effects]
     members = [b for b in p.base if b.name in BODY]
     if members:
         search.effects[LINKS] = LinkGroup(members)
@@ -129,13 +133,15 @@ def _level(search: Search, parts: list[_Part]) -> np.ndarray:
         rows = np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in p.blocks if b.joint == j])
         mine = rows[fit[rows]]
         level = float(np.sqrt(np.mean(left[mine] ** 2))) if mine.size else 1.0
-        factor[rows] = 1.0 / max(level, 1.0)
+        factor[rows] = 1.0 / max(level, LEAST_LEVEL)
+        if p.floor_source != "repeat" and level < 1.0:  # the estimate held what these few parameters explain
+            p.floor[j] *= max(level, LEAST_LEVEL)
     p.y *= factor
     p.effort *= factor
     p.weight *= factor
     p.B *= factor[:, None]
     for d in p.drift:
-        d.column *= factor[d.block.rows]
+        d.columns *= factor[d.block.rows][:, None]
     search.forget()
     return factor
 
@@ -178,6 +184,13 @@ def _gains(search: Search, parts: list[_Part]) -> dict[tuple[str, int], float]:
         without[edges[k] : edges[k + 1]] = False
         found[part.term.key] = full - score(without)
     return found
+
+
+def _only_the_edge(ctx: Context, term: Term) -> bool:
+    """Presliding over a few encoder steps is Coulomb friction with a better edge."""
+    width = dict(term.shape).get("width")
+    least = max(float(s.q_lsb[term.joint]) for s in ctx.sessions)
+    return term.effect == "presliding" and width is not None and width < EDGE_STEPS * least
 
 
 def _held_share(search: Search, others: list[Term], term: Term) -> float:
@@ -223,7 +236,7 @@ def _richer(
             if effect is None or not effect.applies(p.ctx, term.joint) or effect.blocked(p.ctx, term.joint):
                 continue
             best = search.best_shape(key, base, fit, TEMPER, refine=True)
-            if best is None:
+            if best is None or _only_the_edge(p.ctx, best[1]):
                 continue
             score = best[0] + search._predict([*others, best[1]], TEMPER)[0]
             gain = slots[i][0].gain if slots[i][0].term == term else 0.0
