@@ -21,6 +21,7 @@ EXPLAINED_LEAST = 0.85
 EXPLAINED_GUESSED = 0.6
 SMALL_CHANGE = 0.6
 HEAT, CEILING = 0.01, 0.96
+MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out
 DRIFT_ODDS, DRIFT_COMMON, DRIFT_LEAST = 18.0, 0.7, 0.02
 OTHER_MACHINE = 0.4
 Z90 = 1.645
@@ -363,7 +364,7 @@ def parameter_table(problem: Problem, search: Search, solution: Solution, i: int
     table = {}
     for name, value in values.items():
         deviation, identifiable = _deviation(problem, search, solution, i, value)
-        half = Z90 * deviation
+        half = Z90 * float(np.hypot(deviation, MODEL_ERROR * value.value))
         table[name] = {
             "value": float(value.value),
             "unit": value.unit,

@@ -174,6 +174,7 @@ class _Plan:
         for joint, sense in self.twin.sensors.items():
             q[joint] += q[joint] - sense(q[joint])
         d.qpos[self.adr], d.qvel[self.dof] = q, s.v[start]
+        d.qvel[self.dof] /= self.slopes(q)
         self.runtimes = self.make()
         self.load = s.load[start].copy()
         self.now = float(s.t[start])
@@ -192,8 +193,18 @@ class _Plan:
             q[joint] = sense(float(q[joint]))
         return q
 
+    def slopes(self, q: np.ndarray) -> np.ndarray:
+        """Recorded over true speed of each joint, shape (joint,)."""
+        out = np.ones(len(q))
+        for joint, sense in self.twin.sensors.items():
+            x = float(q[joint])
+            out[joint] = (sense(x + 1e-4) - sense(x - 1e-4)) / 2e-4
+        return out
+
     def control(self, i: int) -> np.ndarray:
         q, v = self.measure(), self.data.qvel[self.dof]
+        if self.twin.sensors:
+            v = v * self.slopes(self.data.qpos[self.adr])
         for j, law in enumerate(self.laws):
             if law is None:
                 self.u[j] = self.u_rec[i, j]
