@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
+import mujoco.batch
 import numpy as np
 
 from s2r_host.planning.scene import GeomKind, Scene
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+_STATE_SPEC, _CONTROL = _STATE, int(mujoco.mjtState.mjSTATE_CTRL)
+_STATE_FIELDS = ("time", "qpos", "qvel", "act", "qacc_warmstart", "mocap_pos", "mocap_quat")
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,11 @@ class FineWorld:
         self.data.ctrl[: scene.dof] = q_initial
         self._tau_max = scene.arm.limits.tau_max
         self._kinds = scene.geom_kind
+        self._unused_controls = scene.fine.nu - scene.dof
+        self._batch = mujoco.batch.Batch(scene.fine, nsim=1, nthread=1)
+        self._rows = {
+            name: self._batch.bind(name) for name in _STATE_FIELDS if np.size(getattr(self.data, name))
+        }
         mujoco.mj_forward(scene.fine, self.data)
 
     @property
@@ -74,55 +82,73 @@ class FineWorld:
         return state
 
     def restore(self, state: np.ndarray) -> None:
-        """Go back to a saved state."""
+        """Go back to a saved state; positions follow, forces and contacts do not."""
         mujoco.mj_setState(self.scene.fine, self.data, state, _STATE)
+        mujoco.mj_kinematics(self.scene.fine, self.data)
 
     def play(self, control: np.ndarray) -> Report:
-        """Step once per row of ``control``, (substeps, dof): joint targets [rad] of the position servos."""
-        model, data, dof = self.scene.fine, self.data, self.scene.dof
-        contact: str | None = None
-        touched, worst, joint, press_N = False, 0.0, 0, 0.0
-        for row in control:
-            data.ctrl[:dof] = row
-            mujoco.mj_step(model, data)
-            if data.ncon:
-                touch, other = self._contacts()
-                touched |= touch
-                contact = contact or other
-                if touch:
-                    press_N = max(press_N, self._press())
-            share = np.abs(data.qfrc_actuator[:dof]) / self._tau_max
-            if share.max() > worst:
-                joint = int(share.argmax())
-                worst = float(share[joint])
-        return Report(contact, touched, worst, joint, press_N)
+        """Step once per row of ``control``, (substeps, dof): joint targets [rad] of the position servos.
+
+        Contacts are those of the states before each substep; the last state's are seen by the next call.
+        """
+        control = np.asarray(control, dtype=float)
+        record = self._stepped(control)
+        states, sensors = record[_STATE_SPEC][0], record["sensordata"][0]
+        report, row = self._report(sensors, record["qfrc_actuator"][0, :, : self.scene.dof])
+        if record["ncon"].size and row is not None:
+            report = replace(report, contact=self._name_contact(states, row))
+        self.restore(states[-1])
+        if not np.isfinite(states[-1]).all() or len(states) < len(control):
+            report = replace(report, contact=report.contact or "the fine model became unstable")
+        return report
+
+    def _stepped(self, control: np.ndarray) -> dict:
+        """Run the batch from the present state, one step per row; what it recorded, (1, substeps, ...) each."""
+        for name, row in self._rows.items():
+            row[0] = getattr(self.data, name)
+        if self._unused_controls:
+            control = np.concatenate([control, np.zeros((len(control), self._unused_controls))], axis=1)
+        return self._batch.rollout(
+            len(control),
+            np.ascontiguousarray(control)[None],
+            _CONTROL,
+            (_STATE_SPEC, "sensordata", "qfrc_actuator", "ncon"),
+        )
+
+    def _report(self, sensors: np.ndarray, torque: np.ndarray) -> tuple[Report, int | None]:
+        """What the sensors (substeps, n) and torques (substeps, dof) say, and the row of the first bad contact."""
+        at = self.scene.fine_contacts
+        robot, finger = sensors[:, at], sensors[:, at + 1 :].reshape(len(sensors), -1, 7)
+        touches = finger[..., 0].sum(axis=1)
+        bad = np.flatnonzero(robot > touches + 0.5)
+        share = np.abs(torque) / self._tau_max
+        worst = np.unravel_index(int(share.argmax()), share.shape)
+        touching = touches > 0.0
+        press_N = self._press(finger[touching]) if touching.any() else 0.0
+        report = Report(None, bool(touching.any()), float(share[worst]), int(worst[1]), press_N)
+        return report, int(bad[0]) if len(bad) else None
+
+    def _press(self, finger: np.ndarray) -> float:
+        """Largest force between fingertip and part across the part's motion [N], from sensors (n, fingers, 7)."""
+        force_N = finger[..., 1:4].sum(axis=1)
+        weight = finger[..., :1]
+        p_touch = (weight * finger[..., 4:7]).sum(axis=1) / weight.sum(axis=1)
+        motion = self.scene.part_motion(self.data, p_touch)
+        along = (force_N * motion).sum(axis=1, keepdims=True) * motion
+        return float(np.linalg.norm(force_N - along, axis=1).max())
+
+    def _name_contact(self, states: np.ndarray, row: int) -> str:
+        """Name the unexpected contact of the state before substep ``row``; leaves the present state behind."""
+        if row > 0:
+            self.restore(states[row - 1])
+        mujoco.mj_forward(self.scene.fine, self.data)
+        return self._contacts()[1] or f"contact of the robot at {self.data.time:.2f} s"
 
     def check_now(self) -> Report:
         """Contacts at the present state, without stepping."""
         mujoco.mj_forward(self.scene.fine, self.data)
         touch, other = self._contacts() if self.data.ncon else (False, None)
         return Report(other, touch)
-
-    def _press(self) -> float:
-        """Force between fingertip and part across the part's motion [N], now."""
-        model, data = self.scene.fine, self.data
-        total = np.zeros(3)
-        p_touch = np.zeros(3)
-        touching = 0
-        wrench = np.zeros(6)
-        for i, pair in enumerate(data.contact.geom):
-            first, second = self._kinds[pair]
-            if {int(first), int(second)} != {int(GeomKind.PART), int(GeomKind.FINGER)}:
-                continue
-            mujoco.mj_contactForce(model, data, i, wrench)
-            sign = 1.0 if second == GeomKind.PART else -1.0  # a contact's frame points from first to second
-            total += sign * data.contact.frame[i].reshape(3, 3).T @ wrench[:3]
-            p_touch += data.contact.pos[i]
-            touching += 1
-        if not touching:
-            return 0.0
-        motion = self.scene.part_motion(data, p_touch / touching)
-        return float(np.linalg.norm(total - (total @ motion) * motion))
 
     def _contacts(self) -> tuple[bool, str | None]:
         """Whether the fingertip touches the part, and the first contact that is anything else."""

@@ -7,6 +7,7 @@ import logging
 import mujoco
 import mujoco.batch
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from s2r_host.planning.scene import GeomKind, Scene
 
@@ -72,6 +73,13 @@ def quat_of(R: np.ndarray) -> np.ndarray:
     quat_wxyz = np.empty(4)
     mujoco.mju_mat2Quat(quat_wxyz, np.ascontiguousarray(R).ravel())
     return quat_wxyz
+
+
+def quats_of(R: np.ndarray) -> np.ndarray:
+    """Rotation matrices (n, 3, 3) to quaternions wxyz, (n, 4)."""
+    if not len(R):
+        return np.zeros((0, 4))
+    return Rotation.from_matrix(R).as_quat(scalar_first=True)
 
 
 def _copy_geom(

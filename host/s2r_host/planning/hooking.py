@@ -34,6 +34,7 @@ _FUNNEL_M, _FUNNEL_SLOPE = (
     5.0,
 )  # height over a place beside it, and how fast that falls towards the place
 _LISTED = 200
+_FIRST, _RANKED = 60, 40  # places tried first; joint solutions worth a closer look
 _SEARCHED = 6  # hooks without a straight way for which one is searched
 _ENOUGH = 6  # hooks at which no further joint solutions are looked for
 _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the part's way, where the arm has to follow it
@@ -136,8 +137,10 @@ def find_hooks(
     order = _different(places, np.argsort(_scores(scene, world.data, places), kind="stable"))
     solver = _Solver(scene, world, places, s_target, settings)
     found: list[tuple[float, Hook]] = []
-    for seeds in (_near_seeds, _far_seeds):
-        found += solver.hooks(order, seeds(scene, world.q, places.p[order]))
+    first, rest = order[:_FIRST], order[_FIRST:]
+    for some, seeds in ((first, _near_seeds), (rest, _near_seeds), (order, _far_seeds)):
+        if len(some):
+            found += solver.hooks(some, seeds(scene, world.q, places.p[some]))
         if len(found) >= _ENOUGH:
             break
     if not found:
@@ -147,7 +150,7 @@ def find_hooks(
         )
     found.sort(key=lambda entry: entry[0])
     logger.debug("%d joint solutions at %d places", len(found), len(order))
-    ways = solver.with_approach(_apart([hook for _, hook in found]), settings.hooks)
+    ways = solver.with_approach(_apart([hook for _, hook in found[:_RANKED]]), settings.hooks)
     if not ways:
         raise OutOfReachError(
             f"object {name}: out of reach: the arm {scene.arm.name!r} finds no free way to {len(found)} postures at "
@@ -200,21 +203,18 @@ class _Solver:
         self._followed += len(rows)
         if not len(rows):
             return []
-        blocked = self._space.blocked_share(self._q, above[rows], self._s)
-        descent = np.array(
-            [not self._space.path_is_free(np.array([above[i], q[i]]), self._s) for i in rows], dtype=bool
-        )
+        blocked = self._space.blocked_share(self._q, above[rows], self._s, count=6)
         travel = np.abs(q[rows] - self._q).max(axis=1) + 0.5 * np.abs(route[-1] - q)[rows].max(axis=1)
-        costs = travel + self._tightness[index[rows]] + 4.0 * blocked + descent
+        costs = travel + self._tightness[index[rows]] + 4.0 * blocked
         return [
             (
                 float(cost),
                 Hook(
                     p_part[i], R_part_tool[i], push_part[i], q[i], route[:, i],
-                    np.full((int(hit), self._scene.dof), np.nan), self._axis_part, self._s, follow[i],
+                    np.zeros((0, self._scene.dof)), self._axis_part, self._s, follow[i],
                 ),
             )
-            for i, cost, hit in zip(rows, costs, (blocked > 0.0) | descent, strict=True)
+            for i, cost in zip(rows, costs, strict=True)
         ]  # fmt: skip
 
     def with_approach(self, hooks: list[Hook], most: int) -> list[Hook]:
@@ -224,11 +224,11 @@ class _Solver:
         for hook in hooks:
             if len(found) >= most or searched >= _SEARCHED:
                 break
-            if not len(hook.approach):
+            descent_free = self._space.path_is_free(hook.route[:2], self._s)
+            if descent_free and self._space.path_is_free(np.array([self._q, hook.route[0]]), self._s):
                 found.append(hook)
                 continue
             searched += 1
-            descent_free = self._space.path_is_free(hook.route[:2], self._s)
             goal = hook.route[0] if descent_free else hook.q
             way = find_approach(self._scene, self._space, self._q, goal, self._s)
             if way is not None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from s2r_host.planning.hand_probe import HandProbe, quat_of
+from s2r_host.planning.hand_probe import HandProbe, quats_of
 from s2r_host.planning.scene import GeomKind, Scene
 
 _PAD_M = (0.018, 0.006)  # the point that should meet the part, this far behind the end of the fingertip
@@ -17,7 +17,7 @@ _PUSH_M = (0.003, 0.006, 0.009, 0.012, 0.016, 0.024, 0.034)  # how far along the
 _BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out
 _FACING = 0.5  # cosine between a face's normal and the motion from which on the face can be pushed
 _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
-_STEP_M, _FINE_STEP_M, _SMALL_M, _SPREAD = 0.02, 0.008, 0.022, 160
+_STEP_M, _FINE_STEP_M, _SMALL_M, _SPREAD = 0.02, 0.008, 0.022, 90
 _START_M, _NARROW_M = (
     0.001,
     0.032,
@@ -50,7 +50,7 @@ class Places:
 def find_places(scene: Scene, data: mujoco.MjData, probe: HandProbe, sign: float) -> Places:
     """All places found around the part for motion towards growing (sign 1) or falling s (-1); maybe none."""
     p, R, way = _candidates(scene, data, sign)
-    quat = np.array([quat_of(r) for r in R]).reshape(-1, 4)
+    quat = quats_of(R)
     free = probe.contacts(p, quat) == 0
     p, R, way, quat = p[free], R[free], way[free], quat[free]
     push_m = np.full(len(p), np.inf)

@@ -148,6 +148,67 @@ def lid_mjcf(x: float = 0.50, y: float = 0.0, yaw: float = 0.0, opening: float =
 """
 
 
+@dataclass(frozen=True)
+class DoorShape:
+    """A cabinet with a door on a vertical hinge and a vertical bar handle. Lengths in m.
+
+    Attributes:
+        x, y: Middle of the closed door's front on the table, world frame.
+        yaw: Turn of the cabinet about z [rad].
+        width, height, depth: Of the cabinet.
+        handle_gap: Free gap between door and bar.
+        ajar: Opening where the joint reads 0 [rad].
+        damping: Of the hinge [N·m·s/rad].
+        friction: Dry friction of the hinge [N·m].
+    """
+
+    x: float = 0.60
+    y: float = 0.0
+    yaw: float = 0.0
+    width: float = 0.24
+    height: float = 0.30
+    depth: float = 0.20
+    handle_gap: float = 0.035
+    ajar: float = 0.15
+    damping: float = 0.5
+    friction: float = 0.4
+
+
+def door_mjcf(shape: DoorShape) -> str:
+    """The door as MJCF text; hinge on its left side seen from the arm; ``object_joint`` grows as it opens."""
+    s, wall = shape, 0.010
+    half_w, half_h = s.width / 2, s.height / 2
+    base = [
+        _box("base_left", (s.depth / 2, half_w, half_h), (s.depth / 2, wall / 2, half_h)),
+        _box("base_right", (s.depth / 2, -half_w, half_h), (s.depth / 2, wall / 2, half_h)),
+        _box("base_top", (s.depth / 2, 0, s.height), (s.depth / 2, half_w, wall / 2)),
+        _box("base_floor", (s.depth / 2, 0, wall / 2), (s.depth / 2, half_w, wall / 2)),
+        _box("base_back", (s.depth, 0, half_h), (wall / 2, half_w, half_h)),
+    ]
+    grip, post_z, reach = s.handle_gap + 0.006, 0.05, 0.86 * s.width
+    part = [
+        _box("part_leaf", (-0.008, -half_w, half_h), (0.006, half_w - 0.003, half_h - 0.012)),
+        _box("part_bar", (-0.014 - grip, -reach, half_h), (0.006, 0.006, post_z + 0.006)),
+        _box("part_post_low", (-0.014 - grip / 2, -reach, half_h - post_z), (grip / 2, 0.005, 0.005)),
+        _box("part_post_high", (-0.014 - grip / 2, -reach, half_h + post_z), (grip / 2, 0.005, 0.005)),
+    ]
+    return f"""<mujoco model="door">
+  <compiler angle="radian" autolimits="true"/>
+  <worldbody>
+    <body name="object_base" pos="{s.x} {s.y} 0" euler="0 0 {s.yaw}">
+      {"".join(base)}
+      <body name="object_part" pos="0 {half_w} 0" euler="0 0 {-s.ajar}">
+        <joint name="object_joint" type="hinge" axis="0 0 -1" range="{-s.ajar} {1.6 - s.ajar}"
+               damping="{s.damping}" frictionloss="{s.friction}"/>
+        <inertial pos="-0.01 {-half_w} {half_h}" mass="1.2" diaginertia="0.012 0.010 0.006"/>
+        {"".join(part)}
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
 def faucet_mjcf(x: float = 0.52, y: float = 0.0, yaw: float = 0.0) -> str:
     """A faucet: a column with a 12 cm lever that turns about z; ``object_joint`` is 0 with the lever towards -x."""
     return f"""<mujoco model="faucet">

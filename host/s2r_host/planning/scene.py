@@ -27,6 +27,8 @@ _ROBOT_BIT, _WORLD_BIT = 1, 2
 # A scene keeps its own contact bits; the arm meets everything solid in it through one bit that scenes leave free.
 _SCENE_ROBOT_BIT = 1 << 29
 _ROBOT_CONTACTS = "robot_contacts"
+# MuJoCo's contact sensor: bits of what it gives, and the reduction to one wrench in the world frame.
+_FOUND, _FORCE, _POSITION, _NET_FORCE = 1, 2, 16, 3
 
 
 class GeomKind(enum.IntEnum):
@@ -59,6 +61,8 @@ class Scene:
         gravity: In the arm's base frame [m/s²], (3,).
         bystanders: Something besides the arm and the task's joint can move.
         X_scene_base: Pose of the arm's base in the file's frame, (4, 4).
+        fine_contacts: Address of the fine model's contact sensors: the robot's contacts, then 7 numbers per finger
+            shape: contacts with the part, their net force [N] and its point [m] in the world frame.
     """
 
     coarse: mujoco.MjModel
@@ -77,6 +81,7 @@ class Scene:
     gravity: np.ndarray
     bystanders: bool
     X_scene_base: np.ndarray
+    fine_contacts: int
 
     @property
     def joint_name(self) -> str:
@@ -161,6 +166,7 @@ def build_scene(
         gravity=fine.opt.gravity.copy(),
         bystanders=fine.nv > arm.dof + 1,
         X_scene_base=given.X_scene_base if given else np.eye(4),
+        fine_contacts=int(fine.sensor(_ROBOT_CONTACTS).adr[0]),
     )
 
 
@@ -172,6 +178,7 @@ def fine_model_spec(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.timestep = settings.fine_timestep_s
+    _add_contact_sensors(spec, arm, joint, _FOUND | _FORCE | _POSITION)
     return spec
 
 
@@ -311,7 +318,7 @@ def _add_clearance(spec: mujoco.MjSpec, arm: ArmDescription, clearance_m: float)
 
 
 def _add_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str) -> None:
-    """Tool pose in the part's frame (3 + 4 numbers), the robot's contacts (1), per finger touches and force (1 + 3)."""
+    """Tool pose in the part's frame (3 + 4 numbers), then contacts: the robot's (1), per finger count and force."""
     part = spec.joint(OBJECT_PREFIX + joint).parent.name
     for kind in (mujoco.mjtSensor.mjSENS_FRAMEPOS, mujoco.mjtSensor.mjSENS_FRAMEQUAT):
         spec.add_sensor(
@@ -322,13 +329,19 @@ def _add_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str) -> None:
             reftype=mujoco.mjtObj.mjOBJ_XBODY,
             refname=part,
         )
+    _add_contact_sensors(spec, arm, joint, _FOUND | _FORCE)
+
+
+def _add_contact_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str, finger: int) -> None:
+    """The robot's contacts (1 number), and per finger shape what ``finger`` asks about its contacts with the part."""
+    part = spec.joint(OBJECT_PREFIX + joint).parent.name
     # All contacts of the robot; a scene has others, among its own things.
     spec.add_sensor(
         name=_ROBOT_CONTACTS,
         type=mujoco.mjtSensor.mjSENS_CONTACT,
         objtype=mujoco.mjtObj.mjOBJ_XBODY,
         objname=arm.source.base,
-        intprm=[1, 0, 1],
+        intprm=[_FOUND, 0, 1],
     )
     for geom in spec.geoms:
         if geom.name.startswith(FINGER_PREFIX):
@@ -339,8 +352,7 @@ def _add_sensors(spec: mujoco.MjSpec, arm: ArmDescription, joint: str) -> None:
                 objname=geom.name,
                 reftype=mujoco.mjtObj.mjOBJ_XBODY,
                 refname=part,
-                # found (the number of contacts) and force, net force in the world frame, one slot
-                intprm=[3, 3, 1],
+                intprm=[finger, _NET_FORCE, 1],  # one slot
             )
 
 

@@ -204,10 +204,10 @@ def _corrected(
             return None, str(error)
         played = replay(trajectory, request, scene)
         found = played.problem(tolerance, request.settings)
-        if found is None and abs(played.error) < 0.5 * tolerance:
+        if found is None and abs(played.offset) < 0.5 * tolerance:
             return Delivery(trajectory, played, correction, followed, timed.speed), ""
-        problem = found or f"the timed motion ends {played.error:+.4f} from the target"
-        extra += played.error
+        problem = found or f"the timed motion ends {played.offset:+.4f} from the target"
+        extra += played.offset
         if played.contact is not None or played.press_N > request.settings.press_max_N:
             break
         if played.torque_share > request.settings.torque_margin:

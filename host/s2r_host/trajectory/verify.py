@@ -24,8 +24,8 @@ class Replay:
         q_meas: The arm's joints then [rad], (m, dof).
         final: The object's joint at the end of the hold.
         error: ``s_target - final``.
-        held: During the second half of the hold the joint stayed within two success bands of the target. A lid on a
-            soft friction creeps.
+        hold_range: Smallest and largest value of the joint during the hold. A lid on a soft friction creeps.
+        held: During the hold the joint stayed within two success bands of the target.
         contact: First contact that was not fingertip against part, or None.
         touched: The fingertip touched the part.
         torque_share: Largest torque over its limit.
@@ -38,12 +38,18 @@ class Replay:
     q_meas: np.ndarray
     final: float
     error: float
+    hold_range: tuple[float, float]
     held: bool
     contact: str | None
     touched: bool
     torque_share: float
     torque_joint: str
     press_N: float
+
+    @property
+    def offset(self) -> float:
+        """``s_target`` minus the middle of the hold's range: what a correction should add."""
+        return self.error + self.final - sum(self.hold_range) / 2.0
 
     def problem(self, tolerance: float, settings: PlanSettings) -> str | None:
         """Why the trajectory may not be delivered, in one sentence, or None."""
@@ -56,7 +62,7 @@ class Replay:
                 f"the timed motion presses on the part with {self.press_N:.0f} N across its motion, "
                 f"limit {settings.press_max_N:.0f} N"
             )
-        if abs(self.error) >= tolerance:
+        if abs(self.offset) >= tolerance:
             return f"the timed motion ends at s = {self.final:.4f}, {self.error:+.4f} from the target"
         if not self.held:
             return (
@@ -141,14 +147,15 @@ def replay(trajectory: Trajectory, request: PlanRequest, scene: Scene | None = N
         q_meas.append(world.q)
         t.append(float(world.data.time))
     t_all, s_all = np.array(t), np.array(s)
-    late = s_all[t_all > t_all[-1] - settings.hold_s / 2.0]
+    hold = s_all[t_all > t_all[-1] - settings.hold_s]
     return Replay(
         t=t_all,
         s=s_all,
         q_meas=np.array(q_meas),
         final=world.s,
         error=request.s_target - world.s,
-        held=bool(np.abs(late - request.s_target).max() < 2.0 * tolerance),
+        hold_range=(float(hold.min()), float(hold.max())),
+        held=bool(np.abs(hold - request.s_target).max() < 2.0 * tolerance),
         contact=report.contact,
         touched=report.touched,
         torque_share=report.torque_share,
