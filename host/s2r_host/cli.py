@@ -16,9 +16,11 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 
 
 @click.command()
-@click.argument("object_kind", metavar="OBJECT", type=click.Choice(["drawer"]))
+@click.argument("object_kind", metavar="OBJECT", type=click.Choice(["drawer", "laptop"]))
 @click.option(
-    "--target", "target_m", type=float, required=True, help="Joint value [m]; 0 = as found, + = out."
+    "--target",
+    required=True,
+    help="Joint value: 0 = as found, + = out of the cabinet or opening. 0.15, 150mm; -30deg, -0.52rad.",
 )
 @click.option(
     "--executor", default=DEFAULT_EXECUTOR, show_default=True, help="Zenoh endpoint of the executor."
@@ -36,7 +38,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @click.option("--json", "as_json", is_flag=True, help="Print run.json on standard output.")
 def run(
     object_kind: str,
-    target_m: float,
+    target: str,
     executor: str,
     camera: str,
     out: Path | None,
@@ -55,12 +57,14 @@ def run(
     """
     from s2r_host.report import write_report
     from s2r_host.run.journal import Journal
-    from s2r_host.run.pipeline import run_drawer
+    from s2r_host.run.pipeline import run_task
     from s2r_host.run.settings import RunSettings
+    from s2r_host.run.task import TASKS, parse_target
 
     folder = out or Path("runs") / time.strftime("%Y%m%d-%H%M%S")
     settings = RunSettings(
-        target_m=target_m,
+        target=parse_target(target, TASKS[object_kind]),
+        task=TASKS[object_kind],
         out=folder,
         executor=executor,
         camera=camera,
@@ -72,7 +76,7 @@ def run(
         dry_run=dry_run,
     )
     journal = Journal()
-    record = run_drawer(settings, journal, tuple(sys.argv[1:]))
+    record = run_task(settings, journal, tuple(sys.argv[1:]))
     report = write_report(record, folder / "report.html")
     click.echo(f"{'s2r run: ' if record.code else ''}{record.reason}", err=True)
     click.echo(f"report: {report}", err=True)

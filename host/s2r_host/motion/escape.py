@@ -44,7 +44,7 @@ def plan_escape(
     push_direction: np.ndarray,
     rng: np.random.Generator,
     way_in: np.ndarray | None = None,
-    advance_m: np.ndarray | None = None,
+    carried: np.ndarray | None = None,
 ) -> Escape:
     """A way home from a posture in contact: back off and straight out, else the way it came.
 
@@ -57,7 +57,7 @@ def plan_escape(
         push_direction: The way the tip pressed on the object: the tip first backs off against it, shape (3,).
         rng: For the way home.
         way_in: Joint path by which the tip got to the object, shape (n, dof), if there was one.
-        advance_m: How far the touched part has moved since, base frame, shape (3,).
+        carried: What the touched part's motion since then did to it, base frame, shape (4, 4).
 
     Raises:
         NoMotionError: Every direction is blocked.
@@ -77,8 +77,8 @@ def plan_escape(
                     continue
                 return Escape(np.concatenate([back, out[1:]]), home, margin_m)
             blocked += 1
-    if way_in is not None and advance_m is not None:
-        out = _way_it_came(arm, ik, near, q_start, way_in, advance_m)
+    if way_in is not None and carried is not None:
+        out = _way_it_came(arm, ik, near, q_start, way_in, carried)
         if out is not None:
             return Escape(out, plan_joint_motion(home_checker, out[-1], q_home, rng, what="way home"), 0.0)
         last = "the way it came is not free either"
@@ -95,15 +95,14 @@ def _way_it_came(
     near: Sequence[Obstacle],
     q_start: np.ndarray,
     way_in: np.ndarray,
-    advance_m: np.ndarray,
+    carried: np.ndarray,
 ) -> np.ndarray | None:
     """The way in, backwards and carried along with the part; None when it is not free or out of reach."""
     checker = _tight(arm, near, 0.0)
     path = [np.asarray(q_start, float)]
     p_start = arm.tool_pose(q_start)[:3, 3]
     for q_in in way_in[::-1]:
-        X = arm.tool_pose(q_in)
-        X[:3, 3] += advance_m
+        X = carried @ arm.tool_pose(q_in)
         if np.linalg.norm(X[:3, 3] - arm.tool_pose(path[-1])[:3, 3]) < 0.002:
             continue
         q = ik.solve(X, path[-1], iterations=30)

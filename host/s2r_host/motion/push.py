@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from s2r_host.errors import NoMotionError
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.cartesian import straight_line
 from s2r_host.motion.collision import Clearance, CollisionChecker
-from s2r_host.motion.front import Front
 from s2r_host.motion.inverse import InverseKinematics, seeds_around
 from s2r_host.motion.joint_motion import plan_joint_motion
 from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
@@ -37,9 +37,17 @@ class PushScene:
         return (*self.static, self.part)
 
 
-def push_scene(scene: Scene, front: Front) -> PushScene:
-    """Split the observed points: what lies before or behind the front's outline moves, the rest stays."""
-    moves = front.covers(scene.p_base)
+class Surface(Protocol):
+    """A part's surface as seen."""
+
+    def covers(self, p_base: np.ndarray) -> np.ndarray:
+        """Which points (n, 3) move with it, (n,), bool."""
+        ...
+
+
+def push_scene(scene: Scene, surface: Surface) -> PushScene:
+    """Split the observed points: what the pushed surface covers moves, the rest stays."""
+    moves = surface.covers(scene.p_base)
     return PushScene(
         static=(table_obstacle(), cloud_obstacle(scene.p_base[~moves], scene.p_camera)),
         part=cloud_obstacle(scene.p_base[moves], scene.p_camera, name=PART),

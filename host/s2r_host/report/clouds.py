@@ -96,14 +96,26 @@ def _cloud(axes: Axes, view: Observation, part: np.ndarray | None, belief: Belie
 
 
 def _draw_axis(axes: Axes, project: Projection, belief: Belief, shape: tuple[int, int] | None) -> None:
-    centre, direction = belief.estimate.axis_origin_m, belief.axis
-    line = project(np.array([centre - 0.10 * direction, centre + 0.24 * direction]))
+    """The axis with an arrow towards + (of a hinge: turning by the right-hand rule), beside the part."""
+    origin, direction = belief.estimate.axis_origin_m, belief.axis
+    slides = belief.template.slides
+    if not slides:  # any point of the line may be the origin: draw the piece that is beside the part
+        origin = origin + ((belief.template.p.mean(axis=0) - origin) @ direction) * direction
+    line = project(np.array([origin - (0.10 if slides else 0.24) * direction, origin + 0.24 * direction]))
     (x0, y0), (x1, y1) = line[:, :2].tolist()
     arrow = {"arrowstyle": "-|>", "color": AXIS, "lw": 2.2, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", xy=(x1, y1), xytext=(x0, y0), arrowprops=arrow)
     halo = [withStroke(linewidth=3, foreground="white")]
     place = {"xytext": (-4, -8), "textcoords": "offset points", "ha": "right", "va": "top"}
-    axes.annotate("+ out", (x1, y1), color=AXIS, fontsize=10, fontweight="bold", path_effects=halo, **place)
+    axes.annotate(
+        "+ out" if slides else "+",
+        (x1, y1),
+        color=AXIS,
+        fontsize=10,
+        fontweight="bold",
+        path_effects=halo,
+        **place,
+    )
     if shape is not None:
         axes.set_xlim(0, shape[1])
         axes.set_ylim(shape[0], 0)

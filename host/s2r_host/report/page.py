@@ -31,7 +31,8 @@ def write_report(record: RunRecord, path: Path) -> Path:
         _verdicts(record),
         _inputs(record),
     ]
-    title = f"s2r run drawer, target {1e3 * record.settings.target_m:+.0f} mm"
+    task = record.settings.task
+    title = f"s2r run {task.name}, target {task.unit.show(record.settings.target, 1)}"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page(title, parts), encoding="utf-8")
     return path
@@ -40,23 +41,21 @@ def write_report(record: RunRecord, path: Path) -> Path:
 def _head(record: RunRecord) -> str:
     kind = "good" if record.code == ExitCode.OK else "bad"
     badge = f'<span class="badge {kind}">exit {int(record.code)} {escape(record.code.name.lower())}</span>'
-    title = f"<h1>Drawer to {1e3 * record.settings.target_m:+.1f} mm {badge}</h1>"
+    task = record.settings.task
+    title = f"<h1>{task.part.capitalize()} to {task.unit.show(record.settings.target, 1)} {badge}</h1>"
     return f'{title}<p class="lead">{escape(record.reason)}</p>'
 
 
 def _numbers(record: RunRecord) -> str:
-    cells = []
+    cells, unit = [], record.settings.task.unit
     if record.attempts:
         last, first = record.attempts[-1], record.attempts[0]
-        delta_r = last.delta_m / (last.s_target - first.s_initial)
+        delta_r = last.delta / (last.s_target - first.s_initial)
         cells += [
-            (f"{1e3 * last.delta_m:+.2f} mm", "δ = target − final"),
+            (unit.show(last.delta), "δ = target − final"),
             (f"{100 * delta_r:+.2f} %", "δ_r = δ / (target − start)"),
-            (
-                f"{1e3 * last.measured.s_m:+.2f} mm",
-                f"final state, ± {1e3 * last.measured.sigma_m:.2f} mm (1σ)",
-            ),
-            (f"{1e3 * first.s_initial:+.2f} mm", "state before the plan"),
+            (unit.show(last.measured.s), f"final state, ± {unit.show(last.measured.sigma)[1:]} (1σ)"),
+            (unit.show(first.s_initial), "state before the plan"),
             (str(len(record.attempts)), "planned manipulations"),
         ]
     cells.append((f"{record.journal.elapsed_s:.1f} s", "whole run"))
@@ -89,40 +88,40 @@ def _views(record: RunRecord) -> str:
 def _jointtable(record: RunRecord) -> str:
     if record.belief is None:
         return ""
-    estimate, model = record.belief.estimate, record.belief.model
-    low, high = estimate.intervals90.delta
+    estimate, model, task = record.belief.estimate, record.belief.model, record.settings.task
+    low, high = (task.unit.show(limit) for limit in estimate.intervals90.delta)
     rows = [
         ("joint", f"{estimate.joint_type}, {100 * estimate.explained:.0f} % of the change explained"),
-        ("axis, out of the cabinet", np.array2string(record.belief.axis, precision=4, suppress_small=True)),
         (
-            "moved by the first push",
-            f"{1e3 * estimate.delta:+.2f} mm (90 % in [{1e3 * low:.2f}, {1e3 * high:.2f}] mm)",
+            f"axis, + is {task.positive}",
+            np.array2string(record.belief.axis, precision=4, suppress_small=True),
         ),
+        ("moved by the first push", f"{task.unit.show(estimate.delta)} (90 % in [{low}, {high}])"),
         ("residual after alignment", f"{1e3 * estimate.residual_m:.2f} mm"),
         (
             "model",
             f"{len(model.pieces)} convex pieces, moving part {model.mass_kg:.2f} kg (density is a guess)",
         ),
-        ("range believed", f"{1e3 * model.range[0]:+.0f} to {1e3 * model.range[1]:+.0f} mm"),
+        ("range believed", " to ".join(task.unit.show(limit, 0) for limit in model.range)),
     ]
-    for geom, shift in record.belief.shifts_m.items():
-        rows.append(("corrected after execution", f"{geom} by {1e3 * shift:+.2f} mm along the axis"))
+    for geom, shift in record.belief.shifts.items():
+        rows.append(("corrected after execution", f"{geom} by {task.unit.show(shift)} of the joint"))
     return table(("", ""), rows)
 
 
 def _attempts(record: RunRecord) -> str:
     if not record.attempts:
         return ""
-    rows = []
+    rows, task = [], record.settings.task
     for done in record.attempts:
         planned = done.planned
         rows.append(
             (
                 str(planned.number),
-                f"{1e3 * done.s_initial:+.2f}",
-                f"{1e3 * planned.foreseen_m:+.2f}",
-                f"{1e3 * done.measured.s_m:+.2f} ± {1e3 * done.measured.sigma_m:.2f}",
-                f"{1e3 * done.delta_m:+.2f}",
+                f"{task.unit.factor * done.s_initial:+.2f}",
+                f"{task.unit.factor * planned.foreseen:+.2f}",
+                f"{task.unit.factor * done.measured.s:+.2f} ± {task.unit.factor * done.measured.sigma:.2f}",
+                f"{task.unit.factor * done.delta:+.2f}",
                 f"{100 * done.delta_r:+.2f} %",
                 f"{planned.delivery.trajectory.duration_s:.2f} s",
                 planned.pushed_geom,
@@ -131,10 +130,10 @@ def _attempts(record: RunRecord) -> str:
         )
     header = (
         "#",
-        "start [mm]",
-        "foreseen [mm]",
-        "seen [mm]",
-        "δ [mm]",
+        f"start [{task.unit.name}]",
+        f"foreseen [{task.unit.name}]",
+        f"seen [{task.unit.name}]",
+        f"δ [{task.unit.name}]",
         "δ_r",
         "duration",
         "pushed on",
@@ -142,7 +141,7 @@ def _attempts(record: RunRecord) -> str:
     )
     note = (
         '<p class="note">δ = s_target − s_final and δ_r = δ / (s_target − s_start), s_start being the state just '
-        "before the planned manipulation. 0 is the state in view A, + is out of the cabinet. "
+        f"before the planned manipulation. 0 is the state in view A, + is {task.positive}. "
         "Both are measured by the camera.</p>"
     )
     return section("Planned manipulations", table(header, rows) + note)
@@ -151,8 +150,9 @@ def _attempts(record: RunRecord) -> str:
 def _state(record: RunRecord) -> str:
     if not record.attempts:
         return ""
-    figure = state_figure(record.attempts, record.views, record.settings.target_m, record.s_found)
-    return section("The drawer over time", inline_svg(figure))
+    settings = record.settings
+    figure = state_figure(record.attempts, record.views, settings.task, settings.target, record.s_found)
+    return section(f"The {settings.task.part} over time", inline_svg(figure))
 
 
 def _joints(record: RunRecord) -> str:

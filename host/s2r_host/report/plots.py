@@ -1,4 +1,4 @@
-"""Plots of a run: joints planned and executed, the drawer over time, stage timings."""
+"""Plots of a run: joints planned and executed, the part over time, stage timings."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from s2r_host.run.journal import Stage
 from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed
+from s2r_host.run.task import Task
 
 
 def tracking_error(executed: Executed) -> tuple[JointTrack, np.ndarray] | None:
@@ -56,26 +57,34 @@ def joints_figure(executed: Executed, joint_names: Sequence[str]) -> Figure:
 
 
 def state_figure(
-    attempts: Sequence[DoneManipulation], views: Sequence[Observation], s_target: float, s_found: float | None
+    attempts: Sequence[DoneManipulation],
+    views: Sequence[Observation],
+    task: Task,
+    s_target: float,
+    s_found: float | None,
 ) -> Figure:
-    """The drawer over time: seen by the camera, and as each delivered plan foresaw it."""
+    """The part over time: seen by the camera, and as each delivered plan foresaw it."""
+    scale, unit = task.unit.factor, task.unit.name
     with mpl.rc_context(RC):
         figure = Figure(figsize=(12.5, 3.6), layout="constrained")
         axes = figure.subplots()
-        axes.axhline(1e3 * s_target, color=TARGET, lw=1.2, label="target")
-        low, high = 1e3 * s_target - 5, 1e3 * s_target + 5
-        axes.axhspan(low, high, color=TARGET, alpha=0.14, lw=0, label="target ± 5 mm")
+        axes.axhline(scale * s_target, color=TARGET, lw=1.2, label="target")
+        low, high = scale * (s_target - task.tolerance), scale * (s_target + task.tolerance)
+        label = f"target ± {scale * task.tolerance:.3g} {unit}"
+        axes.axhspan(low, high, color=TARGET, alpha=0.14, lw=0, label=label)
         for k, done in enumerate(attempts):
             replay, executed = done.planned.delivery.replay, done.executed[0]
             pace = executed.wall_s / executed.trajectory.duration_s  # a stepped clock runs slower or faster
             label = "foreseen by the plan" if k == 0 else None
-            axes.plot(executed.begun_s + pace * replay.t, 1e3 * replay.s, color=PLANNED, lw=1.8, label=label)
+            axes.plot(
+                executed.begun_s + pace * replay.t, scale * replay.s, color=PLANNED, lw=1.8, label=label
+            )
         seen = _seen(attempts, views, s_found)
         t, s, sigma, names = (list(column) for column in zip(*seen, strict=True))
         axes.errorbar(
             t,
-            1e3 * np.array(s),
-            yerr=2e3 * np.array(sigma),
+            scale * np.array(s),
+            yerr=2.0 * scale * np.array(sigma),
             fmt="o",
             color=SEEN,
             ms=5,
@@ -83,10 +92,10 @@ def state_figure(
             label="seen by the camera (± 2σ)",
         )
         for ti, si, name in zip(t, s, names, strict=True):
-            axes.annotate(name, (ti, 1e3 * si), xytext=(6, -12), textcoords="offset points", color=SEEN)
+            axes.annotate(name, (ti, scale * si), xytext=(6, -12), textcoords="offset points", color=SEEN)
         axes.margins(y=0.12)
         axes.set_xlabel("time since the run began [s]")
-        axes.set_ylabel("drawer [mm], + = out")
+        axes.set_ylabel(f"{task.part} [{unit}], + = {task.positive}")
         axes.legend(loc="center left", fontsize=8)
         return figure
 
@@ -94,13 +103,13 @@ def state_figure(
 def _seen(
     attempts: Sequence[DoneManipulation], views: Sequence[Observation], s_found: float | None
 ) -> list[tuple[float, float, float, str]]:
-    """(time, state, standard error, name) of every look at the drawer."""
+    """(time, state, standard error, name) of every look at the part."""
     known: dict[str, tuple[float, float]] = {"A": (0.0, 0.0)}
     if s_found is not None:
         known["B"] = (s_found, 0.0)
     for done in attempts:
-        sigma = done.measured.sigma_m
-        known[done.view.name] = (done.measured.s_m, sigma if np.isfinite(sigma) else 0.0)
+        sigma = done.measured.sigma
+        known[done.view.name] = (done.measured.s, sigma if np.isfinite(sigma) else 0.0)
     return [(view.taken_s, *known[view.name], view.name) for view in views if view.name in known]
 
 

@@ -14,7 +14,9 @@ from s2r_host.model.build import ObjectModel, build_model
 from s2r_host.perception.estimate import JointEstimate, estimate_joint
 from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.observe import Observation
+from s2r_host.run.task import Task
 
+LEAST_ALIGNED = 0.8  # cosine between the axis seen and the one the first view promised
 THINNEST_M = 0.004
 UNSEEN_MARGIN_M = 0.005
 
@@ -24,95 +26,119 @@ class Belief:
     """The object as the planner will see it.
 
     Attributes:
-        estimate: The joint, its direction out of the cabinet.
-        model: Built from it; joint value 0 is view A, + is out.
+        estimate: The joint, signed as the task says.
+        model: Built from it; joint value 0 is view A.
         template: The part's surface, for measuring.
         mjcf_path: The object as believed: the built model, or one corrected by :func:`corrected`.
-        shifts_m: Geom name -> how far along the axis it was shifted from the built model.
+        shifts: Geom name -> how far along or about the axis it was moved from the built model [m or rad].
     """
 
     estimate: JointEstimate
     model: ObjectModel
     template: PartTemplate
     mjcf_path: Path
-    shifts_m: dict[str, float]
+    shifts: dict[str, float]
 
     @property
     def axis(self) -> np.ndarray:
-        """Unit vector out of the cabinet, base frame, shape (3,)."""
+        """Unit vector along or about which the joint grows, base frame, shape (3,)."""
         return self.template.axis
 
+    def direction_at(self, p: np.ndarray) -> np.ndarray:
+        """Unit vector of the part's motion at a point (3,) when the joint grows, (3,)."""
+        velocity = self.template.velocity(p[None])[0]
+        return velocity / np.linalg.norm(velocity)
 
-def estimate_slide(before: Observation, after: Observation, outward: np.ndarray, seed: int) -> JointEstimate:
-    """The joint of a drawer that was pushed, signed so that + is out of the cabinet.
+    def carried(self, s_from: float, s_to: float) -> np.ndarray:
+        """X (4, 4) that carries what is fixed to the part from one joint value to another, base frame."""
+        return self.template.pose(s_to) @ np.linalg.inv(self.template.pose(s_from))
+
+
+def estimate_part(
+    before: Observation, after: Observation, task: Task, positive: np.ndarray, seed: int
+) -> JointEstimate:
+    """The joint of a part that was pushed, signed so that it grows the way the task calls positive.
 
     Args:
         before, after: Views A and B.
-        outward: The front's normal, shape (3,).
+        task: What kind of joint is expected.
+        positive: Unit vector along (slide) or about (hinge) which it grows, as far as the first view tells, (3,).
         seed: Of the estimator.
 
     Raises:
         AbstainError: The views do not determine the joint.
-        SceneError: The motion seen is not along the front's normal.
+        SceneError: The joint seen is not the expected one.
     """
     estimate = estimate_joint(
         before.capture.frame,
         after.capture.frame,
         ignore_mask_before=before.arm_mask,
         ignore_mask_after=after.arm_mask,
-        joint_type="prismatic",
+        joint_type=task.joint_type,
         seed=seed,
     )
-    along = float(estimate.axis_direction @ outward)
-    if abs(along) < 0.8:
+    along = float(estimate.axis_direction @ positive)
+    if abs(along) < LEAST_ALIGNED:
         raise SceneError(
-            f"what moved between the views went {np.degrees(np.arccos(abs(along))):.0f}° away from the front's normal; "
-            "that is no drawer, or something else moved"
+            f"the axis of what moved between the views is {np.degrees(np.arccos(abs(along))):.0f}° away from where "
+            f"a {task.name} has it; that is no {task.name}, or something else moved"
         )
     return estimate if along > 0.0 else estimate.reversed()
 
 
 def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
-    """Build the physics model of an estimated slide.
+    """Build the physics model of an estimated joint.
 
-    The belief differs from the built model in one face: the front's back, which no camera saw, is put 5 mm further
-    in. A plan that hooks the front's upper edge must not count on millimetres nobody measured.
+    The belief in a drawer differs from the built model in one face: the front's back, which no camera saw, is put
+    5 mm further in. A plan that hooks the front's upper edge must not count on millimetres nobody measured.
 
     Raises:
         ModelError: The views do not show enough of the object.
     """
     model = build_model(estimate, folder, outward=True, seed=seed)
-    template = part_template(estimate, estimate.axis_direction, estimate.delta)
-    belief = Belief(estimate, model, template, model.mjcf_path, {})
+    belief = Belief(estimate, model, part_template(estimate), model.mjcf_path, {})
     if model.drawer is None:
         return belief
     return _with_face(belief, "part_front", -UNSEEN_MARGIN_M, folder / "believed.xml", inner=True)
 
 
-def corrected(belief: Belief, geom: str, offset_m: float, pushed_out: bool, folder: Path) -> Belief:
+def corrected(belief: Belief, geom: str, offset: float, positive: bool, folder: Path) -> Belief:
     """Move the surface that was pushed to where the outcome says it is.
 
-    With the tip at the same place the model ended at s and the drawer at s + offset: the pushed surface lies
-    ``offset`` further in along the axis than modelled. Of a box only the pushed face moves (a handle's inner face
-    no camera saw; its outer face was seen); another shape moves as a whole.
+    With the tip at the same place the model ended at s and the part at s + offset: the pushed surface lies
+    ``offset`` further back along the motion than modelled. Of a slide's box only the pushed face moves (a handle's
+    inner face no camera saw; its outer face was seen); another shape moves as a whole.
 
     Args:
         belief: So far.
         geom: The geom the fingertip pressed on.
-        offset_m: Measured minus modelled joint value at the end of the motion [m].
-        pushed_out: The motion was out of the cabinet, so the pushed face looks inwards.
+        offset: Measured minus modelled joint value at the end of the motion [m or rad].
+        positive: The joint grew during the motion, so the pushed face looks against it.
         folder: For the new file.
     """
-    changed = _with_face(belief, geom, -offset_m, folder / "object.xml", inner=pushed_out)
-    return replace(changed, shifts_m={**belief.shifts_m, geom: belief.shifts_m.get(geom, 0.0) - offset_m})
+    path = folder / "object.xml"
+    if belief.template.slides:
+        changed = _with_face(belief, geom, -offset, path, inner=positive)
+    else:
+        changed = _turned(belief, geom, -offset, path)
+    return replace(changed, shifts={**belief.shifts, geom: belief.shifts.get(geom, 0.0) - offset})
+
+
+def _turned(belief: Belief, name: str, angle: float, path: Path) -> Belief:
+    """The belief with one geom turned about the axis by ``angle`` [rad]."""
+    tree = ET.parse(belief.mjcf_path)
+    geom = _geom(tree, name, belief.mjcf_path)
+    X = belief.template.pose(angle)
+    R = Rotation.from_matrix(X[:3, :3]) * Rotation.from_quat(_numbers(geom, "quat"), scalar_first=True)
+    geom.set("pos", _text(X[:3, :3] @ _numbers(geom, "pos") + X[:3, 3]))
+    geom.set("quat", _text(R.as_quat(scalar_first=True)))
+    return _written(belief, tree, path)
 
 
 def _with_face(belief: Belief, name: str, shift_m: float, path: Path, inner: bool) -> Belief:
     """The belief with one face of a geom shifted along the axis by ``shift_m`` (+ = out); a hull shifts whole."""
     tree = ET.parse(belief.mjcf_path)
-    geom = tree.find(f".//geom[@name='{name}']")
-    if geom is None:
-        raise SceneError(f"object model {belief.mjcf_path} has no geom '{name}' to correct")
+    geom = _geom(tree, name, belief.mjcf_path)
     move = shift_m * belief.axis
     if geom.get("type") == "box":
         size = _numbers(geom, "size")
@@ -123,6 +149,17 @@ def _with_face(belief: Belief, name: str, shift_m: float, path: Path, inner: boo
         size[along] = half
         geom.set("size", _text(size))
     geom.set("pos", _text(_numbers(geom, "pos") + move))
+    return _written(belief, tree, path)
+
+
+def _geom(tree: ET.ElementTree, name: str, path: Path) -> ET.Element:
+    geom = tree.find(f".//geom[@name='{name}']")
+    if geom is None:
+        raise SceneError(f"object model {path} has no geom '{name}' to correct")
+    return geom
+
+
+def _written(belief: Belief, tree: ET.ElementTree, path: Path) -> Belief:
     path.parent.mkdir(parents=True, exist_ok=True)
     tree.write(path, encoding="unicode")
     return replace(belief, mjcf_path=path)

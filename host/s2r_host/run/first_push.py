@@ -1,24 +1,44 @@
-"""The first push: find the front, pick a reachable proposal, carry it out, go home."""
+"""The first push: find the moving part's surface, pick a reachable proposal, carry it out, go home."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from s2r_host.motion.front import Front, find_front
-from s2r_host.motion.push import PushMotion, plan_push, push_scene
-from s2r_host.motion.push_proposals import push_proposals
+from s2r_host.motion.front import find_front
+from s2r_host.motion.lid import find_lid
+from s2r_host.motion.lid_proposals import lid_proposals
+from s2r_host.motion.push import PushMotion, PushScene, plan_push, push_scene
+from s2r_host.motion.push_proposals import PushProposal, push_proposals
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
+from s2r_host.run.settings import RunSettings
+from s2r_host.run.task import DRAWER, LAPTOP
 from s2r_host.run.travel import timed
 
 
 @dataclass(frozen=True, eq=False)
-class PlannedPush:
-    """A push that may be carried out."""
+class Pushable:
+    """What the first view offers to push.
 
-    front: Front
+    Attributes:
+        positive: Unit vector along or about which the joint should grow, (3,).
+        scene: Obstacles, the part apart.
+        proposals: Best first.
+    """
+
+    positive: np.ndarray
+    scene: PushScene
+    proposals: Iterator[PushProposal]
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedPush:
+    """A push that may be carried out; ``positive`` as in :class:`Pushable`."""
+
+    positive: np.ndarray
     motion: PushMotion
     motions: tuple[Motion, ...]
 
@@ -32,22 +52,21 @@ class DonePush:
 
 
 def prepare_push(session: Session, view: Observation) -> PlannedPush:
-    """Front, proposals, motions and time laws.
+    """Surface, proposals, motions and time laws.
 
     Raises:
-        SceneError: No front in view.
+        SceneError: Nothing in view looks like the task's part.
         NoMotionError: No proposal is reachable.
         TrajectoryError: A motion cannot be timed.
     """
     settings = session.settings
-    front = find_front(view.scene)
-    q_home = session.arm.arm.q_home
+    pushable = _PUSHABLES[settings.task.name](view, settings)
     motion = plan_push(
         session.arm,
-        push_scene(view.scene, front),
-        push_proposals(front, settings.push),
+        pushable.scene,
+        pushable.proposals,
         session.status().q_ref,
-        q_home,
+        session.arm.arm.q_home,
         session.rng,
     )
     paths: list[tuple[np.ndarray, str, float]] = [
@@ -56,11 +75,23 @@ def prepare_push(session: Session, view: Observation) -> PlannedPush:
         (motion.retreat, "push 1: back", settings.push_speed),
         (motion.home, "push 1: home", settings.travel_speed),
     ]
-    return PlannedPush(
-        front, motion, tuple(timed(session, path, label, speed) for path, label, speed in paths)
-    )
+    motions = tuple(timed(session, path, label, speed) for path, label, speed in paths)
+    return PlannedPush(pushable.positive, motion, motions)
 
 
 def carry_out_push(session: Session, planned: PlannedPush) -> DonePush:
     """Approach, push, back, home."""
     return DonePush(planned, tuple(session.move(planned.motions)))
+
+
+def _drawer(view: Observation, settings: RunSettings) -> Pushable:
+    front = find_front(view.scene)
+    return Pushable(front.normal, push_scene(view.scene, front), push_proposals(front, settings.push))
+
+
+def _laptop(view: Observation, settings: RunSettings) -> Pushable:
+    lid = find_lid(view.scene)
+    return Pushable(lid.along, push_scene(view.scene, lid), lid_proposals(lid, settings.lid_push))
+
+
+_PUSHABLES = {DRAWER.name: _drawer, LAPTOP.name: _laptop}

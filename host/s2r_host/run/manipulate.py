@@ -28,7 +28,6 @@ logger = logging.getLogger(__name__)
 DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5)  # share of the usual doubt about the object, one per try
 # A correction is worth less than what a daring one can spoil: the drawer is within millimetres already.
 CORRECTION_DOUBTS = (1.0, 1.0)
-MOVING_M = 2e-4  # per control step
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -53,8 +52,8 @@ class PlannedManipulation:
     pushed_geom: str
 
     @property
-    def foreseen_m(self) -> float:
-        """Joint value at the end, as the model has it [m]."""
+    def foreseen(self) -> float:
+        """Joint value at the end, as the model has it [m or rad]."""
         return self.delivery.replay.final
 
 
@@ -67,8 +66,8 @@ class DoneManipulation:
         executed: What was sent and recorded.
         view: The look afterwards.
         measured: Where the part is now.
-        s_initial: Where it was just before, by the camera [m].
-        s_target: Where it should be [m].
+        s_initial: Where it was just before, by the camera [m or rad].
+        s_target: Where it should be [m or rad].
     """
 
     planned: PlannedManipulation
@@ -79,14 +78,14 @@ class DoneManipulation:
     s_target: float
 
     @property
-    def delta_m(self) -> float:
-        """δ = s_target − s_final [m]."""
-        return self.s_target - self.measured.s_m
+    def delta(self) -> float:
+        """δ = s_target − s_final [m or rad]."""
+        return self.s_target - self.measured.s
 
     @property
     def delta_r(self) -> float:
         """δ_r = δ / (s_target − s_initial)."""
-        return self.delta_m / (self.s_target - self.s_initial)
+        return self.delta / (self.s_target - self.s_initial)
 
 
 def prepare_manipulation(
@@ -98,7 +97,7 @@ def prepare_manipulation(
         TargetError: No try succeeded; the text has the first one's reason.
         PeerUnreachableError: The executor fell silent.
     """
-    settings = session.settings
+    settings, task = session.settings, session.settings.task
     reasons: list[str] = []
     for k, doubt in enumerate(DOUBTS if number == 1 else CORRECTION_DOUBTS):
         try:
@@ -107,8 +106,8 @@ def prepare_manipulation(
             reasons.append(str(error))
             logger.info("try %d to plan manipulation %d: %s", k + 1, number, error)
     raise TargetError(
-        f"no plan takes the drawer from {s_initial:+.4f} to {settings.target_m:+.4f} m ({len(reasons)} tries): "
-        f"{reasons[0]}; try another target or placement"
+        f"no plan takes the {task.part} from {task.unit.show(s_initial)} to {task.unit.show(settings.target)} "
+        f"({len(reasons)} tries): {reasons[0]}; try another target or placement"
     )
 
 
@@ -122,36 +121,37 @@ def _prepare_once(
     doubt: float,
 ) -> PlannedManipulation:
     settings = session.settings
-    outwards = float(np.sign(settings.target_m - s_initial))
+    sign = float(np.sign(settings.target - s_initial))
     request = PlanRequest(
         arm=session.arm.arm,
         object_mjcf=belief.mjcf_path,
         s_initial=s_initial,
-        s_target=settings.target_m,
+        s_target=settings.target,
         q_initial=session.status().q_ref,
         seed=settings.seed + 1000 * number + attempt,
     )
     result = plan_manipulation(request)
     if not result.success:
         raise TargetError(result.reason)
-    doubts = tuple(_scaled(one, doubt) for one in PERTURBATIONS)
+    doubts = tuple(_scaled(one, doubt, _rise_m(belief, request)) for one in PERTURBATIONS)
     delivery = deliver(request, result, TimeLawSettings(speed=settings.plan_speed), doubts)
     q_end = delivery.trajectory.q[-1]
     shapes = object_obstacles(Path(request.object_mjcf), delivery.replay.final)
     near = [*shapes, table_obstacle()]
     far = [*near, cloud_obstacle(_unmodelled(belief, view, s_initial), name="surroundings")]
     played = delivery.replay
-    touched = int(np.argmax(np.abs(played.s - s_initial) > MOVING_M))
+    touched = int(np.argmax(np.abs(played.s - s_initial) > settings.task.moving))
+    p_tip = session.arm.tool_pose(q_end)[:3, 3]
     escape = plan_escape(
         session.arm,
         near,
         far,
         q_end,
         session.arm.arm.q_home,
-        outwards * belief.axis,
+        sign * belief.direction_at(p_tip),
         session.rng,
         way_in=played.q_meas[:touched],
-        advance_m=(played.final - s_initial) * belief.axis,
+        carried=belief.carried(s_initial, played.final),
     )
     motions = (
         Motion(delivery.trajectory, f"manipulation {number}"),
@@ -163,16 +163,27 @@ def _prepare_once(
     )
 
 
-def _scaled(one: Perturbation, share: float) -> Perturbation:
-    """A perturbation with a share of its displacement and of its (logarithmic) change of resistance."""
+def _rise_m(belief: Belief, request: PlanRequest) -> float:
+    """How much higher or lower than believed a slide may end, because its axis is known to some angle only [m]."""
+    if not belief.template.slides:
+        return 0.0
+    return 0.5 * belief.estimate.intervals90.axis_angle_rad * abs(request.s_target - request.s_initial)
+
+
+def _scaled(one: Perturbation, share: float, rise_m: float) -> Perturbation:
+    """A perturbation with a share of its displacement and of its (logarithmic) change of resistance.
+
+    Displacements up or down grow by ``rise_m``: what a fingertip hooks over an edge must survive.
+    """
     x, y, z = one.shift_m
+    z += np.sign(z) * rise_m
     return replace(one, shift_m=(share * x, share * y, share * z), resistance=one.resistance**share)
 
 
 def _pushed_geom(session: Session, request: PlanRequest, delivery: Delivery) -> str:
     """What the fingertip is nearest to when it moves the part for the last time in the replay."""
     played = delivery.replay
-    moving = np.flatnonzero(np.abs(np.diff(played.s)) > MOVING_M)
+    moving = np.flatnonzero(np.abs(np.diff(played.s)) > session.settings.task.moving)
     row = int(moving[-1]) if len(moving) else len(played.s) - 1
     shapes = object_obstacles(Path(request.object_mjcf), float(played.s[row]))
     part = [shape for shape in shapes if shape.name.startswith("part_")]
@@ -197,9 +208,9 @@ def measure_now(
         EmptyCloudError, SceneError: The part is not seen.
     """
     view = observe(session, name)
-    low, high = belief.model.range
+    (low, high), margin = belief.model.range, 0.03 / belief.template.reach_m
     measured = measure_state(
-        belief.template, view.capture.frame, view.arm_mask, (low - 0.03, high + 0.03), s_expected
+        belief.template, view.capture.frame, view.arm_mask, (low - margin, high + margin), s_expected
     )
     return view, measured
 
@@ -208,10 +219,10 @@ def _unmodelled(belief: Belief, view: Observation, s: float) -> np.ndarray:
     """Observed points that belong to no piece of the model at joint value s: other things on the table, (n, 3)."""
     p = view.scene.p_base
     near = np.zeros(len(p), bool)
+    moved = belief.template.pose(s)
     for piece in belief.model.pieces:
-        X = piece.X_base_piece
-        moved = s * belief.axis if piece.body == "part" else np.zeros(3)
-        local = (p - X[:3, 3] - moved) @ X[:3, :3]
+        X = moved @ piece.X_base_piece if piece.body == "part" else piece.X_base_piece
+        local = (p - X[:3, 3]) @ X[:3, :3]
         low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
         near |= np.all((local > low - OWN_REACH_M) & (local < high + OWN_REACH_M), axis=1)
     return p[~near]

@@ -1,22 +1,23 @@
-"""Where the moving part is now, seen by the camera: a fit along the known axis, one degree of freedom.
+"""Where the moving part is now, seen by the camera: a fit of the known joint, one degree of freedom.
 
-The part's points and normals, brought to joint value 0 from the two views that built the model, are slid along
-the axis until they lie on the new view: first a scan over the whole range against the depth image, then
-point-to-plane steps with outliers weighed down. Slides only; hinges need the same with a rotation.
+The part's points and normals, brought to joint value 0 from the two views that built the model, are moved by the
+joint until they lie on the new view: first a scan over the whole range against the depth image, then
+point-to-plane steps with outliers weighed down.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from s2r_host.errors import SceneError
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.frames import DepthFrame
+from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.view import DepthView
 
-SCAN_STEP_M = 0.002
+SCAN_STEP_M = 0.002  # of the part's outermost points
 TRUNCATION_M = 0.012
 GATE_M = 0.006
 LEAST_FACING = 0.35
@@ -27,11 +28,48 @@ STEPS = 8
 
 @dataclass(frozen=True, eq=False)
 class PartTemplate:
-    """Surface of the moving part at joint value 0, base frame: points [m] and unit normals (n, 3), unit axis (3,)."""
+    """Surface of the moving part at joint value 0, base frame.
+
+    Attributes:
+        p: Points [m], (n, 3).
+        n: Unit normals, (n, 3).
+        motion: The joint, its direction towards growing values; ``delta`` is not used.
+    """
 
     p: np.ndarray
     n: np.ndarray
-    axis: np.ndarray
+    motion: JointMotion
+
+    @property
+    def axis(self) -> np.ndarray:
+        """Unit vector along (slide) or about (hinge) which the joint grows, base frame, (3,)."""
+        return self.motion.direction
+
+    @property
+    def slides(self) -> bool:
+        """The joint is prismatic."""
+        return self.motion.joint_type == "prismatic"
+
+    @property
+    def reach_m(self) -> float:
+        """How far the outermost point goes per unit of the joint: 1 for a slide, the largest radius of a hinge [m]."""
+        return 1.0 if self.slides else float(np.linalg.norm(self._lever_arms(self.p), axis=1).max())
+
+    def pose(self, s: float) -> np.ndarray:
+        """X (4, 4) from joint value 0 to s."""
+        return replace(self.motion, delta=s).transform()
+
+    def at(self, s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Points [m] and normals at joint value s, both (n, 3)."""
+        X = self.pose(s)
+        return self.p @ X[:3, :3].T + X[:3, 3], self.n @ X[:3, :3].T
+
+    def velocity(self, p: np.ndarray) -> np.ndarray:
+        """Motion of points of the part per unit of the joint, (n, 3)."""
+        return np.broadcast_to(self.axis, p.shape) if self.slides else self._lever_arms(p)
+
+    def _lever_arms(self, p: np.ndarray) -> np.ndarray:
+        return np.cross(self.axis, p - self.motion.origin)
 
 
 @dataclass(frozen=True)
@@ -39,39 +77,39 @@ class Measurement:
     """A measured joint value.
 
     Attributes:
-        s_m: Joint value [m].
-        sigma_m: Its standard error, from the spread over patches of the surface [m].
+        s: Joint value [m or rad].
+        sigma: Its standard error, from the spread over patches of the surface [m or rad].
         residual_m: Median distance of the matched points from the surface [m].
         matched: Share of the template's points that lie on the view.
     """
 
-    s_m: float
-    sigma_m: float
+    s: float
+    sigma: float
     residual_m: float
     matched: float
 
 
-def part_template(estimate: JointEstimate, axis: np.ndarray, s_after: float) -> PartTemplate:
-    """The part from both views of an estimate.
+def part_template(estimate: JointEstimate) -> PartTemplate:
+    """The part from both views of an estimate, whose joint grows along the estimate's direction.
 
-    Args:
-        estimate: Of the views at joint values 0 and ``s_after``.
-        axis: Direction of positive joint values, shape (3,).
-        s_after: Joint value of the second view [m].
+    Raises:
+        SceneError: The views are bare clouds.
     """
     points, normals = [], []
+    motion = estimate.motion
     for view, part, s in (
         (estimate.view_before, estimate.parts.before, 0.0),
-        (estimate.view_after, estimate.parts.after, s_after),
+        (estimate.view_after, estimate.parts.after, estimate.delta),
     ):
         if not isinstance(view, DepthView):
             raise SceneError("measuring the state needs depth images, not bare clouds")
         keep = part & view.normal_ok & ~view.edge
-        points.append(view.points[keep] - s * axis)
-        normals.append(view.normals[keep])
+        back = np.linalg.inv(replace(motion, delta=s).transform())
+        points.append(view.points[keep] @ back[:3, :3].T + back[:3, 3])
+        normals.append(view.normals[keep] @ back[:3, :3].T)
     p, n = np.concatenate(points), np.concatenate(normals)
     stride = max(1, len(p) // MOST_POINTS)
-    return PartTemplate(p[::stride], n[::stride], np.asarray(axis, float))
+    return PartTemplate(p[::stride], n[::stride], motion)
 
 
 def measure_state(
@@ -87,29 +125,67 @@ def measure_state(
         template: Of :func:`part_template`.
         frame: The new view.
         ignore: Pixels to forget (the arm), shape (h, w), bool.
-        s_range: Where to look [m].
-        s_expected: Breaks ties between equally good places [m].
+        s_range: Where to look [m or rad].
+        s_expected: Breaks ties between equally good places [m or rad].
 
     Raises:
         SceneError: The part is not found.
     """
     view = DepthView(frame, ignore)
-    candidates = np.arange(s_range[0], s_range[1] + 1e-9, SCAN_STEP_M)
+    reach_m = template.reach_m
+    candidates = np.arange(s_range[0], s_range[1] + 1e-9, SCAN_STEP_M / reach_m)
     costs = np.array([_cost(template, view, s) for s in candidates])
     if s_expected is not None:
-        costs += 0.02 * TRUNCATION_M * np.minimum(np.abs(candidates - s_expected) / 0.1, 1.0)
+        costs += 0.02 * TRUNCATION_M * np.minimum(reach_m * np.abs(candidates - s_expected) / 0.1, 1.0)
     s = float(candidates[int(np.argmin(costs))])
     for _ in range(STEPS):
-        s += _step(template, *_matched(template, view, s))
-    r, use = _matched(template, view, s)
-    facing = np.abs(template.n @ template.axis) > LEAST_FACING
-    share = float(use.sum() / facing.sum())
+        fit = _matched(template, view, s)
+        s += fit.step()
+    fit = _matched(template, view, s)
+    share = float(fit.use.sum() / fit.tells.sum())
     if share < LEAST_MATCHED:
         raise SceneError(
-            f"only {share:.0%} of the moving part's front lies on the new view near s = {s:.3f} m "
-            f"(limit {LEAST_MATCHED:.0%}); did the cabinet move?"
+            f"only {share:.0%} of the moving part's surface lies on the new view near s = {s:.3f} "
+            f"(limit {LEAST_MATCHED:.0%}); did the object move as a whole?"
         )
-    return Measurement(s, _standard_error(template, r, use), float(np.median(np.abs(r[use]))), share)
+    return Measurement(s, fit.standard_error(), float(np.median(np.abs(fit.r[fit.use]))), share)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Residuals of the template's points at one joint value.
+
+    Attributes:
+        p: The points there [m], (n, 3).
+        r: Distance of the seen surface along the normal [m], (n,).
+        lever: Motion along the normal per unit of the joint [m], (n,).
+        tells: Points whose surface moves across itself, so that they tell the joint value, (n,).
+        use: Those among them that were seen and are near, (n,).
+    """
+
+    p: np.ndarray
+    r: np.ndarray
+    lever: np.ndarray
+    tells: np.ndarray
+    use: np.ndarray
+
+    def step(self) -> float:
+        """Change of the joint value that brings the points to the surface."""
+        lever, r = self.lever[self.use], self.r[self.use]
+        weight = (1.0 - (r / GATE_M) ** 2) ** 2  # Tukey
+        return float((weight * lever * r).sum() / (weight * lever * lever).sum())
+
+    def standard_error(self) -> float:
+        """From patches of 3 cm: neighbouring pixels err together, so points are no independent sample."""
+        cells = np.floor(self.p[self.use] / 0.03).astype(int)
+        patch = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+        lever, r = self.lever[self.use], self.r[self.use]
+        total, typical = np.bincount(patch, lever * lever), float(np.median(lever * lever))
+        enough = total > 5.0 * typical
+        per_patch = np.bincount(patch, lever * r)[enough] / total[enough]
+        if len(per_patch) < 3:
+            return float("inf")
+        return float(1.4826 * np.median(np.abs(per_patch - np.median(per_patch))) / np.sqrt(len(per_patch)))
 
 
 def _project(view: DepthView, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -128,50 +204,30 @@ def _project(view: DepthView, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _cost(template: PartTemplate, view: DepthView, s: float) -> float:
     """Mean truncated depth difference; pixels without a return count as half wrong."""
-    index, z = _project(view, template.p + s * template.axis)
+    index, z = _project(view, template.at(s)[0])
     seen = index >= 0
     z_seen = (view.points[index[seen]] @ view.X_camera_base[2, :3]) + view.X_camera_base[2, 3]
     total = np.minimum(np.abs(z_seen - z[seen]), TRUNCATION_M).sum()
     return float(total + 0.5 * TRUNCATION_M * (~seen).sum()) / len(z)
 
 
-def _residuals(template: PartTemplate, view: DepthView, s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of the seen surface from each point along its normal [m], and whether there is one."""
-    p = template.p + s * template.axis
+def _matched(template: PartTemplate, view: DepthView, s: float) -> _Fit:
+    """Residuals of all points and which of them tell the state."""
+    p, n = template.at(s)
     index, _ = _project(view, p)
     matched = index >= 0
     agree = np.zeros(len(p), bool)
-    agree[matched] = np.einsum("ij,ij->i", view.normals[index[matched]], template.n[matched]) > 0.8
+    agree[matched] = np.einsum("ij,ij->i", view.normals[index[matched]], n[matched]) > 0.8
     matched &= agree
     r = np.zeros(len(p))
-    r[matched] = np.einsum("ij,ij->i", template.n[matched], view.points[index[matched]] - p[matched])
-    return r, matched
-
-
-def _matched(template: PartTemplate, view: DepthView, s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals of all points and which of them tell the state."""
-    r, matched = _residuals(template, view, s)
-    use = matched & (np.abs(r) < GATE_M) & (np.abs(template.n @ template.axis) > LEAST_FACING)
+    r[matched] = np.einsum("ij,ij->i", n[matched], view.points[index[matched]] - p[matched])
+    velocity = template.velocity(p)
+    lever = np.einsum("ij,ij->i", n, velocity)
+    tells = np.abs(lever) > LEAST_FACING * (1.0 if template.slides else 0.3 * template.reach_m)
+    use = matched & (np.abs(r) < GATE_M) & tells
     if use.sum() < 50:
         raise SceneError(
-            f"the moving part is not found in the new view: {int(use.sum())} of {len(template.p)} points match "
-            f"near s = {s:.3f} m; is it hidden, or did something else move?"
+            f"the moving part is not found in the new view: {int(use.sum())} of {len(p)} points match "
+            f"near s = {s:.3f}; is it hidden, or did something else move?"
         )
-    return r, use
-
-
-def _step(template: PartTemplate, r: np.ndarray, use: np.ndarray) -> float:
-    lever = template.n[use] @ template.axis
-    weight = (1.0 - (r[use] / GATE_M) ** 2) ** 2  # Tukey
-    return float((weight * lever * r[use]).sum() / (weight * lever * lever).sum())
-
-
-def _standard_error(template: PartTemplate, r: np.ndarray, use: np.ndarray) -> float:
-    """From estimates over patches of 3 cm: neighbouring pixels err together, so points are no independent sample."""
-    patch = np.unique(np.floor(template.p[use] / 0.03).astype(int), axis=0, return_inverse=True)[1].ravel()
-    lever = template.n[use] @ template.axis
-    total = np.bincount(patch, lever * lever)
-    per_patch = np.bincount(patch, lever * r[use])[total > 5.0] / total[total > 5.0]
-    if len(per_patch) < 3:
-        return float("inf")
-    return float(1.4826 * np.median(np.abs(per_patch - np.median(per_patch))) / np.sqrt(len(per_patch)))
+    return _Fit(p, r, lever, tells, use)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
-from s2r_host.run.belief import build_belief, corrected, estimate_slide
+from s2r_host.run.belief import build_belief, corrected, estimate_part
 from s2r_host.run.first_push import carry_out_push, prepare_push
 from s2r_host.run.journal import Journal
 from s2r_host.run.manipulate import (
@@ -23,10 +23,8 @@ from s2r_protocol.exits import ExitCode, RefusedError, S2RError
 
 logger = logging.getLogger(__name__)
 
-FAR_OFF_M = 0.02
 
-
-def run_drawer(settings: RunSettings, journal: Journal, arguments: tuple[str, ...] = ()) -> RunRecord:
+def run_task(settings: RunSettings, journal: Journal, arguments: tuple[str, ...] = ()) -> RunRecord:
     """Run the whole loop. Never raises for what can go wrong on the way: the record says how it ended.
 
     Files in ``settings.out``: ``run.mcap`` and ``run.json``; the report is the caller's.
@@ -55,7 +53,7 @@ def run_drawer(settings: RunSettings, journal: Journal, arguments: tuple[str, ..
 
 
 def _loop(session: Session, record: RunRecord) -> None:
-    settings, journal = session.settings, session.journal
+    settings, journal, task = session.settings, session.journal, session.settings.task
     _warm_up(journal)
     _home(session, record)
     with journal.stage("view A") as stage:
@@ -73,19 +71,20 @@ def _loop(session: Session, record: RunRecord) -> None:
         after = _look(session, record, "B")
         stage.note = f"{len(after.scene.p_base)} object points"
     with journal.stage("estimate joint") as stage:
-        estimate = estimate_slide(before, after, record.planned_push.front.normal, settings.seed)
-        stage.note = f"moved {1e3 * estimate.delta:+.1f} mm, {100 * estimate.explained:.0f} % explained"
+        estimate = estimate_part(before, after, task, record.planned_push.positive, settings.seed)
+        stage.note = f"moved {task.unit.show(estimate.delta)}, {100 * estimate.explained:.0f} % explained"
         for text in estimate.warnings:
             journal.warn(text)
     with journal.stage("build model") as stage:
         record.belief = build_belief(estimate, settings.out / "model", settings.seed)
         model = record.belief.model
-        stage.note = f"{len(model.pieces)} pieces, range {model.range[0]:+.3f} to {model.range[1]:+.3f} m"
+        low, high = (task.unit.show(limit, 0) for limit in model.range)
+        stage.note = f"{len(model.pieces)} pieces, range {low} to {high}"
         for text in model.warnings:
             journal.warn(text)
     record.s_found = float(estimate.delta)
     session.recorder.add_note(
-        "joint", {"axis": estimate.axis_direction.tolist(), "s_after_m": float(estimate.delta)}
+        "joint", {"axis": estimate.axis_direction.tolist(), "s_after": float(estimate.delta)}
     )
     _attempts(session, record, after)
     _judge(record)
@@ -93,7 +92,7 @@ def _loop(session: Session, record: RunRecord) -> None:
 
 def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
     """Manipulate until the measured error is small enough or the attempts are used up."""
-    settings, journal = session.settings, session.journal
+    settings, journal, task = session.settings, session.journal, session.settings.task
     assert record.belief is not None
     assert record.s_found is not None
     s_now = record.s_found
@@ -103,7 +102,7 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
                 planned = prepare_manipulation(session, record.belief, number, s_now, view)
                 stage.note = (
                     f"{planned.result.control_steps} steps, {planned.delivery.trajectory.duration_s:.1f} s, "
-                    f"ends at {planned.foreseen_m:+.4f} m"
+                    f"ends at {task.unit.show(planned.foreseen)}"
                 )
         except RefusedError as error:
             if number == 1:
@@ -113,37 +112,41 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
         with journal.stage(f"manipulation {number}"):
             executed = carry_out_manipulation(session, planned)
         with journal.stage(f"measure {number}") as stage:
-            view, measured = measure_now(session, record.belief, f"C{number}", planned.foreseen_m)
+            view, measured = measure_now(session, record.belief, f"C{number}", planned.foreseen)
             record.views.append(view)
-            done = DoneManipulation(planned, executed, view, measured, s_now, settings.target_m)
+            done = DoneManipulation(planned, executed, view, measured, s_now, settings.target)
             record.attempts.append(done)
-            stage.note = f"{measured.s_m:+.4f} ± {measured.sigma_m:.4f} m, delta {1e3 * done.delta_m:+.2f} mm"
+            stage.note = f"{task.unit.show(measured.s)}, δ {task.unit.show(done.delta)}"
         session.recorder.add_note(
             "state",
-            {"number": number, "s_m": measured.s_m, "sigma_m": measured.sigma_m, "delta_m": done.delta_m},
+            {"number": number, "s": measured.s, "sigma": measured.sigma, "delta": done.delta},
         )
-        if abs(done.delta_m) <= settings.good_enough_m:
+        if abs(done.delta) <= task.good_enough:
             return
-        s_now = measured.s_m
-        offset = measured.s_m - planned.foreseen_m
-        if number < settings.attempts and abs(offset) < FAR_OFF_M:
+        s_now = measured.s
+        offset = measured.s - planned.foreseen
+        if number < settings.attempts and abs(offset) < task.far_off:
             folder = settings.out / f"model-{number + 1}"
-            pushed_out = planned.request.s_target > planned.request.s_initial
-            record.belief = corrected(record.belief, planned.pushed_geom, offset, pushed_out, folder)
-            journal.say(f"belief corrected: pushed face of {planned.pushed_geom} by {-1e3 * offset:+.1f} mm")
+            positive = planned.request.s_target > planned.request.s_initial
+            record.belief = corrected(record.belief, planned.pushed_geom, offset, positive, folder)
+            journal.say(
+                f"belief corrected: pushed face of {planned.pushed_geom} by {task.unit.show(-offset)}"
+            )
 
 
 def _judge(record: RunRecord) -> None:
-    last, tolerance = record.attempts[-1], record.settings.tolerance_m
+    last, task = record.attempts[-1], record.settings.task
     text = (
-        f"drawer at {last.measured.s_m:+.4f} m, target {last.s_target:+.4f} m: delta {1e3 * last.delta_m:+.2f} mm "
+        f"{task.part} at {task.unit.show(last.measured.s)}, target {task.unit.show(last.s_target)}: "
+        f"δ {task.unit.show(last.delta)} "
         f"after {len(record.attempts)} planned manipulation{'s' if len(record.attempts) > 1 else ''}"
     )
-    good = abs(last.delta_m) <= tolerance
+    good = abs(last.delta) <= task.tolerance
     record.code = ExitCode.OK if good else ExitCode.DIFFERENCE
-    record.reason = (
-        text if good else f"{text}, more than {1e3 * tolerance:.1f} mm; look at the report's contact surfaces"
-    )
+    record.reason = text
+    if not good:
+        limit = task.unit.show(task.tolerance)[1:]
+        record.reason = f"{text}, more than {limit}; look at the report's contact surfaces"
 
 
 def _introduce(record: RunRecord, session: Session) -> None:

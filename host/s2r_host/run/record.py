@@ -76,16 +76,17 @@ class RunRecord:
         first = self.attempts[0] if self.attempts else None
         overall = None
         if last and first:
-            overall = last.delta_m / (last.s_target - first.s_initial)
+            overall = last.delta / (last.s_target - first.s_initial)
         return {
             "schema_version": SCHEMA_VERSION,
-            "task": "drawer",
+            "task": self.settings.task.name,
+            "unit": "m" if self.settings.task.joint_type == "prismatic" else "rad",
             "exit": {"code": int(self.code), "name": self.code.name, "reason": self.reason},
-            "s_target": self.settings.target_m,
+            "s_target": self.settings.target,
             "s_initial": first.s_initial if first else self.s_found,
-            "s_final": last.measured.s_m if last else self.s_found,
-            "s_final_sigma": last.measured.sigma_m if last else None,
-            "delta": last.delta_m if last else None,
+            "s_final": last.measured.s if last else self.s_found,
+            "s_final_sigma": last.measured.sigma if last else None,
+            "delta": last.delta if last else None,
             "delta_r": overall,
             "tick_before_plan": first.executed[0].tick_start if first and first.executed else None,
             "attempts": [_attempt(attempt) for attempt in self.attempts],
@@ -120,10 +121,10 @@ def _attempt(done: DoneManipulation) -> dict[str, Any]:
         "number": planned.number,
         "s_initial": done.s_initial,
         "s_target": done.s_target,
-        "s_planned": planned.foreseen_m,
-        "s_final": done.measured.s_m,
-        "s_final_sigma": _finite(done.measured.sigma_m),
-        "delta": done.delta_m,
+        "s_planned": planned.foreseen,
+        "s_final": done.measured.s,
+        "s_final_sigma": _finite(done.measured.sigma),
+        "delta": done.delta,
         "delta_r": done.delta_r,
         "tick_start": done.executed[0].tick_start if done.executed else None,
         "plan_seqs": [executed.seq for executed in done.executed],
@@ -147,7 +148,7 @@ def _attempt(done: DoneManipulation) -> dict[str, Any]:
 def _push(done: DonePush) -> dict[str, Any]:
     motion = done.planned.motion
     return {
-        "front_normal": motion.proposal.direction * -1.0,
+        "direction": motion.proposal.direction,
         "contact_m": motion.proposal.p_contact,
         "depth_m": float(np.linalg.norm(motion.proposal.p_end - motion.proposal.p_contact)),
         "proposals_tried": motion.tried,
@@ -170,7 +171,7 @@ def _joint(belief: Belief) -> dict[str, Any]:
         "model_urdf": model.urdf_path,
         "mass_kg": model.mass_kg,
         "range": model.range,
-        "shifts_m": belief.shifts_m,
+        "shifts": belief.shifts,
     }
 
 

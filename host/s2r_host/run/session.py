@@ -179,7 +179,7 @@ def open_session(settings: RunSettings, journal: Journal) -> Session:
     settings.out.mkdir(parents=True, exist_ok=True)
     facts = {
         "seed": str(settings.seed),
-        "target_m": repr(settings.target_m),
+        "target": repr(settings.target),
         "software": link.identity.software,
     }
     recorder = RunRecorder(settings.out / "run.mcap", f"/{keys.base}", arm.joint_names, arm, facts)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from s2r_host.motion.lid_proposals import LidPushSettings
 from s2r_host.motion.push_proposals import PushSettings
 from s2r_host.motion.scene import Region
+from s2r_host.run.task import DRAWER, Task
 from s2r_protocol.exits import UsageError
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
@@ -18,7 +20,8 @@ class RunSettings:
     """One run of ``s2r run``.
 
     Attributes:
-        target_m: Wanted joint value, 0 = as found in the first view, + = out of the cabinet.
+        target: Wanted joint value [m or rad], 0 = as found in the first view; the task says which way is positive.
+        task: Kind of object.
         out: Run folder; must be new or empty.
         executor, camera: Zenoh endpoints.
         tls: Folder with this host's certificate; None when both are on this machine.
@@ -26,19 +29,17 @@ class RunSettings:
         arm: Shipped arm or a folder with one.
         seed: Of all chance on the host.
         attempts: Planned manipulations at most: the first and its corrections.
-        good_enough_m: Measured error that ends the run without another attempt. The camera is right within half a
-            millimetre; a correction may err by more than the little it would gain.
-        tolerance_m: Measured error up to which the run counts as a success.
         push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan
             calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
         settle_s: Wait between the end of a motion and a picture.
         dry_run: Look and plan the push, move nothing.
-        push: Geometry of the first push.
+        push, lid_push: Geometry of the first push on a drawer's front or a lid.
         region: Where the object is looked for.
     """
 
-    target_m: float
+    target: float
     out: Path
+    task: Task = DRAWER
     executor: str = DEFAULT_EXECUTOR
     camera: str = DEFAULT_CAMERA
     tls: Path | None = None
@@ -47,21 +48,17 @@ class RunSettings:
     arm: str = "xmate3pro"
     seed: int = 0
     attempts: int = 3
-    good_enough_m: float = 0.0035
-    tolerance_m: float = 0.005
     push_speed: float = 0.25
     travel_speed: float = 0.6
     plan_speed: float = 0.6
     settle_s: float = 0.2
     dry_run: bool = False
     push: PushSettings = field(default_factory=PushSettings)
+    lid_push: LidPushSettings = field(default_factory=LidPushSettings)
     region: Region = field(default_factory=Region)
 
     def __post_init__(self) -> None:
-        if not -0.5 <= self.target_m <= 0.6:
-            raise UsageError(
-                f"--target {self.target_m:g} m is outside [-0.5, 0.6] m; it is in metres from the first view"
-            )
+        self.task.check(self.target)
         if self.attempts < 1:
             raise UsageError(f"--attempts {self.attempts} is not allowed; at least 1")
         for name in ("push_speed", "travel_speed", "plan_speed"):

@@ -16,14 +16,19 @@ import click
 from s2r_protocol.exits import ExitCode, UsageError
 
 if TYPE_CHECKING:
+    from s2r_sim.demo.goals import Goal
     from s2r_sim.demo.verdict import DemoVerdict
-
-TOLERANCE_M = 0.005  # the paper's success distance
 
 
 @click.command()
-@click.option("--seed", default=1, show_default=True, help="Which hidden drawer.")
-@click.option("--target", default=0.15, show_default=True, help="Joint value [m]; 0 = as found, + = out.")
+@click.option("--seed", default=1, show_default=True, help="Which hidden object.")
+@click.option(
+    "--object", "kind", type=click.Choice(["drawer", "laptop"]), default="drawer", show_default=True
+)
+@click.option(
+    "--target",
+    help="Joint value; 0 = as found, + = out or opening  [default: 150mm for a drawer, -35deg for a laptop].",
+)
 @click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most.")
 @click.option("--clock", type=click.Choice(["lockstep", "real"]), default="lockstep", show_default=True)
 @click.option(
@@ -34,7 +39,8 @@ TOLERANCE_M = 0.005  # the paper's success distance
 @click.option("--json", "as_json", is_flag=True, help="Print the verdict on standard output.")
 def demo(
     seed: int,
-    target: float,
+    kind: str,
+    target: str | None,
     attempts: int,
     clock: str,
     pace: float,
@@ -42,10 +48,11 @@ def demo(
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Open a never-seen drawer end to end on the stand-in, then open the sealed truth.
+    """Move a never-seen drawer or laptop lid end to end on the stand-in, then open the sealed truth.
 
-    Exit 0: the drawer is truly within 5 mm of the target. 7: it is not. Otherwise the failing part's code.
+    Exit 0: it is truly within 5 mm or 2° of the target. 7: it is not. Otherwise the failing part's code.
     """
+    from s2r_sim.demo.goals import GOALS
     from s2r_sim.demo.processes import free_port, peer, s2r_command
     from s2r_sim.demo.verdict import draw_truth, open_truth
 
@@ -54,9 +61,10 @@ def demo(
         raise UsageError(f"--out {folder} exists and is not empty; name a new folder")
     folder.mkdir(parents=True, exist_ok=True)
     world = folder / "world.json"
-    _say(f"drawing hidden drawer {seed}")
+    goal = GOALS[kind]
+    _say(f"drawing hidden {kind} {seed}")
     drawn = subprocess.run(
-        s2r_command("world", "draw", "--seed", str(seed), "--out", world),
+        s2r_command("world", "draw", "--kind", kind, "--seed", str(seed), "--out", world),
         capture_output=True,
         text=True,
         check=True,
@@ -81,21 +89,29 @@ def demo(
             *both,
         )
         front_end = ("executor", "--record", folder / "recordings", "--bus", bus, "--listen", executor, *both)
-        host = ("run", "drawer", "--target", str(target), "--attempts", str(attempts), "--seed", str(seed))
+        host = (
+            "run",
+            kind,
+            f"--target={target or goal.target}",
+            "--attempts",
+            str(attempts),
+            "--seed",
+            str(seed),
+        )
         _say("starting stand-in and executor")
         with peer("sim-arm", stand_in, folder), peer("executor", front_end, folder):
             ended = _run_host([*host, "--executor", executor, "--camera", camera, "--out", folder / "run"])
     if ended == ExitCode.INTERRUPTED:
         return ended
     verdict = open_truth(seed, folder, published)
-    picture = draw_truth(folder, verdict)
+    picture = draw_truth(folder, verdict, goal)
     (folder / "demo.json").write_text(json.dumps(verdict.as_dict(), indent=1) + "\n")
-    _print_verdict(verdict, picture)
+    _print_verdict(verdict, picture, goal)
     if as_json:
         click.echo(json.dumps(verdict.as_dict(), indent=1))
     if ended not in (ExitCode.OK, ExitCode.DIFFERENCE):
         return ended
-    within = abs(verdict.delta_true) <= TOLERANCE_M and verdict.commitment_holds
+    within = abs(verdict.delta_true) <= goal.tolerance and verdict.commitment_holds
     return int(ExitCode.OK if within else ExitCode.DIFFERENCE)
 
 
@@ -119,20 +135,20 @@ def _say(text: str) -> None:
     click.secho(f"demo: {text}", err=True, bold=True)
 
 
-def _print_verdict(verdict: DemoVerdict, picture: Path) -> None:
+def _print_verdict(verdict: DemoVerdict, picture: Path, goal: Goal) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    def millimetres(value: float | None) -> str:
-        return "–" if value is None else f"{1e3 * value:+.2f} mm"
+    def shown(value: float | None) -> str:
+        return "–" if value is None else f"{goal.factor * value:+.2f} {goal.unit}"
 
     table = Table(title="the sealed world, opened", show_header=False, title_justify="left")
-    table.add_row("target", millimetres(verdict.s_target))
-    table.add_row("true joint value", millimetres(verdict.s_true))
-    table.add_row("true δ after the first attempt", millimetres(verdict.delta_first_true))
-    table.add_row("true δ at the end", f"[bold]{millimetres(verdict.delta_true)}[/]")
+    table.add_row("target", shown(verdict.s_target))
+    table.add_row("true joint value", shown(verdict.s_true))
+    table.add_row("true δ after the first attempt", shown(verdict.delta_first_true))
+    table.add_row("true δ at the end", f"[bold]{shown(verdict.delta_true)}[/]")
     table.add_row("true δ_r", "–" if verdict.delta_r_true is None else f"{100 * verdict.delta_r_true:+.1f} %")
-    table.add_row("δ as the camera saw it", millimetres(verdict.delta_measured))
+    table.add_row("δ as the camera saw it", shown(verdict.delta_measured))
     table.add_row("planned manipulations", str(verdict.attempts))
     table.add_row(
         "commitment", "holds" if verdict.commitment_holds else "[red]BROKEN: the world file was changed[/]"

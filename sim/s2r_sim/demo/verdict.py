@@ -7,13 +7,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from s2r_sim.demo.goals import Goal
 from s2r_sim.score import read_truth
 from s2r_sim.world import load_world
 
 
 @dataclass(frozen=True)
 class DemoVerdict:
-    """The demo's result. Joint values [m] in the host's coordinate: 0 = as found, + = out of the cabinet.
+    """The demo's result. Joint values [m or rad] in the host's coordinate: 0 = as found, + = out or opening.
 
     Attributes:
         seed: Of the hidden world.
@@ -91,7 +92,7 @@ def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
     )
 
 
-def draw_truth(folder: Path, verdict: DemoVerdict) -> Path:
+def draw_truth(folder: Path, verdict: DemoVerdict, goal: Goal) -> Path:
     """Plot the true joint value over time with the target and what the camera said; returns the picture's path."""
     import matplotlib as mpl
 
@@ -101,15 +102,19 @@ def draw_truth(folder: Path, verdict: DemoVerdict) -> Path:
     truth = read_truth(folder / "truth.csv")
     run = json.loads((folder / "run/run.json").read_text())
     figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
-    axes.plot(truth.t, 1e3 * (truth.s - truth.s[0]), color="#20639b", label="truth, opened after the run")
-    axes.axhline(1e3 * verdict.s_target, color="#3caea3", linestyle="--", label="target")
+    axes.plot(
+        truth.t, goal.factor * (truth.s - truth.s[0]), color="#20639b", label="truth, opened after the run"
+    )
+    axes.axhline(goal.factor * verdict.s_target, color="#3caea3", linestyle="--", label="target")
     ticks = [attempt["tick_start"] for attempt in run["attempts"][1:]]
     times = [float(truth.t[truth.master_tick.searchsorted(tick)]) for tick in ticks] + [float(truth.t[-1])]
     for k, (t, attempt) in enumerate(zip(times, run["attempts"], strict=False)):
         label = "measured by the camera" if k == 0 else None
-        axes.plot(t, 1e3 * attempt["s_final"], "o", color="#ed553b", label=label)
-    axes.set(xlabel="simulated time [s]", ylabel="drawer, from as found [mm]")
-    axes.set_title(f"hidden drawer {verdict.seed}: true δ = {1e3 * verdict.delta_true:+.2f} mm")
+        axes.plot(t, goal.factor * attempt["s_final"], "o", color="#ed553b", label=label)
+    axes.set(xlabel="simulated time [s]", ylabel=f"{goal.name}, from as found [{goal.unit}]")
+    axes.set_title(
+        f"hidden {goal.name} {verdict.seed}: true δ = {goal.factor * verdict.delta_true:+.2f} {goal.unit}"
+    )
     axes.grid(alpha=0.3)
     axes.legend()
     path = folder / "truth.png"

@@ -244,7 +244,6 @@ def test_a_boxed_in_tip_leaves_the_way_it_came(arm, home):
     obstacles = [*walls, table_obstacle()]
     rng = np.random.default_rng(0)
     away = home + np.array([0.8, 0, 0, 0, 0, 0, 0])
-    moved = np.array([0.0, 0.0, 0.0])
     escape = plan_escape(
         arm,
         obstacles,
@@ -254,7 +253,7 @@ def test_a_boxed_in_tip_leaves_the_way_it_came(arm, home):
         np.array([-1.0, 0, 0]),
         rng,
         way_in=way_out[::-1],
-        advance_m=moved,
+        carried=np.eye(4),
     )
     assert escape.clearance_m == 0.0  # none of the straight ways, which all keep at least a millimetre
     checker = CollisionChecker(arm, obstacles, Clearance(obstacle_m=0.0, tip_m=0.0))

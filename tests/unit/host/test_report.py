@@ -50,7 +50,7 @@ def test_run_json_of_a_failed_run_has_reason_and_timings(record):
     assert values["exit"] == {"code": 4, "name": "REFUSED", "reason": record.reason}
     assert [stage["name"] for stage in values["stages"]] == ["connect", "view A"]
     assert values["delta"] is None
-    assert values["inputs"]["settings"]["target_m"] == 0.15
+    assert values["inputs"]["settings"]["target"] == 0.15
     record.write(record.settings.out / "run.json")
     assert (record.settings.out / "run.json").read_text().startswith("{")
 

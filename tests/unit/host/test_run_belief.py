@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from s2r_host.errors import SceneError
+from s2r_host.perception.motion import JointMotion
 from s2r_host.run.belief import Belief, _with_face, corrected
 from s2r_host.run.measure import PartTemplate
 
@@ -20,7 +21,8 @@ OUT = np.array([-1.0, 0.0, 0.0])
 def belief(tmp_path):
     path = tmp_path / "object.xml"
     path.write_text(MJCF)
-    template = PartTemplate(np.zeros((1, 3)), np.array([OUT]), OUT)
+    slide = JointMotion("prismatic", np.zeros(3), OUT, 0.0)
+    template = PartTemplate(np.zeros((1, 3)), np.array([OUT]), slide)
     return Belief(None, None, template, path, {})
 
 
@@ -34,25 +36,25 @@ def faces(path, name="part_bar"):
 
 def test_drawer_further_out_than_foreseen_means_a_thicker_handle(belief, tmp_path):
     inner, outer = faces(belief.mjcf_path)
-    after = corrected(belief, "part_bar", 0.003, pushed_out=True, folder=tmp_path / "second")
+    after = corrected(belief, "part_bar", 0.003, positive=True, folder=tmp_path / "second")
     assert faces(after.mjcf_path) == pytest.approx((inner - 0.003, outer))
-    assert after.shifts_m == {"part_bar": pytest.approx(-0.003)}
+    assert after.shifts == {"part_bar": pytest.approx(-0.003)}
 
 
 def test_drawer_less_far_out_means_a_thinner_handle(belief, tmp_path):
     inner, outer = faces(belief.mjcf_path)
-    after = corrected(belief, "part_bar", -0.002, pushed_out=True, folder=tmp_path / "second")
+    after = corrected(belief, "part_bar", -0.002, positive=True, folder=tmp_path / "second")
     assert faces(after.mjcf_path) == pytest.approx((inner + 0.002, outer))
 
 
 def test_pushing_in_moves_the_outer_face(belief, tmp_path):
     inner, outer = faces(belief.mjcf_path)
-    after = corrected(belief, "part_bar", -0.002, pushed_out=False, folder=tmp_path / "second")
+    after = corrected(belief, "part_bar", -0.002, positive=False, folder=tmp_path / "second")
     assert faces(after.mjcf_path) == pytest.approx((inner, outer + 0.002))
 
 
 def test_no_face_is_moved_through_the_other_one(belief, tmp_path):
-    after = corrected(belief, "part_bar", -0.05, pushed_out=True, folder=tmp_path / "second")
+    after = corrected(belief, "part_bar", -0.05, positive=True, folder=tmp_path / "second")
     inner, outer = faces(after.mjcf_path)
     assert outer - inner == pytest.approx(0.004)
 
@@ -64,12 +66,25 @@ def test_a_round_shape_moves_as_a_whole(belief, tmp_path):
 
 
 def test_corrections_add_up(belief, tmp_path):
-    once = corrected(belief, "part_bar", 0.003, pushed_out=True, folder=tmp_path / "second")
-    twice = corrected(once, "part_bar", -0.001, pushed_out=True, folder=tmp_path / "third")
-    assert twice.shifts_m["part_bar"] == pytest.approx(-0.002)
+    once = corrected(belief, "part_bar", 0.003, positive=True, folder=tmp_path / "second")
+    twice = corrected(once, "part_bar", -0.001, positive=True, folder=tmp_path / "third")
+    assert twice.shifts["part_bar"] == pytest.approx(-0.002)
     assert faces(twice.mjcf_path)[0] == pytest.approx(faces(belief.mjcf_path)[0] - 0.002)
 
 
 def test_unknown_geom_is_refused_by_name(belief, tmp_path):
     with pytest.raises(SceneError, match="no geom 'part_lid'"):
-        corrected(belief, "part_lid", 0.001, pushed_out=True, folder=tmp_path)
+        corrected(belief, "part_lid", 0.001, positive=True, folder=tmp_path)
+
+
+def test_a_lid_that_went_further_than_foreseen_is_turned_back_about_its_hinge(tmp_path):
+    path = tmp_path / "object.xml"
+    path.write_text(MJCF)
+    hinge = JointMotion("revolute", np.array([0.0, 0.0, 0.2]), np.array([0.0, 1.0, 0.0]), 0.0)
+    belief = Belief(None, None, PartTemplate(np.zeros((1, 3)), np.array([OUT]), hinge), path, {})
+    after = corrected(belief, "part_bar", np.pi / 2, positive=True, folder=tmp_path / "second")
+    geom = mujoco.MjModel.from_xml_path(str(after.mjcf_path)).geom("part_bar")
+    assert geom.pos == pytest.approx(
+        [0.0, 0.0, 0.7], abs=1e-6
+    )  # a quarter turn back about y through (0, 0, 0.2)
+    assert after.shifts == {"part_bar": pytest.approx(-np.pi / 2)}

@@ -6,7 +6,7 @@ import pytest
 from s2r_host.errors import SceneError
 from s2r_host.perception.estimate import estimate_joint
 from s2r_host.perception.motion import JointMotion, rotation
-from s2r_host.perception.synthetic import Box, look_at, pair
+from s2r_host.perception.synthetic import Box, laptop_pair, look_at, pair
 from s2r_host.run.measure import measure_state, part_template
 
 K = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]])
@@ -52,22 +52,22 @@ def views(seed, motion_m, opening=0.07):
 def template():
     before_after = views(0, -0.045)
     estimate = estimate_joint(before_after.before, before_after.after, joint_type="prismatic", seed=0)
-    return part_template(estimate, -estimate.axis_direction, -estimate.delta)
+    return part_template(estimate.reversed())
 
 
 @pytest.mark.parametrize("s", [-0.045, 0.0, 0.1, 0.15, 0.2])
 def test_state_is_measured_to_a_millimetre(template, s):
     measured = measure_state(template, views(10, s).after)
-    assert measured.s_m == pytest.approx(s, abs=1e-3)
-    assert measured.sigma_m < 1e-3
-    assert abs(measured.s_m - s) < 6 * measured.sigma_m + 3e-4
+    assert measured.s == pytest.approx(s, abs=1e-3)
+    assert measured.sigma < 1e-3
+    assert abs(measured.s - s) < 6 * measured.sigma + 3e-4
 
 
 def test_expectation_does_not_pull_the_measurement(template):
     frame = views(11, 0.15).after
     free = measure_state(template, frame)
     told = measure_state(template, frame, s_expected=0.10)
-    assert told.s_m == pytest.approx(free.s_m, abs=2e-5)
+    assert told.s == pytest.approx(free.s, abs=2e-5)
 
 
 def test_ignored_pixels_do_not_count(template):
@@ -75,7 +75,7 @@ def test_ignored_pixels_do_not_count(template):
     ignore = np.zeros(frame.depth_m.shape, bool)
     ignore[:, :300] = True
     measured = measure_state(template, frame, ignore)
-    assert measured.s_m == pytest.approx(0.15, abs=1.5e-3)
+    assert measured.s == pytest.approx(0.15, abs=1.5e-3)
 
 
 def test_a_hidden_part_is_refused_instead_of_guessed(template):
@@ -84,3 +84,15 @@ def test_a_hidden_part_is_refused_instead_of_guessed(template):
     ignore[:60] = False
     with pytest.raises(SceneError, match=r"not found|only"):
         measure_state(template, frame, ignore)
+
+
+@pytest.mark.parametrize("turn", [0.1, 0.22])
+def test_a_lid_is_measured_to_half_a_degree(turn):
+    """The same laptop and camera each time: only the turn differs."""
+    known = laptop_pair(np.random.default_rng(3), turn_rad=0.35)
+    estimate = estimate_joint(known.before, known.after, joint_type="revolute", seed=0)
+    measured = measure_state(
+        part_template(estimate), laptop_pair(np.random.default_rng(3), turn).after, s_range=(-1.0, 1.0)
+    )
+    assert np.degrees(measured.s) == pytest.approx(np.degrees(turn), abs=0.5)
+    assert np.degrees(measured.sigma) < 0.5

@@ -1,0 +1,86 @@
+"""Where and how to push a lid first: near its free edge, from outside, a little way shut.
+
+A lid that was found open can close by about as much as it is open; how much further it would open is not known, and
+pushing against its stop would end in a protection stop. Hence closing first, opening only as the last resort.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from s2r_host.motion.lid import Lid
+from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
+
+
+@dataclass(frozen=True)
+class LidPushSettings:
+    """Geometry of the first push on a lid [m, rad].
+
+    Attributes:
+        turn_rad: How far the lid is to be turned.
+        depth_m: Least and most the fingertip goes for that.
+        standoff_m: Free way before the touch.
+        hidden_m: A lid is not thicker than this; its hidden face is looked for there.
+        overlap_m: How far below the free edge the fingertip reaches when it pushes with its side.
+        edge_m: How far below the free edge it touches when it pushes with its end.
+        across: Places along the hinge as shares of the width, 0 is the middle.
+        leans: Tilt of the finger from "along the push" towards "down along the lid"; 1 is the latter.
+        least_angle_rad: Lids less open than this are not pushed further shut.
+    """
+
+    turn_rad: float = 0.4
+    depth_m: tuple[float, float] = (0.04, 0.10)
+    standoff_m: float = 0.04
+    hidden_m: float = 0.010
+    overlap_m: tuple[float, ...] = (0.03, 0.04, 0.022)
+    edge_m: tuple[float, ...] = (0.02, 0.035)
+    across: tuple[float, ...] = (0.0, 0.2, -0.2, 0.35, -0.35)
+    leans: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25, 0.0)
+    least_angle_rad: float = 0.7
+
+
+def lid_proposals(lid: Lid, settings: LidPushSettings | None = None) -> Iterator[PushProposal]:
+    """Proposals, best first."""
+    settings = settings or LidPushSettings()
+    if lid.angle_rad >= settings.least_angle_rad:
+        yield from _pushes(lid, -1.0, settings)
+    yield from _pushes(lid, 1.0, settings)
+
+
+def _pushes(lid: Lid, sign: float, settings: LidPushSettings) -> Iterator[PushProposal]:
+    direction = sign * lid.opening
+    # The face that is touched looks against the push; if the camera saw the other one, it lies deeper.
+    touched_seen = lid.outside_seen == (sign < 0.0)
+    face = lid.p_hinge - (0.0 if touched_seen else settings.hidden_m) * direction
+    for lean in settings.leans:
+        z = lean * -lid.up + (1.0 - lean) * direction
+        z /= np.linalg.norm(z)
+        if z[2] > -0.2:  # a finger that points up or level comes from below the table or through it
+            continue
+        for below in settings.overlap_m if lean > 0.6 else settings.edge_m:
+            height = lid.length_m - below
+            depth = float(np.clip(settings.turn_rad * height, *settings.depth_m))
+            for share in settings.across:
+                point = face + share * lid.width_m * lid.along + height * lid.up
+                for R in _rolls(z, lid.along):
+                    ahead = (
+                        abs(R[:, 0] @ direction) * TIP_WIDTH_M / 2
+                        + abs(R[:, 1] @ direction) * TIP_DEPTH_M / 2
+                    )
+                    p_contact = point - ahead * direction
+                    X = np.eye(4)
+                    X[:3, :3] = R
+                    X[:3, 3] = p_contact - settings.standoff_m * direction
+                    yield PushProposal(X, p_contact, p_contact + depth * direction, direction)
+
+
+def _rolls(z: np.ndarray, along: np.ndarray) -> Iterator[np.ndarray]:
+    """The finger's wide side along the hinge, either way round, then across it."""
+    x = along - (along @ z) * z
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    for R in ((x, y), (-x, -y), (y, -x), (-y, x)):
+        yield np.column_stack([*R, z])

@@ -1,0 +1,46 @@
+"""Targets are read in the units people use, and refused in words when they cannot be meant."""
+
+import math
+
+import pytest
+
+from s2r_host.run.task import DRAWER, LAPTOP, parse_target
+from s2r_protocol.exits import UsageError
+
+
+@pytest.mark.parametrize(
+    ("text", "task", "value"),
+    [
+        ("0.15", DRAWER, 0.15),
+        ("150mm", DRAWER, 0.15),
+        ("-0.02m", DRAWER, -0.02),
+        ("-30deg", LAPTOP, -math.pi / 6),
+        ("-30°", LAPTOP, -math.pi / 6),
+        ("0.5rad", LAPTOP, 0.5),
+        (" 0.5 ", LAPTOP, 0.5),
+    ],
+)
+def test_a_target_is_read_with_or_without_its_unit(text, task, value):
+    assert parse_target(text, task) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "task", "words"),
+    [
+        ("150mm", LAPTOP, "not measured in mm"),
+        ("10deg", DRAWER, "not measured in deg"),
+        ("open", DRAWER, "not a number"),
+        ("", LAPTOP, "not a number"),
+        ("nan", DRAWER, "not finite"),
+        ("0.7", DRAWER, "out of the cabinet"),
+        ("200deg", LAPTOP, "outside"),
+    ],
+)
+def test_a_target_that_cannot_be_meant_is_refused(text, task, words):
+    with pytest.raises(UsageError, match=words):
+        parse_target(text, task)
+
+
+def test_values_are_shown_in_the_units_people_use():
+    assert DRAWER.unit.show(0.00123) == "+1.23 mm"
+    assert LAPTOP.unit.show(-math.pi / 6, 1) == "-30.0°"
