@@ -133,7 +133,7 @@ def _prepare_once(
     result = plan_manipulation(request)
     if not result.success:
         raise TargetError(result.reason)
-    doubts = tuple(_scaled(one, doubt, _rise_m(belief, request)) for one in PERTURBATIONS)
+    doubts = tuple(_doubt(one, doubt, belief, request) for one in PERTURBATIONS)
     delivery = deliver(request, result, TimeLawSettings(speed=settings.plan_speed), doubts)
     q_end = delivery.trajectory.q[-1]
     shapes = object_obstacles(Path(request.object_mjcf), delivery.replay.final)
@@ -163,21 +163,20 @@ def _prepare_once(
     )
 
 
-def _rise_m(belief: Belief, request: PlanRequest) -> float:
-    """How much higher or lower than believed a slide may end, because its axis is known to some angle only [m]."""
-    if not belief.template.slides:
-        return 0.0
-    return 0.5 * belief.estimate.intervals90.axis_angle_rad * abs(request.s_target - request.s_initial)
-
-
-def _scaled(one: Perturbation, share: float, rise_m: float) -> Perturbation:
+def _doubt(one: Perturbation, share: float, belief: Belief, request: PlanRequest) -> Perturbation:
     """A perturbation with a share of its displacement and of its (logarithmic) change of resistance.
 
-    Displacements up or down grow by ``rise_m``: what a fingertip hooks over an edge must survive.
+    A slide may end higher or lower than believed, because its axis is known to some angle only: what a fingertip
+    hooks over an edge must survive that. A hinge holds its part against gravity wherever it was found, so it cannot
+    have much less friction than believed.
     """
-    x, y, z = one.shift_m
-    z += np.sign(z) * rise_m
-    return replace(one, shift_m=(share * x, share * y, share * z), resistance=one.resistance**share)
+    (x, y, z), resistance = one.shift_m, one.resistance
+    if belief.template.slides:
+        angle_rad = belief.estimate.intervals90.axis_angle_rad
+        z += 0.5 * np.sign(z) * angle_rad * abs(request.s_target - request.s_initial)
+    else:
+        resistance = max(resistance, 1.0)
+    return replace(one, shift_m=(share * x, share * y, share * z), resistance=resistance**share)
 
 
 def _pushed_geom(session: Session, request: PlanRequest, delivery: Delivery) -> str:
