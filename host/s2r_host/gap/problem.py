@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.signal import welch
 
-from s2r_host.gap.effects.base import Columns, Context
+from s2r_host.gap.effects.base import Columns, Context, count_reversals
 from s2r_host.gap.evidence import Whitener, fit_whitener
 from s2r_host.gap.law import LawFinding, check_law
 from s2r_host.gap.model import RigidModel
@@ -24,6 +24,7 @@ STICK_DOUBT = 0.5
 DRIFT_SHARE = 0.15
 GENERIC_FOLDS = 8
 GENERIC_BINS = 40
+STROKE_PARTS = 6
 LOOP_SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 
 
@@ -223,9 +224,7 @@ def _blocks(
     return blocks, raw
 
 
-def _band(
-    j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray], least: float
-) -> float:
+def _band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray], least: float) -> float:
     """Highest frequency at which the effort still stands well above the noise [Hz].
 
     Beyond it a regressor is made of noise, and whatever filters that noise would look like physics: the
@@ -360,7 +359,9 @@ def generic_leftover(s: Session, j: int, values: np.ndarray, picks: np.ndarray) 
     """
     X = generic_basis(s, j, picks)
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
-    fold = np.arange(len(X)) * GENERIC_FOLDS // max(len(X), 1)
+    # A single stroke passes every place once: only short stretches leave their surroundings to learn from.
+    parts = GENERIC_FOLDS if count_reversals(s, j) >= 2 else GENERIC_FOLDS * STROKE_PARTS
+    fold = np.arange(len(X)) * parts // max(len(X), 1) % GENERIC_FOLDS
     best = values - np.mean(values)
     for ridge in (1e-4, 1e-2, 1e-1):
         left = np.empty_like(values)
