@@ -460,11 +460,11 @@ def recorded(plan, speed=1.0):
 
 
 def test_t58_a_recording_played_at_twice_its_speed_goes_through_the_same_admission(holding):
-    plan = home(holding, 0.3, 0.75)
+    plan = home(holding, -0.3, 0.75)
     verdict = holding.send(plan)
     assert verdict.accepted, verdict.reason
     holding.at(ExecutorState.HOLD)
-    back = home(holding, -0.3, 0.75)
+    back = home(holding, 0.3, 0.75)
     fast = holding.send(recorded(back, 2.0))
     assert fast.code in (Refusal.VELOCITY, Refusal.ACCELERATION, Refusal.TORQUE, Refusal.JERK), fast.reason
     assert fast.joint
