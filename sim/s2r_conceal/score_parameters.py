@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 
 _SAME: dict[str, dict[str, tuple[str, ...]]] = {
-    "coulomb_friction": {"friction": ("friction", "coulomb", "frictionloss", "Fc")},
-    "viscous_friction": {"damping": ("damping", "viscous", "b")},
+    "coulomb_friction": {"friction": ("friction", "level", "coulomb", "frictionloss", "Fc")},
+    "viscous_friction": {"damping": ("damping", "coefficient", "viscous", "b")},
     "stribeck": {
-        "excess": ("excess", "stribeck", "amplitude"),
-        "velocity": ("velocity", "stribeck_velocity", "vs"),
+        "excess": ("excess", "static_excess", "stribeck", "amplitude"),
+        "velocity": ("velocity", "speed", "stribeck_velocity", "vs"),
     },
     "presliding": {"displacement": ("displacement", "presliding_displacement", "width")},
     "asymmetric_friction": {"coulomb_difference": ("coulomb_difference", "difference")},
     "load_dependent_friction": {"coefficient": ("coefficient", "mu", "load_coefficient")},
     "thermal_drift": {"per_kelvin": ("per_kelvin", "temperature_coefficient")},
     "session_friction": {"factor": ("factor", "friction_factor", "scale")},
-    "hysteresis": {"torque": ("torque", "amplitude"), "width": ("width", "displacement")},
+    "hysteresis": {"torque": ("torque", "level", "amplitude"), "width": ("width", "displacement")},
     "backlash": {"half_width": ("half_width",)},
     "joint_elasticity": {"compliance": ("compliance",), "damping": ("damping",)},
     "motor_coupling": {"inertia": ("inertia", "coupling_inertia")},
@@ -67,7 +67,12 @@ def _converted(name: str, p: dict[str, float]) -> dict[str, float]:
             }
         case "saturation":
             limit = p["torque_max"] * (1.0 - p["reduction"])
-            return {"limit": limit, "torque_limit": limit, "effort_limit": limit}
+            return {
+                "no_load_speed": p["no_load_speed"],
+                "limit": limit,
+                "torque_limit": limit,
+                "effort_limit": limit,
+            }
         case "encoder_offset":
             return {"offset": p["direction"] * p["offset"]}
         case "gravity_tilt":

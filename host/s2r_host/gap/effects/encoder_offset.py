@@ -38,8 +38,8 @@ class EncoderOffset(Effect):
         return float(np.max(np.abs(column))) > 1e-6 * max(1.0, float(np.max(np.abs(s.load))))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
-        """Offset to add to the record."""
-        return {"offset": Value(float(theta[0]), ctx.model.unit(ctx.model.joints[joint]), (1.0,))}
+        """Recorded minus true position."""
+        return {"offset": Value(-float(theta[0]), ctx.model.unit(ctx.model.joints[joint]), (-1.0,))}
 
     def sense(
         self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray
