@@ -152,14 +152,14 @@ def _with_face(belief: Belief, name: str, shift_m: float, path: Path, inner: boo
     return _written(belief, tree, path)
 
 
-def _geom(tree: ET.ElementTree, name: str, path: Path) -> ET.Element:
+def _geom(tree: ET.ElementTree[ET.Element], name: str, path: Path) -> ET.Element:
     geom = tree.find(f".//geom[@name='{name}']")
     if geom is None:
         raise SceneError(f"object model {path} has no geom '{name}' to correct")
     return geom
 
 
-def _written(belief: Belief, tree: ET.ElementTree, path: Path) -> Belief:
+def _written(belief: Belief, tree: ET.ElementTree[ET.Element], path: Path) -> Belief:
     path.parent.mkdir(parents=True, exist_ok=True)
     tree.write(path, encoding="unicode")
     return replace(belief, mjcf_path=path)
