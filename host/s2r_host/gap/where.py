@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from s2r_host.gap.decide import Decision
+from s2r_host.gap.decide import Decision, Named
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 from s2r_host.gap.session import Session
@@ -96,6 +96,10 @@ def acting(search: Search, decision: Decision, joint: int) -> tuple[Session, np.
             best = _drifting(search.problem, joint)
             continue
         for s in ctx.sessions:
+            seen = _in_position(search, named, s, joint)
+            if seen is not None:
+                best = best or (s, seen)
+                continue
             columns = search.effects[named.term.effect].columns(
                 ctx, s, named.term.joint, dict(named.term.shape)
             )
@@ -105,6 +109,19 @@ def acting(search: Search, decision: Decision, joint: int) -> tuple[Session, np.
             if np.any(effort > 0) and (best is None or np.mean(effort**2) > np.mean(best[1] ** 2)):
                 best = (s, effort)
     return best
+
+
+def _in_position(search: Search, named: Named, s: Session, joint: int) -> np.ndarray | None:
+    """How far off an effect of the sensor puts the recorded position, shape (time,); None for all others."""
+    effect = search.effects[named.term.effect]
+    if named.name == "clock_skew":
+        return np.abs(s.v[:, joint])
+    if effect.side != "sensor":
+        return None
+    sense = effect.sense(search.problem.ctx, joint, dict(named.term.shape), named.theta)
+    if sense is None:
+        return None
+    return np.abs(np.array([sense(float(q)) - float(q) for q in s.q[:, joint]]))
 
 
 def _drifting(problem: Problem, joint: int) -> tuple[Session, np.ndarray] | None:
