@@ -69,13 +69,23 @@ def draw(
 @click.option("--workers", default=1, show_default=True, help="Processes at a time.")
 @click.option("--timeout", "timeout_s", default=900.0, show_default=True, help="Seconds per case.")
 @click.option("--batch", is_flag=True, help="One call with --batch JOBS instead of one call per case.")
-def run(folder: Path, command: str, workers: int, timeout_s: float, batch: bool) -> None:
+@click.option(
+    "--config",
+    type=click.Path(path_type=Path, exists=True),
+    default=None,
+    help="The tool's switches, with --batch.",
+)
+def run(folder: Path, command: str, workers: int, timeout_s: float, batch: bool, config: Path | None) -> None:
     """Run a tool over all cases; may be stopped and started again. Ends by hashing the verdicts."""
     from s2r_conceal.run import run_all, run_batched
 
+    if config is not None and not batch:
+        raise click.UsageError("--config goes with --batch; without it, put the option into --command")
     with click.progressbar(length=0, label="running") as bar:
-        runner = run_batched if batch else run_all
-        total = runner(folder, command, workers, timeout_s, bar)
+        if batch:
+            total = run_batched(folder, command, workers, timeout_s, bar, config)
+        else:
+            total = run_all(folder, command, workers, timeout_s, bar)
     click.echo(f"verdicts hashed: {total}")
 
 

@@ -66,10 +66,13 @@ def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar
     return publish_verdicts(folder)
 
 
-def run_batched(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar) -> str:
+def run_batched(
+    folder: Path, command: str, workers: int, timeout_s: float, bar: Bar, config: Path | None = None
+) -> str:
     """Like :func:`run_all`, with one call of ``command --batch JOBS``: a tool that keeps its workers starts once.
 
-    The tool sees ``work/``, a folder with the inputs of the cases and nothing else. May be stopped and started again.
+    The tool sees ``work/``, a folder with the inputs of the cases and ``config``, the tool's own switches, and
+    nothing else. May be stopped and started again.
 
     Raises:
         SealError: A file of the set was changed.
@@ -86,7 +89,13 @@ def run_batched(folder: Path, command: str, workers: int, timeout_s: float, bar:
         (work / case).mkdir(parents=True, exist_ok=True)
         for name in INPUTS:
             shutil.copyfile(folder / case / name, work / case / name)
-    jobs = [{"name": c, "model": f"{c}/model.xml"} | {r: [f"{c}/{r}.csv"] for r in ROLES} for c in cases]
+    extra = {}
+    if config is not None:
+        shutil.copyfile(config, work / "switches.yaml")
+        extra = {"config": "switches.yaml"}
+    jobs = [
+        {"name": c, "model": f"{c}/model.xml"} | {r: [f"{c}/{r}.csv"] for r in ROLES} | extra for c in cases
+    ]
     (work / "jobs.json").write_text(json.dumps(jobs) + "\n")
     arguments = ["--batch", "jobs.json", "--out", "out", "--seed", "0", "--workers", str(workers)]
     bar.length = len(cases)
