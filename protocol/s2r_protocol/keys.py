@@ -9,7 +9,13 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from s2r_protocol.exits import UsageError
+
 _CHUNK = re.compile(r"[A-Za-z0-9_\-.]+")
+
+
+class KeyNameError(UsageError):
+    """A cell or arm name that cannot be a part of a key."""
 
 
 @dataclass(frozen=True)
@@ -17,7 +23,7 @@ class ArmKeys:
     """Keys of one arm in one cell.
 
     Raises:
-        ValueError: A name holds characters Zenoh gives a meaning to (``/ * $ ? #``).
+        KeyNameError: A name holds characters Zenoh gives a meaning to (``/ * $ ? #``).
     """
 
     cell: str = "lab"
@@ -26,7 +32,7 @@ class ArmKeys:
     def __post_init__(self) -> None:
         for what, name in (("cell", self.cell), ("arm", self.arm)):
             if not _CHUNK.fullmatch(name):
-                raise ValueError(f"{what} name {name!r} may only hold letters, digits, '_', '-' and '.'")
+                raise KeyNameError(f"{what} name {name!r} may only hold letters, digits, '_', '-' and '.'")
 
     @property
     def base(self) -> str:

@@ -1,0 +1,52 @@
+"""``s2r view``: look at a recording, in Rerun or in a browser."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import click
+
+from s2r_host.log.cli import recording_file
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path, exists=True))
+@click.option(
+    "--html",
+    "out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write this one HTML file; no Rerun.",
+)
+@click.option("--arm", help="Shipped arm or folder [default: what the recording names].")
+def view(file: Path, out: Path | None, arm: str | None) -> None:
+    """Look at FILE, a recording or a run folder: in Rerun where it and a display exist, else as one HTML file."""
+    from s2r_host.log.tables import read_recording
+
+    source = recording_file(file)
+    recording = read_recording(source)
+    if recording.damage.any:
+        click.echo(f"s2r view: {source} is damaged; showing what is readable", err=True)
+    rerun = _rerun()
+    if out is None and rerun is not None:
+        from s2r_host.log.export_rrd import export_rrd
+
+        path = export_rrd(recording, Path(tempfile.mkdtemp(prefix="s2r-view-")) / f"{source.stem}.rrd", arm)
+        click.echo(f"opening {path} in Rerun")
+        subprocess.Popen([rerun, str(path)], start_new_session=True)
+        return
+    from s2r_host.log.view import write_html
+
+    click.echo(write_html(recording, out or source.with_suffix(".html"), arm))
+
+
+def _rerun() -> str | None:
+    """Rerun's viewer, where there is one and a display to show it on."""
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return None
+    beside = Path(sys.executable).with_name("rerun")
+    return str(beside) if beside.exists() else shutil.which("rerun")

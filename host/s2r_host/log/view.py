@@ -1,0 +1,127 @@
+"""``s2r view``: a recording as one HTML file with a 3D player and plots, no network, no server."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from html import escape
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from s2r_host.errors import MissingPartError, RecordingError
+from s2r_host.log.arm_of import arm_of
+from s2r_host.log.segments import Segment, segments
+from s2r_host.log.tables import Joints, Recording
+from s2r_host.report.arm_shapes import ArmShapes
+from s2r_host.report.markup import page, section, table
+from s2r_host.report.style import EXECUTED, PLANNED, RC, inline_png
+
+FRAMES_HZ = 20.0
+MAX_FRAMES = 1200
+
+
+def write_html(recording: Recording, path: Path, arm_name: str | None = None) -> Path:
+    """Write the page.
+
+    Raises:
+        MissingPartError: viser is not installed.
+        RecordingError: No joint states, or the arm is unknown.
+    """
+    joints = recording.joints()
+    try:
+        reference = recording.joints("joint_commands")
+    except RecordingError:
+        reference = None
+    found = segments(recording)
+    player = escape(_player(joints, reference, ArmShapes(arm_of(recording, arm_name))), quote=True)
+    frame = (
+        f'<iframe title="the arm in 3D" srcdoc="{player}" '
+        'style="width:100%;height:560px;border:1px solid #e2e6eb;border-radius:8px"></iframe>'
+    )
+    rows = [
+        (
+            s.label,
+            f"{(s.begin_ns - joints.stamp_ns[0]) * 1e-9:.2f} s",
+            f"{(s.end_ns - s.begin_ns) * 1e-9:.2f} s",
+        )
+        for s in found
+    ]
+    facts = sorted(recording.metadata.get("s2r", {}).items())
+    parts = [
+        f"<h1>{escape(recording.path.name)}</h1><p class='lead'>{len(joints.stamp_ns)} joint states, "
+        f"{joints.t[-1]:.2f} s</p>",
+        section("The arm: measured solid, reference blue; press play below the picture", frame),
+        section("Motions", table(("plan", "begins", "takes"), rows)) if rows else "",
+        section("Joints", inline_png(_plots(joints, reference, found), "joints over time")),
+        section("Facts", table(("", ""), facts, mono=True)) if facts else "",
+    ]
+    path.write_text(page(recording.path.name, parts), encoding="utf-8")
+    return path
+
+
+def _player(joints: Joints, reference: Joints | None, shapes: ArmShapes) -> str:
+    """viser's own offline player of the motion, as HTML."""
+    try:
+        import viser
+
+        from s2r_host.console.playback import packed
+        from s2r_host.console.scene import CellScene
+    except ImportError as error:
+        raise MissingPartError(
+            "the 3D page needs the package viser; install it with: pip install 'sim2real2[console]'"
+        ) from error
+    opened = packed(joints, reference, "")
+    step = max(1.0 / FRAMES_HZ, float(opened.t[-1]) / MAX_FRAMES)
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints the address of a server nobody needs
+        server = viser.ViserServer("127.0.0.1", port=0, verbose=False)
+    try:
+        scene = CellScene(server, shapes)
+        scene.twin.visible = False
+        scene.plan.visible = opened.q_ref is not None
+        scene.real.show(opened.q[0])
+        scene.show_path(opened.q[:: max(1, len(opened.q) // 400)])
+        recorder = server.get_scene_serializer()
+        for t in np.arange(0.0, opened.t[-1], step):
+            i = min(int(np.searchsorted(opened.t, t)), len(opened.t) - 1)
+            scene.real.show(opened.q[i])
+            if opened.q_ref is not None:
+                scene.plan.show(opened.q_ref[i])
+            recorder.insert_sleep(step)
+        return recorder.as_html(dark_mode=False)
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+def _plots(joints: Joints, reference: Joints | None, found: list[Segment]) -> Figure:
+    with mpl.rc_context(RC):
+        figure = Figure(figsize=(12.5, 1.25 * len(joints.names) + 0.6), layout="constrained")
+        rows = figure.subplots(len(joints.names), 2, sharex=True, squeeze=False, width_ratios=[1.5, 1])
+        keep = np.unique(np.linspace(0, len(joints.t) - 1, 4000).astype(int))
+        t = joints.t[keep]
+        for i, name in enumerate(joints.names):
+            left, right = rows[i]
+            left.plot(t, joints.q[keep, i], color=EXECUTED, lw=1.0, label="measured")
+            if reference is not None:
+                t_reference = (reference.stamp_ns - joints.stamp_ns[0]) * 1e-9
+                q_reference = np.interp(t, t_reference, reference.q[:, i])
+                left.plot(t, q_reference, color=PLANNED, lw=2.4, alpha=0.4, label="reference")
+            if joints.tau is not None:
+                right.plot(t, joints.tau[keep, i], color=EXECUTED, lw=0.8)
+            left.set_ylabel(f"{name}\n[rad]")
+            for segment in found:
+                left.axvspan(
+                    (segment.begin_ns - joints.stamp_ns[0]) * 1e-9,
+                    (segment.end_ns - joints.stamp_ns[0]) * 1e-9,
+                    color="#e8eef6",
+                    zorder=0,
+                )
+        rows[0, 0].set_title("position; shaded: a plan runs")
+        rows[0, 1].set_title("torque [N·m]")
+        rows[0, 0].legend(loc="upper right", fontsize=8)
+        for axes in rows[-1]:
+            axes.set_xlabel("t [s]")
+        return figure

@@ -1,0 +1,1 @@
+"""Hardware-in-the-loop tests for everybody: a pytest plug-in."""

@@ -1,0 +1,122 @@
+"""What a user may type wrongly: each ends with the documented exit code and a sentence that says what to do."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from s2r_protocol.cli.root import main
+from s2r_protocol.exits import ExitCode
+
+USAGE, NOT_READY, REFUSED, UNREACHABLE = 2, 3, 4, 5
+NOBODY = "tcp/127.0.0.1:1"
+
+# (arguments, exit code, what the message says). {tmp} is an empty folder, {junk} a text file called junk.mcap,
+# {empty} an empty file, {yaml} a YAML file with an unknown key, {run} a folder with a run.json but no recording.
+CASES = [
+    ("flub", USAGE, "No such command 'flub'"),
+    ("run", USAGE, "Missing argument 'OBJECT'"),
+    ("run cupboard --target 0.1", USAGE, "'cupboard' is not .*drawer"),
+    ("run drawer", USAGE, "Missing option '--target'"),
+    ("run drawer --target far", USAGE, "'far' is not a number"),
+    ("run drawer --target 5 --out {tmp}/r", USAGE, r"\+5000.00 mm is outside"),
+    ("run drawer --target 0.1 --attempts 0 --out {tmp}/r", USAGE, "at least 1"),
+    ("run drawer --target 0.1 --arm panda --out {tmp}/r --executor " + NOBODY, USAGE, "no arm 'panda'.*xmate3pro"),
+    ("run drawer --target 0.1 --executor 7447 --out {tmp}/r", USAGE, "address '7447'.*PROTOCOL/ADDRESS"),
+    ("run drawer --target 0.1 --executor tcp/10.0.0.5:7447 --out {tmp}/r", USAGE, "certificates.*--tls"),
+    ("run drawer --target 0.1 --out {full}", USAGE, "exists and is not empty"),
+    ("run drawer --target 0.1 --executor " + NOBODY + " --out {tmp}/r", UNREACHABLE, "no executor answered"),
+    ("stop --timeout 0.2 --executor " + NOBODY, UNREACHABLE, "nothing was stopped.*emergency stop"),
+    ("stop --timeout soon", USAGE, "'soon' is not a valid float"),
+    ("stop --cell lab/one --executor " + NOBODY, USAGE, "cell name 'lab/one' may only hold"),
+    ("stop --executor udp/127.0.0.1:7447", USAGE, "use tcp/127.0.0.1:PORT, or --tls"),
+    ("executor --packing slow", USAGE, "'slow' is not one of 'fd', 'classic'"),
+    ("executor --clock sundial", USAGE, "'sundial' is not one of 'real', 'lockstep'"),
+    ("executor --config {tmp}/none.yaml", USAGE, "does not exist"),
+    ("executor --config {yaml}", USAGE, "core.speed: Extra inputs are not permitted"),
+    ("executor --config {junk}", USAGE, "holds str, expected keys and values"),
+    ("executor --set core.gate_margin", USAGE, "expected key=value"),
+    ("executor --set core.gate_margin=7", USAGE, "core.gate_margin: .*less than or equal to 1.1"),
+    ("executor --set nonsense=1", USAGE, "nonsense: Extra inputs"),
+    ("executor --set cell.x=1", USAGE, "cell"),
+    ("executor --host-timeout 9", USAGE, "host_timeout_s: .*less than or equal to 5"),
+    ("executor --bus unix:{tmp}/no.sock --listen tcp/0.0.0.0:7447", (USAGE, UNREACHABLE), "certificates|no.sock"),
+    ("executor --arm panda", USAGE, "no arm 'panda'"),
+    ("config show --set core.feedback_stop_ticks=0", USAGE, "core.feedback_stop_ticks"),
+    ("config show --config {yaml}", USAGE, "Extra inputs"),
+    ("completion powershell", USAGE, "'powershell' is not one of"),
+    ("sim-arm", USAGE, "either --world FILE or --seed N"),
+    ("sim-arm --seed x", USAGE, "'x' is not a valid integer"),
+    ("sim-arm --seed 1 --pace -1", USAGE, "--pace -1.0 is outside 0..1000"),
+    ("sim-arm --seed 1 --clock real --pace 0", USAGE, "real clock cannot"),
+    ("sim-arm --world {junk}", USAGE, "junk.mcap"),
+    ("sim-arm --seed 1 --inject drip:0x181@1 --bus unix:{tmp}/b.sock", USAGE, "ACTION:ID@FIRST"),
+    ("world draw --seed 1", USAGE, "Missing option '--out'"),
+    ("world commit {tmp}/none.json", USAGE, "none.json"),
+    ("replay {tmp}/none", USAGE, "does not exist"),
+    ("replay {tmp}", REFUSED, "run.mcap"),
+    ("replay {junk}", REFUSED, "junk.mcap is no MCAP recording"),
+    ("replay {run} --executor " + NOBODY, USAGE, "add --real"),
+    ("replay {run} --yes", USAGE, "add --real"),
+    ("replay {run} --loop 0", USAGE, "--loop"),
+    ("log check {junk}", REFUSED, "no MCAP recording"),
+    ("log check {empty}", REFUSED, "no MCAP recording"),
+    ("log check {tmp}", USAGE, "holds no run.mcap"),
+    ("log export {junk} --to pdf", USAGE, "'pdf' is not one of"),
+    ("log export {junk}", USAGE, "Missing option '--to'"),
+    ("log export {junk} --to csv", REFUSED, "no MCAP recording"),
+    ("log diff {junk}", USAGE, "Missing argument 'SECOND'"),
+    ("log diff {junk} {junk} --tolerance -1", USAGE, "-1.0 is not in the range"),
+    ("log recover {tmp}/none.mcap", USAGE, "does not exist"),
+    ("view {tmp}/none.mcap", USAGE, "does not exist"),
+    ("view {junk}", REFUSED, "no MCAP recording"),
+    ("console --host 0.0.0.0", USAGE, "without a token.*--token-file"),
+    ("console --host 0.0.0.0 --token-file {empty}", USAGE, "without a token"),
+    ("console --token-file {junk}", USAGE, "needs at least 16"),
+    ("console --port 99999", USAGE, "99999 is not in the range"),
+    ("console --executor tcp/10.0.0.5:1 --runs {tmp}/r --port 0", USAGE, "without certificates"),
+    ("build-model --before {tmp}/a.ply --after {tmp}/b.ply --out {tmp}/m", USAGE, "a.ply"),
+    ("doctor --arm panda", USAGE, "no arm 'panda'"),
+    ("gap --out {tmp}/g", USAGE, "no model given"),
+    ("gap --model {tmp}/m.xml --fit {junk} --out {tmp}/g", (USAGE, REFUSED), "m.xml"),
+    ("demo --out {full}", USAGE, "exists and is not empty"),
+    ("demo --clock sundial", USAGE, "'sundial' is not one of"),
+]  # fmt: skip
+
+
+@pytest.fixture
+def places(tmp_path):
+    (tmp_path / "tmp").mkdir()
+    (tmp_path / "run").mkdir()
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full/something").touch()
+    (tmp_path / "run/run.json").write_text("{}")
+    (tmp_path / "junk.mcap").write_text("plain words\n")
+    (tmp_path / "empty").touch()
+    (tmp_path / "keys.yaml").write_text("core:\n  speed: 9\n")
+    names = {
+        "tmp": "tmp",
+        "run": "run",
+        "full": "full",
+        "junk": "junk.mcap",
+        "empty": "empty",
+        "yaml": "keys.yaml",
+    }
+    return {name: str(tmp_path / path) for name, path in names.items()}
+
+
+def test_the_list_is_long_enough():
+    assert len(CASES) >= 40
+
+
+@pytest.mark.parametrize(("line", "code", "says"), CASES, ids=[case[0] for case in CASES])
+def test_a_wrong_input_ends_with_its_code_and_says_what_to_do(line, code, says, places, capfd):
+    with pytest.raises(SystemExit) as ended:
+        main([word.format(**places) for word in line.split()])
+    said = " ".join(capfd.readouterr().err.split())
+    codes = code if isinstance(code, tuple) else (code,)
+    assert ended.value.code in codes, f"exit {ended.value.code}: {said}"
+    assert re.search(says, said), said
+    assert "Traceback" not in said
+    assert ExitCode(ended.value.code) is not ExitCode.BUG
