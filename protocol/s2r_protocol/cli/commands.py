@@ -45,6 +45,7 @@ COMMANDS: dict[str, Command] = {
     "replay": Command(
         "s2r_host.cli_replay:replay", "host", "Send a recorded plan again and overlay both recordings."
     ),
+    "view": Command("s2r_host.log.cli_view:view", "host,console", "Look at a recording, in Rerun or a browser."),
     "log": Command("s2r_host.log.cli:log", "host", "Check, mend, export and compare recordings."),
     "gap": Command("s2r_host.gap.cli:gap", "host", "Name the physics a model leaves out, from recordings."),
     "conceal": Command(
@@ -52,4 +53,6 @@ COMMANDS: dict[str, Command] = {
     ),
     "bench": Command("s2r_host.cli_bench:bench", "host", "Measure the planner against others on this machine."),
     "stop": Command("s2r_host.cli_stop:stop", "", "Stop the arm on its path, from any terminal."),
+    "config": Command("s2r_executor.cli_config:config", "", "Show the executor's configuration, or its schema."),
+    "completion": Command("s2r_protocol.cli.completion:completion", "", "Print the completion script of a shell."),
 }
