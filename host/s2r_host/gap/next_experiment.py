@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,19 +17,23 @@ from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.replay import Live, Twin, build_twin, run
 from s2r_host.gap.search import Term
 from s2r_host.gap.session import Session, make_session
+from s2r_host.recording import RunRecorder
 
 DURATION_S = 8.0
 RATE_HZ = 500.0
+KNOT_STEP = 10  # 50 knots a second
+ROUNDING_S = 0.1
 
 
-def motions(low: float, high: float, speed: float) -> dict[str, np.ndarray]:
-    """Candidate motions inside the travel and speed already seen, each shape (time,)."""
+def motions(low: float, high: float, speed: float, acceleration: float) -> dict[str, np.ndarray]:
+    """Candidate motions inside the travel, speed and acceleration already seen, each shape (time,)."""
     t = np.arange(0, DURATION_S, 1 / RATE_HZ)
     mid, half = 0.5 * (low + high), 0.5 * (high - low)
     ease = np.clip(t / 1.0, 0, 1) * np.clip((DURATION_S - t) / 1.0, 0, 1)
     f = np.geomspace(0.2, 6.0, len(t))
     phase = 2 * np.pi * np.cumsum(f) / RATE_HZ
-    amplitude = np.minimum(half, 0.8 * speed / (2 * np.pi * f))
+    w = 2 * np.pi * f
+    amplitude = np.minimum(half, np.minimum(0.8 * speed / w, 0.8 * acceleration / w**2))
     slow = half * _triangle(t / 8.0)
     fast = half * _triangle(t / max(2.0, 4.4 * half / max(speed, 1e-9)))
     steps = (
@@ -36,13 +41,29 @@ def motions(low: float, high: float, speed: float) -> dict[str, np.ndarray]:
     )
     steps = _smooth(steps, speed)
     shrink = half * np.geomspace(1.0, 0.02, len(t)) * np.sin(2 * np.pi * 0.7 * t)
-    return {
-        "chirp from 0.2 to 6 Hz": mid + ease * amplitude * np.sin(phase),
-        "slow ramp both ways": mid + ease * slow,
-        "fast ramps both ways": mid + ease * fast,
-        "steps of several sizes": mid + steps,
-        "reversals of shrinking amplitude": mid + ease * shrink,
+    shapes = {
+        "chirp from 0.2 to 6 Hz": ease * amplitude * np.sin(phase),
+        "slow ramp both ways": _rounded(ease * slow),
+        "fast ramps both ways": _rounded(ease * fast),
+        "steps of several sizes": steps,
+        "reversals of shrinking amplitude": ease * shrink,
     }
+    return {name: mid + _tamed(x, speed, acceleration) for name, x in shapes.items()}
+
+
+def _rounded(x: np.ndarray) -> np.ndarray:
+    """The same with corners rounded over a tenth of a second: no machine turns on the spot."""
+    kernel = np.hanning(int(ROUNDING_S * RATE_HZ) + 2)
+    return np.convolve(np.pad(x, len(kernel), mode="edge"), kernel / kernel.sum(), mode="same")[
+        len(kernel) : -len(kernel)
+    ]
+
+
+def _tamed(x: np.ndarray, speed: float, acceleration: float) -> np.ndarray:
+    """A motion about zero, made smaller until its speed and acceleration were seen before."""
+    v = np.gradient(x) * RATE_HZ
+    a = np.gradient(v) * RATE_HZ
+    return x / max(1.0, float(np.max(np.abs(v))) / speed, float(np.max(np.abs(a))) / acceleration)
 
 
 def _triangle(x: np.ndarray) -> np.ndarray:
@@ -69,7 +90,7 @@ def propose(a: Analysis, decision: Decision, folder: Path) -> dict:
     low, high = a.problem.ctx.span(j)
     floor = a.problem.floor.get(j, 1e-09)
     best, best_gap, name = None, -1.0, ""
-    for label, q in motions(low, high, a.problem.ctx.top_speed(j)).items():
+    for label, q in motions(low, high, *_seen(a, j)).items():
         s = _session(a, j, q)
         efforts = []
         for twin in twins:
@@ -93,6 +114,13 @@ def propose(a: Analysis, decision: Decision, folder: Path) -> dict:
         "why": f"{name}: the two candidates' efforts differ by {best_gap:.1f} noise floors (rms); "
         + "; ".join(hints),
     }
+
+
+def _seen(a: Analysis, j: int) -> tuple[float, float]:
+    """Largest speed and acceleration of a joint in the fitted recordings (99.5 percentile)."""
+    assert a.problem is not None
+    top = max(float(np.percentile(np.abs(s.a[:, j]), 99.5)) for s in a.fit)
+    return max(a.problem.ctx.top_speed(j), 1e-6), max(top, 1e-6)
 
 
 def _pair(decision: Decision) -> tuple[Term, Term] | None:
@@ -144,19 +172,43 @@ def _session(a: Analysis, j: int, q: np.ndarray) -> Session:
 
 
 def _write(path: Path, a: Analysis, j: int, q: np.ndarray) -> None:
-    t = np.arange(len(q)) / RATE_HZ
+    """The motion as a table of commands, and as a plan that `s2r replay` sends to an arm with these joints."""
+    t, dq, still = _plan(a, j, q)
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(["t"] + [f"{k}.{joint}" for joint in a.model.joints for k in ("q_cmd", "dq_cmd")])
         for i in range(len(t)):
             row = [f"{t[i]:.6g}"]
             for k in range(len(a.model.joints)):
-                still = float(np.median(a.fit[0].q[:, k]))
-                row.append(f"{q[i] if k == j else still:.8g}")
-                row.append(f"{_slope(q, t, i) if k == j else 0.0:.8g}")
+                row.append(f"{q[i] if k == j else still[k]:.8g}")
+                row.append(f"{dq[i] if k == j else 0.0:.8g}")
             writer.writerow(row)
+    picks = np.arange(0, len(t), KNOT_STEP)
+    shape = (len(picks), len(a.model.joints))
+    knots = {k: np.zeros(shape) for k in ("q", "dq", "ddq")}
+    knots["q"][:] = still
+    knots["q"][:, j], knots["dq"][:, j] = q[picks], dq[picks]
+    knots["ddq"][:, j] = (np.gradient(dq) * RATE_HZ)[picks]
+    knots["dq"][[0, -1]] = knots["ddq"][[0, -1]] = 0.0  # a plan starts and ends at rest
+    with RunRecorder(path.with_suffix(".mcap"), "/gap/next", a.model.joints) as recorder:
+        recorder.add_plan(_Knots(t[picks], **knots), "next experiment", 0)
 
 
-def _slope(q: np.ndarray, t: np.ndarray, i: int) -> float:
-    a, b = max(i - 1, 0), min(i + 1, len(q) - 1)
-    return float((q[b] - q[a]) / (t[b] - t[a]))
+@dataclass(frozen=True)
+class _Knots:
+    """A plan of the executor: times [s], shape (n,), and knots, shape (n, joint)."""
+
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+
+
+def _plan(a: Analysis, j: int, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """Time [s] and velocity of a motion, and where the other joints stay."""
+    t = np.arange(len(q)) / RATE_HZ
+    return (
+        t,
+        np.gradient(q) * RATE_HZ,
+        [float(np.median(a.fit[0].q[:, k])) for k in range(len(a.model.joints))],
+    )
