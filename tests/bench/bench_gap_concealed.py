@@ -1,0 +1,123 @@
+"""Concealed recordings: how often `s2r gap` finds, invents or rightly refuses.
+
+    python tests/bench/bench_gap_concealed.py run --out DIR [--rig one_joint] [--cases single=120,...] [--seed N]
+    python tests/bench/bench_gap_concealed.py calibrate DIR/score
+    python tests/bench/bench_gap_concealed.py shuffled DIR/score
+
+``run`` draws a set, runs the tool over it and scores it, in that order; without ``--seed`` the seed is random and
+stands only in the key file. It may be stopped and started again. Commit before drawing: the commit is written beside
+the table. ``calibrate`` reads the temperature and the ceiling of the stated probabilities from a scored tuning set;
+``shuffled`` scores the same verdicts with the true names dealt out anew: the accuracy must fall to chance. Budget:
+60 s per case for one joint and 20 s of data, on two cores.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+S2R = [sys.executable, "-c", "from s2r_protocol.cli.root import main; main()"]
+CASES = "single=120,clean=60,unknown=32,pairs=30,masked=12,insufficient=8,wrong_log=8"
+
+
+def commit() -> str:
+    """Commit of the tool, with a mark when its files were changed since."""
+    here = Path(__file__).parents[2]
+    head = subprocess.check_output(["git", "rev-parse", "HEAD"], cwd=here, text=True).strip()
+    changed = subprocess.check_output(["git", "status", "--short", "host", "protocol"], cwd=here, text=True)
+    return head + (" with changes" if changed else "")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Draw, run and score one set."""
+    out: Path = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
+    folder, key = out / "set", out / "key.json"
+    if not (folder / "manifest.json").is_file():
+        (out / "commit").write_text(commit() + "\n", encoding="utf-8")
+        seed = [] if arguments.seed is None else ["--seed", str(arguments.seed)]
+        parts = ["--rig", arguments.rig, "--cases", arguments.cases, "--workers", str(arguments.workers)]
+        parts += ["--duration", str(arguments.duration)]
+        subprocess.run([*S2R, "conceal", "draw", *parts, *seed, "--out", folder, "--key", key], check=True)
+    tool = f'{sys.executable} -c "from s2r_protocol.cli.root import main; main()" gap'
+    more = ["--config", str(arguments.config)] if arguments.config else []
+    words = ["conceal", "run", str(folder), "--batch", "--workers", str(arguments.workers), "--command", tool]
+    subprocess.run([*S2R, *words, *more], check=True)
+    subprocess.run([*S2R, "conceal", "score", folder, "--key", key, "--out", out / "score"], check=True)
+    print("tool commit", (out / "commit").read_text(encoding="utf-8").strip())
+
+
+def named_cases(score: Path) -> list[dict]:
+    """Cases of a score in which an effect was named although one was hidden."""
+    cases = json.loads((score / "score.json").read_text(encoding="utf-8"))["cases"]
+    return [c for c in cases if c["top1"] is not None and c["named"]]
+
+
+def calibrate(arguments: argparse.Namespace) -> None:
+    """Temperature by maximum likelihood over a grid, ceiling as the share right among the sure ones."""
+    score: Path = arguments.score
+    verdicts = score.parent / "set" / "verdicts"
+    rows = []
+    for case in named_cases(score):
+        gap = json.loads((verdicts / f"{case['case']}.json").read_text(encoding="utf-8"))["gap"]
+        odds = gap["effects"][0]["log_odds"] if gap["effects"] else {}
+        if odds and gap["effects"][0]["name"] == case["named"][0]:
+            rows.append((np.array(sorted(odds.values(), reverse=True)), bool(case["top1"])))
+    print(f"{len(rows)} named cases, {np.mean([right for _, right in rows]):.3f} right")
+    best = max(
+        ((likelihood(rows, heat, top), heat, top) for heat in (0.0, 0.003, 0.01, 0.02, 0.04, 0.08, 0.15)
+         for top in (0.85, 0.9, 0.93, 0.96, 0.98, 0.99)),
+    )  # fmt: skip
+    print(f"HEAT, CEILING = {best[1]:g}, {best[2]:g}  (mean log likelihood {best[0]:.4f})")
+
+
+def likelihood(rows: list[tuple[np.ndarray, bool]], heat: float, ceiling: float) -> float:
+    """Mean log likelihood of 'the first name is right' under one setting."""
+    total = 0.0
+    for odds, right in rows:
+        weights = np.exp(np.maximum((odds - odds[0]) / (1.0 + heat * max(odds[0], 0.0)), -60.0))
+        p = float(np.clip(ceiling / weights.sum(), 1e-3, 1 - 1e-3))
+        total += np.log(p if right else 1.0 - p)
+    return total / max(len(rows), 1)
+
+
+def shuffled(arguments: argparse.Namespace) -> None:
+    """Accuracy with true names permuted among the cases, mean over 200 deals."""
+    cases = [c for c in named_cases(arguments.score) if c["group"] == "single"]
+    true = np.array([c["truth_names"][0] for c in cases])
+    said = np.array([c["named"][0] for c in cases])
+    rng = np.random.default_rng(0)
+    dealt = [float(np.mean(rng.permutation(true) == said)) for _ in range(200)]
+    print(
+        f"{len(cases)} named single cases: right {np.mean(true == said):.3f}, shuffled {np.mean(dealt):.3f}"
+    )
+
+
+def main() -> None:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    sub = parser.add_subparsers(required=True)
+    one = sub.add_parser("run")
+    one.add_argument("--out", type=Path, required=True)
+    one.add_argument("--rig", default="one_joint")
+    one.add_argument("--cases", default=CASES)
+    one.add_argument("--duration", type=float, default=20.0)
+    one.add_argument("--seed", type=int, default=None)
+    one.add_argument("--workers", type=int, default=2)
+    one.add_argument("--config", type=Path, default=None)
+    one.set_defaults(run=run)
+    for name, function in (("calibrate", calibrate), ("shuffled", shuffled)):
+        two = sub.add_parser(name)
+        two.add_argument("score", type=Path)
+        two.set_defaults(run=function)
+    arguments = parser.parse_args()
+    arguments.run(arguments)
+
+
+if __name__ == "__main__":
+    main()
