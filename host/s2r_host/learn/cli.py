@@ -1,0 +1,62 @@
+"""``s2r train``: fit a network on simulated data and export it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from s2r_protocol.exits import UsageError
+
+
+@click.group()
+def train() -> None:
+    """Train the networks of perception (install the extra 'learn')."""
+
+
+@train.command()
+@click.option(
+    "--data", type=click.Path(path_type=Path, exists=True), required=True, help="From 's2r data pushes'."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
+)
+@click.option("--epochs", type=int, help="Passes over the data [default: 60].")
+@click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
+@click.option("--seed", type=int, default=0, show_default=True)
+def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> None:
+    """Where to push: actionability, proposals and likelihood of a useful push."""
+    import torch
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from s2r_host.learn.export import export
+    from s2r_host.learn.network import PushNetwork
+    from s2r_host.learn.plot import plot_metrics
+    from s2r_host.learn.train import TrainSettings, train_affordance
+
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    if device == "cuda" and not torch.cuda.is_available():
+        raise UsageError("--device cuda: torch sees no CUDA device here; use --device cpu")
+    settings = TrainSettings(device=device, seed=seed)
+    if epochs is not None:
+        if epochs < 1:
+            raise UsageError(f"--epochs {epochs} must be 1 or more")
+        settings = replace(settings, epochs=epochs)
+    with Progress(console=Console(stderr=True)) as progress:
+        state = train_affordance(data, out, settings, progress)
+    plot_metrics(state["metrics"], out / "metrics.png")
+    network = PushNetwork()
+    from safetensors.torch import load_file
+
+    network.load_state_dict(load_file(out / "weights.safetensors"))
+    about = {name: state[name] for name in ("data_sha256", "objects", "pushes", "settings")}
+    last = state["metrics"][-1]
+    about["validation_auc"] = last["validation_auc"]
+    worst = export(network, out, about)
+    click.echo(
+        f"{state['epoch']} epochs on {state['objects']} objects, {state['pushes']} pushes; validation AUC"
+        f" {last['validation_auc']:.3f}; ONNX differs by {worst:.1g}; in {out}"
+    )

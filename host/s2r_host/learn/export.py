@@ -1,0 +1,120 @@
+"""ONNX graphs of the push network, compared with torch on the spot."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime
+import torch
+from torch import Tensor, nn
+
+from s2r_host.learn.network import FEATURE, IN, NOISE, PushNetwork
+from s2r_host.perception.errors import InputError
+from s2r_host.perception.object_cloud import COARSE, NEIGHBOURS, POINTS
+
+logger = logging.getLogger(__name__)
+
+MOST_DIFFERENCE = 1e-4
+OPSET = 18
+ENCODER, HEADS, ABOUT = "encoder.onnx", "heads.onnx", "about.json"
+
+
+class _Encoder(nn.Module):
+    def __init__(self, network: PushNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, Tensor]:
+        feature = self.network.encode(*inputs)
+        return feature, self.network.act(feature)
+
+
+class _Heads(nn.Module):
+    """Proposals for noise, and verdicts on them, for a list of point features."""
+
+    def __init__(self, network: PushNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, feature: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+        direction = self.network.propose(feature, noise)
+        return direction, self.network.judge(feature, direction)
+
+
+def export(network: PushNetwork, folder: Path, about: dict[str, Any]) -> float:
+    """Write both graphs and a description; the largest difference from torch.
+
+    Raises:
+        InputError: ONNX Runtime computes something else.
+    """
+    network = network.cpu().eval()
+    folder.mkdir(parents=True, exist_ok=True)
+    generator = torch.Generator().manual_seed(0)
+    inputs = example_inputs(generator)
+    _write(
+        _Encoder(network), inputs, ENCODER_INPUTS, ("feature", "actionability"), folder / ENCODER, many=False
+    )
+    heads = (
+        torch.randn(100, FEATURE, generator=generator),
+        torch.randn(100, NOISE, generator=generator),
+    )
+    _write(_Heads(network), heads, ("feature", "noise"), ("direction", "logit"), folder / HEADS, many=True)
+    worst = max(
+        _difference(_Encoder(network), inputs, folder / ENCODER),
+        _difference(_Heads(network), heads, folder / HEADS),
+    )
+    if worst > MOST_DIFFERENCE:
+        raise InputError(f"ONNX Runtime differs from torch by {worst:.2g}, limit {MOST_DIFFERENCE:g}")
+    (folder / ABOUT).write_text(json.dumps(about | {"onnx_difference": worst}, indent=1) + "\n")
+    return worst
+
+
+ENCODER_INPUTS = ("x", "down1", "down2", "up1", "up0", "weight1", "weight0")
+
+
+def example_inputs(generator: torch.Generator) -> tuple[Tensor, ...]:
+    """Random inputs of the encoder with the right shapes."""
+
+    def index(high: int, *shape: int) -> Tensor:
+        return torch.randint(high, shape, generator=generator)
+
+    return (
+        torch.randn(1, POINTS, IN, generator=generator),
+        index(POINTS, 1, COARSE[0], NEIGHBOURS),
+        index(COARSE[0], 1, COARSE[1], NEIGHBOURS),
+        index(COARSE[1], 1, COARSE[0], 3),
+        index(COARSE[0], 1, POINTS, 3),
+        torch.rand(1, COARSE[0], 3, generator=generator),
+        torch.rand(1, POINTS, 3, generator=generator),
+    )
+
+
+def _write(
+    module: nn.Module,
+    inputs: tuple[Tensor, ...],
+    names: tuple[str, ...],
+    outputs: tuple[str, ...],
+    path: Path,
+    many: bool,
+) -> None:
+    pushes = torch.export.Dim("pushes", min=1)
+    shapes = tuple({0: pushes} for _ in inputs) if many else None
+    torch.onnx.export(
+        module.eval(), inputs, str(path), input_names=list(names), output_names=list(outputs),
+        opset_version=OPSET, dynamo=True, dynamic_shapes=shapes, external_data=False, verbose=False,
+    )  # fmt: skip
+    onnx.checker.check_model(onnx.load(str(path)))
+
+
+def _difference(module: nn.Module, inputs: tuple[Tensor, ...], path: Path) -> float:
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    feeds = {node.name: tensor.numpy() for node, tensor in zip(session.get_inputs(), inputs, strict=True)}
+    with torch.no_grad():
+        wanted = module(*inputs)
+    found = session.run(None, feeds)
+    return max(float(np.abs(np.asarray(a) - b.numpy()).max()) for a, b in zip(found, wanted, strict=True))

@@ -1,0 +1,90 @@
+"""The push network: a small PointNet++ with the three heads of Where2Act (Mo et al., ICCV 2021).
+
+Actionability per point, proposals of a push direction, and the likelihood that a push is useful. Neighbour
+indices come from outside (`s2r_host.perception.object_cloud.pyramid`), so that the graph is nothing but
+gathers and small matrix products.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from s2r_host.perception.object_cloud import COARSE
+
+IN, WIDTH, FEATURE, NOISE = 7, 64, 64, 3
+
+
+class PushNetwork(nn.Module):
+    """Encoder and heads. Shapes: B clouds of N points, S pushes."""
+
+    def __init__(self, width: int = WIDTH) -> None:
+        super().__init__()
+        self.lift = _mlp(IN, width // 2, width // 2)
+        self.down1 = _mlp(width // 2 + 3, width, width)
+        self.down2 = _mlp(width + 3, 2 * width, 2 * width)
+        self.whole = _mlp(2 * width, 2 * width, 2 * width)
+        self.up1 = _mlp(4 * width + width, 2 * width, width)
+        self.up0 = _mlp(width + width // 2 + IN, width, FEATURE)
+        self.actionability = nn.Sequential(_mlp(FEATURE, width), nn.Linear(width, 1))
+        self.proposal = nn.Sequential(_mlp(FEATURE + NOISE, width, width), nn.Linear(width, 3))
+        self.critic = nn.Sequential(_mlp(FEATURE + 3, width, width), nn.Linear(width, 1))
+
+    def encode(
+        self,
+        x: Tensor,
+        down1: Tensor,
+        down2: Tensor,
+        up1: Tensor,
+        up0: Tensor,
+        weight1: Tensor,
+        weight0: Tensor,
+    ) -> Tensor:
+        """Features per point (B, N, FEATURE) of clouds (B, N, 7); the rest is a batched pyramid."""
+        p0 = x[..., :3]
+        p1, p2 = p0[:, : COARSE[0]], p0[:, : COARSE[1]]
+        f0 = self.lift(x)
+        f1 = self._pool(self.down1, f0, p0, p1, down1)
+        f2 = self._pool(self.down2, f1, p1, p2, down2)
+        whole = self.whole(f2).amax(dim=1, keepdim=True).expand(-1, f2.shape[1], -1)
+        g1 = self.up1(torch.cat([_spread(torch.cat([f2, whole], -1), up1, weight1), f1], -1))
+        return self.up0(torch.cat([_spread(g1, up0, weight0), f0, x], -1))
+
+    def act(self, feature: Tensor) -> Tensor:
+        """Logit of the actionability, shape of ``feature`` without its last axis."""
+        return self.actionability(feature).squeeze(-1)
+
+    def propose(self, feature: Tensor, noise: Tensor) -> Tensor:
+        """Unit push directions (..., 3) from features (..., FEATURE) and normal noise (..., NOISE)."""
+        return nn.functional.normalize(self.proposal(torch.cat([feature, noise], -1)), dim=-1)
+
+    def judge(self, feature: Tensor, direction: Tensor) -> Tensor:
+        """Logit that a push along ``direction`` (..., 3) is useful, shape (...)."""
+        return self.critic(torch.cat([feature, direction], -1)).squeeze(-1)
+
+    @staticmethod
+    def _pool(layer: nn.Module, f: Tensor, p: Tensor, centre: Tensor, index: Tensor) -> Tensor:
+        near = _take(torch.cat([f, p], -1), index)
+        offset = near[..., -3:] - centre.unsqueeze(2)
+        return layer(torch.cat([near[..., :-3], offset], -1)).amax(dim=2)
+
+
+def _mlp(*sizes: int) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for a, b in pairwise(sizes):
+        layers += [nn.Linear(a, b), nn.LayerNorm(b), nn.GELU()]
+    return nn.Sequential(*layers)
+
+
+def _take(f: Tensor, index: Tensor) -> Tensor:
+    """Rows of f (B, N, C) at index (B, M, K): (B, M, K, C)."""
+    b, m, k = index.shape
+    flat = index.reshape(b, m * k, 1).expand(-1, -1, f.shape[-1])
+    return torch.gather(f, 1, flat).reshape(b, m, k, f.shape[-1])
+
+
+def _spread(f: Tensor, index: Tensor, weight: Tensor) -> Tensor:
+    """Coarse features to finer points by their three nearest."""
+    return (_take(f, index) * weight.unsqueeze(-1)).sum(dim=2)

@@ -1,0 +1,111 @@
+"""The object's points of one depth view, as the push network sees them: centred, a fixed number, with neighbours.
+
+Everything here is numpy, so that training and use prepare their input by the same code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from s2r_host.perception.errors import BadViewError
+from s2r_host.perception.frames import DepthFrame
+from s2r_host.perception.view import DepthView
+
+Array = NDArray[np.floating]
+Index = NDArray[np.int64]
+
+POINTS = 2000
+COARSE = (256, 64)  # points of the two coarser levels
+NEIGHBOURS = 16
+TABLE_M = 0.008  # lower points are taken for the table
+REACH_M = 1.5  # from the camera
+CELL_M = 0.03
+FEWEST = 200
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectCloud:
+    """Points of the largest thing on the table.
+
+    Attributes:
+        points: In the base frame [m], shape (POINTS, 3).
+        normals: Unit, towards the camera, shape (POINTS, 3).
+        pixels: Index of each point in the flattened depth image, shape (POINTS,).
+        centre: Mean of the points [m], shape (3,).
+    """
+
+    points: Array
+    normals: Array
+    pixels: Index
+    centre: Array
+
+    def features(self) -> NDArray[np.float32]:
+        """Input of the network: centred points [dm], normals, height [dm], shape (POINTS, 7)."""
+        height = self.points[:, 2:3]
+        return np.hstack([10 * (self.points - self.centre), self.normals, 10 * height]).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Pyramid:
+    """Neighbourhoods of the network's three levels; level 0 is the cloud, the others its first points.
+
+    Attributes:
+        down: Indices of the neighbours of each coarser point one level below, shapes (COARSE[i], NEIGHBOURS).
+        up: Indices of the three nearest coarser points of each finer one, shapes (finer, 3).
+        weight: Their weights, rows sum to 1, shapes as ``up``.
+    """
+
+    down: tuple[Index, Index]
+    up: tuple[Index, Index]
+    weight: tuple[NDArray[np.float32], NDArray[np.float32]]
+
+
+def object_cloud(frame: DepthFrame, rng: np.random.Generator) -> ObjectCloud:
+    """Take the largest connected thing above the table.
+
+    Raises:
+        BadViewError: Nothing stands there.
+    """
+    view = DepthView(frame)
+    assert view.p_camera is not None
+    near = np.linalg.norm(view.points - view.p_camera, axis=1) < REACH_M
+    index = np.flatnonzero(near & (view.points[:, 2] > TABLE_M))
+    if len(index) < FEWEST:
+        raise BadViewError(
+            f"only {len(index)} points lie above the table (z > {TABLE_M * 1e3:.0f} mm) within {REACH_M:g} m, at least"
+            f" {FEWEST} are needed; is the object in view and the camera's pose right?"
+        )
+    index = index[_largest_piece(view.points[index])]
+    chosen = rng.choice(index, POINTS, replace=len(index) < POINTS)
+    p = view.points[chosen]
+    return ObjectCloud(p, view.normals[chosen], view.flat[chosen], p.mean(axis=0))
+
+
+def pyramid(points: Array) -> Pyramid:
+    """Neighbourhoods of a cloud in random order (its first points stand for the whole)."""
+    levels = [points, points[: COARSE[0]], points[: COARSE[1]]]
+    trees = [cKDTree(level) for level in levels]
+    down, up, weight = [], [], []
+    for fine in (0, 1):
+        _, neighbour = trees[fine].query(levels[fine + 1], k=NEIGHBOURS)
+        down.append(np.asarray(neighbour, dtype=np.int64))
+        distance, nearest = trees[fine + 1].query(levels[fine], k=3)
+        inverse = 1.0 / (np.asarray(distance) + 1e-4)
+        up.append(np.asarray(nearest, dtype=np.int64))
+        weight.append((inverse / inverse.sum(axis=1, keepdims=True)).astype(np.float32))
+    return Pyramid((down[0], down[1]), (up[0], up[1]), (weight[0], weight[1]))
+
+
+def _largest_piece(points: Array) -> NDArray[np.bool_]:
+    cell, inverse = np.unique(np.floor(points / CELL_M).astype(np.int64), axis=0, return_inverse=True)
+    tree = cKDTree(cell.astype(np.float64))
+    _, label = connected_components(
+        tree.sparse_distance_matrix(tree, 1.8, output_type="coo_matrix"), directed=False
+    )
+    of_point = label[inverse.ravel()]
+    return of_point == np.bincount(of_point).argmax()
