@@ -1,0 +1,81 @@
+"""A batch: refusals of bad lists, resuming, and the summary. The tool itself is replaced by a stub."""
+
+import json
+
+import pytest
+
+from s2r_host.gap import batch
+from s2r_host.gap.batch import Job, read_jobs, run_batch, run_job, since_when
+from s2r_host.gap.errors import GapRecordingError, GapUsageError
+
+
+def _list(tmp_path, text):
+    path = tmp_path / "jobs.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_jobs_are_read_with_paths_beside_the_file(tmp_path):
+    jobs = read_jobs(_list(tmp_path, "- {name: a, model: m.xml, fit: r.csv, robot: r1, date: 2026-01-02}"))
+    assert jobs == [Job("a", tmp_path / "m.xml", (tmp_path / "r.csv",), robot="r1", date="2026-01-02")]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{}", "write a list of jobs"),
+        ("- {name: a, model: m.xml}", "needs name, model and fit"),
+        ("- {name: a, model: m.xml, fit: r.csv, colour: red}", "allowed keys"),
+        ("- {name: ../a, model: m.xml, fit: r.csv}", "cannot be the name of a folder"),
+        ("- {name: a, model: m, fit: r}\n- {name: a, model: m, fit: r}", "two jobs are called 'a'"),
+    ],
+)
+def test_a_bad_list_is_refused_with_the_reason(tmp_path, text, said):
+    with pytest.raises(GapUsageError, match=said):
+        read_jobs(_list(tmp_path, text))
+
+
+def _answer(folder, verdict, effects=()):
+    folder.mkdir(parents=True)
+    body = {"verdict": verdict, "effects": list(effects), "parameters_off": [], "wall_s": 1.0}
+    (folder / "gap.json").write_text(json.dumps(body), encoding="utf-8")
+    (folder / "report.html").write_text("", encoding="utf-8")
+
+
+COGGING = {"name": "cogging", "joint": "j1", "probability": 0.9}
+
+
+def test_finished_jobs_are_not_run_again_and_the_summary_says_since_when(tmp_path, monkeypatch):
+    jobs = [Job(n, tmp_path / "m", (), robot="r1", date=d) for n, d in (("a", "2026-02"), ("b", "2026-01"))]
+    _answer(tmp_path / "out" / "a", "physics_missing", [COGGING])
+    _answer(tmp_path / "out" / "b", "nothing_missing")
+    monkeypatch.setattr(batch, "run_job", lambda *_: pytest.fail("a finished job was run again"))
+    told = []
+    rows = run_batch(jobs, tmp_path / "out", 1, 0, told.append)
+    assert told == [2]
+    assert [r["verdict"] for r in rows] == ["physics_missing", "nothing_missing"]
+    since = {"robot": "r1", "joint": "j1", "effect": "cogging", "since": "2026-02", "runs": 1}
+    assert since_when(rows) == [since]
+    assert "2026-02" in (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("error", "file", "code"),
+    [(GapRecordingError("fit.csv: no"), "refused.json", 4), (ZeroDivisionError("x"), "failed.json", 1)],
+)
+def test_a_refusal_and_a_bug_leave_their_reason(tmp_path, monkeypatch, error, file, code):
+    def tool(*_, **__):
+        raise error
+
+    monkeypatch.setattr("s2r_host.gap.cli.run_gap", tool)
+    run_job(Job("a", tmp_path / "m", ()), tmp_path / "a", 0)
+    left = json.loads((tmp_path / "a" / file).read_text(encoding="utf-8"))
+    assert left["exit_code"] == code
+    assert str(error) in left["reason"]
+
+
+def test_a_failed_job_is_tried_again(tmp_path):
+    folder = tmp_path / "a"
+    folder.mkdir()
+    (folder / "failed.json").write_text("{}", encoding="utf-8")
+    assert not batch.answered(folder)
