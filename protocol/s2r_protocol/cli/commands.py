@@ -34,6 +34,7 @@ COMMANDS: dict[str, Command] = {
     "sim-arm": Command("s2r_sim.cli:sim_arm", "sim", "The stand-in: arm, object, drives, bus and camera."),
     "world": Command("s2r_sim.cli:world", "sim", "Draw and commit to hidden worlds for the stand-in."),
     "data": Command("s2r_sim.cli_data:data", "sim", "Make training data from procedural objects."),
+    "train": Command("s2r_host.learn.cli:train", "host,learn", "Train the networks of perception."),
     "run": Command("s2r_host.cli:run", "host", "Perceive, build, plan and execute one manipulation."),
     "plan": Command(
         "s2r_host.cli_plan:plan", "host", "Plan through contact on any MJCF scene, in simulation."
