@@ -30,6 +30,7 @@
 #include "shm.hpp"
 #include "spline.hpp"
 #include "state_machine.hpp"
+#include "stop_search.hpp"
 #include "time_scaling.hpp"
 
 namespace nb = nanobind;
@@ -523,6 +524,42 @@ nb::tuple joint_stop(const Vector& q, const Vector& dq, const Vector& ddq, const
   return nb::make_tuple(to_array(durations, dof), p, v, a);
 }
 
+std::vector<double> shortest_blends(const std::tuple<Matrix, Matrix, Matrix>& path,
+                                    const std::tuple<Matrix, Matrix, Matrix>& load, double step_s, int load_stride,
+                                    const std::vector<double>& candidates, const Vector& ddq_limit,
+                                    const Vector& dddq_limit, const Vector& tau_limit, const std::vector<int>& first,
+                                    const std::vector<int>& last, const std::vector<double>& hint) {
+  const auto& [dq, ddq, dddq] = path;
+  const auto& [rest, move, inertia] = load;
+  const int dof = check_dof(dq.shape(1), "dq");
+  for (const Matrix* m : {&ddq, &dddq})
+    if (m->shape(0) != dq.shape(0) || m->shape(1) != dq.shape(1)) throw nb::value_error("path: shapes differ");
+  for (const Matrix* m : {&rest, &move, &inertia})
+    if (m->shape(0) != rest.shape(0) || m->shape(1) != dq.shape(1)) throw nb::value_error("load: shapes differ");
+  if (candidates.empty() || load_stride < 1 || last.size() != first.size() || hint.size() != first.size())
+    throw nb::value_error("blends: no candidates, no stride, or first, last and hint of different lengths");
+  for (std::size_t i = 0; i < first.size(); ++i)
+    if (first[i] < 0 || last[i] < first[i]) throw nb::value_error("blends: a segment runs backwards");
+  std::vector<Candidate> list;
+  list.reserve(candidates.size());
+  for (const double duration : candidates) {
+    if (!(duration > 0.0 && step_s > 0.0)) throw nb::value_error("blends: durations and step must be positive");
+    list.push_back({duration, sample_blend(duration, step_s), sample_blend(duration, step_s * load_stride)});
+  }
+  const PathGrid grid{.dof = dof,
+                      .points = static_cast<int>(dq.shape(0)),
+                      .load_points = static_cast<int>(rest.shape(0)),
+                      .load_stride = load_stride,
+                      .dq = dq.data(),
+                      .ddq = ddq.data(),
+                      .dddq = dddq.data(),
+                      .rest = rest.data(),
+                      .path = move.data(),
+                      .inertia = inertia.data()};
+  return find_blends(grid, list, to_joints(ddq_limit, dof, "ddq_limit"), to_joints(dddq_limit, dof, "dddq_limit"),
+                     to_joints(tau_limit, dof, "tau_limit"), first, last, hint);
+}
+
 using GateVerdict = std::tuple<std::size_t, int, int, double, double>;  // index, cause, joint, value, limit
 
 std::optional<GateVerdict> gate_check(const Matrix& q, const Matrix& dq, double dt, const nb::dict& limits,
@@ -785,6 +822,10 @@ NB_MODULE(_native, m) {
         "Per-joint jerk-limited stop: durations (dof,) and q, dq, ddq (m, dof) at the times.");
   m.def("gate_check", &gate_check, "q"_a, "dq"_a, "dt"_a, "limits"_a, "margin"_a = 1.02,
         "First violation (index, cause, joint, value, limit) of setpoints (m, dof), or None; rests at the first.");
+  m.def("shortest_blends", &shortest_blends, "path"_a, "load"_a, "step_s"_a, "load_stride"_a, "candidates"_a,
+        "ddq_limit"_a, "dddq_limit"_a, "tau_limit"_a, "first"_a, "last"_a, "hint"_a,
+        "Per segment the shortest of the candidate durations [s] in which path time may\n"
+        "stop or resume anywhere in it; NaN where there is none. See s2r_executor.stop_ramps.");
   m.def(
       "bus_load",
       [](const std::string& packing, int dof, std::int64_t tick_ns) {

@@ -293,6 +293,24 @@ def gate_check(
     First violation (index, cause, joint, value, limit) of setpoints (m, dof), or None; rests at the first.
     """
 
+def shortest_blends(
+    path: tuple[NDArray[numpy.float64], NDArray[numpy.float64], NDArray[numpy.float64]],
+    load: tuple[NDArray[numpy.float64], NDArray[numpy.float64], NDArray[numpy.float64]],
+    step_s: float,
+    load_stride: int,
+    candidates: Sequence[float],
+    ddq_limit: NDArray[numpy.float64],
+    dddq_limit: NDArray[numpy.float64],
+    tau_limit: NDArray[numpy.float64],
+    first: Sequence[int],
+    last: Sequence[int],
+    hint: Sequence[float],
+) -> list[float]:
+    """
+    Per segment the shortest of the candidate durations [s] in which path time may
+    stop or resume anywhere in it; NaN where there is none. See s2r_executor.stop_ramps.
+    """
+
 def bus_load(packing: str, dof: int, tick_ns: int) -> float:
     """Share of the bus in the worst case of bit stuffing."""
 

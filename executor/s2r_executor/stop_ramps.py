@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_executor import _native
 from s2r_executor.plan import CommandRefusedError
 from s2r_executor.quintic import Spline, sample
 from s2r_protocol.arms import JointLimits
@@ -27,9 +28,8 @@ _SHORTEST_S = 0.02
 _RATIO = 1.2
 _GRID_S = 0.004
 _GRID_MAX = 20_000
-_TORQUE_STRIDE = 4  # torque varies with the pose and needs a coarser grid than jerk
+_TORQUE_STRIDE = 5  # torque varies with the pose and needs a coarser grid than jerk
 _POINTS = 16
-_MERGED_GAP = 64  # starts between two runs that are checked along rather than skipped
 
 
 def blend(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -42,7 +42,7 @@ def blend(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class _Path:
+class Path:
     """The plan on a uniform grid of path time; each term has shape (m, dof).
 
     Attributes:
@@ -57,7 +57,7 @@ class _Path:
 
 
 @dataclass(frozen=True, eq=False)
-class _Load:
+class Load:
     """Torque terms of the plan on a coarser grid, each of shape (m, dof): g, b (what q'' and q'² cost) and M q'."""
 
     step_s: float
@@ -74,6 +74,9 @@ class _Worst:
     jerk: np.ndarray
 
 
+Grids = tuple[Path, Load]
+
+
 def stop_durations(
     spline: Spline,
     limits: JointLimits,
@@ -81,10 +84,11 @@ def stop_durations(
     joint_names: tuple[str, ...],
     tau_limit: np.ndarray,
     longest_s: float,
+    grids: Grids | None = None,
 ) -> np.ndarray:
-    """Shortest legal stop duration of each segment [s], shape (segments,).
+    """Shortest legal duration of a stop, and of a resume after it, in each segment [s], shape (segments,).
 
-    Velocity needs no check: a stop only lowers it.
+    Velocity needs no check: both only lower it.
 
     Args:
         spline: The plan, itself within its limits.
@@ -93,28 +97,31 @@ def stop_durations(
         joint_names: For the text of a refusal.
         tau_limit: [N·m], shape (dof,), margin already taken off.
         longest_s: Longest stop to accept.
+        grids: The plan as :func:`on_grids` gives it, if known already.
 
     Raises:
         CommandRefusedError: NO_STOP_PATH, naming segment time, joint and quantity.
     """
-    path, load = _on_grids(spline, torque)
+    path, load = grids or on_grids(spline, torque)
     first = np.floor(spline.t[:-1] / path.step_s + 1e-9).astype(int)
     last = np.minimum(np.ceil(spline.t[1:] / path.step_s - 1e-9).astype(int), len(path.dq) - 1)
-    worth_trying = _worth_trying(path, limits, first, last)
-    duration = np.full(len(first), np.nan)
-    legal = np.zeros(len(path.dq), dtype=bool)
-    for T in _candidates(longest_s):
-        waiting = np.isnan(duration) & ((worth_trying <= T) | (longest_s == T))
-        if not waiting.any():
-            continue
-        legal[:] = False
-        for start, end in _runs(first[waiting], last[waiting], len(legal)):
-            legal[start:end] = _legal(path, load, start, end, T, limits, tau_limit)
-        counted = np.concatenate([[0], np.cumsum(legal)])
-        whole = counted[last + 1] - counted[first] == last + 1 - first
-        duration[waiting & whole] = T
-        if not np.isnan(duration).any():
-            return duration
+    duration = np.array(
+        _native.shortest_blends(
+            (path.dq, path.ddq, path.dddq),
+            (load.gravity, load.path, load.inertia),
+            path.step_s,
+            _TORQUE_STRIDE,
+            _candidates(longest_s).tolist(),
+            ALLOWANCE * limits.ddq_max,
+            ALLOWANCE * limits.dddq_max,
+            tau_limit,
+            first.tolist(),
+            last.tolist(),
+            _worth_trying(path, limits, first, last).tolist(),
+        )
+    )
+    if not np.isnan(duration).any():
+        return duration
     segment = int(np.nonzero(np.isnan(duration))[0][0])
     at_s, span = float(spline.t[segment]), (int(first[segment]), int(last[segment]) + 1)
     raise _no_stop(path, load, span, at_s, longest_s, limits, tau_limit, joint_names)
@@ -125,7 +132,7 @@ def _candidates(longest_s: float) -> np.ndarray:
     return np.minimum(_SHORTEST_S * _RATIO ** np.arange(count), longest_s)
 
 
-def _worth_trying(path: _Path, limits: JointLimits, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+def _worth_trying(path: Path, limits: JointLimits, first: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Per segment a duration below which a stop is not tried [s].
 
     At constant speed v the blend needs T >= 1.875 v / a and T >= 2.4 sqrt(v / j); a plan that slows down by itself may
@@ -137,29 +144,16 @@ def _worth_trying(path: _Path, limits: JointLimits, first: np.ndarray, last: np.
     return np.maximum.reduceat(running, np.stack([first, last + 1], axis=1).ravel())[::2]
 
 
-def _runs(first: np.ndarray, last: np.ndarray, count: int) -> list[tuple[int, int]]:
-    """The closed index ranges as few half-open runs; small gaps are filled."""
-    edges = np.zeros(count + 1, dtype=int)
-    np.add.at(edges, first, 1)
-    np.add.at(edges, last + 1, -1)
-    inside = np.flatnonzero(np.cumsum(edges)[:-1] > 0)
-    cuts = np.flatnonzero(np.diff(inside) > _MERGED_GAP)
-    starts = inside[np.concatenate([[0], cuts + 1])]
-    ends = inside[np.concatenate([cuts, [len(inside) - 1]])] + 1
-    return list(zip(starts.tolist(), ends.tolist(), strict=True))
-
-
-def _on_grids(spline: Spline, torque: Torque) -> tuple[_Path, _Load]:
+def on_grids(spline: Spline, torque: Torque) -> Grids:
+    """The plan on uniform grids of path time: motion, and what its torque is made of."""
     count = int(np.clip(np.ceil(spline.duration_s / _GRID_S) + 1, 2 * _TORQUE_STRIDE + 1, _GRID_MAX))
     s = sample(spline, np.linspace(0.0, spline.t[-1], count))
     step_s = float(s.t[1] - s.t[0])
     q, dq, ddq = (a[::_TORQUE_STRIDE] for a in (s.q, s.dq, s.ddq))
     zero = np.zeros_like(q)
     gravity = torque(q, zero, zero)
-    load = _Load(
-        step_s * _TORQUE_STRIDE, gravity, torque(q, dq, ddq) - gravity, torque(q, zero, dq) - gravity
-    )
-    return _Path(step_s, s.dq, s.ddq, s.dddq), load
+    load = Load(step_s * _TORQUE_STRIDE, gravity, torque(q, dq, ddq) - gravity, torque(q, zero, dq) - gravity)
+    return Path(step_s, s.dq, s.ddq, s.dddq), load
 
 
 def _ramp(T: float, step_s: float) -> list[tuple[int, float, float, float]]:
@@ -178,7 +172,7 @@ def _ramp(T: float, step_s: float) -> list[tuple[int, float, float, float]]:
     return list(zip(offsets.tolist(), 1 - s, -ds / T, -dds / T**2, strict=True))
 
 
-def _motion(path: _Path, start: int, end: int, T: float) -> _Worst:
+def _motion(path: Path, start: int, end: int, T: float) -> _Worst:
     """Acceleration and jerk over stops that begin at grid points start .. end - 1."""
     acceleration = np.zeros((end - start, path.dq.shape[1]))
     jerk = np.zeros_like(acceleration)
@@ -193,7 +187,7 @@ def _motion(path: _Path, start: int, end: int, T: float) -> _Worst:
     return _Worst(acceleration, jerk)
 
 
-def _torques(load: _Load, start: int, end: int, T: float) -> np.ndarray:
+def _torques(load: Load, start: int, end: int, T: float) -> np.ndarray:
     """Torque over stops that begin at coarse grid points start .. end - 1, largest absolute value (starts, dof)."""
     torque = np.zeros((end - start, load.gravity.shape[1]))
     for offset, r, dr, _ in _ramp(T, load.step_s):
@@ -209,22 +203,9 @@ def _keep_largest(largest: np.ndarray, values: np.ndarray) -> None:
     np.maximum(largest, np.abs(values, out=values), out=largest)
 
 
-def _legal(
-    path: _Path, load: _Load, start: int, end: int, T: float, limits: JointLimits, tau_limit: np.ndarray
-) -> np.ndarray:
-    """Which of the grid points start .. end - 1 have a legal stop of duration T."""
-    worst = _motion(path, start, end, T)
-    legal = (worst.acceleration <= ALLOWANCE * limits.ddq_max).all(axis=1)
-    legal &= (worst.jerk <= ALLOWANCE * limits.dddq_max).all(axis=1)
-    low, high = start // _TORQUE_STRIDE, min((end - 1) // _TORQUE_STRIDE + 1, len(load.gravity))
-    bearable = np.all(_torques(load, low, high, T) <= tau_limit, axis=1)
-    nearest = np.minimum(np.arange(start, end) // _TORQUE_STRIDE, high - 1) - low
-    return legal & bearable[nearest]
-
-
 def _no_stop(
-    path: _Path,
-    load: _Load,
+    path: Path,
+    load: Load,
     span: tuple[int, int],
     at_s: float,
     longest_s: float,
