@@ -1,0 +1,77 @@
+"""The control law as second witness: what a measured effort hides, wrong gains, late stamps."""
+
+import numpy as np
+import pytest
+
+from s2r_host.gap.law import check_law
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.rig import write_model
+from s2r_host.gap.session import make_session
+
+KP, KD, DT = 40.0, 2.0, 0.004
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
+
+
+def recorded(model, index, effort="measured", drive=lambda u: u, kp=KP, late=0):
+    """A loop whose plant does not matter: position lags the command, the drive bends what the law asks for."""
+    rng = np.random.default_rng(index)
+    t = np.arange(0, 12, DT)
+    q_cmd = 0.6 * np.sin(1.3 * t + index) + 0.2 * np.sin(6.1 * t)
+    q = 0.55 * np.sin(1.3 * t + index - 0.1) + 0.19 * np.sin(6.1 * t - 0.3)
+    dq_cmd, dq = np.gradient(q_cmd, DT), np.gradient(q, DT)
+    u = drive(kp * (q_cmd - q) + KD * (dq_cmd - dq)) + 0.01 * rng.normal(size=len(t))
+    if late:
+        q, dq = np.roll(q, late), np.roll(dq, late)
+    channels = {
+        "q": {"elbow": q}, "dq": {"elbow": dq}, "tau": {"elbow": u},
+        "q_cmd": {"elbow": q_cmd}, "dq_cmd": {"elbow": dq_cmd},
+    }  # fmt: skip
+    law = Controller("pd", {"elbow": KP}, {"elbow": KD}, {}, 250.0)
+    rec = Recording(f"r{index}", t, channels, law, effort, "q_cmd", "a", "", ())
+    return make_session(model, rec, index)
+
+
+def found(model, **how):
+    return check_law(model, [recorded(model, 0, **how)], [recorded(model, 1, **how)], 0)
+
+
+def test_a_law_that_holds_says_nothing(model):
+    assert found(model) is None
+
+
+def test_a_delay_behind_a_measured_effort_is_named_with_its_size(model):
+    said = found(model, drive=lambda u: np.concatenate([u[:1].repeat(5), u[:-5]]))
+    assert said is not None
+    assert said.name == "actuator_delay"
+    assert said.parameters["delay"]["value"] == pytest.approx(5 * DT, rel=0.05)
+
+
+def test_a_clip_behind_a_measured_effort_is_named_with_its_limit(model):
+    said = found(model, drive=lambda u: np.clip(u, -4.0, 4.0))
+    assert said is not None
+    assert said.name == "saturation"
+    assert said.parameters["limit"]["value"] == pytest.approx(4.0, rel=0.03)
+
+
+def test_a_wrong_gain_is_a_parameter(model):
+    said = found(model, effort="commanded", kp=1.1 * KP)
+    assert said is not None
+    assert said.name == "controller_gain"
+    assert said.parameters["kp"]["value"] == pytest.approx(1.1 * KP, rel=0.01)
+
+
+def test_late_stamps_are_told_from_a_late_drive(model):
+    said = found(model, late=4)
+    assert said is not None
+    assert said.name == "clock_skew"
+    assert said.parameters["lag"]["value"] == pytest.approx(4 * DT, rel=0.1)
+
+
+def test_a_commanded_effort_cannot_show_a_delay(model):
+    said = found(model, effort="commanded", drive=lambda u: np.concatenate([u[:1].repeat(5), u[:-5]]))
+    assert said is None or said.name not in ("actuator_delay", "bandwidth", "saturation")
