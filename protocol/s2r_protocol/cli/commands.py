@@ -52,7 +52,9 @@ COMMANDS: dict[str, Command] = {
     "conceal": Command(
         "s2r_conceal.cli:conceal", "host,sim", "Recordings with hidden physics, to prove what a tool finds."
     ),
-    "bench": Command("s2r_host.cli_bench:bench", "host", "Measure the planner against others on this machine."),
+    "bench": Command(
+        "s2r_protocol.cli.bench:bench", "host,sim", "Measure executor or planner on this machine."
+    ),
     "stop": Command("s2r_host.cli_stop:stop", "", "Stop the arm on its path, from any terminal."),
     "config": Command("s2r_executor.cli_config:config", "", "Show the executor's configuration, or its schema."),
     "completion": Command("s2r_protocol.cli.completion:completion", "", "Print the completion script of a shell."),
