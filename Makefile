@@ -21,6 +21,11 @@ check:  ## what CI runs, without the set-up
 build:  ## rebuild the native core after a C++ edit
 	scripts/bootstrap --rebuild test
 
+docs:   ## build the documentation site into build/site/; it opens without a network
+	scripts/bootstrap test
+	.venv/bin/python scripts/generate-reference
+	.venv/bin/mkdocs build --quiet
+
 lock:   ## refresh locks/ from pyproject.toml
 	scripts/lock
 

@@ -149,7 +149,7 @@ def until(condition, timeout_s=60):
 
 def open_tab(page, name: str) -> None:
     """Open a screen. Playwright's own checks wait for frames, of which software rendering has few."""
-    page.get_by_role("tab", name=name, exact=True).dispatch_event("click")
+    page.get_by_role("tab", name=name, exact=True).click(force=True, timeout=WAIT_MS)
 
 
 def press(page, name: str) -> None:
