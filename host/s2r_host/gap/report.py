@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import io
 from pathlib import Path
 
-import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
-from s2r_host.gap.base_terms import PREFIX
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.pipeline import Analysis
+from s2r_host.gap.report_figures import figures
 
-INK, MUTED, BEFORE, AFTER, MEASURED = "#1d2433", "#667085", "#d1495b", "#1f7a8c", "#1d2433"
+SHOWN_REJECTED = 30
 STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:#1d2433;max-width:1000px;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.5rem;margin:0}h2{font-size:1.1rem;margin:2rem 0 .4rem;border-bottom:1px solid #e4e7ec}
@@ -46,7 +40,8 @@ def write_report(a: Analysis, answer: dict, path: Path) -> None:
         _effects(a, answer),
         _parameters_off(answer),
         _numbers(a, answer),
-        _figures(a),
+        _per_joint(answer),
+        figures(a),
         _rejected(answer),
         _next(answer),
         _notes(answer),
@@ -89,7 +84,8 @@ def _effects(a: Analysis, answer: dict) -> str:
             f"<td class=num>{e['probability']:.2f}</td><td>{parameters}</td><td>{html.escape(e['evidence'])}</td></tr>"
         )
     return (
-        "<h2>Missing physics</h2><table><tr><th>effect<th>probability<th>parameters, 90 % interval<th>evidence</tr>"
+        "<h2>Missing physics</h2><table><tr><th>effect<th class=num>probability"
+        "<th>parameters, 90 % interval<th>evidence</tr>"
         + "".join(rows) + "</table>"
     )  # fmt: skip
 
@@ -137,22 +133,50 @@ def _numbers(a: Analysis, answer: dict) -> str:
         body += f" (open loop {cell(b['open_loop_holdout'])})</tr>"
     floor = answer["floor"]
     return (
-        f"<h2>Root mean square errors [{fit['unit']}]</h2><table><tr><th>what<th>before<th>after</tr>{body}</table>"
+        f"<h2>Root mean square errors [{fit['unit']}]</h2><table>"
+        f"<tr><th>what<th class=num>before<th class=num>after</tr>{body}</table>"
         f"<p class=muted>Noise floor ({floor['source']}): position {cell(floor['q_rmse'])},"
         f" effort {cell(floor['tau_rmse'])}.</p>"
     )
 
 
-def _rejected(answer: dict) -> str:
-    if not answer["rejected"]:
+def _per_joint(answer: dict) -> str:
+    table = answer["fit"].get("per_joint", {})
+    if len(table) < 2:
         return ""
     rows = "".join(
-        f"<tr><td>{r['name']} on {html.escape(r['joint'])}<td class=num>{r['holdout_gain']:.1%}"
-        f"<td>{html.escape(r['why'])}</tr>"
-        for r in answer["rejected"][:40]
-    )
+        f"<tr><td>{html.escape(joint)}" + "".join(
+            f"<td class=num>{'–' if e[k] is None else format(e[k], '.4g')}"
+            for k in ("open_loop_holdout_before", "open_loop_holdout_after")
+        ) + "</tr>"
+        for joint, e in table.items()
+    )  # fmt: skip
     return (
-        f"<h2>Looked at and rejected</h2><table><tr><th>effect<th>held-out gain<th>why not</tr>{rows}</table>"
+        "<table><tr><th>position, held out, open-loop windows<th class=num>before<th class=num>after</tr>"
+        f"{rows}</table>"
+    )
+
+
+def _rejected(answer: dict) -> str:
+    """One row per effect and reason; on an arm the same decoy falls on every joint."""
+    if not answer["rejected"]:
+        return ""
+    groups: dict[tuple[str, str], list[dict]] = {}
+    for r in answer["rejected"]:
+        groups.setdefault((r["name"], r["why"]), []).append(r)
+    order = sorted(
+        groups.items(), key=lambda x: (x[0][1].startswith("cannot"), -max(r["holdout_gain"] for r in x[1]))
+    )
+    rows = "".join(
+        f"<tr><td>{name} on {html.escape(', '.join(r['joint'] for r in found))}"
+        f"<td class=num>{max(r['holdout_gain'] for r in found):.1%}<td>{html.escape(why)}</tr>"
+        for (name, why), found in order[:SHOWN_REJECTED]
+    )
+    more = len(order) - SHOWN_REJECTED
+    tail = f"<p class=muted>{more} more in gap.json.</p>" if more > 0 else ""
+    return (
+        "<h2>Looked at and rejected</h2><table><tr><th>effect<th class=num>held-out gain<th>why not</tr>"
+        f"{rows}</table>{tail}"
     )
 
 
@@ -160,7 +184,10 @@ def _next(answer: dict) -> str:
     n = answer["next_experiment"]
     if not n:
         return ""
-    file = f" Trajectory: <code>{n['trajectory']}</code>." if n.get("trajectory") else ""
+    file = ""
+    if n.get("trajectory"):
+        plan = n["trajectory"].replace(".csv", ".mcap")
+        file = f" Trajectory: <code>{n['trajectory']}</code>; on an arm: <code>s2r replay {plan}</code>."
     which = f"Separates {' from '.join(n['separates'])}. " if n.get("separates") else ""
     return f"<h2>Next experiment</h2><p>{which}{html.escape(n['why'])}.{file}</p>"
 
@@ -173,143 +200,3 @@ def _notes(answer: dict) -> str:
         + "".join(f"<li>{html.escape(n)}</li>" for n in answer["notes"])
         + "</ul>"
     )
-
-
-# --- figures -----------------------------------------------------------------------------------------------
-
-
-def _figures(a: Analysis) -> str:
-    if a.problem is None:
-        return ""
-    out = ["<h2>Residual over joints and time</h2>", _image(heat_map(a))]
-    for j in _figure_joints(a):
-        out += [f"<h2>What betrays it: {html.escape(a.model.joints[j])}</h2>", _image(maps_figure(a, j))]
-        out += ["<h2>Before and after on held-out data</h2>", _image(overlay_figure(a, j))]
-    return "\n".join(out)
-
-
-def _figure_joints(a: Analysis) -> list[int]:
-    assert a.problem is not None
-    named = [a.model.index(p.joint) for p in a.places[:2]]
-    return [j for j in named if j in a.problem.joints] or a.problem.joints[:1]
-
-
-def _image(figure: Figure) -> str:
-    FigureCanvasAgg(figure)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110, bbox_inches="tight")
-    return f"<img alt='figure' src='data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}'>"
-
-
-def heat_map(a: Analysis) -> Figure:
-    """Residual in noise floors, joint by time, fitted recordings one after another."""
-    assert a.problem is not None
-    p = a.problem
-    figure = Figure(figsize=(9, 0.9 + 0.35 * len(p.joints)))
-    axes = figure.add_subplot()
-    columns = []
-    for j in p.joints:
-        rows = np.concatenate([np.abs(p.raw[b.rows]) / p.floor[j] for b in p.blocks if b.joint == j])
-        n = max(1, len(rows) // 300)
-        columns.append(rows[: len(rows) // n * n].reshape(-1, n).max(1))
-    width = min(map(len, columns))
-    image = axes.imshow(
-        np.stack([c[:width] for c in columns]),
-        aspect="auto",
-        cmap="magma_r",
-        vmin=0,
-        vmax=max(4.0, float(np.percentile(np.concatenate(columns), 98))),
-    )  # fmt: skip
-    axes.set_yticks(range(len(p.joints)), [a.model.joints[j] for j in p.joints])
-    edges, labels, at = [], [], 0.0
-    total = sum(float(b.session.t[-1]) for b in p.blocks if b.joint == p.joints[0])
-    for b in p.blocks:
-        if b.joint == p.joints[0]:
-            edges.append(at / total * width)
-            labels.append(f"{b.session.rec.name} 0 s")
-            at += float(b.session.t[-1])
-    axes.set_xticks(edges, labels, fontsize=8, ha="left")
-    figure.colorbar(image, ax=axes, label="noise floors")
-    return figure
-
-
-def maps_figure(a: Analysis, j: int) -> Figure:
-    """Residual against speed and position, before (red) and after (teal), binned by direction."""
-    assert a.problem is not None
-    assert a.decision is not None
-    p = a.problem
-    figure = Figure(figsize=(9, 3.2))
-    after = a.decision.solution.prediction
-    unit, effort = a.model.unit(a.model.joints[j]), a.model.effort_unit(a.model.joints[j])
-    for k, (label, pick) in enumerate((("speed", "v"), ("position", "q"))):
-        axes = figure.add_subplot(1, 2, k + 1)
-        x, up, r, left = [], [], [], []
-        for b in p.blocks:
-            if b.joint == j:
-                x.append(getattr(b.session, pick)[b.picks, j])
-                up.append(b.session.v[b.picks, j] > 0)
-                r.append(p.raw[b.rows])
-                left.append(after[b.rows])
-        X, U, R, L = (np.concatenate(v) for v in (x, up, r, left))
-        axes.plot(X, R, ".", ms=1.5, color=BEFORE, alpha=0.25)
-        axes.plot(X, L, ".", ms=1.5, color=AFTER, alpha=0.25)
-        for mask, style, name in ((U, "-", "forward"), (~U, "--", "backward")):
-            c, m = _binned(X[mask], R[mask])
-            axes.plot(c, m, style, color=BEFORE, lw=1.6, label=f"before, {name}")
-        c, m = _binned(X, L)
-        axes.plot(c, m, color=AFTER, lw=1.6, label="after")
-        axes.axhspan(-p.floor[j], p.floor[j], color=MUTED, alpha=0.15, lw=0)
-        axes.set_xlabel(f"{label} [{unit}{'/s' if pick == 'v' else ''}]")
-        axes.set_ylabel(f"residual effort [{effort}]" if k == 0 else "")
-        axes.spines[["top", "right"]].set_visible(False)
-        if k == 0:
-            axes.legend(fontsize=7, frameon=False)
-    return figure
-
-
-def _binned(x: np.ndarray, y: np.ndarray, bins: int = 40) -> tuple[np.ndarray, np.ndarray]:
-    if len(x) < bins:
-        return np.zeros(0), np.zeros(0)
-    edges = np.linspace(x.min(), x.max(), bins + 1)
-    index = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
-    count = np.bincount(index, minlength=bins)
-    mean = np.bincount(index, y, minlength=bins) / np.maximum(count, 1)
-    good = count > 3
-    return (0.5 * (edges[1:] + edges[:-1]))[good], mean[good]
-
-
-def overlay_figure(a: Analysis, j: int) -> Figure:
-    """Held-out effort residual and open-loop position error, before and after."""
-    assert a.problem is not None
-    assert a.decision is not None
-    p = a.problem
-    figure = Figure(figsize=(9, 4.6))
-    top, bottom = figure.subplots(2, 1)
-    blocks = [b for b in p.blocks if b.joint == j and b.held.any()]
-    unit, effort = a.model.unit(a.model.joints[j]), a.model.effort_unit(a.model.joints[j])
-    if blocks:
-        b = blocks[0]
-        t = b.session.t[b.picks][b.held]
-        top.plot(t, p.raw[b.rows][b.held], color=BEFORE, lw=0.9, label="before")
-        top.plot(t, a.decision.solution.prediction[b.rows][b.held], color=AFTER, lw=0.9, label="after")
-        top.axhspan(-p.floor[j], p.floor[j], color=MUTED, alpha=0.2, lw=0)
-        top.legend(fontsize=8, frameon=False, ncols=2)
-    top.set_ylabel(f"effort residual [{effort}]")
-    for errors, colour in ((a.before, BEFORE), (a.after, AFTER)):
-        if errors is None:
-            continue
-        for trace in errors.traces:
-            if not trace.closed and trace.held and blocks and trace.session is blocks[0].session:
-                stop = trace.start + len(trace.q)
-                error = trace.q[:, j] - trace.session.q[trace.start : stop, j]
-                bottom.plot(trace.session.t[trace.start : stop], error, color=colour, lw=0.9)
-    bottom.set_ylabel(f"open-loop error [{unit}]")
-    bottom.set_xlabel("time [s]")
-    for axes in (top, bottom):
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure
-
-
-def effect_label(name: str) -> str:
-    """A term's name as shown to people."""
-    return name.removeprefix(PREFIX)
