@@ -15,6 +15,10 @@ prove:  ## what takes too long for every change: the executor on a kernel CAN bu
 	scripts/bootstrap test
 	scripts/prove-socketcan
 
+prove:  ## every fault and every long proof; writes the table in docs/safety.md
+	scripts/bootstrap test
+	scripts/prove
+
 check:  ## what CI runs, without the set-up
 	scripts/check
 

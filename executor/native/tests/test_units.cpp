@@ -126,8 +126,7 @@ void sweep(Cause cause, int order, Joints Limits::* field) {
     for (const double dt : {kTick, 4e-3}) {
       const double limit = (limits.*field)[joint];
       const double slack = order == 1 ? 1 : order == 2 ? 2 : 4;
-      const auto most =
-          static_cast<std::int32_t>(std::floor(kMargin * limit * std::pow(dt, order) / kUnit + slack));
+      const auto most = static_cast<std::int32_t>(std::floor(kMargin * limit * std::pow(dt, order) / kUnit + slack));
       for (const int sign : {-1, 1}) {
         Limits loose = limits;  // only the limit under test is tight
         for (auto* other : {&loose.dq_max, &loose.ddq_max, &loose.dddq_max}) (*other)[joint] = 1e12;
@@ -268,6 +267,16 @@ S2R_TEST(velocity_profile_is_the_fastest_inside_its_limits) {
           CHECK(close(profile.duration(), optimal.duration, 1e-6));
           CHECK(close(profile.distance(), optimal.distance, 1e-6));
         }
+}
+
+S2R_TEST(velocity_profile_brings_an_acceleration_above_its_limit_down_first) {
+  for (const double a : {7.0, 9.5, -8.0})
+    for (const double v : {-2.0, 0.0, 1.0}) {
+      const VelocityProfile profile(v, a, 0.0, 6.0, 300.0);
+      const Optimal optimal = search(v, a, 0.0, 6.0, 300.0);
+      CHECK(close(profile.duration(), optimal.duration, 1e-6) && close(profile.distance(), optimal.distance, 1e-6));
+      CHECK(profile.at(1e-4).j == (a > 0.0 ? -300.0 : 300.0));
+    }
 }
 
 S2R_TEST(velocity_profile_is_continuous_and_ends_where_it_should) {
