@@ -41,8 +41,11 @@ def main() -> None:
     runs = parser.parse_args().runs
     cpu_s()  # once for the page cache
     found = np.array([cpu_s() for _ in range(runs)])
-    print(f"s2r stop, CPU to the first question: p50 {1e3 * np.median(found):.0f} ms, "
-          f"p99 {1e3 * np.quantile(found, 0.99):.0f} ms, worst {1e3 * found.max():.0f} ms; budget {1e3 * BUDGET_S:.0f}")  # fmt: skip
+    p50, p99 = 1e3 * np.quantile(found, [0.5, 0.99])
+    print(
+        f"s2r stop, CPU to the first question: p50 {p50:.0f} ms, p99 {p99:.0f} ms, worst {1e3 * found.max():.0f} ms"
+    )
+    print(f"budget {1e3 * BUDGET_S:.0f} ms: {'kept' if p50 <= 1e3 * BUDGET_S else 'not kept'} (p50)")
 
 
 if __name__ == "__main__":
