@@ -22,7 +22,7 @@ from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.free_space import FreeSpace
 from s2r_host.planning.hand_probe import HandProbe, quat_of
 from s2r_host.planning.kinematics import ToolKinematics
-from s2r_host.planning.places import Places, find_places, part_box
+from s2r_host.planning.places import Places, find_places, part_box, part_geoms
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
 from s2r_protocol.exits import RefusedError
@@ -127,6 +127,7 @@ def find_hooks(
         OutOfReachError: There is no free place behind the part, or the arm reaches none of them.
     """
     name = Path(object_mjcf).name
+    _refuse_far(scene, world, name)
     probe = HandProbe(scene, world.data, settings.threads)
     places = find_places(scene, world.data, probe, float(np.sign(s_target - world.s)))
     if not len(places):
@@ -157,6 +158,26 @@ def find_hooks(
             f"places behind the part"
         )
     return ways
+
+
+def _refuse_far(scene: Scene, world: FineWorld, name: str) -> None:
+    """Refuse a part that no posture of the arm comes near.
+
+    Raises:
+        OutOfReachError: The nearest point of the part is farther than the stretched arm.
+    """
+    source = scene.arm.source
+    offsets = [link.origin for link in (*source.joints, *source.mounts)] + [source.tool.origin]
+    reach_m = float(sum(np.linalg.norm(offset) for offset in offsets))
+    geoms = part_geoms(scene)
+    if not len(geoms):
+        raise OutOfReachError(f"object {name}: the part that joint {scene.joint!r} moves has no solid geom to push")
+    away = np.linalg.norm(world.data.geom_xpos[geoms], axis=1) - scene.fine.geom_rbound[geoms]
+    if away.min() > reach_m:
+        raise OutOfReachError(
+            f"object {name}: out of reach: the part is {away.min():.2f} m or more from the base of arm "
+            f"{scene.arm.name!r}, which reaches {reach_m:.2f} m at most; move the object"
+        )
 
 
 class _Solver:

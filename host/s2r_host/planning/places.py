@@ -11,10 +11,11 @@ import numpy as np
 from s2r_host.planning.hand_probe import HandProbe, quats_of
 from s2r_host.planning.scene import GeomKind, Scene
 
-_PAD_M = (0.018, 0.006)  # the point that should meet the part, this far behind the end of the fingertip
+_PAD_M = (0.018, 0.004)  # the point that should meet the part, this far behind the end of the fingertip
 _BEHIND_M = (0.010, 0.014, 0.018, 0.024)  # how far behind a geom places are looked for
 _PUSH_M = (0.003, 0.006, 0.009, 0.012, 0.016, 0.024, 0.034)  # how far along the motion the part is felt for
 _BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out
+_WAY_OUT_M = 0.3  # free along the tool's axis behind a place: the hand is that long, and the arm comes after it
 _FACING = 0.5  # cosine between a face's normal and the motion from which on the face can be pushed
 _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
 _STEP_M, _FINE_STEP_M, _SMALL_M, _SPREAD = 0.02, 0.008, 0.022, 90
@@ -83,7 +84,7 @@ def _blocked_steps(
 def part_box(scene: Scene, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
     """Axis-aligned box of the part's colliding geoms in the world, two (3,) [m]."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for geom in _part_geoms(scene):
+    for geom in part_geoms(scene):
         R = data.geom_xmat[geom].reshape(3, 3)
         centre = data.geom_xpos[geom] + R @ scene.fine.geom_aabb[geom, :3]
         reach = np.abs(R) @ scene.fine.geom_aabb[geom, 3:]
@@ -95,21 +96,26 @@ def _candidates(scene: Scene, data: mujoco.MjData, sign: float) -> tuple[np.ndar
     """Tool tips, orientations and directions worth a closer look: behind the part, with a way out."""
     seen = _only_solid(scene)
     centres, ways = _points_behind(scene, seen, data, sign)
-    chosen = _spread(centres, _SPREAD)
+    free = [
+        _free_along(seen, data, centre, -_AXES @ _frame(way).T) > _WAY_OUT_M
+        for centre, way in zip(centres, ways, strict=True)
+    ]
+    open_at = np.flatnonzero([some.any() for some in free])  # most places inside a cabinet have no way out
+    chosen = open_at[_spread(centres[open_at], _SPREAD)]
     tips, rotations, directions = [], [], []
-    for centre, way in zip(centres[chosen], ways[chosen], strict=True):
-        R = _frame(way) @ _ORIENTATIONS
-        R = R[_free_along(seen, data, centre, -R[:, :, 2]) > _BACK_M[-1] + _PAD_M[0]]
+    for index in chosen:
+        R = _frame(ways[index]) @ _ORIENTATIONS[np.repeat(free[index], _ROLLS)]
         for pad in _PAD_M:
-            tips.append(centre + pad * R[:, :, 2])
+            tips.append(centres[index] + pad * R[:, :, 2])
             rotations.append(R)
-            directions.append(np.broadcast_to(way, (len(R), 3)))
+            directions.append(np.broadcast_to(ways[index], (len(R), 3)))
     if not tips:
         return np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3))
     return np.concatenate(tips), np.concatenate(rotations), np.concatenate(directions)
 
 
-def _part_geoms(scene: Scene) -> np.ndarray:
+def part_geoms(scene: Scene) -> np.ndarray:
+    """Indices of the geoms of the part that can be touched."""
     return np.flatnonzero((scene.geom_kind == GeomKind.PART) & scene.solid)
 
 
@@ -121,7 +127,7 @@ def _points_behind(
     Geom by geom, because a grid around the whole part would miss a thin bar. From just behind a face a ray finds the
     part ahead and another whatever lies behind: in a narrow gap the point is its middle, else some distances.
     """
-    geoms = _part_geoms(scene)
+    geoms = part_geoms(scene)
     per_side = 9 if len(geoms) <= 16 else 4
     points, ways = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for geom in geoms:
@@ -225,4 +231,6 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
     return np.array(chosen)
 
 
+_ROLLS = 2  # orientations per axis in the table, next to each other
 _ORIENTATIONS = _orientation_table()
+_AXES = _ORIENTATIONS[::_ROLLS, :, 2]

@@ -72,7 +72,7 @@ def plan_scene(task: PlanTask, patience: Patience) -> dict[str, Any]:
         raise
     answer = _answer(task, request, scene, result, delivery, patience)
     answer["cpu_s"], answer["wall_s"] = _since(cpu_s, wall_s)
-    patience.check("writing the files")
+    patience.tell("writing the files")
     _write_all(task, request, scene, delivery)
     _save(task, answer)
     return answer

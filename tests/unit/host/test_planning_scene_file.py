@@ -1,0 +1,180 @@
+"""Scenes somebody else wrote: where the arm goes, what stays as it was, and what is refused."""
+
+import json
+
+import mujoco
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from s2r_host.cli_plan import plan
+from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.scene import GeomKind, SceneFileError, build_scene
+from s2r_host.planning.settings import PlanSettings
+from s2r_protocol.arms import load_arm
+
+ARM = load_arm("xmate3pro")
+
+SCENE = """<mujoco model="room"><compiler angle="degree"/><option gravity="0 0 -9.81"/>
+<default><geom friction="0.8 0.01 0.001"/></default>
+<worldbody>
+  <geom name="table" type="box" size=".6 .6 .35" pos="1 .5 .35"/>
+  <site name="arm_base" pos="0.6 0.5 0.7" euler="0 0 90"/>
+  <body name="link1" pos="0.6 1.12 0.7">
+    <geom type="cylinder" size=".02 .09" pos="0 0 .09"/>
+    <body name="lever" pos="0 0 .2">
+      <joint name="tap" axis="0 0 1" range="-80 80" damping=".2" frictionloss="{friction}"/>
+      <geom type="capsule" size=".009 .05" euler="90 0 0" pos="0 -.06 0" mass=".2"/>
+    </body>
+  </body>
+  {more}
+</worldbody>
+<keyframe><key qpos="0.5"/></keyframe></mujoco>
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    def write(friction=0.2, more="", text=SCENE):
+        path = tmp_path / "scene.xml"
+        path.write_text(text.format(friction=friction, more=more))
+        return path
+
+    return write
+
+
+def scene_of(path, joint="tap"):
+    return build_scene(ARM, path, joint, PlanSettings(), in_scene=True)
+
+
+def refused(path, *options):
+    out = path.parent / "out"
+    result = CliRunner().invoke(plan, ["--scene", str(path), "--out", str(out), "--json", *options])
+    return result.exit_code, result.stderr, out
+
+
+def test_the_arm_stands_at_arm_base_and_the_scene_is_seen_from_there(scene_file):
+    scene = scene_of(scene_file())
+    world = FineWorld(scene, ARM.q_home, 0.0)
+    # The column is 0.62 m along the scene's y, and the base is turned by 90 degrees: along the base's x.
+    p = world.data.xpos[scene.fine.body("object/link1").id]
+    assert p == pytest.approx([0.62, 0.0, 0.0], abs=1e-9)
+    assert scene.gravity == pytest.approx([0.0, 0.0, -9.81])
+
+
+def test_a_tilted_base_tilts_gravity(scene_file):
+    text = SCENE.replace('euler="0 0 90"', 'euler="90 0 0"')
+    assert scene_of(scene_file(text=text)).gravity == pytest.approx([0.0, -9.81, 0.0], abs=1e-9)
+
+
+def test_names_shared_with_the_arm_and_keyframes_do_no_harm(scene_file):
+    scene = scene_of(scene_file())
+    assert scene.fine.body("link1").id != scene.fine.body("object/link1").id
+    assert scene.fine.nkey == 0
+
+
+def test_things_of_the_scene_still_rest_on_each_other(scene_file):
+    cup = (
+        '<body name="cup" pos="1.3 .5 .76"><freejoint/><geom type="box" size=".03 .03 .05" mass=".2"/></body>'
+    )
+    text = SCENE.replace('<key qpos="0.5"/>', "")
+    scene = scene_of(scene_file(more=cup, text=text))
+    world = FineWorld(scene, ARM.q_home, 0.0)
+    world.play(np.tile(ARM.q_home, (200, 1)))
+    height = world.data.xpos[scene.fine.body("object/cup").id][2]
+    assert height == pytest.approx(0.05, abs=0.005)  # on the table top, which is the arm base's plane
+    assert world.check_now().contact is None  # and that contact is none of the robot's
+    assert scene.bystanders
+
+
+def test_an_arm_in_the_scene_is_replaced_where_it_stands(scene_file, tmp_path):
+    spec = mujoco.MjSpec.from_file(str(scene_file()))
+    for key in list(spec.keys):
+        spec.delete(key)
+    spec.body("link1").name = "column"
+    spec.delete(spec.site("arm_base"))
+    arm = mujoco.MjSpec.from_string(ARM.mjcf)
+    for key in list(arm.keys):
+        arm.delete(key)
+    spec.attach(arm, prefix="", frame=spec.worldbody.add_frame(pos=[0.6, 0.5, 0.7], euler=[0, 0, 90]))
+    spec.compile()
+    path = tmp_path / "with_arm.xml"
+    path.write_text(spec.to_xml())
+    scene = scene_of(path)
+    assert scene.fine.nq == ARM.dof + 1
+    world = FineWorld(scene, ARM.q_home, 0.0)
+    assert world.data.xpos[scene.fine.body("object/column").id] == pytest.approx([0.62, 0.0, 0.0], abs=1e-6)
+
+
+def test_visual_geoms_are_not_solid(scene_file):
+    ghost = '<geom name="ghost" type="box" size=".3 .3 .3" pos=".6 1 1" contype="0" conaffinity="0"/>'
+    scene = scene_of(scene_file(more=ghost))
+    assert not scene.solid[scene.fine.geom("object/ghost").id]
+    assert scene.solid[scene.geom_kind == GeomKind.PART].all()
+
+
+def test_a_scene_without_arm_base_is_refused(scene_file):
+    with pytest.raises(SceneFileError, match="no body or site 'arm_base'"):
+        scene_of(scene_file(text=SCENE.replace("arm_base", "somewhere")))
+
+
+def test_nan_in_the_scene_is_refused_by_field(scene_file):
+    with pytest.raises(SceneFileError, match=r"dof_frictionloss\[0\]"):
+        scene_of(scene_file(friction="nan"))
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "text"),
+    [
+        (["--joint", "tap", "--target", "2.0"], 4, "beyond its range"),
+        (["--joint", "tap", "--target", "0.0"], 4, "nothing to move"),
+        (["--joint", "tap", "--target", "nan"], 4, "not a finite number"),
+        (["--joint", "lid", "--target", "0.5"], 2, "no joint 'lid'; it has tap"),
+        (["--joint", "tap", "--target", "0.5", "--q0", "1,2"], 2, "--q0 has 2 numbers"),
+        (["--joint", "tap", "--target", "0.5", "--arm", "nowhere"], 2, "no arm 'nowhere'"),
+    ],
+)
+def test_absurd_requests_end_with_one_sentence_and_a_code(scene_file, options, code, text):
+    got, stderr, out = refused(scene_file(), *options)
+    assert got == code
+    assert text in stderr
+    if code == 4:
+        answer = json.loads((out / "plan.json").read_text())
+        assert answer["success"] is False
+        assert text in answer["reason"]
+        assert not (out / "plan.csv").exists()
+
+
+def test_an_object_out_of_reach_is_refused_with_both_distances(scene_file):
+    text = SCENE.replace("0.6 1.12 0.7", "0.6 3.0 0.7")
+    code, stderr, _ = refused(scene_file(text=text), "--joint", "tap", "--target", "0.5")
+    assert code == 4
+    assert "out of reach" in stderr
+
+
+def test_a_lid_lighter_in_friction_than_gravity_is_refused(scene_file):
+    text = SCENE.replace('axis="0 0 1"', 'axis="1 0 0"')
+    code, stderr, _ = refused(scene_file(friction=0.01, text=text), "--joint", "tap", "--target", "0.5")
+    assert code == 4
+    assert "does not stay" in stderr
+    assert "friction holds only 0.01 N·m" in stderr
+
+
+def test_a_plan_leaves_the_files_it_promises(scene_file):
+    path = scene_file()
+    out = path.parent / "out"
+    result = CliRunner().invoke(
+        plan, ["--scene", str(path), "--joint", "tap", "--target", "0.4", "--out", str(out), "--json"]
+    )
+    assert result.exit_code == 0, result.stderr
+    answer = json.loads(result.stdout)
+    assert answer["success"]
+    assert answer["held"]
+    assert abs(answer["error"]) < 0.02
+    table = np.genfromtxt(out / "plan.csv", delimiter=",", names=True, deletechars="")
+    assert table.dtype.names == ("t", *(f"q.{name}" for name in ARM.joint_names))
+    assert np.diff(table["t"]).max() <= 0.002 + 1e-9
+    model = mujoco.MjModel.from_xml_path(str(out / "model" / "scene.xml"))
+    assert model.joint("object/tap").id >= 0
+    for name in ("trace.csv", "knots.csv", "strip.png"):
+        assert (out / name).stat().st_size > 1000
