@@ -70,7 +70,9 @@ class Console:
         self._shown_views = 0
         self._shown_plan = 0.0
         self._ended = threading.Event()
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints its inner address, which is not the operator's
+        with contextlib.redirect_stdout(
+            io.StringIO()
+        ):  # it prints its inner address, which is not the operator's
             self._server = viser.ViserServer("127.0.0.1", port=0, label=f"s2r {keys.base}", verbose=False)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(59, 111, 182))
         self._server.gui.main_panel.dock_right()

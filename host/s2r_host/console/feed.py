@@ -69,9 +69,13 @@ class Feed:
         self._messages = {name: deque[tuple[float, bytes]](maxlen=_KEPT.get(name, 1)) for name in _TOPICS}
         self._state_times: deque[float] = deque(maxlen=4 * _RATE_HZ)
         self._subscribers = [
-            session.declare_subscriber(topic_key(f"{namespace}/{name}", type_name), self._keeper(name))
-            for name, type_name in _TOPICS.items()
+            session.declare_subscriber(self.key(name, namespace), self._keeper(name)) for name in _TOPICS
         ]
+
+    @staticmethod
+    def key(topic: str, namespace: str) -> str:
+        """Zenoh key of one of the executor's topics below a namespace such as ``/lab/xmate3pro``."""
+        return topic_key(f"{namespace}/{topic}", _TOPICS[topic])
 
     def keep(self, topic: str, message: bytes) -> None:
         """Take one message in."""

@@ -87,7 +87,9 @@ class CellScene:
         self._scene = server.scene
         self._shapes = shapes
         self._scene.set_up_direction("+z")
-        self._scene.configure_default_lights(True, cast_shadow=False)  # drawn in software on most lab machines
+        self._scene.configure_default_lights(
+            True, cast_shadow=False
+        )  # drawn in software on most lab machines
         server.initial_camera.position = (1.55, -1.25, 1.05)
         server.initial_camera.look_at = (0.3, 0.0, 0.28)
         self._scene.add_grid(

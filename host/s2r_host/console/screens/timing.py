@@ -12,7 +12,9 @@ from s2r_host.console.context import Context
 from s2r_host.console.feed import Health
 
 _LATE_S = 1e-4
-_LOCKSTEP = "In lock-step the arm's time waits for everybody, so no tick is ever late; '--clock real' measures."
+_LOCKSTEP = (
+    "In lock-step the arm's time waits for everybody, so no tick is ever late; '--clock real' measures."
+)
 
 
 class TimingScreen:

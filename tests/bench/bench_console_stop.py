@@ -1,0 +1,132 @@
+"""From a click on STOP in the browser to the first changed setpoint, over many stops; and what the page costs.
+
+    python tests/bench/bench_console_stop.py --stops 30                  # lock-step, pace 1
+    python tests/bench/bench_console_stop.py --stops 30 --clock real
+
+The click is stamped in the browser, the setpoints in the executor's recording: the first tick at which the
+reference leaves the accepted plan. Both clocks are this machine's wall clock; in lock-step ticks are mapped to it by
+the published states, so its granularity is the publishing period (10 ms).
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import sync_playwright
+
+from s2r_host.console.feed import Feed
+from s2r_host.errors import ArmStoppedError
+from s2r_host.link import ExecutorLink
+from s2r_host.link_session import open_session
+from s2r_host.log.tables import read_recording
+from s2r_host.testing.cell import quintic_motion
+from s2r_protocol.arms import load_arm
+from s2r_protocol.cli.peers import peer, stand_in_cell
+from s2r_protocol.keys import ArmKeys
+from s2r_protocol.ros2 import unpack
+
+ARM = load_arm("xmate3pro")
+STATE = "s2r_msgs/msg/ExecutorState"
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+CLICK = "b => { const t = performance.timeOrigin + performance.now(); b.click(); return t; }"
+LEAVES_RAD = 1e-5
+
+
+class TickClock:
+    """Wall time of ticks, from when their states arrived."""
+
+    def __init__(self) -> None:
+        self.ticks: list[int] = []
+        self.walls: list[float] = []
+
+    def seen(self, sample) -> None:
+        self.ticks.append(int(unpack(STATE, sample.payload.to_bytes())["tick"]))
+        self.walls.append(time.time())
+
+    def wall(self, tick: float) -> float:
+        return float(np.interp(tick, self.ticks, self.walls))
+
+
+def first_changed(recording: Path, plan, tick_ns: int) -> float:
+    """Seconds from the plan's first tick to the first reference off the plan."""
+    joints = read_recording(recording).joints("joint_commands")
+    t = (np.arange(len(joints.q)) + 1) * tick_ns * 1e-9
+    off = np.abs(joints.q - plan.sample(t)[0]).max(axis=1) > LEAVES_RAD
+    return float(t[np.argmax(off)])
+
+
+def one_stop(link, button, clock: TickClock, folder: Path, sign: float) -> float:
+    """Latency of one stop [s]."""
+    plan = quintic_motion(np.asarray(link.status().q_ref), sign * np.full(ARM.dof, 0.25), 3.0)
+    with link.leased():
+        link.arm_drives()
+        tick = link.status().tick
+        verdict = link.send_plan(plan, "bench")
+        time.sleep(float(np.random.default_rng().uniform(0.8, 1.4)))
+        clicked = button.evaluate(CLICK) / 1e3
+        with contextlib.suppress(ArmStoppedError):
+            link.wait_done(verdict)
+        data = link.recording(verdict.seq)
+    path = folder / "bench.mcap"
+    path.write_bytes(data)
+    recording = read_recording(path)
+    states = [unpack(STATE, m) for m in recording.topic("executor_state", STATE).messages]
+    first_tick = min(int(s["tick"]) for s in states if s["plan_seq"] == verdict.seq)
+    changed = first_tick + first_changed(path, plan, link.identity.tick_ns) / (link.identity.tick_ns * 1e-9)
+    assert changed > tick
+    return clock.wall(changed) - clicked
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--stops", type=int, default=30)
+    parser.add_argument("--clock", choices=["lockstep", "real"], default="lockstep")
+    options = parser.parse_args()
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    with tempfile.TemporaryDirectory() as root, sync_playwright() as playwright:
+        folder = Path(root)
+        with stand_in_cell(folder, ("--seed", "3"), options.clock, 1.0) as cell:
+            arguments = ("console", "--executor", cell.executor, "--port", "0", "--runs", folder / "runs")
+            with peer("console", arguments, folder) as console:
+                started = time.monotonic()
+                browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+                page = browser.new_page(viewport={"width": 760, "height": 640})
+                page.goto((folder / "console.ready").read_text().strip(), timeout=120_000)
+                button = page.get_by_role("button", name="STOP")
+                button.wait_for(timeout=120_000)
+                print(
+                    f"page usable {time.monotonic() - started:.1f} s after the browser's start (budget 15 s)"
+                )
+                session = open_session(cell.executor, ArmKeys(arm=ARM.name))
+                clock = TickClock()
+                key = Feed.key("executor_state", f"/{ArmKeys(arm=ARM.name).base}")
+                subscriber = session.declare_subscriber(key, clock.seen)
+                handle = button.element_handle()
+                with ExecutorLink(cell.executor, ARM) as link:
+                    cpu, wall = cpu_s(console.pid), time.monotonic()
+                    found = [one_stop(link, handle, clock, folder, (-1.0) ** k) for k in range(options.stops)]
+                    share = (cpu_s(console.pid) - cpu) / (time.monotonic() - wall)
+                subscriber.undeclare()
+                session.close()
+                browser.close()
+    late = 1e3 * np.array(found)
+    p50, p99 = np.quantile(late, [0.5, 0.99])
+    print(f"click to first changed setpoint, {options.clock}: p50 {p50:.0f} ms, p99 {p99:.0f} ms, "
+          f"worst {late.max():.0f} ms over {len(late)} stops")  # fmt: skip
+    print(f"console process: {share:.0%} of one core while the arm moved half of the time (budget 15 %)")
+
+
+def cpu_s(pid: int) -> float:
+    """CPU time a process has used [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / 100.0
+
+
+if __name__ == "__main__":
+    main()

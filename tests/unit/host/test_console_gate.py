@@ -1,0 +1,144 @@
+"""Who gets through the console's front door, and who may do what behind it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from s2r_host.console.feed import Health
+from s2r_host.console.gate import Address, ConsoleAddressError, Request, judge
+from s2r_host.console.live_run import cloud_of
+from s2r_host.console.operator import NoControlError, Operator
+from s2r_host.console.run_index import RunIndex
+from s2r_host.console.screens.runs import again
+from s2r_host.console.screens.timing import blame
+from s2r_protocol.arms import load_arm
+from s2r_protocol.exits import RefusedError
+from s2r_protocol.keys import ArmKeys
+
+TOKEN = "0123456789abcdef"
+LAN = Address("0.0.0.0", 7450, TOKEN)
+LOCAL = Address("127.0.0.1", 7450)
+
+
+def request(target="/", **headers):
+    return Request(target, {name.replace("_", "-"): value for name, value in headers.items()})
+
+
+def status_of(verdict):
+    return verdict[1].split(b"\r\n")[0].decode()
+
+
+def test_beyond_loopback_a_token_is_demanded_at_the_start():
+    with pytest.raises(ConsoleAddressError, match="--token-file"):
+        Address("192.168.1.5", 7450)
+    with pytest.raises(ConsoleAddressError, match="needs at least 16"):
+        Address("192.168.1.5", 7450, "short")
+
+
+def test_a_name_is_not_loopback():
+    with pytest.raises(ConsoleAddressError):
+        Address("robot", 7450)
+
+
+@pytest.mark.parametrize("target", ["/", "/?token=wrong-wrong-wrong", "/?token="])
+def test_without_the_token_nobody_gets_in(target):
+    verdict = judge(request(target, host="robot:7450"), LAN)
+    assert "401" in status_of(verdict)
+
+
+def test_the_token_becomes_a_cookie_and_leaves_the_address():
+    verdict = judge(request(f"/?token={TOKEN}", host="robot:7450"), LAN)
+    assert "303" in status_of(verdict)
+    assert b"Location: /\r\n" in verdict[1]
+    assert b"HttpOnly; SameSite=Strict" in verdict[1]
+    assert judge(request(host="robot:7450", cookie=f"a=b; s2r_token={TOKEN}"), LAN)[0] == "pass"
+
+
+def test_a_page_from_elsewhere_may_not_use_the_console():
+    for address in (LOCAL, LAN):
+        headers = {"host": "127.0.0.1:7450", "origin": "http://evil.example", "cookie": f"s2r_token={TOKEN}"}
+        assert "403" in status_of(judge(Request("/", headers), address))
+
+
+def test_a_name_that_was_bent_to_loopback_is_refused():
+    assert "403" in status_of(judge(request(host="evil.example:7450"), LOCAL))
+
+
+def test_the_consoles_own_page_passes_on_loopback():
+    assert judge(request(host="127.0.0.1:7450", origin="http://127.0.0.1:7450"), LOCAL) == ("pass", b"")
+    assert judge(request(host="localhost:7450"), LOCAL)[0] == "pass"
+
+
+def test_what_is_no_http_is_told_so():
+    assert "400" in status_of(judge(Request.parse(b"\x16\x03\x01 hello\r\n\r\n"), LOCAL))
+
+
+@pytest.fixture
+def operator():
+    return Operator("tcp/127.0.0.1:1", load_arm("xmate3pro"), ArmKeys())
+
+
+def test_without_control_no_command_is_even_tried(operator):
+    with pytest.raises(NoControlError, match="Take control"):
+        operator.command(3, lambda link: pytest.fail("it was carried out"))
+    with pytest.raises(NoControlError):
+        operator.lend_lease(3)
+
+
+def test_a_view_only_console_never_takes_control():
+    viewer = Operator("tcp/127.0.0.1:1", load_arm("xmate3pro"), ArmKeys(), view_only=True)
+    with pytest.raises(NoControlError, match="--view-only"):
+        viewer.take_control(1)
+
+
+def test_a_run_is_repeated_with_its_own_options_in_other_places(tmp_path):
+    line = ("run", "drawer", "--target", "0.15", "--executor", "tcp/a:1", "--out=x", "--seed", "1")
+    words = again(line, tmp_path, "tcp/e:1", "tcp/c:1")
+    assert words[:6] == ["run", "drawer", "--target", "0.15", "--seed", "1"]
+    assert words[6:] == ["--out", str(tmp_path), "--executor", "tcp/e:1", "--camera", "tcp/c:1"]
+    with pytest.raises(RefusedError):
+        again(("demo",), tmp_path, "", "")
+
+
+def test_an_unreadable_run_is_left_out_and_a_removed_one_forgotten(tmp_path):
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad/run.json").write_text("{}")
+    index = RunIndex(tmp_path)
+    index.refresh()
+    assert index.find() == []
+    index.close()
+
+
+STATE = {"missed": 0, "crc_errors": 0, "tx_failed": 0, "overruns": 0, "realtime": True}
+TIMING = {"records_dropped": 0, "recording_lost_ticks": 0, "recording_problem": ""}
+
+
+@pytest.mark.parametrize(
+    ("state", "timing", "says"),
+    [
+        ({}, {}, "Nobody"),
+        ({"missed": 3}, {}, "Drives or bus: 3"),
+        ({"crc_errors": 2}, {}, "wiring"),
+        ({"overruns": 1}, {}, "This machine"),
+        ({}, {"recording_lost_ticks": 9, "recording_problem": "No space left"}, "No space left"),
+    ],
+)
+def test_blame_names_the_guilty_part(state, timing, says):
+    found = blame(STATE | state, TIMING | timing, Health(100.0, 0.01))
+    assert says in found[0][0]
+
+
+def test_a_silent_executor_is_blamed_first():
+    assert "silent" in blame(STATE, TIMING, Health(0.0, 3.0))[0][0]
+
+
+def test_a_depth_image_becomes_points_in_the_base_frame():
+    depth = np.zeros((4, 5))
+    depth[1, 2] = 2.0
+    K = np.array([[100.0, 0, 2], [0, 100.0, 1], [0, 0, 1]])
+    X = np.eye(4)
+    X[:3, 3] = (1.0, 0.0, 0.5)
+    points, seen = cloud_of(depth, K, X)
+    np.testing.assert_allclose(points, [[1.0, 0.0, 2.5]])
+    assert seen.sum() == 1
