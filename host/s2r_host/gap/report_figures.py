@@ -60,6 +60,7 @@ def heat_map(a: Analysis) -> Figure:
         )
         axes.set_yticks(np.arange(len(p.joints)) + 0.5, [a.model.joints[j] for j in p.joints], fontsize=8)
         axes.set_ylabel(label)
+        axes.tick_params(labelbottom=k == 1)
         for at, name in marks:
             axes.axvline(at, color=MEASURED, lw=0.8)
             if k == 0:
