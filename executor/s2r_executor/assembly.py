@@ -19,6 +19,7 @@ from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import NotReadyError
 from s2r_protocol.faults import ExecutorState
 from s2r_protocol.keys import ArmKeys
+from s2r_protocol.session.open import endpoint_for
 
 logger = logging.getLogger(__name__)
 
@@ -40,6 +41,8 @@ class Executor:
         self._ended = threading.Event()
         self._failure: BaseException | None = None
         self._watched_s = time.monotonic()
+        for endpoint in config.listen:  # refused before anything is started
+            endpoint_for(endpoint, config.tls is not None, "listen on")
         self.preflight = run_preflight(config)
         if config.commissioned is not None:
             check_record(config.commissioned, config, self.arm)
