@@ -38,6 +38,7 @@ class CollisionChecker:
         self._names = [f"{arm.link_of(i)}" for i in range(arm.shapes.ngeoms)]
         self._margins: list[float] = []
         self._where: dict[str, int] = {}
+        self._home: dict[str, pin.SE3] = {}
         self._pair_self(clearance.self_m)
         for obstacle in obstacles:
             self._add(obstacle, clearance)
@@ -61,6 +62,7 @@ class CollisionChecker:
         )
         self._names.append(obstacle.name)
         self._where[obstacle.name] = index
+        self._home[obstacle.name] = pose
         is_table = obstacle.name == "table"
         for i in range(self.arm.shapes.ngeoms):
             if is_table and self._names[i] in NEVER_AGAINST_TABLE:
@@ -77,9 +79,10 @@ class CollisionChecker:
         self._margins.append(margin_m)
 
     def place(self, name: str, p_shift: np.ndarray) -> None:
-        """Shift an obstacle that was given in the base frame by a vector [m], shape (3,)."""
+        """Shift an obstacle by a vector [m], shape (3,), from where it was given."""
+        home = self._home[name]
         self._geometry.geometryObjects[self._where[name]].placement = pin.SE3(
-            np.eye(3), np.asarray(p_shift, float)
+            home.rotation, home.translation + np.asarray(p_shift, float)
         )
 
     def is_free(self, q: np.ndarray) -> bool:

@@ -27,7 +27,7 @@ class LidPushSettings:
         overlap_m: How far below the free edge the fingertip reaches when it pushes with its side.
         edge_m: How far below the free edge it touches when it pushes with its end.
         across: Places along the hinge as shares of the width, 0 is the middle.
-        leans: Tilt of the finger from "along the push" towards "down along the lid"; 1 is the latter.
+        leans: Tilt of the finger from "along the push" (0) over "down along the lid" (1) to "reaching over it" (> 1).
         least_angle_rad: Lids less open than this are not pushed further shut.
     """
 
@@ -35,10 +35,10 @@ class LidPushSettings:
     depth_m: tuple[float, float] = (0.04, 0.10)
     standoff_m: float = 0.04
     hidden_m: float = 0.010
-    overlap_m: tuple[float, ...] = (0.03, 0.04, 0.022)
-    edge_m: tuple[float, ...] = (0.02, 0.035)
-    across: tuple[float, ...] = (0.0, 0.2, -0.2, 0.35, -0.35)
-    leans: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25, 0.0)
+    overlap_m: tuple[float, ...] = (0.03, 0.022)
+    edge_m: tuple[float, ...] = (0.025,)
+    across: tuple[float, ...] = (0.0, 0.2, -0.2, 0.38, -0.38)
+    leans: tuple[float, ...] = (1.0, 0.5, 0.0, 1.5, 2.2, 0.75, 0.25, 3.0)
     least_angle_rad: float = 0.7
 
 

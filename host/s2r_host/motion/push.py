@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
+import coal
 import numpy as np
 
 from s2r_host.errors import NoMotionError
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.cartesian import straight_line
 from s2r_host.motion.collision import Clearance, CollisionChecker
+from s2r_host.motion.front import Front
 from s2r_host.motion.inverse import InverseKinematics, seeds_around
 from s2r_host.motion.joint_motion import plan_joint_motion
+from s2r_host.motion.lid import Lid
 from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
 from s2r_host.motion.push_proposals import PushProposal
 from s2r_host.motion.scene import Scene
@@ -37,20 +39,25 @@ class PushScene:
         return (*self.static, self.part)
 
 
-class Surface(Protocol):
-    """A part's surface as seen."""
-
-    def covers(self, p_base: np.ndarray) -> np.ndarray:
-        """Which points (n, 3) move with it, (n,), bool."""
-        ...
-
-
-def push_scene(scene: Scene, surface: Surface) -> PushScene:
-    """Split the observed points: what the pushed surface covers moves, the rest stays."""
-    moves = surface.covers(scene.p_base)
+def push_scene(scene: Scene, front: Front) -> PushScene:
+    """Split the observed points: what lies before or behind the front's outline moves, the rest stays."""
+    moves = front.covers(scene.p_base)
     return PushScene(
         static=(table_obstacle(), cloud_obstacle(scene.p_base[~moves], scene.p_camera)),
         part=cloud_obstacle(scene.p_base[moves], scene.p_camera, name=PART),
+    )
+
+
+def lid_scene(scene: Scene, lid: Lid, thickness_m: float) -> PushScene:
+    """A lid as a plate; unlike behind other surfaces, the space behind it counts as free beyond its thickness."""
+    X = np.eye(4)
+    X[:3, :3] = np.column_stack([lid.along, lid.up, np.cross(lid.along, lid.up)])
+    hidden = -0.5 if lid.outside_seen else 0.5  # the seen face is at the plane, the hidden one behind it
+    X[:3, 3] = lid.p_hinge + 0.5 * lid.length_m * lid.up + hidden * thickness_m * lid.opening
+    plate = coal.Box(lid.width_m, lid.length_m, thickness_m)
+    rest = scene.p_base[~lid.covers(scene.p_base, margin_m=0.02)]
+    return PushScene(
+        static=(table_obstacle(), cloud_obstacle(rest, scene.p_camera)), part=Obstacle(PART, plate, X)
     )
 
 

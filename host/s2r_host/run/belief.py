@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -18,6 +19,8 @@ from s2r_host.run.task import Task
 
 LEAST_ALIGNED = 0.8  # cosine between the axis seen and the one the first view promised
 THINNEST_M = 0.004
+HOLDING = 1.4  # friction over the gravity that it held in the views
+JOINT = "object_joint"
 UNSEEN_MARGIN_M = 0.005
 
 
@@ -91,15 +94,41 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
 
     The belief in a drawer differs from the built model in one face: the front's back, which no camera saw, is put
     5 mm further in. A plan that hooks the front's upper edge must not count on millimetres nobody measured.
+    A hinge is believed to have enough dry friction to hold its part where both views found it.
 
     Raises:
         ModelError: The views do not show enough of the object.
     """
     model = build_model(estimate, folder, outward=True, seed=seed)
     belief = Belief(estimate, model, part_template(estimate), model.mjcf_path, {})
+    if not belief.template.slides:
+        return _held(belief, folder / "believed.xml")
     if model.drawer is None:
         return belief
     return _with_face(belief, "part_front", -UNSEEN_MARGIN_M, folder / "believed.xml", inner=True)
+
+
+def _held(belief: Belief, path: Path) -> Belief:
+    """The belief with at least the friction that keeps the part at rest in both views, and some more.
+
+    Mass is a guess from a guessed density; that the part did not fall is a fact.
+    """
+    model = mujoco.MjModel.from_xml_path(str(belief.mjcf_path))
+    data = mujoco.MjData(model)
+    joint = model.joint(JOINT)
+    needed = 0.0
+    for s in (belief.model.s_before, belief.model.s_after):
+        data.qpos[joint.qposadr[0]] = s
+        mujoco.mj_forward(model, data)
+        needed = max(needed, abs(float(data.qfrc_bias[joint.dofadr[0]])))
+    friction = HOLDING * needed
+    if friction <= model.dof_frictionloss[joint.dofadr[0]]:
+        return belief
+    tree = ET.parse(belief.mjcf_path)
+    element = tree.find(f".//joint[@name='{JOINT}']")
+    assert element is not None
+    element.set("frictionloss", f"{friction:.7g}")
+    return _written(belief, tree, path)
 
 
 def corrected(belief: Belief, geom: str, offset: float, positive: bool, folder: Path) -> Belief:

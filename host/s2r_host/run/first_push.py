@@ -10,7 +10,7 @@ import numpy as np
 from s2r_host.motion.front import find_front
 from s2r_host.motion.lid import find_lid
 from s2r_host.motion.lid_proposals import lid_proposals
-from s2r_host.motion.push import PushMotion, PushScene, plan_push, push_scene
+from s2r_host.motion.push import PushMotion, PushScene, lid_scene, plan_push, push_scene
 from s2r_host.motion.push_proposals import PushProposal, push_proposals
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
@@ -91,7 +91,8 @@ def _drawer(view: Observation, settings: RunSettings) -> Pushable:
 
 def _laptop(view: Observation, settings: RunSettings) -> Pushable:
     lid = find_lid(view.scene)
-    return Pushable(lid.along, push_scene(view.scene, lid), lid_proposals(lid, settings.lid_push))
+    scene = lid_scene(view.scene, lid, settings.lid_push.hidden_m)
+    return Pushable(lid.along, scene, lid_proposals(lid, settings.lid_push))
 
 
 _PUSHABLES = {DRAWER.name: _drawer, LAPTOP.name: _laptop}
