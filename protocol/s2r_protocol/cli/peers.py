@@ -15,7 +15,7 @@ from pathlib import Path
 
 from s2r_protocol.exits import ExitCode, S2RError
 
-_READY_TIMEOUT_S = 60.0
+_READY_TIMEOUT_S = 180.0  # a busy machine; a process that dies is noticed at once
 _END_TIMEOUT_S = 10.0
 
 
@@ -48,7 +48,7 @@ def peer(name: str, arguments: Sequence[str | Path], folder: Path) -> Iterator[s
     before executor and stand-in go.
 
     Raises:
-        PeerFailedError: It ended or was not ready within 60 s; the text quotes the end of its log.
+        PeerFailedError: It ended or was not ready in time; the text quotes the end of its log.
     """
     log_path, ready = folder / f"{name}.log", folder / f"{name}.ready"
     ready.unlink(missing_ok=True)
