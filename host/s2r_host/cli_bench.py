@@ -1,4 +1,4 @@
-"""``s2r bench``: figures that anybody can measure again."""
+"""``s2r bench planning``: success and cost of the planner, against others, measured on this machine."""
 
 from __future__ import annotations
 
@@ -9,12 +9,7 @@ from typing import Any
 import click
 
 
-@click.group()
-def bench() -> None:
-    """Measure parts of the project on this machine; every command can be interrupted and continued."""
-
-
-@bench.command()
+@click.command()
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="Folder; results.jsonl is continued."
 )
@@ -39,7 +34,10 @@ def planning(
     threads: int,
     as_json: bool,
 ) -> None:
-    """Plan random tasks with several planners, interleaved; every delivered motion is verified apart."""
+    """Plan random tasks with several planners, interleaved; every delivered motion is verified apart.
+
+    Can be interrupted and continued: results.jsonl in --out is read first.
+    """
     from rich.console import Console
     from rich.progress import Progress
 
