@@ -19,9 +19,9 @@ from s2r_protocol.can.timing import BitRate, check_load
 from s2r_protocol.exits import UsageError
 from s2r_protocol.keys import ArmKeys
 from s2r_sim.bus.bus import Bus
+from s2r_sim.bus.can_hub import open_hub
 from s2r_sim.bus.classic_nodes import ClassicNodes
 from s2r_sim.bus.fd_nodes import FdNodes
-from s2r_sim.bus.can_hub import open_hub
 from s2r_sim.bus.object_dictionary import SdoServers
 from s2r_sim.bus.wire import Injection, Wire
 from s2r_sim.camera.process import CameraProcess
