@@ -37,6 +37,8 @@ def run_jobs(
         results.open("a") as file,
         Progress(*columns, console=Console(stderr=True), refresh_per_second=1) as bar,
     ):
+        if file.tell() and not results.read_text().endswith("\n"):
+            file.write("\n")  # end the line that an interruption cut short
         task = bar.add_task(label, total=len(todo), completed=len(todo) - len(left))
         for job, result in _done(work, left, workers):
             known[_key(job)] = result

@@ -27,7 +27,7 @@ ROOM = 1.3  # the part can move this many times the useful amount
 def push_object(kind: str, split: int, seed: int, pushes: int, folder: str) -> dict[str, Any]:
     """Draw object and view, push at random, write the file; counts for the progress log."""
     rng = split_rng(kind, Split(split), seed)
-    spec = _with_room(rng, KINDS[kind].draw(rng))
+    spec = with_room(rng, KINDS[kind].draw(rng))
     model = table_scene(spec).compile()
     qpos = qpos_at(model, spec.q_start)
     camera = DepthCamera(model, place_camera(rng, model, spec.q_start)[0])
@@ -84,7 +84,7 @@ def draw_pushes(
     )
 
 
-def _with_room(rng: np.random.Generator, spec: ObjectSpec) -> ObjectSpec:
+def with_room(rng: np.random.Generator, spec: ObjectSpec) -> ObjectSpec:
     """The object in a state from which the part can move usefully towards 0, as a push can."""
     least = ROOM * (USEFUL_M if KINDS[spec.kind].slides else USEFUL_RAD)
     q = float(rng.uniform(min(least, 0.5 * spec.q_max), 0.9 * spec.q_max))

@@ -42,7 +42,7 @@ class PushResult:
 
 def useful(kind: str, delta: float) -> bool:
     """Whether a motion tells enough about the joint: 3 cm or 15 degrees, in either sense."""
-    return abs(delta) >= (USEFUL_M if KINDS[kind].slides else USEFUL_RAD)
+    return bool(abs(delta) >= (USEFUL_M if KINDS[kind].slides else USEFUL_RAD))
 
 
 class PushScene:
