@@ -561,8 +561,9 @@ def _off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
             moved = abs(p["value"] - member.nominal)
             if len(effect.members) > 1 and moved < 1e-3 * member.size:
                 continue
-            sure = (p["interval90"][1] - p["interval90"][0]) / Z90
-            if len(effect.members) > 3 and (moved < sure or moved < TIGHT * member.size):
+            # Evidence is for the group; of its members, mass and centre trade off, which the intervals show.
+            deviation = 0.5 * (p["interval90"][1] - p["interval90"][0]) / Z90
+            if len(effect.members) > 3 and moved < max(0.75 * deviation, TIGHT * member.size):
                 continue
             found.append(_off(member.name, member.place, member.on_joint, member.nominal, p))
         return found
