@@ -38,6 +38,7 @@ logger = logging.getLogger(__name__)
 
 RUN_OUT_NS = 2_000_000_000  # simulated time in which drives without a master come to rest
 RESYNC_NS = 20_000_000  # a machine that stalled longer does not catch up: time stretches
+STALL_S = 0.5  # wall time of one tick in lock-step that is worth a line in the log
 _TX_FULL = CanFrame(
     CAN_ERR_CRTL, bytes([0, CAN_ERR_CRTL_TX_OVERFLOW, 0, 0, 0, 0, 0, 0]), is_error=True
 ).pack()
@@ -83,9 +84,22 @@ class Bus:
                     allowed_ns = max(allowed_ns + wall_tick_ns, now - RESYNC_NS)
                     if allowed_ns > now:
                         time.sleep((allowed_ns - now) * 1e-9)
-                    self.take(client, packet)
+                    self._take_timed(client, packet)
                 else:
-                    self.take(client, packet)
+                    self._take_timed(client, packet)
+
+    def _take_timed(self, client: Client, packet: bytes) -> None:
+        """Take a frame, and say so if that kept the master waiting: a core that gives up names only the drives."""
+        wall, cpu = time.monotonic(), time.thread_time()
+        self.take(client, packet)
+        waited_s = time.monotonic() - wall
+        if waited_s > STALL_S:
+            logger.warning(
+                "tick %d took %.2f s, %.3f s of it computing: this machine or its disk stalled",
+                self.ticks,
+                waited_s,
+                time.thread_time() - cpu,
+            )
 
     def run_real(self, pace: float) -> None:
         """Advance with the wall clock, in step with the master's SET or SYNC while there is one."""

@@ -285,7 +285,7 @@ def check_stop(trace: Trace, limits: Limits, stop: Stop, report: Report) -> None
                 int(trace.tick[i]),
                 int(np.abs(speed[i]).argmax()),
                 "speed after the stop",
-                np.abs(speed[i]).max(),
+                float(np.abs(speed[i]).max()),
                 0,
             )
         )
