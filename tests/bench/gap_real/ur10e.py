@@ -1,6 +1,7 @@
 """UR10e, motor currents: Mamedov and Mikhel, "Practical Aspects of Model-Based Collision Detection" (2020).
 
-Drive gains and the mass of the load (2.805 kg) as in the publisher's scripts; link masses and centres from the manufacturer's data sheet of the series.
+Drive gains and the mass of the load (2.805 kg) as in the publisher's scripts; link masses and centres
+from the manufacturer's data sheet of the series.
 First the unloaded runs, then a loaded one on the model patched by the first answer.
 """
 
