@@ -23,8 +23,8 @@ def test_a_stop_brings_it_to_rest_within_half_a_second_of_its_own_time(executor,
 
 
 def test_a_plan_that_is_too_fast_is_refused_by_name(executor):
-    with pytest.raises(CommandRefusedError, match=r"joint.*velocity"):
-        executor.move_by(1.0, duration_s=0.25)
+    with pytest.raises(CommandRefusedError, match="velocity"):
+        executor.move_by(0.4, duration_s=0.2)
 
 
 @pytest.mark.s2r(faults=["drop:0x183@1-999999999"])

@@ -8,7 +8,6 @@ written is counted, said, and tried again in a new file once there is room.
 from __future__ import annotations
 
 import json
-import os
 import select
 import signal
 import socket
@@ -19,11 +18,11 @@ from pathlib import Path
 
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.recorder_files import FileSettings, RecordingFiles
-from s2r_executor.recorder_wire import Frame, PlanIdentity, batch_of, receive, send
+from s2r_executor.recorder_wire import Frame, PlanIdentity, batch_of, merged, receive, send
 from s2r_protocol.arms import load_arm
 
 _RETRY_S = 2.0
-_NICE = 5
+_MERGED = 64
 
 
 @dataclass(frozen=True)
@@ -62,8 +61,14 @@ class Writer:
         """Serve until the front end closes or dies."""
         period_s = self._settings.flush_period_s / 2  # a crash may cost one whole period, never more
         while True:
-            readable, _, _ = select.select([self._connection], [], [], period_s)
-            frame = receive(self._connection) if readable else Frame({"kind": "idle"})
+            frame = receive(self._connection) if self._waiting(period_s) else Frame({"kind": "idle"})
+            batches: list[Frame] = []
+            # Many small batches cost far more than one large one: after a pause, take what has queued up together.
+            while frame is not None and frame.head["kind"] == "batch" and len(batches) < _MERGED:
+                batches.append(frame)
+                frame = receive(self._connection) if self._waiting(0.0) else Frame({"kind": "idle"})
+            if batches:
+                self._handle(merged(batches))
             if frame is None:
                 self._finish()
                 return
@@ -71,6 +76,9 @@ class Writer:
             if time.monotonic() - self._flushed_s >= period_s:
                 self._flushed_s = time.monotonic()
                 self._flush()
+
+    def _waiting(self, timeout_s: float) -> bool:
+        return bool(select.select([self._connection], [], [], timeout_s)[0])
 
     def _handle(self, frame: Frame) -> None:
         kind = frame.head["kind"]
@@ -159,7 +167,6 @@ def main() -> None:
     """Entry point of the process."""
     for number in (signal.SIGINT, signal.SIGTERM):  # meant for the front end; its end is ours
         signal.signal(number, signal.SIG_IGN)
-    os.nice(_NICE)
     connection = socket.socket(fileno=int(sys.argv[1]))
     Writer(WriterSettings(**json.loads(sys.argv[2])), connection).run()
 

@@ -109,6 +109,29 @@ def batch_of(frame: Frame) -> Batch:
     )
 
 
+def merged(frames: list[Frame]) -> Frame:
+    """Several batches of one sender as one; the holder is the last one's."""
+    if len(frames) == 1:
+        return frames[0]
+    batches = [batch_of(frame) for frame in frames]
+    records = [batch.records for batch in batches if len(batch.records)]
+    events = [batch.events for batch in batches if len(batch.events)]
+    return batch_frame(
+        Batch(_joined(records, batches[0].records), _joined(events, batches[0].events), batches[-1].holder)
+    )
+
+
+def _joined(parts: list[np.ndarray], empty: np.ndarray) -> np.ndarray:
+    if len(parts) < 2:
+        return parts[0] if parts else empty
+    joined = np.empty(sum(map(len, parts)), parts[0].dtype)
+    begin = 0
+    for part in parts:  # np.concatenate would repack the core's layout
+        joined[begin : begin + len(part)] = part
+        begin += len(part)
+    return joined
+
+
 def _layout(dtype: np.dtype) -> dict[str, Any]:
     """A structured dtype as JSON: name -> (base format, shape, offset); a plain one has no fields."""
     fields = {}

@@ -20,7 +20,7 @@ import numpy as np
 
 from s2r_executor.config import RecorderConfig
 from s2r_executor.observations import Encoder, Timeline
-from s2r_executor.recorder import Recorder
+from s2r_executor.recorder import PlanIdentity, Recorder
 from s2r_host.log.recover import recover
 from s2r_host.log.tables import read_recording
 from s2r_protocol.arms import load_arm
@@ -40,25 +40,25 @@ EVENT = np.dtype([("tick", "<u8"), ("stamp_ns", "<i8"), ("kind", "<u4"), ("state
 def one_run(folder: Path, kill_after_s: float, seed: int) -> tuple[float, float, float]:
     """(lost [s], recovered [s], slowest feed [s])."""
     timeline = Timeline(OFFSET_NS, 1_000_000, stepped=True)
-    recorder = Recorder(folder, ARM, "/lab/xmate3pro", Encoder(ARM, timeline), RecorderConfig(), {}, 0.001)
+    recorder = Recorder(folder, ARM, "/lab/xmate3pro", Encoder(ARM, timeline), RecorderConfig(), {})
     while recorder.session_path is None:
         time.sleep(0.01)
+    recorder.open_plan(PlanIdentity(1, 1, 1, "bench", "bench"), b"")
     rng = np.random.default_rng(seed)
     begin, tick, slowest = time.monotonic(), 0, 0.0
     while (now := time.monotonic() - begin) < kill_after_s:
         count = int(now * 1000) - tick
         rows = np.zeros(count, RECORD)
         rows["tick"] = np.arange(tick, tick + count)
-        rows["state"] = ExecutorState.RUN
+        rows["state"], rows["plan_id"] = ExecutorState.RUN, 1
         rows["q_meas"] = rng.standard_normal((count, 7))
         tick += count
         fed = time.perf_counter()
         recorder.feed(rows, np.zeros(0, EVENT), "bench")
         slowest = max(slowest, time.perf_counter() - fed)
         time.sleep(0.004)
-    session = recorder.session_path
     os.kill(recorder.writer_pid, signal.SIGKILL)
-    saved = recover(session, folder / "recovered.mcap")
+    saved = recover(folder / "plan-1-1.mcap", folder / "recovered.mcap")
     stamps = read_recording(saved.path).joints().stamp_ns
     assert (np.diff(stamps) == 1_000_000).all(), "a hole inside what was recovered"
     last = (int(stamps[-1]) - OFFSET_NS) / 1e9

@@ -16,6 +16,7 @@ from s2r_host.errors import CommandRefusedError, PeerUnreachableError
 from s2r_host.link import ExecutorLink, ExecutorStatus
 from s2r_host.trajectory import Trajectory
 from s2r_protocol.arms import ArmDescription, load_arm
+from s2r_protocol.can.python_can import StandInBus
 from s2r_protocol.cli.peers import stand_in_cell
 from s2r_protocol.faults import ExecutorState
 
@@ -165,7 +166,7 @@ class BusFaults:
     """A node on the stand-in's bus. A context manager."""
 
     def __init__(self, channel: str) -> None:
-        self._bus = can.Bus(interface="s2r", channel=channel, ignore_config=True)
+        self._bus = StandInBus(channel)
 
     def send(self, can_id: int, data: bytes = b"", fd: bool = False) -> None:
         """Put a frame of your own on the bus, e.g. an emergency message of a drive."""

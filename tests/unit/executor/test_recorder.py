@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from s2r_executor.config import RecorderConfig
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.recorder import PlanIdentity, Recorder
-from s2r_executor.recorder_wire import Batch, batch_frame, batch_of
+from s2r_executor.recorder_wire import Batch, batch_frame, batch_of, merged
 from s2r_protocol.faults import ExecutorState
 from s2r_protocol.proto import s2r_pb2 as pb
 from s2r_protocol.ros2.definitions import message_type
@@ -237,3 +237,15 @@ def test_arrays_with_fields_out_of_order_cross_to_the_writer_unchanged():
     np.testing.assert_array_equal(back.records["a"], records["a"])
     np.testing.assert_array_equal(back.records["b"], records["b"])
     assert (len(back.events), back.holder) == (0, "host:1")
+
+
+def test_merged_batches_hold_every_record_in_order():
+    layout = np.dtype({"names": ["b", "a"], "formats": ["<u4", "<f8"], "offsets": [8, 0], "itemsize": 16})
+    parts = []
+    for begin in (0, 3, 3, 7):
+        records = np.zeros(0 if begin == 3 else 3, layout)
+        records["b"] = begin + np.arange(len(records))
+        parts.append(batch_frame(Batch(records, np.empty(0), f"host:{begin}")))
+    back = batch_of(merged(parts))
+    assert back.records["b"].tolist() == [0, 1, 2, 7, 8, 9]
+    assert back.holder == "host:7"
