@@ -34,6 +34,5 @@ def zero_phase(x: np.ndarray, cuts_hz: tuple[float, ...], dt: float, order: int 
 
 @cache
 def _design(cuts_hz: tuple[float, ...], dt: float, order: int) -> tuple[np.ndarray, np.ndarray]:
-    parts = [butter(order, c, fs=1.0 / dt, output="sos") for c in cuts_hz]
-    sections = np.concatenate(parts)
+    sections = np.concatenate([np.asarray(butter(order, c, fs=1.0 / dt, output="sos")) for c in cuts_hz])
     return sections, sosfilt_zi(sections)
