@@ -271,7 +271,12 @@ def check_stop(trace: Trace, limits: Limits, stop: Stop, report: Report) -> None
         for k, j in np.argwhere(np.abs(v) > allowed + 1e-9)[:5]:
             report.violations.append(
                 Violation(
-                    "I2", int(trace.tick[begin + k]), int(j), "speed while stopping", v[k, j], allowed[j]
+                    "I2",
+                    int(trace.tick[begin + k]),
+                    int(j),
+                    "speed while stopping",
+                    float(v[k, j]),
+                    float(allowed[j]),
                 )
             )
     rest_by = begin + int(np.ceil(stop.rest_within_s / trace.dt)) + 5
