@@ -1,0 +1,94 @@
+"""Thin parts: lines, the axes they suggest, and what is wished of a joint beforehand."""
+
+import numpy as np
+import pytest
+
+from s2r_host.perception.levers import bisector_pivots, lever, lever_directions, line_pivots
+from s2r_host.perception.motion import JointMotion, line_distance, rotation
+from s2r_host.perception.wishes import Wishes
+
+UP = np.array([0.0, 0.0, 1.0])
+PIVOT = np.array([0.5, 0.1, 0.2])
+
+
+def bar(angle, length=0.1, start=0.03, seed=0):
+    """Points of a bar that sticks out from the pivot."""
+    rng = np.random.default_rng(seed)
+    out = np.array([np.cos(angle), np.sin(angle), 0.3])
+    along = rng.uniform(start, length, 300)[:, None] * out / np.linalg.norm(out)
+    return PIVOT + along + rng.normal(scale=0.002, size=(300, 3))
+
+
+@pytest.fixture
+def lines():
+    return lever(bar(0.2)), lever(bar(0.8, seed=1))
+
+
+def test_line_of_a_bar_is_found(lines):
+    out = np.array([np.cos(0.2), np.sin(0.2), 0.3])
+    assert abs(lines[0].direction @ out / np.linalg.norm(out)) > np.cos(np.radians(2))
+    assert lines[0].length_m == pytest.approx(0.07, rel=0.15)
+
+
+def test_plate_is_no_lever():
+    rng = np.random.default_rng(0)
+    assert (
+        lever(np.column_stack([rng.uniform(0, 0.2, 500), rng.uniform(0, 0.15, 500), np.zeros(500)])) is None
+    )
+
+
+def test_stray_points_do_not_bend_the_line(lines):
+    stray = np.array([[1.5, 1.5, 0.0]] * 20) + np.random.default_rng(2).normal(scale=0.01, size=(20, 3))
+    found = lever(np.vstack([bar(0.2), stray]))
+    assert np.linalg.norm(found.centre - lines[0].centre) < 0.002
+
+
+def test_true_axis_is_among_the_pivots(lines):
+    points = line_pivots(*lines, UP)
+    assert min(line_distance(PIVOT, UP, np.array(points))) < 0.003
+    middles = [PIVOT + 0.06 * np.array([np.cos(angle), np.sin(angle), 0.3]) for angle in (0.2, 0.8)]
+    points = bisector_pivots(lines[0], *middles, UP)
+    assert min(line_distance(PIVOT, UP, np.array(points))) < 0.006
+
+
+def test_directions_hold_the_vertical_and_the_level_one_across_the_way(lines):
+    found = lever_directions(None, None, np.zeros(3), np.array([0.05, 0.0, -0.03]), UP)
+    assert np.allclose(found[0], UP)
+    assert abs(found[1] @ [0, 1, 0]) == pytest.approx(1.0)
+    assert lever_directions(*lines, np.zeros(3), np.ones(3), None)[0].shape == (3,)
+
+
+def motion(tilt_deg, kind="revolute"):
+    axis = rotation(np.array([1.0, 0, 0]), np.radians(tilt_deg)) @ UP
+    return JointMotion(kind, PIVOT, axis, 0.5)
+
+
+def test_upright_hinge_is_wished_upright_and_a_slanted_one_left_alone():
+    wishes = Wishes(np.zeros((0, 3)), UP)
+    near = motion(5)
+    residual = np.array([wish(near) for wish in wishes.active(near)])
+    assert np.linalg.norm(residual) == pytest.approx(5 / 2, rel=0.01)
+    assert wishes.active(motion(40)) == []
+    assert Wishes(np.zeros((0, 3)), None).active(near) == []
+
+
+def test_level_hinge_is_wished_level_only(lines):
+    wishes = Wishes(np.zeros((0, 3)), UP)
+    level = motion(86)
+    residual = [wish(level) for wish in wishes.active(level)]
+    assert len(residual) == 1
+    assert abs(residual[0]) == pytest.approx(4 / 2, rel=0.01)
+
+
+def test_axis_beside_the_lever_is_pulled_to_it(lines):
+    wishes = Wishes(np.zeros((0, 3)), None, *lines)
+    beside = JointMotion("revolute", PIVOT + np.array([-0.004, 0.006, 0.0]), UP, 0.6)
+    assert any(abs(wish(beside)) > 0.8 for wish in wishes.active(beside))
+    assert all(abs(wish(motion(0))) < 0.3 for wish in wishes.active(motion(0)))
+
+
+def test_slide_is_wished_square_to_its_front():
+    wishes = Wishes(np.array([[1.0, 0.0, 0.0]]), UP)
+    slide = JointMotion("prismatic", PIVOT, np.array([np.cos(0.1), np.sin(0.1), 0.0]), 0.05)
+    residual = np.array([wish(slide) for wish in wishes.active(slide)])
+    assert np.linalg.norm(residual) == pytest.approx(np.degrees(np.sin(0.1)), rel=0.01)
