@@ -78,7 +78,10 @@ def receive(connection: socket.socket) -> Frame | None:
 def _exactly(connection: socket.socket, count: int) -> bytes | None:
     parts = bytearray()
     while len(parts) < count:
-        more = connection.recv(min(count - len(parts), 1 << 20))
+        try:
+            more = connection.recv(min(count - len(parts), 1 << 20))
+        except ConnectionResetError:  # it died without reading our answers: also an end
+            return None
         if not more:
             return None
         parts += more

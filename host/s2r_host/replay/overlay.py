@@ -25,13 +25,7 @@ def overlay_figure(replayed: Replayed, joint_names: tuple[str, ...]) -> Figure:
         reach = max(0.05, 1.1 * float(np.abs(difference).max()))
         for i, name in enumerate(joint_names):
             upper, lower = grid[0, i], grid[1, i]
-            upper.plot(
-                found.t,
-                found.q_first[:, i],
-                color=PLANNED,
-                lw=3.0,
-                alpha=0.45,
-                label=base)
+            upper.plot(found.t, found.q_first[:, i], color=PLANNED, lw=3.0, alpha=0.45, label=base)
             upper.plot(found.t, found.q_again[:, i], color=EXECUTED, lw=1.0, label="replay")
             lower.plot(found.t, difference[:, i], color=SEEN, lw=0.8)
             lower.set_ylim(-reach, reach)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from s2r_host.errors import RecordingError
-from s2r_host.log.segments import inside, segments
-from s2r_host.log.tables import TRAJECTORY, Recording, read_recording
+from s2r_host.log.segments import inside, notes, segments
+from s2r_host.log.tables import EXECUTOR_STATE, TRAJECTORY, Recording, read_recording
 from s2r_host.recording import JointTrack
 from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
 from s2r_protocol.arms import ArmDescription
@@ -80,31 +80,49 @@ def pick(plans: list[Replayable], number: int | None, who: Path) -> Replayable:
 
 
 def _from_trajectories(recording: Recording, arm: ArmDescription) -> list[Replayable]:
-    ran = segments(recording)
+    """A run's plans with what its notes say about them; a foreign file has no notes."""
+    known = [note for note in notes(recording) if note["kind"] == "plan"]
+    tracks = _Tracks(recording)
     found = []
     for topic in recording.of_type(TRAJECTORY):
         for body in recording.bodies(topic):
             number = len(found) + 1
+            note = known[number - 1] if number <= len(known) else None
+            label = note["label"] if note is not None else body["header"]["frame_id"]
+            first = tracks.of(int(note["seq"])) if note is not None else None
             trajectory = trajectory_of_message(body, arm)
-            label = ran[number - 1].label if number <= len(ran) else body["header"]["frame_id"]
-            first = _track(recording, ran[number - 1].seq) if number <= len(ran) else None
             found.append(Replayable(number, label or f"trajectory {number}", trajectory, first))
     return found
 
 
-def _track(recording: Recording, seq: int) -> JointTrack | None:
-    from s2r_host.recording import plan_track
+class _Tracks:
+    """Measured joints of each executed plan; the file is decoded once, not once per plan."""
 
-    try:
-        return plan_track(recording.path, seq)
-    except RecordingError:
-        return None
+    def __init__(self, recording: Recording) -> None:
+        states: dict[int, list[tuple[int, float]]] = {}
+        for topic in recording.of_type(EXECUTOR_STATE):
+            for body in recording.bodies(topic):
+                stamp = body["header"]["stamp"]
+                seen = int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"]), float(body["plan_t"])
+                states.setdefault(int(body["plan_seq"]), []).append(seen)
+        self._spans = {seq: (min(seen), max(seen)) for seq, seen in states.items()}
+        self._joints = recording.joints() if self._spans else None
+
+    def of(self, seq: int) -> JointTrack | None:
+        """None when that plan never ran."""
+        joints, span = self._joints, self._spans.get(seq)
+        if joints is None or span is None:
+            return None
+        first, last = span
+        keep = (joints.stamp_ns >= first[0]) & (joints.stamp_ns <= last[0])
+        return JointTrack(joints.stamp_ns[keep], joints.q[keep], joints.dq[keep], first[1])
 
 
 def _from_references(recording: Recording, arm: ArmDescription) -> list[Replayable]:
     """The executor's own recordings: knots from the references it played."""
     joints = recording.joints("joint_commands")
     order = _order(joints.names, arm)
+    tracks = _Tracks(recording)
     found = []
     for number, segment in enumerate(segments(recording), start=1):
         keep = np.nonzero(inside(joints.stamp_ns, segment))[0]
@@ -119,7 +137,7 @@ def _from_references(recording: Recording, arm: ArmDescription) -> list[Replayab
         dq[0] = dq[-1] = 0.0
         ddq = np.gradient(dq, t, axis=0)
         ddq[0] = ddq[-1] = 0.0
-        first = _track(recording, segment.seq)
+        first = tracks.of(segment.seq)
         found.append(Replayable(number, segment.label, Trajectory(t, q, dq, ddq), first))
     return found
 
