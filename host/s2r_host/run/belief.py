@@ -19,6 +19,7 @@ from s2r_host.run.task import Task
 
 LEAST_ALIGNED = 0.8  # cosine between the axis seen and the one the first view promised
 THINNEST_M = 0.004
+USUAL_PLATE_M = 0.006
 HOLDING = 1.4  # friction over the gravity that it held in the views
 JOINT = "object_joint"
 UNSEEN_MARGIN_M = 0.005
@@ -102,10 +103,19 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
     model = build_model(estimate, folder, outward=True, seed=seed)
     belief = Belief(estimate, model, part_template(estimate), model.mjcf_path, {})
     if not belief.template.slides:
+        belief = replace(belief, template=belief.template.with_back(_thickness_m(model)))
         return _held(belief, folder / "believed.xml")
     if model.drawer is None:
         return belief
     return _with_face(belief, "part_front", -UNSEEN_MARGIN_M, folder / "believed.xml", inner=True)
+
+
+def _thickness_m(model: ObjectModel) -> float:
+    """Of the part's thinnest plate, as modelled [m]."""
+    plates = [
+        2.0 * float(np.min(p.half_size)) for p in model.pieces if p.body == "part" and p.half_size is not None
+    ]
+    return min(plates, default=USUAL_PLATE_M)
 
 
 def _held(belief: Belief, path: Path) -> Belief:

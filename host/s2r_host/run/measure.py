@@ -68,6 +68,11 @@ class PartTemplate:
         """Motion of points of the part per unit of the joint, (n, 3)."""
         return np.broadcast_to(self.axis, p.shape) if self.slides else self._lever_arms(p)
 
+    def with_back(self, thickness_m: float) -> PartTemplate:
+        """With the hidden face of a plate, too: a lid that turns may show the camera the side it had not seen."""
+        p = np.concatenate([self.p, self.p - thickness_m * self.n])
+        return replace(self, p=p, n=np.concatenate([self.n, -self.n]))
+
     def _lever_arms(self, p: np.ndarray) -> np.ndarray:
         return np.cross(self.axis, p - self.motion.origin)
 

@@ -7,7 +7,7 @@ from s2r_host.errors import SceneError
 from s2r_host.perception.estimate import estimate_joint
 from s2r_host.perception.motion import JointMotion, rotation
 from s2r_host.perception.synthetic import Box, laptop_pair, look_at, pair
-from s2r_host.run.measure import measure_state, part_template
+from s2r_host.run.measure import PartTemplate, measure_state, part_template
 
 K = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]])
 SHAPE = (360, 640)
@@ -96,3 +96,12 @@ def test_a_lid_is_measured_to_half_a_degree(turn):
     )
     assert np.degrees(measured.s) == pytest.approx(np.degrees(turn), abs=0.5)
     assert np.degrees(measured.sigma) < 0.5
+
+
+def test_the_back_of_a_plate_is_its_front_moved_and_turned_over():
+    plate = PartTemplate(
+        np.array([[0.1, 0.0, 0.2]]), np.array([[0.0, 0.0, 1.0]]),
+        JointMotion("revolute", np.zeros(3), np.array([0.0, 1.0, 0.0]), 0.0),
+    ).with_back(0.006)  # fmt: skip
+    assert plate.p[1] == pytest.approx([0.1, 0.0, 0.194])
+    assert plate.n[1] == pytest.approx([0.0, 0.0, -1.0])
