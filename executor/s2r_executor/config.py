@@ -56,7 +56,9 @@ class AdmissionConfig(_Strict):
     keep_out: tuple[BoxZone, ...] = ()
     stop_duration_max_s: Positive = 2.0
     commit_horizon_s: Positive = 0.05  # a splice must lie at least so far ahead of the running plan's time
-    bridge_max_rad: NotNegative = 0.02  # a splice that misses the running plan by more is refused, not bridged
+    bridge_max_rad: NotNegative = (
+        0.02  # a splice that misses the running plan by more is refused, not bridged
+    )
     bridge_max_rad_s: NotNegative = 0.2
     max_path_tolerance_rad: Positive = 0.2
     max_goal_tolerance_rad: Positive = 0.1

@@ -69,9 +69,7 @@ class Session:
         return None if raw is None else np.interp(self.t, self.rec.t, raw)
 
 
-def lowpass(
-    x: np.ndarray, cut_hz: float, dt: float, order: int = 2, before_hz: float = np.inf
-) -> np.ndarray:
+def lowpass(x: np.ndarray, cut_hz: float, dt: float, order: int = 2, before_hz: float = np.inf) -> np.ndarray:
     """Zero-phase Butterworth low-pass along the first axis; unchanged when the cut is above 0.45 of the rate.
 
     ``before_hz`` is the cut of a second filter applied in the same pass.
@@ -106,7 +104,9 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
             cut[i] = max(cut[i], min(LINE_MARGIN * line, 0.3 / rec.dt, 0.4 / dt))
             motion_cut[i] = max(motion_cut[i], cut[i])
         least = LEAST_MOTION_CUT_HZ if cut[i] <= COMPARE_CUT_HZ else float(cut[i])
-        (q[:, i], v[:, i], a[:, i]), motion_cut[i] = _quiet_motion(rec, joint, t, dt, float(motion_cut[i]), least)
+        (q[:, i], v[:, i], a[:, i]), motion_cut[i] = _quiet_motion(
+            rec, joint, t, dt, float(motion_cut[i]), least
+        )
         cut[i] = min(cut[i], motion_cut[i])
         v_eps[i] = _speed_noise(v[:, i], dt, float(motion_cut[i]))
     if rec.effort == "commanded":

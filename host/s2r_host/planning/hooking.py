@@ -171,7 +171,9 @@ def _refuse_far(scene: Scene, world: FineWorld, name: str) -> None:
     reach_m = float(sum(np.linalg.norm(offset) for offset in offsets))
     geoms = part_geoms(scene)
     if not len(geoms):
-        raise OutOfReachError(f"object {name}: the part that joint {scene.joint!r} moves has no solid geom to push")
+        raise OutOfReachError(
+            f"object {name}: the part that joint {scene.joint!r} moves has no solid geom to push"
+        )
     away = np.linalg.norm(world.data.geom_xpos[geoms], axis=1) - scene.fine.geom_rbound[geoms]
     if away.min() > reach_m:
         raise OutOfReachError(

@@ -15,7 +15,9 @@ _PAD_M = (0.018, 0.004)  # the point that should meet the part, this far behind 
 _BEHIND_M = (0.010, 0.014, 0.018, 0.024)  # how far behind a geom places are looked for
 _PUSH_M = (0.003, 0.006, 0.009, 0.012, 0.016, 0.024, 0.034)  # how far along the motion the part is felt for
 _BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out
-_WAY_OUT_M = 0.3  # free along the tool's axis behind a place: the hand is that long, and the arm comes after it
+_WAY_OUT_M = (
+    0.3  # free along the tool's axis behind a place: the hand is that long, and the arm comes after it
+)
 _FACING = 0.5  # cosine between a face's normal and the motion from which on the face can be pushed
 _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
 _STEP_M, _FINE_STEP_M, _SMALL_M, _SPREAD = 0.02, 0.008, 0.022, 90

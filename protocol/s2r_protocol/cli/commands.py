@@ -42,11 +42,15 @@ COMMANDS: dict[str, Command] = {
     "build-model": Command(
         "s2r_host.model.cli:build_model", "host", "Two depth views in, a physics model (URDF, MJCF) out."
     ),
-    "console": Command("s2r_host.console.cli:console", "host,console", "The operator's page: see, stop, replay."),
+    "console": Command(
+        "s2r_host.console.cli:console", "host,console", "The operator's page: see, stop, replay."
+    ),
     "replay": Command(
         "s2r_host.cli_replay:replay", "host", "Send a recorded plan again and overlay both recordings."
     ),
-    "view": Command("s2r_host.log.cli_view:view", "host,console", "Look at a recording, in Rerun or a browser."),
+    "view": Command(
+        "s2r_host.log.cli_view:view", "host,console", "Look at a recording, in Rerun or a browser."
+    ),
     "log": Command("s2r_host.log.cli:log", "host", "Check, mend, export and compare recordings."),
     "gap": Command("s2r_host.gap.cli:gap", "host", "Name the physics a model leaves out, from recordings."),
     "conceal": Command(
@@ -56,6 +60,10 @@ COMMANDS: dict[str, Command] = {
         "s2r_protocol.cli.bench:bench", "host,sim", "Measure executor or planner on this machine."
     ),
     "stop": Command("s2r_host.cli_stop:stop", "", "Stop the arm on its path, from any terminal."),
-    "config": Command("s2r_executor.cli_config:config", "", "Show the executor's configuration, or its schema."),
-    "completion": Command("s2r_protocol.cli.completion:completion", "", "Print the completion script of a shell."),
+    "config": Command(
+        "s2r_executor.cli_config:config", "", "Show the executor's configuration, or its schema."
+    ),
+    "completion": Command(
+        "s2r_protocol.cli.completion:completion", "", "Print the completion script of a shell."
+    ),
 }

@@ -24,9 +24,7 @@ def test_every_candidate_motion_stays_inside_speed_and_acceleration_seen(speed, 
 
 def test_the_motion_is_a_plan_of_the_arm_that_replay_reads(tmp_path):
     q_home = np.tile(ARM.q_home, (10, 1))
-    analysis = SimpleNamespace(
-        model=SimpleNamespace(joints=ARM.joint_names), fit=[SimpleNamespace(q=q_home)]
-    )
+    analysis = SimpleNamespace(model=SimpleNamespace(joints=ARM.joint_names), fit=[SimpleNamespace(q=q_home)])
     q = motions(ARM.q_home[1] - 0.2, ARM.q_home[1] + 0.2, 0.5, 1.0)["slow ramp both ways"]
     _write(tmp_path / "next_experiment.csv", analysis, 1, q)
     (plan,) = read_source(tmp_path / "next_experiment.mcap", ARM)
