@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import IO, cast
 
 from mcap.writer import CompressionType, Writer
 
@@ -25,7 +26,8 @@ class McapFile:
     def __init__(self, path: Path, namespace: str, chunk_bytes: int) -> None:
         self.path = path
         self._stream = _Sink(path)
-        self._writer = Writer(self._stream, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
+        sink = cast("IO[bytes]", self._stream)  # all that the writer asks of it
+        self._writer = Writer(sink, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="s2r")
         self._channels: dict[Topic, int] = {}
         self._counts: dict[Topic, int] = {}
