@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,6 +13,7 @@ from s2r_host.motion.front import Front
 
 TIP_WIDTH_M = 0.027
 TIP_DEPTH_M = 0.015
+FIRST_POINTS = 4
 
 
 @dataclass(frozen=True)
@@ -70,26 +72,30 @@ def push_proposals(
 ) -> Iterator[PushProposal]:
     """Proposals, best first: a steep to flat approach, and for each the points from central to outermost.
 
-    The points are taken from all over the front: a wide handle may hide everything central. The fingertip points
-    along the push or tilted down from it; contact is where its foremost corner meets the plane.
+    The points are taken from all over the front: a wide handle may hide everything central. A few of them are tried
+    with every approach before the others are. The fingertip points along the push or tilted down from it; contact is
+    where its foremost corner meets the plane.
     """
     settings = settings or PushSettings()
     direction = -front.normal
     points = push_points(front, settings)
-    points = points[np.unique(np.linspace(0, len(points) - 1, min(max_points, len(points))).astype(int))]
-    for tilt in settings.tilts_rad:
-        for turn in settings.turns_rad:
-            for roll in settings.rolls_rad:
-                R = tool_orientation(direction, tilt, turn, roll)
-                ahead = (
-                    abs(R[:, 0] @ direction) * TIP_WIDTH_M / 2 + abs(R[:, 1] @ direction) * TIP_DEPTH_M / 2
-                )
-                for point in points:
-                    p_contact = point - ahead * direction
-                    X = np.eye(4)
-                    X[:3, :3] = R
-                    X[:3, 3] = p_contact - settings.standoff_m * direction
-                    yield PushProposal(X, p_contact, p_contact + settings.depth_m * direction, direction)
+    points = points[_spaced(len(points), max_points)]
+    first = _spaced(len(points), FIRST_POINTS)
+    for some in (points[first], np.delete(points, first, axis=0)):
+        for tilt, turn, roll in product(settings.tilts_rad, settings.turns_rad, settings.rolls_rad):
+            R = tool_orientation(direction, tilt, turn, roll)
+            ahead = abs(R[:, 0] @ direction) * TIP_WIDTH_M / 2 + abs(R[:, 1] @ direction) * TIP_DEPTH_M / 2
+            for point in some:
+                p_contact = point - ahead * direction
+                X = np.eye(4)
+                X[:3, :3] = R
+                X[:3, 3] = p_contact - settings.standoff_m * direction
+                yield PushProposal(X, p_contact, p_contact + settings.depth_m * direction, direction)
+
+
+def _spaced(count: int, at_most: int) -> np.ndarray:
+    """Indices of at most so many of ``count`` things, evenly spaced, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(at_most, count)).astype(int))
 
 
 def tool_orientation(direction: np.ndarray, tilt: float, turn: float, roll: float) -> np.ndarray:
