@@ -9,7 +9,8 @@ from s2r_host.link import ExecutorLink
 from s2r_protocol.arms import load_arm
 from s2r_protocol.faults import Cause, ExecutorState
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+# A page with 3D in a software renderer fills both cores for minutes: `make prove` runs it.
+pytestmark = [pytest.mark.prove, pytest.mark.timeout(600)]
 ARM = load_arm("xmate3pro")
 
 
