@@ -212,8 +212,12 @@ time.sleep(60)
 
 def test_a_core_that_dies_ends_the_executor_as_a_protection_stop(tmp_path):
     with rig(tmp_path) as started:
-        (child,) = children(started.executor)
-        os.kill(int(child), signal.SIGKILL)
+        (core,) = (
+            pid
+            for pid in children(started.executor)
+            if Path(f"/proc/{pid}/comm").read_text().strip() == "s2r-rt"
+        )
+        os.kill(int(core), signal.SIGKILL)
         assert started.executor.wait(60) == 6
         assert "drives stop by their own watchdogs" in (tmp_path / "executor.log").read_text()
 

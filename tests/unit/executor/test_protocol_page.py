@@ -38,7 +38,7 @@ def test_every_command_key_has_a_row():
 
 @pytest.mark.parametrize("topic", TOPICS)
 def test_every_topic_has_a_row_with_its_type_and_hash(topic):
-    row = next(row for row in ROWS if row[0].endswith(f"/{topic.name}`"))
+    row = next(row for row in ROWS if row[0] == f"`/{{cell}}/{{arm}}/{topic.name}`")
     assert row[1].strip("`") == topic.type_name
     assert row[-1].strip("`") == type_hash(topic.type_name)
 

@@ -28,8 +28,8 @@ _RANGES = {
 @pytest.fixture(scope="module")
 def store():
     types = get_typestore(Stores.ROS2_JAZZY)
-    text = message_type("s2r_msgs/msg/ExecutorState").text
-    types.register(get_types_from_msg(text, "s2r_msgs/msg/ExecutorState"))
+    for name in ("s2r_msgs/msg/ExecutorState", "s2r_msgs/msg/TickTiming"):
+        types.register(get_types_from_msg(message_type(name).text, name))
     return types
 
 
