@@ -12,7 +12,7 @@ from s2r_protocol.arms import load_arm
 ARM = load_arm("xmate3pro")
 
 
-@pytest.mark.parametrize("speed,acceleration", [(0.5, 0.8), (2.0, 5.0)])
+@pytest.mark.parametrize(("speed", "acceleration"), [(0.5, 0.8), (2.0, 5.0)])
 def test_every_candidate_motion_stays_inside_speed_and_acceleration_seen(speed, acceleration):
     for name, q in motions(-0.4, 0.9, speed, acceleration).items():
         dq = np.gradient(q) * RATE_HZ
