@@ -26,10 +26,8 @@ def test_1_moves_and_tells_the_following_error(tmp_path):
 
 
 def test_3_runs_on_the_stand_in_and_2_reads_what_it_recorded(tmp_path):
-    out = run(
-        "-m", "pytest", "-q", "-p", "s2r_host.testing.plugin", "-p", "no:cacheprovider", "--basetemp", tmp_path / "t",
-        "examples/3_test_your_arm.py",
-    )  # fmt: skip
+    pytest_here = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "--basetemp", tmp_path / "t")
+    out = run(*pytest_here, "examples/3_test_your_arm.py")
     assert "5 passed" in out, out
     recording = max(tmp_path.glob("t/*/standin/recordings/plan-*.mcap"), key=lambda p: p.stat().st_size)
     assert "joint states over" in run("examples/2_read_a_recording.py", str(recording))

@@ -189,7 +189,7 @@ def test_stop_from_another_terminal_ends_the_run_with_six(plant, arm):
     assert process.returncode == ExitCode.PROTECTION, stderr
     assert "STOP_REQUESTED" in ending(plant)["exit"]["reason"]
     assert status(plant, arm).state == ExecutorState.HOLD
-    assert [note["kind"] for note in read_notes(plant["out"] / "run.mcap")][:1] == ["view"]
+    assert "view" in [note["kind"] for note in read_notes(plant["out"] / "run.mcap")]
 
 
 def test_wrong_arm_model_is_refused_before_anything_moves(plant, arm, tmp_path):
