@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import time
 from pathlib import Path
 
@@ -29,7 +28,7 @@ def send_stop(
         PeerUnreachableError: Nobody answered.
         CommandRefusedError: The executor would not stop.
     """
-    sender = f"stop:{os.getpid()}-{secrets.token_hex(2)}"
+    sender = f"stop:{os.getpid()}-{os.urandom(2).hex()}"  # secrets would load OpenSSL
     session = open_session(endpoint, keys, tls)
     try:
         hello_wire = codec.seal(pb.Hello(client=sender, software="s2r"), codec.Address(sender=sender))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import signal
 import sys
-import traceback
 from collections.abc import Sequence
 from typing import Any
 
@@ -95,6 +94,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         error.show()
         code = ExitCode.USAGE
     except Exception:  # noqa: BLE001 - the last line of defence: a bug must end with exit 1 and its traceback
+        import traceback  # only a bug needs it
+
         traceback.print_exc()
         click.echo("s2r: this is a bug in s2r; please report it with the lines above", err=True)
         code = ExitCode.BUG

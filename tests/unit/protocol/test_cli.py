@@ -103,6 +103,33 @@ def test_help_imports_none_of_the_heavy_packages():
         assert name in run.stdout
 
 
+def test_stop_imports_only_what_asking_needs():
+    """Its start is on the way of a hand to the keyboard; seconds are the bench's, modules are pinned here."""
+    code = (
+        "import sys\nbefore = set(sys.modules)\nfrom s2r_protocol.cli.root import main\n"
+        "try:\n    main(['stop', '--executor', 'tcp/127.0.0.1:1', '--timeout', '0'])\n"
+        "except SystemExit as end:\n    assert end.code == 5, end.code\n"
+        "print(*{name.partition('.')[0] for name in set(sys.modules) - before})\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    loaded = set(run.stdout.split())
+    assert loaded - sys.stdlib_module_names == {"click", "google", "s2r_host", "s2r_protocol", "zenoh"}
+    slow = {
+        "asyncio",
+        "concurrent",
+        "email",
+        "hashlib",
+        "http",
+        "logging",
+        "random",
+        "ssl",
+        "subprocess",
+        "tempfile",
+    }
+    assert not loaded & slow
+
+
 def test_every_command_of_the_table_loads():
     for name in COMMANDS:
         assert isinstance(root._load(name), click.Command), name
