@@ -29,6 +29,20 @@ class Icem:
         self._pool: list[tuple[np.ndarray, np.ndarray]] = []
         self._iteration = 0
 
+    @property
+    def iterations(self) -> int:
+        """Cross-entropy iterations per control step."""
+        return self.settings.iterations
+
+    @property
+    def horizon(self) -> int:
+        """Control steps looked ahead."""
+        return self.settings.horizon
+
+    def capacity(self, proposals: int) -> int:
+        """Most sequences in one iteration: fresh ones, those inherited or kept, proposals, the mean."""
+        return self.settings.population + self.settings.elites + proposals + 1
+
     def begin(self) -> None:
         """Start a control step: widen the distribution again; forget this step's samples."""
         self._sigma = np.broadcast_to(self.settings.sigma * self.action_max, self._shape).copy()

@@ -49,7 +49,7 @@ class ToolKinematics:
         return q[0] if found[0] else None
 
     def solve_many(
-        self, p_world: np.ndarray, R_world_tool: np.ndarray, q_start: np.ndarray, iterations: int = 40
+        self, p_world: np.ndarray, R_world_tool: np.ndarray, q_start: np.ndarray, iterations: int = 16
     ) -> tuple[np.ndarray, np.ndarray]:
         """Joint positions near starts (n, dof) that reach tool poses (n, 3), (n, 3, 3), and which do, bool (n,).
 

@@ -56,18 +56,26 @@ def find_places(scene: Scene, data: mujoco.MjData, probe: HandProbe, sign: float
     quat = quats_of(R)
     free = probe.contacts(p, quat) == 0
     p, R, way, quat = p[free], R[free], way[free], quat[free]
-    push_m = np.full(len(p), np.inf)
-    blocked_way = np.zeros(len(p), dtype=bool)
-    for push in _PUSH_M:
-        total, finger = probe.contacts(p + push * way, quat), probe.finger_contacts(p + push * way, quat)
-        undecided = ~blocked_way & np.isinf(push_m)
-        push_m[undecided & (finger > 0) & (finger == total)] = push
-        blocked_way |= undecided & (total > finger)
+    push_m = _push_distances(probe, p, quat, way)
     good = np.isfinite(push_m)
     for back in _BACK_M:
         good[good] = probe.contacts((p - back * R[:, :, 2])[good], quat[good]) == 0
     p, R, way, quat, push_m = p[good], R[good], way[good], quat[good], push_m[good]
     return Places(p, R, way, push_m, _blocked_steps(probe, p, R, quat, way))
+
+
+def _push_distances(probe: HandProbe, p: np.ndarray, quat: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """How far along the motion the fingertip alone meets the part, (n,); infinite if it never does or more does."""
+    push_m = np.full(len(p), np.inf)
+    left = np.arange(len(p))
+    for push in _PUSH_M:
+        moved = p[left] + push * way[left]
+        total = probe.contacts(moved, quat[left])
+        finger = np.zeros(len(left), dtype=int)
+        finger[total > 0] = probe.finger_contacts(moved[total > 0], quat[left[total > 0]])
+        push_m[left[(finger > 0) & (finger == total)]] = push
+        left = left[total == 0]
+    return push_m
 
 
 def _blocked_steps(

@@ -8,14 +8,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from s2r_host.planning.belief import Belief, draw_ensemble
 from s2r_host.planning.door import check_numbers, check_stays, check_target
 from s2r_host.planning.execution import FineWorld, Report
 from s2r_host.planning.hooking import Hook, find_hooks
-from s2r_host.planning.icem import Icem
 from s2r_host.planning.patience import Patience
 from s2r_host.planning.proposals import Route
 from s2r_host.planning.rewards import Task, rewards
 from s2r_host.planning.rollouts import Rollouts, ramp
+from s2r_host.planning.sampler import Sampler, SamplerFactory, icem_sampler
 from s2r_host.planning.scene import Scene, build_scene
 from s2r_host.planning.settings import PlanSettings, Stage
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult, StepTrace
@@ -38,7 +39,10 @@ def scene_of(request: PlanRequest) -> Scene:
 
 
 def plan_manipulation(
-    request: PlanRequest, scene: Scene | None = None, patience: Patience | None = None
+    request: PlanRequest,
+    scene: Scene | None = None,
+    patience: Patience | None = None,
+    sampler: SamplerFactory = icem_sampler,
 ) -> PlanResult:
     """Plan how the arm moves the object's joint from ``s_initial`` to ``s_target``.
 
@@ -51,6 +55,7 @@ def plan_manipulation(
         request: The task.
         scene: Its scene, if it has been built already.
         patience: A limit on the time, and who is told about progress.
+        sampler: What draws the action sequences.
 
     Raises:
         PlanRefusedError: The request is impossible or absurd; the text says which.
@@ -74,7 +79,16 @@ def plan_manipulation(
     attempts = []
     for index, stage in enumerate(settings.cascade):
         attempt = _Attempt(
-            scene, stage, index, settings, task, hooks[index % len(hooks)], world, request.seed, patience
+            scene,
+            stage,
+            index,
+            settings,
+            task,
+            hooks[index % len(hooks)],
+            world,
+            request.seed,
+            patience,
+            sampler,
         )
         attempt.run()
         attempts.append(attempt)
@@ -106,6 +120,7 @@ class _Attempt:
     world: FineWorld
     seed: int
     patience: Patience
+    make_sampler: SamplerFactory
     targets: list[np.ndarray] = field(default_factory=list)
     trace: list[StepTrace] = field(default_factory=list)
     env_steps: int = 0
@@ -131,9 +146,10 @@ class _Attempt:
         limits = self.scene.arm.limits
         low = limits.q_min + settings.joint_margin_rad
         high = limits.q_max - settings.joint_margin_rad
-        icem = self._sampler()
-        capacity = 2 * self.stage.population + 2 * icem.settings.elites + len(settings.proposal_speeds) + 1
-        rollouts = Rollouts(self.scene, self.stage, settings, capacity)
+        rng = np.random.default_rng([self.seed, self.index])
+        sampler = self.make_sampler(settings, self.stage, self.scene.dof, rng)
+        capacity = sampler.capacity(len(settings.proposal_speeds))
+        rollouts = Rollouts(self.scene, self.stage, settings, capacity, self._beliefs())
         target = self.world.q
         self.targets = [target]
         states = [self.world.save()]
@@ -146,7 +162,7 @@ class _Attempt:
         first, backtracks = len(states), 0
         for step in range(settings.max_steps):
             self.patience.step(f"attempt {self.index + 1}, step {step}, s = {self.world.s:.4f}")
-            ranked, values = self._think(icem, rollouts, route, target, low, high)
+            ranked, values = self._think(sampler, rollouts, route, target, low, high)
             goal, rank, report = self._execute(target, ranked[:, 0], low, high, states[-1])
             self._note(step, float(values[rank]), rank, report)
             if report.contact is not None or report.press_N > settings.press_max_N:
@@ -157,7 +173,7 @@ class _Attempt:
                 del states[keep:], self.targets[keep:]
                 self.world.restore(states[-1])
                 target = self.targets[-1]
-                icem.forget()
+                sampler.forget()
                 continue
             landed = self._land(states[-1], target, goal)
             if landed is not None:
@@ -166,7 +182,7 @@ class _Attempt:
             target = goal
             self.targets.append(goal)
             states.append(self.world.save())
-            icem.advance()
+            sampler.advance()
         unit = "m" if self.scene.prismatic else "rad"
         return (
             f"the target was not reached in {settings.max_steps} control steps: s = {self.world.s:.4f} {unit}, "
@@ -189,7 +205,7 @@ class _Attempt:
 
     def _think(
         self,
-        icem: Icem,
+        sampler: Sampler,
         rollouts: Rollouts,
         route: Route,
         target: np.ndarray,
@@ -198,23 +214,22 @@ class _Attempt:
     ) -> tuple[np.ndarray, np.ndarray]:
         """One control step of the sampler: action sequences from the world's state, best first, and their rewards."""
         data = self.world.data
-        icem.begin()
-        for _ in range(icem.settings.iterations):
-            samples = icem.sample(
-                route.proposals(target, icem.settings.horizon, self.settings.proposal_speeds)
-            )
+        sampler.begin()
+        for _ in range(sampler.iterations):
+            samples = sampler.sample(route.proposals(target, sampler.horizon, self.settings.proposal_speeds))
             facts = rollouts.run(data.qpos, data.qvel, _accumulate(target, samples, low, high), self.hook)
-            icem.update(samples, rewards(facts, self.task, self.settings.weights))
+            values = rewards(facts, self.task, self.settings.weights)
+            sampler.update(samples, values.reshape(len(samples), rollouts.members).mean(axis=1))
         self.env_steps = rollouts.env_steps
-        return icem.ranked()
+        return sampler.ranked()
 
-    def _sampler(self) -> Icem:
+    def _beliefs(self) -> tuple[Belief, ...]:
+        """Believable objects for the rollouts, drawn apart from the sampler's noise; none: the believed one."""
         settings = self.settings
-        scale = self.stage.population / settings.icem.population
-        elites = max(2, round(settings.icem.elites * scale))
-        icem_settings = replace(settings.icem, population=self.stage.population, elites=elites)
-        rng = np.random.default_rng([self.seed, self.index])
-        return Icem(icem_settings, np.full(self.scene.dof, settings.action_max_rad), rng)
+        if settings.ensemble == 1:
+            return ()
+        rng = np.random.default_rng([self.seed, self.index, 1])
+        return draw_ensemble(settings.doubt, settings.ensemble, rng)
 
     def _execute(
         self, target: np.ndarray, actions: np.ndarray, low: np.ndarray, high: np.ndarray, before: np.ndarray

@@ -1,4 +1,7 @@
-"""Rollouts of many action sequences in the coarse model, on the threads of ``mujoco.batch``."""
+"""Rollouts of many action sequences in the coarse model, on the threads of ``mujoco.batch``.
+
+With several believable objects every sequence is played once with each of them, side by side in one batch.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+from s2r_host.planning.belief import Belief, spread_over
 from s2r_host.planning.hooking import Hook
 from s2r_host.planning.rewards import StepFacts
 from s2r_host.planning.scene import Scene
@@ -17,8 +21,16 @@ _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
 class Rollouts:
     """Evaluates joint-target sequences from one start state. One per plan and Python thread."""
 
-    def __init__(self, scene: Scene, stage: Stage, settings: PlanSettings, capacity: int) -> None:
-        """Args: scene; stage of the cascade; settings; ``capacity``, the most sequences per call."""
+    def __init__(
+        self,
+        scene: Scene,
+        stage: Stage,
+        settings: PlanSettings,
+        capacity: int,
+        beliefs: tuple[Belief, ...] = (),
+    ) -> None:
+        """Args: scene; stage; settings; ``capacity``, most sequences per call; believable objects, none: as given."""
+        self.members = max(1, len(beliefs))
         self._scene = scene
         self._servo = settings.servo
         at_zero = mujoco.MjData(scene.fine)
@@ -29,7 +41,9 @@ class Rollouts:
         self._control_dt_s = settings.control_dt_s
         self._substeps = round(settings.control_dt_s / stage.timestep_s)
         model = scene.rollout_model(stage)
-        self._batch = mujoco.batch.Batch(model, nsim=capacity, nthread=settings.threads)
+        self._batch = mujoco.batch.Batch(model, nsim=capacity * self.members, nthread=settings.threads)
+        if beliefs:
+            spread_over(self._batch, scene, beliefs)
         self._qpos = self._batch.bind("qpos")
         self._qvel = self._batch.bind("qvel")
         self._warmstart = self._batch.bind("qacc_warmstart")
@@ -45,8 +59,11 @@ class Rollouts:
             hook: The place that the fingertip is measured against.
 
         Returns:
-            What the reward needs, with ``steps`` entries along time.
+            What the reward needs, with ``steps`` entries along time; with several beliefs, ``members`` rollouts in
+            succession for every sequence.
         """
+        if self.members > 1:
+            targets = np.repeat(targets, self.members, axis=0)
         rollouts, steps = targets.shape[0], targets.shape[1] - 1
         ids = np.arange(rollouts)
         self._qpos[ids] = qpos

@@ -127,6 +127,23 @@ class Stage:
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """How far the truth may be from the object file: shares to both sides, and the spread of the object's place.
+
+    Attributes:
+        friction: Of the friction between robot and object.
+        damping: Of the joint's viscous damping.
+        joint_friction: Of the joint's dry friction.
+        shift_sigma_m: Standard deviation of the object's place, per axis.
+    """
+
+    friction: float = 0.4
+    damping: float = 0.5
+    joint_friction: float = 0.5
+    shift_sigma_m: float = 0.002
+
+
+@dataclass(frozen=True)
 class ServoSettings:
     """The position servos both models assume; the gains are those of the paper's authors.
 
@@ -169,6 +186,9 @@ class PlanSettings:
         retries: Ranked samples tried in the fine model before an action with an unexpected contact is taken.
         backtracks: How often a stage may go back some steps when every action touches something unexpected.
         hooks: Fingertip places on the part, with a free way there, that are prepared before planning.
+        ensemble: Believable objects that every sequence is rolled out with; its reward is their mean. 1: the believed
+            one alone.
+        doubt: How far the others may be from it.
         threads: Threads of the rollouts; 0 takes all processors. Plans do not depend on it.
         icem: The sampler.
         cascade: Attempts, tried in turn until one delivers; each takes the next best place for the fingertip.
@@ -192,6 +212,8 @@ class PlanSettings:
     retries: int = 8
     backtracks: int = 6
     hooks: int = 4
+    ensemble: int = 1
+    doubt: Doubt = field(default_factory=Doubt)
     threads: int = 0
     icem: IcemSettings = field(default_factory=IcemSettings)
     cascade: tuple[Stage, ...] = (
@@ -211,6 +233,7 @@ class PlanSettings:
         _require(self.tolerance_rad > 0.0, "tolerance_rad", self.tolerance_rad, "positive")
         _require(0.0 < self.torque_margin <= 1.0, "torque_margin", self.torque_margin, "within (0, 1]")
         _require(self.press_max_N > 0.0, "press_max_N", self.press_max_N, "positive")
+        _require(self.ensemble >= 1, "ensemble", self.ensemble, "at least 1")
         _require(len(self.cascade) >= 1, "cascade", self.cascade, "at least one stage")
         steps = [self.fine_timestep_s, *(stage.timestep_s for stage in self.cascade)]
         for step in steps:
