@@ -243,7 +243,9 @@ const std::vector<Field>& event_fields() {
   return fields;
 }
 
-nb::object make_dtype(const std::vector<Field>& fields, std::size_t item_size, int dof) {
+// Fields in the order of their offsets: numpy writes no other dtype to a file.
+nb::object make_dtype(std::vector<Field> fields, std::size_t item_size, int dof) {
+  std::sort(fields.begin(), fields.end(), [](const Field& a, const Field& b) { return a.offset < b.offset; });
   nb::list names, formats, offsets;
   for (const Field& field : fields) {
     names.append(field.name);

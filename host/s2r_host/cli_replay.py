@@ -89,7 +89,9 @@ def replay(
     """Send a plan of SOURCE (a run folder or a recording) through admission again and compare the executions.
 
     On a stand-in of its own by default; --real sends it to a running executor, after showing where it starts and
-    how fast it gets. The arm first goes to the start by a checked move. The object is not put back.
+    how fast it gets. The arm first goes to the start: along the plans recorded before it when it
+    stands where one of them begins, else by a move checked against the arm and the table. A stand-in gets all of them,
+    so that the object is where the plan met it; with --real nothing puts the object back.
     """
     for name, value in (("--executor", executor), ("--camera", camera), ("--tls", tls), ("--yes", yes)):
         if value and not real:
@@ -119,7 +121,7 @@ def replay(
         with _linked(endpoint, description, keys, tls) as link:
             _confirm(plan, sent, description, endpoint, yes)
             obstacles = _seen(camera, keys, tls, model, link.status().q_meas)
-            done = _replays(link, model, plan, settings, obstacles, loops)
+            done = _replays(link, model, plans, plan, settings, obstacles, loops, as_found=False)
     else:
         from s2r_protocol.cli.peers import stand_in_cell
 
@@ -132,25 +134,28 @@ def replay(
             ) as started,
             _linked(started.executor, description, keys, None) as link,
         ):
-            done = _replays(link, model, plan, settings, (), loops)
+            done = _replays(link, model, plans, plan, settings, (), loops, as_found=True)
     return _report(done, description, source, folder, as_json, "real" if real else "stand-in")
 
 
 def _replays(
     link: ExecutorLink,
     model: ArmModel,
+    plans: list[Replayable],
     plan: Replayable,
     settings: ReplaySettings,
     obstacles: list[Obstacle] | tuple[()],
     loops: int,
+    as_found: bool,
 ) -> list[Replayed]:
     from s2r_host.replay.replay import replay_plan
 
     done: list[Replayed] = []
     try:
         with click.progressbar(length=loops, label="replays", file=sys.stderr, hidden=loops == 1) as bar:
-            for _ in range(loops):
-                done.append(replay_plan(link, model, plan, settings, obstacles))
+            for k in range(loops):
+                first = as_found and k == 0
+                done.append(replay_plan(link, model, plan, settings, obstacles, plans, as_found=first))
                 bar.update(1)
     except KeyboardInterrupt:
         link.stop()

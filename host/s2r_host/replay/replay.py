@@ -18,6 +18,7 @@ from s2r_host.motion.obstacles import Obstacle, table_obstacle
 from s2r_host.recording import JointTrack, plan_track
 from s2r_host.replay.pace import from_time, path_time, slowed
 from s2r_host.replay.sources import Replayable
+from s2r_host.replay.way import recorded_way
 from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
 from s2r_protocol.faults import ExecutorState
 
@@ -118,6 +119,8 @@ def replay_plan(
     plan: Replayable,
     settings: ReplaySettings | None = None,
     obstacles: Sequence[Obstacle] = (),
+    plans: Sequence[Replayable] = (),
+    as_found: bool = False,
 ) -> Replayed:
     """Go to the start, send the plan, and compare with its first execution.
 
@@ -127,6 +130,8 @@ def replay_plan(
         plan: Which.
         settings: How.
         obstacles: Besides the table, for the way to the start.
+        plans: All of the source: where the arm stands at the start of an earlier one, it goes the recorded way.
+        as_found: The world is as the recording found it: everything recorded before the plan is sent first.
 
     Raises:
         NoMotionError: No free way to the start.
@@ -135,11 +140,13 @@ def replay_plan(
     """
     settings = settings or ReplaySettings()
     trajectory = as_sent(plan, settings)
-    bridge = _bridge(link, arm, trajectory.q[0], obstacles)
     with link.leased():
         link.arm_drives()
-        if bridge is not None:
-            link.wait_done(link.send_plan(bridge, f"replay: to the start of '{plan.label}'"))
+        for earlier in recorded_way(plans, plan, link.status().q_ref, whole=as_found):
+            _go_to(link, arm, earlier.trajectory.q[0], obstacles, earlier.label)
+            again = slowed(earlier.trajectory, settings.speed)
+            link.wait_done(link.send_plan(again, f"replay: '{earlier.label}' on the way"))
+        _go_to(link, arm, trajectory.q[0], obstacles, plan.label)
         verdict = link.send_plan(trajectory, f"replay of '{plan.label}'")
         if settings.step_s > 0:
             _step(link, verdict.seq, settings)
@@ -220,14 +227,16 @@ def repeatability(replays: Sequence[Replayed], names: tuple[str, ...]) -> Repeat
     return Repeatability(t, np.array(q), names)
 
 
-def _bridge(
-    link: ExecutorLink, arm: ArmModel, q_start: np.ndarray, obstacles: Sequence[Obstacle]
-) -> Trajectory | None:
+def _go_to(
+    link: ExecutorLink, arm: ArmModel, q_start: np.ndarray, obstacles: Sequence[Obstacle], label: str
+) -> None:
+    """A move to a plan's start that avoids table, obstacles and the arm itself; nothing when it stands there."""
     q_now = link.status().q_ref
     if np.abs(q_now - q_start).max() < AT_START_RAD:
-        return None
+        return
     checker = CollisionChecker(arm, [table_obstacle(), *obstacles])
     path = plan_joint_motion(
         checker, q_now, q_start, np.random.default_rng(0), what="way to the plan's start"
     )
-    return time_law(path, arm.arm, TimeLawSettings(speed=TRAVEL_SPEED))
+    move = time_law(path, arm.arm, TimeLawSettings(speed=TRAVEL_SPEED))
+    link.wait_done(link.send_plan(move, f"replay: to the start of '{label}'"))

@@ -1,0 +1,50 @@
+"""The way to a plan's start: along what was recorded before it where that leads there, else a checked move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from s2r_host.replay.sources import Replayable
+
+JOINED_RAD = 5e-3
+"""Ends that differ by less than this belong together; a short checked move closes the rest [rad]."""
+
+
+def recorded_way(
+    plans: Sequence[Replayable], plan: Replayable, q_now: np.ndarray, *, whole: bool = False
+) -> list[Replayable]:
+    """The recorded plans that lead from ``q_now`` to the start of ``plan``, in the order to send them.
+
+    A replay does not know the object, but the recording's own way was free of it once. Only plans that ran count.
+
+    Args:
+        plans: All of the source, in the order they ran.
+        plan: The one to replay.
+        q_now: Where the arm stands [rad], shape (dof,).
+        whole: The longest such way: in a world as the recording found it, it brings the object to where the plan
+            met it. Otherwise the shortest, since in any other world earlier plans have moved the object already.
+
+    Returns:
+        Empty when the arm stands at the start, or when no unbroken row of recorded plans begins where it stands.
+    """
+    start = plan.trajectory.q[0]
+    if not whole and _near(q_now, start):
+        return []
+    row: list[Replayable] = []
+    found: list[Replayable] = []
+    for earlier in reversed([p for p in plans if p.number < plan.number]):
+        if earlier.first is None or not _near(earlier.trajectory.q[-1], start):
+            break
+        row.insert(0, earlier)
+        start = earlier.trajectory.q[0]
+        if _near(q_now, start):
+            found = list(row)
+            if not whole:
+                break
+    return found
+
+
+def _near(q: np.ndarray, other: np.ndarray) -> bool:
+    return bool(np.abs(np.asarray(q) - other).max() < JOINED_RAD)
