@@ -23,6 +23,14 @@ import click
     "--collection", default=1, show_default=True, help="Which placements; 0 is the one for development."
 )
 @click.option("--threads", default=2, show_default=True, type=click.IntRange(min=0))
+@click.option(
+    "--replays", default=0, show_default=True, help="Plays of each motion with objects drawn at random."
+)
+@click.option("--plan-only", is_flag=True, help="No time law and no verifier: the planner alone.")
+@click.option("--patience", "patience_s", default=300.0, show_default=True, help="Longest plan [s].")
+@click.option(
+    "--curve", type=click.Path(path_type=Path, dir_okay=False), help="Picture of success over CPU time."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def planning(
     out: Path,
@@ -32,6 +40,10 @@ def planning(
     seeds: int,
     collection: int,
     threads: int,
+    replays: int,
+    plan_only: bool,
+    patience_s: float,
+    curve: Path | None,
     as_json: bool,
 ) -> None:
     """Plan random tasks with several planners, interleaved; every delivered motion is verified apart.
@@ -42,15 +54,19 @@ def planning(
     from rich.progress import Progress
 
     from s2r_host.planning.bench import runner
+    from s2r_host.planning.bench.curve import draw_curve
+    from s2r_host.planning.bench.planners import planner_named
+    from s2r_host.planning.bench.summary import by_task, ratios, summary
     from s2r_host.planning.bench.tasks import TASKS
     from s2r_protocol.exits import UsageError
 
     wanted = names.split(",")
+    for name in wanted:
+        planner_named(name)
     chosen: list[str] = tasks.split(",") if tasks else [*TASKS]
-    for given, known, what in ((wanted, runner.planners(), "planner"), (chosen, TASKS, "task")):
-        for name in given:
-            if name not in known:
-                raise UsageError(f"unknown {what} {name!r}; there are {', '.join(known)}")
+    for name in chosen:
+        if name not in TASKS:
+            raise UsageError(f"unknown task {name!r}; there are {', '.join(TASKS)}")
     todo = list(runner.jobs(wanted, chosen, placements, seeds))
     with Progress(console=Console(stderr=True)) as progress:
         line = progress.add_task("planning", total=len(todo))
@@ -60,28 +76,49 @@ def planning(
         def tell(key: str) -> None:
             progress.update(line, description=key, advance=1)
 
-        rows = runner.run(todo, out / "results.jsonl", collection, threads, tell)
-    lines = runner.summary(rows)
+        conditions = runner.Conditions(collection, threads, replays, plan_only, patience_s)
+        rows = runner.run(todo, out / "results.jsonl", conditions, tell)
+    if curve is not None:
+        draw_curve(rows, curve)
+    lines, compared = summary(rows), ratios(rows, wanted[0])
     if as_json:
-        click.echo(json.dumps(lines, indent=1))
+        click.echo(json.dumps({"planners": lines, "tasks": by_task(rows), "ratios": compared}, indent=1))
         return
+    for entry in by_task(rows):
+        click.echo(f"{entry['task']:<14} {_line(entry)}")
     for entry in lines:
-        click.echo(_line(entry))
+        click.echo(f"{'all':<14} {_line(entry)}")
+    for entry in compared:
+        click.echo(
+            f"CPU per held success, {entry['planner']} over {wanted[0]}: {entry['ratio']:.1f} "
+            f"[{entry['low']:.1f}, {entry['high']:.1f}] over {entry['jobs']} tasks"
+        )
     for row in rows:
-        if not row["verified"] and row["planner"] == "ours":
-            why = (
-                row.get("reason")
-                if not row["delivered"]
-                else (row["contacts"], row["violations"], row["held"])
-            )
-            click.echo(f"missed {row['key']}: {why}")
+        problem = _problem(row, plan_only)
+        if problem is not None:
+            click.echo(f"missed {row['key']}: {problem}")
+
+
+def _problem(row: dict[str, Any], plan_only: bool) -> str | None:
+    """Why a row is no success, or None."""
+    if not row["planned"] or not (row["delivered"] or plan_only):
+        return str(row.get("reason"))
+    if plan_only or row["verified"]:
+        return None
+    held = "held" if row["held"] else f"not held ({row['worst_hold']:.4f} off)"
+    return "; ".join([held, *row["contacts"], *row["violations"]])
 
 
 def _line(entry: dict[str, Any]) -> str:
-    per = entry["cpu_per_success_s"]
-    return (
-        f"{entry['planner']:<16} {entry['planned']:>3}/{entry['plans']} planned  {entry['delivered']:>3} delivered  "
+    per, interval = entry["cpu_per_success_s"], entry["cpu_per_success_90"]
+    text = (
+        f"{entry['planner']:<18} {entry['planned']:>3}/{entry['plans']} planned  {entry['delivered']:>3} delivered  "
         f"{entry['verified']:>3} verified  CPU p50 {entry['cpu_p50_s']:.2f} p95 {entry['cpu_p95_s']:.2f} s  "
-        f"wall p50 {entry['wall_p50_s']:.2f} p95 {entry['wall_p95_s']:.2f} s  "
-        f"CPU per success {f'{per:.2f} s' if per else '-'}"
+        f"wall p50 {entry['wall_p50_s']:.2f} p95 {entry['wall_p95_s']:.2f} s  CPU per success "
     )
+    text += f"{per:.2f} s" if per else "-"
+    if interval:
+        text += f" [{interval[0]:.2f}, {interval[1]:.2f}]"
+    if entry["replays"]:
+        text += f"  replays {entry['replays_good']}/{entry['replays']} within 30 %"
+    return text

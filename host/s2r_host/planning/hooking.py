@@ -93,29 +93,28 @@ class Hook:
         the handle, where a third of the plans got stuck.
         """
         push_m = float(np.linalg.norm(self.push_part))
-        ahead = self.push_part / push_m
-        away = -self.R_part_tool[:, 2]
+        ahead, away = self.push_part / push_m, -self.R_part_tool[:, 2]
         offset = p_tip_part - self.p_part
-        along = np.clip(offset @ ahead, 0.0, push_m)
-        offset = offset - along[..., None] * ahead
-        height = offset @ away
-        beside = np.linalg.norm(offset - height[..., None] * away, axis=-1)
+        forward = offset @ ahead
+        along = np.minimum(np.maximum(forward, 0.0), push_m)
+        # What is left of the offset without its share along the push, by its square: this runs for every rollout.
+        height = offset @ away - along * float(ahead @ away)
+        squared = np.einsum("...i,...i->...", offset, offset) + along * (along - 2.0 * forward)
+        beside = np.sqrt(np.maximum(squared - height**2, 0.0))
         wanted = np.minimum(_FUNNEL_M, _FUNNEL_SLOPE * beside)
         return np.hypot(beside, height - wanted)
 
     def turn(self, quat_part_wxyz: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Angle [rad] between the tool's orientation in the part (..., 4) and the wanted one at joint value s (...)."""
-        half = -0.5 * (1.0 - self.follow) * (s - self.s_start)
-        w, xyz = np.cos(half), np.sin(half)[..., None] * self.axis_part
-        if self.follow == 1.0:
-            w, xyz = np.ones_like(half), np.zeros((*np.shape(half), 3))
         grip = quat_of(self.R_part_tool)
-        wanted_w = w * grip[0] - xyz @ grip[1:]
-        wanted_xyz = w[..., None] * grip[1:] + grip[0] * xyz + np.cross(xyz, grip[1:])
-        cosine = np.abs(
-            wanted_w * quat_part_wxyz[..., 0] + (wanted_xyz * quat_part_wxyz[..., 1:]).sum(axis=-1)
-        )
-        return 2.0 * np.arccos(np.minimum(cosine, 1.0))
+        cosine = quat_part_wxyz @ grip
+        if self.follow != 1.0:
+            # Wanted is the grip turned about the hinge's axis by the share that the tool does not follow.
+            half = -0.5 * (1.0 - self.follow) * (s - self.s_start)
+            turned, axis = np.empty(4), np.concatenate([[0.0], self.axis_part])
+            mujoco.mju_mulQuat(turned, axis, grip)
+            cosine = np.cos(half) * cosine + np.sin(half) * (quat_part_wxyz @ turned)
+        return 2.0 * np.arccos(np.minimum(np.abs(cosine), 1.0))
 
 
 def find_hooks(

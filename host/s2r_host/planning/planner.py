@@ -8,15 +8,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from s2r_host.planning.belief import Belief, draw_ensemble
 from s2r_host.planning.door import check_numbers, check_stays, check_target
 from s2r_host.planning.execution import FineWorld, Report
 from s2r_host.planning.hooking import Hook, find_hooks
+from s2r_host.planning.lookahead import Lookahead
 from s2r_host.planning.patience import Patience
 from s2r_host.planning.proposals import Route
-from s2r_host.planning.rewards import Task, rewards
-from s2r_host.planning.rollouts import Rollouts, ramp
-from s2r_host.planning.sampler import Sampler, SamplerFactory, icem_sampler
+from s2r_host.planning.rewards import Task
+from s2r_host.planning.rollouts import ramp
+from s2r_host.planning.sampler import SamplerFactory, icem_sampler
 from s2r_host.planning.scene import Scene, build_scene
 from s2r_host.planning.settings import PlanSettings, Stage
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult, StepTrace
@@ -74,7 +74,9 @@ def plan_manipulation(
     world = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial)
     _check_start(world)
     patience.check("looking for places for the fingertip")
+    before_places = time.process_time()
     hooks = find_hooks(scene, world, request.object_mjcf, request.s_target, settings)
+    places_cpu_s = time.process_time() - before_places
     task = Task(request.s_initial, request.s_target, tolerance, scene.prismatic)
     attempts = []
     for index, stage in enumerate(settings.cascade):
@@ -96,7 +98,12 @@ def plan_manipulation(
             break
         logger.info("stage %d of the plan failed: %s", index, attempt.reason)
     result = attempts[-1].result(attempts)
-    return replace(result, cpu_s=time.process_time() - start_cpu, wall_s=time.perf_counter() - start_wall)
+    return replace(
+        result,
+        cpu_s=time.process_time() - start_cpu,
+        wall_s=time.perf_counter() - start_wall,
+        places_cpu_s=places_cpu_s,
+    )
 
 
 def _check_start(world: FineWorld) -> None:
@@ -143,17 +150,13 @@ class _Attempt:
 
     def _search(self) -> str | None:
         settings = self.settings
-        limits = self.scene.arm.limits
-        low = limits.q_min + settings.joint_margin_rad
-        high = limits.q_max - settings.joint_margin_rad
-        rng = np.random.default_rng([self.seed, self.index])
-        sampler = self.make_sampler(settings, self.stage, self.scene.dof, rng)
-        capacity = sampler.capacity(len(settings.proposal_speeds))
-        rollouts = Rollouts(self.scene, self.stage, settings, capacity, self._beliefs())
         target = self.world.q
+        ahead = Lookahead(
+            self.scene, self.stage, settings, self.task, self.hook, target, (self.seed, self.index),
+            self.make_sampler,
+        )  # fmt: skip
         self.targets = [target]
         states = [self.world.save()]
-        route = Route(np.concatenate([target[None], self.hook.whole_route]), settings.action_max_rad)
         if settings.lead_in:
             problem = self._lead_in(states)
             if problem is not None:
@@ -162,8 +165,10 @@ class _Attempt:
         first, backtracks = len(states), 0
         for step in range(settings.max_steps):
             self.patience.step(f"attempt {self.index + 1}, step {step}, s = {self.world.s:.4f}")
-            ranked, values = self._think(sampler, rollouts, route, target, low, high)
-            goal, rank, report = self._execute(target, ranked[:, 0], low, high, states[-1])
+            ranked, values = ahead.ranked(self.world.data, target)
+            self.env_steps = ahead.env_steps
+            goals = ahead.targets(target, ranked[:, :1])[:, 1]
+            goal, rank, report = self._execute(target, goals, states[-1])
             self._note(step, float(values[rank]), rank, report)
             if report.contact is not None or report.press_N > settings.press_max_N:
                 backtracks += 1
@@ -173,7 +178,7 @@ class _Attempt:
                 del states[keep:], self.targets[keep:]
                 self.world.restore(states[-1])
                 target = self.targets[-1]
-                sampler.forget()
+                ahead.sampler.forget()
                 continue
             landed = self._land(states[-1], target, goal)
             if landed is not None:
@@ -182,7 +187,7 @@ class _Attempt:
             target = goal
             self.targets.append(goal)
             states.append(self.world.save())
-            sampler.advance()
+            ahead.sampler.advance()
         unit = "m" if self.scene.prismatic else "rad"
         return (
             f"the target was not reached in {settings.max_steps} control steps: s = {self.world.s:.4f} {unit}, "
@@ -203,36 +208,8 @@ class _Attempt:
                 return _harm(report)
         return None
 
-    def _think(
-        self,
-        sampler: Sampler,
-        rollouts: Rollouts,
-        route: Route,
-        target: np.ndarray,
-        low: np.ndarray,
-        high: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """One control step of the sampler: action sequences from the world's state, best first, and their rewards."""
-        data = self.world.data
-        sampler.begin()
-        for _ in range(sampler.iterations):
-            samples = sampler.sample(route.proposals(target, sampler.horizon, self.settings.proposal_speeds))
-            facts = rollouts.run(data.qpos, data.qvel, _accumulate(target, samples, low, high), self.hook)
-            values = rewards(facts, self.task, self.settings.weights)
-            sampler.update(samples, values.reshape(len(samples), rollouts.members).mean(axis=1))
-        self.env_steps = rollouts.env_steps
-        return sampler.ranked()
-
-    def _beliefs(self) -> tuple[Belief, ...]:
-        """Believable objects for the rollouts, drawn apart from the sampler's noise; none: the believed one."""
-        settings = self.settings
-        if settings.ensemble == 1:
-            return ()
-        rng = np.random.default_rng([self.seed, self.index, 1])
-        return draw_ensemble(settings.doubt, settings.ensemble, rng)
-
     def _execute(
-        self, target: np.ndarray, actions: np.ndarray, low: np.ndarray, high: np.ndarray, before: np.ndarray
+        self, target: np.ndarray, goals: np.ndarray, before: np.ndarray
     ) -> tuple[np.ndarray, int, Report]:
         """Execute the best-ranked action that the fine model finds harmless; if none is, the least harmful one.
 
@@ -240,8 +217,7 @@ class _Attempt:
         plan, may not have.
         """
         tried: list[tuple[tuple[bool, bool, bool], int, np.ndarray]] = []
-        for rank, action in enumerate(actions[: self.settings.retries]):
-            goal = np.clip(target + action, low, high)
+        for rank, goal in enumerate(goals[: self.settings.retries]):
             report = self._play(target, goal)
             harm = (
                 report.contact is not None,
@@ -357,7 +333,9 @@ class _Attempt:
             env_steps=sum(a.env_steps for a in attempts),
             cpu_s=0.0,
             wall_s=0.0,
+            places_cpu_s=0.0,
             torque_share=self.played.torque_share,
+            hook=self.hook,
             p_part=self.hook.p_part,
             route=self.hook.whole_route,
             route_touch=self.hook.touch_row,
@@ -369,13 +347,3 @@ def _harm(report: Report) -> str:
     if report.contact is not None:
         return f"touches something unexpected: {report.contact}"
     return f"presses on the part with {report.press_N:.0f} N across its motion"
-
-
-def _accumulate(target: np.ndarray, actions: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Joint targets that follow from actions: target = previous target + action, within the joints' range.
-
-    Not measured position plus action: servo lag would then add up, and the plan would not be a list of targets.
-    """
-    targets = np.clip(target + np.cumsum(actions, axis=1), low, high)
-    start = np.broadcast_to(target, (len(actions), 1, len(target)))
-    return np.concatenate([start, targets], axis=1)

@@ -27,17 +27,18 @@ class Route:
 
         Each heads for the route's points ahead of the nearest one; an action never exceeds its bound.
         """
-        nearest = int(np.linalg.norm(self.points - target, axis=1).argmin())
+        if not speeds:
+            return np.zeros((0, horizon, len(target)))
+        nearest = int(((self.points - target) ** 2).sum(axis=1).argmin())
         last = len(self.points) - 1
-        grid = np.arange(last + 1)
-        sequences = []
-        for speed in speeds:
-            ahead = np.minimum(nearest + speed * np.arange(1, horizon + 1), last)
-            goals = np.column_stack([np.interp(ahead, grid, joint) for joint in self.points.T])
-            actions, now = [], target
-            for goal in goals:
-                action = np.clip(goal - now, -self._action_max, self._action_max)
-                now = now + action
-                actions.append(action)
-            sequences.append(actions)
-        return np.array(sequences).reshape(-1, horizon, len(target))
+        ahead = np.minimum(nearest + np.outer(speeds, np.arange(1, horizon + 1)), last)
+        left = np.minimum(ahead.astype(int), max(last - 1, 0))
+        right = np.minimum(left + 1, last)
+        share = (ahead - left)[..., None]
+        goals = (1.0 - share) * self.points[left] + share * self.points[right]
+        actions = np.empty_like(goals)
+        now = np.broadcast_to(target, goals[:, 0].shape)
+        for step in range(horizon):
+            actions[:, step] = np.clip(goals[:, step] - now, -self._action_max, self._action_max)
+            now = now + actions[:, step]
+        return actions

@@ -16,6 +16,8 @@ from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings, Stage
 
 _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
+# The coarse model's sensors: tool pose (7), the robot's contacts (1), per finger contacts (1) and force (3).
+_ROBOT_CONTACTS, _FIRST_FINGER, _PER_FINGER = 7, 8, 4
 
 
 class Rollouts:
@@ -38,6 +40,7 @@ class Rollouts:
         mujoco.mj_kinematics(scene.fine, at_zero)
         self._R_world_part = at_zero.xmat[scene.part_body].reshape(3, 3)
         self._axis_part = scene.fine.jnt_axis[scene.fine.joint(scene.joint_name).id]
+        self._cross_axis = np.cross(self._axis_part, np.eye(3))  # row vector times this: axis x vector
         self._control_dt_s = settings.control_dt_s
         self._substeps = round(settings.control_dt_s / stage.timestep_s)
         model = scene.rollout_model(stage)
@@ -88,16 +91,17 @@ class Rollouts:
         before = np.broadcast_to(qvel[:dof], (len(dq), 1, dof))
         ddq = np.diff(dq, axis=1, prepend=before) / self._control_dt_s
         # Sensors and contacts describe the state before a substep: one substep behind qpos.
-        pose = record["sensordata"][:, :, :7]
-        contacts = record["sensordata"][:, :, 7]
-        per_finger = record["sensordata"][:, :, 8:].reshape(*pose.shape[:2], -1, 4)
-        touches = per_finger[..., 0].sum(axis=2)
-        press_N = self._press(per_finger[..., 1:].sum(axis=2), record["qpos"][:, :, scene.s_qpos], hook)
-        collides = contacts > touches
-        after = np.minimum(np.arange(n, pose.shape[1] + 1, n), pose.shape[1] - 1)
+        sensors = record["sensordata"]
+        touches = np.zeros(sensors.shape[:2])
+        for finger in range(_FIRST_FINGER, sensors.shape[2], _PER_FINGER):
+            touches += sensors[..., finger]
+        press_N = self._press(sensors, touches, record["qpos"][:, :, scene.s_qpos], hook)
+        collides = sensors[..., _ROBOT_CONTACTS] > touches
+        after = np.minimum(np.arange(n, sensors.shape[1] + 1, n), sensors.shape[1] - 1)
+        pose = sensors[:, after, :_ROBOT_CONTACTS]
         return StepFacts(
-            distance_m=hook.distance(pose[:, after, :3]),
-            turn_rad=hook.turn(pose[:, after, 3:], record["qpos"][:, after, scene.s_qpos]),
+            distance_m=hook.distance(pose[..., :3]),
+            turn_rad=hook.turn(pose[..., 3:], record["qpos"][:, after, scene.s_qpos]),
             s=s,
             ds=record["qvel"][:, n - 1 :: n, scene.s_dof],
             touches=_any_within(touches > 0, n),
@@ -108,16 +112,27 @@ class Rollouts:
             load=(self._servo.kp * (targets[:, 1:] - q) - self._servo.kd * dq) / scene.arm.limits.tau_max,
         )
 
-    def _press(self, force_N: np.ndarray, s: np.ndarray, hook: Hook) -> np.ndarray:
-        """Size of forces across the part's motion [N], (rollout, substep), from forces in the world frame (..., 3)."""
+    def _press(self, sensors: np.ndarray, touches: np.ndarray, s: np.ndarray, hook: Hook) -> np.ndarray:
+        """Size of the fingertip's force across the part's motion [N], (rollout, substep); zero where none touches."""
+        press_N = np.zeros(touches.size)
+        at = np.flatnonzero(touches)
+        if not len(at):
+            return press_N.reshape(touches.shape)
+        rows = sensors.reshape(touches.size, -1)[at]
+        force_N = np.zeros((len(rows), 3))
+        for finger in range(_FIRST_FINGER, rows.shape[1], _PER_FINGER):
+            force_N += rows[:, finger + 1 : finger + _PER_FINGER]
         force_N = force_N @ self._R_world_part
         if not self._scene.prismatic:
             # The part has turned by s about its axis: turn the force back into the part's frame.
-            axis, c, sine = self._axis_part, np.cos(s)[..., None], np.sin(s)[..., None]
-            along = (force_N @ axis)[..., None] * axis
-            force_N = along + c * (force_N - along) - sine * np.cross(axis, force_N)
+            angle = s.ravel()[at]
+            along = (force_N @ self._axis_part)[:, None] * self._axis_part
+            crossed = force_N @ self._cross_axis
+            force_N = along + np.cos(angle)[:, None] * (force_N - along) - np.sin(angle)[:, None] * crossed
         motion = hook.push_part / np.linalg.norm(hook.push_part)
-        return np.linalg.norm(force_N - (force_N @ motion)[..., None] * motion, axis=-1)
+        across = np.einsum("ni,ni->n", force_N, force_N) - (force_N @ motion) ** 2
+        press_N[at] = np.sqrt(np.maximum(across, 0.0))
+        return press_N.reshape(touches.shape)
 
 
 def ramp(targets: np.ndarray, substeps: int) -> np.ndarray:

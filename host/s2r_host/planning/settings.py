@@ -246,8 +246,7 @@ def paper_settings() -> PlanSettings:
     """The planner as the paper's authors ran it, on this project's models and checks.
 
     Plain cross-entropy: white noise, 300 samples, 20 elites, two iterations, 10 steps ahead, the elite mean executed,
-    rollouts at 500 Hz, no sequences offered, 50 control steps at most. Their start pose is placed at the object by
-    hand; here the lead-in does that.
+    rollouts at 500 Hz, no sequences offered, no lead-in, 50 control steps at most.
     """
     icem = IcemSettings(
         population=300,
@@ -268,6 +267,7 @@ def paper_settings() -> PlanSettings:
     return PlanSettings(
         icem=icem,
         cascade=(Stage(0.002, 300, True),),
+        lead_in=False,
         proposal_speeds=(),
         max_steps=50,
         retries=1,

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.errors import HostError
+from s2r_host.planning.hooking import Hook
 from s2r_host.planning.settings import PlanSettings
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.exits import RefusedError
@@ -89,7 +90,9 @@ class PlanResult:
         control_steps: Actions executed, over all stages tried.
         env_steps: Control steps simulated in rollouts, over all stages.
         cpu_s, wall_s: Time used, all threads and elapsed.
+        places_cpu_s: Part of it that the search for places for the fingertip took.
         torque_share: Largest torque over its limit in the delivered plan.
+        hook: The place that the fingertip was sent to.
         p_part: The point on the part that the fingertip was sent to, part frame [m], (3,).
         route: Joint postures that the sampler was offered: on the way there, above that point, there, at the touch,
             and on with the part to the target, (m, dof) [rad].
@@ -114,7 +117,9 @@ class PlanResult:
     env_steps: int
     cpu_s: float
     wall_s: float
+    places_cpu_s: float
     torque_share: float
+    hook: Hook
     p_part: np.ndarray
     route: np.ndarray
     route_touch: int
