@@ -7,7 +7,6 @@ Every query gets an answer, also one that is refused unread; no answer at all me
 from __future__ import annotations
 
 import logging
-import secrets
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -27,7 +26,8 @@ from s2r_protocol import codec, session
 from s2r_protocol.faults import Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
-from s2r_protocol.ros2.keys import Attachment, node_token, publisher_token, topic_key
+from s2r_protocol.ros2.keys import node_token, publisher_token, topic_key
+from s2r_protocol.ros2.publisher import Publisher
 from s2r_protocol.session import Role
 
 logger = logging.getLogger(__name__)
@@ -73,7 +73,7 @@ class Bridge:
         self._session = session.listen(config.listen, Role.EXECUTOR, self._keys, config.tls)
         try:
             self._tokens = self._declare_node()
-            self._publishers = {topic: _Publisher(self._session, self._topic_key(topic)) for topic in TOPICS}
+            self._publishers = {topic: Publisher(self._session, self._topic_key(topic)) for topic in TOPICS}
             self._queryables = [
                 self._session.declare_queryable(key, handler, complete=True)
                 for key, handler in (
@@ -322,20 +322,6 @@ class Bridge:
         for declared in (*self._queryables, self._subscriber):
             declared.undeclare()
         self._session.close()
-
-
-class _Publisher:
-    """One topic, with what rmw_zenoh wants beside each message."""
-
-    def __init__(self, session: zenoh.Session, key: str) -> None:
-        # Dropping beats waiting: a slow listener must not hold up a state message behind the next one.
-        self._publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP)
-        self._gid = secrets.token_bytes(16)
-        self._count = 0
-
-    def put(self, message: bytes, stamp_ns: int) -> None:
-        self._count += 1
-        self._publisher.put(message, attachment=Attachment(self._count, stamp_ns, self._gid).pack())
 
 
 def _payload(query: zenoh.Query) -> bytes:

@@ -48,6 +48,7 @@ COMMANDS: dict[str, Command] = {
     "replay": Command(
         "s2r_host.cli_replay:replay", "host", "Send a recorded plan again and overlay both recordings."
     ),
+    "ros2": Command("s2r_host.ros2.cli:ros2", "ros2", "Take motions from ROS 2 nodes, through admission."),
     "view": Command(
         "s2r_host.log.cli_view:view", "host,console", "Look at a recording, in Rerun or a browser."
     ),

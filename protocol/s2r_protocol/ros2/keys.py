@@ -42,8 +42,21 @@ def publisher_token(
     zenoh_id: str, entity: int, node: str, topic: str, type_name: str, namespace: str = "/", domain: int = 0
 ) -> str:
     """Liveliness token of a publisher; ``topic`` is absolute, ``entity`` counts the node's endpoints."""
+    return _endpoint_token("MP", zenoh_id, entity, node, topic, type_name, namespace, domain)
+
+
+def subscription_token(
+    zenoh_id: str, entity: int, node: str, topic: str, type_name: str, namespace: str = "/", domain: int = 0
+) -> str:
+    """Liveliness token of a subscription, arguments as of a publisher's."""
+    return _endpoint_token("MS", zenoh_id, entity, node, topic, type_name, namespace, domain)
+
+
+def _endpoint_token(
+    kind: str, zenoh_id: str, entity: int, node: str, topic: str, type_name: str, namespace: str, domain: int
+) -> str:
     dds = message_type(type_name).dds_name
-    where = f"{_LIVELINESS}/{domain}/{zenoh_id}/0/{entity}/MP/%/{_mangled(namespace)}/{node}"
+    where = f"{_LIVELINESS}/{domain}/{zenoh_id}/0/{entity}/{kind}/%/{_mangled(namespace)}/{node}"
     return f"{where}/{_mangled(topic)}/{dds}/{type_hash(type_name)}/{_DEFAULT_QOS}"
 
 
