@@ -84,7 +84,7 @@ void Core::receive() noexcept {
     if (!sent_any_ && !frame.error) continue;  // answers to somebody else's setpoints
     const RxResult result = packing_->unpack(frame, sent_, drives_);
     if (result.kind == RxKind::kCorrupt) ++snapshot_.crc_errors;
-    if (result.kind == RxKind::kPeriodOver) period_over_ = true;
+    if (result.kind == RxKind::kPeriodOver) period_over_ = periods_announced_ = true;
     if (result.kind == RxKind::kBusError && is_transmit_overflow(frame)) ++snapshot_.tx_failed;
     const bool foreign = result.kind == RxKind::kIgnored && result.joint < 0;
     if (foreign || result.kind == RxKind::kForeignMaster) foreign_.add(frame);

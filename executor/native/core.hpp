@@ -44,6 +44,7 @@ class Core {
   void request_quit() noexcept { quit_ = true; }
   bool finished() const noexcept { return bus_closed_ || quit_done_; }
   bool bus_closed() const noexcept { return bus_closed_; }
+  bool periods_announced() const noexcept { return periods_announced_; }
   State state() const noexcept { return state_; }
 
  private:
@@ -163,7 +164,8 @@ class Core {
   Joints sent_q_ref_{};  // reference of the newest command
   Joints sent_tau_{};    // torque expected for it
   bool sent_tau_known_ = false;
-  bool period_over_ = false;  // lock-step: no more answers to it will come
+  bool period_over_ = false;        // lock-step: no more answers to it will come
+  bool periods_announced_ = false;  // lock-step: the bus has said so at least once
   std::uint64_t read_tick_ = 0;
   DriveRequest request_ = DriveRequest::kDisable;
   bool quick_stop_ = false;  // entered FAULT while moving

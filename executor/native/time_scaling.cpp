@@ -36,7 +36,6 @@ double RateRamp::distance_of_change(double target, double duration) const noexce
 }
 
 Motion1 RateRamp::at(double t) const noexcept {
-  if (mode_ == Mode::kSteady) return {target_ * t, target_, 0.0, 0.0};
   if (mode_ == Mode::kProfile) return profile_.at(t);
   const double x = std::fmin(t / duration_, 1.0), beyond = std::fmax(0.0, t - duration_);
   const double d = target_ - start_;
@@ -47,18 +46,16 @@ Motion1 RateRamp::at(double t) const noexcept {
 }
 
 RateRamp::Step RateRamp::advance(double dt) noexcept {
+  if (steady()) return {target_ * dt, target_, 0.0};
   const double before = at(t_).p;
   t_ += dt;
   const Motion1 now = at(t_);
   rate_ = now.v;
   rate_dot_ = now.a;
-  if (mode_ != Mode::kSteady && t_ >= duration_) {
+  if (t_ >= duration_) {
     rate_ = target_;
     rate_dot_ = 0.0;
     mode_ = Mode::kSteady;
-    t_ = 0.0;
-  } else if (mode_ == Mode::kSteady) {
-    t_ = 0.0;
   }
   return {now.p - before, rate_, rate_dot_};
 }

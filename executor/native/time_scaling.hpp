@@ -31,7 +31,7 @@ class RateRamp {
 
  private:
   enum class Mode : unsigned char { kSteady, kBlend, kProfile };
-  Motion1 at(double t) const noexcept;  // p: path time since the change began, v: rate, a: slope
+  Motion1 at(double t) const noexcept;  // of a change; p: path time since it began, v: rate, a: slope
 
   Mode mode_ = Mode::kSteady;
   double rate_ = 1.0, rate_dot_ = 0.0;

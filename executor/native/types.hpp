@@ -74,7 +74,7 @@ struct Config {
   int feedback_stop_ticks = 3;        // age of an answer: joint-space stop
   int feedback_fault_ticks = 10;      // age of an answer: drives off
   double front_end_timeout_s = 0.1;   // silence of the front end: stop on the path
-  double answer_timeout_s = 1.0;      // lock-step only, wall time
+  double answer_timeout_s = 1.0;      // lock-step only, wall time, if the bus does not say when a period is over
   double arming_timeout_s = 2.0;      // for all drives to reach operation enabled
   int realtime_priority = 80;         // SCHED_FIFO; 0 = do not ask
   bool allow_not_realtime = false;    // on a can: bus

@@ -76,7 +76,9 @@ class CoreConfig(_Strict):
     feedback_stop_ticks: Annotated[int, Field(ge=1)] = 3
     feedback_fault_ticks: Annotated[int, Field(ge=1)] = 10
     front_end_timeout_s: Positive = 0.1
-    answer_timeout_s: Positive = 5.0  # lock-step, wall clock: a busy machine is late, not broken
+    answer_timeout_s: Positive = (
+        5.0  # lock-step, wall clock; on a bus that does not say when a period is over
+    )
     arming_timeout_s: Positive = 2.0
     realtime_priority: Annotated[int, Field(ge=0, le=99)] = 80
     record_capacity: Annotated[int, Field(ge=1024)] = 16_384

@@ -26,6 +26,7 @@ from s2r_executor.lease import Lease, LeaseDecision
 from s2r_executor.plan import AdmittedPlan, CommandRefusedError, PlanRequest
 from s2r_executor.quintic import sample, spline_through
 from s2r_executor.recorder import PlanIdentity, Recorder, RecordingAnswer, RecordingLoss
+from s2r_executor.stalls import Patience, StallWatch
 from s2r_executor.status import ExecutorStatus, why_not_moving
 from s2r_executor.tick_timing import TickTiming
 from s2r_protocol.arms import ArmDescription
@@ -110,6 +111,8 @@ class FrontEnd:
         self._admitted: OrderedDict[int, AdmittedPlan] = OrderedDict()  # plan id -> what the core plays
         self._rejections_lock = threading.Lock()
         self._timing = TickTiming()
+        self._stepped = config.clock == "lockstep"
+        self._stalls = StallWatch()
 
     # -- asking -------------------------------------------------------------------------------------
 
@@ -426,11 +429,13 @@ class FrontEnd:
             )
 
     def _wait(self, condition: Callable[[CoreSnapshot], bool], timeout_s: float = _ANSWER_WITHIN_S) -> bool:
-        deadline = time.monotonic() + timeout_s
-        while not condition(self._core.snapshot()):
-            if time.monotonic() > deadline:
+        core = self._core.snapshot()
+        patience = Patience(timeout_s, self._stepped, core.tick, time.monotonic())
+        while not condition(core):
+            if patience.ended(core, time.monotonic()):
                 return False
             self._idle()
+            core = self._core.snapshot()
         return True
 
     def _refused_by_core(self, event: np.void) -> CommandRefusedError:
@@ -466,6 +471,8 @@ class FrontEnd:
             The core's new events.
         """
         self._core.beat()
+        if self._stepped:
+            self._stalls.look(self._core.snapshot(), self._now_s())
         with self._lease_lock:
             silence_s = self._lease.silence_s(self._now_s())
             lost = self._lease.expire(self._now_s())

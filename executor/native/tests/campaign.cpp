@@ -129,8 +129,9 @@ struct Drive {
     drift += drift_rate;
   }
   double told() {
-    if (frozen > 0 && --frozen >= 0) return frozen_q;
-    return q + jump + drift;
+    if (frozen == 0) return q + jump + drift;
+    --frozen;
+    return frozen_q;
   }
 };
 
@@ -464,8 +465,9 @@ bool episode(std::uint32_t number, bool estop_only) {
 
 // A quintic from a moving state to rest; duration long enough for the limits, found by sampling.
 bool onward(Bench& bench, Plan& plan, const PathPoint& from, double q_limit) {
-  constexpr int kSamples = 40;
-  for (double duration = 0.4; duration < 6.0; duration *= 1.3) {
+  constexpr int kSamples = 40, kAttempts = 11;  // 0.4 s to 5.5 s
+  double duration = 0.4;
+  for (int attempt = 0; attempt < kAttempts; ++attempt, duration *= 1.3) {
     PerJoint<Quintic> motion;
     bool legal = true;
     for (int joint = 0; joint < kMaxJoints && legal; ++joint) {

@@ -179,7 +179,7 @@ void configuration(const std::uint8_t* data, std::size_t size) {
   const auto number = [&](std::size_t index, double& out) {
     if (8 * (index + 1) + 2 <= size) std::memcpy(&out, data + 2 + 8 * index, 8);
   };
-  if (size > 1) config.dof = static_cast<std::int8_t>(data[0]);
+  if (size > 1) config.dof = static_cast<int>(data[0]) - 128;
   if (size > 1) config.tick_ns = data[1] * 20'000LL;
   number(0, config.pace);
   number(1, config.gate_margin);

@@ -70,12 +70,13 @@ struct Bed {
   explicit Bed(const Limits& limits = make_limits(), int dof = kMaxJoints, double dt = kTick, double margin = kMargin) {
     gate.configure(limits, dof, dt, margin);
   }
-  // Positions sent before, oldest first, as counts of one joint; the others rest at zero.
+  // Positions sent before, oldest first, as counts of one joint; the others rest at zero. What was sent before those
+  // lies far away, so that a gate which remembers a wrong one shows it.
   void sent(int joint, std::array<std::int32_t, 3> history) {
     EncodedSetpoint setpoint{};
-    setpoint[joint].position = history[0];
+    setpoint[joint].position = history[0] + 123'456;
     gate.reset(setpoint);
-    for (const std::int32_t position : {history[1], history[2]}) {
+    for (const std::int32_t position : history) {
       setpoint[joint].position = position;
       gate.commit(setpoint);
     }
@@ -117,6 +118,43 @@ S2R_TEST(gate_holds_position_limits_to_the_count) {
       CHECK(trips(bed.next(joint, at + out), Cause::kLimitPosition, joint, (at + out) * kUnit, limit));
     }
   }
+}
+
+// Rounding to a count may carry a legal position over its limit by half a count and no more.
+S2R_TEST(gate_allows_half_a_count_of_rounding_beyond_a_position_limit) {
+  for (const double beyond : {0.4, 0.5}) {  // the limit lies so many counts beyond count 1000
+    Limits limits = make_limits();
+    limits.q_max[2] = (1000 + beyond) * kUnit;
+    limits.q_min[2] = -(1000 + beyond) * kUnit;
+    for (const int sign : {-1, 1}) {
+      Bed bed(limits);
+      bed.sent(2, {sign * 1000, sign * 1000, sign * 1000});
+      CHECK(!bed.next(2, sign * 1000));
+      CHECK(static_cast<bool>(bed.next(2, sign * 1001)) == (beyond < 0.5));
+    }
+  }
+}
+
+// Every bound belongs to what is allowed: equal passes, in the gate's own arithmetic.
+S2R_TEST(gate_counts_its_bounds_as_allowed) {
+  const double half = 0.51 * kUnit;
+  Limits limits = make_limits();
+  limits.q_min[0] = half;  // q_min - half is zero exactly
+  CHECK(!Bed(limits).next(0, 0));
+  limits = make_limits();
+  limits.q_max[0] = -half;
+  CHECK(!Bed(limits).next(0, 0));
+  for (auto field : {&Limits::dq_max, &Limits::ddq_max, &Limits::dddq_max}) {
+    limits = make_limits();
+    for (auto* loose : {&limits.dq_max, &limits.ddq_max, &limits.dddq_max}) (*loose)[0] = 1e12;
+    (limits.*field)[0] = 0.0;  // what is left is the allowance for rounding: 1, 2, 4 counts
+    const int counts = field == &Limits::dq_max ? 1 : field == &Limits::ddq_max ? 2 : 4;
+    CHECK(!Bed(limits).next(0, counts) && !Bed(limits).next(0, -counts));
+    CHECK(Bed(limits).next(0, counts + 1) && Bed(limits).next(0, -counts - 1));
+  }
+  limits = make_limits();
+  limits.dq_max[0] = 0.5 * kRadPerSecondPerCount;
+  CHECK(!Bed(limits, kMaxJoints, kTick, 1.0).next(0, 0, 1) && Bed(limits, kMaxJoints, kTick, 1.0).next(0, 0, 2));
 }
 
 // The bound of an n-th difference is margin * limit plus what rounding may add, 2^n / 2 counts each way.
