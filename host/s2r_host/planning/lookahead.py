@@ -34,7 +34,8 @@ class Lookahead:
         self.low = limits.q_min + settings.joint_margin_rad
         self.high = limits.q_max - settings.joint_margin_rad
         self.sampler = make_sampler(settings, stage, scene.dof, np.random.default_rng([*chance]))
-        self._settings, self._task, self._hook = settings, task, hook
+        self.task = task  # may be replaced between control steps
+        self._settings, self._hook = settings, hook
         self._route = Route(np.concatenate([q_start[None], hook.whole_route]), settings.action_max_rad)
         beliefs = ()
         if settings.ensemble > 1:  # drawn apart from the sampler's noise
@@ -60,7 +61,7 @@ class Lookahead:
         for _ in range(sampler.iterations):
             samples = sampler.sample(proposals)
             facts = rollouts.run(data.qpos, data.qvel, self.targets(target, samples), self._hook)
-            values = rewards(facts, self._task, self._settings.weights)
+            values = rewards(facts, self.task, self._settings.weights)
             sampler.update(samples, values.reshape(len(samples), rollouts.members).mean(axis=1))
         return sampler.ranked()
 
