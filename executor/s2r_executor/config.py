@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from s2r_protocol.exits import UsageError
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -198,10 +202,31 @@ def load_config(path: Path | None = None, overrides: dict[str, Any] | None = Non
     try:
         return ExecutorConfig.model_validate(raw)
     except ValidationError as error:
-        problems = "\n".join(f"  {'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        problems = "\n".join(f"  {_problem(e)}" for e in error.errors())
         raise ConfigError(
-            f"configuration {path or 'from the command line'} cannot be used:\n{problems}"
+            f"configuration {path or 'from the command line'} cannot be used:\n{problems}\n"
+            "  's2r config show' lists all keys, 's2r config schema' their limits"
         ) from error
+
+
+def _problem(found: ErrorDetails) -> str:
+    """Key, value, limit; the nearest key when there is none of that name."""
+    *parents, name = map(str, found["loc"])
+    key = ".".join([*parents, name])
+    if found["type"] != "extra_forbidden":
+        return f"{key} = {found['input']!r}: {found['msg'].replace('Input should', 'it should')}"
+    near = get_close_matches(name, _keys_of(parents), n=1)
+    return f"{key}: there is no such key" + (f"; did you mean {'.'.join([*parents, *near])}?" if near else "")
+
+
+def _keys_of(parents: list[str]) -> list[str]:
+    """Names below a section of the configuration."""
+    model: Any = ExecutorConfig
+    for parent in parents:
+        model = model.model_fields[parent].annotation if parent in model.model_fields else None
+        if not (isinstance(model, type) and issubclass(model, BaseModel)):
+            return []
+    return list(model.model_fields)
 
 
 def parse_override(text: str) -> tuple[str, Any]:

@@ -33,7 +33,11 @@ DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 )
 @click.option("--list", "only_list", is_flag=True, help="Only list the plans.")
 @click.option(
-    "--speed", type=float, default=1.0, show_default=True, help="Share of the recorded speed, in (0, 1]."
+    "--speed",
+    type=click.FloatRange(0, 1, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Share of the recorded speed.",
 )
 @click.option(
     "--from", "t_start", type=float, default=0.0, show_default=True, help="Begin at this plan time [s]."
@@ -98,6 +102,8 @@ def replay(
             raise UsageError(
                 f"{name} is for a running executor: add --real, or leave it out to use a stand-in"
             )
+    if source.is_dir() and not (source / "run.mcap").is_file():
+        raise UsageError(f"folder {source} holds no run.mcap; name a recording or a run folder")
     from s2r_host.motion.arm_model import ArmModel
     from s2r_host.replay.replay import ReplaySettings, as_sent
     from s2r_host.replay.sources import pick, read_source

@@ -86,7 +86,7 @@ class Scan:
             except (McapError, EOFError, ValueError, OverflowError, struct.error) as error:
                 if good == 0:
                     raise RecordingError(
-                        f"{self.path} is no MCAP recording: {error or type(error).__name__}"
+                        f"{self.path} is no MCAP recording: {_beginning(self.path)}"
                     ) from error
                 self.damage.reason = self.damage.reason or f"{type(error).__name__} at byte {good}"
             if not ended:
@@ -109,3 +109,10 @@ class Scan:
             self.has_index = record.summary_start > 0
         elif isinstance(record, (Schema, Channel, Message, Attachment, Metadata)):
             yield record
+
+
+def _beginning(path: Path) -> str:
+    """What a file that is no recording begins with."""
+    with path.open("rb") as stream:
+        first = stream.read(8)
+    return f"it begins with {first!r}" if first else "it is empty"

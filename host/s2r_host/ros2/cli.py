@@ -65,8 +65,8 @@ def ros2(
     before = {n: signal.signal(n, lambda *_: ended.set()) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
         with (
-            ExecutorLink(executor, description, keys, tls=tls) as link,
             join(router, Role.HOST, keys) if router else serve([listen], Role.HOST, keys) as session,
+            ExecutorLink(executor, description, keys, tls=tls) as link,
             contextlib.closing(TrajectoryRelay(session, link, description, keys, domain, enable_drives)),
         ):
             where = f"the router at {router}" if router else listen

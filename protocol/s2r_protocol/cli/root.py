@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -74,6 +76,27 @@ def s2r() -> None:
     """
 
 
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+_USERS_FILES = _FULL | {
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.EISDIR,
+    errno.EEXIST,
+}
+
+
+def _report_bug() -> ExitCode:
+    """The exception under way with its traceback, for a report to us."""
+    import traceback  # only a bug needs it
+
+    traceback.print_exc()
+    click.echo("s2r: this is a bug in s2r; please report it with the lines above", err=True)
+    return ExitCode.BUG
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run ``s2r`` and exit with the documented code. SIGTERM ends every command as Ctrl-C does."""
     # A shell's background job starts deaf to Ctrl-C. Whatever moves an arm has to hear it.
@@ -93,10 +116,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except click.ClickException as error:
         error.show()
         code = ExitCode.USAGE
+    except OSError as error:
+        if error.filename is None or error.errno not in _USERS_FILES:
+            code = _report_bug()
+        else:  # a file or folder the user named
+            click.echo(f"s2r: {os.fsdecode(error.filename)}: {error.strerror}", err=True)
+            code = ExitCode.NOT_READY if error.errno in _FULL else ExitCode.USAGE
     except Exception:  # noqa: BLE001 - the last line of defence: a bug must end with exit 1 and its traceback
-        import traceback  # only a bug needs it
-
-        traceback.print_exc()
-        click.echo("s2r: this is a bug in s2r; please report it with the lines above", err=True)
-        code = ExitCode.BUG
+        code = _report_bug()
     sys.exit(int(code or ExitCode.OK))
