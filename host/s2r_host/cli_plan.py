@@ -24,6 +24,9 @@ from s2r_protocol.exits import S2RError, UsageError
 @click.option("--joint", required=True, help="The object's joint, a slide or a hinge.")
 @click.option("--target", type=float, required=True, help="Where the joint shall end [m or rad].")
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
+@click.option(
+    "--tool", help="Put a tool into the gripper: t_shape or semi_ring; the arm with it goes to OUT/arm."
+)
 @click.option("--q0", help="Start pose of the arm, comma-separated [rad] [default: its home].")
 @click.option(
     "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the results."
@@ -46,6 +49,7 @@ def plan(
     joint: str,
     target: float,
     arm: str,
+    tool: str | None,
     q0: str | None,
     out: Path,
     seed: int,
@@ -60,12 +64,15 @@ def plan(
     """
     from s2r_host.planning.patience import Patience
     from s2r_host.planning.settings import PlanSettings
+    from s2r_host.planning.tools import tool_named, write_arm_with_tool
     from s2r_host.trajectory.plan_scene import PlanTask, plan_scene
     from s2r_protocol.arms import load_arm
 
     logging.getLogger("toppra").setLevel(logging.ERROR)
     try:
         description = load_arm(arm)
+        if tool is not None:
+            description = write_arm_with_tool(description, tool_named(tool), out / "arm")
         task = PlanTask(
             scene=scene,
             joint=joint,

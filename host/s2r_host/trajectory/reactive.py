@@ -48,7 +48,7 @@ class ReactiveSettings:
         gain: A new motion has to end nearer to the target by so many success bands.
     """
 
-    rate_hz: float = 5.0
+    rate_hz: float = 6.0
     lead_s: float = 0.15
     ahead_steps: int = 6
     tip_speed_m_s: float = 0.06
