@@ -526,6 +526,36 @@ nb::tuple joint_stop(const Vector& q, const Vector& dq, const Vector& ddq, const
   return nb::make_tuple(to_array(durations, dof), p, v, a);
 }
 
+// Power-basis coefficients of all segments, shape (segments, 6, dof), in time since the segment's knot.
+using Coefficients = nb::ndarray<const double, nb::shape<-1, 6, -1>, nb::c_contig, nb::device::cpu>;
+
+nb::tuple sample_polynomials(const Vector& knots, const Coefficients& coefficients, const Vector& times) {
+  const std::size_t segments = coefficients.shape(0), dof = coefficients.shape(2), count = times.shape(0);
+  if (segments == 0 || knots.shape(0) != segments + 1) throw nb::value_error("polynomials: knots do not fit segments");
+  const std::vector<std::size_t> shape{count, dof};
+  auto [p, p_data] = make_array(shape);
+  auto [v, v_data] = make_array(shape);
+  auto [a, a_data] = make_array(shape);
+  auto [j, j_data] = make_array(shape);
+  const double* const first = knots.data();
+  for (std::size_t i = 0; i < count; ++i) {
+    const double t = times.data()[i];
+    const auto after = std::upper_bound(first + 1, first + segments, t);  // the last segment holds the end
+    const auto segment = static_cast<std::size_t>(after - first) - 1;
+    const double x = t - first[segment];
+    const double* c = coefficients.data() + segment * 6 * dof;
+    for (std::size_t k = 0; k < dof; ++k) {
+      const double c1 = c[dof + k], c2 = c[2 * dof + k], c3 = c[3 * dof + k], c4 = c[4 * dof + k], c5 = c[5 * dof + k];
+      const std::size_t at = i * dof + k;
+      p_data[at] = c[k] + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5))));
+      v_data[at] = c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)));
+      a_data[at] = 2 * c2 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5));
+      j_data[at] = 6 * c3 + x * (24 * c4 + x * 60 * c5);
+    }
+  }
+  return nb::make_tuple(p, v, a, j);
+}
+
 std::vector<double> shortest_blends(const std::tuple<Matrix, Matrix, Matrix>& path,
                                     const std::tuple<Matrix, Matrix, Matrix>& load, double step_s, int load_stride,
                                     const std::vector<double>& candidates, const Vector& ddq_limit,
@@ -818,6 +848,9 @@ NB_MODULE(_native, m) {
 
   m.def("evaluate_spline", &evaluate_spline, "t"_a, "q"_a, "dq"_a, "ddq"_a, "s"_a,
         "Quintic Hermite spline at path times s (m,): q, dq, ddq, dddq, each (m, dof).");
+  m.def("sample_polynomials", &sample_polynomials, "knots"_a, "coefficients"_a, "times"_a,
+        "Piecewise quintic of power-basis coefficients (segments, 6, dof), at times (m,) inside the knots:\n"
+        "value and three derivatives, each (m, dof).");
   m.def("rate_ramp", &rate_ramp, "start"_a, "changes"_a, "dt"_a, "ticks"_a,
         "Rate, its slope and the path time covered, each (ticks,), with changes (tick, target, duration).");
   m.def("joint_stop", &joint_stop, "q"_a, "dq"_a, "ddq"_a, "ddq_max"_a, "dddq_max"_a, "times"_a,

@@ -269,6 +269,14 @@ def evaluate_spline(
     Quintic Hermite spline at path times s (m,): q, dq, ddq, dddq, each (m, dof).
     """
 
+def sample_polynomials(
+    knots: NDArray[numpy.float64], coefficients: NDArray[numpy.float64], times: NDArray[numpy.float64]
+) -> tuple:
+    """
+    Piecewise quintic of power-basis coefficients (segments, 6, dof), at times (m,) inside the knots:
+    value and three derivatives, each (m, dof).
+    """
+
 def rate_ramp(start: float, changes: Sequence[tuple[int, float, float]], dt: float, ticks: int) -> tuple:
     """
     Rate, its slope and the path time covered, each (ticks,), with changes (tick, target, duration).

@@ -139,9 +139,11 @@ def _from_reference(plan: PlanRequest, q_ref: np.ndarray) -> PlanRequest:
 
 
 def _times(knots: np.ndarray, step_s: float) -> np.ndarray:
-    """All knots and points between them, at most ``step_s`` apart, at least one inside each segment [s]."""
+    """All knots, and points between those that are more than ``step_s`` apart [s]."""
     width = np.diff(knots)
-    pieces = np.maximum(2, np.ceil(width / step_s).astype(int))
+    pieces = np.maximum(
+        1, np.ceil(width / step_s - 1e-6).astype(int)
+    )  # a grid of exactly that step may round above it
     segment = np.repeat(np.arange(len(width)), pieces)
     first = np.concatenate([[0], np.cumsum(pieces)[:-1]])
     fraction = (np.arange(len(segment)) - first[segment]) / pieces[segment]

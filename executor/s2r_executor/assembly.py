@@ -8,7 +8,7 @@ import time
 from types import TracebackType
 
 from s2r_executor.bridge import Bridge, software_name
-from s2r_executor.commission import check_record
+from s2r_executor.commission_record import check_record
 from s2r_executor.config import ExecutorConfig
 from s2r_executor.core_process import CoreProcess
 from s2r_executor.front_end import FrontEnd

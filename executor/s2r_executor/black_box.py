@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from s2r_executor.status import known_cause
 logger = logging.getLogger(__name__)
 
 _EVENTS = 4096
+_PIECE = 1024  # records
 
 
 class BlackBox:
@@ -72,9 +74,23 @@ class BlackBox:
 
 def _save(path: Path, records: np.ndarray, events: np.ndarray) -> None:
     try:
-        with path.open("wb") as file:
-            np.savez(file, records=records, events=events)
+        with zipfile.ZipFile(path, "w") as archive:
+            _put(archive, "records", records)
+            _put(archive, "events", events)
     except OSError as error:
         logger.error("black box %s could not be written: %s", path, error)
         return
     logger.warning("latched: the last %d ticks are in %s", len(records), path)
+
+
+def _put(archive: zipfile.ZipFile, name: str, array: np.ndarray) -> None:
+    """As ``numpy.savez`` does, but in small pieces: that one makes a second copy of everything."""
+    header = {
+        "descr": np.lib.format.dtype_to_descr(array.dtype),
+        "fortran_order": False,
+        "shape": array.shape,
+    }
+    with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+        np.lib.format.write_array_header_2_0(file, header)
+        for first in range(0, len(array), _PIECE):
+            file.write(array[first : first + _PIECE].tobytes())

@@ -103,7 +103,8 @@ def run_commissioning(config: ExecutorConfig, as_json: bool) -> ExitCode:
     import json
     from dataclasses import asdict
 
-    from s2r_executor.commission import commission, read_identities, write_record
+    from s2r_executor.commission import commission
+    from s2r_executor.commission_record import read_identities, write_record
     from s2r_protocol.arms import load_arm
     from s2r_protocol.cli.findings import print_findings
 

@@ -6,21 +6,18 @@ that asks for nothing ("disable") to see that all drives speak this packing. No 
 
 from __future__ import annotations
 
-import datetime
-import json
 import logging
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
 
 from s2r_executor.commission_checks import CHECKS, Expected
+from s2r_executor.commission_record import Commissioning
 from s2r_executor.config import ExecutorConfig
 from s2r_executor.sdo_client import CanLine, SdoAbortError, SdoClient, SdoTimeoutError
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.can import classic, fd
 from s2r_protocol.can.drive import Control, DriveState
 from s2r_protocol.can.frames import CanFrame, FrameRefusedError
-from s2r_protocol.exits import NotReadyError, RefusedError
+from s2r_protocol.exits import RefusedError
 from s2r_protocol.machine import Finding, Level
 
 logger = logging.getLogger(__name__)
@@ -31,30 +28,8 @@ _PROBE_S = 0.5
 _IDENTITY = {"vendor": 1, "product": 2, "revision": 3, "serial": 4}  # subindices of 0x1018
 
 
-class CommissioningError(NotReadyError):
-    """The bus was not commissioned, or not for this arm."""
-
-
 class ForeignMasterError(RefusedError):
     """Somebody else sends setpoints on this bus."""
-
-
-@dataclass(frozen=True)
-class Commissioning:
-    """What was found.
-
-    Attributes:
-        findings: In the order they were made.
-        identities: Node -> vendor, product, revision, serial.
-    """
-
-    findings: tuple[Finding, ...]
-    identities: dict[int, dict[str, int]]
-
-    @property
-    def passed(self) -> bool:
-        """No problem was found."""
-        return all(finding.level != Level.PROBLEM for finding in self.findings)
 
 
 def commission(
@@ -215,67 +190,3 @@ def _judge_probe(
     return findings or [
         Finding("answers", Level.OK, f"all drives speak the {config.packing} packing, power off")
     ]
-
-
-# -- the record ---------------------------------------------------------------------------------------
-
-
-def write_record(path: Path, config: ExecutorConfig, arm: ArmDescription, found: Commissioning) -> None:
-    """Keep what was found; the executor asks for it at every start on hardware."""
-    record = {
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "bus": config.bus,
-        "packing": config.packing,
-        "arm": arm.name,
-        "model_hash": arm.model_hash.hex(),
-        "limit_hash": arm.limit_hash.hex(),
-        "passed": found.passed,
-        "identities": {str(node): identity for node, identity in found.identities.items()},
-        "findings": [asdict(finding) for finding in found.findings],
-    }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.tmp")
-    beside.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-    beside.replace(path)
-
-
-def read_identities(path: Path) -> dict[int, dict[str, int]] | None:
-    """Identities of an earlier commissioning, or None if there was none.
-
-    Raises:
-        CommissioningError: The file cannot be read.
-    """
-    if not path.exists():
-        return None
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        return {int(node): dict(identity) for node, identity in record["identities"].items()}
-    except (OSError, ValueError, KeyError, AttributeError) as error:
-        raise CommissioningError(f"{path} is no commissioning record: {error}") from error
-
-
-def check_record(path: Path, config: ExecutorConfig, arm: ArmDescription) -> None:
-    """Refuse to start on drives that were not commissioned for this arm, these limits and this packing.
-
-    Raises:
-        CommissioningError: Names what differs.
-    """
-    again = f"run 's2r executor --commission' with the same configuration, with the arm free to stand still, for {path}"
-    if not path.exists():
-        raise CommissioningError(f"{config.bus} was never commissioned: {again}")
-    read_identities(path)
-    record = json.loads(path.read_text(encoding="utf-8"))
-    if not record.get("passed"):
-        raise CommissioningError(
-            f"the commissioning of {record.get('date')} found problems: mend them and {again}"
-        )
-    for what, expected in (
-        ("bus", config.bus),
-        ("packing", config.packing),
-        ("model_hash", arm.model_hash.hex()),
-        ("limit_hash", arm.limit_hash.hex()),
-    ):
-        if record.get(what) != expected:
-            raise CommissioningError(
-                f"commissioned for {what} {record.get(what)}, now it is {expected}: {again}"
-            )

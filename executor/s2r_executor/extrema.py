@@ -34,7 +34,11 @@ class Exceedance:
 
 
 def find_exceedance(
-    control: np.ndarray, lower: np.ndarray, upper: np.ndarray, tolerance: np.ndarray
+    control: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    tolerance: np.ndarray,
+    outermost: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Exceedance | None:
     """Look for a value outside ``[lower - tolerance, upper + tolerance]``.
 
@@ -42,12 +46,16 @@ def find_exceedance(
         control: Bernstein control points, shape (segments, degree + 1, dof); finite.
         lower, upper: Per joint, shape (dof,).
         tolerance: Per joint, absorbs rounding, shape (dof,).
+        outermost: What :func:`hull` says of the control points, if known already.
 
     Returns:
         None if every polynomial stays inside on its whole interval; else the worst exceedance, relative to the width
         of the interval.
     """
     low, high = lower - tolerance, upper + tolerance
+    largest, smallest = outermost or hull(control)
+    if ((largest <= high) & (smallest >= low)).all():  # the ordinary plan; a NaN goes on
+        return None
     suspicious = ~((control.max(axis=1) <= high) & (control.min(axis=1) >= low))
     segment, joint = np.nonzero(suspicious)
     if not len(segment):
@@ -58,6 +66,12 @@ def find_exceedance(
     if not len(guilty):
         return None
     return _worst(control, segment[guilty], joint[guilty], lower, upper)
+
+
+def hull(control: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Largest and smallest control point of each joint over the whole plan, two arrays of shape (dof,)."""
+    columns = np.ascontiguousarray(control.reshape(-1, control.shape[2]).T)  # reduced five times faster so
+    return columns.max(axis=1), columns.min(axis=1)
 
 
 def _owners_outside(pieces: np.ndarray, owners: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_executor import _native
+
 
 @dataclass(frozen=True, eq=False)
 class Spline:
@@ -96,13 +98,4 @@ class Samples:
 def sample(spline: Spline, t: np.ndarray) -> Samples:
     """Evaluate at times [s] of shape (m,); times outside the spline take the nearest end."""
     inside = np.clip(t, spline.t[0], spline.t[-1])
-    segment = np.clip(np.searchsorted(spline.t, inside, side="right") - 1, 0, len(spline.t) - 2)
-    x = (inside - spline.t[segment])[:, None]
-    c0, c1, c2, c3, c4, c5 = np.moveaxis(spline.coefficients[segment], 1, 0)
-    return Samples(
-        t=inside,
-        q=c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))),
-        dq=c1 + x * (2 * c2 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5))),
-        ddq=2 * c2 + x * (6 * c3 + x * (12 * c4 + x * 20 * c5)),
-        dddq=6 * c3 + x * (24 * c4 + x * 60 * c5),
-    )
+    return Samples(inside, *_native.sample_polynomials(spline.t, spline.coefficients, inside))

@@ -21,8 +21,8 @@ import numpy as np
 
 from s2r_executor.config import RecorderConfig
 from s2r_executor.observations import Encoder
-from s2r_executor.recorder_process import WriterSettings, command_line
 from s2r_executor.recorder_wire import Batch, Frame, PlanIdentity, batch_frame, receive, send
+from s2r_executor.writer_settings import WriterSettings, command_line
 from s2r_protocol.arms import ArmDescription
 
 __all__ = ["PlanIdentity", "Recorder", "RecordingAnswer", "RecordingLoss"]

@@ -13,32 +13,16 @@ import signal
 import socket
 import sys
 import time
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.recorder_files import FileSettings, RecordingFiles
 from s2r_executor.recorder_wire import Frame, PlanIdentity, batch_of, merged, receive, send
+from s2r_executor.writer_settings import WriterSettings
 from s2r_protocol.arms import load_arm
 
 _RETRY_S = 2.0
 _MERGED = 64
-
-
-@dataclass(frozen=True)
-class WriterSettings:
-    """Everything the writer has to know; passed as JSON on its command line."""
-
-    directory: str
-    arm: str
-    namespace: str
-    offset_ns: int
-    tick_ns: int
-    stepped: bool
-    chunk_bytes: int
-    flush_period_s: float
-    publish_period_s: float
-    facts: dict[str, str]
 
 
 class Writer:
@@ -156,11 +140,6 @@ class Writer:
             send(self._connection, Frame({"kind": kind, **values}))
         except OSError:  # the front end has gone; what it sent before is still written
             self._reason = self._reason or "the front end has gone"
-
-
-def command_line(settings: WriterSettings, descriptor: int) -> list[str]:
-    """How the front end starts the writer with one end of a socket pair inherited as ``descriptor``."""
-    return [sys.executable, "-m", __name__, str(descriptor), json.dumps(asdict(settings))]
 
 
 def main() -> None:

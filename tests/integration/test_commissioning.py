@@ -21,11 +21,12 @@ from click.testing import CliRunner
 
 from s2r_executor import commission as module
 from s2r_executor.cli import executor
-from s2r_executor.commission import (
+from s2r_executor.commission import ForeignMasterError, commission
+from s2r_executor.commission_record import (
+    Commissioning,
     CommissioningError,
-    ForeignMasterError,
     check_record,
-    commission,
+    read_identities,
     write_record,
 )
 from s2r_executor.config import load_config
@@ -364,9 +365,9 @@ def test_sdo_frames_are_the_standards():
 
 
 def test_record_is_written_whole(tmp_path, arm):
-    found = module.Commissioning((), {1: {"serial": 5}})
+    found = Commissioning((), {1: {"serial": 5}})
     write_record(tmp_path / "a.json", load_config(overrides={"bus": "can:can0"}), arm, found)
-    assert module.read_identities(tmp_path / "a.json") == {1: {"serial": 5}}
+    assert read_identities(tmp_path / "a.json") == {1: {"serial": 5}}
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_executor.extrema import Exceedance, find_exceedance
+from s2r_executor.extrema import Exceedance, find_exceedance, hull
 from s2r_executor.plan import CommandRefusedError
 from s2r_executor.quintic import Spline, control_points
 from s2r_protocol.arms import JointLimits
@@ -35,11 +35,12 @@ def check_bounds(spline: Spline, limits: JointLimits, joint_names: tuple[str, ..
     for control, lower, upper, quantity, unit, code in rows:
         is_position = code is Refusal.POSITION
         tolerance = np.full(len(upper), POSITION_TOLERANCE_RAD) if is_position else RELATIVE_TOLERANCE * upper
-        worst = find_exceedance(control, lower, upper, tolerance)
+        largest, smallest = hull(control)
+        worst = find_exceedance(control, lower, upper, tolerance, (largest, smallest))
         if worst is not None:
             raise _refusal(worst, spline, joint_names, quantity, unit, code)
         middle, half = (upper + lower) / 2, (upper - lower) / 2
-        margins[quantity] = float(np.max(np.abs(control - middle) / half))
+        margins[quantity] = float(np.max(np.maximum(largest - middle, middle - smallest) / half))
     return margins
 
 
