@@ -76,7 +76,9 @@ def planning(
         def tell(key: str) -> None:
             progress.update(line, description=key, advance=1)
 
-        conditions = runner.Conditions(collection, threads, replays, plan_only, patience_s)
+        conditions = runner.Conditions(
+            collection, threads, replays, plan_only=plan_only, patience_s=patience_s
+        )
         rows = runner.run(todo, out / "results.jsonl", conditions, tell)
     if curve is not None:
         draw_curve(rows, curve)

@@ -59,6 +59,7 @@ class Conditions:
         collection: Which placements; no two share one.
         threads: Of the rollouts.
         replays: Delivered motions are played so many times with believable objects drawn at random.
+        attempts: Plans that are tried, with other seeds, until one can be delivered; their time adds up.
         plan_only: No time law, no verifier: a success is what the fine model has held.
         patience_s: A plan that takes longer has failed.
         arm: Which one.
@@ -67,6 +68,7 @@ class Conditions:
     collection: int
     threads: int
     replays: int = 0
+    attempts: int = 3
     plan_only: bool = False
     patience_s: float = 300.0
     arm: str = "xmate3pro"
@@ -114,33 +116,55 @@ def _one(request: PlanRequest, planner: Planner, conditions: Conditions) -> Row:
         "steps": 0,
         "env_steps": 0,
     }
-    result: PlanResult | None = None
     try:
         scene = scene_of(request)
-        result = plan_manipulation(request, scene, Patience(conditions.patience_s), planner.sampler)
-        row |= {
-            "planned": result.success, "reason": result.reason, "stage": result.stage,
-            "steps": result.control_steps, "env_steps": result.env_steps,
-        }  # fmt: skip
-        given_s = result.places_cpu_s if planner.places_free else 0.0
-        row |= {"cpu_s": time.process_time() - cpu_s - given_s, "wall_s": time.perf_counter() - wall_s}
-        row["places_cpu_s"] = result.places_cpu_s
-        if result.success and not conditions.plan_only:
-            doubts = PERTURBATIONS if planner.doubted else ()
-            delivery = deliver(request, result, None, doubts, scene=scene, accept_fragile=True)
-            verdict = verify(delivery.trajectory, request, scene)
+        spent = {"cpu_s": time.process_time() - cpu_s, "wall_s": time.perf_counter() - wall_s}
+        for attempt in range(1 if conditions.plan_only else conditions.attempts):
+            again = replace(request, seed=request.seed + 1000 * attempt)
+            result = plan_manipulation(again, scene, Patience(conditions.patience_s), planner.sampler)
+            given_s = result.places_cpu_s if planner.places_free else 0.0
+            spent = {
+                "cpu_s": spent["cpu_s"] + result.cpu_s - given_s,
+                "wall_s": spent["wall_s"] + result.wall_s,
+            }
             row |= {
-                "delivered": True, "fragile": delivery.fragile, "verified": verdict.good, "held": verdict.held,
-                "contacts": verdict.contacts, "violations": verdict.violations, "worst_hold": verdict.worst_hold,
-                "duration_s": delivery.trajectory.duration_s,
-                "replays": _replays(delivery.trajectory, request, scene, conditions.replays),
+                "planned": result.success, "reason": result.reason, "stage": result.stage, "attempts": attempt + 1,
+                "steps": row["steps"] + result.control_steps, "env_steps": row["env_steps"] + result.env_steps,
+                "places_cpu_s": result.places_cpu_s,
             }  # fmt: skip
-    except S2RError as error:
+            if conditions.plan_only or not result.success:
+                continue
+            try:
+                row |= _delivered(request, result, scene, planner, conditions)
+                break
+            except S2RError as error:  # planned again with another seed, as `s2r plan` does
+                row["reason"] = str(error)
+    except S2RError as error:  # refused, or given up: what that took counts as well
         row["reason"] = str(error)
-    row.setdefault("cpu_s", time.process_time() - cpu_s)
-    row.setdefault("wall_s", time.perf_counter() - wall_s)
+        spent = {"cpu_s": time.process_time() - cpu_s, "wall_s": time.perf_counter() - wall_s}
+    row |= spent
     row["cpu_all_s"], row["wall_all_s"] = time.process_time() - cpu_s, time.perf_counter() - wall_s
     return row
+
+
+def _delivered(
+    request: PlanRequest, result: PlanResult, scene: Scene, planner: Planner, conditions: Conditions
+) -> Row:
+    """Time, verify and replay a plan."""
+    doubts = PERTURBATIONS if planner.doubted else ()
+    delivery = deliver(request, result, None, doubts, scene=scene, accept_fragile=True)
+    verdict = verify(delivery.trajectory, request, scene)
+    return {
+        "delivered": True,
+        "fragile": delivery.fragile,
+        "verified": verdict.good,
+        "held": verdict.held,
+        "contacts": verdict.contacts,
+        "violations": verdict.violations,
+        "worst_hold": verdict.worst_hold,
+        "duration_s": delivery.trajectory.duration_s,
+        "replays": _replays(delivery.trajectory, request, scene, conditions.replays),
+    }
 
 
 def _replays(trajectory: Trajectory, request: PlanRequest, scene: Scene, count: int) -> list[float]:

@@ -1,0 +1,254 @@
+"""What a plan's rollouts cost: share of raw batch throughput, threads, samples, horizon, contacts, convex pieces.
+
+`python tests/bench/bench_planning_cost.py` prints Markdown tables; everything in one process, interleaved, best of the
+rounds for a rate (other jobs only ever make it slower), CPU seconds of all threads besides.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import mujoco.batch
+import numpy as np
+
+from s2r_host.planning import IcemSettings, PlanRequest, PlanSettings, Stage
+from s2r_host.planning.bench.tasks import draw_task
+from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.hooking import find_hooks
+from s2r_host.planning.lookahead import Lookahead
+from s2r_host.planning.planner import plan_manipulation, scene_of
+from s2r_host.planning.rewards import Task
+from s2r_host.planning.rollouts import ramp
+from s2r_host.planning.sampler import icem_sampler
+from s2r_protocol.arms import load_arm
+
+ARM = load_arm("xmate3pro")
+CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
+
+
+class Bench:
+    """One task, at the state in which the fingertip is behind the part."""
+
+    def __init__(self, folder: Path, name: str, pieces: int = 1) -> None:
+        task = draw_task(name, 0, 0)
+        path = task.write(folder)
+        if pieces > 1:
+            path = in_pieces(path, folder / f"{name}_in_{pieces}.xml", pieces)
+        self.request = PlanRequest(
+            ARM, path, s_initial=task.s_initial, s_target=task.s_target, q_initial=ARM.q_home
+        )
+        self.scene = scene_of(self.request)
+        self.world = FineWorld(self.scene, ARM.q_home, task.s_initial)
+        self.hook = find_hooks(self.scene, self.world, path, task.s_target, PlanSettings(threads=1))[0]
+        self.world.data.qpos[: ARM.dof] = self.hook.q
+        self.world.check_now()
+        self.task = Task(task.s_initial, task.s_target, 0.002, self.scene.prismatic)
+
+    def lookahead(self, settings: PlanSettings, stage: Stage) -> Lookahead:
+        return Lookahead(self.scene, stage, settings, self.task, self.hook, ARM.q_home, (0, 0), icem_sampler)
+
+    def thinking(self, settings: PlanSettings, stage: Stage, count: int) -> tuple[float, float, int]:
+        """CPU and wall time [s] and physics steps of so many control steps of sampling."""
+        ahead = self.lookahead(settings, stage)
+        substeps = round(settings.control_dt_s / stage.timestep_s)
+        ahead.ranked(self.world.data, self.hook.q)
+        before, cpu, wall = ahead.env_steps, time.process_time(), time.perf_counter()
+        for _ in range(count):
+            ahead.ranked(self.world.data, self.hook.q)
+            ahead.sampler.forget()
+        cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+        return cpu, wall, (ahead.env_steps - before) * substeps
+
+    def raw(self, settings: PlanSettings, stage: Stage, samples: int, count: int) -> tuple[float, float, int]:
+        """The same of bare batch rollouts: the same model, state and kind of controls, the same records."""
+        model = self.scene.rollout_model(stage)
+        batch = mujoco.batch.Batch(model, nsim=samples, nthread=settings.threads)
+        qpos, qvel, warm = (batch.bind(name) for name in ("qpos", "qvel", "qacc_warmstart"))
+        ahead = self.lookahead(settings, stage)
+        ahead.sampler.begin()
+        actions = np.resize(ahead.sampler.sample(), (samples, settings.icem.horizon, ARM.dof))
+        substeps = round(settings.control_dt_s / stage.timestep_s)
+        control = ramp(ahead.targets(self.hook.q, actions), substeps)
+        record = ("qpos", "qvel", "sensordata")
+        cpu = wall = 0.0
+        for k in range(count + 1):
+            qpos[:], qvel[:], warm[:] = self.world.data.qpos, self.world.data.qvel, 0.0
+            began_cpu, began_wall = time.process_time(), time.perf_counter()
+            batch.rollout(control.shape[1], control, CONTROL, record)
+            if k:
+                cpu += time.process_time() - began_cpu
+                wall += time.perf_counter() - began_wall
+        return cpu, wall, count * samples * control.shape[1]
+
+
+def in_pieces(path: Path, out: Path, pieces: int) -> Path:
+    """The object with every box replaced by convex meshes that fill it, as a mesh decomposition would give."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    for geom in list(spec.geoms):
+        if geom.type != mujoco.mjtGeom.mjGEOM_BOX:
+            continue
+        size, name, body = np.array(geom.size), geom.name, geom.parent
+        axis = int(size.argmax())
+        edges = np.linspace(-size[axis], size[axis], pieces + 1)
+        for k in range(pieces):
+            low, high = -size.copy(), size.copy()
+            low[axis], high[axis] = edges[k], edges[k + 1]
+            points = np.array(
+                [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+            )
+            mesh = spec.add_mesh(name=f"{name}_mesh_{k}", uservert=points.ravel().tolist())
+            body.add_geom(
+                name=f"{name}_{k}",
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=mesh.name,
+                pos=geom.pos,
+                quat=geom.quat,
+            )
+        spec.delete(geom)
+    spec.compile()
+    out.write_text(spec.to_xml())
+    return out
+
+
+def share(bench: Bench, rounds: int, populations: tuple[int, ...]) -> list[dict]:
+    """Physics steps per CPU second while sampling, over those of bare rollouts, by samples per iteration."""
+    rows = []
+    for population in populations:
+        settings = PlanSettings(threads=1, icem=icem_of(population))
+        stage = Stage(population=population)
+        rates = {"plan": 0.0, "raw": 0.0}
+        for _ in range(rounds):
+            cpu, _, steps = bench.thinking(settings, stage, 10)
+            rates["plan"] = max(rates["plan"], steps / cpu)
+            cpu, _, steps = bench.raw(settings, stage, population, 20)
+            rates["raw"] = max(rates["raw"], steps / cpu)
+        rows.append(
+            {
+                "N": population,
+                **{k: round(v) for k, v in rates.items()},
+                "share": rates["plan"] / rates["raw"],
+            }
+        )
+    return rows
+
+
+def icem_of(population: int, horizon: int = 10) -> IcemSettings:
+    return replace(IcemSettings(), population=population, elites=max(2, population // 6), horizon=horizon)
+
+
+def threads(bench: Bench, rounds: int) -> list[dict]:
+    """Wall time of sampling with one and two threads, alternating."""
+    best = {1: np.inf, 2: np.inf}
+    for _ in range(rounds):
+        for count in best:
+            _, wall, _ = bench.thinking(PlanSettings(threads=count), Stage(), 10)
+            best[count] = min(best[count], wall)
+    return [
+        {"threads": k, "wall of 10 control steps, ms": round(1e3 * v, 1), "speed-up": best[1] / v}
+        for k, v in best.items()
+    ]
+
+
+def identical(folder: Path) -> list[dict]:
+    """Whether whole plans are the same number for number with one, two and three threads."""
+    rows = []
+    for name in ("drawer_open", "laptop_close", "faucet_left"):
+        bench = Bench(folder, name)
+        plans = [
+            plan_manipulation(replace(bench.request, settings=PlanSettings(threads=count)))
+            for count in (1, 2, 3)
+        ]
+        same = all(np.array_equal(plans[0].q_cmd, other.q_cmd) for other in plans[1:])
+        rows.append({"task": name, "steps": plans[0].control_steps, "identical for 1, 2, 3 threads": same})
+    return rows
+
+
+def costs(bench: Bench, rounds: int) -> list[dict]:
+    """CPU of one control step against samples and horizon."""
+    rows = []
+    for population, horizon in (
+        (20, 10),
+        (40, 10),
+        (60, 10),
+        (120, 10),
+        (240, 10),
+        (60, 5),
+        (60, 20),
+        (60, 40),
+    ):
+        settings = PlanSettings(threads=1, icem=icem_of(population, horizon))
+        best = min(bench.thinking(settings, Stage(population=population), 4)[0] / 4 for _ in range(rounds))
+        rows.append({"N": population, "h": horizon, "CPU of a control step, ms": round(1e3 * best, 1)})
+    return rows
+
+
+def pieces(folder: Path, rounds: int) -> list[dict]:
+    """CPU of a control step, raw step rate and contacts against the number of convex pieces per box."""
+    rows = []
+    for count in (1, 2, 4, 8, 16):
+        bench = Bench(folder, "drawer_open", pieces=count) if count > 1 else Bench(folder, "drawer_open")
+        settings = PlanSettings(threads=1)
+        best = min(bench.thinking(settings, Stage(), 4)[0] / 4 for _ in range(rounds))
+        rate = max(n / c for c, _, n in (bench.raw(settings, Stage(), 60, 10) for _ in range(rounds)))
+        rows.append(
+            {
+                "pieces per box": count if count > 1 else "boxes",
+                "geoms": bench.scene.fine.ngeom,
+                "CPU of a control step, ms": round(1e3 * best, 1),
+                "raw steps per CPU s": round(rate),
+            }
+        )
+    return rows
+
+
+def contacts(bench: Bench, rounds: int) -> list[dict]:
+    """Raw rate with the fingertip behind the part, and with all contacts switched off."""
+    rows = []
+    for name, off in (("with contacts", False), ("contacts off", True)):
+        stage, settings = Stage(), PlanSettings(threads=1)
+        flags = bench.scene.coarse.opt.disableflags
+        if off:
+            bench.scene.coarse.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        rate = max(n / c for c, _, n in (bench.raw(settings, stage, 60, 10) for _ in range(rounds)))
+        bench.scene.coarse.opt.disableflags = flags
+        rows.append({"model": name, "raw steps per CPU s": round(rate)})
+    return rows
+
+
+def table(title: str, rows: list[dict]) -> None:
+    print(f"\n### {title}\n")
+    print("| " + " | ".join(rows[0]) + " |\n|" + "---|" * len(rows[0]))
+    for row in rows:
+        print("| " + " | ".join(f"{v:.3f}" if isinstance(v, float) else str(v) for v in row.values()) + " |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--out", type=Path, help="also write the numbers as JSON here")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        bench = Bench(folder, "drawer_open")
+        results = {
+            "Share of raw throughput": share(bench, options.rounds, (20, 60, 150, 300)),
+            "Threads": threads(bench, options.rounds),
+            "Identical plans": identical(folder),
+            "Samples and horizon": costs(bench, options.rounds),
+            "Convex pieces": pieces(folder, options.rounds),
+            "Contacts": contacts(bench, options.rounds),
+        }
+    for title, rows in results.items():
+        table(title, rows)
+    if options.out:
+        options.out.write_text(json.dumps(results, indent=1, default=str))
+
+
+if __name__ == "__main__":
+    main()
