@@ -128,7 +128,7 @@ def _batch_verdict(out: Path) -> dict[str, Any] | None:
             said = str(why.get("reason"))[-2000:]
             return {"exit_code": why.get("exit_code"), "wall_s": None, "stderr_tail": said, "gap": None}
     gap = _read(out / "gap.json")
-    if gap is None or not (out / "report.html").is_file():
+    if gap is None:
         return None
     fine = gap.get("verdict") in ("nothing_missing", "insufficient")
     return {"exit_code": 0 if fine else 7, "wall_s": gap.get("wall_s"), "stderr_tail": "", "gap": gap}

@@ -113,12 +113,17 @@ def clean(x: object) -> object:
     return x
 
 
-def write_outputs(a: Analysis, answer: dict, folder: Path) -> None:
-    """Write everything but the report."""
+def write_answer(answer: dict, folder: Path) -> None:
+    """Write ``gap.json``, whole or not at all, after everything else: where it stands, the run was finished."""
+    part = folder / "gap.json.part"
+    part.write_text(json.dumps(answer, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    part.replace(folder / "gap.json")
+
+
+def write_outputs(a: Analysis, folder: Path) -> None:
+    """Write everything but the report and the answer; an old answer goes first."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "gap.json").write_text(
-        json.dumps(answer, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
+    (folder / "gap.json").unlink(missing_ok=True)
     if a.twin is not None:
         write_model(a.twin, folder)
     if a.after is not None and a.before is not None:

@@ -109,7 +109,7 @@ def run_batch(
 
 def answered(folder: Path) -> bool:
     """Is there a whole answer, or a refusal, from an earlier run? A failed run is tried again."""
-    return (folder / "report.html").is_file() or (folder / "refused.json").is_file()
+    return (folder / "gap.json").is_file() or (folder / "refused.json").is_file()
 
 
 def _finished(todo: list[Job], out: Path, workers: int, seed: int) -> Iterator[None]:
@@ -159,6 +159,7 @@ def _row(job: Job, folder: Path) -> dict:
         "effects": effects,
         "parameters_off": off,
         "wall_s": gap["wall_s"],
+        "report": (folder / "report.html").is_file(),
     }
 
 
@@ -208,7 +209,7 @@ def _page(rows: list[dict]) -> str:
 
 def _line(row: dict) -> str:
     name = html.escape(row["name"])
-    link = name if "reason" in row else f"<a href='{name}/report.html'>{name}</a>"
+    link = name if not row.get("report") else f"<a href='{name}/report.html'>{name}</a>"
     what = ", ".join(f"{e['name']} on {e['joint']} ({e['probability']:.2f})" for e in row["effects"])
     what = what or ", ".join(f"{p['name']} of {p['place']}" for p in row.get("parameters_off", []))
     kind = "fine" if row["verdict"] == "nothing_missing" else "found"

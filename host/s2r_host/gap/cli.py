@@ -97,12 +97,11 @@ def run_gap(
     Raises:
         S2RError: Bad usage, or a refused file.
     """
-    from s2r_host.gap.answer import make_answer, write_outputs
+    from s2r_host.gap.answer import make_answer, write_answer, write_outputs
     from s2r_host.gap.config import read_config
     from s2r_host.gap.errors import GapUsageError
     from s2r_host.gap.extras import add_extras
     from s2r_host.gap.pipeline import analyse
-    from s2r_host.gap.report import write_report
 
     if not fit:
         raise GapUsageError("no recording given: use --fit REC [REC ...]")
@@ -117,8 +116,12 @@ def run_gap(
     analysis = analyse(model_path, fit, holdout, repeat, config, log)
     add_extras(analysis, config, seed, out, log)
     answer = make_answer(analysis, seed)
-    write_outputs(analysis, answer, out)
-    write_report(analysis, answer, out / "report.html")
+    write_outputs(analysis, out)
+    if config.report:
+        from s2r_host.gap.report import write_report
+
+        write_report(analysis, answer, out / "report.html")
+    write_answer(answer, out)
     if as_json:
         click.echo(json.dumps(answer, ensure_ascii=False))
     log(summary(answer))

@@ -22,6 +22,8 @@ class GapConfig:
         open_loop_window_s: Length of an open-loop window; infinite means the whole recording.
         baselines: Fit the two baselines.
         calibrate_s: Seconds of each held-out session that may set one friction factor (0: none).
+        report: Write the report.
+        next_experiment: Look for the motion that would split the remaining candidates.
     """
 
     skip: tuple[str, ...] = ()
@@ -29,6 +31,8 @@ class GapConfig:
     open_loop_window_s: float = 2.0
     baselines: bool = True
     calibrate_s: float = 0.0
+    report: bool = True
+    next_experiment: bool = True
 
     def __post_init__(self) -> None:
         unknown = [n for n in self.skip if n not in catalogue()]
@@ -61,6 +65,10 @@ def read_config(path: Path | None) -> GapConfig:
         for key in ("open_loop_window_s", "calibrate_s"):
             if key in raw:
                 raw[key] = math.inf if raw[key] == "inf" else float(raw[key])
+        switches = [k for k, v in GapConfig.__dataclass_fields__.items() if v.type == "bool" and k in raw]
+        for key in switches:
+            if not isinstance(raw[key], bool):
+                raise GapUsageError(f"config '{path}': {key} is true or false, not {raw[key]!r}")
         return GapConfig(**raw)
     except (TypeError, ValueError) as error:
         raise GapUsageError(f"config '{path}': {error}") from error

@@ -18,7 +18,7 @@ TIGHT = 0.05
 LIKE_PARAMETERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
 LEFTOVER_LIMIT = 1.45
 EXPLAINED_LEAST = 0.85
-EXPLAINED_GUESSED = 0.6
+EXPLAINED_GUESSED = 0.5
 SMALL_CHANGE = 0.6
 HEAT, CEILING = 0.01, 0.96
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out
@@ -372,6 +372,15 @@ def parameter_table(problem: Problem, search: Search, solution: Solution, i: int
             "identifiable": bool(identifiable),
         }
     return table
+
+
+def restate(problem: Problem, search: Search, decision: Decision) -> None:
+    """Parameter tables of the named effects, after the coefficients of the solution have moved."""
+    for named in decision.effects:
+        if named.term in decision.solution.terms:
+            i = decision.solution.terms.index(named.term)
+            named.theta = decision.solution.theta[i]
+            named.parameters = parameter_table(problem, search, decision.solution, i)
 
 
 def _deviation(

@@ -34,7 +34,7 @@ def add_extras(a: Analysis, config: GapConfig, seed: int, folder: Path, log: Cal
         net = residual_network(a.problem, np.random.default_rng(seed))
         twin = build_twin(a.model, a.problem.ctx, [], generic=net)
         a.baselines["residual_network"] = _held(evaluate(twin, a.fit, a.hold, joints, window), joints)
-    if a.verdict in ("physics_missing", "unknown"):
+    if config.next_experiment and a.verdict in ("physics_missing", "unknown"):
         log("next experiment")
         a.next_experiment = propose(a, a.decision, folder)
 

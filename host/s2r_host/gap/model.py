@@ -87,6 +87,8 @@ class RigidModel:
         m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         change(m)
+        # Compiled short cuts (inertia of a plain slide, frames that coincide) hold the values before the change.
+        m.body_simple[:], m.dof_simplenum[:], m.body_sameframe[:] = 0, 0, 0
         return m
 
     def inverse(

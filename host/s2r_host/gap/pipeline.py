@@ -13,12 +13,13 @@ from s2r_host.gap import insufficient
 from s2r_host.gap.align import control_lag
 from s2r_host.gap.checks import check_efforts, check_joints
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.decide import Decision, decide
+from s2r_host.gap.decide import Decision, decide, restate
 from s2r_host.gap.forward import Errors, evaluate
 from s2r_host.gap.model import RigidModel
+from s2r_host.gap.polish import drifts_freely, friction_change, polish
 from s2r_host.gap.problem import Problem, build_problem
 from s2r_host.gap.recording import read_recording
-from s2r_host.gap.replay import Live, Twin, build_twin
+from s2r_host.gap.replay import Live, Twin, build_twin, has_loop, run
 from s2r_host.gap.search import Search, Solution
 from s2r_host.gap.seeds import fill_residuals, sharpen_sign
 from s2r_host.gap.session import Session, make_session
@@ -121,6 +122,19 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     if reason:
         a.verdict = decision.verdict = "insufficient"
         a.notes.insert(0, reason)
+    if (
+        decision.verdict == "physics_missing"
+        and not any(has_loop(a.model, s) for s in a.fit)
+        and drifts_freely(problem)
+    ):
+        log("numbers refitted on the simulated motion")
+
+        def miss(solution: Solution, s: Session, start: int, stop: int) -> np.ndarray:
+            motion = run(patched_twin(a, solution, decision.verdict), s, start, stop, closed=False)
+            return motion.q[:, 0] - s.q[start:stop, 0]
+
+        decision.solution = polish(problem, search, decision.solution, a.hold, miss)
+        restate(problem, search, decision)
     a.twin = patched_twin(a, decision.solution, decision.verdict)
     if config.calibrate_s > 0:
         _calibrate(a, config.calibrate_s)
@@ -150,20 +164,17 @@ def _places(problem: Problem, search: Search, decision: Decision) -> list[Place]
 def _calibrate(a: Analysis, seconds: float) -> None:
     """Read one friction change per new held-out session from its first seconds; the notes announce it."""
     assert a.problem is not None
+    assert a.search is not None
     assert a.decision is not None
     assert a.twin is not None
+    solution = a.decision.solution
     for drift in a.problem.drift:
-        block = drift.block
-        s, early = block.session, block.session.t[block.picks] < seconds
-        left = a.decision.solution.drifted[block.rows][early]
-        column = drift.raw[early]
-        change = float(column @ left / max(column @ column, 1e-30))
-        level = a.twin.session_friction.setdefault(s.rec.session, np.zeros(len(a.model.joints)))
-        level[block.joint] += change
-        joint = a.model.joints[block.joint]
+        s, j = drift.block.session, drift.block.joint
+        change = friction_change(a.problem, a.search, solution, s, j, seconds)
+        a.twin.friction_factor.setdefault(s.rec.session, np.ones(len(a.model.joints)))[j] = 1.0 + change
         a.notes.append(
-            f"calibrated: friction of '{joint}' in session '{s.rec.session}' changed by {change:+.4g} "
-            f"{a.model.effort_unit(joint)}, read from its first {seconds:g} s"
+            f"calibrated: friction of '{a.model.joints[j]}' in session '{s.rec.session}' changed by {change:+.2%}, "
+            f"read from its first {seconds:g} s"
         )
 
 

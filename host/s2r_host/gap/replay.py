@@ -15,6 +15,7 @@ from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context, Runtime, StepState
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.nuisance import BaseParameter
+from s2r_host.gap.polish import FRICTION_EFFECTS
 from s2r_host.gap.session import Session
 
 MAX_STEP_S = 0.00025
@@ -40,7 +41,7 @@ class Twin:
         spec: Source with every stock attribute written; ``model`` its compilation.
         live: Effects that need a callback.
         lag: Sensor lag per joint [s].
-        session_friction: Dry friction added in a session, by its label, shape (joint,).
+        friction_factor: All friction of a session over that of the fitted ones, by its label, shape (joint,).
     """
 
     rigid: RigidModel
@@ -53,7 +54,7 @@ class Twin:
     lag: dict[int, float] = field(default_factory=dict)
     offset: np.ndarray = field(default_factory=lambda: np.zeros(0))
     generic: Callable[[StepState], np.ndarray] | None = None
-    session_friction: dict[str, np.ndarray] = field(default_factory=dict)
+    friction_factor: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def build_twin(
@@ -144,7 +145,9 @@ class _Plan:
         self.adr = np.array([int(m.jnt_qposadr[names.index(j)]) for j in twin.rigid.joints])
         m.dof_solref[self.dof], m.dof_solimp[self.dof] = HARD_SOLREF, HARD_SOLIMP
         self.friction = np.array(m.dof_frictionloss[self.dof])
-        self.friction += twin.session_friction.get(s.rec.session, 0.0)
+        factor = twin.friction_factor.get(s.rec.session, np.ones(len(self.dof)))
+        self.friction *= factor
+        m.dof_damping[self.dof] *= factor
         m.dof_frictionloss[self.dof] = np.maximum(self.friction, 0.0)
         self.laws = [
             _law(twin.rigid, s, j, self.ticks) if closed else None for j in range(len(twin.rigid.joints))
@@ -156,7 +159,10 @@ class _Plan:
         self.h = h
         arrived = not closed and s.rec.effort == "measured"  # a measured effort has passed the drive
         self.make: Callable[[], list[tuple[int, Runtime]]] = lambda: [
-            (max(t.joint, 0), r)
+            (
+                max(t.joint, 0),
+                _scaled(r, float(factor[max(t.joint, 0)]) if t.effect in FRICTION_EFFECTS else 1.0),
+            )
             for t in twin.live
             if not (arrived and t.effect in DRIVE)
             and (r := effects[t.effect].runtime(twin.ctx, t.joint, t.shape, t.theta, h)) is not None
@@ -236,6 +242,18 @@ class _Plan:
         mujoco.mj_step(m, d)
         self.load = force + d.qfrc_constraint[self.dof]
         self.now += self.h
+
+
+def _scaled(runtime: Runtime, factor: float) -> Runtime:
+    """The same effect, all its efforts times a factor."""
+    if factor == 1.0:
+        return runtime
+
+    def step(state: StepState) -> tuple[float, float]:
+        taken, level = runtime(state)
+        return factor * taken, factor * level
+
+    return step
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from s2r_host.gap import batch
+from s2r_host.gap.answer import write_answer
 from s2r_host.gap.batch import Job, read_jobs, run_batch, run_job, since_when
 from s2r_host.gap.errors import GapRecordingError, GapUsageError
 
@@ -39,7 +40,6 @@ def _answer(folder, verdict, effects=()):
     folder.mkdir(parents=True)
     body = {"verdict": verdict, "effects": list(effects), "parameters_off": [], "wall_s": 1.0}
     (folder / "gap.json").write_text(json.dumps(body), encoding="utf-8")
-    (folder / "report.html").write_text("", encoding="utf-8")
 
 
 COGGING = {"name": "cogging", "joint": "j1", "probability": 0.9}
@@ -79,3 +79,15 @@ def test_a_failed_job_is_tried_again(tmp_path):
     folder.mkdir()
     (folder / "failed.json").write_text("{}", encoding="utf-8")
     assert not batch.answered(folder)
+
+
+def test_the_answer_is_written_whole_and_last(tmp_path):
+    folder = tmp_path / "a"
+    folder.mkdir()
+    (folder / "report.html").write_text("", encoding="utf-8")
+    (folder / "gap.json.part").write_text("{", encoding="utf-8")
+    assert not batch.answered(folder)
+    write_answer({"verdict": "unknown"}, folder)
+    assert batch.answered(folder)
+    assert not (folder / "gap.json.part").exists()
+    assert json.loads((folder / "gap.json").read_text(encoding="utf-8")) == {"verdict": "unknown"}
