@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 from s2r_host.perception import hypotheses as hyp
 from s2r_host.perception.change import compare, measured_noise_scale, without_specks
 from s2r_host.perception.errors import AbstainError
-from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry, probe, score
+from s2r_host.perception.evidence import (
+    COST_ON_SURFACE,
+    THICKEST_M,
+    Probe,
+    Scene,
+    carry,
+    probe,
+    score,
+    turned_away,
+)
 from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.intervals import Intervals, intervals90
 from s2r_host.perception.motion import JointMotion, JointType, line_distance
@@ -41,6 +50,8 @@ LEAST_TRAVEL_M = 0.010  # of the fastest point of the part
 MOST_TILT_RAD = np.radians(15)
 LEAST_EXPLAINED = 0.5  # with hands on the object 0.5-0.75; a plate taken for its own mirror image 0.3-0.48
 LEAST_MOVED_M2 = 1e-4
+LEAST_PLATE_M = 0.001  # thinner: the faces were taken for one
+LEAST_JUDGED = 0.35  # of the moved points; a motion that hides nearly all of them explains nothing
 COST_ASKEW, ASKEW_RAD = 0.08, np.radians(15)  # one joint in fifty: e to the power of -4
 COST_SLIDING_LEVER = 0.04  # one thin part in ten slides
 # Half of a lever's pixels lie on rims and carry no surface.
@@ -172,7 +183,7 @@ def estimate_joint(
         )
     best = ranked[0]
     parts = segment(scene, best.motion)
-    explained = _explained(best.motion, scene, rng)
+    explained = _explained(best.refined, scene, rng)
     check_same_camera(view_a, view_b, changes, ~parts.before, rng)
     fine = probe(view_a, scene.moved_before(), 1000, rng), probe(view_b, scene.moved_after(), 1000, rng)
     check_second_part(best.motion, motions, scene, sides(scene, rng), fine, rng)
@@ -308,14 +319,27 @@ def _fitting_points(motion: JointMotion, scene: Scene, probes: tuple[Probe, Prob
     return np.concatenate(found)
 
 
-def _explained(motion: JointMotion, scene: Scene, rng: np.random.Generator) -> float:
-    """Share of surely moved points whose cost is that of a matching surface."""
+def _explained(best: Refined, scene: Scene, rng: np.random.Generator) -> float:
+    """Share of surely moved points whose cost is that of a matching surface.
+
+    Of a plate that turned over, points turned away from the camera are left out, unless hardly any others are left.
+    """
     probes = (
         probe(scene.before, scene.moved_before(), 1500, rng),
         probe(scene.after, scene.moved_after(), 1500, rng),
     )
     count = len(probes[0].points) + len(probes[1].points)
-    return len(_fitting_points(motion, scene, probes)) / max(count, 1)
+    X, fits, away = best.motion.transform(), 0, 0
+    for T, part, view, label in (
+        (X, probes[0], scene.after, scene.changes.after),
+        (np.linalg.inv(X), probes[1], scene.before, scene.changes.before),
+    ):
+        if len(part.points):
+            fitting = carry(T[None], part, view, label, 0.001)[0] <= COST_ON_SURFACE
+            fits += int(fitting.sum())
+            if best.plate_m is not None:
+                away += int((turned_away(T, part, view) & ~fitting).sum())
+    return fits / max(count - away, LEAST_JUDGED * count, 1)
 
 
 def _judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: float, thin: bool) -> list[str]:
@@ -343,6 +367,12 @@ def _judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: floa
             f"the best {best.motion.joint_type} joint leaves a residual of {best.refined.residual_m * 1e3:.1f} mm,"
             f" limit {MOST_RESIDUAL_M * 1e3:.0f} mm; is the part rigid and the camera calibrated?"
         )
+    plate = best.refined.plate_m
+    if plate is not None and not LEAST_PLATE_M < plate < THICKEST_M:
+        raise AbstainError(
+            "the part shows one face before and the other after, and its thickness cannot be told from them"
+            f" ({plate * 1e3:.0f} mm fits best); push so that one face stays in sight, or look from another side"
+        )
     other = next((h for h in ranked if h.motion.joint_type != best.motion.joint_type), None)
     if other is not None and other.cost - best.cost < FAMILY_MARGIN:
         raise AbstainError(
@@ -350,6 +380,11 @@ def _judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: floa
             f" {best.cost:.3f} and {other.cost:.3f}); push further so that the two differ"
         )
     warnings = []
+    if plate is not None:
+        warnings.append(
+            f"the part shows one face before and the other after: {plate * 1e3:.0f} mm thick at a guess, so the hinge"
+            " is less certain"
+        )
     if most_travel < 0.03:
         warnings.append(
             f"small motion ({most_travel * 1e3:.0f} mm at most): the axis is uncertain, push 3 cm or more"

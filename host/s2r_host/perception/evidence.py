@@ -27,6 +27,8 @@ COST_INSIDE = 0.65  # behind a surface that did not change, so perhaps inside a 
 COST_FOREIGN = 0.6  # per point of a patch that the motion does not explain at all: a hand, a cable, a shadow
 PATCH_M = 0.05
 COST_ON_SURFACE = 0.35  # at the rim of the tolerance band; 0 at its centre
+COST_BACK = 0.2  # behind a new surface that faces the other way: the far face of a plate that turned over
+THICKEST_M = 0.03  # of a plate that shows one face before and the other after
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +145,25 @@ def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: 
     both_ok = np.broadcast_to(part.normal_ok, (h, m)).ravel() & view.normal_ok[index]
     cost[surface & both_ok & (cosine < 0.8)] = COST_NORMAL
     cost[surface & (label[index] == Change.STATIC)] = COST_STATIC
+    if view.oriented and part.oriented:
+        behind = -np.einsum("ni,ni->n", p.reshape(-1, 3) - view.points[index], target_n)
+        back = both_ok & (surface | (found.seen == Seen.HIDDEN)) & (cosine < -0.8)
+        back &= (label[index] != Change.STATIC) & (behind > -band) & (behind < THICKEST_M + band)
+        cost[back] = COST_BACK
     return cost.reshape(h, m)
+
+
+def turned_away(X: Array, part: Probe, view: View) -> NDArray[np.bool_]:
+    """Points that face away from the camera once carried over and lie out of sight, shape (points,).
+
+    That they are not seen there says nothing for or against the motion ``X`` (4, 4).
+    """
+    if view.p_camera is None or not part.oriented:
+        return np.zeros(len(part.points), dtype=bool)
+    p = part.points @ X[:3, :3].T + X[:3, 3]
+    away = np.einsum("ni,ni->n", part.normals @ X[:3, :3].T, view.p_camera - p) < 0
+    seen = view.look(p, part.sigma_m, 0.001).seen
+    return part.normal_ok & away & ((seen == Seen.HIDDEN) | (seen == Seen.NO_RETURN) | (seen == Seen.OUT))
 
 
 def score(motions: list[JointMotion], scene: Scene, before: Probe, after: Probe, extra_m: float) -> Array:

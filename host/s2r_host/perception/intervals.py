@@ -28,6 +28,9 @@ THIN_TURN_RAD = np.radians(0.8)
 # seen: 1-3 degrees at 13-24 degrees of motion, 5 degrees at 8.
 PLATE_TILT_RAD_PER_M = np.radians(0.25) / 0.001
 PLATE_SHIFT_PER_NOISE = 0.6
+# Opposite faces of a plate before and after: its faces need not be parallel, and one of them is seen at a low angle.
+TURNED_TILT_RAD = np.radians(1.0)
+TURNED_SHIFT_M = 0.004
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +69,8 @@ def intervals90(
     if kind == "revolute":
         lever = 1.0 / max(2.0 * float(np.sin(best.motion.delta / 2)), 0.02)
         tilt2 += (PLATE_TILT_RAD_PER_M * noise_m * lever) ** 2
+    if best.plate_m is not None:
+        tilt2 += TURNED_TILT_RAD**2
     floor_turn = THIN_TURN_RAD if thin else FLOOR_TURN_RAD
     floor_delta = floor_turn if kind == "revolute" else FLOOR_SLIDE_M
     delta2 = float(covariance[-1, -1]) + floor_delta**2
@@ -73,6 +78,7 @@ def intervals90(
     if kind == "revolute":
         shift2 = float(np.trace(covariance[2:4, 2:4]) / 2) + (THIN_SHIFT_M if thin else FLOOR_SHIFT_M) ** 2
         shift2 += (PLATE_SHIFT_PER_NOISE * noise_m * lever) ** 2
+        shift2 += TURNED_SHIFT_M**2 if best.plate_m is not None else 0.0
     same = [(r, w) for r, w in weighted if r.motion.joint_type == kind]
     foot = (
         best.motion.origin + ((centre - best.motion.origin) @ best.motion.direction) * best.motion.direction

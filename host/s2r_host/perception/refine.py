@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from s2r_host.perception.change import Change
-from s2r_host.perception.evidence import Scene
+from s2r_host.perception.evidence import THICKEST_M, Scene
 from s2r_host.perception.motion import JointMotion, perpendicular_basis, rotation, unit
 from s2r_host.perception.view import Seen, View, agreement
 from s2r_host.perception.wishes import Wishes
@@ -20,6 +20,9 @@ SOFT_M = 0.002  # scale of the soft-L1 loss on surfaces
 EDGE_SOFT_M = 0.004  # edges of a stereo image are ragged by several pixels
 EDGE_WEIGHT = 0.5
 CORRELATED_POINTS = 30.0  # neighbouring pixels share their matching window, hence their error
+# A plate that shows its other face afterwards: its thickness is one more unknown, known beforehand to be about this.
+PLATE_M, PLATE_SIGMA_M = 0.010, 0.006
+LEAST_BACK_SHARE = 0.5  # of the surface rows, for a motion to count as turning a plate over
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +51,14 @@ class Refined:
         residual_m: Robust spread of the point-to-plane residuals [m].
         covariance: Of the local parameters (see `perturbed`), with residual scale.
         used: Number of surface points that took part.
-        systems: Rows (jacobian, residual) are not kept; only their count.
+        plate_m: Thickness of the part if it shows opposite faces in the two views, else None.
     """
 
     motion: JointMotion
     residual_m: float
     covariance: Array
     used: int
+    plate_m: float | None = None
 
 
 def sides(scene: Scene, rng: np.random.Generator, most: int = 2500) -> tuple[Side, Side]:
@@ -90,44 +94,47 @@ def refine(
         wishes: What is known of joints beforehand; held against the surface rows as if neighbouring pixels were one
             measurement.
     """
-    motion = start
+    motion, plate = start, PLATE_M
     gates = np.geomspace(first_gate_m, 0.006, rounds)
-    n_params = len(_steps(motion))
-    hessian, scale, used = np.eye(n_params), 0.01, 0
+    scale = 0.01
     for gate in gates:
-        J, r, w, surface = _system(motion, both, float(gate))
-        if surface.sum() < 30:
+        system = _system(motion, plate, both, float(gate))
+        if system.surface.sum() < 30:
             return None
-        hessian, gradient = (J * w[:, None]).T @ J, (J * w[:, None]).T @ r
-        pull, push = _wished(motion, wishes, scale)
+        hessian, gradient = system.normal_equations()
+        pull, push = _wished(motion, plate, wishes, scale)
         hessian, gradient = hessian + pull, gradient + push
         damping = np.diag(1e-4 * np.diag(hessian) + 1e-9)
         step = -np.linalg.solve(hessian + damping, gradient)
-        step = _limited(step, motion)
-        motion = perturbed(motion, step)
-        scale = 1.4826 * float(np.median(np.abs(r[surface])))
-        used = int(surface.sum())
-    J, r, w, surface = _system(motion, both, 0.006)
-    if surface.sum() < 30:
+        motion = perturbed(motion, _limited(step[:-1], motion))
+        plate = float(np.clip(plate + step[-1], 0.0, THICKEST_M))
+        scale = system.scale_m()
+    system = _system(motion, plate, both, 0.006)
+    if system.surface.sum() < 30:
         return None
-    scale = 1.4826 * float(np.median(np.abs(r[surface])))
-    hessian = (J * w[:, None]).T @ J + 1e-9 * np.eye(n_params) + _wished(motion, wishes, scale)[0]
+    scale = system.scale_m()
+    hessian = system.normal_equations()[0]
+    hessian += 1e-9 * np.eye(len(hessian)) + _wished(motion, plate, wishes, scale)[0]
     spread = max(scale, 0.0005)
-    covariance = np.linalg.inv(hessian) * spread**2 * CORRELATED_POINTS
-    return Refined(motion.positive(), scale, covariance, used)
+    covariance = np.linalg.inv(hessian)[:-1, :-1] * spread**2 * CORRELATED_POINTS
+    turned_over = float(system.back.sum()) > LEAST_BACK_SHARE * float(system.surface.sum())
+    return Refined(
+        motion.positive(), scale, covariance, int(system.surface.sum()), plate if turned_over else None
+    )
 
 
-def _wished(motion: JointMotion, wishes: Wishes | None, scale_m: float) -> tuple[Array, Array]:
-    """Hessian and gradient of the wishes, in units of the surface rows."""
+def _wished(
+    motion: JointMotion, plate_m: float, wishes: Wishes | None, scale_m: float
+) -> tuple[Array, Array]:
+    """Hessian and gradient of the wishes and of the plate's thickness, in units of the surface rows."""
     steps = _steps(motion)
     active = [] if wishes is None else wishes.active(motion)
-    if not active:
-        return np.zeros((len(steps), len(steps))), np.zeros(len(steps))
-    r = np.array([wish(motion) for wish in active])
-    J = np.empty((len(active), len(steps)))
+    r = np.array([wish(motion) for wish in active] + [(plate_m - PLATE_M) / PLATE_SIGMA_M])
+    J = np.zeros((len(r), len(steps) + 1))
+    J[-1, -1] = 1.0 / PLATE_SIGMA_M
     for k, step in enumerate(steps):
         moved = perturbed(motion, np.eye(len(steps))[k] * step)
-        J[:, k] = (np.array([wish(moved) for wish in active]) - r) / step
+        J[:-1, k] = (np.array([wish(moved) for wish in active]) - r[:-1]) / step
     weight = max(scale_m, 0.0005) ** 2 * CORRELATED_POINTS
     return weight * J.T @ J, weight * J.T @ r
 
@@ -163,48 +170,82 @@ def _limited(step: Array, motion: JointMotion) -> Array:
     return step / max(1.0, float(np.max(np.abs(step) / limit)))
 
 
-def _system(
-    motion: JointMotion, both: tuple[Side, Side], gate_m: float
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Jacobian, residuals [m], robust weights, and which rows are surface rows."""
+@dataclass(frozen=True, eq=False)
+class _System:
+    """Linearised residuals; the last column of the jacobian is the thickness of the plate.
+
+    Attributes:
+        J, r, w: Jacobian (rows, parameters + 1), residuals [m] and robust weights (rows,).
+        surface: Rows of points on surfaces, near face or far.
+        back: Rows of points on the far face of a plate.
+    """
+
+    J: Array
+    r: Array
+    w: Array
+    surface: NDArray[np.bool_]
+    back: NDArray[np.bool_]
+
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Hessian and gradient."""
+        weighted = (self.J * self.w[:, None]).T
+        return weighted @ self.J, weighted @ self.r
+
+    def scale_m(self) -> float:
+        """Robust spread of the surface residuals [m]."""
+        return 1.4826 * float(np.median(np.abs(self.r[self.surface])))
+
+
+def _system(motion: JointMotion, plate_m: float, both: tuple[Side, Side], gate_m: float) -> _System:
+    """Rows of both directions."""
     X = motion.transform()
     steps = _steps(motion)
     moved = [perturbed(motion, np.eye(len(steps))[k] * steps[k]).transform() for k in range(len(steps))]
     D_forward = np.stack([(M - X) / s for M, s in zip(moved, steps, strict=True)])
     X_back = np.linalg.inv(X)
     D_back = np.stack([(np.linalg.inv(M) - X_back) / s for M, s in zip(moved, steps, strict=True)])
-    blocks = []
+    J, r, w, back, surface = [], [], [], [], []
     for side, T, D in ((both[0], X, D_forward), (both[1], X_back, D_back)):
-        blocks.append(_surface_rows(side, T, D, gate_m))
-        blocks.append(_edge_rows(side, T, D, gate_m))
-    J = np.concatenate([b[0] for b in blocks])
-    r = np.concatenate([b[1] for b in blocks])
-    w = np.concatenate([b[2] for b in blocks])
-    surface = np.concatenate([np.full(len(b[1]), k % 2 == 0) for k, b in enumerate(blocks)])
-    return J, r, w, surface
+        far, *rows = _surface_rows(side, T, D, plate_m, gate_m)
+        edge = _edge_rows(side, T, D, gate_m)
+        for (j, residual, weight), on_surface, on_back in (
+            (rows, True, far),
+            (edge, False, np.zeros(len(edge[1]), bool)),
+        ):
+            J.append(np.hstack([j, on_back[:, None].astype(float)]))
+            r.append(residual)
+            w.append(weight)
+            back.append(on_back)
+            surface.append(np.full(len(residual), on_surface))
+    return _System(*(np.concatenate(part) for part in (J, r, w, surface, back)))
 
 
-def _surface_rows(side: Side, T: Array, D: Array, gate_m: float) -> tuple[Array, Array, Array]:
-    empty = np.zeros((0, len(D))), np.zeros(0), np.zeros(0)
+def _surface_rows(
+    side: Side, T: Array, D: Array, plate_m: float, gate_m: float
+) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+    """Which rows lie on a plate's far face; jacobian, residuals [m] and weights.
+
+    A point carried behind a surface that faces the other way is on the far face of a plate if it lies as deep as the
+    plate is thick.
+    """
     if len(side.points) == 0:
-        return empty
+        return np.zeros(0, bool), np.zeros((0, len(D))), np.zeros(0), np.zeros(0)
     p = side.points @ T[:3, :3].T + T[:3, 3]
     found = side.target.look(p, side.sigma_m, extra_m=gate_m)
     index = np.maximum(found.index, 0)
     n = side.target.normals[index]
     r = np.einsum("ni,ni->n", p - side.target.points[index], n)
-    turned = side.normals @ T[:3, :3].T
-    aligned = agreement(turned, n, side.oriented) > 0.85
-    use = (
-        (found.seen == Seen.SURFACE) & side.target.normal_ok[index] & side.normal_ok & aligned
-        & (np.abs(r) < gate_m) & (side.target_label[index] != Change.STATIC)
-    )  # fmt: skip
-    if not use.any():
-        return empty
+    cosine = agreement(side.normals @ T[:3, :3].T, n, side.oriented)
+    fair = side.target.normal_ok[index] & side.normal_ok & (side.target_label[index] != Change.STATIC)
+    near = fair & (found.seen == Seen.SURFACE) & (cosine > 0.85) & (np.abs(r) < gate_m)
+    seen = (found.seen == Seen.SURFACE) | (found.seen == Seen.HIDDEN)
+    back = fair & seen & (cosine < -0.85) & (np.abs(r + plate_m) < gate_m)
+    r = np.where(back, r + plate_m, r)
+    use = near | back
     q = np.concatenate([side.points[use], np.ones((int(use.sum()), 1))], axis=1)
     J = np.einsum("kij,nj,ni->nk", D[:, :3, :], q, n[use])
     w = 1.0 / np.sqrt(1.0 + (r[use] / SOFT_M) ** 2)
-    return J, r[use], w
+    return back[use], J, r[use], w
 
 
 def _edge_rows(side: Side, T: Array, D: Array, gate_m: float) -> tuple[Array, Array, Array]:

@@ -1,0 +1,33 @@
+"""Lids and doors that show one face before the motion and the other after it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from s2r_host.perception import AbstainError, DepthFrame, estimate_joint
+from s2r_host.perception import synthetic as scenes
+from s2r_host.perception.motion import line_distance
+from s2r_sim.objects.pairs import draw_pair
+from s2r_sim.objects.splits import Split
+
+
+def test_a_lid_that_turned_its_other_face_to_the_camera_is_answered_with_a_warning():
+    pair = draw_pair("laptop", Split.VALIDATION, 22)
+    found = estimate_joint(
+        DepthFrame(pair.depth_before, pair.K, pair.X_base_camera),
+        DepthFrame(pair.depth_after, pair.K, pair.X_base_camera),
+    )
+    true_direction = np.sign(pair.delta) * np.array(pair.joint.direction)
+    assert found.joint_type == "revolute"
+    assert np.degrees(np.arccos(found.axis_direction @ true_direction)) < 3.0
+    assert found.delta == pytest.approx(abs(pair.delta), abs=np.radians(2))
+    hinge = line_distance(np.array(pair.joint.origin_m), true_direction, found.axis_origin_m[None])[0]
+    assert hinge < found.intervals90.axis_offset_m
+    assert any("one face before and the other after" in text for text in found.warnings)
+
+
+def test_a_lid_seen_edge_on_afterwards_is_not_answered():
+    pair = scenes.laptop_pair(np.random.default_rng(1), turn_rad=1.0)
+    with pytest.raises(AbstainError, match="no single rigid motion"):
+        estimate_joint(pair.before, pair.after)
