@@ -1,0 +1,119 @@
+"""Garbage in, a named refusal out: every unusable pair of views, through the command line, with its exit code."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from s2r_host.model.cli import build_model
+from s2r_host.perception import BadViewError, Cloud, DepthFrame
+from s2r_host.perception import synthetic as scenes
+from s2r_host.perception.motion import rotation
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return scenes.drawer_pair(np.random.default_rng(4))
+
+
+def save(path: Path, frame: DepthFrame) -> Path:
+    np.savez(path, depth=frame.depth_m, K=frame.K, T_base_camera=frame.X_base_camera)
+    return path
+
+
+def refusal(before: Path, after: Path, out: Path) -> tuple[int, str]:
+    """Exit code and reason of ``s2r build-model --json``."""
+    result = CliRunner().invoke(
+        build_model, ["--before", str(before), "--after", str(after), "--out", str(out), "--json"]
+    )
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    reason = json.loads(result.stdout)["reason"] if result.stdout.startswith("{") else result.stderr
+    return result.exit_code, reason
+
+
+def raw(path: Path, frame: DepthFrame, depth: np.ndarray) -> Path:
+    """A view that no `DepthFrame` would hold."""
+    np.savez(path, depth=depth, K=frame.K, T_base_camera=frame.X_base_camera)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil", "reason"),
+    [
+        ("empty", lambda z: np.zeros_like(z), "holds 0 returns"),
+        ("all NaN", lambda z: np.full_like(z, np.nan), "not finite"),
+        ("infinite", lambda z: np.full_like(z, np.inf), "not finite"),
+        ("millimetres", lambda z: 1000 * z, "look like millimetres"),
+        ("kilometres", lambda z: z / 1000, "not kilometres"),
+        ("negative", lambda z: -z, "negative"),
+        ("no image", lambda z: z.ravel(), "expected a (height, width) image"),
+    ],
+)
+def test_an_unusable_depth_image_is_refused_by_name(pair, tmp_path, name, spoil, reason):
+    before = save(tmp_path / "a.npz", pair.before)
+    code, text = refusal(before, raw(tmp_path / "b.npz", pair.before, spoil(pair.before.depth_m)), tmp_path)
+    assert code == 4, (name, text)
+    assert reason in text
+    assert "b.npz" in text
+
+
+def test_one_frame_given_twice_under_two_names_is_refused(pair, tmp_path):
+    code, text = refusal(
+        save(tmp_path / "a.npz", pair.before), save(tmp_path / "b.npz", pair.before), tmp_path
+    )
+    assert code == 4
+    assert "both views are identical" in text
+
+
+def test_a_missing_second_frame_is_a_usage_error(pair, tmp_path):
+    code, text = refusal(save(tmp_path / "a.npz", pair.before), tmp_path / "none.npz", tmp_path)
+    assert code == 2
+    assert "no such file" in text
+
+
+def test_a_file_that_is_no_view_is_a_usage_error(pair, tmp_path):
+    (tmp_path / "b.npz").write_bytes(b"PK not really")
+    code, text = refusal(save(tmp_path / "a.npz", pair.before), tmp_path / "b.npz", tmp_path)
+    assert code == 2
+    assert "not a readable NPZ file" in text
+
+
+def test_a_camera_that_moved_is_named(pair, tmp_path):
+    shift = np.eye(4)
+    shift[:3, :3] = rotation(np.array([0.0, 0.0, 1.0]), np.radians(3))
+    shift[:3, 3] = [0.02, -0.01, 0.015]
+    moved = replace(pair.after, X_base_camera=shift @ pair.after.X_base_camera)
+    code, text = refusal(save(tmp_path / "a.npz", pair.before), save(tmp_path / "b.npz", moved), tmp_path)
+    assert code == 4
+    assert "camera moved" in text
+
+
+def million(pair: scenes.Pair, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Both views as clouds of 10^6 points."""
+    clouds = []
+    for frame in (pair.before, pair.after):
+        p = frame.points_base().reshape(-1, 3)
+        p = p[np.isfinite(p).all(axis=1)]
+        clouds.append(p[rng.integers(len(p), size=1_000_000)] + rng.normal(0, 2e-4, (1_000_000, 3)))
+    return clouds[0], clouds[1]
+
+
+def test_a_cloud_with_nan_and_a_cloud_in_millimetres_are_refused(pair):
+    points, _ = million(pair, np.random.default_rng(0))
+    with pytest.raises(BadViewError, match="look like millimetres"):
+        Cloud(1000 * points)
+    points[7] = np.nan
+    with pytest.raises(BadViewError, match="1 points that are not finite"):
+        Cloud(points)
+
+
+def test_a_million_points_are_thinned_before_anything_costly(pair):
+    from s2r_host.perception.view import MOST_CLOUD_POINTS, CloudView
+
+    view = CloudView(Cloud(million(pair, np.random.default_rng(0))[0]), np.random.default_rng(0))
+    assert len(view.points) == MOST_CLOUD_POINTS
