@@ -26,6 +26,8 @@ import click
 @click.option(
     "--replays", default=0, show_default=True, help="Plays of each motion with objects drawn at random."
 )
+@click.option("--pieces", default=0, show_default=True, help="Cut the objects' boxes into convex meshes.")
+@click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--plan-only", is_flag=True, help="No time law and no verifier: the planner alone.")
 @click.option("--patience", "patience_s", default=300.0, show_default=True, help="Longest plan [s].")
 @click.option(
@@ -41,6 +43,8 @@ def planning(
     collection: int,
     threads: int,
     replays: int,
+    pieces: int,
+    arm: str,
     plan_only: bool,
     patience_s: float,
     curve: Path | None,

@@ -18,6 +18,7 @@ import mujoco.batch
 import numpy as np
 
 from s2r_host.planning import IcemSettings, PlanRequest, PlanSettings, Stage
+from s2r_host.planning.bench.mesh_twin import write_in_pieces
 from s2r_host.planning.bench.tasks import draw_task
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.hooking import find_hooks
@@ -39,7 +40,7 @@ class Bench:
         task = draw_task(name, 0, 0)
         path = task.write(folder)
         if pieces > 1:
-            path = in_pieces(path, folder / f"{name}_in_{pieces}.xml", pieces)
+            path = write_in_pieces(path, pieces)
         self.request = PlanRequest(
             ARM, path, s_initial=task.s_initial, s_target=task.s_target, q_initial=ARM.q_home
         )
@@ -85,35 +86,6 @@ class Bench:
                 cpu += time.process_time() - began_cpu
                 wall += time.perf_counter() - began_wall
         return cpu, wall, count * samples * control.shape[1]
-
-
-def in_pieces(path: Path, out: Path, pieces: int) -> Path:
-    """The object with every box replaced by convex meshes that fill it, as a mesh decomposition would give."""
-    spec = mujoco.MjSpec.from_file(str(path))
-    for geom in list(spec.geoms):
-        if geom.type != mujoco.mjtGeom.mjGEOM_BOX:
-            continue
-        size, name, body = np.array(geom.size), geom.name, geom.parent
-        axis = int(size.argmax())
-        edges = np.linspace(-size[axis], size[axis], pieces + 1)
-        for k in range(pieces):
-            low, high = -size.copy(), size.copy()
-            low[axis], high[axis] = edges[k], edges[k + 1]
-            points = np.array(
-                [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-            )
-            mesh = spec.add_mesh(name=f"{name}_mesh_{k}", uservert=points.ravel().tolist())
-            body.add_geom(
-                name=f"{name}_{k}",
-                type=mujoco.mjtGeom.mjGEOM_MESH,
-                meshname=mesh.name,
-                pos=geom.pos,
-                quat=geom.quat,
-            )
-        spec.delete(geom)
-    spec.compile()
-    out.write_text(spec.to_xml())
-    return out
 
 
 def share(bench: Bench, rounds: int, populations: tuple[int, ...]) -> list[dict]:

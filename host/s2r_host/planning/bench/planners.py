@@ -77,14 +77,14 @@ def _judo(ours: PlanSettings) -> dict[str, Planner]:
         return Planner(replace(base, cascade=(stage,)), judo_sampler(settings), places_free=True)
 
     fine, coarse = Stage(0.010, 100, True), Stage(0.025, 60, True)
-    best = judo(coarse, JudoSettings())
+    best = judo(coarse, JudoSettings(elites=6))
     return {
         "judo": best,
         "judo_led": replace(best, settings=replace(best.settings, lead_in=True), places_free=False),
         "judo_10ms": judo(fine, JudoSettings()),
         "judo_wide": judo(coarse, JudoSettings(sigma_min=0.1, sigma_max=1.0)),
         "judo_4_knots": judo(coarse, JudoSettings(nodes=4)),
-        "judo_6_elites": judo(coarse, JudoSettings(elites=6)),
+        "judo_10_elites": judo(coarse, JudoSettings()),
         "judo_100": judo(replace(coarse, population=100), JudoSettings()),
         "judo_shipped": judo(Stage(0.010, 16, True), JudoSettings(4, 2, 0.1, 1.0, 1)),
     }

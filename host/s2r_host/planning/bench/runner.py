@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.planning.belief import draw_belief
+from s2r_host.planning.bench.mesh_twin import write_in_pieces
 from s2r_host.planning.bench.planners import Planner, planner_named
 from s2r_host.planning.bench.summary import Row
 from s2r_host.planning.bench.tasks import draw_task
@@ -63,6 +64,7 @@ class Conditions:
         plan_only: No time law, no verifier: a success is what the fine model has held.
         patience_s: A plan that takes longer has failed.
         arm: Which one.
+        pieces: The objects' boxes are cut into so many convex meshes; 0: they stay boxes.
     """
 
     collection: int
@@ -72,6 +74,7 @@ class Conditions:
     plan_only: bool = False
     patience_s: float = 300.0
     arm: str = "xmate3pro"
+    pieces: int = 0
 
 
 def run(todo: list[Job], results: Path, conditions: Conditions, tell: Callable[[str], None]) -> list[Row]:
@@ -86,6 +89,8 @@ def run(todo: list[Job], results: Path, conditions: Conditions, tell: Callable[[
         planner = planner_named(job.planner)
         task = draw_task(job.task, job.placement, conditions.collection)
         path = task.write(results.parent)
+        if conditions.pieces:
+            path = write_in_pieces(path, conditions.pieces)
         request = PlanRequest(
             arm=arm,
             object_mjcf=path,
