@@ -218,8 +218,13 @@ def event_text(event: np.void, joint_names: tuple[str, ...]) -> str:
         text += f", cause {number} {cause.name}: {FAULTS[cause].meaning}"
         if 0 <= joint < len(joint_names) and 200 <= number < 400:
             text += f", joint '{joint_names[joint]}'"
-    if float(event["limit"]) != 0.0 or float(event["value"]) != 0.0:
-        text += f", value {float(event['value']):.6g}, limit {float(event['limit']):.6g}"
+    value, limit = float(event["value"]), float(event["limit"])
+    if kind is EventKind.PLAN_STARTED:
+        text += f", {value:.2f} s long"
+    elif kind is EventKind.PLAN_DONE:
+        text += f", {1e3 * value:.2f} mrad from its goal, tolerance {1e3 * limit:.3g} mrad"
+    elif limit != 0.0 or value != 0.0:
+        text += f", value {value:.6g}, limit {limit:.6g}"
     return text
 
 

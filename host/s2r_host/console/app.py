@@ -42,7 +42,7 @@ TEXT_S = 0.2
 SLOW_S = 1.0
 PANEL_WIDTH = 500
 STOP_LABEL = "STOP  (software stop; key: space)"
-_PLAN_APART_RAD = 2e-4
+_APART_RAD = 4e-3  # a ghost nearer than this only muddies the arm it hides in
 
 
 class Console:
@@ -132,7 +132,8 @@ class Console:
         command = gui.add_command("STOP (software stop)", hotkey="space", icon=viser.Icon.HAND_STOP)
         command.on_trigger(context.guarded("STOP", self._stop))  # type: ignore[arg-type]
         gui.add_html(
-            ui.block(ui.line("Software, no performance level: the emergency stop is hardware.", size_px=12))
+            ui.styles()
+            + ui.block(ui.line("Software, no performance level: the emergency stop is hardware.", size_px=12))
         )
         tabs = gui.add_tab_group()
         with tabs.add_tab("Run"):
@@ -171,9 +172,13 @@ class Console:
             shown = self._context.playback.pose()
             if shown is not None:
                 scene.real.show(shown[0])
-                scene.plan.visible = shown[1] is not None and bool(self._run.show_plan.value)
                 scene.twin.visible = False
-                if shown[1] is not None:
+                scene.plan.visible = (
+                    shown[1] is not None
+                    and bool(self._run.show_plan.value)
+                    and bool(np.abs(shown[1] - shown[0]).max() > _APART_RAD)
+                )
+                if shown[1] is not None and scene.plan.visible:
                     scene.plan.show(shown[1])
                 return
             q = self._feed.q()
@@ -185,13 +190,13 @@ class Console:
                 return
             q_ref, dq_ref = np.asarray(reference["position"]), np.asarray(reference["velocity"])
             scene.plan.visible = bool(self._run.show_plan.value) and bool(
-                np.abs(q_ref - q).max() > _PLAN_APART_RAD
+                np.abs(q_ref - q).max() > _APART_RAD
             )
             if scene.plan.visible:
                 scene.plan.show(q_ref)
             q_twin = self._twin.follow(time.monotonic(), q_ref, dq_ref)
             scene.twin.visible = bool(self._run.show_twin.value) and bool(
-                np.abs(q_twin - q).max() > _PLAN_APART_RAD
+                np.abs(q_twin - q).max() > _APART_RAD
             )
             if scene.twin.visible:
                 scene.twin.show(q_twin)
@@ -227,6 +232,7 @@ class Console:
     def _follow_run(self) -> None:
         self._sight = sight = self._watch.look()
         if sight is None or self._context.playback.opened is not None:
+            self._shown_views = 0  # whatever is shown now is another run's
             return
         scene = self._context.scene
         if sight.cloud is not None and sight.views != self._shown_views:

@@ -81,13 +81,14 @@ def sight_of(path: Path) -> RunSight:
     for note in notes(recording):
         if note["kind"] == "stage":
             stages[note["name"]] = StageLine(note["name"], note["phase"], note["note"])
-    cloud, colours, views = _last_view(recording)
+    cloud, colours, views = last_view(recording)
     ended = (path.parent / "run.json").exists()
     axis = axis_of(path.parent)
     return RunSight(path.parent, list(stages.values()), views, cloud, colours, axis, ended)
 
 
-def _last_view(recording: Recording) -> tuple[np.ndarray | None, np.ndarray | None, int]:
+def last_view(recording: Recording) -> tuple[np.ndarray | None, np.ndarray | None, int]:
+    """Cloud (n, 3) [m] in the base frame, its colours, and number of the newest view; None, None, 0 before any."""
     poses = [np.array(n["X_base_camera"]) for n in notes(recording) if n["kind"] == "view"]
     depths = [t for t in recording.of_type(IMAGE) if "/depth/" in t.name]
     colours = [t for t in recording.of_type(IMAGE) if "/color/" in t.name]
@@ -117,19 +118,28 @@ def cloud_of(depth_m: np.ndarray, K: np.ndarray, X_base_camera: np.ndarray) -> t
 
 
 def axis_of(run: Path) -> tuple[np.ndarray, np.ndarray, str] | None:
-    """Origin [m], direction and kind of the estimated joint, from the model the run has built; None before that."""
+    """Where to draw the estimated joint, from the model the run has built; None before that.
+
+    Returns:
+        A point [m] in the base frame, on the axis of a hinge and in the moving part of a slide, whose axis is only a
+        direction; the unit direction; the kind of joint.
+    """
     path = run / "model/object.urdf"
     if not path.is_file():
         return None
     try:
-        joint = ElementTree.parse(path).getroot().find("joint[@name='object_joint']")
+        robot = ElementTree.parse(path).getroot()
     except ElementTree.ParseError:  # being written
         return None
-    if joint is None:
+    joint = robot.find("joint[@name='object_joint']")
+    axis, origin = (None, None) if joint is None else (joint.find("axis"), joint.find("origin"))
+    if joint is None or axis is None or origin is None:
         return None
-    axis, origin = joint.find("axis"), joint.find("origin")
-    if axis is None or origin is None:
-        return None
-    direction = np.array([float(x) for x in axis.attrib["xyz"].split()])
-    start = np.array([float(x) for x in origin.attrib["xyz"].split()])
-    return start, direction / np.linalg.norm(direction), joint.attrib["type"]
+    kind, direction = joint.attrib["type"], _vector(axis)
+    mass = robot.find("link[@name='object_part']/inertial/origin")
+    start = _vector(origin) + (_vector(mass) if kind == "prismatic" and mass is not None else 0.0)
+    return start, direction / np.linalg.norm(direction), kind
+
+
+def _vector(element: ElementTree.Element) -> np.ndarray:
+    return np.array([float(x) for x in element.attrib["xyz"].split()])

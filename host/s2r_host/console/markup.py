@@ -27,7 +27,18 @@ _FONT = "font-family:system-ui,'Liberation Sans',sans-serif"
 
 def block(*parts: str) -> str:
     """A card's content with the console's type."""
-    return f'<div style="{_FONT};font-size:13.5px;line-height:1.45;color:{INK};padding:2px 10px">{"".join(parts)}</div>'
+    style = f"{_FONT};font-size:13.5px;line-height:1.45;color:{INK};padding:2px 10px 8px"
+    return f'<div style="{style}">{"".join(parts)}</div>'
+
+
+def styles() -> str:
+    """Rules the page's own widgets cannot be given otherwise: a STOP that cannot be missed, room between the blocks."""
+    return (
+        "<style>"
+        'button[style*="-red-"]{height:58px!important;font-size:19px!important;font-weight:700!important}'
+        'div:has(>button[style*="-red-"]){position:sticky;top:0;z-index:10}'
+        "</style>"
+    )
 
 
 def chip(text: str, colour: str) -> str:
@@ -82,21 +93,28 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], widths: str = ""
 
 
 def band(value: float, low: float, high: float, ghost: float | None = None) -> str:
-    """Where a value lies in its limits: a track, its middle, a marker, and a paler one for the reference."""
+    """Where a value lies in its limits: a track, its middle, a dot, and a paler mark for the reference."""
     span = high - low
-    share = 0.5 if span <= 0 else (value - low) / span
+    share = 0.5 if span <= 0 else min(max((value - low) / span, 0.0), 1.0)
     used = abs(2 * share - 1)
     colour = BAD if used > 0.95 else WARN if used > 0.8 else CALM
     marks = [
-        f'<rect x="0" y="5" width="200" height="6" rx="3" fill="{LINE}"/>',
-        '<rect x="99.5" y="2" width="1" height="12" fill="#aab3bf"/>',
+        _mark(0.0, "0px", 5, 6, LINE, "width:100%;border-radius:3px"),
+        _mark(0.5, "0.5px", 2, 12, "#aab3bf", "width:1px"),
     ]
     if ghost is not None and span > 0:
-        x = 200 * min(max((ghost - low) / span, 0), 1)
-        marks.append(f'<rect x="{x - 1:.1f}" y="1" width="2" height="14" fill="{SOFT}" opacity=".55"/>')
-    x = 200 * min(max(share, 0), 1)
-    marks.append(f'<circle cx="{x:.1f}" cy="8" r="5" fill="{colour}"/>')
-    return f'<svg viewBox="0 0 200 16" width="100%" height="16" preserveAspectRatio="none">{"".join(marks)}</svg>'
+        at = min(max((ghost - low) / span, 0.0), 1.0)
+        marks.append(_mark(at, "1px", 1, 14, SOFT, "width:2px;opacity:.55"))
+    marks.append(_mark(share, "5px", 3, 10, colour, "width:10px;border-radius:5px"))
+    limits = f"{low:.4g} to {high:.4g}"
+    return f'<div style="position:relative;height:16px" title="{limits}">{"".join(marks)}</div>'
+
+
+def _mark(share: float, half: str, top_px: int, height_px: int, colour: str, more: str) -> str:
+    return (
+        f'<div style="position:absolute;left:calc({100 * share:.2f}% - {half});top:{top_px}px;'
+        f'height:{height_px}px;background:{colour};{more}"></div>'
+    )
 
 
 def bars(labels: Sequence[str], values: Sequence[float], notes: Sequence[str], colours: Sequence[str]) -> str:

@@ -12,6 +12,7 @@ from s2r_host.report.arm_shapes import ArmShapes, quat_wxyz
 STILL = 1e-5
 _HAIR_M = 8e-4
 MAX_POINTS = 40_000
+TABLE_TOP_M, REACH_M = 0.01, 1.3
 REAL = ((72, 80, 92), (217, 114, 46))  # links in turn, as the picture of a real arm
 PLAN_COLOUR, TWIN_COLOUR = (59, 111, 182), (47, 143, 84)
 AXIS_COLOUR, PATH_COLOUR = (192, 38, 75), (59, 111, 182)
@@ -28,7 +29,7 @@ class Axis:
 
 
 class ArmView:
-    """One arm in the scene; only bodies that moved are sent."""
+    """One arm in the scene: each body hangs on the one before, so that a joint's motion is one message."""
 
     def __init__(
         self,
@@ -39,13 +40,16 @@ class ArmView:
         opacity: float | None = None,
     ) -> None:
         self._shapes = shapes
-        self._sent: np.ndarray | None = None
+        self._sent = np.tile(np.eye(4), (len(shapes.bodies), 1, 1))
         self._root = scene.add_frame(f"/{name}", show_axes=False)
-        self._handles = [
-            scene.add_mesh_simple(
-                f"/{name}/{body.name}",
-                # Neighbours share surfaces; a hair more on every other one keeps them from flickering.
-                body.inflated(_HAIR_M * (i % 2)),
+        self._handles = []
+        path = f"/{name}"
+        for i, body in enumerate(shapes.bodies):
+            path += f"/{body.name}"
+            mesh = scene.add_mesh_simple(
+                path,
+                # A body and its neighbours share surfaces; a hair of difference keeps them from flickering.
+                body.inflated(_HAIR_M * (i % 3)),
                 body.faces,
                 color=colours[i % len(colours)],
                 opacity=opacity,
@@ -53,21 +57,19 @@ class ArmView:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-            for i, body in enumerate(shapes.bodies)
-        ]
+            self._handles.append(mesh)
 
     def show(self, q: np.ndarray) -> None:
         """Move it to joint values [rad]."""
-        poses = self._shapes.poses(q)
-        for i, (handle, X) in enumerate(zip(self._handles, poses, strict=True)):
-            if self._sent is not None and np.abs(self._sent[i] - X).max() < STILL:
-                continue
-            handle.position = X[:3, 3]
-            handle.wxyz = quat_wxyz(X[:3, :3])
-            if self._sent is not None:
-                self._sent[i] = X
-        if self._sent is None:
-            self._sent = poses
+        X = self._shapes.poses(q)
+        X[1:] = np.linalg.inv(X[:-1]) @ X[1:]  # of each body in the one before
+        off = np.abs(X - self._sent)
+        for i in np.nonzero(off[:, :3, 3].max(axis=1) > STILL)[0]:
+            self._handles[i].position = X[i, :3, 3]
+            self._sent[i, :3, 3] = X[i, :3, 3]
+        for i in np.nonzero(off[:, :3, :3].max(axis=(1, 2)) > STILL)[0]:
+            self._handles[i].wxyz = quat_wxyz(X[i, :3, :3])
+            self._sent[i, :3, :3] = X[i, :3, :3]
 
     @property
     def visible(self) -> bool:
@@ -90,8 +92,9 @@ class CellScene:
         self._scene.configure_default_lights(
             True, cast_shadow=False
         )  # drawn in software on most lab machines
-        server.initial_camera.position = (1.55, -1.25, 1.05)
-        server.initial_camera.look_at = (0.3, 0.0, 0.28)
+        # From the side: the arm on the left, the front of what it works on to the right of it.
+        server.initial_camera.position = (0.05, -1.5, 0.85)
+        server.initial_camera.look_at = (0.38, 0.0, 0.3)
         self._scene.add_grid(
             "/table",
             width=2.4,
@@ -124,7 +127,12 @@ class CellScene:
             )
 
     def show_cloud(self, points: np.ndarray, colours: np.ndarray | None = None) -> None:
-        """Points (n, 3) [m] in the base frame with colours (n, 3) uint8; by height when there are none."""
+        """Points (n, 3) [m] in the base frame with colours (n, 3) uint8; by height when there are none.
+
+        The table is drawn anyway, and what lies beyond the arm's reach is noise: neither is shown.
+        """
+        near = (points[:, 2] > TABLE_TOP_M) & (np.linalg.norm(points[:, :2], axis=1) < REACH_M)
+        points, colours = points[near], None if colours is None else colours[near]
         if len(points) > MAX_POINTS:
             keep = np.linspace(0, len(points) - 1, MAX_POINTS).astype(int)
             points, colours = points[keep], None if colours is None else colours[keep]
@@ -132,6 +140,13 @@ class CellScene:
         self._cloud = self._scene.add_point_cloud(
             "/cloud", points.astype(np.float32), shown, point_size=0.0035, point_shape="rounded"
         )
+
+    def clear_object(self) -> None:
+        """Take cloud and axis away."""
+        if self._cloud is not None:
+            self._cloud.remove()
+            self._cloud = None
+        self.show_axis(None)
 
     def show_cloud_visible(self, wanted: bool) -> None:
         """Show or hide cloud and axis."""

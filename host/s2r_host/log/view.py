@@ -21,6 +21,9 @@ from s2r_host.report.style import EXECUTED, PLANNED, RC, inline_png
 
 FRAMES_HZ = 20.0
 MAX_FRAMES = 1200
+CLOUD_POINTS = 20_000
+_APART_RAD = 4e-3  # a reference nearer than this only muddies the arm it hides in
+_PAUSE_S = 0.3
 
 
 def write_html(recording: Recording, path: Path, arm_name: str | None = None) -> Path:
@@ -36,7 +39,8 @@ def write_html(recording: Recording, path: Path, arm_name: str | None = None) ->
     except RecordingError:
         reference = None
     found = segments(recording)
-    player = escape(_player(joints, reference, ArmShapes(arm_of(recording, arm_name))), quote=True)
+    player = escape(_player(recording, joints, reference, ArmShapes(arm_of(recording, arm_name))), quote=True)
+    name = "/".join(recording.path.absolute().parts[-3:])
     frame = (
         f'<iframe title="the arm in 3D" srcdoc="{player}" '
         'style="width:100%;height:560px;border:1px solid #e2e6eb;border-radius:8px"></iframe>'
@@ -51,24 +55,25 @@ def write_html(recording: Recording, path: Path, arm_name: str | None = None) ->
     ]
     facts = sorted(recording.metadata.get("s2r", {}).items())
     parts = [
-        f"<h1>{escape(recording.path.name)}</h1><p class='lead'>{len(joints.stamp_ns)} joint states, "
-        f"{joints.t[-1]:.2f} s</p>",
-        section("The arm: measured solid, reference blue; press play below the picture", frame),
+        f"<h1>{escape(name)}</h1><p class='lead'>{len(joints.stamp_ns)} joint states, {joints.t[-1]:.2f} s; "
+        "the player leaves out the pauses between motions</p>",
+        section("The arm, and in blue its reference where they differ; drag to turn", frame),
         section("Motions", table(("plan", "begins", "takes"), rows)) if rows else "",
         section("Joints", inline_png(_plots(joints, reference, found), "joints over time")),
         section("Facts", table(("", ""), facts, mono=True)) if facts else "",
     ]
-    path.write_text(page(recording.path.name, parts), encoding="utf-8")
+    path.write_text(page(name, parts), encoding="utf-8")
     return path
 
 
-def _player(joints: Joints, reference: Joints | None, shapes: ArmShapes) -> str:
+def _player(recording: Recording, joints: Joints, reference: Joints | None, shapes: ArmShapes) -> str:
     """viser's own offline player of the motion, as HTML."""
     try:
         import viser
 
+        from s2r_host.console.live_run import axis_of, last_view
         from s2r_host.console.playback import packed
-        from s2r_host.console.scene import CellScene
+        from s2r_host.console.scene import Axis, CellScene
     except ImportError as error:
         raise MissingPartError(
             "the 3D page needs the package viser; install it with: pip install 'sim2real2[console]'"
@@ -80,14 +85,22 @@ def _player(joints: Joints, reference: Joints | None, shapes: ArmShapes) -> str:
     try:
         scene = CellScene(server, shapes)
         scene.twin.visible = False
-        scene.plan.visible = opened.q_ref is not None
+        scene.plan.visible = False
         scene.real.show(opened.q[0])
         scene.show_path(opened.q[:: max(1, len(opened.q) // 400)])
+        cloud, colours, _ = last_view(recording)
+        if cloud is not None:
+            thin = slice(None, None, max(1, len(cloud) // CLOUD_POINTS))
+            scene.show_cloud(cloud[thin], None if colours is None else colours[thin])
+        axis = axis_of(recording.path.parent)
+        if axis is not None:
+            scene.show_axis(Axis(*axis))
         recorder = server.get_scene_serializer()
         for t in np.arange(0.0, opened.t[-1], step):
             i = min(int(np.searchsorted(opened.t, t)), len(opened.t) - 1)
             scene.real.show(opened.q[i])
             if opened.q_ref is not None:
+                scene.plan.visible = bool(np.abs(opened.q_ref[i] - opened.q[i]).max() > _APART_RAD)
                 scene.plan.show(opened.q_ref[i])
             recorder.insert_sleep(step)
         return recorder.as_html(dark_mode=False)
@@ -102,15 +115,16 @@ def _plots(joints: Joints, reference: Joints | None, found: list[Segment]) -> Fi
         rows = figure.subplots(len(joints.names), 2, sharex=True, squeeze=False, width_ratios=[1.5, 1])
         keep = np.unique(np.linspace(0, len(joints.t) - 1, 4000).astype(int))
         t = joints.t[keep]
+        shown = np.where(np.diff(t, prepend=t[0]) > max(_PAUSE_S, 4 * joints.t[-1] / 4000), np.nan, 1.0)
         for i, name in enumerate(joints.names):
             left, right = rows[i]
-            left.plot(t, joints.q[keep, i], color=EXECUTED, lw=1.0, label="measured")
+            left.plot(t, shown * joints.q[keep, i], color=EXECUTED, lw=1.0, label="measured")
             if reference is not None:
                 t_reference = (reference.stamp_ns - joints.stamp_ns[0]) * 1e-9
                 q_reference = np.interp(t, t_reference, reference.q[:, i])
-                left.plot(t, q_reference, color=PLANNED, lw=2.4, alpha=0.4, label="reference")
+                left.plot(t, shown * q_reference, color=PLANNED, lw=2.4, alpha=0.4, label="reference")
             if joints.tau is not None:
-                right.plot(t, joints.tau[keep, i], color=EXECUTED, lw=0.8)
+                right.plot(t, shown * joints.tau[keep, i], color=EXECUTED, lw=0.8)
             left.set_ylabel(f"{name}\n[rad]")
             for segment in found:
                 left.axvspan(
@@ -121,7 +135,7 @@ def _plots(joints: Joints, reference: Joints | None, found: list[Segment]) -> Fi
                 )
         rows[0, 0].set_title("position; shaded: a plan runs")
         rows[0, 1].set_title("torque [N·m]")
-        rows[0, 0].legend(loc="upper right", fontsize=8)
+        rows[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, fontsize=8)
         for axes in rows[-1]:
             axes.set_xlabel("t [s]")
         return figure

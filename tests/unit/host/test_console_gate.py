@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,10 @@ from s2r_host.console.gate import Address, ConsoleAddressError, Request, judge
 from s2r_host.console.live_run import cloud_of
 from s2r_host.console.operator import NoControlError, Operator
 from s2r_host.console.run_index import RunIndex
+from s2r_host.console.screens.gap import gap_markup, read_answer
 from s2r_host.console.screens.runs import again
 from s2r_host.console.screens.timing import blame
+from s2r_host.errors import RecordingError
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import RefusedError
 from s2r_protocol.keys import ArmKeys
@@ -142,3 +146,56 @@ def test_a_depth_image_becomes_points_in_the_base_frame():
     points, seen = cloud_of(depth, K, X)
     np.testing.assert_allclose(points, [[1.0, 0.0, 2.5]])
     assert seen.sum() == 1
+
+
+ANSWER = {
+    "verdict": "physics_missing",
+    "where": [{"joint": "elbow", "share": 1.0, "regime": {"words": "around position 0.338"}}],
+    "effects": [
+        {
+            "name": "detent",
+            "joint": "elbow",
+            "probability": 0.97,
+            "could_also_be": ["cogging"],
+            "evidence": "removes 94% of the held-out misfit",
+            "parameters": {
+                "peak": {"value": 0.29976, "unit": "N·m", "interval90": [0.2933, 0.3062], "identifiable": True},
+                "width": {"value": 1.0, "unit": "rad", "interval90": [0.0, 9.0], "identifiable": False},
+            },
+        }
+    ],
+    "parameters_off": [],
+    "rejected": [{"name": f"effect {i}", "joint": "elbow", "why": "<no gain>"} for i in range(8)],
+    "fit": {"unit": "rad", "holdout_before": 0.0014, "holdout_after": 0.0003, "effort_holdout_before": 0.0685,
+            "effort_holdout_after": 0.0164},
+    "next_experiment": {"separates": ["detent", "cogging"], "trajectory": "next_experiment.csv", "why": "chirp"},
+    "notes": [],
+}  # fmt: skip
+
+
+def test_a_gap_answer_is_shown_with_units_intervals_and_what_was_rejected(tmp_path):
+    (tmp_path / "gap.json").write_text(json.dumps(ANSWER))
+    text = gap_markup(read_answer(tmp_path / "gap.json"), tmp_path)
+    for words in (
+        "physics is missing",
+        "position [mrad]",
+        ">1.4<",
+        ">0.3<",
+        ">21%<",
+        "effort [N·m]",
+        "detent on elbow, probability 0.97",
+        "0.2998 N·m (0.2933 to 0.3062)",
+        "not identifiable from this motion",
+        "Could also be: cogging",
+        "&lt;no gain&gt;",
+        "effect 0, effect 1, effect 2",
+        "Next experiment: detent or cogging?",
+    ):
+        assert words in text, words
+    assert "<no gain>" not in text
+
+
+def test_a_file_that_is_no_gap_answer_is_refused(tmp_path):
+    (tmp_path / "gap.json").write_text("[]")
+    with pytest.raises(RecordingError, match="is no answer of 's2r gap'"):
+        read_answer(tmp_path / "gap.json")

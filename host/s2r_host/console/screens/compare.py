@@ -44,9 +44,11 @@ class CompareScreen:
             height=200,
             visible=False,
         )
-        jump = gui.add_button("Jump to the worst in 3D", icon=viser.Icon.TARGET_ARROW, color="orange")
+        self._to_worst = gui.add_button(
+            "Jump to the worst in 3D", icon=viser.Icon.TARGET_ARROW, color="orange", visible=False
+        )
         context.on_click(compare, self._compare)
-        context.on_click(jump, self._jump)
+        context.on_click(self._to_worst, self._jump)
         self._motion.on_update(lambda _: self._show())
         self._joint.on_update(lambda _: self._draw())
         self._found: Difference | None = None
@@ -75,7 +77,7 @@ class CompareScreen:
         self._motion.options = labels
         worst = max(self._found.motions, key=lambda m: abs(m.worst[2]))
         self._motion.value = worst.label
-        self._motion.visible = self._joint.visible = self._plot.visible = True
+        self._motion.visible = self._joint.visible = self._plot.visible = self._to_worst.visible = True
         self._joint.value = self._context.arm.joint_names[worst.worst[0]]
         self._show()
         return f"{len(self._found.motions)} motions compared; the worst is in '{worst.label}'"

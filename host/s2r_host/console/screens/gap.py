@@ -76,35 +76,84 @@ def gap_markup(answer: dict[str, Any], folder: Path) -> str:
     for place in answer["where"][:1]:
         words = place.get("regime", {}).get("words", "")
         parts.append(ui.line(f"on {place['joint']} ({place['share']:.0%} of it), {words}", ui.INK, 13.5))
-    fit = answer.get("fit", {})
-    before, after = fit.get("holdout_before"), fit.get("holdout_after")
-    rows = [(name, _cell(values)) for name, values in (("before", before), ("after", after)) if values]
-    if rows:
-        parts += [ui.heading("Residual on held-out motion"), ui.facts(rows)]
-    if answer["effects"]:
-        parts.append(ui.heading("Missing physics"))
-        effects = [
-            (e["name"], e["joint"], f"{e['probability']:.2f}", e.get("evidence", ""))
-            for e in answer["effects"]
-        ]
-        parts.append(ui.table(("effect", "joint", "prob.", "evidence"), effects, "110px 52px 40px 1fr"))
+    parts += _before_after(answer.get("fit", {}))
+    parts += _effects(answer["effects"])
     off = answer.get("parameters_off", [])
     if off:
         parts.append(ui.heading("Parameters off"))
         cells = [(p["name"], f"{p['from']:.4g}", f"{p['to']:.4g} {p['unit']}") for p in off]
         parts.append(ui.table(("parameter", "model", "recordings"), cells))
-    if answer.get("rejected"):
-        names = ", ".join(
-            str(r.get("name", r)) if isinstance(r, dict) else str(r) for r in answer["rejected"][:8]
-        )
-        parts.append(ui.line(f"looked at and rejected: {names}"))
+    parts += _rejected(answer.get("rejected", []))
+    following = answer.get("next_experiment") or {}
+    if following.get("separates"):
+        parts.append(ui.heading(f"Next experiment: {' or '.join(map(str, following['separates']))}?"))
+        parts.append(ui.line(f"{following.get('trajectory', '')}: {following.get('why', '')}"))
     for note in answer.get("notes", [])[:4]:
         parts.append(ui.line(str(note)))
     parts.append(ui.line(f"report: {folder / 'report.html'}"))
     return ui.block(*parts)
 
 
-def _cell(values: Any) -> str:
-    if isinstance(values, dict):
-        return ", ".join(f"{k} {v:.3g}" for k, v in values.items() if isinstance(v, (int, float)))
-    return f"{values:.3g}" if isinstance(values, (int, float)) else str(values)
+_MILLI = {"rad": "mrad", "m": "mm"}
+_FITS = (  # key in the answer, words; effort has a unit of its own
+    ("holdout", "position"),
+    ("open_loop_holdout", "position, open loop"),
+    ("effort_holdout", "effort"),
+)
+
+
+def _before_after(fit: dict[str, Any]) -> list[str]:
+    rows = []
+    for key, words in _FITS:
+        before, after = fit.get(f"{key}_before"), fit.get(f"{key}_after")
+        if not isinstance(before, (int, float)) or not isinstance(after, (int, float)):
+            continue
+        unit, scale = str(fit.get("unit", "")), 1.0
+        if key == "effort_holdout":
+            unit = {"rad": "N·m", "m": "N"}.get(unit, "")
+        elif unit in _MILLI:
+            unit, scale = _MILLI[unit], 1e3
+        rows.append(
+            (f"{words} [{unit}]", f"{scale * before:.3g}", f"{scale * after:.3g}", _kept(before, after))
+        )
+    if not rows:
+        return []
+    table = ui.table(("rms", "before", "after", "left"), rows, "1fr 72px 72px 56px")
+    return [ui.heading("Residual on held-out motion"), table]
+
+
+def _kept(before: float, after: float) -> str:
+    return f"{after / before:.0%}" if before > 0 else "–"
+
+
+def _effects(effects: list[dict[str, Any]]) -> list[str]:
+    if not effects:
+        return []
+    parts = [ui.heading("Missing physics")]
+    for effect in effects:
+        sure = f"{effect['name']} on {effect['joint']}, probability {effect['probability']:.2f}"
+        parts.append(ui.line(sure, ui.INK, 13.5))
+        values = [(name, _interval(p)) for name, p in effect.get("parameters", {}).items()]
+        if values:
+            parts.append(ui.facts(values))
+        others = ", ".join(map(str, effect.get("could_also_be", [])))
+        parts.append(ui.line(effect.get("evidence", "") + (f". Could also be: {others}" if others else "")))
+    return parts
+
+
+def _interval(parameter: dict[str, Any]) -> str:
+    if not parameter.get("identifiable", True):
+        return "not identifiable from this motion"
+    low, high = parameter.get("interval90", (None, None))
+    span = f" ({low:.4g} to {high:.4g})" if isinstance(low, float) and isinstance(high, float) else ""
+    return f"{parameter['value']:.4g} {parameter.get('unit', '')}{span}"
+
+
+def _rejected(rejected: list[dict[str, Any]]) -> list[str]:
+    if not rejected:
+        return []
+    by_reason: dict[str, list[str]] = {}
+    for r in rejected:
+        by_reason.setdefault(str(r.get("why", "")), []).append(str(r["name"]))
+    rows = [(", ".join(dict.fromkeys(names)), why) for why, names in by_reason.items()]
+    return [ui.heading("Looked at and rejected"), ui.table(("effects", "why"), rows, "1fr 1fr")]

@@ -43,7 +43,7 @@ class RunsScreen:
             color="orange",
             disabled=context.operator.view_only,
         )
-        cancel = gui.add_button("Cancel the job", icon=viser.Icon.X, color="gray")
+        self._cancel_job = gui.add_button("Cancel the job", icon=viser.Icon.X, color="gray", visible=False)
         self._job = gui.add_html("")
         self._filter.on_update(lambda _: self.refresh_list())
         self.choice.on_update(lambda _: self._show_details())
@@ -52,7 +52,7 @@ class RunsScreen:
         context.on_click(self._live, self._back)
         context.on_click(replay, self._replay)
         context.on_click(again, self._again)
-        context.on_click(cancel, self._cancel)
+        context.on_click(self._cancel_job, self._cancel)
         self._entries: dict[str, RunEntry] = {}
         self.refresh_list()
 
@@ -72,17 +72,21 @@ class RunsScreen:
         ]
         header = ("ended", "run", "target", "δ", "outcome")
         content = ui.block(
-            ui.table(header, rows, "56px 1fr 82px 72px 84px")
-            if rows
-            else ui.line(f"no runs below {self._context.runs_root}")
+            ui.table(header, rows, "56px 1fr 82px 72px 84px") if rows else ui.line(self._nothing())
         )
         if self._list.content != content:
             self._list.content = content
             self._show_details()
 
+    def _nothing(self) -> str:
+        words = str(self._filter.value).strip()
+        return f"no run matches '{words}'" if words else f"no runs below {self._context.runs_root} yet"
+
     def refresh_job(self) -> None:
         """The end of the job's output."""
         jobs = self._context.jobs
+        if self._cancel_job.visible != jobs.running:
+            self._cancel_job.visible = jobs.running
         lines = "\n".join(jobs.lines[-14:])
         state = "running" if jobs.running else "last job"
         content = ui.block(ui.heading(f"{state}: {jobs.title}"), _preformatted(lines)) if lines else ""
@@ -123,6 +127,7 @@ class RunsScreen:
             reference = None
         opened = packed(recording.joints(), reference, entry.name)
         sight = sight_of(entry.folder / "run.mcap")
+        self._context.scene.clear_object()
         if sight.cloud is not None:
             self._context.scene.show_cloud(sight.cloud, sight.colours)
         if sight.axis is not None:
@@ -140,6 +145,7 @@ class RunsScreen:
 
     def _back(self, event: Event) -> None:
         self._context.playback.open(None)
+        self._context.scene.clear_object()
         self._time.visible = self._live.visible = False
 
     def _replay(self, event: Event) -> str:

@@ -37,6 +37,7 @@ class TimingScreen:
             ui.line(
                 "each bar: ticks later than its label, up to the next; heights are logarithmic", size_px=12
             ),
+            *([ui.line(_LOCKSTEP, size_px=12)] if float(timing["worst_s"]) == 0.0 else []),
             ui.heading("Who is to blame"),
             *(
                 ui.line(text, colour, 13.5)
