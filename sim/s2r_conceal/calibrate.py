@@ -25,6 +25,7 @@ COARSE_SUBSTEPS = 2  # 2 kHz while searching; the recordings themselves run at 1
 ITERATIONS = 7
 EVERY = 5  # ticks between compared samples
 DISTINCT_ENOUGH = 1.5  # floors left after parameter changes, for effects of three floors and more
+REDRAWN = ("single", "unknown", "pairs", "triples", "masked")  # groups whose strengths have to come out
 SIZE_OFFSETS = {"reduction": 0.11, "factor": -1.0}  # sizes whose "nothing" is not at zero
 
 
@@ -48,7 +49,7 @@ class Measured:
 
 def usable(case: Case, measured: Measured) -> bool:
     """Whether the wanted strengths came out, and whether anyone could tell them from wrong parameters."""
-    if case.group not in ("single", "unknown", "pairs", "triples", "masked"):
+    if case.group not in REDRAWN:
         return True
     for k, target in enumerate(case.targets):
         strength, distinct = measured.strength[k], measured.distinct[k]

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from s2r_conceal.calibrate import Measured, calibrate, usable
+from s2r_conceal.calibrate import REDRAWN, Measured, calibrate, usable
 from s2r_conceal.cases import Case, draw_cases, redraw
 from s2r_conceal.errors import DrawError
 from s2r_conceal.motions import DURATION_S
@@ -85,13 +85,20 @@ def _draw_part(out: Path, substeps: int, first: int, cases: list[Case]) -> dict[
 
 
 def calibrated(cases: list[Case]) -> tuple[list[Case], list[Measured]]:
-    """Cases with their strengths set; a case that cannot carry its strength is drawn anew."""
-    cases, measured = list(cases), calibrate(cases)
-    for attempt in range(1, REDRAWS + 1):
-        poor = [i for i, (c, m) in enumerate(zip(cases, measured, strict=True)) if not usable(c, m)]
-        if not poor:
-            break
-        again = [redraw(cases[i], attempt) for i in poor]
-        for i, case, m in zip(poor, again, calibrate(again), strict=True):
-            cases[i], measured[i] = case, m
-    return cases, measured
+    """Cases with their strengths set; a case that cannot carry its strength is drawn anew.
+
+    The new draws are calibrated beside the first ones: side by side they cost little, one after the other as much
+    as all cases together each time.
+    """
+    spare = [[redraw(c, k + 1) for k in range(REDRAWS)] if c.group in REDRAWN else [] for c in cases]
+    every = [*cases, *(x for row in spare for x in row)]
+    measured = calibrate(every)
+    found, values, start = [], [], len(cases)
+    for i, row in enumerate(spare):
+        tries = [i, *range(start, start + len(row))]
+        start += len(row)
+        # The last one stays even when it is no better, as after drawing one by one.
+        chosen = next((k for k in tries if usable(every[k], measured[k])), tries[-1])
+        found.append(every[chosen])
+        values.append(measured[chosen])
+    return found, values

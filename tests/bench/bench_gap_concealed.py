@@ -6,7 +6,8 @@
 
 ``run`` draws a set, runs the tool over it and scores it, in that order; without ``--seed`` the seed is random and
 stands only in the key file. It may be stopped and started again. Commit before drawing: the commit is written beside
-the table. ``calibrate`` reads the temperature and the ceiling of the stated probabilities from a scored tuning set;
+the table. Without ``--full`` the tool gives names, places and parameters only, without forward simulations,
+baselines, next experiments and reports, at a few seconds per case. ``calibrate`` reads the temperature and the ceiling of the stated probabilities from a scored tuning set;
 ``shuffled`` scores the same verdicts with the true names dealt out anew: the accuracy must fall to chance. Budget:
 60 s per case for one joint and 20 s of data, on two cores.
 """
@@ -20,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 S2R = [sys.executable, "-c", "from s2r_protocol.cli.root import main; main()"]
+NAMES_ONLY = "simulate: false\nbaselines: false\nreport: false\nnext_experiment: false\n"
 CASES = "single=120,clean=60,unknown=32,pairs=30,masked=12,insufficient=8,wrong_log=8"
 
 
@@ -43,7 +45,11 @@ def run(arguments: argparse.Namespace) -> None:
         parts += ["--duration", str(arguments.duration)]
         subprocess.run([*S2R, "conceal", "draw", *parts, *seed, "--out", folder, "--key", key], check=True)
     tool = f'{sys.executable} -c "from s2r_protocol.cli.root import main; main()" gap'
-    more = ["--config", str(arguments.config)] if arguments.config else []
+    config = arguments.config
+    if config is None and not arguments.full:
+        config = out / "names.yaml"
+        config.write_text(NAMES_ONLY, encoding="utf-8")
+    more = ["--config", str(config)] if config else []
     words = ["conceal", "run", str(folder), "--batch", "--workers", str(arguments.workers), "--command", tool]
     subprocess.run([*S2R, *words, *more], check=True)
     subprocess.run([*S2R, "conceal", "score", folder, "--key", key, "--out", out / "score"], check=True)
@@ -110,6 +116,7 @@ def main() -> None:
     one.add_argument("--seed", type=int, default=None)
     one.add_argument("--workers", type=int, default=2)
     one.add_argument("--config", type=Path, default=None)
+    one.add_argument("--full", action="store_true", help="with forward simulation, baselines, reports")
     one.set_defaults(run=run)
     for name, function in (("calibrate", calibrate), ("shuffled", shuffled)):
         two = sub.add_parser(name)
