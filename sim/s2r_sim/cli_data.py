@@ -15,12 +15,12 @@ def data() -> None:
 
 
 @data.command()
-@click.option("--kinds", default="chest,laptop,faucet,door,lid,dial", show_default=True)
+@click.option("--kinds", default="chest,drawer,laptop,faucet,door,lid,dial", show_default=True)
 @click.option(
     "--split", type=click.Choice(["train", "validation", "test"]), default="train", show_default=True
 )
-@click.option("--objects", default=75, show_default=True, help="Per kind.")
-@click.option("--pushes", default=40, show_default=True, help="Per object.")
+@click.option("--objects", default=40, show_default=True, help="Per kind.")
+@click.option("--pushes", default=64, show_default=True, help="Per object.")
 @click.option("--jobs", default=1, show_default=True, help="Processes.")
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
@@ -43,3 +43,18 @@ def pushes(kinds: str, split: str, objects: int, pushes: int, jobs: int, out: Pa
     rows = run_jobs(push_object, todo, out / f"{split}.jsonl", jobs, "objects")
     done, good = sum(row["pushes"] for row in rows), sum(row["useful"] for row in rows)
     click.echo(f"{len(rows)} objects, {done} pushes, {100 * good / max(done, 1):.1f} % useful, in {out}")
+
+
+@data.command("import")
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--part", help="Name or meaning of the part that moves; needed if there are several.")
+@click.option("--height", default=0.3, show_default=True, help="Height on the table [m].")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the result.")
+def import_(folder: Path, part: str | None, height: float, out: Path) -> None:
+    """Put an object of PartNet-Mobility or Shape2Motion on the stand-in's table: scene.xml and object.json."""
+    from s2r_sim.objects.mobility_scene import MobilityPlace, write_mobility
+
+    if not 0.02 <= height <= 1.5:
+        raise UsageError(f"--height {height} must lie between 0.02 and 1.5 m")
+    truth = write_mobility(folder, out, part, MobilityPlace(height_m=height))
+    click.echo(f"{truth.joint_type} joint, found at {truth.q_start:.3f} of {truth.q_max:.3f}; in {out}")

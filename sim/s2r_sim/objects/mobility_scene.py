@@ -1,0 +1,209 @@
+"""One moving part of a PartNet-Mobility or Shape2Motion object, in real size on the stand-in's table.
+
+The chosen joint moves, all others stay at 0. Rays see the meshes as they are; contacts use the convex hull of
+every mesh file, as MuJoCo does.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from s2r_sim.errors import WorldFileError
+from s2r_sim.objects.mobility import MobileLink, read_mobility
+from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
+from s2r_sim.objects.scene import JointTruth, add_table
+
+GREY = (0.62, 0.6, 0.58, 1.0)
+# y up, front z  ->  z up, front -x (towards the arm), as PartNet-Mobility's own first joint does it.
+Y_UP = np.array([[0.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class MobilityPlace:
+    """How a folder's object becomes a real one.
+
+    Attributes:
+        height_m: Its height on the table; the data sets have no unit of length.
+        x_m, y_m, yaw_rad: Place of its middle, and turn.
+        damping, coulomb, density: Of the moving joint [N·m·s/rad, N·m or N·s/m, N], and [kg/m³].
+        share: Joint value as found, as a share of its range.
+    """
+
+    height_m: float = 0.3
+    x_m: float = 0.65
+    y_m: float = 0.0
+    yaw_rad: float = 0.0
+    damping: float = 0.2
+    coulomb: float = 0.5
+    density: float = 300.0
+    share: float = 0.3
+
+
+def movable(links: tuple[MobileLink, ...]) -> list[MobileLink]:
+    """The links with a joint that moves."""
+    return [link for link in links if link.joint != "fixed" and link.limits[1] > link.limits[0]]
+
+
+def mobility_scene(
+    folder: Path, part: str | None = None, place: MobilityPlace | None = None
+) -> mujoco.MjSpec:
+    """A table with the object; bodies and joint carry the names all objects of the stand-in have.
+
+    Args:
+        folder: Of one object.
+        part: Name or meaning of the link that moves; may be left out if there is one only.
+        place: Size, place and physics.
+
+    Raises:
+        WorldFileError: No such part, several of them, or a folder that cannot be used.
+    """
+    place = place or MobilityPlace()
+    links = read_mobility(folder)
+    chosen = _choose(links, part, folder)
+    X = _world_poses(links)
+    with_part = {chosen.name}
+    for link in links:
+        if link.parent in with_part:
+            with_part.add(link.name)
+    scene = mujoco.MjSpec()
+    scene.modelname = folder.name
+    scene.compiler.degree = False
+    scene.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    add_table(scene)
+    scale, X_W = _standing(links, X, place)
+    base = scene.worldbody.add_body(name=BASE_BODY)
+    body = base.add_body(name=PART_BODY)
+    for link in links:
+        _add_meshes(
+            scene, body if link.name in with_part else base, link, X_W @ _scaled(X[link.name], scale), scale
+        )
+    X_joint = X_W @ _scaled(X[chosen.name], scale)
+    low, high = (np.array(chosen.limits) * (scale if chosen.joint == "prismatic" else 1.0)).tolist()
+    body.add_joint(
+        name=JOINT,
+        type=mujoco.mjtJoint.mjJNT_SLIDE if chosen.joint == "prismatic" else mujoco.mjtJoint.mjJNT_HINGE,
+        pos=X_joint[:3, 3],
+        axis=X_joint[:3, :3] @ chosen.axis,
+        range=[low, high],
+        limited=True,
+        damping=[place.damping, 0, 0],
+        frictionloss=place.coulomb,
+        armature=0.001,
+    )
+    scene.add_exclude(bodyname1=BASE_BODY, bodyname2=PART_BODY)
+    return scene
+
+
+def mobility_truth(model: mujoco.MjModel, place: MobilityPlace | None = None) -> JointTruth:
+    """The joint of a compiled `mobility_scene`, as found."""
+    place = place or MobilityPlace()
+    data = mujoco.MjData(model)
+    joint = model.joint(JOINT).id
+    low, high = model.jnt_range[joint]
+    q = float(low + place.share * (high - low))
+    data.qpos[model.jnt_qposadr[joint]] = q
+    mujoco.mj_kinematics(model, data)
+    x, y, z = data.xanchor[joint].tolist()
+    a, b, c = data.xaxis[joint].tolist()
+    slides = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+    return JointTruth("prismatic" if slides else "revolute", (x, y, z), (a, b, c), q, float(high))
+
+
+def write_mobility(folder: Path, out: Path, part: str | None, place: MobilityPlace) -> JointTruth:
+    """Write ``scene.xml`` (MJCF, meshes by absolute path) and ``object.json`` (true joint), as for drawn objects."""
+    scene = mobility_scene(folder, part, place)
+    truth = mobility_truth(scene.compile(), place)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "scene.xml").write_text(scene.to_xml())
+    content = {"source": str(folder), "place": asdict(place), "joint": asdict(truth)}
+    (out / "object.json").write_text(json.dumps(content, indent=1, sort_keys=True) + "\n")
+    return truth
+
+
+def _choose(links: tuple[MobileLink, ...], part: str | None, folder: Path) -> MobileLink:
+    able = movable(links)
+    named = [link for link in able if part is None or part in (link.name, link.meaning)]
+    if len(named) == 1:
+        return named[0]
+    names = (
+        ", ".join(f"{link.name} ({link.meaning or 'no meaning'}, {link.joint})" for link in able) or "none"
+    )
+    wanted = "one moving part" if part is None else f"one moving part {part!r}"
+    raise WorldFileError(f"{folder}: {wanted} is needed, there are {len(named)}; parts that move: {names}")
+
+
+def _world_poses(links: tuple[MobileLink, ...]) -> dict[str, np.ndarray]:
+    """Pose of every link at joint values 0 in the folder's root frame."""
+    X: dict[str, np.ndarray] = {}
+    for link in links:
+        X[link.name] = (X[link.parent] if link.parent is not None else np.eye(4)) @ link.X_parent_link
+    return X
+
+
+def _scaled(X: np.ndarray, scale: float) -> np.ndarray:
+    result = X.copy()
+    result[:3, 3] *= scale
+    return result
+
+
+def _standing(
+    links: tuple[MobileLink, ...], X: dict[str, np.ndarray], place: MobilityPlace
+) -> tuple[float, np.ndarray]:
+    """Scale, and the pose (4, 4) that puts the scaled object upright on the table.
+
+    PartNet-Mobility's URDF turns y up into z up by its first fixed joint; Shape2Motion's files stay y up.
+    """
+    upright = np.eye(4) if any(link.parent is not None and link.joint == "fixed" for link in links) else Y_UP
+    points = []
+    for link in links:
+        for mesh in link.meshes:
+            T = upright @ X[link.name] @ mesh.X_link_mesh
+            points.append(_vertices(mesh.file) @ T[:3, :3].T + T[:3, 3])
+    cloud = np.concatenate(points)
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    scale = place.height_m / max(float(high[2] - low[2]), 1e-9)
+    c, s = np.cos(place.yaw_rad), np.sin(place.yaw_rad)
+    turn = np.eye(4)
+    turn[:2, :2] = [[c, -s], [s, c]]
+    centre = scale * np.append((low[:2] + high[:2]) / 2, low[2])
+    lift = np.eye(4)
+    lift[:3, 3] = -centre
+    X_W = turn @ lift @ upright
+    X_W[:3, 3] += [place.x_m, place.y_m, 0.0]
+    return scale, X_W
+
+
+def _vertices(file: Path) -> np.ndarray:
+    """Vertices of a Wavefront file, shape (n, 3)."""
+    rows = [line.split()[1:4] for line in file.read_text().splitlines() if line.startswith("v ")]
+    try:
+        points = np.array(rows, dtype=float).reshape(-1, 3)
+    except ValueError as error:
+        raise WorldFileError(f"{file}: not a Wavefront mesh ({error})") from error
+    if len(points) < 4:
+        raise WorldFileError(f"{file}: {len(points)} vertices, at least 4 are needed for a solid")
+    return points
+
+
+def _add_meshes(
+    scene: mujoco.MjSpec, body: mujoco.MjsBody, link: MobileLink, X_W_link: np.ndarray, scale: float
+) -> None:
+    for k, mesh in enumerate(link.meshes):
+        name = f"{link.name}_{k}"
+        scene.add_mesh(
+            name=name,
+            file=str(mesh.file.resolve()),
+            scale=[scale] * 3,
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,  # the data sets' meshes are not closed
+        )
+        T = X_W_link @ _scaled(mesh.X_link_mesh, scale)
+        quat = np.empty(4)
+        mujoco.mju_mat2Quat(quat, T[:3, :3].ravel())
+        body.add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, pos=T[:3, 3], quat=quat, rgba=GREY
+        )

@@ -1,0 +1,172 @@
+"""Objects from folders laid out like PartNet-Mobility and Shape2Motion; the folders are written here."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from s2r_sim.cli_data import data
+from s2r_sim.errors import WorldFileError
+from s2r_sim.objects.mobility import read_mobility
+from s2r_sim.objects.mobility_scene import MobilityPlace, mobility_scene, mobility_truth, movable
+from s2r_sim.objects.naming import PART_BODY
+
+URDF = """<robot name="partnet_cabinet">
+  <link name="base"/>
+  <link name="link_0">
+    <visual><origin xyz="0 0 -0.5"/><geometry><mesh filename="textured_objs/door.obj"/></geometry></visual>
+  </link>
+  <joint name="joint_0" type="revolute">
+    <origin xyz="0 0 0.5"/><axis xyz="0 1 0"/><parent link="link_2"/><child link="link_0"/>
+    <limit lower="0" upper="1.57"/>
+  </joint>
+  <link name="link_1">
+    <visual><geometry><mesh filename="textured_objs/drawer.obj"/></geometry></visual>
+  </link>
+  <joint name="joint_1" type="prismatic">
+    <origin xyz="0 0 0"/><axis xyz="0 0 1"/><parent link="link_2"/><child link="link_1"/>
+    <limit lower="0" upper="0.4"/>
+  </joint>
+  <link name="link_2">
+    <visual><geometry><mesh filename="textured_objs/body.obj"/></geometry></visual>
+  </link>
+  <joint name="joint_2" type="fixed">
+    <origin rpy="1.570796326794897 0 -1.570796326794897" xyz="0 0 0"/><parent link="base"/><child link="link_2"/>
+  </joint>
+</robot>
+"""
+SEMANTICS = "link_0 hinge rotation_door\nlink_1 slider drawer\nlink_2 heavy furniture_body\n"
+
+
+def write_box(path: Path, low: tuple[float, float, float], high: tuple[float, float, float]) -> None:
+    """A box as a Wavefront file without its last face: the data sets' meshes are not closed either."""
+    x, y, z = zip(low, high, strict=True)
+    corners = [(x[i], y[j], z[k]) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    faces = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5"]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(f"v {a} {b} {c}\n" for a, b, c in corners) + "".join(f"f {f}\n" for f in faces))
+
+
+@pytest.fixture
+def partnet(tmp_path):
+    """A cabinet 2 units high with a door and a drawer; y is up in its meshes, z its front."""
+    folder = tmp_path / "45001"
+    (folder / "textured_objs").mkdir(parents=True)
+    (folder / "mobility.urdf").write_text(URDF)
+    (folder / "semantics.txt").write_text(SEMANTICS)
+    write_box(folder / "textured_objs" / "body.obj", (-0.6, -1.0, -0.5), (0.6, 1.0, 0.45))
+    write_box(folder / "textured_objs" / "door.obj", (0.0, -0.9, 0.45), (0.6, 0.0, 0.5))
+    write_box(folder / "textured_objs" / "drawer.obj", (-0.5, 0.2, 0.0), (0.5, 0.8, 0.5))
+    return folder
+
+
+@pytest.fixture
+def shape2motion(tmp_path):
+    folder = tmp_path / "faucet" / "0007"
+    write_box(folder / "part_objs" / "none_motion.obj", (-0.1, 0.0, -0.1), (0.1, 0.8, 0.1))
+    write_box(folder / "part_objs" / "dof_rootd_Aa001_r.obj", (-0.05, 0.8, -0.05), (0.05, 1.0, 0.4))
+    lever = {
+        "dof_name": "dof_rootd_Aa001_r", "motion_type": "R", "center": [0.0, 0.8, 0.0], "direction": [0.0, 2.0, 0.0],
+        "children": [],
+    }  # fmt: skip
+    tree = {
+        "dof_name": "dof_rootd",
+        "motion_type": "none",
+        "center": [],
+        "direction": [],
+        "children": [lever],
+    }
+    (folder / "motion_attributes.json").write_text(json.dumps(tree))
+    return folder
+
+
+def test_partnet_links_come_with_meanings_limits_and_parents_first(partnet):
+    links = {link.name: link for link in read_mobility(partnet)}
+    assert list(links)[:2] == ["base", "link_2"]
+    assert links["link_0"].meaning == "rotation_door"
+    assert links["link_1"].limits == (0.0, 0.4)
+    assert [link.name for link in movable(tuple(links.values()))] == ["link_0", "link_1"]
+
+
+def test_partnet_drawer_slides_out_of_its_front_in_real_size(partnet):
+    place = MobilityPlace(height_m=0.5, x_m=0.7, y_m=0.1)
+    model = mobility_scene(partnet, "drawer", place).compile()
+    truth = mobility_truth(model, place)
+    assert truth.joint_type == "prismatic"
+    np.testing.assert_allclose(np.abs(truth.direction), [1.0, 0.0, 0.0], atol=1e-6)
+    assert truth.q_max == pytest.approx(0.4 * 0.5 / 2.0)
+    assert truth.q_start == pytest.approx(0.3 * truth.q_max)
+
+
+def test_partnet_object_stands_on_the_table_at_its_place(partnet):
+    model = mobility_scene(partnet, "drawer", MobilityPlace(height_m=0.5, x_m=0.7, y_m=0.1)).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    points = []
+    for geom in range(1, model.ngeom):
+        mesh = model.geom_dataid[geom]
+        first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+        vertices = model.mesh_vert[first : first + count]
+        points.append(vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
+    cloud = np.concatenate(points)
+    np.testing.assert_allclose(cloud[:, 2].min(), 0.0, atol=1e-6)
+    np.testing.assert_allclose(cloud[:, 2].max(), 0.5, atol=1e-6)
+    np.testing.assert_allclose((cloud.min(axis=0) + cloud.max(axis=0))[:2] / 2, [0.7, 0.1], atol=1e-6)
+
+
+def test_shape2motion_lever_turns_about_its_centre_upright(shape2motion):
+    model = mobility_scene(shape2motion, place=MobilityPlace(height_m=0.25)).compile()
+    truth = mobility_truth(model, MobilityPlace(height_m=0.25))
+    assert truth.joint_type == "revolute"
+    np.testing.assert_allclose(truth.direction, [0.0, 0.0, 1.0], atol=1e-6)
+    part = model.body(PART_BODY).id
+    assert (model.geom_bodyid == part).sum() == 1
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    tip = data.geom_xpos[np.flatnonzero(model.geom_bodyid == part)[0]]
+    assert np.linalg.norm(tip[:2] - np.array(truth.origin_m)[:2]) > 0.02
+
+
+def test_which_part_is_asked_for_when_several_move(partnet):
+    with pytest.raises(
+        WorldFileError, match=r"one moving part is needed, there are 2.*rotation_door.*drawer"
+    ):
+        mobility_scene(partnet)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda f: (f / "mobility.urdf").unlink(), "neither mobility.urdf"),
+        (lambda f: (f / "mobility.urdf").write_text("<robot>"), "no element found"),
+        (lambda f: (f / "textured_objs" / "door.obj").unlink(), "door.obj, which is missing"),
+        (lambda f: (f / "textured_objs" / "body.obj").write_text("v 0 0 0\n"), "1 vertices"),
+        (
+            lambda f: (f / "mobility.urdf").write_text(URDF.replace('parent link="base"', 'parent link="x"')),
+            "hang on no root",
+        ),
+        (
+            lambda f: (f / "mobility.urdf").write_text(URDF.replace('"prismatic"', '"floating"')),
+            "joint 'joint_1' is 'floating'",
+        ),
+    ],
+)
+def test_a_folder_that_cannot_be_used_is_refused_by_name(partnet, spoil, reason):
+    spoil(partnet)
+    with pytest.raises(WorldFileError, match=reason):
+        mobility_scene(partnet, "drawer")
+
+
+def test_import_command_writes_a_scene_that_loads(partnet, tmp_path):
+    result = CliRunner().invoke(
+        data, ["import", str(partnet), "--part", "drawer", "--out", str(tmp_path / "o")]
+    )
+    assert result.exit_code == 0, result.output
+    assert "prismatic joint" in result.output
+    mujoco.MjModel.from_xml_path(str(tmp_path / "o" / "scene.xml"))
+    assert json.loads((tmp_path / "o" / "object.json").read_text())["joint"]["joint_type"] == "prismatic"
