@@ -31,6 +31,7 @@ class Lid:
         length_m, width_m: From the hinge to the free edge, and along the hinge.
         angle_rad: Opening angle; 0 is closed on the base, level base assumed.
         outside_seen: The camera saw the face that is outside when closed.
+        p_camera: Where the camera was [m], (3,).
     """
 
     p_hinge: np.ndarray
@@ -40,6 +41,18 @@ class Lid:
     width_m: float
     angle_rad: float
     outside_seen: bool
+    p_camera: np.ndarray
+
+    def facing(self, turn_rad: float) -> float:
+        """Cosine between the seen face's normal and the ray to the camera, the lid opened further by ``turn_rad``.
+
+        Small values: edge-on. Below 0 the camera sees the other face.
+        """
+        c, s = np.cos(turn_rad), np.sin(turn_rad)
+        up = c * self.up + s * np.cross(self.along, self.up)
+        normal = (1.0 if self.outside_seen else -1.0) * np.cross(self.along, up)
+        ray = self.p_camera - (self.p_hinge + 0.5 * self.length_m * up)
+        return float(normal @ ray / np.linalg.norm(ray))
 
     @property
     def opening(self) -> np.ndarray:
@@ -135,4 +148,5 @@ def _lid(points: np.ndarray, plane: np.ndarray, p_camera: np.ndarray) -> Lid | s
         width_m=float(high[0] - low[0]),
         angle_rad=float(np.arctan2(up[2], up @ base)),
         outside_seen=bool(normal @ np.cross(along, up) > 0.0),
+        p_camera=p_camera,
     )

@@ -1,7 +1,8 @@
-"""Where and how to push a lid first: near its free edge, from outside, a little way shut.
+"""Where and how to push a lid first: near its free edge, a little way shut, or open where that tells more.
 
 A lid that was found open can close by about as much as it is open; how much further it would open is not known, and
-pushing against its stop would end in a protection stop. Hence closing first, opening only as the last resort.
+pushing against its stop would end in a protection stop. Hence closing first, unless it would turn the face that the
+first view saw away from the camera: two views of different faces have no surface in common to fit the joint to.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ class LidPushSettings:
         across: Places along the hinge as shares of the width, 0 is the middle.
         leans: Tilt of the finger from "along the push" (0) over "down along the lid" (1) to "reaching over it" (> 1).
         least_angle_rad: Lids less open than this are not pushed further shut.
+        safe_open_rad: Up to here every lid is believed to open.
+        least_facing: Least cosine between the seen face and the ray to the camera that the second view needs.
     """
 
     turn_rad: float = 0.4
@@ -40,14 +43,24 @@ class LidPushSettings:
     across: tuple[float, ...] = (0.0, 0.2, -0.2, 0.38, -0.38)
     leans: tuple[float, ...] = (1.0, 0.5, 0.0, 1.5, 2.2, 0.75, 0.25, 3.0)
     least_angle_rad: float = 0.7
+    safe_open_rad: float = 1.75
+    least_facing: float = 0.15
 
 
 def lid_proposals(lid: Lid, settings: LidPushSettings | None = None) -> Iterator[PushProposal]:
     """Proposals, best first."""
     settings = settings or LidPushSettings()
-    if lid.angle_rad >= settings.least_angle_rad:
-        yield from _pushes(lid, -1.0, settings)
-    yield from _pushes(lid, 1.0, settings)
+    for sign in _directions(lid, settings):
+        yield from _pushes(lid, sign, settings)
+
+
+def _directions(lid: Lid, settings: LidPushSettings) -> list[float]:
+    """-1 for closing, 1 for opening, in the order to try."""
+    if lid.angle_rad < settings.least_angle_rad:
+        return [1.0]
+    stays_in_view = lid.facing(-settings.turn_rad) >= settings.least_facing
+    may_open = lid.angle_rad + settings.turn_rad <= settings.safe_open_rad
+    return [-1.0, 1.0] if stays_in_view or not may_open else [1.0, -1.0]
 
 
 def _pushes(lid: Lid, sign: float, settings: LidPushSettings) -> Iterator[PushProposal]:

@@ -1,13 +1,14 @@
 """Where the moving part is now, seen by the camera: a fit of the known joint, one degree of freedom.
 
 The part's points and normals, brought to joint value 0 from the two views that built the model, are moved by the
-joint until they lie on the new view: first a scan over the whole range against the depth image, then
-point-to-plane steps with outliers weighed down.
+joint until they explain the new view: first a scan over the range against the depth image, coarse then fine, then
+point-to-plane steps with outliers weighed down where enough of a known face is seen. Where it is not, as with a lid
+edge-on, the image has the last word.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,13 +17,23 @@ from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.view import DepthView
+from s2r_host.run.image_cost import ImageCost
 
 SCAN_STEP_M = 0.002  # of the part's outermost points
-TRUNCATION_M = 0.012
+FINE_SPAN_M, FINE_STEP_M = 0.006, 0.0004
+TRUST_M = (
+    0.008  # of the outermost points: further from the image's answer than this, matching has gone astray
+)
 GATE_M = 0.006
+VISIBLE_M = 0.006  # behind the nearest point of its cell, a point of the same surface
 LEAST_FACING = 0.35
 LEAST_MATCHED = 0.25
-MOST_POINTS = 6000
+LEAST_SEEN = 0.4  # of the cells where the part should be seen
+LEAST_POINTS = 50
+MOST_POINTS = 24_000
+SCAN_POINTS = 8_000
+STRIPS = 12
+OUTLINE_M = 0.003  # the outline is known this well: thickness guessed, edges fattened by the stereo window
 STEPS = 8
 
 
@@ -34,11 +45,13 @@ class PartTemplate:
         p: Points [m], (n, 3).
         n: Unit normals, (n, 3).
         motion: The joint, its direction towards growing values; ``delta`` is not used.
+        p_still: Points of what does not move [m], (m, 3).
     """
 
     p: np.ndarray
     n: np.ndarray
     motion: JointMotion
+    p_still: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
 
     @property
     def axis(self) -> np.ndarray:
@@ -83,9 +96,9 @@ class Measurement:
 
     Attributes:
         s: Joint value [m or rad].
-        sigma: Its standard error, from the spread over patches of the surface [m or rad].
-        residual_m: Median distance of the matched points from the surface [m].
-        matched: Share of the template's points that lie on the view.
+        sigma: Its standard error, from the spread over patches of the surface or strips of the image [m or rad].
+        residual_m: Median distance of the matched points from the surface [m]; NaN when the image had the last word.
+        matched: Share of what should be seen of the part that is.
     """
 
     s: float
@@ -100,7 +113,7 @@ def part_template(estimate: JointEstimate) -> PartTemplate:
     Raises:
         SceneError: The views are bare clouds.
     """
-    points, normals = [], []
+    points, normals, still = [], [], []
     motion = estimate.motion
     for view, part, s in (
         (estimate.view_before, estimate.parts.before, 0.0),
@@ -112,9 +125,10 @@ def part_template(estimate: JointEstimate) -> PartTemplate:
         back = np.linalg.inv(replace(motion, delta=s).transform())
         points.append(view.points[keep] @ back[:3, :3].T + back[:3, 3])
         normals.append(view.normals[keep] @ back[:3, :3].T)
+        still.append(view.points[~part & ~view.edge])
     p, n = np.concatenate(points), np.concatenate(normals)
     stride = max(1, len(p) // MOST_POINTS)
-    return PartTemplate(p[::stride], n[::stride], motion)
+    return PartTemplate(p[::stride], n[::stride], motion, np.concatenate(still))
 
 
 def measure_state(
@@ -137,23 +151,57 @@ def measure_state(
         SceneError: The part is not found.
     """
     view = DepthView(frame, ignore)
-    reach_m = template.reach_m
-    candidates = np.arange(s_range[0], s_range[1] + 1e-9, SCAN_STEP_M / reach_m)
-    costs = np.array([_cost(template, view, s) for s in candidates])
-    if s_expected is not None:
-        costs += 0.02 * TRUNCATION_M * np.minimum(reach_m * np.abs(candidates - s_expected) / 0.1, 1.0)
-    s = float(candidates[int(np.argmin(costs))])
-    for _ in range(STEPS):
-        fit = _matched(template, view, s)
-        s += fit.step()
-    fit = _matched(template, view, s)
-    share = float(fit.use.sum() / fit.tells.sum())
-    if share < LEAST_MATCHED:
+    image = ImageCost(view, template.p_still)
+    s_image, sigma_image = _scan(template, image, s_range, s_expected)
+    seen = image.seen_as_told(template.at(s_image)[0])
+    if seen < LEAST_SEEN:
         raise SceneError(
-            f"only {share:.0%} of the moving part's surface lies on the new view near s = {s:.3f} "
-            f"(limit {LEAST_MATCHED:.0%}); did the object move as a whole?"
+            f"only {seen:.0%} of the moving part is seen where it should be, even at the best place "
+            f"(s = {s_image:.3f}, limit {LEAST_SEEN:.0%}); is it hidden, or did the object move as a whole?"
         )
+    s = s_image
+    for _ in range(STEPS):
+        fit = _matched(template, image, view, s)
+        if fit.use.sum() < LEAST_POINTS:
+            break
+        s += fit.step()
+    fit = _matched(template, image, view, s)
+    share = float(fit.use.sum() / max(1, fit.tells.sum()))
+    astray = template.reach_m * abs(s - s_image) > TRUST_M
+    if fit.use.sum() < LEAST_POINTS or share < LEAST_MATCHED or astray:
+        sigma_image = float(np.hypot(sigma_image, OUTLINE_M / template.reach_m))
+        return Measurement(s_image, sigma_image, float("nan"), seen)
     return Measurement(s, fit.standard_error(), float(np.median(np.abs(fit.r[fit.use]))), share)
+
+
+def _scan(
+    template: PartTemplate, image: ImageCost, s_range: tuple[float, float], s_expected: float | None
+) -> tuple[float, float]:
+    """Joint value that explains the image best, and its standard error from strips of the image that err apart."""
+    reach_m = template.reach_m
+    thin = replace(template, p=template.p[:: max(1, len(template.p) // SCAN_POINTS)])
+    coarse = np.arange(s_range[0], s_range[1] + 1e-9, SCAN_STEP_M / reach_m)
+    costs = image.of([thin.at(s)[0] for s in coarse])[0]
+    if s_expected is not None:
+        costs = costs + 0.02 * np.minimum(reach_m * np.abs(coarse - s_expected) / 0.1, 1.0)
+    if not np.isfinite(costs).any():
+        raise SceneError("the moving part would be outside the view at every joint value it can have")
+    fine = (
+        coarse[int(np.nanargmin(costs))] + np.arange(-FINE_SPAN_M, FINE_SPAN_M + 1e-9, FINE_STEP_M) / reach_m
+    )
+    strips = image.of([template.at(s)[0] for s in fine], STRIPS)
+    best = _vertex(fine, np.nansum(strips, axis=0))
+    each = np.array([_vertex(fine, row) for row in strips if np.isfinite(row).all() and np.ptp(row) > 0.05])
+    if len(each) < 3:
+        return best, FINE_SPAN_M / reach_m
+    return best, float(1.4826 * np.median(np.abs(each - np.median(each))) / np.sqrt(len(each)))
+
+
+def _vertex(s: np.ndarray, cost: np.ndarray) -> float:
+    """Middle of the lowest part of a curve: its values within a tenth of its range, weighed by their depth."""
+    low = cost.min()
+    weight = np.maximum(0.0, low + 0.1 * np.ptp(cost) - cost)
+    return float((weight * s).sum() / weight.sum()) if weight.any() else float(s.mean())
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,33 +241,12 @@ class _Fit:
         return float(1.4826 * np.median(np.abs(per_patch - np.median(per_patch))) / np.sqrt(len(per_patch)))
 
 
-def _project(view: DepthView, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(index of the view's point at the pixel or -1, depth) of points of shape (n, 3)."""
-    p_C = p @ view.X_camera_base[:3, :3].T + view.X_camera_base[:3, 3]
-    z = p_C[:, 2]
-    safe = np.where(z > 0.05, z, 1.0)
-    u = np.round(view.K[0, 0] * p_C[:, 0] / safe + view.K[0, 2]).astype(int)
-    v = np.round(view.K[1, 1] * p_C[:, 1] / safe + view.K[1, 2]).astype(int)
-    h, w = view.shape
-    inside = (u >= 0) & (u < w) & (v >= 0) & (v < h) & (z > 0.05)
-    index = np.full(len(p), -1, dtype=np.int64)
-    index[inside] = view.index_of_pixel[v[inside] * w + u[inside]]
-    return index, z
-
-
-def _cost(template: PartTemplate, view: DepthView, s: float) -> float:
-    """Mean truncated depth difference; pixels without a return count as half wrong."""
-    index, z = _project(view, template.at(s)[0])
-    seen = index >= 0
-    z_seen = (view.points[index[seen]] @ view.X_camera_base[2, :3]) + view.X_camera_base[2, 3]
-    total = np.minimum(np.abs(z_seen - z[seen]), TRUNCATION_M).sum()
-    return float(total + 0.5 * TRUNCATION_M * (~seen).sum()) / len(z)
-
-
-def _matched(template: PartTemplate, view: DepthView, s: float) -> _Fit:
-    """Residuals of all points and which of them tell the state."""
+def _matched(template: PartTemplate, image: ImageCost, view: DepthView, s: float) -> _Fit:
+    """Residuals of the points that face the camera at a joint value, and which of them tell it."""
     p, n = template.at(s)
-    index, _ = _project(view, p)
+    shown = image.visible(p, VISIBLE_M)
+    p, n = p[shown], n[shown]
+    index = _looked_up(view, p)
     matched = index >= 0
     agree = np.zeros(len(p), bool)
     agree[matched] = np.einsum("ij,ij->i", view.normals[index[matched]], n[matched]) > 0.8
@@ -229,10 +256,18 @@ def _matched(template: PartTemplate, view: DepthView, s: float) -> _Fit:
     velocity = template.velocity(p)
     lever = np.einsum("ij,ij->i", n, velocity)
     tells = np.abs(lever) > LEAST_FACING * (1.0 if template.slides else 0.3 * template.reach_m)
-    use = matched & (np.abs(r) < GATE_M) & tells
-    if use.sum() < 50:
-        raise SceneError(
-            f"the moving part is not found in the new view: {int(use.sum())} of {len(p)} points match "
-            f"near s = {s:.3f}; is it hidden, or did something else move?"
-        )
-    return _Fit(p, r, lever, tells, use)
+    return _Fit(p, r, lever, tells, matched & (np.abs(r) < GATE_M) & tells)
+
+
+def _looked_up(view: DepthView, p: np.ndarray) -> np.ndarray:
+    """Index of the view's point at the pixel of each of the points (n, 3), or -1; shape (n,)."""
+    p_C = p @ view.X_camera_base[:3, :3].T + view.X_camera_base[:3, 3]
+    z = p_C[:, 2]
+    safe = np.where(z > 0.05, z, 1.0)
+    u = np.round(view.K[0, 0] * p_C[:, 0] / safe + view.K[0, 2]).astype(int)
+    v = np.round(view.K[1, 1] * p_C[:, 1] / safe + view.K[1, 2]).astype(int)
+    h, w = view.shape
+    inside = (u >= 0) & (u < w) & (v >= 0) & (v < h) & (z > 0.05)
+    index = np.full(len(p), -1, dtype=np.int64)
+    index[inside] = view.index_of_pixel[v[inside] * w + u[inside]]
+    return index

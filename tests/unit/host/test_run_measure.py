@@ -98,6 +98,23 @@ def test_a_lid_is_measured_to_half_a_degree(turn):
     assert np.degrees(measured.sigma) < 0.5
 
 
+@pytest.mark.parametrize("turn", [-0.5, 0.55, 0.7, 0.85])
+def test_a_lid_edge_on_or_from_its_other_side_is_measured_by_its_outline(turn):
+    known = laptop_pair(np.random.default_rng(3), turn_rad=0.35)
+    estimate = estimate_joint(known.before, known.after, joint_type="revolute", seed=0)
+    template = part_template(estimate).with_back(0.006)
+    frame = laptop_pair(np.random.default_rng(3), turn).after
+    measured = measure_state(template, frame, s_range=(turn - 0.4, turn + 0.4))
+    assert np.degrees(measured.s) == pytest.approx(np.degrees(turn), abs=1.5)
+
+
+def test_a_lid_that_is_nowhere_near_its_range_is_refused():
+    known = laptop_pair(np.random.default_rng(3), turn_rad=0.35)
+    estimate = estimate_joint(known.before, known.after, joint_type="revolute", seed=0)
+    with pytest.raises(SceneError, match=r"only \d+%"):
+        measure_state(part_template(estimate), known.after, s_range=(-0.6, -0.5))
+
+
 def test_the_back_of_a_plate_is_its_front_moved_and_turned_over():
     plate = PartTemplate(
         np.array([[0.1, 0.0, 0.2]]), np.array([[0.0, 0.0, 1.0]]),
