@@ -7,9 +7,10 @@
 ``run`` draws a set, runs the tool over it and scores it, in that order; without ``--seed`` the seed is random and
 stands only in the key file. It may be stopped and started again. Commit before drawing: the commit is written beside
 the table. Without ``--full`` the tool gives names, places and parameters only, without forward simulations,
-baselines, next experiments and reports, at a few seconds per case. ``calibrate`` reads the temperature and the ceiling of the stated probabilities from a scored tuning set;
-``shuffled`` scores the same verdicts with the true names dealt out anew: the accuracy must fall to chance. Budget:
-60 s per case for one joint and 20 s of data, on two cores.
+baselines, next experiments and reports, at a few seconds per case. ``calibrate`` reads the temperature and the
+ceiling of the stated probabilities from a scored tuning set; ``shuffled`` scores the same verdicts with the true
+names dealt out anew: the accuracy must fall to chance. Budget: 60 s per case for one joint and 20 s of data, on two
+cores.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 S2R = [sys.executable, "-c", "from s2r_protocol.cli.root import main; main()"]
+TOOL = ("host/s2r_host/gap", "sim/s2r_conceal")
 NAMES_ONLY = "simulate: false\nbaselines: false\nreport: false\nnext_experiment: false\n"
 CASES = "single=120,clean=60,unknown=32,pairs=30,masked=12,insufficient=8,wrong_log=8"
 
@@ -29,7 +31,7 @@ def commit() -> str:
     """Commit of the tool, with a mark when its files were changed since."""
     here = Path(__file__).parents[2]
     head = subprocess.check_output(["git", "rev-parse", "HEAD"], cwd=here, text=True).strip()
-    changed = subprocess.check_output(["git", "status", "--short", "host", "protocol"], cwd=here, text=True)
+    changed = subprocess.check_output(["git", "status", "--short", *TOOL], cwd=here, text=True)
     return head + (" with changes" if changed else "")
 
 
