@@ -203,19 +203,22 @@ def table(title: str, rows: list[dict]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--only", default="", help="share,threads,identical,samples,pieces,contacts")
     parser.add_argument("--out", type=Path, help="also write the numbers as JSON here")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+        folder, rounds = Path(name), options.rounds
         bench = Bench(folder, "drawer_open")
-        results = {
-            "Share of raw throughput": share(bench, options.rounds, (20, 60, 150, 300)),
-            "Threads": threads(bench, options.rounds),
-            "Identical plans": identical(folder),
-            "Samples and horizon": costs(bench, options.rounds),
-            "Convex pieces": pieces(folder, options.rounds),
-            "Contacts": contacts(bench, options.rounds),
+        parts = {
+            "share": ("Share of raw throughput", lambda: share(bench, rounds, (20, 60, 150, 300))),
+            "threads": ("Threads", lambda: threads(bench, rounds)),
+            "identical": ("Identical plans", lambda: identical(folder)),
+            "samples": ("Samples and horizon", lambda: costs(bench, rounds)),
+            "pieces": ("Convex pieces", lambda: pieces(folder, rounds)),
+            "contacts": ("Contacts", lambda: contacts(bench, rounds)),
         }
+        chosen = options.only.split(",") if options.only else list(parts)
+        results = {parts[part][0]: parts[part][1]() for part in chosen}
     for title, rows in results.items():
         table(title, rows)
     if options.out:
