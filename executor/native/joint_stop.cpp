@@ -24,7 +24,7 @@ VelocityProfile::VelocityProfile(double v, double a, double v_end, double a_max,
 }
 
 Motion1 VelocityProfile::at(double t) const noexcept {
-  Motion1 m{0.0, v_, a_, 0.0};
+  Motion1 m{.v = v_, .a = a_};
   double left = std::clamp(t, 0.0, duration_);
   for (std::size_t i = 0; i < 3; ++i) {
     const double h = std::min(left, phase_duration_[i]);

@@ -42,7 +42,9 @@ Motion1 RateRamp::at(double t) const noexcept {
   const double s = x * x * x * (10.0 + x * (-15.0 + 6.0 * x));
   const double ds = 30.0 * x * x * (1.0 - x) * (1.0 - x);
   const double area = x * x * x * x * (2.5 + x * (-3.0 + x));
-  return {start_ * x * duration_ + d * duration_ * area + target_ * beyond, start_ + d * s, d * ds / duration_, 0.0};
+  return {.p = start_ * x * duration_ + d * duration_ * area + target_ * beyond,
+          .v = start_ + d * s,
+          .a = d * ds / duration_};
 }
 
 RateRamp::Step RateRamp::advance(double dt) noexcept {
@@ -53,8 +55,7 @@ RateRamp::Step RateRamp::advance(double dt) noexcept {
   rate_ = now.v;
   rate_dot_ = now.a;
   if (t_ >= duration_) {
-    rate_ = target_;
-    rate_dot_ = 0.0;
+    rate_ = target_;  // the slope is zero by itself
     mode_ = Mode::kSteady;
   }
   return {now.p - before, rate_, rate_dot_};

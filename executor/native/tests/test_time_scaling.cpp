@@ -42,8 +42,8 @@ S2R_TEST(steady_path_time_runs_at_its_rate) {
 }
 
 S2R_TEST(a_change_from_a_steady_rate_follows_the_blend_and_ends_exactly) {
-  for (const double r0 : {1.0, 0.3, 0.0})
-    for (const double r1 : {0.0, 0.6, 1.0})
+  for (const double r0 : {1.0, 0.4, 0.0})
+    for (const double r1 : {0.0, 0.1, 1.0})  // 0.4 + (0.1 - 0.4) is not 0.1
       for (const double duration : {0.02, 0.1234, 0.5}) {
         if (r0 == r1) continue;
         RateRamp ramp;
@@ -67,6 +67,28 @@ S2R_TEST(a_change_from_a_steady_rate_follows_the_blend_and_ends_exactly) {
         CHECK(ramp.steady() && ramp.rate() == r1 && ramp.rate_dot() == 0.0);
         CHECK(close(path_time, foretold + r1 * (last * kStep - duration), 1e-9));
       }
+}
+
+S2R_TEST(a_change_is_over_at_its_last_tick_and_not_one_later) {
+  RateRamp ramp;
+  ramp.change(0.0, 1.0);
+  for (int i = 0; i < 4; ++i) {
+    CHECK(!ramp.steady());
+    ramp.advance(0.25);  // exact in binary
+  }
+  CHECK(ramp.steady());
+}
+
+S2R_TEST(a_change_begins_at_the_rate_the_last_one_reached) {
+  RateRamp ramp;
+  double from = 1.0;
+  for (const double to : {0.0, 1.0, 0.4, 0.7}) {
+    ramp.change(to, 0.2);
+    CHECK(close(ramp.advance(kStep).rate, from + (to - from) * blend(0.005), 1e-12));
+    for (int i = 1; i < 200; ++i) ramp.advance(kStep);
+    CHECK(ramp.steady() && ramp.rate() == to);
+    from = to;
+  }
 }
 
 S2R_TEST(a_change_that_is_asked_for_twice_is_one_change) {

@@ -155,6 +155,8 @@ S2R_TEST(gate_counts_its_bounds_as_allowed) {
   limits = make_limits();
   limits.dq_max[0] = 0.5 * kRadPerSecondPerCount;
   CHECK(!Bed(limits, kMaxJoints, kTick, 1.0).next(0, 0, 1) && Bed(limits, kMaxJoints, kTick, 1.0).next(0, 0, 2));
+  limits.dq_max[0] = 0.4 * kRadPerSecondPerCount;  // half a count of rounding reaches to 0.9, not to 1
+  CHECK(Bed(limits, kMaxJoints, kTick, 1.0).next(0, 0, 1));
 }
 
 // The bound of an n-th difference is margin * limit plus what rounding may add, 2^n / 2 counts each way.
@@ -299,7 +301,7 @@ S2R_TEST(velocity_profile_is_the_fastest_inside_its_limits) {
   for (const double v : kSpeeds)
     for (const double a : kAccelerations)
       for (const double v_end : {0.0, 0.4, -1.0})
-        for (const auto& [a_max, j_max] : {std::pair{6.0, 300.0}, std::pair{6.0, 20.0}}) {
+        for (const auto& [a_max, j_max] : {std::pair{6.0, 300.0}, std::pair{6.0, 20.0}, std::pair{0.3, 20.0}}) {
           const VelocityProfile profile(v, a, v_end, a_max, j_max);
           const Optimal optimal = search(v, a, v_end, a_max, j_max);
           CHECK(close(profile.duration(), optimal.duration, 1e-6));

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-CONDITION_NAMES = ("alone", "zenoh", "mujoco", "killed")
+CONDITION_NAMES = ("alone", "zenoh", "mujoco", "hogs", "killed")
 FIGURE_NAMES = ("admission", "memory", "stop_latency", "bus_load")
 
 

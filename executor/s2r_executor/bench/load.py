@@ -1,4 +1,4 @@
-"""What else the machine does while the loop is measured: Zenoh traffic, MuJoCo on the other CPU."""
+"""What else the machine does while the loop is measured: Zenoh traffic, MuJoCo on the other CPU, hogs."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 _PUBLISH = """
 import json, sys, time, zenoh
@@ -37,6 +38,45 @@ while True:
 """
 
 
+_COMPUTE = """
+while True:
+    sum(range(100_000))
+"""
+
+_ALLOCATE = """
+while True:
+    memory = bytearray(256 << 20)
+    memory[::4096] = b"x" * len(memory[::4096])
+"""
+
+_WRITE = """
+import os, sys
+data = bytes(1 << 20)
+while True:
+    with open(sys.argv[1], "wb") as file:
+        for _ in range(64):
+            file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+"""
+
+_CAMERA = """
+import socket, threading, time
+listener = socket.create_server(("127.0.0.1", 0))
+sender = socket.create_connection(listener.getsockname())
+receiver, _ = listener.accept()
+def take():
+    while receiver.recv(1 << 16):
+        pass
+threading.Thread(target=take, daemon=True).start()
+frame, due = bytes(1280 * 720), time.monotonic()  # 22 of them per second are 20 MB/s
+while True:
+    sender.sendall(frame)
+    due += len(frame) / 20e6
+    time.sleep(max(due - time.monotonic(), 0.0))
+"""
+
+
 def free_endpoint() -> str:
     """A loopback endpoint that nobody listens on right now."""
     with socket.socket() as probe:
@@ -60,6 +100,22 @@ def simulation(cpus: set[int]) -> Iterator[None]:
     first, *rest = sorted(cpus)
     with _python(_SIMULATE, {first}), simulation(set(rest)):
         yield
+
+
+@contextmanager
+def hogs(cpus: set[int], folder: Path) -> Iterator[None]:
+    """CPU time, memory, disk writes and 20 MB/s through the loopback interface, a process for each."""
+    file = folder / "hog.bin"
+    try:
+        with (
+            _python(_COMPUTE, cpus),
+            _python(_ALLOCATE, cpus),
+            _python(_WRITE, cpus, str(file)),
+            _python(_CAMERA, cpus),
+        ):
+            yield
+    finally:
+        file.unlink(missing_ok=True)
 
 
 @contextmanager

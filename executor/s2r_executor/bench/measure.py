@@ -22,6 +22,7 @@ class Lateness:
     p50_us: float
     p99_us: float
     p999_us: float
+    p9999_us: float
     max_us: float
 
 
@@ -33,9 +34,9 @@ def lateness(deadline_ns: np.ndarray, woke_ns: np.ndarray, period_ns: int) -> La
         period_ns: Of the loop.
     """
     late_us = (woke_ns - deadline_ns) * 1e-3
-    p50, p99, p999 = np.percentile(late_us, [50.0, 99.0, 99.9])
+    p50, p99, p999, p9999 = map(float, np.percentile(late_us, [50.0, 99.0, 99.9, 99.99]))
     missed = int(((woke_ns - deadline_ns) // period_ns).sum())
-    return Lateness(len(late_us), missed, float(p50), float(p99), float(p999), float(late_us.max()))
+    return Lateness(len(late_us), missed, p50, p99, p999, p9999, float(late_us.max()))
 
 
 def unexplained(

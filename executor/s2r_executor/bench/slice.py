@@ -30,6 +30,7 @@ CONDITIONS = {
     "alone": "drives on the other CPU, nothing else",
     "zenoh": "the front end receives 1000 Zenoh messages per second",
     "mujoco": "MuJoCo steps without pause on every other CPU",
+    "hogs": "CPU, memory and disk hogs, 20 MB/s of camera traffic, on all CPUs",
     "killed": "the front end is killed (SIGKILL) in motion",
 }
 REFERENCE_PRIORITY = 90
@@ -73,6 +74,8 @@ def run_slice(settings: SliceSettings) -> dict[str, object]:
             stack.enter_context(load.publisher(endpoint, others))
         if settings.condition == "mujoco":
             stack.enter_context(load.simulation(others))
+        if settings.condition == "hogs":
+            stack.enter_context(load.hogs(os.sched_getaffinity(0), folder))
         _wait_moving(process, front_end)
         return _measure(settings, config, arm, process, front_end, folder)
 

@@ -166,7 +166,7 @@ def measured(monkeypatch):
 def test_an_interrupted_run_goes_on_where_it_was(measured, tmp_path):
     arguments = ["--slices", "2", "--seconds", "6", "--out", str(tmp_path), "--json"]
     first = CliRunner().invoke(cli.executor, arguments, catch_exceptions=False)
-    assert len(measured) == 2 * 4 + 4
+    assert len(measured) == 2 * len(cli.CONDITION_NAMES) + len(cli.FIGURE_NAMES)
     (tmp_path / "killed-6s-1.json").unlink()
     measured.clear()
     again = CliRunner().invoke(cli.executor, arguments, catch_exceptions=False)
