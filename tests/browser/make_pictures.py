@@ -31,8 +31,20 @@ from s2r_protocol.cli.peers import free_port, peer, stand_in_cell
 
 ARM = load_arm("xmate3pro")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# Drawing 3D in software would take both cores: two frames a second are enough for a picture.
+FEW_FRAMES = """
+window.requestAnimationFrame = act => setTimeout(() => act(performance.now()), 500);
+window.cancelAnimationFrame = clearTimeout;
+"""
 DESKTOP, PHONE = {"width": 1180, "height": 780}, {"width": 390, "height": 800}
 WAIT_MS = 180_000
+
+
+def open_page(browser: Browser, viewport: dict[str, int]) -> Page:
+    page = browser.new_page(viewport=viewport)
+    page.set_default_timeout(WAIT_MS)
+    page.add_init_script(FEW_FRAMES)
+    return page
 
 
 def take(page: Page, out: Path, name: str, **options: bool) -> None:
@@ -49,7 +61,7 @@ def press(page: Page, name: str) -> None:
 
 
 def open_tab(page: Page, name: str) -> None:
-    page.get_by_role("tab", name=name, exact=True).dispatch_event("click")
+    page.get_by_role("tab", name=name, exact=True).click(force=True)
 
 
 @contextlib.contextmanager
@@ -80,8 +92,7 @@ def console_pictures(browser: Browser, runs: Path, out: Path) -> None:
     with TemporaryDirectory() as root, stand_in_cell(Path(root), ("--seed", "3"), pace=1.0) as cell:
         options = ("--executor", cell.executor, "--camera", cell.camera, "--port", "0", "--runs", runs)
         with peer("console", ("console", *options), Path(root)), swaying(cell.executor):
-            page = browser.new_page(viewport=DESKTOP)
-            page.set_default_timeout(WAIT_MS)
+            page = open_page(browser, DESKTOP)
             page.goto((Path(root) / "console.ready").read_text().strip())
             page.get_by_role("button", name="STOP").wait_for()
             page.get_by_text("The arm is moving").first.wait_for()
@@ -110,8 +121,7 @@ def console_pictures(browser: Browser, runs: Path, out: Path) -> None:
 
 def page_pictures(browser: Browser, path: Path, out: Path) -> None:
     for name, viewport in (("desktop", DESKTOP), ("phone", PHONE)):
-        page = browser.new_page(viewport=viewport)
-        page.set_default_timeout(WAIT_MS)
+        page = open_page(browser, viewport)
         page.goto(path.resolve().as_uri())
         page.wait_for_timeout(4000)
         take(page, out, f"{path.stem}-{name}")
@@ -125,8 +135,7 @@ def rerun_picture(browser: Browser, rrd: Path, out: Path) -> None:
     command = [Path(sys.executable).with_name("rerun"), rrd, "--serve-web", "--port", str(grpc)]
     with subprocess.Popen([*command, "--web-viewer-port", str(web)], stderr=subprocess.DEVNULL) as server:
         try:
-            page = browser.new_page(viewport={"width": 1280, "height": 800})
-            page.set_default_timeout(WAIT_MS)
+            page = open_page(browser, {"width": 1280, "height": 800})
             while not _listens(web):
                 page.wait_for_timeout(200)
             page.goto(

@@ -57,11 +57,10 @@ def test_a_viewer_moves_nothing(do, page, cell):
 def test_control_enables_the_buttons_for_one_page_only_and_ends_with_it(do, page, browser, cell):
     do.press(page, "Take control")
     do.until(lambda: status(cell).lease_holder.startswith("host:"))
-    other = browser.new_page(viewport={"width": 760, "height": 640})
-    other.goto(cell.url, timeout=120_000)
-    other.get_by_role("button", name="Take control").wait_for(timeout=120_000)
+    other = do.open_console(browser, cell)
+    other.get_by_role("button", name="Take control").wait_for()
     do.press(other, "Disable drives")
-    other.get_by_text("this page has no control").first.wait_for(timeout=120_000)
+    other.get_by_text("this page has no control").first.wait_for()
     assert status(cell).state == ExecutorState.HOLD
     other.close()
     do.press(page, "Disable drives")
@@ -86,9 +85,15 @@ def test_timing_shows_lateness_and_who_is_to_blame(do, page):
     page.get_by_text("bus load").first.wait_for()
 
 
-def test_a_run_is_found_and_opened(do, page):
+def test_runs_are_listed_filtered_and_opened(do, page):
     do.open_tab(page, "Runs")
-    page.get_by_text("drawer at +0.1514 m").wait_for()
+    page.get_by_text("drawer at +0.1514 m").first.wait_for()
+    page.get_by_text("second", exact=True).first.wait_for()
+    words = page.locator("input:visible").first
+    words.fill("nothing like this")
+    page.get_by_text("no run matches 'nothing like this'").wait_for()
+    words.fill("first")
+    do.until(lambda: not page.get_by_text("second", exact=True).count())
     do.press(page, "Open in 3D")
     page.get_by_text("first, not the live arm").wait_for()
     do.press(page, "Back to the live arm")
@@ -96,10 +101,10 @@ def test_a_run_is_found_and_opened(do, page):
 
 def test_a_run_is_compared_with_its_twin_and_the_worst_is_shown(do, page):
     do.open_tab(page, "Compare")
-    page.get_by_role("button", name="Compare").wait_for()
-    do.until(lambda: page.locator("input[value='first']").count() or page.get_by_text("first").count())
+    page.get_by_text("Choose two runs, or a run and its twin").wait_for()
     do.press(page, "Compare")
     page.get_by_text("RMS residual [mrad]").wait_for()
+    page.get_by_text("framed: the worst").wait_for()
     do.press(page, "Jump to the worst in 3D")
     page.get_by_text("manipulation 1, not the live arm").wait_for()
     do.open_tab(page, "Runs")
@@ -107,6 +112,9 @@ def test_a_run_is_compared_with_its_twin_and_the_worst_is_shown(do, page):
     do.press(page, "Back to the live arm")
 
 
-def test_a_missing_gap_answer_says_how_to_make_one(do, page):
+def test_a_gap_answer_is_shown_with_its_evidence(do, page):
     do.open_tab(page, "Gap")
-    page.get_by_text("s2r gap --out DIR").first.wait_for()
+    page.get_by_text("physics is missing").wait_for()
+    page.get_by_text("coulomb_friction on joint4, probability 0.98").wait_for()
+    page.get_by_text("0.25 N·m (0.24 to 0.26)").wait_for()
+    page.get_by_text("position [mrad]").wait_for()

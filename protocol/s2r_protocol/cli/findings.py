@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from s2r_protocol.machine import Finding, Level
 
+_PIPE_COLUMNS = 160
 _COLOURS = {Level.OK: "green", Level.NOTE: "yellow", Level.PROBLEM: "red"}
 
 
@@ -20,4 +21,6 @@ def print_findings(findings: Iterable[Finding]) -> None:
         table.add_column(column, overflow="fold")
     for f in findings:
         table.add_row(f"[{_COLOURS[f.level]}]{f.level}[/]", f.topic, escape(f.text), escape(f.fix))
-    Console().print(table)
+    # A pipe has no width; a narrow guess would break every path in two.
+    console = Console()
+    (console if console.is_terminal else Console(width=_PIPE_COLUMNS)).print(table)
