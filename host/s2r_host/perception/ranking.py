@@ -1,0 +1,117 @@
+"""Refined candidates in order of belief: evidence of both views plus physical preferences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry, probe, score, turned_away
+from s2r_host.perception.motion import JointMotion, line_distance
+from s2r_host.perception.refine import Refined, refine, sides
+from s2r_host.perception.wishes import Wishes
+
+Array = NDArray[np.floating]
+
+EVIDENCE_SCALE = 0.02  # cost difference that makes a hypothesis e times less likely
+LEAST_JUDGED = 0.35  # of the moved points; a motion that hides nearly all of them explains nothing
+COST_ASKEW, ASKEW_RAD = 0.08, np.radians(15)  # one joint in fifty: e to the power of -4
+COST_SLIDING_LEVER = 0.04  # one thin part in ten slides
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One refined candidate: its cost (evidence + priors, 0 = perfect) and its share of belief."""
+
+    motion: JointMotion
+    cost: float
+    evidence: float
+    weight: float
+    refined: Refined
+
+
+def rank(
+    starts: list[JointMotion], scene: Scene, wishes: Wishes, rng: np.random.Generator
+) -> list[Hypothesis]:
+    """Refine all starts, judge them with finer evidence and priors, best first."""
+    both = sides(scene, rng)
+    refined = [r for r in (refine(start, both, wishes=wishes) for start in starts) if r is not None]
+    refined = [r for r in refined if _sensible(r.motion)]
+    probes = (
+        probe(scene.before, scene.moved_before(), 1200, rng),
+        probe(scene.after, scene.moved_after(), 1200, rng),
+    )
+    evidence = score([r.motion for r in refined], scene, *probes, extra_m=0.001)
+    cost = evidence + np.array([_prior(r.motion, scene, probes, wishes) for r in refined])
+    order = np.argsort(cost, kind="stable")
+    weight = np.exp(-(cost - cost.min()) / EVIDENCE_SCALE) if len(cost) else cost
+    weight = weight / max(weight.sum(), 1e-12)
+    return [
+        Hypothesis(refined[i].motion, float(cost[i]), float(evidence[i]), float(weight[i]), refined[i])
+        for i in order
+    ]
+
+
+def _sensible(motion: JointMotion) -> bool:
+    """Within what one push can do: less than 0.8 m or 160 degrees."""
+    return motion.delta < (0.8 if motion.joint_type == "prismatic" else np.radians(160))
+
+
+def _prior(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe], wishes: Wishes) -> float:
+    """Physical preferences in units of cost: short motions, hinges near their part, upright or level."""
+    if motion.joint_type == "prismatic":
+        return 0.04 * motion.delta / 0.3 + (COST_SLIDING_LEVER if wishes.thin else 0.0)
+    fits = _fitting_points(motion, scene, probes)
+    if len(fits) == 0:
+        return 0.1
+    # Near the hinge the part moves less than the change test sees; so much distance is no evidence.
+    blind = 0.012 / max(2 * np.sin(motion.delta / 2), 0.02)
+    reach = float(np.percentile(line_distance(motion.origin, motion.direction, fits), 2))
+    far = min(1.0, max(0.0, reach - 0.03 - blind) / 0.08)
+    return 0.01 + 0.06 * motion.delta / 1.5 + 0.10 * far + _askew(motion, wishes.up)
+
+
+def _askew(motion: JointMotion, up: Array | None) -> float:
+    """Cost of a hinge that is neither upright nor level."""
+    if up is None:
+        return 0.0
+    off = float(np.arcsin(min(1.0, abs(float(motion.direction @ up)))))
+    return COST_ASKEW * min(1.0, min(off, np.pi / 2 - off) / ASKEW_RAD) ** 2
+
+
+def _fitting_points(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> Array:
+    """Surely moved points, in the pose of the first view, that land on a matching surface (n, 3)."""
+    X = motion.transform()
+    X_back = np.linalg.inv(X)
+    found = []
+    if len(probes[0].points):
+        cost = carry(X[None], probes[0], scene.after, scene.changes.after, 0.001)[0]
+        found.append(probes[0].points[cost <= COST_ON_SURFACE])
+    if len(probes[1].points):
+        cost = carry(X_back[None], probes[1], scene.before, scene.changes.before, 0.001)[0]
+        found.append((probes[1].points @ X_back[:3, :3].T + X_back[:3, 3])[cost <= COST_ON_SURFACE])
+    return np.concatenate(found)
+
+
+def explained_share(best: Refined, scene: Scene, rng: np.random.Generator) -> float:
+    """Share of surely moved points whose cost is that of a matching surface.
+
+    Of a plate that turned over, points turned away from the camera are left out, unless hardly any others are left.
+    """
+    probes = (
+        probe(scene.before, scene.moved_before(), 1500, rng),
+        probe(scene.after, scene.moved_after(), 1500, rng),
+    )
+    count = len(probes[0].points) + len(probes[1].points)
+    X, fits, away = best.motion.transform(), 0, 0
+    for T, part, view, label in (
+        (X, probes[0], scene.after, scene.changes.after),
+        (np.linalg.inv(X), probes[1], scene.before, scene.changes.before),
+    ):
+        if len(part.points):
+            fitting = carry(T[None], part, view, label, 0.001)[0] <= COST_ON_SURFACE
+            fits += int(fitting.sum())
+            if best.plate_m is not None:
+                away += int((turned_away(T, part, view) & ~fitting).sum())
+    return fits / max(count - away, LEAST_JUDGED * count, 1)

@@ -1,0 +1,118 @@
+"""Whether an estimate carries: reasons to abstain, and warnings where it carries only just."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.errors import AbstainError
+from s2r_host.perception.evidence import THICKEST_M, Scene
+from s2r_host.perception.intervals import Intervals
+from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.ranking import Hypothesis
+from s2r_host.perception.segment import Parts
+from s2r_host.perception.view import CloudView, DepthView, View
+
+FAMILY_MARGIN = 0.02  # cost; below it revolute and prismatic are not told apart
+MOST_RESIDUAL_M = 0.003
+LEAST_TRAVEL_M = 0.010  # of the fastest point of the part
+MOST_TILT_RAD = np.radians(15)
+LEAST_EXPLAINED = 0.5  # with hands on the object 0.5-0.75; a plate taken for its own mirror image 0.3-0.48
+LEAST_MOVED_M2 = 1e-4
+LEAST_PLATE_M = 0.001  # thinner: the faces were taken for one
+# Half of a lever's pixels lie on rims and carry no surface.
+THIN_EXPLAINED, THIN_EVIDENCE = 0.33, 0.45
+
+
+def require_motion(scene: Scene) -> None:
+    """Refuse views between which nothing moved.
+
+    Raises:
+        AbstainError: Less than `LEAST_MOVED_M2` of surface changed.
+    """
+    area = max(_area(scene.before, scene.moved_before()), _area(scene.after, scene.moved_after()))
+    if area < LEAST_MOVED_M2:
+        raise AbstainError(
+            f"no motion seen: {area * 1e4:.1f} cm² of surface changed, at least {LEAST_MOVED_M2 * 1e4:.0f} cm² are"
+            " needed; move the part further (3 cm or 15 degrees) between the views"
+        )
+
+
+def _area(view: View, index: NDArray[np.int64]) -> float:
+    """Surface seen at these points [m²] (pixel footprint, or spacing squared for clouds)."""
+    if len(index) == 0:
+        return 0.0
+    if isinstance(view, DepthView):
+        z = view.points[index] @ view.X_camera_base[2, :3] + view.X_camera_base[2, 3]
+        return float((z**2).sum() / (view.K[0, 0] * view.K[1, 1]))
+    assert isinstance(view, CloudView)
+    return float(len(index) * view.spacing_m**2)
+
+
+def judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: float, thin: bool) -> list[str]:
+    """Abstain where the evidence does not carry; else warnings."""
+    best = ranked[0]
+    X = best.motion.transform()
+    travel = np.linalg.norm(scene.before.points[parts.before] @ (X[:3, :3] - np.eye(3)).T + X[:3, 3], axis=1)
+    most_travel = float(np.percentile(travel, 98)) if travel.size else 0.0
+    if thin:  # half of a lever's pixels lie on its rims and carry no surface
+        clear = explained >= THIN_EXPLAINED and best.evidence < THIN_EVIDENCE
+    else:
+        clear = explained >= LEAST_EXPLAINED
+    if travel.size < 100 or not clear:
+        raise AbstainError(
+            f"no single rigid motion explains the change: the best one explains {100 * explained:.0f} % of the moved"
+            " points; remove hands and other moving things, give --region, or show the same side of the part twice"
+        )
+    if most_travel < LEAST_TRAVEL_M:
+        raise AbstainError(
+            f"the motion is too small: {most_travel * 1e3:.1f} mm at its fastest point, at least"
+            f" {LEAST_TRAVEL_M * 1e3:.0f} mm are needed; push further (3 cm or 15 degrees)"
+        )
+    if best.refined.residual_m > MOST_RESIDUAL_M:
+        raise AbstainError(
+            f"the best {best.motion.joint_type} joint leaves a residual of {best.refined.residual_m * 1e3:.1f} mm,"
+            f" limit {MOST_RESIDUAL_M * 1e3:.0f} mm; is the part rigid and the camera calibrated?"
+        )
+    plate = best.refined.plate_m
+    if plate is not None and not LEAST_PLATE_M < plate < THICKEST_M:
+        raise AbstainError(
+            "the part shows one face before and the other after, and its thickness cannot be told from them"
+            f" ({plate * 1e3:.0f} mm fits best); push so that one face stays in sight, or look from another side"
+        )
+    other = next((h for h in ranked if h.motion.joint_type != best.motion.joint_type), None)
+    if other is not None and other.cost - best.cost < FAMILY_MARGIN:
+        raise AbstainError(
+            f"{best.motion.joint_type} and {other.motion.joint_type} explain the motion about equally well (cost"
+            f" {best.cost:.3f} and {other.cost:.3f}); push further so that the two differ"
+        )
+    warnings = []
+    if plate is not None:
+        warnings.append(
+            f"the part shows one face before and the other after: {plate * 1e3:.0f} mm thick at a guess, so the hinge"
+            " is less certain"
+        )
+    if most_travel < 0.03:
+        warnings.append(
+            f"small motion ({most_travel * 1e3:.0f} mm at most): the axis is uncertain, push 3 cm or more"
+        )
+    if explained < 0.6:
+        warnings.append(
+            f"only {100 * explained:.0f} % of the moved points fit the joint; something else moved too"
+        )
+    return warnings
+
+
+def require_narrow(intervals: Intervals, motion: JointMotion) -> None:
+    """Refuse an answer so vague that it is none.
+
+    Raises:
+        AbstainError: Axis or motion are known too roughly.
+    """
+    half = 0.5 * (intervals.delta[1] - intervals.delta[0])
+    if intervals.axis_angle_rad > MOST_TILT_RAD or half > 0.5 * motion.delta:
+        raise AbstainError(
+            f"several {motion.joint_type} motions explain the views: the axis is known to"
+            f" {np.degrees(intervals.axis_angle_rad):.0f} degrees and the motion to {100 * half / motion.delta:.0f} %"
+            " only; push further or look from another side"
+        )
