@@ -147,10 +147,6 @@ def estimate_joint(
     anchors = np.concatenate([probes[0].points[:100], probes[1].points[:100]])
     starts = [motion for motion, _ in hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)]
     wishes = Wishes(shape.fronts(), up, *shape.levers)
-    if (
-        wishes.thin
-    ):  # an equally good turn the other way must be among the answers, else none of them is doubted
-        starts += [twin for motion in starts[:TWINNED] for twin in twins(motion)]
     ranked = rank(starts, scene, wishes, rng)
     if not ranked:
         check_same_camera(view_a, view_b, changes, np.ones(len(view_a.points), dtype=bool), rng)
