@@ -52,7 +52,7 @@ def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int
     from safetensors.torch import load_file
 
     network.load_state_dict(load_file(out / "weights.safetensors"))
-    about = {name: state[name] for name in ("data_sha256", "objects", "pushes", "settings")}
+    about = {name: state[name] for name in ("data_sha256", "objects", "pushes", "epoch", "settings")}
     last = state["metrics"][-1]
     about["validation_auc"] = last["validation_auc"]
     worst = export(network, out, about)
