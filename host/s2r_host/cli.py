@@ -55,7 +55,7 @@ def run(
     Ctrl-C stops the arm on its path, waits for rest and still writes the recording. This is software, not an
     emergency stop.
     """
-    from s2r_host.report import write_report
+    from s2r_host.report.page import write_report
     from s2r_host.run.journal import Journal
     from s2r_host.run.pipeline import run_task
     from s2r_host.run.settings import RunSettings

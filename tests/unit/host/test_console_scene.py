@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -83,3 +86,14 @@ def test_one_moving_joint_is_one_message(shapes):
     q[2] += 0.1
     view.show(q)
     assert scene.sent == before + 1
+
+
+def test_the_console_starts_without_perception_planning_and_plots():
+    """They take seconds to import, and a page that shows and stops needs none of them."""
+    code = (
+        "import sys, s2r_host.console.app\n"
+        "heavy = {'open3d', 'matplotlib', 'toppra', 'onnxruntime', 'cv2', 'coacd'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
