@@ -339,7 +339,7 @@ S2R_TEST(velocity_profile_is_continuous_and_ends_where_it_should) {
           last = now;
         }
         const Motion1 end = profile.at(T), later = profile.at(T + 0.5);
-        CHECK(close(end.v, v_end, 1e-9) && close(end.a, 0.0, 1e-9));
+        CHECK(end.v == v_end && end.a == 0.0 && end.j == 0.0);  // exact, not just close
         CHECK(later.v == v_end && later.a == 0.0 && later.j == 0.0);
         CHECK(close(later.p, profile.distance() + 0.5 * v_end, 1e-9));
         CHECK(close(end.p, profile.distance(), 1e-12));
