@@ -26,6 +26,8 @@ class Report:
         torque_joint: Index of the joint where that was.
         press_N: Largest force of the fingertip on the part across the part's motion. It moves nothing; in a model
             with little friction it slides off an edge that it jams on in truth.
+        contact_share: Largest joint torque that contact causes, over the joint's limit. The executor takes much of
+            it for a collision.
     """
 
     contact: str | None = None
@@ -33,6 +35,7 @@ class Report:
     torque_share: float = 0.0
     torque_joint: int = 0
     press_N: float = 0.0
+    contact_share: float = 0.0
 
     def merged(self, other: Report) -> Report:
         """This report followed by another."""
@@ -43,6 +46,7 @@ class Report:
             worst.torque_share,
             worst.torque_joint,
             max(self.press_N, other.press_N),
+            max(self.contact_share, other.contact_share),
         )
 
 
@@ -94,7 +98,10 @@ class FineWorld:
         control = np.asarray(control, dtype=float)
         record = self._stepped(control)
         states, sensors = record[_STATE_SPEC][0], record["sensordata"][0]
-        report, row = self._report(sensors, record["qfrc_actuator"][0, :, : self.scene.dof])
+        dof = self.scene.dof
+        report, row = self._report(sensors, record["qfrc_actuator"][0, :, :dof])
+        felt = np.abs(record["qfrc_constraint"][0, :, :dof]) / self._tau_max
+        report = replace(report, contact_share=float(felt.max()) if report.touched else 0.0)
         if record["ncon"].size and row is not None:
             report = replace(report, contact=self._name_contact(states, row))
         self.restore(states[-1])
@@ -112,7 +119,7 @@ class FineWorld:
             len(control),
             np.ascontiguousarray(control)[None],
             _CONTROL,
-            (_STATE_SPEC, "sensordata", "qfrc_actuator", "ncon"),
+            (_STATE_SPEC, "sensordata", "qfrc_actuator", "qfrc_constraint", "ncon"),
         )
 
     def _report(self, sensors: np.ndarray, torque: np.ndarray) -> tuple[Report, int | None]:

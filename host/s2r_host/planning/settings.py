@@ -178,6 +178,8 @@ class PlanSettings:
         torque_margin: Share of the torque limits a delivered plan may use.
         press_max_N: Largest force of the fingertip on the part across the part's motion. A few newtons come from
             friction; more is pressing on an edge.
+        contact_margin: Share of a joint's torque limit that contact may take. The executor takes half of the limit
+            for a collision.
         joint_margin_rad: Distance kept from the position limits.
         clearance_m: The rollouts count anything nearer than this to the robot, except the fingertip, as a collision.
         lead_in: Go to the place behind the part along the collision-free route, and let the sampler begin there.
@@ -205,6 +207,7 @@ class PlanSettings:
     fine_timestep_s: float = 0.002
     torque_margin: float = 0.9
     press_max_N: float = 40.0
+    contact_margin: float = 0.35
     joint_margin_rad: float = 0.05
     clearance_m: float = 0.003
     lead_in: bool = True
@@ -233,6 +236,7 @@ class PlanSettings:
         _require(self.tolerance_rad > 0.0, "tolerance_rad", self.tolerance_rad, "positive")
         _require(0.0 < self.torque_margin <= 1.0, "torque_margin", self.torque_margin, "within (0, 1]")
         _require(self.press_max_N > 0.0, "press_max_N", self.press_max_N, "positive")
+        _require(0.0 < self.contact_margin <= 1.0, "contact_margin", self.contact_margin, "within (0, 1]")
         _require(self.ensemble >= 1, "ensemble", self.ensemble, "at least 1")
         _require(len(self.cascade) >= 1, "cascade", self.cascade, "at least one stage")
         steps = [self.fine_timestep_s, *(stage.timestep_s for stage in self.cascade)]

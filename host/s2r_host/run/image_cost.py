@@ -47,6 +47,11 @@ class ImageCost:
         nearest = np.minimum(self.nearest(p), self._z_still + HIDDEN_M)
         return (cell >= 0) & (z < nearest[np.maximum(cell, 0)] + slack_m)
 
+    def cells(self, p: np.ndarray) -> int:
+        """In how many cells points (n, 3) should be seen."""
+        z = self.nearest(p)
+        return int((np.isfinite(z) & (self._z_still > z - HIDDEN_M)).sum())
+
     def seen_as_told(self, p: np.ndarray) -> float:
         """Share of the cells in which points (n, 3) should be seen where something is seen that near; 0 if none."""
         z = self.nearest(p)

@@ -28,7 +28,11 @@ GATE_M = 0.006
 VISIBLE_M = 0.006  # behind the nearest point of its cell, a point of the same surface
 LEAST_FACING = 0.35
 LEAST_MATCHED = 0.25
-LEAST_SEEN = 0.4  # of the cells where the part should be seen
+LEAST_SEEN = 0.4  # of the cells where the part, or what stays around it, should be seen
+EDGE_ON = (
+    0.15  # covering less than this of the cells that it covers on its way, the part is not seen, only known
+)
+AROUND_M = 0.15
 LEAST_POINTS = 50
 MOST_POINTS = 24_000
 SCAN_POINTS = 8_000
@@ -46,12 +50,14 @@ class PartTemplate:
         n: Unit normals, (n, 3).
         motion: The joint, its direction towards growing values; ``delta`` is not used.
         p_still: Points of what does not move [m], (m, 3).
+        guessed: From this index on the points were never seen; they lie where a guessed thickness puts them.
     """
 
     p: np.ndarray
     n: np.ndarray
     motion: JointMotion
     p_still: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    guessed: int | None = None
 
     @property
     def axis(self) -> np.ndarray:
@@ -84,7 +90,7 @@ class PartTemplate:
     def with_back(self, thickness_m: float) -> PartTemplate:
         """With the hidden face of a plate, too: a lid that turns may show the camera the side it had not seen."""
         p = np.concatenate([self.p, self.p - thickness_m * self.n])
-        return replace(self, p=p, n=np.concatenate([self.n, -self.n]))
+        return replace(self, p=p, n=np.concatenate([self.n, -self.n]), guessed=len(self.p))
 
     def _lever_arms(self, p: np.ndarray) -> np.ndarray:
         return np.cross(self.axis, p - self.motion.origin)
@@ -153,7 +159,7 @@ def measure_state(
     view = DepthView(frame, ignore)
     image = ImageCost(view, template.p_still)
     s_image, sigma_image = _scan(template, image, s_range, s_expected)
-    seen = image.seen_as_told(template.at(s_image)[0])
+    seen = _seen(template, image, s_image, s_range)
     if seen < LEAST_SEEN:
         raise SceneError(
             f"only {seen:.0%} of the moving part is seen where it should be, even at the best place "
@@ -171,7 +177,9 @@ def measure_state(
     if fit.use.sum() < LEAST_POINTS or share < LEAST_MATCHED or astray:
         sigma_image = float(np.hypot(sigma_image, OUTLINE_M / template.reach_m))
         return Measurement(s_image, sigma_image, float("nan"), seen)
-    return Measurement(s, fit.standard_error(), float(np.median(np.abs(fit.r[fit.use]))), share)
+    unsure = OUTLINE_M / template.reach_m if fit.guessed[fit.use].mean() > 0.5 else 0.0
+    sigma = float(np.hypot(fit.standard_error(), unsure))
+    return Measurement(s, sigma, float(np.median(np.abs(fit.r[fit.use]))), share)
 
 
 def _scan(
@@ -197,6 +205,17 @@ def _scan(
     return best, float(1.4826 * np.median(np.abs(each - np.median(each))) / np.sqrt(len(each)))
 
 
+def _seen(template: PartTemplate, image: ImageCost, s: float, s_range: tuple[float, float]) -> float:
+    """Share of what should be seen that is: of the part, or of what stays around it while the part is edge-on."""
+    p = template.at(s)[0]
+    most = max(image.cells(template.at(one)[0]) for one in np.linspace(*s_range, 9))
+    if image.cells(p) > EDGE_ON * most:
+        return image.seen_as_told(p)
+    low, high = p.min(axis=0) - AROUND_M, p.max(axis=0) + AROUND_M
+    around = np.all((template.p_still > low) & (template.p_still < high), axis=1)
+    return image.seen_as_told(template.p_still[around])
+
+
 def _vertex(s: np.ndarray, cost: np.ndarray) -> float:
     """Middle of the lowest part of a curve: its values within a tenth of its range, weighed by their depth."""
     low = cost.min()
@@ -214,6 +233,7 @@ class _Fit:
         lever: Motion along the normal per unit of the joint [m], (n,).
         tells: Points whose surface moves across itself, so that they tell the joint value, (n,).
         use: Those among them that were seen and are near, (n,).
+        guessed: Points of a face that no view of the template showed, (n,).
     """
 
     p: np.ndarray
@@ -221,6 +241,7 @@ class _Fit:
     lever: np.ndarray
     tells: np.ndarray
     use: np.ndarray
+    guessed: np.ndarray
 
     def step(self) -> float:
         """Change of the joint value that brings the points to the surface."""
@@ -244,8 +265,9 @@ class _Fit:
 def _matched(template: PartTemplate, image: ImageCost, view: DepthView, s: float) -> _Fit:
     """Residuals of the points that face the camera at a joint value, and which of them tell it."""
     p, n = template.at(s)
-    shown = image.visible(p, VISIBLE_M)
+    shown = np.flatnonzero(image.visible(p, VISIBLE_M))
     p, n = p[shown], n[shown]
+    guessed = np.zeros(len(p), bool) if template.guessed is None else shown >= template.guessed
     index = _looked_up(view, p)
     matched = index >= 0
     agree = np.zeros(len(p), bool)
@@ -256,7 +278,7 @@ def _matched(template: PartTemplate, image: ImageCost, view: DepthView, s: float
     velocity = template.velocity(p)
     lever = np.einsum("ij,ij->i", n, velocity)
     tells = np.abs(lever) > LEAST_FACING * (1.0 if template.slides else 0.3 * template.reach_m)
-    return _Fit(p, r, lever, tells, matched & (np.abs(r) < GATE_M) & tells)
+    return _Fit(p, r, lever, tells, matched & (np.abs(r) < GATE_M) & tells, guessed)
 
 
 def _looked_up(view: DepthView, p: np.ndarray) -> np.ndarray:

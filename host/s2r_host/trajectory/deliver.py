@@ -28,6 +28,7 @@ logger = logging.getLogger(__name__)
 _CORRECTIONS = 5
 _FRAGILE = 4.0  # success bands that a slightly different object may be off; more means that the part was lost
 _FRAGILE_PRESS = 1.5  # of the press that the believed object may feel
+_FRAGILE_CONTACT = 1.25  # of the joint torque that contact may cause
 _LARGEST_M = 0.04  # a larger correction means that the fingertip lost the part
 
 
@@ -164,6 +165,9 @@ def _fragile(
             return (
                 f"fragile: with the {perturbation} it presses across the motion with {played.press_N:.0f} N"
             )
+        if played.contact_share > _FRAGILE_CONTACT * request.settings.contact_margin:
+            share = f"{played.contact_share:.0%} of a joint's torque limit"
+            return f"fragile: with the {perturbation} contact takes {share}"
         if abs(played.error) > _FRAGILE * tolerance:
             return f"fragile: with the {perturbation} it ends {played.error:+.4f} from the target"
     return None

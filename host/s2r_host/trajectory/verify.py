@@ -31,6 +31,7 @@ class Replay:
         torque_share: Largest torque over its limit.
         torque_joint: Name of that joint.
         press_N: Largest force of the fingertip on the part across the part's motion.
+        contact_share: Largest joint torque that contact causes, over the joint's limit.
     """
 
     t: np.ndarray
@@ -45,6 +46,7 @@ class Replay:
     torque_share: float
     torque_joint: str
     press_N: float
+    contact_share: float
 
     @property
     def offset(self) -> float:
@@ -61,6 +63,11 @@ class Replay:
             return (
                 f"the timed motion presses on the part with {self.press_N:.0f} N across its motion, "
                 f"limit {settings.press_max_N:.0f} N"
+            )
+        if self.contact_share > settings.contact_margin:
+            return (
+                f"contact takes {self.contact_share:.0%} of a joint's torque limit during the timed motion, limit "
+                f"{settings.contact_margin:.0%}: the executor would take more for a collision"
             )
         if abs(self.offset) >= tolerance:
             return f"the timed motion ends at s = {self.final:.4f}, {self.error:+.4f} from the target"
@@ -161,4 +168,5 @@ def replay(trajectory: Trajectory, request: PlanRequest, scene: Scene | None = N
         torque_share=report.torque_share,
         torque_joint=scene.arm.joint_names[report.torque_joint],
         press_N=report.press_N,
+        contact_share=report.contact_share,
     )
