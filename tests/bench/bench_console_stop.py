@@ -13,7 +13,6 @@ the published states, so its granularity is the publishing period (10 ms).
 from __future__ import annotations
 
 import argparse
-import contextlib
 import shutil
 import tempfile
 import time
@@ -30,6 +29,7 @@ from s2r_host.log.tables import read_recording
 from s2r_host.testing.cell import quintic_motion
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.peers import peer, stand_in_cell
+from s2r_protocol.faults import Cause, ExecutorState
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.ros2 import unpack
 
@@ -68,17 +68,22 @@ def first_changed(recording: Path, plan, tick_ns: int) -> float:
     return float(t[np.argmax(off)])
 
 
-def one_stop(link, button, clock: TickClock, folder: Path, sign: float) -> float:
-    """Latency of one stop [s]."""
+def one_stop(link, button, clock: TickClock, folder: Path, sign: float) -> float | None:
+    """Latency of one stop [s]; None when a busy machine disturbed the motion and another protection stopped it."""
     plan = quintic_motion(np.asarray(link.status().q_ref), sign * np.full(ARM.dof, 0.25), 3.0)
     with link.leased():
+        if link.status().state == ExecutorState.FAULT:
+            link.reset()
         link.arm_drives()
         tick = link.status().tick
         verdict = link.send_plan(plan, "bench")
         time.sleep(float(np.random.default_rng().uniform(0.8, 1.4)))
         clicked = button.evaluate(CLICK) / 1e3
-        with contextlib.suppress(ArmStoppedError):
+        try:
             link.wait_done(verdict)
+        except ArmStoppedError as error:
+            if error.cause != Cause.STOP_REQUESTED:
+                return None
         data = link.recording(verdict.seq)
     path = folder / "bench.mcap"
     path.write_bytes(data)
@@ -119,15 +124,16 @@ def main() -> None:
                 handle = button.element_handle()
                 with ExecutorLink(cell.executor, ARM) as link:
                     cpu, wall = cpu_s(console.pid), time.monotonic()
-                    found = [one_stop(link, handle, clock, folder, (-1.0) ** k) for k in range(options.stops)]
+                    tried = [one_stop(link, handle, clock, folder, (-1.0) ** k) for k in range(options.stops)]
                     share = (cpu_s(console.pid) - cpu) / (time.monotonic() - wall)
                 subscriber.undeclare()
                 session.close()
                 browser.close()
-    late = 1e3 * np.array(found)
+    late = 1e3 * np.array([late_s for late_s in tried if late_s is not None])
     p50, p99 = np.quantile(late, [0.5, 0.99])
     print(f"click to first changed setpoint, {options.clock}: p50 {p50:.0f} ms, p99 {p99:.0f} ms, "
-          f"worst {late.max():.0f} ms over {len(late)} stops")  # fmt: skip
+          f"worst {late.max():.0f} ms over {len(late)} stops; in {len(tried) - len(late)} more a protection of the "
+          "executor stopped the arm first")  # fmt: skip
     print(f"console process: {share:.0%} of one core while the arm moved half of the time (budget 15 %)")
 
 
