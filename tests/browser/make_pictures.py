@@ -48,9 +48,10 @@ def open_page(browser: Browser, viewport: dict[str, int]) -> Page:
 
 
 def take(page: Page, out: Path, name: str, **options: bool) -> None:
-    page.evaluate(
-        "() => document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())"
-    )
+    for frame in page.frames:  # viser's word on software rendering would hide what the picture is of
+        frame.evaluate(
+            "() => document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click())"
+        )
     page.wait_for_timeout(1500)
     page.screenshot(path=out / f"{name}.png", timeout=WAIT_MS, **options)
     print(out / f"{name}.png", flush=True)
@@ -123,7 +124,7 @@ def page_pictures(browser: Browser, path: Path, out: Path) -> None:
     for name, viewport in (("desktop", DESKTOP), ("phone", PHONE)):
         page = open_page(browser, viewport)
         page.goto(path.resolve().as_uri())
-        page.wait_for_timeout(4000)
+        page.wait_for_timeout(12_000)  # with few frames the player fades in slowly
         take(page, out, f"{path.stem}-{name}")
         take(page, out, f"{path.stem}-{name}-whole", full_page=True)
         page.close()

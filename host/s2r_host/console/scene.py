@@ -167,7 +167,11 @@ class CellScene:
             self._scene.add_arrows(
                 "/axis", ends, AXIS_COLOUR, shaft_radius=0.006, head_radius=0.016, head_length=0.04
             ),
-            self._scene.add_label("/axis_label", f"estimated axis ({axis.kind})", position=ends[0, 1]),
+            self._scene.add_label(
+                "/axis_label",
+                f"estimated axis ({axis.kind})",
+                position=ends[0, 1] + np.array([0.0, 0.0, 0.08]),
+            ),
         ]
 
 
