@@ -43,6 +43,8 @@ def play(
     gain = request.settings.servo.kd / request.settings.servo.kp
     dt, t = request.settings.fine_timestep_s, 0.0
     coming: tuple[float, Trajectory] | None = None
+    if planner is not None:
+        planner.begin(motion)
     for step in range(LONGEST_STEPS):
         if coming is not None and t >= coming[0] - 1e-9:
             t, motion, coming = t - coming[0], coming[1], None

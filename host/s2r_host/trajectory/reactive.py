@@ -30,6 +30,8 @@ from s2r_host.trajectory.to_rest import to_rest
 from s2r_host.trajectory.torque import InverseDynamics
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
 
+_STILL_M_S = 0.005  # a part slower than this, at the fingertip, is where it was seen
+
 
 @dataclass(frozen=True)
 class ReactiveSettings:
@@ -101,17 +103,19 @@ class ReactivePlanner:
             scene, plan.cascade[0], plan, self._task, hook, hook.route[0], (request.seed, 99), icem_sampler
         )
         self._world = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial)
+        self._initial = self._world.save()
         self._dynamics = InverseDynamics(request.arm, scene.gravity)
         self._lead = plan.servo.kd / plan.servo.kp
         self._shadow: tuple[Trajectory, float, np.ndarray] | None = None
         self._offset = 0.0
         lever = 1.0 if scene.prismatic else self._lever(hook)
         self._most_offset = self.settings.offset_m / lever
+        self._still = _STILL_M_S / lever
 
     def look(self, running: Trajectory, t_now: float, s_live: float, lead_s: float | None = None) -> Outlook:
         """Look at the future of the running motion at its time ``t_now`` [s] with the object at ``s_live``.
 
-        Call it regularly from the first motion's beginning on, and :meth:`accept` when a continuation was admitted.
+        Call :meth:`begin` before the first look, this regularly, and :meth:`accept` when a continuation was admitted.
         A motion that has ended is continued from its end. ``lead_s`` replaces the settings' one.
         """
         lead_s = self.settings.lead_s if lead_s is None else lead_s
@@ -139,6 +143,10 @@ class ReactivePlanner:
             time.perf_counter() - wall_s,
         )
 
+    def begin(self, first: Trajectory) -> None:
+        """The first motion starts now, with arm and object as the task has them."""
+        self._shadow, self._offset = (first, 0.0, self._initial), 0.0
+
     def accept(self, outlook: Outlook) -> None:
         """The continuation runs from its splice on."""
         assert outlook.motion is not None
@@ -154,7 +162,12 @@ class ReactivePlanner:
             self._set(running, t_now, s_live - self._offset)
         offset = s_live - world.s
         if abs(offset) <= self._most_offset:
-            self._offset = offset
+            # A live value is older than it looks, by an unknown time: of a part that moves it always seems to fall
+            # short. What is believed at once would push too far, and that cannot be taken back.
+            way = np.sign(self._request.s_target - self._request.s_initial)
+            moving = abs(float(world.data.qvel[self._scene.s_dof])) > self._still
+            if not moving or way * offset > way * self._offset:
+                self._offset = offset
         else:  # somebody moved the object
             self._set(running, t_now, s_live - self._offset)
         self._shadow = (running, t_now, world.save())

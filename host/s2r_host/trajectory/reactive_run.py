@@ -79,6 +79,7 @@ def follow_reactively(
     """
     began_s, report = time.monotonic(), ReactiveReport()
     plan, coming = _Plan(first, link.send_plan(first, "reactive 0")), None
+    planner.begin(first)
     lead_s = planner.settings.lead_s
     while True:
         due_s = time.monotonic() + 1.0 / planner.settings.rate_hz

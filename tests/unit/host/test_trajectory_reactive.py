@@ -38,6 +38,7 @@ class Play:
         self.request, scene, hook, self.motion = planned
         self.world = FineWorld(truth.applied(scene), ARM.q_home, self.request.s_initial)
         self.planner = ReactivePlanner(self.request, scene, hook)
+        self.planner.begin(self.motion)
         self.t, self.next, self.outlooks, self.contact = 0.0, None, [], None
 
     def step(self) -> None:
