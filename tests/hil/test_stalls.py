@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from hil_bench import DEADLINE_S, STOP_BEGUN
+from hil_bench import ARM_, DEADLINE_S, STOP_BEGUN
 
 from s2r_protocol.faults import Cause, ExecutorState
 
@@ -43,7 +43,9 @@ def test_a_period_that_ends_without_an_answer_is_a_lost_answer_at_once(make_benc
 def test_on_a_bus_that_does_not_announce_periods_silence_is_loss_after_the_time_out(make_bench):
     bench = make_bench(answer_timeout_s=ANSWER_TIMEOUT_S)
     bench.bus.announces_periods = False
-    bench.moving()
+    bench.step(3)
+    bench.command(ARM_)
+    bench.step(400)  # to HOLD; a machine that stalls here is silence as well, and the test the same
     deadline = time.monotonic() + DEADLINE_S
     while bench.now.cause != Cause.FEEDBACK_LOST:
         bench.shared.beat()
