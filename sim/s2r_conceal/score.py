@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,12 +14,23 @@ STRENGTH_BINS = (("weak, 1.5 ×", 0.0, 2.5), ("clear, 3 ×", 2.5, 6.5), ("strong
 
 @dataclass(frozen=True)
 class Line:
-    """One line of the table: a rate or a statistic, over how many cases, and the goal it is held against."""
+    """One line of the table: a rate or a statistic, over how many cases, and the goal it is held against.
+
+    ``interval`` is the 95 % interval of a rate after Wilson (1927), None for a statistic.
+    """
 
     name: str
     value: float | None
     count: int
     goal: str = ""
+    interval: tuple[float, float] | None = None
+
+
+def wilson(rate: float, count: int, z: float = 1.96) -> tuple[float, float]:
+    """Interval of a rate seen in ``count`` cases: Wilson, J. Am. Stat. Assoc. 22 (1927), 209-212."""
+    centre = (rate + z**2 / (2 * count)) / (1 + z**2 / count)
+    half = z / (1 + z**2 / count) * float(np.sqrt(rate * (1 - rate) / count + z**2 / (4 * count**2)))
+    return max(0.0, centre - half), min(1.0, centre + half)
 
 
 def table(scores: Sequence[CaseScore]) -> list[Line]:
@@ -106,11 +117,13 @@ def _statistic(values: np.ndarray, f: Callable[[np.ndarray], float]) -> float | 
 
 
 def _rate(name: str, scores: Iterable[CaseScore], measure: Measure, goal: str = "") -> Line:
+    line = _mean(name, scores, measure, goal)
+    return line if line.value is None else replace(line, interval=wilson(line.value, line.count))
+
+
+def _mean(name: str, scores: Iterable[CaseScore], measure: Measure, goal: str = "") -> Line:
     values = _values(scores, measure)
     return Line(name, _statistic(values, np.mean), values.size, goal)
-
-
-_mean = _rate
 
 
 def _median(name: str, scores: Iterable[CaseScore], measure: Measure, goal: str = "") -> Line:

@@ -61,10 +61,11 @@ def read_track(path: Path) -> dict[str, np.ndarray]:
 
 def markdown(lines: Sequence[Line], scores: Sequence[CaseScore]) -> str:
     """The table, then what was answered for every truth."""
-    rows = ["| measure | value | cases | goal |", "|---|---|---|---|"]
+    rows = ["| measure | value | 95 % interval | cases | goal |", "|---|---|---|---|---|"]
     for line in lines:
         value = "–" if line.value is None else f"{line.value:.3g}"
-        rows.append(f"| {line.name} | {value} | {line.count} | {line.goal} |")
+        between = "" if line.interval is None else f"{line.interval[0]:.2f} to {line.interval[1]:.2f}"
+        rows.append(f"| {line.name} | {value} | {between} | {line.count} | {line.goal} |")
     rows += ["", "| hidden | answered first (count) |", "|---|---|"]
     for true, said in sorted(confusion(scores).items()):
         answers = ", ".join(f"{n} ({k})" for n, k in sorted(said.items(), key=lambda item: -item[1]))

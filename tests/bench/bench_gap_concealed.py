@@ -3,14 +3,16 @@
     python tests/bench/bench_gap_concealed.py run --out DIR [--rig one_joint] [--cases single=120,...] [--seed N]
     python tests/bench/bench_gap_concealed.py calibrate DIR/score
     python tests/bench/bench_gap_concealed.py shuffled DIR/score
+    python tests/bench/bench_gap_concealed.py ablate DIR/score
 
 ``run`` draws a set, runs the tool over it and scores it, in that order; without ``--seed`` the seed is random and
 stands only in the key file. It may be stopped and started again. Commit before drawing: the commit is written beside
 the table. Without ``--full`` the tool gives names, places and parameters only, without forward simulations,
 baselines, next experiments and reports, at a few seconds per case. ``calibrate`` reads the temperature and the
 ceiling of the stated probabilities from a scored tuning set; ``shuffled`` scores the same verdicts with the true
-names dealt out anew: the accuracy must fall to chance. Budget: 60 s per case for one joint and 20 s of data, on two
-cores.
+names dealt out anew: the accuracy must fall to chance; ``ablate`` runs the single cases of three floors and more
+that were named rightly once more without the true effect in the catalogue: the answer must turn to "unknown" at the
+same joint. Budget: 60 s per case for one joint and 20 s of data, on two cores.
 """
 
 import argparse
@@ -23,6 +25,7 @@ import numpy as np
 
 S2R = [sys.executable, "-c", "from s2r_protocol.cli.root import main; main()"]
 TOOL = ("host/s2r_host/gap", "sim/s2r_conceal")
+LEAST_STRENGTH = 3.0
 NAMES_ONLY = "simulate: false\nbaselines: false\nreport: false\nnext_experiment: false\n"
 CASES = "single=120,clean=60,unknown=32,pairs=30,masked=12,insufficient=8,wrong_log=8"
 
@@ -104,6 +107,35 @@ def shuffled(arguments: argparse.Namespace) -> None:
     )
 
 
+def ablate(arguments: argparse.Namespace) -> None:
+    """Every rightly named single case once more, without its effect."""
+    score: Path = arguments.score
+    folder = score.parent / "set"
+    answers = json.loads((score / "answers.json").read_text(encoding="utf-8"))
+    cases = [
+        c for c in named_cases(score)
+        if c["group"] == "single" and c["top1"] and c["strength"] >= LEAST_STRENGTH
+    ][: arguments.most]  # fmt: skip
+    unknown = placed = 0
+    for case in cases:
+        name, place = case["case"], folder / case["case"]
+        true = answers[name]["effects"][0]
+        out = score.parent / "ablation" / name
+        out.mkdir(parents=True, exist_ok=True)
+        config = out / "gap.yaml"
+        config.write_text(NAMES_ONLY + f"skip: [{true['name']}]\n", encoding="utf-8")
+        files = [f"--{r}={place / r}.csv" for r in ("fit", "holdout", "repeat")]
+        parts = ["gap", f"--model={place / 'model.xml'}", *files, f"--config={config}", f"--out={out}"]
+        subprocess.run([*S2R, *parts], check=False, capture_output=True)
+        gap = json.loads((out / "gap.json").read_text(encoding="utf-8"))
+        where = gap["where"][0]["joint"] if gap["where"] else None
+        said = gap["effects"][0]["name"] if gap["effects"] else f"[{gap['verdict']}]"
+        print(f"{name}: {true['name']} taken out -> {said} at {where}")
+        unknown += gap["verdict"] == "unknown"
+        placed += gap["verdict"] == "unknown" and where == true["joint"]
+    print(f"{len(cases)} cases: unknown {unknown}, at the true joint {placed}")
+
+
 def main() -> None:
     """Parse the command line."""
     parser = argparse.ArgumentParser(
@@ -124,6 +156,10 @@ def main() -> None:
         two = sub.add_parser(name)
         two.add_argument("score", type=Path)
         two.set_defaults(run=function)
+    three = sub.add_parser("ablate")
+    three.add_argument("score", type=Path)
+    three.add_argument("--most", type=int, default=None, help="at most so many cases")
+    three.set_defaults(run=ablate)
     arguments = parser.parse_args()
     arguments.run(arguments)
 

@@ -22,7 +22,10 @@ PATCH_TEXT = '''"""Effects found by `s2r gap` that stock MuJoCo has no attribute
     off()                          # the stock model again
 """
 
-from s2r_host.gap.live import install_terms
+try:
+    from s2r_host.gap.live import install_terms
+except ImportError as error:
+    raise ImportError("patch.py needs the equations of the effects: install the sim2real2 package") from error
 
 TERMS = {terms}
 

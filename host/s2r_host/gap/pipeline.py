@@ -103,6 +103,9 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
         sharpen_sign(sessions, a.model, j)
     log("residual efforts and noise floor")
     problem = a.problem = build_problem(a.model, a.fit, a.hold, a.repeats)
+    problem.law = [f for f in problem.law if f.name not in config.skip]
+    if "session_friction" in config.skip:
+        problem.drift.clear()
     fill_residuals(problem)
     for j in problem.joints:
         lag = control_lag(a.model, a.fit, j)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from s2r_conceal.score import calibration_error, confusion, coverage, reliability, table
+from s2r_conceal.score import calibration_error, confusion, coverage, reliability, table, wilson
 from s2r_conceal.score_case import score_case
 from s2r_conceal.score_files import markdown
 from s2r_conceal.score_parameters import true_values
@@ -224,5 +224,12 @@ def test_the_table_counts_cases_and_shows_goals():
     )
     assert lines["clean: false alarms"].value == 0.0
     assert lines["pairs: both named"].value is None
-    assert "| pairs: both named | – | 0 | ≥ 0.85 |" in markdown(list(lines.values()), scores)
+    assert "| pairs: both named | – |  | 0 | ≥ 0.85 |" in markdown(list(lines.values()), scores)
     assert confusion(scores)["backlash"] == {"backlash": 1, "cogging": 2}
+
+
+def test_a_rate_comes_with_the_interval_its_count_allows():
+    low, high = wilson(0.9, 50)
+    assert (low, high) == pytest.approx((0.7864, 0.9565), abs=1e-4)
+    assert wilson(0.0, 12)[0] == 0.0
+    assert wilson(0.0, 12)[1] == pytest.approx(0.2425, abs=1e-3)
