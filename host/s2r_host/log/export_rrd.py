@@ -35,9 +35,9 @@ def export_rrd(recording: Recording, path: Path, arm_name: str | None = None) ->
         ) from error
     shapes = ArmShapes(arm_of(recording, arm_name))
     stream = rr.RecordingStream("s2r", recording_id=recording.path.stem)
-    stream.save(str(path))
-    stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     measured = recording.joints()
+    stream.save(str(path), default_blueprint=_layout(tuple(measured.names)))
+    stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _log_arm(rr, stream, shapes, measured, "arm/measured", _MEASURED)
     _log_joints(rr, stream, measured, "measured")
     if any(t.short == "joint_commands" for t in recording.of_type("sensor_msgs/msg/JointState")):
@@ -50,6 +50,21 @@ def export_rrd(recording: Recording, path: Path, arm_name: str | None = None) ->
     stream.flush()
     stream.disconnect()
     return path
+
+
+def _layout(joints: tuple[str, ...]):  # noqa: ANN202 - rerun is imported late, it has types of its own
+    """The arm and what the camera saw on the left, one plot per quantity and the events on the right."""
+    import rerun.blueprint as rrb
+
+    plots = [
+        rrb.TimeSeriesView(
+            origin="/joints", contents=[f"/joints/{joint}/{quantity}/measured" for joint in joints], name=name
+        )
+        for quantity, name in (("q_rad", "position [rad]"), ("tau_Nm", "torque [N·m]"))
+    ]
+    right = rrb.Vertical(*plots, rrb.TextLogView(origin="/executor", name="executor"), row_shares=[2, 2, 1])
+    scene = rrb.Spatial3DView(origin="/", name="arm")
+    return rrb.Blueprint(rrb.Horizontal(scene, right, column_shares=[3, 2]), collapse_panels=True)
 
 
 def _times(rr, stamp_ns: np.ndarray):  # noqa: ANN001, ANN202 - rerun is imported late, it has types of its own
