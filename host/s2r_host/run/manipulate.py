@@ -28,7 +28,6 @@ logger = logging.getLogger(__name__)
 DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5)  # share of the usual doubt about the object, one per try
 # A correction is worth less than what a daring one can spoil: the drawer is within millimetres already.
 CORRECTION_DOUBTS = (1.0, 1.0)
-ASTRAY_RAD = 0.4  # a hinge is looked for this far from where the plan foresaw it
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -209,8 +208,6 @@ def measure_now(
     """
     view = observe(session, name)
     (low, high), margin = belief.model.range, 0.03 / belief.template.reach_m
-    if not belief.template.slides:  # a lid looks like the base it lies on: only look where it can have gone
-        low, high = max(low, s_expected - ASTRAY_RAD), min(high, s_expected + ASTRAY_RAD)
     measured = measure_state(
         belief.template, view.capture.frame, view.arm_mask, (low - margin, high + margin), s_expected
     )
