@@ -21,17 +21,13 @@ from s2r_host.run.image_cost import ImageCost
 
 SCAN_STEP_M = 0.002  # of the part's outermost points
 FINE_SPAN_M, FINE_STEP_M = 0.006, 0.0004
-TRUST_M = (
-    0.008  # of the outermost points: further from the image's answer than this, matching has gone astray
-)
+TRUST_M = 0.008  # of the outermost points: matching that ends further from the image's answer has gone astray
 GATE_M = 0.006
 VISIBLE_M = 0.006  # behind the nearest point of its cell, a point of the same surface
 LEAST_FACING = 0.35
 LEAST_MATCHED = 0.25
 LEAST_SEEN = 0.4  # of the cells where the part, or what stays around it, should be seen
-EDGE_ON = (
-    0.15  # covering less than this of the cells that it covers on its way, the part is not seen, only known
-)
+EDGE_ON = 0.15  # share of the cells it covers at its broadest, below which a part is too thin to be looked for
 AROUND_M = 0.15
 LEAST_POINTS = 50
 MOST_POINTS = 24_000
