@@ -6,8 +6,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from s2r_host.report.page import write_report
 from s2r_host.report.markup import page, section, table
+from s2r_host.report.page import write_report
 from s2r_host.report.plots import stages_figure
 from s2r_host.report.style import inline_png, inline_svg
 from s2r_host.run.journal import Journal, Stage
