@@ -16,7 +16,7 @@ FIGURE_NAMES = ("admission", "memory", "stop_latency", "bus_load")
 
 
 @click.command()
-@click.option("--slices", default=5, show_default=True, help="Per load.")
+@click.option("--slices", type=click.IntRange(1), default=5, show_default=True, help="Per load.")
 @click.option("--seconds", default=10, show_default=True, help="Of each slice.")
 @click.option(
     "--load", "loads", multiple=True, type=click.Choice(CONDITION_NAMES), help="Only these. [default: all]"
