@@ -433,7 +433,7 @@ class FrontEnd:
         patience = Patience(timeout_s, self._stepped, core.tick, time.monotonic())
         while not condition(core):
             if patience.ended(core, time.monotonic()):
-                return False
+                return condition(self._core.snapshot())
             self._idle()
             core = self._core.snapshot()
         return True

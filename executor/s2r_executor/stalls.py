@@ -10,13 +10,15 @@ logger = logging.getLogger(__name__)
 
 SAY_AFTER_S = 5.0
 _GIVE_UP_S = 60.0
+_LOOK_S = 0.05  # looks come every few milliseconds
 
 
 class Patience:
     """How long somebody has waited for the core.
 
     With the real clock that is wall time. In lock-step only stretches in which the core ticked count: it takes orders
-    at its ticks, and while it waits for the stand-in it has none.
+    at its ticks, and while it waits for the stand-in it has none. A long stretch between two looks says that who looks
+    was stalled himself, perhaps together with the core: only a little of it counts.
     """
 
     def __init__(self, limit_s: float, stepped: bool, tick: int, now_s: float) -> None:
@@ -38,7 +40,8 @@ class Patience:
         """Whether the limit is used up; after a minute of standing still it is as well."""
         stands_still = self._stepped and core.alive and core.tick == self._tick
         if not stands_still:
-            self._counted_s += now_s - self._seen_s
+            passed_s = now_s - self._seen_s
+            self._counted_s += min(passed_s, _LOOK_S) if self._stepped and core.alive else passed_s
         self._tick, self._seen_s = core.tick, now_s
         return self._counted_s > self._limit_s or now_s - self._began_s > self._limit_s + _GIVE_UP_S
 

@@ -20,9 +20,14 @@ def test_with_the_real_clock_patience_is_wall_time():
 def test_in_lock_step_patience_counts_only_while_time_runs():
     patience = Patience(2.0, stepped=True, tick=7, now_s=100.0)
     assert not patience.ended(core(7), 110.0)  # the stand-in stalls
-    assert not patience.ended(core(8), 111.0)
+    looks = [patience.ended(core(8 + k), 110.0 + 0.04 * k) for k in range(60)]
+    assert looks.index(True) == 51  # two seconds of looks at a core that ticks
+
+
+def test_in_lock_step_a_stall_of_the_one_who_waits_hardly_counts():
+    patience = Patience(2.0, stepped=True, tick=7, now_s=100.0)
     assert not patience.ended(core(8), 130.0)
-    assert patience.ended(core(9), 131.5)
+    assert not patience.ended(core(9), 131.0)
 
 
 def test_a_dead_core_is_not_waited_for():
