@@ -26,7 +26,7 @@ from s2r_host.trajectory.reactive import ReactivePlanner
 from s2r_host.trajectory.reactive_run import follow_reactively
 from s2r_protocol.faults import ExecutorState
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]  # a look that comes late finds no plan to splice into
 PACE = 0.25  # of the wall clock: a loaded machine still has the time to look ahead
 
 
