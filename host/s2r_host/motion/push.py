@@ -91,7 +91,7 @@ def plan_push(
     q_start: np.ndarray,
     q_home: np.ndarray,
     rng: np.random.Generator,
-    max_tried: int = 400,
+    max_tried: int = 500,
 ) -> PushMotion:
     """The first proposal with an approach, a straight push and a way home.
 

@@ -1,4 +1,4 @@
-"""Where and how to push a drawer front inwards first: points on the front × approach directions, best first."""
+"""Where and how to push a drawer inwards first: points of front and handle × approach directions, best first."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from s2r_host.motion.front import Front
 TIP_WIDTH_M = 0.027
 TIP_DEPTH_M = 0.015
 FIRST_POINTS = 4
+HANDLE_FACE_M = 0.006  # how far below its outermost points a handle still counts as its face
+EDGE_ON = 1e-6  # a side of the fingertip that is parallel to the push has no foremost end
 
 
 @dataclass(frozen=True)
@@ -67,14 +69,32 @@ def push_points(front: Front, settings: PushSettings) -> np.ndarray:
     return cells[order, :1] * front.across + cells[order, 1:] * front.upward + front.offset_m * front.normal
 
 
+def handle_points(front: Front, count: int = 3) -> np.ndarray:
+    """Points along the outermost face of the handle [m], shape (n, 3), the middle one first; none without a handle."""
+    if not len(front.p_handle):
+        return np.zeros((0, 3))
+    height = front.p_handle @ front.normal - front.offset_m
+    face = np.percentile(height, 95)
+    flat = front.in_plane(front.p_handle[height > face - HANDLE_FACE_M])
+    low, middle, high = np.percentile(flat[:, 0], [20, 50, 80])
+    across = np.array([middle, *np.linspace(low, high, count - 1)])
+    upward = np.array([np.median(flat[np.argsort(np.abs(flat[:, 0] - a))[:20], 1]) for a in across])
+    return (
+        across[:, None] * front.across
+        + upward[:, None] * front.upward
+        + (front.offset_m + face) * front.normal
+    )
+
+
 def push_proposals(
     front: Front, settings: PushSettings | None = None, max_points: int = 12
 ) -> Iterator[PushProposal]:
     """Proposals, best first: a steep to flat approach, and for each the points from central to outermost.
 
     The points are taken from all over the front: a wide handle may hide everything central. A few of them are tried
-    with every approach before the others are. The fingertip points along the push or tilted down from it; contact is
-    where its foremost corner meets the plane.
+    with every approach before the others are; last comes the handle itself, which gives the fingertip little to press
+    on, but stands free where it keeps the gripper from the front. The fingertip points along the push or tilted down
+    from it.
     """
     settings = settings or PushSettings()
     direction = -front.normal
@@ -82,15 +102,37 @@ def push_proposals(
     points = points[_spaced(len(points), max_points)]
     first = _spaced(len(points), FIRST_POINTS)
     for some in (points[first], np.delete(points, first, axis=0)):
-        for tilt, turn, roll in product(settings.tilts_rad, settings.turns_rad, settings.rolls_rad):
-            R = tool_orientation(direction, tilt, turn, roll)
-            ahead = abs(R[:, 0] @ direction) * TIP_WIDTH_M / 2 + abs(R[:, 1] @ direction) * TIP_DEPTH_M / 2
+        for R in _approaches(direction, settings):
             for point in some:
-                p_contact = point - ahead * direction
-                X = np.eye(4)
-                X[:3, :3] = R
-                X[:3, 3] = p_contact - settings.standoff_m * direction
-                yield PushProposal(X, p_contact, p_contact + settings.depth_m * direction, direction)
+                # On a plane it does not matter which corner touches.
+                corner = _foremost_corner(R, direction) @ direction * direction
+                yield _proposal(R, point - corner, direction, settings)
+    for R in _approaches(direction, settings):
+        for point in handle_points(front):
+            yield _proposal(R, point - _foremost_corner(R, direction), direction, settings)
+
+
+def _approaches(direction: np.ndarray, settings: PushSettings) -> Iterator[np.ndarray]:
+    for tilt, turn, roll in product(settings.tilts_rad, settings.turns_rad, settings.rolls_rad):
+        yield tool_orientation(direction, tilt, turn, roll)
+
+
+def _proposal(
+    R_base_tool: np.ndarray, p_contact: np.ndarray, direction: np.ndarray, settings: PushSettings
+) -> PushProposal:
+    X = np.eye(4)
+    X[:3, :3] = R_base_tool
+    X[:3, 3] = p_contact - settings.standoff_m * direction
+    return PushProposal(X, p_contact, p_contact + settings.depth_m * direction, direction)
+
+
+def _foremost_corner(R_base_tool: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """From the tool frame's origin to the part of the fingertip's end that is foremost along the push [m], (3,)."""
+    corner = np.zeros(3)
+    for axis, size in zip(R_base_tool.T, (TIP_WIDTH_M, TIP_DEPTH_M), strict=False):
+        if abs(axis @ direction) > EDGE_ON:
+            corner += 0.5 * size * np.sign(axis @ direction) * axis
+    return corner
 
 
 def _spaced(count: int, at_most: int) -> np.ndarray:

@@ -10,12 +10,18 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.cartesian import straight_line
 from s2r_host.motion.collision import Clearance, CollisionChecker
 from s2r_host.motion.escape import plan_escape
-from s2r_host.motion.front import find_front
+from s2r_host.motion.front import Front, find_front
 from s2r_host.motion.inverse import InverseKinematics, seeds_around
 from s2r_host.motion.joint_motion import plan_joint_motion
 from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
 from s2r_host.motion.push import plan_push, push_scene
-from s2r_host.motion.push_proposals import PushSettings, push_points, push_proposals, tool_orientation
+from s2r_host.motion.push_proposals import (
+    PushSettings,
+    handle_points,
+    push_points,
+    push_proposals,
+    tool_orientation,
+)
 from s2r_host.motion.robot_mask import back_project, robot_mask
 from s2r_host.motion.scene import Region, Scene, observed_scene
 from s2r_protocol.arms import load_arm
@@ -174,6 +180,33 @@ def test_proposals_touch_the_plane_with_their_foremost_corner(scene):
         ahead = max(corner @ proposal.direction for corner in corners)
         assert ahead == pytest.approx(-front.offset_m, abs=1e-9)
         assert np.linalg.norm(proposal.p_end - proposal.p_contact) == pytest.approx(0.045)
+
+
+def test_a_handle_is_pressed_on_its_outermost_face_last(scene):
+    front = find_front(scene[0])
+    outermost = (front.p_handle @ front.normal).max()
+    points = handle_points(front)
+    assert np.all(np.abs(points @ front.normal - outermost) < 0.006)
+    flat, handle = front.in_plane(points), front.in_plane(front.p_handle)
+    assert np.all((flat > handle.min(axis=0) - 1e-9) & (flat < handle.max(axis=0) + 1e-9))
+
+    proposals = list(push_proposals(front))
+    on_handle = [p for p in proposals if (p.p_contact @ front.normal) > 0.5 * (outermost + front.offset_m)]
+    assert on_handle == proposals[-len(on_handle) :]
+    R = on_handle[0].X_base_tool[:3, :3]
+    corners = [
+        on_handle[0].p_contact + R @ [a * 0.0135, b * 0.0075, 0] for a in (-1, 0, 1) for b in (-1, 0, 1)
+    ]
+    assert min(np.linalg.norm(corner - points[0]) for corner in corners) < 1e-9
+
+
+def test_a_front_without_handle_is_pressed_on_its_plane_alone(scene):
+    front = find_front(scene[0])
+    bare = Front(front.normal, front.offset_m, front.p_plane, front.p_handle[:0], front.area_m2)
+    assert len(handle_points(bare)) == 0
+    heights = np.array([p.p_contact @ front.normal - front.offset_m for p in push_proposals(bare)])
+    assert len(heights) > 0
+    assert np.all(heights < 0.02)
 
 
 def test_a_drawer_in_front_of_the_arm_can_be_pushed(arm, home, scene):
