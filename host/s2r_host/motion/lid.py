@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import open3d as o3d
+from scipy import ndimage
 
 from s2r_host.errors import SceneError
 from s2r_host.motion.scene import Scene
@@ -15,6 +16,7 @@ LEVEL_AXIS_SIN = 0.2
 PLANE_BAND_M = 0.005
 MIN_AREA_M2 = 0.008
 CELL_M = 0.006
+PATCH_CELL_M = 0.012  # points further apart than about two of these do not belong to one lid
 BASE_BAND_M = 0.06  # the base reaches at most this high above the hinge
 BASE_REACH_M = (0.03, 0.35)
 PLANES = 4
@@ -113,9 +115,23 @@ def _planes(points: np.ndarray) -> list[np.ndarray]:
     return sorted(found, key=lambda mask: -int(mask.sum()))
 
 
+def _largest_patch(members: np.ndarray) -> np.ndarray:
+    """Which points of a plane (n, 3) form its largest connected piece: a plane goes on for ever, a lid does not."""
+    axes = np.linalg.svd(members - members.mean(axis=0), full_matrices=False)[2][:2]
+    cells = np.floor(members @ axes.T / PATCH_CELL_M).astype(int)
+    cells -= cells.min(axis=0)
+    grid = np.zeros(cells.max(axis=0) + 1, bool)
+    grid[tuple(cells.T)] = True
+    labels = np.zeros(grid.shape, np.int32)
+    ndimage.label(grid, structure=np.ones((3, 3)), output=labels)
+    patch = labels[tuple(cells.T)]
+    return patch == np.bincount(patch).argmax()
+
+
 def _lid(points: np.ndarray, plane: np.ndarray, p_camera: np.ndarray) -> Lid | str:
     """The lid of one plane, or why it is none."""
     members = points[plane]
+    members = members[_largest_patch(members)]
     centre = members.mean(axis=0)
     normal = np.linalg.svd(members - centre, full_matrices=False)[2][2]
     if normal @ (p_camera - centre) < 0.0:

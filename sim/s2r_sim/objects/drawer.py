@@ -13,13 +13,13 @@ import numpy as np
 
 from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
 from s2r_sim.objects.parameters import Parameters, uniform
+from s2r_sim.objects.solids import HARD, STIFF
 
 WALL_M = 0.012
 SIDE_CLEARANCE_M = 0.012  # rail space on each side
 BOTTOM_CLEARANCE_M = 0.012
 PLAY_STIFFNESS = 4000.0  # N/m: 4 N of side load move the drawer 1 mm in its rail
 PLAY_STIFFNESS_ROT = 60.0  # N·m/rad
-STIFF = [0.004, 1.0]  # MuJoCo solref: time constant [s], damping ratio
 
 
 class DrawerSpec(Parameters):
@@ -205,7 +205,7 @@ def _add_rail(part: mujoco.MjsBody, spec: DrawerSpec) -> None:
         frictionloss=spec.coulomb_N,
         armature=0.02,
         solref_friction=STIFF,  # below Coulomb friction the drawer must not creep
-        solimp_friction=[0.99, 0.999, 0.0001, 0.5, 2],
+        solimp_friction=HARD,
     )
 
 

@@ -12,6 +12,8 @@ from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
 from s2r_sim.objects.parameters import Rgb, Standing
 
 STIFF = [0.004, 1.0]  # MuJoCo solref: time constant [s], damping ratio
+# MuJoCo solimp of dry friction. A softer one lets a lid creep: 0.99 by 0.04 °/s, this one by a hundredth of that.
+HARD = [0.9999, 0.9999, 0.0001, 0.5, 2]
 
 Point = Sequence[float] | np.ndarray
 
@@ -142,5 +144,5 @@ def _joint(
         frictionloss=spec.coulomb,
         armature=armature,
         solref_friction=STIFF,  # below Coulomb friction the part must not creep
-        solimp_friction=[0.99, 0.999, 0.0001, 0.5, 2],
+        solimp_friction=HARD,
     )
