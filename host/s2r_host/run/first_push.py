@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -51,8 +52,14 @@ class DonePush:
     executed: tuple[Executed, ...]
 
 
-def prepare_push(session: Session, view: Observation) -> PlannedPush:
+def prepare_push(session: Session, view: Observation, number: int = 1, skip: int = 0) -> PlannedPush:
     """Surface, proposals, motions and time laws.
+
+    Args:
+        session: Links.
+        view: The newest look.
+        number: Of the push, counts from 1.
+        skip: So many of the best proposals are left out: they were tried, and told nothing.
 
     Raises:
         SceneError: Nothing in view looks like the task's part.
@@ -64,16 +71,16 @@ def prepare_push(session: Session, view: Observation) -> PlannedPush:
     motion = plan_push(
         session.arm,
         pushable.scene,
-        pushable.proposals,
+        islice(pushable.proposals, skip, None),
         session.status().q_ref,
         session.arm.arm.q_home,
         session.rng,
     )
     paths: list[tuple[np.ndarray, str, float]] = [
-        (motion.approach, "push 1: approach", settings.travel_speed),
-        (motion.push, "push 1", settings.push_speed),
-        (motion.retreat, "push 1: back", settings.push_speed),
-        (motion.home, "push 1: home", settings.travel_speed),
+        (motion.approach, f"push {number}: approach", settings.travel_speed),
+        (motion.push, f"push {number}", settings.push_speed),
+        (motion.retreat, f"push {number}: back", settings.push_speed),
+        (motion.home, f"push {number}: home", settings.travel_speed),
     ]
     motions = tuple(timed(session, path, label, speed) for path, label, speed in paths)
     return PlannedPush(pushable.positive, motion, motions)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import logging
 
+from s2r_host.errors import SceneError
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
+from s2r_host.perception.errors import AbstainError
+from s2r_host.perception.estimate import JointEstimate
 from s2r_host.run.belief import build_belief, corrected, estimate_part
 from s2r_host.run.first_push import carry_out_push, prepare_push
 from s2r_host.run.journal import Journal
@@ -59,22 +62,11 @@ def _loop(session: Session, record: RunRecord) -> None:
     with journal.stage("view A") as stage:
         before = _look(session, record, "A")
         stage.note = f"{len(before.scene.p_base)} object points"
-    with journal.stage("first push: proposals") as stage:
-        record.planned_push = prepare_push(session, before)
-        stage.note = f"proposal {record.planned_push.motion.tried} is reachable"
-    if settings.dry_run:
+    found = _push_until_told(session, record, before)
+    if found is None:
         record.code, record.reason = ExitCode.OK, "dry run: the first push is planned, nothing was moved"
         return
-    with journal.stage("first push"):
-        record.push = carry_out_push(session, record.planned_push)
-    with journal.stage("view B") as stage:
-        after = _look(session, record, "B")
-        stage.note = f"{len(after.scene.p_base)} object points"
-    with journal.stage("estimate joint") as stage:
-        estimate = estimate_part(before, after, task, record.planned_push.positive, settings.seed)
-        stage.note = f"moved {task.unit.show(estimate.delta)}, {100 * estimate.explained:.0f} % explained"
-        for text in estimate.warnings:
-            journal.warn(text)
+    estimate, after = found
     with journal.stage("build model") as stage:
         record.belief = build_belief(estimate, settings.out / "model", settings.seed)
         model = record.belief.model
@@ -88,6 +80,50 @@ def _loop(session: Session, record: RunRecord) -> None:
     )
     _attempts(session, record, after)
     _judge(record)
+
+
+def _push_until_told(
+    session: Session, record: RunRecord, before: Observation
+) -> tuple[JointEstimate, Observation] | None:
+    """Push, look and estimate; where the views do not tell the joint, push again elsewhere. None in a dry run.
+
+    Every estimate compares with the first view: what several pushes moved adds up.
+
+    Raises:
+        AbstainError: The last push told nothing either.
+        NoMotionError: No further push is reachable.
+    """
+    settings, journal, task = session.settings, session.journal, session.settings.task
+    view, skip, positive = before, 0, None
+    for number in range(1, settings.pushes + 1):
+        again = "" if number == 1 else f" {number}"
+        with journal.stage(f"first push{again}: proposals") as stage:
+            planned = record.planned_push = prepare_push(session, view, number, skip)
+            skip += planned.motion.tried
+            positive = planned.positive if positive is None else positive
+            stage.note = f"proposal {skip} is reachable"
+        if settings.dry_run:
+            return None
+        with journal.stage(f"first push{again}"):
+            record.push = carry_out_push(session, planned)
+        with journal.stage(f"view B{again}") as stage:
+            view = _look(session, record, f"B{number if again else ''}")
+            stage.note = f"{len(view.scene.p_base)} object points"
+        try:
+            with journal.stage(f"estimate joint{again}") as stage:
+                estimate = estimate_part(before, view, task, positive, settings.seed)
+                stage.note = (
+                    f"moved {task.unit.show(estimate.delta)}, {100 * estimate.explained:.0f} % explained"
+                )
+        except (AbstainError, SceneError) as error:
+            if number == settings.pushes:
+                raise
+            journal.warn(f"push {number} does not tell the joint, pushing again: {error}")
+            continue
+        for text in estimate.warnings:
+            journal.warn(text)
+        return estimate, view
+    raise AssertionError("settings.pushes is at least 1")
 
 
 def _attempts(session: Session, record: RunRecord, view: Observation) -> None:

@@ -28,6 +28,7 @@ class RunSettings:
         cell, camera_name: Names in the key space.
         arm: Shipped arm or a folder with one.
         seed: Of all chance on the host.
+        pushes: First pushes at most: a further one only where the views so far do not tell the joint.
         attempts: Planned manipulations at most: the first and its corrections.
         push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan
             calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
@@ -47,6 +48,7 @@ class RunSettings:
     camera_name: str = "front"
     arm: str = "xmate3pro"
     seed: int = 0
+    pushes: int = 3
     attempts: int = 3
     push_speed: float = 0.25
     travel_speed: float = 0.6
@@ -59,8 +61,9 @@ class RunSettings:
 
     def __post_init__(self) -> None:
         self.task.check(self.target)
-        if self.attempts < 1:
-            raise UsageError(f"--attempts {self.attempts} is not allowed; at least 1")
+        for name in ("pushes", "attempts"):
+            if getattr(self, name) < 1:
+                raise UsageError(f"--{name} {getattr(self, name)} is not allowed; at least 1")
         for name in ("push_speed", "travel_speed", "plan_speed"):
             value = getattr(self, name)
             if not 0.0 < value <= 1.0:
