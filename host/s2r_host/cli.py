@@ -16,11 +16,19 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 
 
 @click.command()
-@click.argument("object_kind", metavar="OBJECT", type=click.Choice(["drawer", "laptop"]))
+@click.argument("object_kind", metavar="OBJECT", type=click.Choice(["drawer", "laptop", "faucet", "door"]))
 @click.option(
     "--target",
     required=True,
     help="Joint value: 0 = as found, + = out of the cabinet or opening. 0.15, 150mm; -30deg, -0.52rad.",
+)
+@click.option(
+    "--from",
+    "origin",
+    type=click.Choice(["found", "pushed"]),
+    default="found",
+    show_default=True,
+    help="What the target counts from: the part as found, or as the first push leaves it.",
 )
 @click.option(
     "--executor", default=DEFAULT_EXECUTOR, show_default=True, help="Zenoh endpoint of the executor."
@@ -39,6 +47,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 def run(
     object_kind: str,
     target: str,
+    origin: str,
     executor: str,
     camera: str,
     out: Path | None,
@@ -65,6 +74,7 @@ def run(
     settings = RunSettings(
         target=parse_target(target, TASKS[object_kind]),
         task=TASKS[object_kind],
+        from_pushed=origin == "pushed",
         out=folder,
         executor=executor,
         camera=camera,

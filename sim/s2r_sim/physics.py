@@ -10,6 +10,7 @@ import numpy as np
 from s2r_protocol.arms import ArmDescription
 from s2r_sim.errors import WorldFileError
 from s2r_sim.objects.catalogue import add_object
+from s2r_sim.objects.effects import JointEffects
 from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
 from s2r_sim.objects.scene import add_table
 from s2r_sim.world import ArmTruth, WorldSpec
@@ -89,6 +90,8 @@ class Physics:
         self._v_index = np.array([self.model.joint(name).dofadr[0] for name in arm.joint_names])
         self._object_q = int(self.model.joint(JOINT).qposadr[0])
         self._object_v = int(self.model.joint(JOINT).dofadr[0])
+        self._effects = None if world.effects.none else world.effects
+        self._coulomb = float(self.model.dof_frictionloss[self._object_v])
         self._side = self._geom_sides()
         self.data.qpos[self._q_index] = arm.q_home
         self.data.qpos[self._object_q] = world.object.q_start
@@ -147,7 +150,14 @@ class Physics:
     def step(self, tau: list[float]) -> None:
         """Advance by one step under joint torques [N·m]."""
         self.data.qfrc_applied[self._v_index] = tau
+        if self._effects is not None:
+            self._apply(self._effects)
         mujoco.mj_step(self.model, self.data)
+
+    def _apply(self, effects: JointEffects) -> None:
+        s, v = float(self.data.qpos[self._object_q]), float(self.data.qvel[self._object_v])
+        self.model.dof_frictionloss[self._object_v] = effects.friction(self._coulomb, s, v)
+        self.data.qfrc_applied[self._object_v] = effects.detent_force(s)
 
     def contacts(self) -> Contacts:
         """What the arm touches now."""

@@ -17,6 +17,7 @@ from pydantic import ValidationError, model_validator
 from s2r_sim.errors import WorldFileError
 from s2r_sim.geometry import rotation_from_vector
 from s2r_sim.objects.catalogue import ObjectSpec, kind_named
+from s2r_sim.objects.effects import JointEffects
 from s2r_sim.objects.parameters import Parameters, uniform
 
 SCHEMA = 1
@@ -85,12 +86,14 @@ class WorldSpec(Parameters):
     Attributes:
         salt: Random text that keeps the commitment from being guessed.
         seed: The world was drawn from; None for one written by hand.
+        effects: Of the object's joint, beyond Coulomb and viscous friction.
     """
 
     schema_version: int = SCHEMA
     salt: str
     seed: int | None = None
     object: ObjectSpec
+    effects: JointEffects = JointEffects()
     arm: ArmTruth
     camera: CameraTruth
 

@@ -32,7 +32,7 @@ def write_report(record: RunRecord, path: Path) -> Path:
         _inputs(record),
     ]
     task = record.settings.task
-    title = f"s2r run {task.name}, target {task.unit.show(record.settings.target, 1)}"
+    title = f"s2r run {task.name}, target {task.unit.show(record.target, 1)}"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page(title, parts), encoding="utf-8")
     return path
@@ -42,7 +42,7 @@ def _head(record: RunRecord) -> str:
     kind = "good" if record.code == ExitCode.OK else "bad"
     badge = f'<span class="badge {kind}">exit {int(record.code)} {escape(record.code.name.lower())}</span>'
     task = record.settings.task
-    title = f"<h1>{task.part.capitalize()} to {task.unit.show(record.settings.target, 1)} {badge}</h1>"
+    title = f"<h1>{task.part.capitalize()} to {task.unit.show(record.target, 1)} {badge}</h1>"
     return f'{title}<p class="lead">{escape(record.reason)}</p>'
 
 
@@ -151,7 +151,7 @@ def _state(record: RunRecord) -> str:
     if not record.attempts:
         return ""
     settings = record.settings
-    figure = state_figure(record.attempts, record.views, settings.task, settings.target, record.s_found)
+    figure = state_figure(record.attempts, record.views, settings.task, record.target, record.s_found)
     return section(f"The {settings.task.part} over time", inline_svg(figure))
 
 

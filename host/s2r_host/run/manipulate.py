@@ -97,7 +97,7 @@ def prepare_manipulation(
         TargetError: No try succeeded; the text has the first one's reason.
         PeerUnreachableError: The executor fell silent.
     """
-    settings, task = session.settings, session.settings.task
+    task = session.settings.task
     reasons: list[str] = []
     for k, doubt in enumerate(DOUBTS if number == 1 else CORRECTION_DOUBTS):
         try:
@@ -106,7 +106,7 @@ def prepare_manipulation(
             reasons.append(str(error))
             logger.info("try %d to plan manipulation %d: %s", k + 1, number, error)
     raise TargetError(
-        f"no plan takes the {task.part} from {task.unit.show(s_initial)} to {task.unit.show(settings.target)} "
+        f"no plan takes the {task.part} from {task.unit.show(s_initial)} to {task.unit.show(session.target)} "
         f"({len(reasons)} tries): {reasons[0]}; try another target or placement"
     )
 
@@ -121,12 +121,12 @@ def _prepare_once(
     doubt: float,
 ) -> PlannedManipulation:
     settings = session.settings
-    sign = float(np.sign(settings.target - s_initial))
+    sign = float(np.sign(session.target - s_initial))
     request = PlanRequest(
         arm=session.arm.arm,
         object_mjcf=belief.mjcf_path,
         s_initial=s_initial,
-        s_target=settings.target,
+        s_target=session.target,
         q_initial=session.status().q_ref,
         seed=settings.seed + 1000 * number + attempt,
     )

@@ -75,6 +75,8 @@ def _loop(session: Session, record: RunRecord) -> None:
         for text in model.warnings:
             journal.warn(text)
     record.s_found = float(estimate.delta)
+    if settings.from_pushed:
+        record.target = session.target = record.s_found + settings.target
     session.recorder.add_note(
         "joint", {"axis": estimate.axis_direction.tolist(), "s_after": float(estimate.delta)}
     )
@@ -150,7 +152,7 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
         with journal.stage(f"measure {number}") as stage:
             view, measured = measure_now(session, record.belief, f"C{number}", planned.foreseen)
             record.views.append(view)
-            done = DoneManipulation(planned, executed, view, measured, s_now, settings.target)
+            done = DoneManipulation(planned, executed, view, measured, s_now, session.target)
             record.attempts.append(done)
             stage.note = f"{task.unit.show(measured.s)}, δ {task.unit.show(done.delta)}"
         session.recorder.add_note(

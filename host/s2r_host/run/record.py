@@ -66,9 +66,13 @@ class RunRecord:
     belief: Belief | None = None
     attempts: list[DoneManipulation] = field(default_factory=list)
     s_found: float | None = None
+    target: float = field(init=False)
     world_commitment: str | None = None
     code: ExitCode = ExitCode.BUG
     reason: str = "the run did not end"
+
+    def __post_init__(self) -> None:
+        self.target = self.settings.target
 
     def as_dict(self) -> dict[str, Any]:
         """What ``run.json`` holds."""
@@ -82,7 +86,7 @@ class RunRecord:
             "task": self.settings.task.name,
             "unit": "m" if self.settings.task.joint_type == "prismatic" else "rad",
             "exit": {"code": int(self.code), "name": self.code.name, "reason": self.reason},
-            "s_target": self.settings.target,
+            "s_target": self.target,
             "s_initial": first.s_initial if first else self.s_found,
             "s_final": last.measured.s if last else self.s_found,
             "s_final_sigma": last.measured.sigma if last else None,

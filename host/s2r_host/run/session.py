@@ -77,6 +77,10 @@ class Session:
     recorder: RunRecorder
     rng: np.random.Generator
     executed: list[Executed] = field(default_factory=list)
+    target: float = field(init=False)  # joint value [m or rad], 0 = as found in the first view
+
+    def __post_init__(self) -> None:
+        self.target = self.settings.target
 
     def look(self, name: str) -> Capture:
         """Take a picture and keep it."""

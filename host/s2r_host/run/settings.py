@@ -21,6 +21,7 @@ class RunSettings:
 
     Attributes:
         target: Wanted joint value [m or rad], 0 = as found in the first view; the task says which way is positive.
+        from_pushed: The target counts from where the first push leaves the part instead.
         task: Kind of object.
         out: Run folder; must be new or empty.
         executor, camera: Zenoh endpoints.
@@ -41,6 +42,7 @@ class RunSettings:
     target: float
     out: Path
     task: Task = DRAWER
+    from_pushed: bool = False
     executor: str = DEFAULT_EXECUTOR
     camera: str = DEFAULT_CAMERA
     tls: Path | None = None

@@ -15,6 +15,9 @@ BENCHES: dict[str, Command] = {
         "The real-time loop against a reference thread, and its cost.",
     ),
     "planning": Command("s2r_host.cli_bench:planning", "host", "The planner against others."),
+    "paper": Command(
+        "s2r_sim.paper.cli:paper", "host,sim", "The paper's accuracy table on concealed objects."
+    ),
 }
 
 

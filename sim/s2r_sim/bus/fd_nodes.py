@@ -47,6 +47,10 @@ class FdNodes:
         self._tick = 0
         self._answer_due = False
         self._padding = bytes(FD_BYTES - _HEADER.size - fd.STAT.size)
+        self._headers = [
+            _HEADER.pack(fd.STAT_ID + drive.node, fd.STAT.size, CANFD_FDF | CANFD_BRS, 0, 0)
+            for drive in drives
+        ]
 
     def receive(self, can_id: int, packet: bytes) -> None:
         """Take a frame off the wire."""
@@ -89,9 +93,9 @@ class FdNodes:
         if not self._answer_due:
             return []
         self._answer_due = False
-        return [self._stat(drive) for drive in self.drives]
+        return [self._stat(drive, header) for drive, header in zip(self.drives, self._headers, strict=True)]
 
-    def _stat(self, drive: Drive) -> bytes:
+    def _stat(self, drive: Drive, header: bytes) -> bytes:
         state = int(drive.state)
         if drive.brake_released:
             state |= BRAKE_RELEASED
@@ -109,5 +113,4 @@ class FdNodes:
             drive.temp_C,
         )
         crc = crc_hqx(bytes((drive.node,)), crc_hqx(body, 0xFFFF))
-        header = _HEADER.pack(fd.STAT_ID + drive.node, fd.STAT.size, CANFD_FDF | CANFD_BRS, 0, 0)
         return header + body + crc.to_bytes(2, "little") + self._padding

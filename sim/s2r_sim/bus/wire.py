@@ -7,9 +7,11 @@ not fit before the end of the window wait for the next one, as on a real bus tha
 from __future__ import annotations
 
 import re
+from bisect import insort
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import NamedTuple
 
 from s2r_protocol.can.frames import CAN_EFF_FLAG, CAN_EFF_MASK, FD_BYTES
@@ -62,6 +64,9 @@ class Waiting(NamedTuple):
     lost: bool = False
 
 
+_IDENTIFIER = attrgetter("can_id")
+
+
 class Wire:
     """Arbitration and bit time of one bus segment. Times are simulated nanoseconds."""
 
@@ -69,7 +74,7 @@ class Wire:
         self.tick_ns = tick_ns
         self._rate = rate
         self._injections = list(injections)
-        self._waiting: list[Waiting] = []
+        self._waiting: list[Waiting] = []  # by identifier, those of one identifier as they came
         self._duration_ns: dict[tuple[bool, int], int] = {}
         self._busy_ns = 0
         self.free_ns = 0
@@ -93,22 +98,30 @@ class Wire:
         if self._injections:
             frame = self._disturb(frame, tick)
         if frame is not None:
-            self._waiting.append(frame)
+            insort(self._waiting, frame, key=_IDENTIFIER)
 
     def next(self, end_ns: int) -> Waiting | None:
         """The next frame whose transmission ends by ``end_ns``, lost ones passed over."""
         while self._waiting:
-            start = max(self.free_ns, min(w.ready_ns for w in self._waiting))
-            frame = min((w for w in self._waiting if w.ready_ns <= start), key=lambda w: w.can_id)
+            index, start = self._arbitrate()
+            frame = self._waiting[index]
             duration = self._duration(frame.packet)
             if start + duration > end_ns:
                 return None
-            self._waiting.remove(frame)
+            del self._waiting[index]
             self.free_ns = start + duration
             self._busy_ns += duration
             if not frame.lost:
                 return frame
         return None
+
+    def _arbitrate(self) -> tuple[int, int]:
+        """Which frame transmits next, and when: the lowest identifier of those that are ready once the bus is free."""
+        for index, frame in enumerate(self._waiting):
+            if frame.ready_ns <= self.free_ns:
+                return index, self.free_ns
+        start = min(frame.ready_ns for frame in self._waiting)
+        return next(i for i, frame in enumerate(self._waiting) if frame.ready_ns <= start), start
 
     def close_tick(self, end_ns: int) -> None:
         """The window is over: account for its load."""

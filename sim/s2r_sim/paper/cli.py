@@ -1,0 +1,64 @@
+"""``s2r bench paper``: Table I of the paper on concealed objects, through the whole system."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from s2r_protocol.exits import UsageError
+
+
+@click.command()
+@click.option("--kinds", default="drawer,laptop,faucet", show_default=True, help="Comma-separated.")
+@click.option("--trials", default=32, show_default=True, type=click.IntRange(min=1), help="Per kind.")
+@click.option(
+    "--first", default=0, show_default=True, type=click.IntRange(min=0), help="Number of the first trial."
+)
+@click.option(
+    "--attempts", default=3, show_default=True, type=click.IntRange(min=1), help="Planned manipulations each."
+)
+@click.option("--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Trials at a time.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Folder; results.jsonl is continued."
+)
+@click.option(
+    "--page", type=click.Path(path_type=Path, dir_okay=False), help="Where to write the results page."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def paper(
+    kinds: str, trials: int, first: int, attempts: int, jobs: int, out: Path, page: Path | None, as_json: bool
+) -> None:
+    """Move parts of never-seen drawers, laptops and faucets by random amounts and score against the sealed truth.
+
+    Each trial runs stand-in, executor and host in lock-step: look, push, model, plan, execute, measure. An interrupted
+    campaign goes on where it was.
+    """
+    from s2r_sim.batch import run_jobs
+    from s2r_sim.paper.page import write_page
+    from s2r_sim.paper.summary import merit
+    from s2r_sim.paper.trial import run_trial
+    from s2r_sim.paper.trials import KINDS
+
+    names = [name.strip() for name in kinds.split(",")]
+    for name in names:
+        if name not in KINDS:
+            raise UsageError(f"unknown kind {name!r}; there are {', '.join(KINDS)}")
+    todo = [(name, number, attempts, str(out)) for number in range(first, first + trials) for name in names]
+    rows = run_jobs(run_trial, todo, out / "results.jsonl", jobs, "manipulations")
+    options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
+    command = f"s2r bench paper {options} --out DIR"
+    write_page(rows, page or out / "results.md", command)
+    merits = {key: [asdict(merit(rows, name, key)) for name in names] for key in ("delta", "delta_first")}
+    if as_json:
+        click.echo(json.dumps({"last": merits["delta"], "first": merits["delta_first"]}, indent=1))
+        return
+    for entry in merits["delta"]:
+        ten, thirty, fifty = entry["below"]
+        click.echo(
+            f"{entry['kind']:<8} n {entry['n']:>3}  manipulated {entry['done']:>3}  "
+            f"below 10 / 30 / 50 %: {ten} / {thirty} / {fifty}  failures {entry['failures'] or '-'}"
+        )
+    click.echo(f"page: {page or out / 'results.md'}")

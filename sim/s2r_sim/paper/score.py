@@ -1,0 +1,93 @@
+"""What a trial came to: the sealed truth beside what the host said, and the stage that failed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_protocol.arms import load_arm
+from s2r_sim.objects.scene import joint_truth
+from s2r_sim.paper.trials import Trial
+from s2r_sim.physics import build_world
+from s2r_sim.score import read_truth
+from s2r_sim.world import load_world
+
+Row = dict[str, Any]
+
+
+def score_trial(trial: Trial, folder: Path, commitment: str) -> Row:
+    """The row of one trial whose processes have ended.
+
+    Joint values are the sealed ones [m or rad]; ``delta`` is what was asked for minus what was done after the last
+    planned manipulation, ``delta_first`` after the first, both None if none was begun.
+
+    Raises:
+        TruthFileError, WorldFileError: A file is missing or damaged.
+    """
+    truth = read_truth(folder / "truth.csv")
+    run = json.loads((folder / "run/run.json").read_text())
+    begun = [
+        truth.s_at_tick(entry["tick_start"]) for entry in run["attempts"] if entry["tick_start"] is not None
+    ]
+    row: Row = {
+        "change": trial.change,
+        "exit": run["exit"]["code"],
+        "reason": run["exit"]["reason"],
+        "stage": failed_stage(run),
+        "pushes": sum(entry["name"].startswith("B") for entry in run["views"]),
+        "manipulations": len(begun),
+        "wall_s": run["wall_s"],
+        "s_found": float(truth.s[0]),
+        "s_end": float(truth.s[-1]),
+        "delta": None,
+        "delta_first": None,
+        "delta_measured": run["delta"],
+        "commitment_holds": load_world(folder / "world.json").commitment == commitment,
+        **_joint_error(trial, run, begun[0] - float(truth.s[0]) if begun else None),
+    }
+    if begun:
+        target = begun[0] + sense(trial, run) * trial.change
+        row["s_pushed"] = begun[0]
+        row["delta"] = target - float(truth.s[-1])
+        row["delta_first"] = target - (begun[1] if len(begun) > 1 else float(truth.s[-1]))
+    return row
+
+
+def failed_stage(run: Row) -> str | None:
+    """Name of the stage that ended the run, numbers left out; None if it went through."""
+    failed = [stage["name"] for stage in run["stages"] if stage["failed"]]
+    if run["exit"]["code"] in (0, 7) or not failed:
+        return None
+    return failed[-1].rstrip(" 0123456789").replace(": proposals", " not reachable")
+
+
+def sense(trial: Trial, run: Row) -> float:
+    """1 if the host's joint grows as the true one does, -1 if it is the other way round."""
+    axis = np.array(run["joint"]["axis_direction"])
+    return 1.0 if axis @ np.array(_true_joint(trial)[1]) >= 0.0 else -1.0
+
+
+def _true_joint(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
+    """(point on the axis [m], its direction) as found, base frame."""
+    joint = joint_truth(build_world(load_arm("xmate3pro"), trial.world), trial.world.object)
+    return np.array(joint.origin_m), np.array(joint.direction)
+
+
+def _joint_error(trial: Trial, run: Row, moved: float | None) -> Row:
+    """Errors of the estimated joint: axis [rad], distance of the lines [m] (hinges), motion seen [m or rad]."""
+    if run["joint"] is None:
+        return {"axis_error_rad": None, "axis_offset_m": None, "push_error": None}
+    origin, direction = _true_joint(trial)
+    said = np.array(run["joint"]["axis_direction"])
+    along = float(said @ direction)
+    offset = np.array(run["joint"]["axis_origin_m"]) - origin
+    distance = float(np.linalg.norm(offset - (offset @ direction) * direction))
+    signed = moved if moved is None or along >= 0.0 else -moved
+    return {
+        "axis_error_rad": float(np.arccos(min(1.0, abs(along)))),
+        "axis_offset_m": None if trial.kind == "drawer" else distance,
+        "push_error": None if signed is None else run["joint"]["delta"] - signed,
+    }

@@ -1,0 +1,80 @@
+"""The paper's figures of merit over many trials, failures counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from s2r_sim.paper.score import Row
+
+LIMITS = (0.10, 0.30, 0.50)
+PAPER = {  # Sim2Real2, Table I: n, below 10 %, below 30 %, mean |δ| [cm or °], mean |δ_r|
+    "drawer": (31, 12, 22, 1.15, 0.218),
+    "laptop": (32, 7, 20, 5.69, 0.273),
+    "faucet": (30, 0, 9, 10.37, 0.562),
+}
+UNITS = {
+    "drawer": ("cm", 100.0),
+    "laptop": ("°", float(np.degrees(1.0))),
+    "faucet": ("°", float(np.degrees(1.0))),
+}
+
+
+@dataclass(frozen=True)
+class Merit:
+    """Of one kind of object.
+
+    Attributes:
+        kind: Of object.
+        n: Trials.
+        done: Trials with a planned manipulation carried out.
+        below: How many of all trials ended below each of ``LIMITS``; a trial without a manipulation never does.
+        delta, delta_r: Means of |δ| [m or rad] and |δ_r| over ``done``; None without any.
+        median_r: Median |δ_r| over ``done``.
+        failures: Stage that ended a trial -> how often.
+    """
+
+    kind: str
+    n: int
+    done: int
+    below: tuple[int, ...]
+    delta: float | None
+    delta_r: float | None
+    median_r: float | None
+    failures: dict[str, int]
+
+
+def relative_errors(rows: Sequence[Row], key: str = "delta") -> np.ndarray:
+    """|δ_r| of the trials that have one."""
+    return np.array([abs(row[key] / row["change"]) for row in rows if row.get(key) is not None])
+
+
+def merit(rows: Sequence[Row], kind: str, key: str = "delta") -> Merit:
+    """Merit of one kind; ``key`` is ``delta`` (after the last manipulation) or ``delta_first``."""
+    mine = [row for row in rows if row["kind"] == kind]
+    errors = relative_errors(mine, key)
+    absolute = np.array([abs(row[key]) for row in mine if row.get(key) is not None])
+    failures = Counter(row["stage"] for row in mine if row["stage"] is not None)
+    return Merit(
+        kind=kind,
+        n=len(mine),
+        done=len(errors),
+        below=tuple(int((errors < limit).sum()) for limit in LIMITS),
+        delta=float(absolute.mean()) if len(absolute) else None,
+        delta_r=float(errors.mean()) if len(errors) else None,
+        median_r=float(np.median(errors)) if len(errors) else None,
+        failures=dict(failures.most_common()),
+    )
+
+
+def wilson(k: int, n: int, z: float = 1.645) -> tuple[float, float]:
+    """90 % Wilson score interval of a share k of n."""
+    if n == 0:
+        return 0.0, 1.0
+    p = k / n
+    centre = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * float(np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)))
+    return max(0.0, centre - half), min(1.0, centre + half)

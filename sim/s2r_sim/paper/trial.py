@@ -1,0 +1,62 @@
+"""One trial: sealed world, stand-in, executor and host as separate processes, then the truth opened."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+from s2r_protocol.cli.peers import PeerFailedError, s2r_command, stand_in_cell
+from s2r_protocol.exits import ExitCode
+from s2r_sim.errors import TruthFileError
+from s2r_sim.paper.score import Row, score_trial
+from s2r_sim.paper.trials import draw_trial
+
+TIMEOUT_S = 1200.0
+
+
+def run_trial(kind: str, number: int, attempts: int, out: str) -> Row:
+    """Run and score one manipulation.
+
+    Args:
+        kind, number: Of the trial.
+        attempts: Planned manipulations at most.
+        out: Folder; the trial's files go to ``trials/<kind>-<number>`` in it.
+    """
+    trial = draw_trial(kind, number)
+    folder = Path(out) / "trials" / f"{kind}-{number:03d}"
+    shutil.rmtree(folder, ignore_errors=True)  # of an interrupted try
+    folder.mkdir(parents=True)
+    world = folder / "world.json"
+    trial.world.save(world)
+    row: Row = {"kind": kind, "number": number}
+    try:
+        with (
+            stand_in_cell(folder, ("--world", world), stand_in=("--truth", folder / "truth.csv")) as cell,
+            (folder / "host.log").open("w") as log,
+        ):
+            command = s2r_command(
+                "run", kind, f"--target={trial.change!r}", "--from", "pushed", "--attempts", str(attempts),
+                "--seed", str(number), "--executor", cell.executor, "--camera", cell.camera,
+                "--out", folder / "run",
+            )  # fmt: skip
+            ended = subprocess.run(
+                command, stdout=log, stderr=subprocess.STDOUT, timeout=TIMEOUT_S, check=False
+            )
+        if ended.returncode == ExitCode.INTERRUPTED:
+            raise KeyboardInterrupt
+        return row | score_trial(trial, folder, trial.world.commitment)
+    except subprocess.TimeoutExpired:
+        return row | _no_result(trial.change, f"no end within {TIMEOUT_S:.0f} s")
+    except (PeerFailedError, TruthFileError, FileNotFoundError) as error:
+        return row | _no_result(trial.change, f"{type(error).__name__}: {error}")
+
+
+def _no_result(change: float, reason: str) -> Row:
+    return {
+        "change": change,
+        "exit": int(ExitCode.BUG),
+        "reason": reason,
+        "stage": "processes",
+        "delta": None,
+    }
