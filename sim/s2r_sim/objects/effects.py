@@ -23,13 +23,13 @@ class JointEffects(Parameters):
         detent_pitch: From notch to notch [m or rad].
     """
 
-    stiction: float = Field(0.0, ge=0.0)
-    stiction_speed: float = Field(0.02, gt=0.0)
-    profile: float = Field(0.0, ge=0.0)
-    profile_length: float = Field(1.0, gt=0.0)
+    stiction: float = Field(default=0.0, ge=0.0)
+    stiction_speed: float = Field(default=0.02, gt=0.0)
+    profile: float = Field(default=0.0, ge=0.0)
+    profile_length: float = Field(default=1.0, gt=0.0)
     profile_phase_rad: float = 0.0
-    detent: float = Field(0.0, ge=0.0)
-    detent_pitch: float = Field(1.0, gt=0.0)
+    detent: float = Field(default=0.0, ge=0.0)
+    detent_pitch: float = Field(default=1.0, gt=0.0)
 
     @property
     def none(self) -> bool:
