@@ -193,7 +193,9 @@ def _shift(test: _Test, name: str, change: Callable[[_Rows, float], np.ndarray])
     table = {
         key: {"value": x, "unit": "s", "interval90": test.interval(cost, x, abs(x)), "identifiable": True}
     }
-    return test.odds(misfit, 1), name, test.share(misfit), table, {key: x}
+    # the effect of the catalogue calls its shape by another letter than the answer calls its parameter
+    shape = {"T" if name == "bandwidth" else key: x}
+    return test.odds(misfit, 1), name, test.share(misfit), table, shape
 
 
 def _clip(test: _Test, unit: str) -> Found:

@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from s2r_host.gap.effects import catalogue
+from s2r_host.gap.effects.base import Context
 from s2r_host.gap.law import check_law
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.recording import Controller, Recording
@@ -75,3 +78,21 @@ def test_late_stamps_are_told_from_a_late_drive(model):
 def test_a_commanded_effort_cannot_show_a_delay(model):
     said = found(model, effort="commanded", drive=lambda u: np.concatenate([u[:1].repeat(5), u[:-5]]))
     assert said is None or said.name not in ("actuator_delay", "bandwidth", "saturation")
+
+
+@pytest.mark.parametrize(
+    ("drive", "name"),
+    [
+        (lambda u: np.concatenate([u[:1].repeat(5), u[:-5]]), "actuator_delay"),
+        (lambda u: lfilter([0.2], [1.0, -0.8], u), "bandwidth"),
+        (lambda u: np.clip(u, -4.0, 4.0), "saturation"),
+    ],
+)
+def test_what_the_law_finds_can_be_replayed_by_the_effect_of_that_name(model, drive, name):
+    said = found(model, drive=drive)
+    assert said is not None
+    assert said.name == name
+    effect, ctx = catalogue()[name], Context(model, [recorded(model, 0)])
+    columns = effect.columns(ctx, ctx.sessions[0], 0, said.shape)
+    step = effect.runtime(ctx, 0, said.shape, np.zeros(len(columns.linear)), DT)
+    assert step is not None
