@@ -288,7 +288,9 @@ class PyShared {
   explicit PyShared(const Config& config)
       : memory_(SharedMemory::create(config)),
         record_dtype_(make_dtype(record_fields(), sizeof(Record), config.dof)),
-        event_dtype_(make_dtype(event_fields(), sizeof(Event), config.dof)) {}
+        event_dtype_(make_dtype(event_fields(), sizeof(Event), config.dof)) {
+    memory_.release();
+  }
 
   SharedBlock& block() const noexcept { return memory_.block(); }
   int fd() const noexcept { return memory_.fd(); }

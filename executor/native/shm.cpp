@@ -34,6 +34,8 @@ SharedMemory::~SharedMemory() {
   if (fd_ >= 0) ::close(fd_);
 }
 
+void SharedMemory::release() const noexcept { ::madvise(block_, size_, MADV_DONTNEED); }
+
 SharedMemory SharedMemory::create(const Config& config) {
   const std::size_t size = SharedBlock::total_size(config.record_capacity);
   const int fd = ::memfd_create("s2r-rt", MFD_CLOEXEC);

@@ -145,6 +145,9 @@ class SharedMemory {
   SharedMemory& operator=(SharedMemory&&) = delete;
   ~SharedMemory();
 
+  // Gives this process's pages back until they are used again; their contents stay with the descriptor.
+  void release() const noexcept;
+
   SharedBlock& block() const noexcept { return *block_; }
   int fd() const noexcept { return fd_; }
 

@@ -1,6 +1,7 @@
 """The last seconds before a latch: every tick's record and every event, written to a file of their own.
 
-The ring is filled in the watch loop, which only copies; a short-lived thread writes.
+The watch loop only compresses and keeps; a short-lived thread writes. Pieces never change once they are kept, so that
+writing needs no second copy of half a minute of records.
 """
 
 from __future__ import annotations
@@ -8,6 +9,10 @@ from __future__ import annotations
 import logging
 import threading
 import zipfile
+import zlib
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +23,16 @@ from s2r_executor.status import known_cause
 logger = logging.getLogger(__name__)
 
 _EVENTS = 4096
-_PIECE = 1024  # records
+_PIECE = 256  # records: a millisecond of compressing
+_LEVEL = 1
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Consecutive records, compressed."""
+
+    count: int
+    data: bytes
 
 
 class BlackBox:
@@ -28,8 +42,11 @@ class BlackBox:
         """Nothing is allocated before the first record."""
         self._directory = directory
         self._capacity = max(1, round(seconds * 1e9 / tick_ns))
-        self._ring: np.ndarray | None = None
-        self._count = 0
+        self._pieces: deque[_Piece] = deque()
+        self._kept = 0  # records in all pieces
+        self._dtype = np.dtype(np.float64)  # until there is a record
+        self._open: list[np.ndarray] = []  # not yet a piece
+        self._opened = 0  # records in those
         self._events: np.ndarray | None = None
         self._writers: list[threading.Thread] = []
 
@@ -44,24 +61,24 @@ class BlackBox:
             self._write(int(latch["tick"]), int(latch["cause"]))
 
     def _keep(self, records: np.ndarray) -> None:
-        if self._ring is None:
-            self._ring = np.zeros(self._capacity, records.dtype)
-        newest = records[-self._capacity :]
-        at = (self._count + len(records) - len(newest) + np.arange(len(newest))) % self._capacity
-        self._ring[at] = newest
-        self._count += len(records)
-
-    def records(self) -> np.ndarray:
-        """What the ring holds, oldest first."""
-        if self._ring is None:
-            return np.empty(0)
-        if self._count <= self._capacity:
-            return self._ring[: self._count].copy()
-        return np.roll(self._ring, -(self._count % self._capacity))
+        self._dtype = records.dtype
+        self._open.append(records)
+        self._opened += len(records)
+        if self._opened < _PIECE:
+            return
+        waiting = np.concatenate(self._open)
+        self._open, self._opened = [], 0
+        for first in range(0, len(waiting), _PIECE):
+            piece = waiting[first : first + _PIECE]
+            self._pieces.append(_Piece(len(piece), zlib.compress(piece.tobytes(), _LEVEL)))
+        self._kept += len(waiting)
+        while self._kept - self._pieces[0].count >= self._capacity:
+            self._kept -= self._pieces.popleft().count
 
     def _write(self, tick: int, cause: int) -> None:
         path = self._directory / f"blackbox-{tick}-{known_cause(cause).name}.npz"
-        content = self.records(), self._events
+        newest = np.concatenate([np.empty(0, self._dtype), *self._open])
+        content = list(self._pieces), newest, self._capacity, self._events
         writer = threading.Thread(target=_save, args=(path, *content), name="s2r-black-box", daemon=True)
         self._writers.append(writer)
         writer.start()
@@ -72,25 +89,32 @@ class BlackBox:
             writer.join()
 
 
-def _save(path: Path, records: np.ndarray, events: np.ndarray) -> None:
+def _save(path: Path, pieces: list[_Piece], newest: np.ndarray, capacity: int, events: np.ndarray) -> None:
+    count = sum(piece.count for piece in pieces) + len(newest)
+    surplus = max(0, count - capacity)
     try:
         with zipfile.ZipFile(path, "w") as archive:
-            _put(archive, "records", records)
-            _put(archive, "events", events)
+            _put(archive, "records", newest.dtype, count - surplus, _bytes_of(pieces, newest, surplus))
+            _put(archive, "events", events.dtype, len(events), iter([events.tobytes()]))
     except OSError as error:
         logger.error("black box %s could not be written: %s", path, error)
         return
-    logger.warning("latched: the last %d ticks are in %s", len(records), path)
+    logger.warning("latched: the last %d ticks are in %s", count - surplus, path)
 
 
-def _put(archive: zipfile.ZipFile, name: str, array: np.ndarray) -> None:
-    """As ``numpy.savez`` does, but in small pieces: that one makes a second copy of everything."""
-    header = {
-        "descr": np.lib.format.dtype_to_descr(array.dtype),
-        "fortran_order": False,
-        "shape": array.shape,
-    }
+def _bytes_of(pieces: list[_Piece], newest: np.ndarray, surplus: int) -> Iterator[bytes]:
+    """Of all records but the first ``surplus``, oldest first."""
+    for piece in pieces:
+        skipped = min(surplus, piece.count)
+        surplus -= skipped
+        yield zlib.decompress(piece.data)[skipped * newest.dtype.itemsize :]
+    yield newest[surplus:].tobytes()
+
+
+def _put(archive: zipfile.ZipFile, name: str, dtype: np.dtype, count: int, parts: Iterator[bytes]) -> None:
+    """As ``numpy.savez`` does, but from parts: that one makes a second copy of everything."""
+    header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (count,)}
     with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
         np.lib.format.write_array_header_2_0(file, header)
-        for first in range(0, len(array), _PIECE):
-            file.write(array[first : first + _PIECE].tobytes())
+        for part in parts:
+            file.write(part)

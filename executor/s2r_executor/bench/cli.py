@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 CONDITION_NAMES = ("alone", "zenoh", "mujoco", "hogs", "killed")
-FIGURE_NAMES = ("admission", "memory", "stop_latency", "bus_load")
+FIGURE_NAMES = ("admission", "memory", "stop_latency", "bus_load", "splices", "stepped_clock")
 
 
 @click.command()
@@ -21,6 +21,7 @@ FIGURE_NAMES = ("admission", "memory", "stop_latency", "bus_load")
 @click.option(
     "--load", "loads", multiple=True, type=click.Choice(CONDITION_NAMES), help="Only these. [default: all]"
 )
+@click.option("--ticks", default=1_000_000, show_default=True, help="Of the stepped clock with the stand-in.")
 @click.option("--cpu", type=int, help="Of the loop and its reference [default: the last one].")
 @click.option(
     "--out",
@@ -40,6 +41,7 @@ def executor(
     slices: int,
     seconds: int,
     loads: tuple[str, ...],
+    ticks: int,
     cpu: int | None,
     out: Path,
     fresh: bool,
@@ -51,6 +53,7 @@ def executor(
     Needs real-time rights, two CPUs and the stand-in ('sim'). Interrupt it whenever you like: it goes on where it was.
     """
     from s2r_executor.bench import figures as measured
+    from s2r_executor.bench import long_run
     from s2r_executor.bench.report import summarise, to_markdown, write_into
     from s2r_executor.bench.slice import SliceSettings, run_slice
 
@@ -67,6 +70,8 @@ def executor(
         "memory": measured.memory,
         "stop_latency": measured.stop_latency,
         "bus_load": measured.bus_load,
+        "splices": long_run.splices,
+        "stepped_clock": lambda: long_run.stepped_clock(ticks),
     }
     results = _run_all(tasks | {f"figure-{name}": task for name, task in figure_tasks.items()}, out, fresh)
     result = {

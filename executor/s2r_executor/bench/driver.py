@@ -86,8 +86,10 @@ class Mover:
         return step
 
 
-def send(core: Core, plan_id: int, epoch: int, plan: AdmittedPlan) -> bool:
-    """Hand an admitted plan to the core."""
+def send(
+    core: Core, plan_id: int, epoch: int, plan: AdmittedPlan, parent_id: int = 0, splice_t: float = 0.0
+) -> bool:
+    """Hand an admitted plan to the core; with a parent it takes over from that one at its time ``splice_t``."""
     return core.submit_plan(
         plan_id,
         epoch,
@@ -98,6 +100,8 @@ def send(core: Core, plan_id: int, epoch: int, plan: AdmittedPlan) -> bool:
         plan.stop_duration,
         plan.path_tolerance,
         plan.goal_tolerance,
+        parent_id=parent_id,
+        splice_t=splice_t,
         tau_rest=plan.tau_rest,
         tau_move=plan.tau_move,
     )

@@ -108,12 +108,28 @@ def _figures(result: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("resident memory, executor idle", text))
     if "admission" in figures:
         a = figures["admission"]
-        text = f"{a['p50_ms']:.1f} ms (worst {a['worst_ms']:.1f}), {a['over_rnea']:.1f} times its RNEA calls alone"
+        text = (
+            f"{a['p50_ms']:.1f} ms (worst {a['worst_ms']:.1f}), CPU {a['cpu_p50_ms']:.1f} ms "
+            f"(worst {a['cpu_worst_ms']:.1f}), {a['over_rnea']:.1f} times its RNEA calls alone"
+        )
         rows.append((f"admission of {a['knots']:.0f} points x 7, torque and self-collision included", text))
     if "stop_latency" in figures:
         s = figures["stop_latency"]
         text = f"{s['p50_ticks']:.0f} (worst {s['worst_ticks']:.0f} of {s['stops']:.0f})"
         rows.append(("ticks from a stop request to the first tick of the stop", text))
+    if "splices" in figures:
+        s = figures["splices"]
+        for kind, how in (("met", "meet it"), ("bridged", "miss it by up to a milliradian")):
+            text = f"{s[f'{kind}_took_over']:.0f} of {s[f'{kind}_tried']:.0f}"
+            rows.append((f"replacements of a running plan that {how}: took over", text))
+    if "stepped_clock" in figures:
+        s = figures["stepped_clock"]
+        text = (
+            f"{s['over_real_time']:.1f} times real time; {s['missed']:.0f} of {s['ticks']:.0f} setpoints missed, "
+            f"{s['stops']:.0f} stops; CPU per tick: core {s['core_cpu_us']:.0f} µs, "
+            f"stand-in {s['stand_in_cpu_us']:.0f} µs"
+        )
+        rows.append(("stepped clock with the MuJoCo stand-in", text))
     for packing, values in figures.get("bus_load", {}).items():
         text = (
             f"{100 * values['measured']:.1f} % measured, {100 * values['computed']:.1f} % computed worst case"

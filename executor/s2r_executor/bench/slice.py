@@ -99,10 +99,11 @@ def bench_config(folder: Path, packing: str, front_end_timeout_s: float = 0.1) -
 
 
 @contextmanager
-def stand_in(config: ExecutorConfig, cpus: set[int], folder: Path) -> Iterator[None]:
-    """``s2r sim-arm`` in a process of its own, with the real clock, on ``cpus``."""
+def stand_in(config: ExecutorConfig, cpus: set[int], folder: Path) -> Iterator[int]:
+    """``s2r sim-arm`` in a process of its own, on ``cpus``; yields its process id."""
     ready = folder / "ready"
     command = [sys.executable, "-m", "s2r_protocol", "sim-arm", "--seed", "1", "--clock", config.clock]
+    command += ["--pace", str(config.pace)]
     command += ["--bus", config.bus, "--packing", config.packing, "--listen", load.free_endpoint()]
     with (folder / "sim-arm.log").open("w+") as log:
         process = subprocess.Popen([*command, "--ready-file", str(ready)], stdout=log, stderr=log)
@@ -116,7 +117,7 @@ def stand_in(config: ExecutorConfig, cpus: set[int], folder: Path) -> Iterator[N
                         f"the stand-in did not start (pip install 'sim2real2[sim]'): {log.read()}"
                     )
                 time.sleep(0.05)
-            yield
+            yield process.pid
         finally:
             process.send_signal(signal.SIGINT)
             try:

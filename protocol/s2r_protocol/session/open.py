@@ -132,6 +132,8 @@ def _config(settings: dict[str, Any], role: Role, keys: ArmKeys, tls: Path | Non
         "transport/unicast/accept_timeout": _ACCEPT_TIMEOUT_MS,
         "transport/unicast/open_timeout": _OPEN_TIMEOUT_MS,
         "transport/link/rx/max_message_size": _MAX_MESSAGE_BYTES,
+        # Its pool of 16 MB pays for pictures; what an executor sends is small.
+        "transport/shared_memory/enabled": role is not Role.EXECUTOR,
     }
     secure = _secured(TlsFiles.of(tls, role), keys) if tls is not None else {}
     config = zenoh.Config()

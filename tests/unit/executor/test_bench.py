@@ -133,17 +133,33 @@ def one_slice(condition, k):
 
 
 FIGURES = {
-    "admission": {"knots": 500.0, "p50_ms": 9.0, "worst_ms": 12.0, "rnea_ms": 1.5, "over_rnea": 6.0},
+    "admission": {
+        "knots": 500.0,
+        "p50_ms": 9.0,
+        "worst_ms": 12.0,
+        "cpu_p50_ms": 8.0,
+        "cpu_worst_ms": 9.5,
+        "over_rnea": 6.0,
+    },
     "memory": {"front_end_MiB": 137.0, "s2r_rt_MiB": 16.0},
     "stop_latency": {"stops": 50.0, "p50_ticks": 1.0, "worst_ticks": 2.0},
     "bus_load": {"fd": {"computed": 0.678, "measured": 0.61}},
+    "splices": {"met_tried": 4.0, "met_took_over": 4.0, "bridged_tried": 3.0, "bridged_took_over": 2.0},
+    "stepped_clock": {
+        "ticks": 1000.0,
+        "missed": 0.0,
+        "stops": 0.0,
+        "over_real_time": 5.5,
+        "core_cpu_us": 30.0,
+        "stand_in_cpu_us": 120.0,
+    },
 }
 
 
 @pytest.fixture
 def measured(monkeypatch):
     """The command with its measuring replaced; counts how often each was asked for."""
-    from s2r_executor.bench import figures
+    from s2r_executor.bench import figures, long_run
     from s2r_executor.bench import slice as slice_module
 
     asked = []
@@ -160,6 +176,8 @@ def measured(monkeypatch):
         ("bus_load",) * 2,
     ):
         monkeypatch.setattr(figures, task, lambda name=name: asked.append(name) or FIGURES[name])
+    for name in ("splices", "stepped_clock"):
+        monkeypatch.setattr(long_run, name, lambda *_, name=name: asked.append(name) or FIGURES[name])
     return asked
 
 
@@ -184,6 +202,12 @@ def test_the_tables_are_put_between_the_markers_of_a_page(measured, tmp_path):
     assert text.endswith(f"{report.END}\nafter\n")
     assert "old" not in text
     assert "| drives on the other CPU, nothing else | 3 x 6 s | 21 (1.00) | 40 (1.10) |" in text
+    assert (
+        "| stepped clock with the MuJoCo stand-in | 5.5 times real time; 0 of 1000 setpoints missed" in text
+    )
+    assert (
+        "| replacements of a running plan that miss it by up to a milliradian: took over | 2 of 3 |" in text
+    )
     assert "| resident memory, executor idle | front_end 137 MiB, s2r_rt 16 MiB |" in text
 
 
