@@ -26,6 +26,7 @@ _STEP_RAD = 0.3
 _COAST_S = 1.2  # of a replacement, to rest
 _AHEAD_S = 0.2  # of the running plan's time: room for admission on a loaded machine
 _MISS_RAD = 1e-3
+_PACE = 2.0  # simulated over real seconds: leaves admission ten times what it takes
 
 
 @dataclass
@@ -100,7 +101,7 @@ def stepped_clock(ticks: int = 1_000_000) -> dict[str, float]:
     }
 
 
-def splices(count: int = 300, seed: int = 0) -> dict[str, float]:
+def splices(count: int = 200, seed: int = 0) -> dict[str, float]:
     """Plans that replace a running one at a random moment, admitted as a host's are; how many take over.
 
     Every other one begins up to a milliradian beside the running plan, so that it needs a bridge.
@@ -109,7 +110,7 @@ def splices(count: int = 300, seed: int = 0) -> dict[str, float]:
     random = np.random.default_rng(seed)
     outcomes = {f"{kind}_{what}": 0.0 for kind in ("met", "bridged") for what in ("tried", "took_over")}
     with tempfile.TemporaryDirectory(prefix="s2r-bench-") as name:
-        config = _unpaced(Path(name)).model_copy(update={"pace": 1.0})
+        config = _unpaced(Path(name)).model_copy(update={"pace": _PACE})
         with stand_in(config, os.sched_getaffinity(0), Path(name)):
             stepped = SteppedArm(config, arm)
             try:
