@@ -6,6 +6,7 @@ Every row is a fault; its tests are those whose names begin with its number. A r
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from collections import defaultdict
@@ -141,10 +142,30 @@ def _mutation(said: list[str]) -> list[str]:
     return [said[-1], *(f"survivor `{where}`: {why}" for where, _, why in survivors)]
 
 
+def revision() -> str:
+    """Commit that the results belong to, and whether the tree held more than that."""
+    said = subprocess.run(
+        ["git", "describe", "--always", "--dirty", "--abbrev=10"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    commit, dirty, _ = said.stdout.strip().partition("-dirty")
+    return f"commit {commit}" + (" with changes that were not committed" if dirty else "")
+
+
 def main() -> int:
     """Write the table; 7 if a fault is not proven."""
     counts = results()
-    lines = [BEGIN, "", "| fault | injected | how | tests | result |", "|---|---|---|---|---|"]
+    lines = [
+        BEGIN,
+        "",
+        f"Proven on {revision()}.",
+        "",
+        "| fault | injected | how | tests | result |",
+        "|---|---|---|---|---|",
+    ]
     proven = 0
     for fault in FAULTS:
         line, good = row(*fault, counts)
