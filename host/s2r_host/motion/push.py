@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
+from scipy.spatial import cKDTree
 
 from s2r_host.errors import NoMotionError
 from s2r_host.motion.arm_model import ArmModel
@@ -45,6 +46,15 @@ def push_scene(scene: Scene, front: Front) -> PushScene:
     return PushScene(
         static=(table_obstacle(), cloud_obstacle(scene.p_base[~moves], scene.p_camera)),
         part=cloud_obstacle(scene.p_base[moves], scene.p_camera, name=PART),
+    )
+
+
+def piece_scene(scene: Scene, piece: np.ndarray, margin_m: float = 0.004) -> PushScene:
+    """A piece of the observed points, shape (m, 3), moves; the rest of them stays."""
+    moves = cKDTree(piece).query(scene.p_base, distance_upper_bound=margin_m)[0] <= margin_m
+    return PushScene(
+        static=(table_obstacle(), cloud_obstacle(scene.p_base[~moves], scene.p_camera)),
+        part=cloud_obstacle(piece, scene.p_camera, name=PART),
     )
 
 

@@ -17,6 +17,7 @@ from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.observe import Observation
 from s2r_host.run.task import Task
 
+UPRIGHT_AXIS = 0.5
 LEAST_ALIGNED = 0.8  # cosine between the axis seen and the one the first view promised
 THINNEST_M = 0.004
 USUAL_PLATE_M = 0.006
@@ -60,14 +61,15 @@ class Belief:
 
 
 def estimate_part(
-    before: Observation, after: Observation, task: Task, positive: np.ndarray, seed: int
+    before: Observation, after: Observation, task: Task, positive: np.ndarray | None, seed: int
 ) -> JointEstimate:
     """The joint of a part that was pushed, signed so that it grows the way the task calls positive.
 
     Args:
         before, after: Views A and B.
         task: What kind of joint is expected.
-        positive: Unit vector along (slide) or about (hinge) which it grows, as far as the first view tells, (3,).
+        positive: Unit vector along (slide) or about (hinge) which it grows, as far as the first view tells, (3,);
+            None if it does not: then hinges grow counter-clockwise seen from above, level ones towards the arm.
         seed: Of the estimator.
 
     Raises:
@@ -82,6 +84,8 @@ def estimate_part(
         joint_type=task.joint_type,
         seed=seed,
     )
+    if positive is None:
+        return estimate if _grows_usually(estimate.axis_direction) else estimate.reversed()
     along = float(estimate.axis_direction @ positive)
     if abs(along) < LEAST_ALIGNED:
         raise SceneError(
@@ -89,6 +93,11 @@ def estimate_part(
             f"a {task.name} has it; that is no {task.name}, or something else moved"
         )
     return estimate if along > 0.0 else estimate.reversed()
+
+
+def _grows_usually(axis: np.ndarray) -> bool:
+    """Counter-clockwise from above; about a level axis the upper side moves towards the arm (-x)."""
+    return bool(axis[2] > 0.0) if abs(axis[2]) > UPRIGHT_AXIS else bool(axis[1] < 0.0)
 
 
 def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 
+from s2r_host.errors import ArmStoppedError, NoMotionError, SceneError
 from s2r_host.motion.front import find_front
+from s2r_host.motion.lever_proposals import lever_proposals
+from s2r_host.motion.levers import find_levers
 from s2r_host.motion.lid import find_lid
 from s2r_host.motion.lid_proposals import lid_proposals
-from s2r_host.motion.push import PushMotion, PushScene, lid_scene, plan_push, push_scene
+from s2r_host.motion.push import PushMotion, PushScene, lid_scene, piece_scene, plan_push, push_scene
 from s2r_host.motion.push_proposals import PushProposal, push_proposals
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.settings import RunSettings
-from s2r_host.run.task import DRAWER, LAPTOP
+from s2r_host.run.task import DRAWER, FAUCET, LAPTOP
 from s2r_host.run.travel import timed
+from s2r_protocol.faults import Cause
+
+ON_THE_WAY_RAD = 0.05  # largest joint's distance from the push's path
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,21 +31,23 @@ class Pushable:
     """What the first view offers to push.
 
     Attributes:
-        positive: Unit vector along or about which the joint should grow, (3,).
+        positive: Unit vector along or about which the joint should grow, (3,); None where the view does not tell.
         scene: Obstacles, the part apart.
         proposals: Best first.
+        fresh: They know what earlier pushes were about; otherwise those tried are left out.
     """
 
-    positive: np.ndarray
+    positive: np.ndarray | None
     scene: PushScene
     proposals: Iterator[PushProposal]
+    fresh: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedPush:
     """A push that may be carried out; ``positive`` as in :class:`Pushable`."""
 
-    positive: np.ndarray
+    positive: np.ndarray | None
     motion: PushMotion
     motions: tuple[Motion, ...]
 
@@ -67,15 +75,7 @@ def prepare_push(session: Session, view: Observation, number: int = 1, skip: int
         TrajectoryError: A motion cannot be timed.
     """
     settings = session.settings
-    pushable = _PUSHABLES[settings.task.name](view, settings)
-    motion = plan_push(
-        session.arm,
-        pushable.scene,
-        islice(pushable.proposals, skip, None),
-        session.status().q_ref,
-        session.arm.arm.q_home,
-        session.rng,
-    )
+    pushable, motion = _reachable(session, _PUSHABLES[settings.task.name](view, settings, number), skip)
     paths: list[tuple[np.ndarray, str, float]] = [
         (motion.approach, f"push {number}: approach", settings.travel_speed),
         (motion.push, f"push {number}", settings.push_speed),
@@ -87,19 +87,74 @@ def prepare_push(session: Session, view: Observation, number: int = 1, skip: int
 
 
 def carry_out_push(session: Session, planned: PlannedPush) -> DonePush:
-    """Approach, push, back, home."""
-    return DonePush(planned, tuple(session.move(planned.motions)))
+    """Approach, push, back, home.
+
+    A push may meet something that does not give way: the spout instead of the lever. The executor then stops the arm;
+    the stop is acknowledged and the arm goes back the way it came, away from the contact.
+
+    Raises:
+        ArmStoppedError: Stopped for another cause, or elsewhere than on the way into contact.
+    """
+    begun = len(session.executed)
+    try:
+        session.move(planned.motions)
+    except ArmStoppedError as error:
+        push = planned.motion.push
+        off = np.abs(push - session.status().q_ref).max(axis=1)
+        if error.cause != Cause.COLLISION or off.min() > ON_THE_WAY_RAD:
+            raise
+        session.journal.warn(f"the push met something that does not give way, backing off: {error}")
+        session.link.wait_at_rest()
+        back = np.vstack([session.status().q_ref, push[: max(1, int(off.argmin()))][::-1]])
+        with session.link.leased():
+            session.link.reset()
+        speed = session.settings.push_speed
+        session.move([timed(session, back, "push: backing off", speed), planned.motions[-1]])
+    return DonePush(planned, tuple(session.executed[begun:]))
 
 
-def _drawer(view: Observation, settings: RunSettings) -> Pushable:
+def _reachable(session: Session, pushables: Sequence[Pushable], skip: int) -> tuple[Pushable, PushMotion]:
+    """The first of several things to push that the arm can push, and how."""
+    for k, pushable in enumerate(pushables):
+        try:
+            return pushable, plan_push(
+                session.arm,
+                pushable.scene,
+                islice(pushable.proposals, 0 if pushable.fresh else skip, None),
+                session.status().q_ref,
+                session.arm.arm.q_home,
+                session.rng,
+            )
+        except NoMotionError:
+            if k == len(pushables) - 1:
+                raise
+    raise SceneError("nothing to push in view")
+
+
+def _drawer(view: Observation, settings: RunSettings, _number: int) -> list[Pushable]:
     front = find_front(view.scene)
-    return Pushable(front.normal, push_scene(view.scene, front), push_proposals(front, settings.push))
+    return [Pushable(front.normal, push_scene(view.scene, front), push_proposals(front, settings.push))]
 
 
-def _laptop(view: Observation, settings: RunSettings) -> Pushable:
+def _laptop(view: Observation, settings: RunSettings, _number: int) -> list[Pushable]:
     lid = find_lid(view.scene)
     scene = lid_scene(view.scene, lid, settings.lid_push.hidden_m)
-    return Pushable(lid.along, scene, lid_proposals(lid, settings.lid_push))
+    return [Pushable(lid.along, scene, lid_proposals(lid, settings.lid_push))]
 
 
-_PUSHABLES = {DRAWER.name: _drawer, LAPTOP.name: _laptop}
+def _faucet(view: Observation, settings: RunSettings, number: int) -> list[Pushable]:
+    """The likeliest lever first, with a further push the next one."""
+    levers = find_levers(view.scene)
+    turn = (number - 1) % len(levers)
+    return [
+        Pushable(
+            None,
+            piece_scene(view.scene, lever.p),
+            lever_proposals([lever], settings.lever_push),
+            fresh=True,
+        )
+        for lever in levers[turn:] + levers[:turn]
+    ]
+
+
+_PUSHABLES = {DRAWER.name: _drawer, LAPTOP.name: _laptop, FAUCET.name: _faucet}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 
+import numpy as np
+
 from s2r_host.errors import SceneError
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.perception.errors import AbstainError
@@ -96,7 +98,8 @@ def _push_until_told(
         NoMotionError: No further push is reachable.
     """
     settings, journal, task = session.settings, session.journal, session.settings.task
-    view, skip, positive = before, 0, None
+    view, skip = before, 0
+    positive: np.ndarray | None = None
     for number in range(1, settings.pushes + 1):
         again = "" if number == 1 else f" {number}"
         with journal.stage(f"first push{again}: proposals") as stage:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from s2r_host.motion.lever_proposals import LeverPushSettings
 from s2r_host.motion.lid_proposals import LidPushSettings
 from s2r_host.motion.push_proposals import PushSettings
 from s2r_host.motion.scene import Region
@@ -35,7 +36,7 @@ class RunSettings:
             calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
         settle_s: Wait between the end of a motion and a picture.
         dry_run: Look and plan the push, move nothing.
-        push, lid_push: Geometry of the first push on a drawer's front or a lid.
+        push, lid_push, lever_push: Geometry of the first push on a drawer's front, a lid or a lever.
         region: Where the object is looked for.
     """
 
@@ -59,6 +60,7 @@ class RunSettings:
     dry_run: bool = False
     push: PushSettings = field(default_factory=PushSettings)
     lid_push: LidPushSettings = field(default_factory=LidPushSettings)
+    lever_push: LeverPushSettings = field(default_factory=LeverPushSettings)
     region: Region = field(default_factory=Region)
 
     def __post_init__(self) -> None:

@@ -73,7 +73,7 @@ LAPTOP = Task(
     tolerance=math.radians(2.0), good_enough=math.radians(1.2), far_off=math.radians(6.0), moving=1e-3,
 )  # fmt: skip
 FAUCET = Task(
-    "faucet", "revolute", "lever", "away from the first push", DEGREE, (-math.pi, math.pi),
+    "faucet", "revolute", "lever", "counter-clockwise, or towards the arm", DEGREE, (-math.pi, math.pi),
     tolerance=math.radians(3.0), good_enough=math.radians(1.5), far_off=math.radians(10.0), moving=2e-3,
 )  # fmt: skip
 DOOR = Task(

@@ -1,0 +1,186 @@
+"""Finding what may be a lever: long thin straight pieces that stand out from the body of a faucet-like object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from s2r_host.errors import SceneError
+from s2r_host.motion.scene import Scene
+
+CELL_M = 0.006
+DECK_BAND_M = 0.008
+DECK_CELLS = 60  # of level surface that make a deck
+DECK_WIDTH_CELLS = 8  # no spout is as wide
+THIN_DECK_M = 0.02
+COLUMN_CELL_M = 0.008
+COLUMN_BEHIND_M = 0.012  # the axis of a column lies so far behind the face that the camera sees
+COLUMN_RADIUS_M = 0.042
+LEAST_POINTS = 60
+LEAST_LENGTH_M = 0.035
+MOST_WIDTH_M = 0.06
+STRAIGHT = 0.1  # spread across over spread along of what is taken for straight
+LINES, LINE_TRIES, LINE_RADIUS_M = 3, 200, 0.016
+
+
+@dataclass(frozen=True, eq=False)
+class LeverCandidate:
+    """A piece that may turn, base frame.
+
+    Attributes:
+        p: Its points [m], (n, 3).
+        p_root, p_tip: Ends of its line, the root nearer to the body [m], (3,).
+        width_m: Across the line.
+        bend: Share of its spread that a straight line does not explain; spouts are bent, levers are not.
+        towards_user: Cosine between its level direction and the way to the arm; spouts point there.
+        outward: Level unit vector from the body's axis to its tip, (3,).
+    """
+
+    p: np.ndarray
+    p_root: np.ndarray
+    p_tip: np.ndarray
+    width_m: float
+    bend: float
+    towards_user: float
+    outward: np.ndarray
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Unit vector from root to tip, (3,)."""
+        along = self.p_tip - self.p_root
+        return along / np.linalg.norm(along)
+
+    @property
+    def doubt(self) -> float:
+        """Small for what looks like a lever: straight, not pointing to the user, not going down as spouts do."""
+        return 3.0 * self.bend + 0.5 * max(0.0, self.towards_user) + 2.0 * max(0.0, -float(self.direction[2]))
+
+
+def find_levers(scene: Scene) -> list[LeverCandidate]:
+    """Candidates, the likeliest first.
+
+    Raises:
+        SceneError: Nothing thin stands out from the object.
+    """
+    p = scene.p_base
+    deck_m = _deck_height(p)
+    above = p[p[:, 2] > deck_m + DECK_BAND_M]
+    if len(above) < LEAST_POINTS:
+        raise SceneError("no lever in view: nothing stands up from the object's deck")
+    axis = _column(above, deck_m, scene.p_camera)
+    outside = above[np.linalg.norm(above[:, :2] - axis, axis=1) > COLUMN_RADIUS_M]
+    found = [
+        c
+        for piece in _pieces(outside)
+        for part in _straight(piece)
+        if (c := _candidate(part, axis)) is not None
+    ]
+    if not found:
+        raise SceneError(
+            f"no lever in view: no straight piece of at least {1e2 * LEAST_LENGTH_M:.0f} cm stands out from the body "
+            f"at ({axis[0]:.2f}, {axis[1]:.2f}) m"
+        )
+    return sorted(found, key=lambda c: c.doubt)
+
+
+def _deck_height(p: np.ndarray) -> float:
+    """Top of the plate or block the object stands on: the highest level surface that is wider than a spout."""
+    cells = np.floor(p / CELL_M).astype(int)
+    low = cells.min(axis=0)
+    cells = np.unique(cells - low, axis=0)
+    top = np.full(cells[:, :2].max(axis=0) + 1, -1)
+    np.maximum.at(top, tuple(cells[:, :2].T), cells[:, 2])
+    for level in range(int(top.max()), -1, -1):
+        flat = np.abs(top - level) <= 1
+        wide = ndimage.binary_opening(flat, np.ones((DECK_WIDTH_CELLS, DECK_WIDTH_CELLS)))
+        if wide.sum() >= DECK_CELLS:
+            return max(THIN_DECK_M, float((low[2] + level + 1) * CELL_M))
+    return THIN_DECK_M
+
+
+def _column(p: np.ndarray, deck_m: float, p_camera: np.ndarray) -> np.ndarray:
+    """Where the body's upright axis stands (2,): where the surface rises highest from the deck without a break."""
+    cells = np.floor(np.column_stack([p[:, :2] / COLUMN_CELL_M, (p[:, 2:] - deck_m) / CELL_M])).astype(int)
+    low = cells[:, :2].min(axis=0)
+    shape = (*(cells[:, :2].max(axis=0) - low + 1), int(cells[:, 2].max()) + 1)
+    grid = np.zeros(shape, bool)
+    grid[cells[:, 0] - low[0], cells[:, 1] - low[1], np.maximum(cells[:, 2], 0)] = True
+    grid = np.asarray(ndimage.binary_dilation(grid, np.ones((3, 3, 1))), bool)
+    grid[:, :, :2] = grid[:, :, :3].any(
+        axis=2, keepdims=True
+    )  # the lowest centimetre is cut off with the deck
+    padded = np.pad(grid, ((0, 0), (0, 0), (3, 3)), mode="edge")
+    grid = ndimage.binary_closing(padded, np.ones((1, 1, 5)))[:, :, 3:-3]
+    rise = np.cumprod(grid, axis=2).sum(axis=2).astype(float)
+    rise = ndimage.uniform_filter(rise, 3, mode="constant")
+    labels = np.zeros(rise.shape, np.int32)
+    ndimage.label(rise >= 0.75 * rise.max(), output=labels)
+    best = np.argwhere(labels == labels.flat[int(rise.argmax())]).mean(axis=0)
+    face = (low + best + 0.5) * COLUMN_CELL_M
+    away = face - p_camera[:2]
+    return face + COLUMN_BEHIND_M * away / np.linalg.norm(away)
+
+
+def _pieces(p: np.ndarray) -> list[np.ndarray]:
+    """Connected pieces of some points (n, 3), largest first."""
+    if not len(p):
+        return []
+    cells = np.floor(p / CELL_M).astype(int)
+    cells -= cells.min(axis=0)
+    grid = np.zeros(cells.max(axis=0) + 1, bool)
+    grid[tuple(cells.T)] = True
+    labels = np.zeros(grid.shape, np.int32)
+    ndimage.label(grid, structure=np.ones((3, 3, 3)), output=labels)
+    of = labels[tuple(cells.T)]
+    sizes = np.bincount(of)
+    return [p[of == k] for k in np.argsort(-sizes) if sizes[k] >= LEAST_POINTS]
+
+
+def _straight(p: np.ndarray) -> list[np.ndarray]:
+    """A piece (n, 3) as it is if it is straight, else its straight parts: a lever above a spout looks like one."""
+    spread = np.linalg.eigvalsh(np.cov((p - p.mean(axis=0)).T))
+    if spread[1] < STRAIGHT * spread[2] and spread[1] < (MOST_WIDTH_M / 3.46) ** 2:
+        return [p]
+    rng, left, parts = np.random.default_rng(0), p, []
+    while len(left) >= LEAST_POINTS and len(parts) < LINES:
+        a, b = (left[rng.integers(len(left), size=LINE_TRIES)] for _ in range(2))
+        d = b - a
+        length = np.linalg.norm(d, axis=1)
+        a, d = a[length > LEAST_LENGTH_M], d[length > LEAST_LENGTH_M] / length[length > LEAST_LENGTH_M, None]
+        if not len(a):
+            break
+        some = left[:: max(1, len(left) // 400)]
+        off = np.linalg.norm(np.cross(some[None] - a[:, None], d[:, None]), axis=2)
+        best = int((off < LINE_RADIUS_M).sum(axis=1).argmax())
+        near = np.linalg.norm(np.cross(left - a[best], d[best]), axis=1) < LINE_RADIUS_M
+        parts += _pieces(left[near])[:1]
+        left = left[~near]
+    return parts
+
+
+def _candidate(p: np.ndarray, axis: np.ndarray) -> LeverCandidate | None:
+    centre = p.mean(axis=0)
+    spread, vectors = np.linalg.eigh(np.cov((p - centre).T))
+    along = vectors[:, 2]
+    t = (p - centre) @ along
+    low, high = np.percentile(t, [2, 98])
+    width = 3.46 * float(np.sqrt(max(spread[1], 0.0)))
+    if high - low < LEAST_LENGTH_M or width > MOST_WIDTH_M:
+        return None
+    ends = [centre + low * along, centre + high * along]
+    ends.sort(key=lambda end: float(np.linalg.norm(end[:2] - axis)) + 0.3 * float(end[2]))
+    root, tip = ends
+    level = (tip - root)[:2]
+    length = float(np.linalg.norm(level))
+    to_arm = -tip[:2] / np.linalg.norm(tip[:2])
+    return LeverCandidate(
+        p=p,
+        p_root=root,
+        p_tip=tip,
+        width_m=width,
+        bend=float(spread[1] / spread[2]),
+        towards_user=float(level @ to_arm / max(length, 1e-6)) if length > 0.3 * (high - low) else 0.0,
+        outward=np.append(tip[:2] - axis, 0.0) / np.linalg.norm(tip[:2] - axis),
+    )
