@@ -16,7 +16,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 
 
 @click.command()
-@click.argument("object_kind", metavar="OBJECT", type=click.Choice(["drawer", "laptop", "faucet", "door"]))
+@click.argument("object_kind", metavar="OBJECT", type=click.Choice(["drawer", "laptop", "faucet"]))
 @click.option(
     "--target",
     required=True,

@@ -76,11 +76,7 @@ FAUCET = Task(
     "faucet", "revolute", "lever", "counter-clockwise, or towards the arm", DEGREE, (-math.pi, math.pi),
     tolerance=math.radians(3.0), good_enough=math.radians(1.5), far_off=math.radians(10.0), moving=2e-3,
 )  # fmt: skip
-DOOR = Task(
-    "door", "revolute", "door", "opening", DEGREE, (-math.pi, math.pi),
-    tolerance=math.radians(2.0), good_enough=math.radians(1.2), far_off=math.radians(6.0), moving=1e-3,
-)  # fmt: skip
-TASKS = {task.name: task for task in (DRAWER, LAPTOP, FAUCET, DOOR)}
+TASKS = {task.name: task for task in (DRAWER, LAPTOP, FAUCET)}
 
 _SUFFIXES = {"mm": ("prismatic", 1e-3), "m": ("prismatic", 1.0), "deg": ("revolute", math.radians(1.0)),
              "°": ("revolute", math.radians(1.0)), "rad": ("revolute", 1.0)}  # fmt: skip

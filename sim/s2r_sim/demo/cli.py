@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 @click.command()
 @click.option("--seed", default=1, show_default=True, help="Which hidden object.")
 @click.option(
-    "--object", "kind", type=click.Choice(["drawer", "laptop"]), default="drawer", show_default=True
+    "--object", "kind", type=click.Choice(["drawer", "laptop", "faucet"]), default="drawer", show_default=True
 )
 @click.option(
     "--target",
-    help="Joint value; 0 = as found, + = out or opening  [default: 150mm for a drawer, -35deg for a laptop].",
+    help="Joint value; 0 = as found, + = out, opening or counter-clockwise  [default: 150mm, -35deg or 30deg].",
 )
 @click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most.")
 @click.option("--clock", type=click.Choice(["lockstep", "real"]), default="lockstep", show_default=True)
@@ -48,9 +48,9 @@ def demo(
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Move a never-seen drawer or laptop lid end to end on the stand-in, then open the sealed truth.
+    """Move a never-seen drawer, laptop lid or faucet end to end on the stand-in, then open the sealed truth.
 
-    Exit 0: it is truly within 5 mm or 2° of the target. 7: it is not. Otherwise the failing part's code.
+    Exit 0: it is truly within 5 mm, 2° or 3° of the target. 7: it is not. Otherwise the failing part's code.
     """
     from s2r_sim.demo.goals import GOALS
     from s2r_sim.demo.processes import free_port, peer, s2r_command

@@ -29,5 +29,6 @@ GOALS = {
     for goal in (
         Goal("drawer", "150mm", 0.005, "mm", 1e3),
         Goal("laptop", "-35deg", math.radians(2.0), "°", math.degrees(1.0)),
+        Goal("faucet", "30deg", math.radians(3.0), "°", math.degrees(1.0)),
     )
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,8 @@ def failed_stage(run: Row) -> str | None:
     failed = [stage["name"] for stage in run["stages"] if stage["failed"]]
     if run["exit"]["code"] in (0, 7) or not failed:
         return None
-    return failed[-1].rstrip(" 0123456789").replace(": proposals", " not reachable")
+    name = re.sub(r" \d+", "", failed[-1])
+    return name.replace(": proposals", " not reachable")
 
 
 def sense(trial: Trial, run: Row) -> float:

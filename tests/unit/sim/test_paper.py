@@ -1,0 +1,109 @@
+"""The accuracy campaign: random but repeatable trials inside the joints' limits, and figures that count failures."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from s2r_sim.paper.page import PICTURE, write_page
+from s2r_sim.paper.score import failed_stage
+from s2r_sim.paper.summary import merit, wilson
+from s2r_sim.paper.trials import KINDS, draw_trial
+
+PUSH = {"drawer": (-0.045, 0.0), "laptop": (-math.radians(25), math.radians(25))}
+PUSH["faucet"] = PUSH["laptop"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_trial_stays_within_the_limits_wherever_the_push_leaves_the_part(kind):
+    for number in range(60):
+        trial = draw_trial(kind, number)
+        for push in PUSH[kind]:
+            s = trial.world.object.q_start + push
+            assert 0.0 < s < trial.world.object.q_max
+            assert 0.0 < s + trial.change < trial.world.object.q_max, (kind, number)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_both_directions_are_asked_for_and_the_same_number_is_the_same_trial(kind):
+    signs = {math.copysign(1.0, draw_trial(kind, number).change) for number in range(20)}
+    assert signs == {1.0, -1.0}
+    assert draw_trial(kind, 3, salt="a") == draw_trial(kind, 3, salt="a")
+    assert draw_trial(kind, 3, salt="a").world != draw_trial(kind, 4, salt="a").world
+
+
+def test_trials_hide_effects_that_no_belief_has():
+    for kind in KINDS:
+        assert any(not draw_trial(kind, number).world.effects.none for number in range(3))
+
+
+def _row(kind, number, change, delta, stage=None):
+    return {
+        "kind": kind, "number": number, "change": change, "delta": delta, "delta_first": delta, "stage": stage,
+        "reason": "why | so", "pushes": 1, "manipulations": 0 if delta is None else 1, "axis_error_rad": 0.01,
+        "axis_offset_m": 0.002, "push_error": -0.001,
+    }  # fmt: skip
+
+
+ROWS = [
+    _row("drawer", 0, 0.10, 0.005),
+    _row("drawer", 1, -0.10, 0.02),
+    _row("drawer", 2, 0.10, -0.045),
+    _row("drawer", 3, 0.10, 0.2),
+    _row("drawer", 4, 0.10, None, "plan"),
+]
+
+
+def test_a_trial_without_a_manipulation_is_a_miss_but_has_no_error():
+    m = merit(ROWS, "drawer")
+    assert (m.n, m.done, m.below) == (5, 4, (1, 2, 3))
+    assert m.delta == pytest.approx((0.005 + 0.02 + 0.045 + 0.2) / 4)
+    assert m.delta_r == pytest.approx((0.05 + 0.2 + 0.45 + 2.0) / 4)
+    assert m.failures == {"plan": 1}
+
+
+def test_the_interval_of_a_share_holds_the_share():
+    for k in range(11):
+        low, high = wilson(k, 10)
+        assert low <= k / 10 <= high
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_the_page_has_every_trial_the_failures_and_a_picture(tmp_path):
+    write_page(ROWS, tmp_path / "results.md", "s2r bench paper --trials 5")
+    text = (tmp_path / "results.md").read_text()
+    assert "| drawer | 5 | 4 | 1 (20 %" in text
+    assert "| drawer | plan | 1 |" in text
+    assert "why / so" in text
+    assert "paper (real arm)" in text
+    assert (tmp_path / PICTURE).stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("stages", "code", "named"),
+    [
+        ([("plan 1", False), ("measure 1", False)], 0, None),
+        ([("plan 1", False), ("plan 2", True)], 7, None),
+        ([("first push 2: proposals", True)], 4, "first push not reachable"),
+        ([("estimate joint", True), ("estimate joint 3", True)], 4, "estimate joint"),
+    ],
+)
+def test_the_stage_that_ended_a_run_is_named(stages, code, named):
+    run = {"stages": [{"name": name, "failed": failed} for name, failed in stages], "exit": {"code": code}}
+    assert failed_stage(run) == named
+
+
+def test_effects_survive_the_world_file():
+    world = draw_trial("faucet", 1).world
+    again = type(world).model_validate_json(world.to_json())
+    assert again.effects == world.effects
+    assert json.loads(world.to_json())["effects"]["detent_pitch"] == world.effects.detent_pitch
+
+
+def test_friction_is_highest_at_rest_and_detents_pull_to_their_notch():
+    effects = draw_trial("faucet", 2).world.effects
+    assert effects.friction(1.0, 0.0, 0.0) > effects.friction(1.0, 0.0, 10 * effects.stiction_speed)
+    quarter = 0.25 * effects.detent_pitch
+    assert effects.detent_force(quarter) <= 0.0 <= effects.detent_force(-quarter)
+    assert np.isclose(effects.detent_force(effects.detent_pitch), 0.0, atol=1e-9)
