@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 
+from s2r_host.gap.align import law_parts
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.recording import Recording
@@ -13,6 +14,8 @@ from s2r_host.gap.session import Session
 
 RANGE_SLACK = 0.25
 MAX_TURNS_RAD = 200.0
+LAW_SHAPE, LAW_SCALE = 0.8, 5.0  # a law this far off in size, followed this well in shape
+LEAST_OWN, LEAST_TURNED = 0.5, 0.85
 
 
 def check_joints(model: RigidModel, rec: Recording) -> list[str]:
@@ -114,6 +117,53 @@ def check_efforts(model: RigidModel, s: Session) -> None:
                 f"{s.rec.name}: 'tau.{model.joints[j]}' is {slope:.3g} times what the model needs: another "
                 "unit (N·mm?) or another robot; declare it under 'units' in the side file"
             )
+
+
+def check_units(model: RigidModel, s: Session) -> None:
+    """The declared control law, or the model's own load, must not fit far better in degrees or another unit.
+
+    Raises:
+        GapRecordingError: Positions are in degrees, or the gains of the side file belong to another unit.
+    """
+    for j, joint in enumerate(model.joints):
+        if not s.has_u[j] or float(np.std(s.u[:, j])) < 1e-9:
+            continue
+        parts = law_parts(model, s, j)
+        if parts is not None:
+            _check_law_scale(s, joint, model.unit(joint), parts.kp + parts.kd + parts.rest, s.u[:, j])
+        if model.unit(joint) == "rad":
+            own = _fit(s, j, j)
+            if own < LEAST_OWN and (turned := _fit_in_degrees(model, s, j)) > LEAST_TURNED:
+                raise GapRecordingError(
+                    f"{s.rec.name}: the effort of '{joint}' fits the model when its positions are read as degrees "
+                    f"(R² {turned:.2f} against {own:.2f}); declare 'q: deg' under 'units' in the side file"
+                )
+
+
+def _check_law_scale(s: Session, joint: str, unit: str, asked: np.ndarray, u: np.ndarray) -> None:
+    """Refuse a law that asks for many times the recorded effort while following its shape."""
+    shapes = np.stack([asked, np.ones(len(u)), np.linspace(-1.0, 1.0, len(u))], axis=1)
+    beta, *_ = np.linalg.lstsq(shapes, u, rcond=None)
+    left = u - shapes @ beta
+    r2 = 1.0 - float(left @ left) / max(float(np.sum((u - u.mean()) ** 2)), 1e-30)
+    slope = float(beta[0])
+    if r2 > LAW_SHAPE and slope > 0 and not 1.0 / LAW_SCALE < slope < LAW_SCALE:
+        degrees = unit == "rad" and abs(slope * 180.0 / np.pi - 1.0) < 0.3
+        hint = "positions look like degrees: declare it" if degrees else "check gains and units"
+        raise GapRecordingError(
+            f"{s.rec.name}: 'tau.{joint}' is {slope:.3g} times what the declared controller asks for "
+            f"(R² {r2:.2f}): {hint} under 'units' in the side file"
+        )
+
+
+def _fit_in_degrees(model: RigidModel, s: Session, j: int) -> float:
+    """R² of a joint's effort on its load when hinge positions are converted from degrees."""
+    turn = np.where([model.unit(name) == "rad" for name in model.joints], np.pi / 180.0, 1.0)
+    load = model.inverse(s.q * turn, s.v * turn, s.a * turn)[:, j]
+    X = np.stack([load, s.sign(j), s.v[:, j], np.ones(len(s.t))], axis=1)
+    y = s.u[:, j]
+    beta, *_ = np.linalg.lstsq(X, y, rcond=None)
+    return float(max(0.0, 1.0 - np.var(y - X @ beta) / max(np.var(y), 1e-30))) if beta[0] > 0 else 0.0
 
 
 def _fit(s: Session, effort: int, load: int) -> float:

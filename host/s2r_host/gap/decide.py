@@ -10,12 +10,25 @@ import numpy as np
 from s2r_host.gap.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.effects.base import Value
 from s2r_host.gap.evidence import Marginal
+from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.law import LawFinding
 from s2r_host.gap.problem import Drift, Problem
 from s2r_host.gap.search import TEMPER, Scored, Search, Solution, Term
 
 TIGHT = 0.05
 LIKE_PARAMETERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
+# What an effect of this name is called as a wrong number, and the value the model gives it.
+AS_PARAMETER = {
+    "payload": ("payload_mass", 0.0),
+    "armature": ("armature", None),
+    "effort_scale": ("effort_scale", 1.0),
+}
+ALIKE_GAIN, ALIKE_SHARE = (
+    12.0,
+    0.03,
+)  # log odds within which a wrong number explains a place as well as an effect
+LOOSENESS = (TIGHT, 0.3, 1.0)
+ONE_CAUSE, ALONE_SLACK = 4.0, 6.0  # log odds
 LEFTOVER_LIMIT = 1.45
 EXPLAINED_LEAST = 0.85
 EXPLAINED_GUESSED = 0.5
@@ -24,7 +37,13 @@ HEAT, CEILING = 0.003, 0.96
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out
 DRIFT_ODDS, DRIFT_COMMON, DRIFT_LEAST = 18.0, 0.7, 0.02
 OTHER_MACHINE = 0.4
+FAR_RIGID, FAR_FRICTION, FAR_KINDS, FAR_SCALE = 0.08, 0.3, 4, 2.0
 Z90 = 1.645
+# What a position read behind a compliant gear looks like to the plant's equation.
+BEHIND_THE_SENSOR = (
+    "clock_skew", "actuator_delay", "bandwidth", "flexible_part", "backlash", "joint_elasticity", "payload",
+    "armature", "presliding",
+)  # fmt: skip
 EQUIVALENT = (
     ("gravity_tilt", "encoder_offset"),
     ("actuator_delay", "bandwidth"),
@@ -75,6 +94,7 @@ class Decision:
     leftover: float = 0.0
     explained: float = 0.0
     law: list[LawFinding] = field(default_factory=list)
+    contradictions: list[Contradiction] = field(default_factory=list)
 
 
 def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda _: None) -> Decision:
@@ -83,6 +103,8 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
     _add_drift(problem, decision.solution, decision)
     for finding in problem.law:
         _add_law(problem, finding, decision)
+    for contradiction in problem.contradictions:
+        _add_contradiction(problem, contradiction, decision)
     decision.effects.sort(key=lambda e: -e.probability)
     if decision.verdict != "unknown" and (moved := _other_machine(problem, decision)):
         decision.verdict = "unknown"
@@ -107,7 +129,22 @@ def _other_machine(problem: Problem, decision: Decision) -> str | None:
                 f"the centre of mass of '{name}' would have to move by {shift:.3g} m from {arm:.3g} m off the joint: "
                 "is this recording of another machine?"
             )
+    moved = {p["name"].split("_")[0]: _moved(p) for p in decision.parameters_off}
+    far = [
+        n for n, x in moved.items() if x > (FAR_FRICTION if n in ("damping", "frictionloss") else FAR_RIGID)
+    ]
+    if len(problem.ctx.model.joints) == 1 and len(far) >= FAR_KINDS:
+        return f"{', '.join(far)} would all have to change by much: is this recording of another machine?"
+    for e in decision.effects:
+        scale = e.parameters["scale"]["value"] if e.name == "effort_scale" else 1.0
+        if len(decision.effects) > 1 and not 1.0 / FAR_SCALE < scale < FAR_SCALE:
+            return f"efforts {scale:.2g} times the recorded ones and more beside: is this recording of another machine?"
     return None
+
+
+def _moved(p: dict) -> float:
+    """Relative change of a parameter."""
+    return abs(p["to"] - p["from"]) / abs(p["from"]) if p["from"] else 0.0
 
 
 def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) -> Decision:
@@ -156,8 +193,11 @@ def _too_much_left(problem: Problem, search: Search, decision: Decision) -> bool
     return decision.explained < _explained_least(problem, search, decision.solution)
 
 
-def _add_law(problem: Problem, finding: LawFinding, decision: Decision) -> None:
+def _add_law(problem: Problem, finding: LawFinding, decision: Decision, why: str = "") -> None:
     """Name what the control law shows: a wrong gain, late stamps, or what a measured effort hides."""
+    why = (
+        why or f"the declared control law misses the recorded effort; this removes {finding.share:.0%} of it"
+    )
     joint = problem.ctx.model.joints[finding.joint]
     if finding.name == "controller_gain":
         for which, p in finding.parameters.items():
@@ -175,13 +215,25 @@ def _add_law(problem: Problem, finding: LawFinding, decision: Decision) -> None:
         Named(
             Term(finding.name, finding.joint, tuple(sorted(finding.shape.items()))), finding.name, joint,
             CEILING / sum(weights.values()), also,
-            f"the declared control law misses the recorded effort; this removes {finding.share:.0%} of it",
-            finding.parameters, np.zeros(0), {finding.name: finding.gain} | finding.rivals,
+            why, finding.parameters, np.zeros(0), {finding.name: finding.gain} | finding.rivals,
         )
     )  # fmt: skip
     decision.law.append(finding)
     if decision.verdict in ("nothing_missing", "parameter_off"):
         decision.verdict = "physics_missing"
+
+
+def _add_contradiction(problem: Problem, found: Contradiction, decision: Decision) -> None:
+    """What position and speed of one joint say against each other: a transmission between them, or no name at all."""
+    joint = problem.ctx.model.joints[found.joint]
+    decision.reasons.append(found.words)
+    if found.finding is None:
+        decision.verdict = "unknown"
+        decision.contradictions.append(found)
+        return
+    decision.effects = [e for e in decision.effects if e.joint != joint or e.name not in BEHIND_THE_SENSOR]
+    decision.verdict = "physics_missing"
+    _add_law(problem, found.finding, decision, found.words)
 
 
 def _add_drift(problem: Problem, solution: Solution, decision: Decision) -> None:
@@ -265,7 +317,7 @@ def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
     for i, term in enumerate(solution.terms):
         slot = solution.slots[i] if i < len(solution.slots) else []
         named = _named(problem, search, solution, i, slot)
-        if term.effect.startswith(PREFIX) or _is_parameter(problem, term, solution.theta[i]):
+        if term.effect.startswith(PREFIX) or _is_parameter(problem, term, solution.theta[i], slot):
             decision.parameters_off += _off_entries(problem, search, named)
         else:
             decision.effects.append(named)
@@ -283,9 +335,17 @@ def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
     return decision
 
 
-def _is_parameter(problem: Problem, term: Term, theta: np.ndarray) -> bool:
-    """A small addition to friction or damping the model already has is a wrong number, not new physics."""
+def _is_parameter(problem: Problem, term: Term, theta: np.ndarray, slot: list[Scored]) -> bool:
+    """Is this a wrong number rather than new physics?
+
+    So is a small addition to friction or damping the model already has, and mass, motor inertia or effort scale where
+    a number of the model explains the place as well.
+    """
     m = problem.ctx.model.model
+    if term.effect in AS_PARAMETER:
+        own = next((s.gain for s in slot if s.term.key == term.key), np.inf)
+        rival = max((s.gain for s in slot if s.term.effect.startswith(PREFIX)), default=-np.inf)
+        return own - rival < max(ALIKE_GAIN, ALIKE_SHARE * own)
     if term.effect == "coulomb_friction":
         nominal = float(m.dof_frictionloss[term.joint])
     elif term.effect == "viscous_friction":
@@ -518,12 +578,63 @@ def _base_matters(search: Search, problem: Problem, terms: list[Term] | None = N
 
 
 def _parameters_only(problem: Problem, search: Search) -> Decision:
-    """Name the base parameter that explains the gap alone, or list what moved."""
-    scored: list[tuple[float, Term]] = []
-    search.looseness = TIGHT
-    noise = TEMPER
+    """Name the one number (or the effect that is no more than a number) that explains the gap, or list what moved.
+
+    The numbers not named are held tight, or at the error nominal values usually have: the evidence says which.
+    """
+    tries: list[tuple[float, float, float, list[tuple[float, Term]]]] = []
+    for looseness in LOOSENESS:
+        search.looseness = looseness
+        constant, alone, scored = _weigh_numbers(problem, search)
+        tries.append((looseness, constant, alone, scored))
+    search.looseness = 1.0
+    without = tries[0][1] + tries[0][2]
+    alone_best = max(constant + alone for _, constant, alone, _ in tries)
+    # One cause before several numbers that moved a little each, as long as it is not much the worse explanation.
+    one = [
+        (scored[0][0] + constant, looseness, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])
+        for looseness, constant, alone, scored in tries
+        if scored and scored[0][0] > alone + ONE_CAUSE and scored[0][0] + constant > alone_best - ALONE_SLACK
+    ]
+    if max(alone_best, max((value for value, _, _ in one), default=-np.inf)) < without + 5.0:
+        return Decision(
+            "nothing_missing", search.finish([], [], []), rejected=_rejected_at_floor(problem, search)
+        )
+    solution = search.finish([], [], [])
+    if not one and (moved := _base_entries(problem, solution)):
+        return Decision(
+            "parameter_off", solution, parameters_off=moved, rejected=_rejected_at_floor(problem, search)
+        )
+    one = one or [
+        (scored[0][0] + constant, looseness, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])
+        for looseness, constant, alone, scored in tries if scored
+    ]  # fmt: skip
+    _, best, slot = max(one, key=lambda x: x[0])
+    slot = _turned_not_shifted(slot)
+    search.looseness = best
+    solution = search.finish([slot[0].term], [slot], [])
+    named = _named(problem, search, solution, 0, slot)
+    decision = Decision("parameter_off", solution, rejected=_rejected_at_floor(problem, search))
+    is_number = _is_parameter(problem, named.term, solution.theta[0], slot)
+    search.looseness = 1.0
+    if named.name in LIKE_PARAMETERS and not is_number:
+        decision.verdict, decision.effects = "physics_missing", [named]
+    else:
+        decision.parameters_off = _off_entries(problem, search, named)
+    decision.explained = explained(problem, search, solution)
+    decision.leftover = leftover(problem, solution.prediction, solution)
+    return decision
+
+
+def _weigh_numbers(problem: Problem, search: Search) -> tuple[float, float, list[tuple[float, Term]]]:
+    """Everything that is no more than a wrong number, best first, at the looseness that is set.
+
+    Returns:
+        Log evidence of that looseness itself, log likelihood without any term, and terms with their log evidence.
+    """
     fit = ~problem.held
-    base = search.marginal([], fit, noise)
+    base = search.marginal([], fit, TEMPER)
+    scored: list[tuple[float, Term]] = []
     for name, effect in search.effects.items():
         friction = name in ("coulomb_friction", "viscous_friction")
         if not isinstance(effect, BaseTerm) and not friction and name not in LIKE_PARAMETERS:
@@ -531,29 +642,26 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
         for j in problem.joints if effect.scope == "joint" else [-1]:
             if not effect.applies(problem.ctx, j) or (friction and _nominal(problem, name, j) <= 0):
                 continue
-            best = search.best_shape((name, j), base, fit, noise, refine=name in LIKE_PARAMETERS)
-            if best is not None:
-                scored.append(best)
+            found = search.best_shape((name, j), base, fit, TEMPER, refine=name in LIKE_PARAMETERS)
+            if found is not None:
+                scored.append(found)
     scored.sort(key=lambda x: -x[0])
-    search.looseness = 1.0
-    without = -0.5 * base.rss / noise
-    if not scored or scored[0][0] < without + 5.0:
-        return Decision(
-            "nothing_missing", search.finish([], [], []), rejected=_rejected_at_floor(problem, search)
-        )
-    search.looseness = TIGHT
-    slot = [Scored(t, v, v - without, 0.0, np.zeros(0)) for v, t in scored]
-    solution = search.finish([scored[0][1]], [slot], [])
-    named = _named(problem, search, solution, 0, slot)
-    search.looseness = 1.0
-    decision = Decision("parameter_off", solution, rejected=_rejected_at_floor(problem, search))
-    if named.name in LIKE_PARAMETERS:
-        decision.verdict, decision.effects = "physics_missing", [named]
-    else:
-        decision.parameters_off = _off_entries(problem, search, named)
-    decision.explained = explained(problem, search, solution)
-    decision.leftover = leftover(problem, solution.prediction, solution)
-    return decision
+    B, d = problem.B[fit], problem.prior * search.looseness
+    _, logdet = np.linalg.slogdet(B.T @ B / TEMPER + np.diag(d**-2.0)) if len(d) else (1.0, 0.0)
+    return -0.5 * logdet - float(np.sum(np.log(d))), -0.5 * base.rss / TEMPER, scored
+
+
+def _turned_not_shifted(slot: list[Scored]) -> list[Scored]:
+    """Put a turned zero (encoder or base) before a centre of mass that explains as much.
+
+    A centre of mass that is off by just a turn about the joint, at the same distance, would be a coincidence.
+    """
+    if not slot[0].term.effect.startswith(f"{PREFIX}com"):
+        return slot
+    turned = [s for s in slot if s.term.effect in ("encoder_offset", "gravity_tilt")]
+    if not turned or turned[0].gain < slot[0].gain - max(ALIKE_GAIN, ALIKE_SHARE * slot[0].gain):
+        return slot
+    return [*turned, *(s for s in slot if s not in turned and not s.term.effect.startswith(f"{PREFIX}com"))]
 
 
 def _nominal(problem: Problem, name: str, joint: int) -> float:
@@ -577,6 +685,15 @@ def _off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
             found.append(_off(member.name, member.place, member.on_joint, member.nominal, p))
         return found
     p = next(iter(named.parameters.values()))
+    if named.name in AS_PARAMETER:
+        label, nominal = AS_PARAMETER[named.name]
+        if nominal is None:
+            nominal = float(problem.ctx.model.model.dof_armature[named.term.joint])
+            p = p | {"value": nominal + p["value"], "interval90": [nominal + x for x in p["interval90"]]}
+        place = named.joint
+        if named.name == "payload":
+            place = problem.ctx.model.body_name(int(dict(named.term.shape)["body"]))
+        return [_off(label, place, named.name != "payload", nominal, p)]
     nominal = _nominal(problem, named.name, named.term.joint)
     shifted = p | {"value": nominal + p["value"], "interval90": [nominal + x for x in p["interval90"]]}
     label = "frictionloss" if named.name == "coulomb_friction" else "damping"

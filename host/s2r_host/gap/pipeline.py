@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from s2r_host.gap import insufficient
 from s2r_host.gap.align import control_lag
-from s2r_host.gap.checks import check_efforts, check_joints
+from s2r_host.gap.checks import check_efforts, check_joints, check_units
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.decide import Decision, decide, restate
 from s2r_host.gap.forward import Errors, evaluate
@@ -23,7 +23,7 @@ from s2r_host.gap.replay import Live, Twin, build_twin, has_loop, run
 from s2r_host.gap.search import Search, Solution
 from s2r_host.gap.seeds import fill_residuals, sharpen_sign
 from s2r_host.gap.session import Session, make_session
-from s2r_host.gap.where import Place, acting, locate, narrowed
+from s2r_host.gap.where import Place, acting, contradicted, locate, narrowed
 
 Log = Callable[[str], None]
 
@@ -59,6 +59,7 @@ def load_sessions(model: RigidModel, paths: list[Path], first: int, notes: list[
         notes += [f"{rec.name}: {w}" for w in rec.warnings]
         s = make_session(model, rec, first + i)
         check_efforts(model, s)
+        check_units(model, s)
         sessions.append(s)
     return sessions
 
@@ -104,6 +105,10 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     log("residual efforts and noise floor")
     problem = a.problem = build_problem(a.model, a.fit, a.hold, a.repeats)
     problem.law = [f for f in problem.law if f.name not in config.skip]
+    problem.contradictions = [
+        replace(c, finding=None) if c.finding is not None and c.finding.name in config.skip else c
+        for c in problem.contradictions
+    ]
     if "session_friction" in config.skip:
         problem.drift.clear()
     fill_residuals(problem)
@@ -154,6 +159,8 @@ def _places(problem: Problem, search: Search, decision: Decision) -> list[Place]
     if decision.verdict == "nothing_missing":
         return []
     places = locate(problem, problem.raw)
+    if decision.contradictions:
+        return [contradicted(problem, c) for c in decision.contradictions]
     if decision.verdict != "physics_missing":
         return places
     found = []

@@ -9,6 +9,7 @@ from scipy.signal import welch
 
 from s2r_host.gap.effects.base import Columns, Context, count_reversals
 from s2r_host.gap.evidence import Whitener, fit_whitener
+from s2r_host.gap.kinematics import Contradiction, contradiction
 from s2r_host.gap.law import LawFinding, check_law
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.nuisance import BaseParameter, base_parameters
@@ -81,7 +82,8 @@ class Problem:
         floor_doubt: Factor by which the floor may be too low, from the effective number of its samples.
         weight: Trust in each row: less where dry friction may stick and the sign of motion is a guess.
         effort: Filtered effort rows, same layout, whitened.
-        drift: Friction changes of new held-out sessions; ``law`` where the declared control law does not hold.
+        drift: Friction changes of new held-out sessions; ``law`` where the declared control law does not hold;
+            ``contradictions`` where position and speed of a joint do not agree.
     """
 
     ctx: Context
@@ -101,6 +103,7 @@ class Problem:
     floor_doubt: float = 1.0
     drift: list[Drift] = field(default_factory=list)
     law: list[LawFinding] = field(default_factory=list)
+    contradictions: list[Contradiction] = field(default_factory=list)
     cache: dict = field(default_factory=dict)
 
     def whiten(self, per_session: dict[int, np.ndarray], joint: int) -> np.ndarray:
@@ -202,6 +205,7 @@ def build_problem(
     _fill_drift(problem, fit, hold)
     problem.floor_doubt = max((_doubt(noise[j]) for j in joints), default=1.0)
     problem.law = [f for j in joints if (f := check_law(model, fit, hold, j)) is not None]
+    problem.contradictions = [c for j in joints if (c := contradiction(model, fit, j)) is not None]
     return problem
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_host.gap.decide import Decision, Named
+from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 from s2r_host.gap.session import Session
@@ -50,6 +51,13 @@ def locate(problem: Problem, rows: np.ndarray) -> list[Place]:
         return []
     places = [_place(problem, rows, j, excess[j] / total) for j in excess if excess[j] > 0.02 * total]
     return sorted(places, key=lambda p: -p.share)
+
+
+def contradicted(problem: Problem, found: Contradiction) -> Place:
+    """Where position and speed of a joint contradict each other; position and speed cover the whole motion."""
+    s, j = problem.ctx.sessions[0], found.joint
+    box = [[round(float(x.min()), 5), round(float(x.max()), 5)] for x in (s.q[:, j], s.v[:, j])]
+    return Place(problem.ctx.model.joints[j], 1.0, found.intervals, box[0], box[1], found.words)
 
 
 def _place(problem: Problem, rows: np.ndarray, j: int, share: float) -> Place:

@@ -1,0 +1,226 @@
+"""Position against speed: two sensors of one joint that must agree, whatever the plant does.
+
+A position read behind a compliant gear, a sensor that freezes, a current that leaks into it: none of these needs the
+plant's equation to be seen, the recorded speed contradicts the recorded position. What a speed filter does to an honest
+speed (lag, wrong scale) is taken out first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from s2r_host.gap.filters import zero_phase
+from s2r_host.gap.law import LawFinding
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.session import Session, resolution
+
+SLOWEST_S = 0.011  # slower logs cannot integrate their speed
+DRIFT_HZ, NOISE_HZ = 0.5, 10.0
+WALK_S = 0.3  # time over which the noise of a speed adds up under the drift filter
+CLEAR = 2.0  # disagreement in noise levels that is no accident; clean recordings reach 0.5
+NAMED_SHARE = 0.8  # part of the disagreement that a name has to explain
+FOREIGN = 3.0  # a current that leaks into the sensor may not leave so many times less
+SIGN_SHARE = 0.25  # further part that play has to explain beyond a spring
+FROZEN_ROWS, FROZEN_STEPS, FROZEN_MOST = 2, 6.0, 0.3
+MARGIN_S = 0.2
+SPRING_DAMPING = 0.05
+PLAY_HZ, PLAY_DAMPING = 20.0, 0.4
+Z90 = 1.645
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """Position and speed of one joint disagree.
+
+    Attributes:
+        joint: Joint index.
+        size: Disagreement (rms) and ``noise``, what the sensors explain of it, in the joint's unit.
+        finding: A transmission that explains it, or None.
+        intervals: Where it stands out in the first fit recording [s].
+        words: What kind of disagreement it is.
+    """
+
+    joint: int
+    size: float
+    noise: float
+    finding: LawFinding | None
+    intervals: list[list[float]]
+    words: str
+
+
+def contradiction(model: RigidModel, fit: list[Session], joint: int) -> Contradiction | None:
+    """Does the recorded speed of a joint contradict its recorded position in every fit recording?"""
+    name = model.joints[joint]
+    tracks = [x for s in fit if (x := _track(model, s, joint)) is not None]
+    if not tracks or len(tracks) < len(fit):
+        return None
+    left = [_without_filter(x) for x in tracks]
+    size = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+    noise = max(x.noise for x in tracks)
+    unit = model.unit(name)
+    if all(frozen := [_frozen(s, name) for s in fit]):
+        words = f"the position of '{name}' stands still {len(frozen[0])} times while its speed does not"
+        return Contradiction(joint, size, noise, None, frozen[0], words)
+    if size < CLEAR * noise:
+        return None
+    finding = _transmission(model, fit, tracks, joint)
+    return Contradiction(
+        joint, size, noise, finding, _above(tracks[0].t + fit[0].rec.start_s, left[0], max(3.0 * noise, size)),
+        f"position and speed of '{name}' contradict each other by {size:.2g} {unit} (noise {noise:.2g} {unit})",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Track:
+    """Disagreement of one recording on an even grid, drift and noise filtered off; regressors filtered alike.
+
+    Attributes:
+        t: Time [s], shape (time,).
+        gap: Position minus integrated speed, shape (time,).
+        honest: What scale, lag and filter of the speed would make, shape (time, 3).
+        windup: Effort behind the gear and its sign, shape (time, 2).
+        leak: Recorded effort and its square, shape (time, 2), or None without an effort.
+        noise: What the sensors explain of ``gap``.
+    """
+
+    t: np.ndarray
+    gap: np.ndarray
+    honest: np.ndarray
+    windup: np.ndarray
+    leak: np.ndarray | None
+    noise: float
+
+
+def _track(model: RigidModel, s: Session, joint: int) -> _Track | None:
+    name = model.joints[joint]
+    q, dq = s.rec.get("q", name), s.rec.get("dq", name)
+    if q is None or dq is None or s.rec.dt > SLOWEST_S or len(q) < 500:
+        return None
+    dt = s.rec.dt
+    grid = np.arange(0.0, float(s.rec.t[-1]), dt)
+    margin = max(3, int(MARGIN_S / dt))
+
+    def band(x: np.ndarray) -> np.ndarray:
+        low = zero_phase(x, (NOISE_HZ,), dt) if NOISE_HZ * dt < 0.45 else x
+        return (low - zero_phase(low, (DRIFT_HZ,), dt))[margin:-margin]
+
+    def even(x: np.ndarray) -> np.ndarray:
+        return np.interp(grid, s.rec.t, x)
+
+    way = CubicSpline(s.rec.t, dq).antiderivative()(s.rec.t)
+    steps = np.concatenate([[0.0], np.cumsum(0.5 * (dq[1:] + dq[:-1]) * np.diff(s.rec.t))])
+    rough = float(np.std(band(even(way - steps))))  # what the rule of integration is worth
+    white = float(np.median(np.abs(np.diff(dq, 2)))) * 1.48 / np.sqrt(6.0)
+    noise = float(np.sqrt((0.4 * resolution(q)) ** 2 + (white**2 * dt * WALK_S) + rough**2))
+    v = zero_phase(even(dq), (min(NOISE_HZ, 0.4 / dt),), dt)
+    honest = np.stack([band(even(q)), band(v), band(np.gradient(v, dt))], axis=1)
+    link = s.load[:, joint] - float(model.model.dof_armature[joint]) * s.a[:, joint]
+    link = np.interp(grid, s.t, link - float(model.model.dof_damping[joint]) * s.v[:, joint])
+    turn = np.tanh(link / (0.05 * float(np.std(link)) + 1e-12))
+    leak = None
+    if s.has_u[joint]:
+        u = np.interp(grid, s.t, s.u[:, joint])
+        leak = np.stack([band(u), band(u**2)], axis=1)
+    windup = np.stack([band(link), band(turn)], axis=1)
+    return _Track(grid[margin:-margin], band(even(q - way)), honest, windup, leak, noise)
+
+
+def _without_filter(x: _Track) -> np.ndarray:
+    """The disagreement without what a scale, a lag or a filter of the speed would make."""
+    return x.gap - x.honest @ np.linalg.lstsq(x.honest, x.gap, rcond=None)[0]
+
+
+def _frozen(s: Session, name: str) -> list[list[float]]:
+    """Intervals in which the position repeats itself although the speed says that it cannot."""
+    q, dq, t = s.rec.get("q", name), s.rec.get("dq", name), s.rec.t
+    assert q is not None
+    assert dq is not None
+    step = resolution(q)
+    found: list[list[float]] = []
+    start = 0
+    for i in range(1, len(q) + 1):
+        if i < len(q) and q[i] == q[start]:
+            continue
+        way = abs(float(np.sum(0.5 * (dq[start + 1 : i] + dq[start : i - 1]) * np.diff(t[start:i]))))
+        if i - start > FROZEN_ROWS and way > FROZEN_STEPS * step:
+            found.append([float(t[start]) + s.rec.start_s, float(t[i - 1]) + s.rec.start_s])
+        start = i
+    still = sum(b - a for a, b in found)
+    return (
+        found if len(found) >= 2 and still < FROZEN_MOST * float(t[-1]) else []
+    )  # a slow sensor always steps
+
+
+def _above(t: np.ndarray, x: np.ndarray, limit: float) -> list[list[float]]:
+    found: list[list[float]] = []
+    for time in t[np.abs(x) > limit]:
+        if found and time - found[-1][1] < 0.15:
+            found[-1][1] = float(time)
+        else:
+            found.append([float(time), float(time)])
+    return [[round(a, 3), round(b, 3)] for a, b in found][:200]
+
+
+def _transmission(
+    model: RigidModel, fit: list[Session], tracks: list[_Track], joint: int
+) -> LawFinding | None:
+    """Spring or play between the two sensors: the windup follows the transmitted effort, or its sign."""
+    y = np.concatenate([x.gap for x in tracks])
+    W = np.concatenate([x.windup for x in tracks])
+    effective = max(len(y) / (1.0 / (2.0 * NOISE_HZ * fit[0].rec.dt)), 8.0)
+    spring, play = _regress(W[:, :1], y, effective), _regress(W, y, effective)
+    leaks = [x.leak for x in tracks if x.leak is not None]
+    best = max(spring.share, play.share)
+    if best < NAMED_SHARE:
+        return None
+    if len(leaks) == len(tracks):
+        leaked = _regress(np.concatenate(leaks), y, effective)
+        if 1.0 - best > FOREIGN * (1.0 - leaked.share):
+            return None
+    name = model.joints[joint]
+    unit, effort = model.unit(name), model.effort_unit(name)
+    inertia = float(np.mean(np.concatenate([s.mass[:, joint] for s in fit])))
+    motor = float(model.model.dof_armature[joint]) / inertia
+    more = (play.share - spring.share) / max(1.0 - spring.share, 1e-12)
+    odds = 0.5 * effective * float(np.log((1.0 - spring.share + 1e-9) / (1.0 - play.share + 1e-9)))
+    if more > SIGN_SHARE and play.beta[1] < 0:
+        width, half = float(-play.beta[1]), Z90 * float(play.deviation[1])
+        shape = {"w": width, "motor": motor, "f": PLAY_HZ, "zeta": PLAY_DAMPING}
+        return LawFinding(
+            "backlash", joint, odds, play.share, {"half_width": _value(width, half, unit)}, shape,
+            {"joint_elasticity": 0.0},
+        )  # fmt: skip
+    if spring.beta[0] >= 0:
+        return None
+    k = -1.0 / float(spring.beta[0])
+    half = Z90 * float(spring.deviation[0]) * k**2
+    link = np.concatenate([s.load[:, joint] for s in fit])
+    one_sided = min(float(np.mean(link > 0)), float(np.mean(link < 0))) < 0.01  # the gap is never crossed
+    f = float(np.sqrt(k / max((1.0 - motor) * inertia, 1e-12))) / (2.0 * np.pi)
+    table = {"stiffness": _value(k, half, f"{effort}/{unit}")}
+    shape = {"f": f, "zeta": SPRING_DAMPING, "motor": motor}
+    odds = 0.7 if one_sided else 6.0
+    return LawFinding("joint_elasticity", joint, odds, spring.share, table, shape, {"backlash": 0.0})
+
+
+@dataclass(frozen=True)
+class _Regression:
+    beta: np.ndarray
+    deviation: np.ndarray
+    share: float
+
+
+def _regress(X: np.ndarray, y: np.ndarray, effective: float) -> _Regression:
+    beta = np.linalg.lstsq(X, y, rcond=None)[0]
+    left = y - X @ beta
+    variance = float(left @ left) / effective
+    return _Regression(
+        beta, np.sqrt(np.diag(np.linalg.pinv(X.T @ X)) * variance), 1.0 - float(left @ left) / float(y @ y)
+    )
+
+
+def _value(x: float, half: float, unit: str) -> dict:
+    return {"value": x, "unit": unit, "interval90": [x - half, x + half], "identifiable": True}
