@@ -33,7 +33,7 @@ _FUNNEL_M, _FUNNEL_SLOPE = (
     0.05,
     5.0,
 )  # height over a place beside it, and how fast that falls towards the place
-_LISTED = 200
+_LISTED, _LISTED_OBLIQUE = 200, 600  # places looked at
 _FIRST, _RANKED = 60, 40  # places tried first; joint solutions worth a closer look
 _SEARCHED = 6  # hooks without a straight way for which one is searched
 _ENOUGH = 6  # hooks at which no further joint solutions are looked for
@@ -128,14 +128,33 @@ def find_hooks(
     name = Path(object_mjcf).name
     _refuse_far(scene, world, name)
     probe = HandProbe(scene, world.data, settings.threads)
-    places = find_places(scene, world.data, probe, float(np.sign(s_target - world.s)))
-    if not len(places):
-        raise OutOfReachError(
-            f"object {name}: the fingertip fits nowhere behind the part that joint {scene.joint!r} moves "
-            f"towards s = {s_target:.3f}; is there a gap behind the handle?"
+    sign = float(np.sign(s_target - world.s))
+    why = (
+        f"the fingertip fits nowhere behind the part that joint {scene.joint!r} moves towards s = {s_target:.3f}; "
+        "is there a gap behind the handle?"
+    )
+    # Oblique ways into a gap are many and seldom needed: they cost as much again.
+    for oblique, listed in ((False, _LISTED), (True, _LISTED_OBLIQUE)):
+        places = find_places(scene, world.data, probe, sign, oblique=oblique)
+        if not len(places):
+            continue
+        solver = _Solver(scene, world, places, s_target, settings)
+        order = _different(places, np.argsort(_scores(scene, world.data, places), kind="stable"), listed)
+        hooks = _cheapest(scene, world, solver, places, order)
+        ways = solver.with_approach(_apart(hooks), settings.hooks)
+        if ways:
+            return ways
+        why = (
+            f"out of reach: the arm {scene.arm.name!r} {solver.failure(len(order), len(hooks), s_target)} "
+            f"(nearest place {np.linalg.norm(places.p, axis=1).min():.2f} m from the base); move the object"
         )
-    order = _different(places, np.argsort(_scores(scene, world.data, places), kind="stable"))
-    solver = _Solver(scene, world, places, s_target, settings)
+    raise OutOfReachError(f"object {name}: {why}")
+
+
+def _cheapest(
+    scene: Scene, world: FineWorld, solver: _Solver, places: Places, order: np.ndarray
+) -> list[Hook]:
+    """Hooks at the places in the given order, the cheapest first; a few of them, if it has that many."""
     found: list[tuple[float, Hook]] = []
     first, rest = order[:_FIRST], order[_FIRST:]
     for some, seeds in ((first, _near_seeds), (rest, _near_seeds), (order, _far_seeds)):
@@ -143,20 +162,9 @@ def find_hooks(
             found += solver.hooks(some, seeds(scene, world.q, places.p[some]))
         if len(found) >= _ENOUGH:
             break
-    if not found:
-        raise OutOfReachError(
-            f"object {name}: out of reach: the arm {scene.arm.name!r} {solver.failure(len(order), s_target)} "
-            f"(nearest place {np.linalg.norm(places.p, axis=1).min():.2f} m from the base); move the object"
-        )
     found.sort(key=lambda entry: entry[0])
     logger.debug("%d joint solutions at %d places", len(found), len(order))
-    ways = solver.with_approach(_apart([hook for _, hook in found[:_RANKED]]), settings.hooks)
-    if not ways:
-        raise OutOfReachError(
-            f"object {name}: out of reach: the arm {scene.arm.name!r} finds no free way to {len(found)} postures at "
-            f"places behind the part"
-        )
-    return ways
+    return [hook for _, hook in found[:_RANKED]]
 
 
 def _refuse_far(scene: Scene, world: FineWorld, name: str) -> None:
@@ -289,8 +297,10 @@ class _Solver:
         mujoco.mju_quat2Mat(R, quat_wxyz)
         return R.reshape(3, 3)
 
-    def failure(self, count: int, s_target: float) -> str:
-        """Why there is no hook, for the middle of a sentence."""
+    def failure(self, count: int, followed: int, s_target: float) -> str:
+        """Why there is no way to a hook, for the middle of a sentence."""
+        if followed:
+            return f"finds no free way to {followed} postures at places behind the part"
         if not self._reached:
             return f"reaches none of {count} places behind the part"
         if not self._free:
@@ -351,12 +361,11 @@ def _scores(scene: Scene, data: mujoco.MjData, places: Places) -> np.ndarray:
         centre = (low + high)[:2] / 2.0
         leverage = 4.0 * np.linalg.norm(places.p[:, :2] - centre, axis=1)
     else:
-        joint = scene.fine.joint(scene.joint_name).id
-        leverage = -8.0 * np.linalg.norm(np.cross(data.xaxis[joint], places.p - data.xanchor[joint]), axis=1)
+        leverage = -8.0 * scene.lever(data, places.p)
     return turn + 2.0 * way + leverage + _tightness(places)
 
 
-def _different(places: Places, order: np.ndarray) -> np.ndarray:
+def _different(places: Places, order: np.ndarray, most: int) -> np.ndarray:
     """The order without places that are nearly the same as an earlier one: neighbours share their fate."""
     taken: list[int] = []
     for index in order:
@@ -364,7 +373,7 @@ def _different(places: Places, order: np.ndarray) -> np.ndarray:
         alike = np.einsum("nij,ij->n", places.R[taken], places.R[index]) > 2.9
         if not (near & alike).any():
             taken.append(int(index))
-        if len(taken) >= _LISTED:
+        if len(taken) >= most:
             break
     return np.array(taken)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -19,6 +20,7 @@ _WAY_OUT_M = (
     0.3  # free along the tool's axis behind a place: the hand is that long, and the arm comes after it
 )
 _FACING = 0.5  # cosine between a face's normal and the motion from which on the face can be pushed
+_LEAST_LEVER = 0.25  # of the part's longest, from which on a point is worth pushing
 _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
 _STEP_M, _FINE_STEP_M, _SMALL_M, _SPREAD = 0.02, 0.008, 0.022, 90
 _START_M, _NARROW_M = (
@@ -50,9 +52,14 @@ class Places:
         return len(self.p)
 
 
-def find_places(scene: Scene, data: mujoco.MjData, probe: HandProbe, sign: float) -> Places:
-    """All places found around the part for motion towards growing (sign 1) or falling s (-1); maybe none."""
-    p, R, way = _candidates(scene, data, sign)
+def find_places(
+    scene: Scene, data: mujoco.MjData, probe: HandProbe, sign: float, *, oblique: bool = False
+) -> Places:
+    """All places found around the part for motion towards growing (sign 1) or falling s (-1); maybe none.
+
+    With ``oblique`` the hand may come level and slantwise as well, as behind an upright bar close to its door.
+    """
+    p, R, way = _candidates(scene, data, sign, _OBLIQUE if oblique else _ORIENTATIONS)
     quat = quats_of(R)
     free = probe.contacts(p, quat) == 0
     p, R, way, quat = p[free], R[free], way[free], quat[free]
@@ -93,28 +100,26 @@ def _blocked_steps(
 
 def part_box(scene: Scene, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
     """Axis-aligned box of the part's colliding geoms in the world, two (3,) [m]."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for geom in part_geoms(scene):
-        R = data.geom_xmat[geom].reshape(3, 3)
-        centre = data.geom_xpos[geom] + R @ scene.fine.geom_aabb[geom, :3]
-        reach = np.abs(R) @ scene.fine.geom_aabb[geom, 3:]
-        low, high = np.minimum(low, centre - reach), np.maximum(high, centre + reach)
-    return low, high
+    corners = _corners(scene, data, part_geoms(scene))
+    return corners.min(axis=0), corners.max(axis=0)
 
 
-def _candidates(scene: Scene, data: mujoco.MjData, sign: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _candidates(
+    scene: Scene, data: mujoco.MjData, sign: float, orientations: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Tool tips, orientations and directions worth a closer look: behind the part, with a way out."""
     seen = _only_solid(scene)
     centres, ways = _points_behind(scene, seen, data, sign)
+    axes = orientations[::_ROLLS, :, 2]
     free = [
-        _free_along(seen, data, centre, -_AXES @ _frame(way).T) > _WAY_OUT_M
+        _free_along(seen, data, centre, -axes @ _frame(way).T) > _WAY_OUT_M
         for centre, way in zip(centres, ways, strict=True)
     ]
     open_at = np.flatnonzero([some.any() for some in free])  # most places inside a cabinet have no way out
     chosen = open_at[_spread(centres[open_at], _SPREAD)]
     tips, rotations, directions = [], [], []
     for index in chosen:
-        R = _frame(ways[index]) @ _ORIENTATIONS[np.repeat(free[index], _ROLLS)]
+        R = _frame(ways[index]) @ orientations[np.repeat(free[index], _ROLLS)]
         for pad in _PAD_M:
             tips.append(centres[index] + pad * R[:, :, 2])
             rotations.append(R)
@@ -140,23 +145,46 @@ def _points_behind(
     geoms = part_geoms(scene)
     per_side = 9 if len(geoms) <= 16 else 4
     points, ways = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    least_lever_m = _LEAST_LEVER * scene.lever(data, _corners(scene, data, geoms)).max()
     for geom in geoms:
-        R = data.geom_xmat[geom].reshape(3, 3)
-        reach = scene.fine.geom_aabb[geom, 3:]
-        centre = data.geom_xpos[geom] + R @ scene.fine.geom_aabb[geom, :3]
-        against = -(R.T @ (sign * scene.part_motion(data, centre)))
-        for axis in np.flatnonzero(np.abs(against) > _FACING):
-            sides = [_along(reach[other], per_side) for other in range(3)]
-            sides[axis] = np.sign(against[axis]) * np.array([reach[axis] + _START_M])
-            starts = centre + np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3) @ R.T
-            for start in starts:
-                way = sign * scene.part_motion(data, start)
-                found = _in_gap(scene, seen, data, start, way)
-                points.append(found)
-                ways.append(np.broadcast_to(way, found.shape))
+        starts = _starts(scene, data, geom, sign, per_side, least_lever_m)
+        for start, way in zip(*starts, strict=True):
+            found = _in_gap(scene, seen, data, start, way)
+            points.append(found)
+            ways.append(np.broadcast_to(way, found.shape))
     all_points, all_ways = np.concatenate(points), np.concatenate(ways)
     keep = all_points[:, 2] > 0.012 if scene.on_table else np.ones(len(all_points), dtype=bool)
     return all_points[keep], all_ways[keep]
+
+
+def _starts(
+    scene: Scene, data: mujoco.MjData, geom: int, sign: float, per_side: int, least_lever_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """A grid just off each side of a geom's box where the motion leaves that side behind, with the motion, two (n, 3).
+
+    The motion is that of each point: the two wings of a tap that turns about its middle move opposite ways. Points
+    so near a hinge that pushing them would need many times the force of the best are left out.
+    """
+    R = data.geom_xmat[geom].reshape(3, 3)
+    middle, reach = scene.fine.geom_aabb[geom, :3], scene.fine.geom_aabb[geom, 3:]
+    starts = [np.zeros((0, 3))]
+    for axis, side in product(range(3), (-1.0, 1.0)):
+        grid = [_along(reach[other], per_side) for other in range(3)]
+        grid[axis] = np.array([side * (reach[axis] + _START_M)])
+        local = middle + np.stack(np.meshgrid(*grid, indexing="ij"), axis=-1).reshape(-1, 3)
+        p = data.geom_xpos[geom] + local @ R.T
+        starts.append(p[scene.part_motion(data, p) @ R[:, axis] * sign * side < -_FACING])
+    p = np.concatenate(starts)
+    p = p[scene.lever(data, p) > least_lever_m]
+    return p, sign * scene.part_motion(data, p)
+
+
+def _corners(scene: Scene, data: mujoco.MjData, geoms: np.ndarray) -> np.ndarray:
+    """Corners of the boxes around geoms in the world [m], (8 n, 3)."""
+    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+    local = scene.fine.geom_aabb[geoms, None, :3] + signs * scene.fine.geom_aabb[geoms, None, 3:]
+    R = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    return (data.geom_xpos[geoms, None] + np.einsum("gij,gkj->gki", R, local)).reshape(-1, 3)
 
 
 def _along(reach_m: float, most: int) -> np.ndarray:
@@ -209,23 +237,22 @@ def _frame(way: np.ndarray) -> np.ndarray:
     return np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _orientation_table() -> np.ndarray:
+def _orientation_table(oblique: bool) -> np.ndarray:
     """Tool orientations in the frame ahead-aside-up: axes that do not point up, thin or wide side on, (n, 3, 3)."""
     rotations = []
     for ahead in (-1.0, -0.5, -0.25, 0.0, 0.5, 1.0):
         for aside in (-1.0, 0.0, 1.0):
-            for down in (0.0, 1.0):
+            for down in (0.0, 0.35, 1.0) if oblique else (0.0, 1.0):
                 axis = np.array([ahead, aside, -down])
-                if np.linalg.norm(axis) < 0.9 or (down == 0.0 and aside != 0.0 and ahead != 0.0):
+                slanting = down < 1.0 and aside != 0.0 and ahead != 0.0
+                if np.linalg.norm(axis) < 0.9 or (slanting and not oblique):
                     continue
                 z = axis / np.linalg.norm(axis)
                 x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
                 x /= np.linalg.norm(x)
                 y = np.cross(z, x)
-                rotations += [
-                    np.column_stack([x, y, z]),
-                    np.column_stack([y, -x, z]),
-                ]  # half turns look the same
+                # Half turns look the same.
+                rotations += [np.column_stack([x, y, z]), np.column_stack([y, -x, z])]
     return np.array(rotations)
 
 
@@ -242,5 +269,4 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
 
 
 _ROLLS = 2  # orientations per axis in the table, next to each other
-_ORIENTATIONS = _orientation_table()
-_AXES = _ORIENTATIONS[::_ROLLS, :, 2]
+_ORIENTATIONS, _OBLIQUE = _orientation_table(oblique=False), _orientation_table(oblique=True)

@@ -23,6 +23,7 @@ from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult, St
 
 logger = logging.getLogger(__name__)
 
+_STILL_STEPS, _STILL_M = 15, 5e-4  # control steps without progress after which an attempt is given up
 _BACK_STEPS = 3  # how far the first step back goes; the second goes twice as far, and so on
 _LANDING_STEPS = 9  # halvings of the last action until the hold ends on target
 
@@ -188,11 +189,19 @@ class _Attempt:
             self.targets.append(goal)
             states.append(self.world.save())
             ahead.sampler.advance()
+            if self._stands_still():
+                return f"nothing moves any more after {step + 1} control steps: s = {self.world.s:.4f}"
         unit = "m" if self.scene.prismatic else "rad"
         return (
             f"the target was not reached in {settings.max_steps} control steps: s = {self.world.s:.4f} {unit}, "
             f"target {self.task.s_target:.4f} {unit}, fingertip {self.trace[-1].distance_m:.3f} m from its place"
         )
+
+    def _stands_still(self) -> bool:
+        """Neither part nor fingertip got anywhere lately: the sampler finds nothing better than to stay."""
+        lately = self.trace[-_STILL_STEPS:]
+        ways = np.ptp([(entry.s, entry.distance_m) for entry in lately], axis=0)
+        return len(lately) == _STILL_STEPS and ways[0] < 0.1 * self.task.tolerance and ways[1] < _STILL_M
 
     def _lead_in(self, states: list[np.ndarray]) -> str | None:
         """Go through free space to the place behind the part, or say what is in the way.

@@ -118,6 +118,13 @@ class Scene:
         sweep = np.cross(axis, np.asarray(p_world) - anchor)
         return sweep / np.maximum(np.linalg.norm(sweep, axis=-1, keepdims=True), 1e-9)
 
+    def lever(self, data: mujoco.MjData, p_world: np.ndarray) -> np.ndarray:
+        """Way that points (n, 3) [m] of the part make per unit of s, (n,): distance from a hinge [m], 1 on a slide."""
+        if self.prismatic:
+            return np.ones(len(p_world))
+        joint = self.fine.joint(self.joint_name).id
+        return np.linalg.norm(np.cross(data.xaxis[joint], p_world - data.xanchor[joint]), axis=-1)
+
 
 def build_scene(
     arm: ArmDescription,

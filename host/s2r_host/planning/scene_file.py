@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import mujoco
@@ -79,6 +80,7 @@ def read_spec(path: str | Path, joint: str) -> mujoco.MjSpec:
         raise SceneFileError(f"object file {path}: joint {joint!r} is neither a slide nor a hinge")
     for key in list(spec.keys):
         spec.delete(key)
+    _name_part(spec, joint)
     return spec
 
 
@@ -112,6 +114,14 @@ def read_scene(path: str | Path, joint: str, arm: ArmDescription) -> SceneFile:
     moving = model.nv - (arm.dof if had_arm else 0)
     logger.info("scene %s: arm %s at %s", path, "replaced" if had_arm else "placed", np.round(X[:3, 3], 3))
     return SceneFile(spec, X, gravity, had_arm, moving > 1)
+
+
+def _name_part(spec: mujoco.MjSpec, joint: str) -> None:
+    """Give the body that the joint moves a name, which MJCF does not ask for: sensors refer to it by that."""
+    part = spec.joint(joint).parent
+    taken = {body.name for body in spec.bodies}
+    if not part.name:
+        part.name = next(name for k in count() if (name := f"{joint}_part{k or ''}") not in taken)
 
 
 def one_line(error: Exception) -> str:

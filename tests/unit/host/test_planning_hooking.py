@@ -47,6 +47,56 @@ def test_places_for_closing_are_in_front_of_the_front(world):
     assert places.p[:, 0].min() < SHAPE.x - SHAPE.opening
 
 
+CROSS = """<mujoco><compiler angle="radian"/><worldbody><body name="part" pos=".55 -.15 .35">
+<joint name="valve" axis="0 0 1" damping=".3"/>
+<geom type="capsule" size=".01" fromto="-.12 0 0 .12 0 0" mass=".2"/>
+<geom type="capsule" size=".01" fromto="0 -.12 0 0 .12 0" mass=".2"/></body></worldbody></mujoco>"""
+UPRIGHT_BAR = """<mujoco><compiler angle="radian"/><worldbody>
+<body name="part" pos=".6 .2 .3"><joint name="door" axis="0 0 1" range="-1.6 0" frictionloss=".3"/>
+<geom type="box" size=".01 .175 .2" pos="0 -.175 0" mass="2"/>
+<geom type="capsule" size=".008" fromto="-.05 -.3 -.06 -.05 -.3 .06" mass=".1"/>
+<geom type="capsule" size=".006" fromto="0 -.3 .06 -.05 -.3 .06" mass=".1"/>
+<geom type="capsule" size=".006" fromto="0 -.3 -.06 -.05 -.3 -.06" mass=".1"/></body></worldbody></mujoco>"""
+
+
+@pytest.fixture
+def world_of(tmp_path):
+    def build(text: str, joint: str) -> FineWorld:
+        path = tmp_path / "object.xml"
+        path.write_text(text)
+        return FineWorld(build_scene(ARM, path, joint, PlanSettings()), ARM.q_home, 0.0)
+
+    return build
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_every_arm_of_a_cross_that_turns_about_its_middle_can_be_pushed(world_of, sign):
+    world = world_of(CROSS, "valve")
+    places = find_places(world.scene, world.data, HandProbe(world.scene, world.data, 1), sign)
+    middle = world.data.xpos[world.scene.part_body]
+    outwards = (places.p - middle)[:, :2]
+    # Each place goes round its own way, and none is so near the axis that it would take many times the force.
+    assert (np.cross(np.c_[outwards, np.zeros(len(outwards))], places.way)[:, 2] * sign > 0.0).all()
+    assert (np.linalg.norm(outwards, axis=1) > 0.03).all()
+    quarters = {(bool(x > 0), bool(y > 0)) for x, y in places.way[:, :2]}
+    assert len(quarters) == 4
+
+
+def test_behind_an_upright_bar_close_to_its_door_the_hand_comes_obliquely(world_of):
+    world = world_of(UPRIGHT_BAR, "door")
+    probe = HandProbe(world.scene, world.data, 1)
+
+    def in_the_gap(oblique):
+        places = find_places(world.scene, world.data, probe, -1.0, oblique=oblique)
+        x = (places.p - world.data.xpos[world.scene.part_body])[:, 0]
+        return int(((x > -0.05) & (x < -0.01)).sum())
+
+    assert in_the_gap(oblique=True) > 2 * in_the_gap(oblique=False)
+    hooks = find_hooks(world.scene, world, "object.xml", -0.6, PlanSettings())
+    for hook in hooks:
+        assert -0.05 < hook.p_part[0] < 0.0
+
+
 def test_hooks_have_joint_solutions_without_contact_from_the_touch_to_the_target(world, hooks):
     kinematics = ToolKinematics(world.scene, 0.0)
     for hook in hooks:

@@ -53,6 +53,14 @@ def refused(path, *options):
     return result.exit_code, result.stderr, out
 
 
+def test_the_body_that_moves_needs_no_name(scene_file):
+    path = scene_file(text=SCENE.replace('<body name="lever"', "<body"))
+    scene = scene_of(path)
+    names = [scene.fine.geom(g).name for g in np.flatnonzero(scene.geom_kind == GeomKind.PART)]
+    assert len(names) == 1
+    assert scene.part_body == scene.fine.joint(scene.joint_name).bodyid[0]
+
+
 def test_the_arm_stands_at_arm_base_and_the_scene_is_seen_from_there(scene_file):
     scene = scene_of(scene_file())
     world = FineWorld(scene, ARM.q_home, 0.0)
