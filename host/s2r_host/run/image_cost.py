@@ -1,8 +1,9 @@
 """How badly a part at a joint value explains a depth image, in the image itself.
 
 Matching points needs faces that the camera saw before. A lid that stands edge-on or shows its other face has none,
-but where it cannot be is as telling: pixels the camera sees through, and pixels in front of what stays that nothing
-else explains. Both come from one picture of the part, its nearest surface per cell.
+but where it cannot be is as telling: pixels the camera sees through, and pixels in front of what stays, or where
+nothing is known to stay, that nothing else explains. All of it comes from one picture of the part, its nearest surface
+per cell.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from s2r_host.perception.view import DepthView
 
 CELL_PX = 2
 TRUNCATION_M = 0.012
+CLAIM_M = 0.008  # what is seen that near to where the part might be, with nothing known behind, is the part
+TABLE_M = 0.010
 HIDDEN_M = 0.010  # a part this far behind what stays is not seen
 
 
@@ -32,6 +35,7 @@ class ImageCost:
         self._shape = -(-h // CELL_PX), -(-w // CELL_PX)
         self._z_seen = self._reduced(view.depth)
         self._z_still = self.nearest(p_still)
+        self._above_table = self._heights() > TABLE_M
 
     def nearest(self, p: np.ndarray) -> np.ndarray:
         """Depth of the nearest of some points (n, 3) in every cell [m], infinite where there is none, (cells,)."""
@@ -73,25 +77,37 @@ class ImageCost:
         """
         pictures = [self.nearest(p) for p in shapes]
         swept = np.zeros(len(self._z_seen), bool)
+        claimed = np.zeros(len(self._z_seen), bool)
         for picture in pictures:
             swept |= np.isfinite(picture)
+            claimed |= np.abs(picture - self._z_seen) < CLAIM_M
+        claimed &= self._above_table & ~np.isfinite(self._z_still)
         column = np.arange(len(swept)) % self._shape[1]
         edges = np.quantile(column[swept], np.linspace(0.0, 1.0, strips + 1)[1:-1]) if swept.any() else []
         strip = np.searchsorted(edges, column, side="right")
         total = np.bincount(strip[swept], minlength=strips).astype(float)
         cost = np.column_stack(
-            [np.bincount(strip[swept], self._per_cell(z)[swept], minlength=strips) for z in pictures]
+            [np.bincount(strip[swept], self._per_cell(z, claimed)[swept], minlength=strips) for z in pictures]
         )
         return np.where(total[:, None] > 0, cost / np.maximum(total, 1.0)[:, None], np.nan)
 
-    def _per_cell(self, z: np.ndarray) -> np.ndarray:
+    def _per_cell(self, z: np.ndarray, claimed: np.ndarray) -> np.ndarray:
+        """Cost per cell of a picture of the part; ``claimed`` cells show what only the part can be."""
         seen, known = self._z_seen > 0.0, np.isfinite(self._z_still)
         covered = np.isfinite(z) & (self._z_still > z - HIDDEN_M)
         gap = np.where(covered, self._z_seen, 0.0) - np.where(covered, z, 0.0)
         cost = np.minimum(np.abs(gap), TRUNCATION_M) / TRUNCATION_M
         cost[~seen | (gap < -TRUNCATION_M)] = 0.5  # no return, or something else in front: says nothing
         in_front = known & seen & (self._z_seen < np.where(known, self._z_still, 0.0) - TRUNCATION_M)
-        return np.where(covered, cost, in_front.astype(float))
+        return np.where(covered, cost, (in_front | claimed).astype(float))
+
+    def _heights(self) -> np.ndarray:
+        """Height of what is seen in every cell above the base frame's level plane [m], (cells,)."""
+        X, K = np.linalg.inv(self._view.X_camera_base), self._view.K
+        rows, columns = np.divmod(np.arange(len(self._z_seen)), self._shape[1])
+        u, v = CELL_PX * (columns + 0.5) - 0.5, CELL_PX * (rows + 0.5) - 0.5
+        ray = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(len(u))])
+        return self._z_seen * (X[2, :3] @ ray) + X[2, 3]
 
     def _cells(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(depth [m], cell or -1) of points (n, 3)."""
