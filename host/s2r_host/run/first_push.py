@@ -16,14 +16,12 @@ from s2r_host.motion.lid import find_lid
 from s2r_host.motion.lid_proposals import lid_proposals
 from s2r_host.motion.push import PushMotion, PushScene, lid_scene, piece_scene, plan_push, push_scene
 from s2r_host.motion.push_proposals import PushProposal, push_proposals
+from s2r_host.run.back_off import back_off
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import DRAWER, FAUCET, LAPTOP
 from s2r_host.run.travel import timed
-from s2r_protocol.faults import Cause
-
-ON_THE_WAY_RAD = 0.05  # largest joint's distance from the push's path
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,17 +97,8 @@ def carry_out_push(session: Session, planned: PlannedPush) -> DonePush:
     try:
         session.move(planned.motions)
     except ArmStoppedError as error:
-        push = planned.motion.push
-        off = np.abs(push - session.status().q_ref).max(axis=1)
-        if error.cause != Cause.COLLISION or off.min() > ON_THE_WAY_RAD:
-            raise
-        session.journal.warn(f"the push met something that does not give way, backing off: {error}")
-        session.link.wait_at_rest()
-        back = np.vstack([session.status().q_ref, push[: max(1, int(off.argmin()))][::-1]])
-        with session.link.leased():
-            session.link.reset()
-        speed = session.settings.push_speed
-        session.move([timed(session, back, "push: backing off", speed), planned.motions[-1]])
+        back_off(session, error, planned.motion.push, f"{planned.motions[1].label}: backing off")
+        session.move(planned.motions[-1:])
     return DonePush(planned, tuple(session.executed[begun:]))
 
 

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_host.errors import TargetError
+from s2r_host.errors import ArmStoppedError, TargetError
 from s2r_host.motion.escape import Escape, plan_escape
 from s2r_host.motion.nearest import nearest_to_tip
 from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.planning import PlanRequest, PlanResult, plan_manipulation
+from s2r_host.run.back_off import back_off
 from s2r_host.run.belief import Belief
 from s2r_host.run.measure import Measurement, measure_state
 from s2r_host.run.observe import Observation, observe
@@ -192,10 +193,19 @@ def _pushed_geom(session: Session, request: PlanRequest, delivery: Delivery) -> 
 def carry_out_manipulation(session: Session, planned: PlannedManipulation) -> tuple[Executed, ...]:
     """Execute the manipulation, the way out and the way home.
 
+    Where the part resists more than believed, the executor stops the arm for a collision; it then goes back the way
+    it came, and what was reached is measured like any other end.
+
     Raises:
-        ArmStoppedError: A protection stopped the arm.
+        ArmStoppedError: A protection stopped the arm for another cause, or outside of the manipulation.
     """
-    return tuple(session.move(planned.motions))
+    begun = len(session.executed)
+    try:
+        session.move(planned.motions)
+    except ArmStoppedError as error:
+        manipulation = planned.motions[0]
+        back_off(session, error, manipulation.trajectory.q, f"{manipulation.label}: backing off")
+    return tuple(session.executed[begun:])
 
 
 def measure_now(

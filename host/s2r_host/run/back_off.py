@@ -1,0 +1,52 @@
+"""Going back after a contact that did not give way: acknowledge the stop, then out the way the arm came in."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.errors import ArmStoppedError
+from s2r_host.run.session import Session
+from s2r_host.run.travel import timed
+from s2r_protocol.faults import Cause
+
+ON_THE_WAY_RAD = 0.05  # largest joint's distance from the way in
+STEP_RAD = 0.03
+
+
+def back_off(session: Session, error: ArmStoppedError, way_in: np.ndarray, label: str) -> None:
+    """Bring the arm back to the beginning of the way on which the executor stopped it for a collision.
+
+    Only contact is acknowledged like this, and only where contact was meant: an arm that stands elsewhere than on its
+    way, or was stopped for another cause, waits for an operator.
+
+    Args:
+        session: Links.
+        error: The stop.
+        way_in: Joint path that was being followed, shape (n, dof).
+        label: Of the motion back.
+
+    Raises:
+        ArmStoppedError: Not a collision, not on the way, or stopped again.
+    """
+    session.link.wait_at_rest()
+    q_now = session.status().q_ref
+    off = np.abs(way_in - q_now).max(axis=1)
+    if error.cause != Cause.COLLISION or off.min() > ON_THE_WAY_RAD:
+        raise error
+    session.journal.warn(f"contact that does not give way, backing off: {error}")
+    back = _thinned(np.vstack([q_now, way_in[: int(off.argmin())][::-1], way_in[:1]]))
+    with session.link.leased():
+        session.link.reset()
+    if len(back) > 1:
+        session.move([timed(session, back, label, session.settings.push_speed)])
+
+
+def _thinned(q: np.ndarray) -> np.ndarray:
+    """A path without points closer than a step to the one before, its ends kept."""
+    kept = [q[0]]
+    for row in q[1:-1]:
+        if np.abs(row - kept[-1]).max() > STEP_RAD and np.abs(row - q[-1]).max() > STEP_RAD:
+            kept.append(row)
+    if np.abs(q[-1] - kept[-1]).max() > 1e-3:
+        kept.append(q[-1])
+    return np.array(kept)

@@ -1,0 +1,76 @@
+"""After a contact that does not give way the arm goes back the way it came, and only then."""
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from s2r_host.errors import ArmStoppedError
+from s2r_host.motion.arm_model import ArmModel
+from s2r_host.run.back_off import back_off
+from s2r_protocol.arms import load_arm
+from s2r_protocol.faults import Cause
+
+
+class Cell:
+    """Just enough of a session; ``did`` is what was asked of it, in order."""
+
+    def __init__(self, q_now):
+        self.did, self.moved, self._q = [], [], q_now
+        self.arm = ArmModel(load_arm("xmate3pro"))
+        self.settings = SimpleNamespace(push_speed=0.25)
+        self.journal = SimpleNamespace(warn=lambda text: self.did.append("warn"))
+        self.link = SimpleNamespace(
+            wait_at_rest=lambda: self.did.append("rest"),
+            reset=lambda: self.did.append("reset"),
+            leased=self._leased,
+        )
+
+    @contextmanager
+    def _leased(self):
+        self.did.append("lease")
+        yield
+        self.did.append("lease back")
+
+    def status(self):
+        return SimpleNamespace(q_ref=self._q)
+
+    def move(self, motions):
+        self.did.append("move")
+        self.moved += motions
+
+
+HOME = load_arm("xmate3pro").q_home
+WAY = HOME + np.linspace(0.0, 0.4, 21)[:, None] * np.array([1.0, 0.5, 0, 0, 0, 0, 0])
+
+
+def test_the_arm_goes_back_along_its_way_to_the_beginning():
+    cell = Cell(WAY[12] + 0.004)
+    back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
+    assert cell.did == ["rest", "warn", "lease", "reset", "lease back", "move"]
+    q = cell.moved[0].trajectory.q
+    assert np.allclose(q[0], WAY[12] + 0.004, atol=1e-6)
+    assert np.allclose(q[-1], WAY[0], atol=1e-6)
+    off = np.abs(q[:, None] - WAY[None]).max(axis=2).min(axis=1)
+    assert off.max() < 0.03
+
+
+def test_the_arm_that_has_not_moved_yet_stays():
+    cell = Cell(WAY[0])
+    back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
+    assert "reset" in cell.did
+    assert "move" not in cell.did
+
+
+@pytest.mark.parametrize(
+    ("q", "cause"),
+    [(WAY[5], Cause.STOP_REQUESTED), (WAY[5] + 0.2, Cause.COLLISION)],
+    ids=["other cause", "elsewhere"],
+)
+def test_any_other_stop_is_left_to_an_operator(q, cause):
+    cell, error = Cell(q), ArmStoppedError("stopped", cause)
+    with pytest.raises(ArmStoppedError) as raised:
+        back_off(cell, error, WAY, "back")
+    assert raised.value is error
+    assert cell.did == ["rest"]
