@@ -43,7 +43,8 @@ class Delivery:
         followed: "motion" when the path is where the plan's arm was, "targets" when it is where it was told to be,
             "route" when it is the route through the hook that the plan's sampler was offered.
         speed: Share of the time law's full speed.
-        fragile: With which slightly different object the motion fails, in words; None: with none of those tried.
+        fragile: With which slightly different object the motion fails, or that the contact is so hard that the executor
+            may take it for a collision, in words; None: neither.
     """
 
     trajectory: Trajectory
@@ -155,8 +156,14 @@ def deliver(
 def _fragile(
     delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Perturbation, ...]
 ) -> str | None:
-    """Which slightly different object the motion loses or hits, in words, or None."""
+    """Why the motion may end in a protection stop, or which slightly different object it loses, in words, or None."""
     tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
+    share, margin = delivery.replay.contact_share, request.settings.contact_margin
+    if share > margin:
+        return (
+            f"fragile: contact takes {share:.0%} of a joint's torque limit, more than {margin:.0%}; "
+            "the executor takes half of it for a collision"
+        )
     for perturbation in perturbations:
         played = replay(delivery.trajectory, request, perturbation.applied(scene))
         if played.contact is not None:

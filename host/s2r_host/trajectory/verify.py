@@ -64,11 +64,6 @@ class Replay:
                 f"the timed motion presses on the part with {self.press_N:.0f} N across its motion, "
                 f"limit {settings.press_max_N:.0f} N"
             )
-        if self.contact_share > settings.contact_margin:
-            return (
-                f"contact takes {self.contact_share:.0%} of a joint's torque limit during the timed motion, limit "
-                f"{settings.contact_margin:.0%}: the executor would take more for a collision"
-            )
         if abs(self.offset) >= tolerance:
             return f"the timed motion ends at s = {self.final:.4f}, {self.error:+.4f} from the target"
         if not self.held:

@@ -107,6 +107,16 @@ def test_a_delivered_motion_does_not_press_on_the_part_across_its_motion(request
     assert found == "the timed motion presses on the part with 41 N across its motion, limit 40 N"
 
 
+def test_a_motion_whose_contact_the_executor_may_take_for_a_collision_is_named_or_refused(request_, plan):
+    strict = replace(request_, settings=replace(request_.settings, contact_margin=1e-3))
+    with pytest.raises(PlanRefusedError, match="contact takes"):
+        deliver(strict, plan)
+    delivery = deliver(strict, plan, accept_fragile=True)
+    assert delivery.fragile is not None
+    assert delivery.fragile.startswith("fragile: contact takes")
+    assert delivery.replay.held
+
+
 def test_a_plan_may_not_press_more_than_told(request_):
     strict = replace(request_.settings, press_max_N=1e-3, cascade=request_.settings.cascade[:1])
     result = plan_manipulation(replace(request_, settings=strict))
