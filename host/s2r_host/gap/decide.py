@@ -12,7 +12,7 @@ from s2r_host.gap.effects.base import Value
 from s2r_host.gap.evidence import Marginal
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.law import LawFinding
-from s2r_host.gap.problem import Drift, Problem
+from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import TEMPER, Scored, Search, Solution, Term
 
 TIGHT = 0.05
@@ -30,12 +30,13 @@ ALIKE_GAIN, ALIKE_SHARE = (
 LOOSENESS = (TIGHT, 0.3, 1.0)
 ONE_CAUSE, ALONE_SLACK = 4.0, 6.0  # log odds
 LEFTOVER_LIMIT = 1.45
-EXPLAINED_LEAST = 0.85
+EXPLAINED_CLOSE, EXPLAINED_SLOPE, EXPLAINED_FAR = 0.6, 0.25, 0.88
 EXPLAINED_GUESSED = 0.5
+SLOW_S, SLOW_DOUBT = 0.011, 1.3
 SMALL_CHANGE = 0.6
 HEAT, CEILING = 0.003, 0.96
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out
-DRIFT_ODDS, DRIFT_COMMON, DRIFT_LEAST = 18.0, 0.7, 0.02
+DRIFT_ODDS, DRIFT_COMMON, DRIFT_LEAST, DRIFT_ERROR = 18.0, 0.7, 0.02, 0.05
 OTHER_MACHINE = 0.4
 FAR_RIGID, FAR_FRICTION, FAR_KINDS, FAR_SCALE = 0.08, 0.3, 4, 2.0
 Z90 = 1.645
@@ -165,7 +166,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     decision.leftover = leftover(problem, solution.prediction, solution)
     decision.explained = explained(problem, search, solution)
     if not solution.terms:
-        if decision.leftover > LEFTOVER_LIMIT * problem.floor_doubt:
+        if decision.leftover > LEFTOVER_LIMIT * _doubt(problem) or search.comes_back([]):
             decision.verdict = "unknown"
             decision.reasons.append("no effect of the catalogue removes the leftover")
         elif _base_matters(search, problem):
@@ -188,9 +189,15 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
 
 def _too_much_left(problem: Problem, search: Search, decision: Decision) -> bool:
     """Does the best explanation leave so much that its name would be a guess?"""
-    if decision.leftover <= LEFTOVER_LIMIT * problem.floor_doubt:
+    if decision.leftover <= LEFTOVER_LIMIT * _doubt(problem):
         return False
-    return decision.explained < _explained_least(problem, search, decision.solution)
+    return decision.explained < _explained_least(problem, search, decision.solution, decision.leftover)
+
+
+def _doubt(problem: Problem) -> float:
+    """How far the floor may be too low; what happens between the rows of a slow log differs from run to run."""
+    slow = any(s.rec.dt > SLOW_S for s in problem.ctx.sessions)
+    return problem.floor_doubt * (SLOW_DOUBT if slow else 1.0)
 
 
 def _add_law(problem: Problem, finding: LawFinding, decision: Decision, why: str = "") -> None:
@@ -238,8 +245,8 @@ def _add_contradiction(problem: Problem, found: Contradiction, decision: Decisio
 
 def _add_drift(problem: Problem, solution: Solution, decision: Decision) -> None:
     """Name the change of friction in held-out sessions that were not among the fitted ones."""
-    for drift, (change, covariance) in zip(problem.drift, solution.drift, strict=True):
-        share, deviation = _common_share(drift, change, covariance)
+    for drift, (change, covariance, level) in zip(problem.drift, solution.drift, strict=True):
+        share, deviation = _common_share(level, change, covariance)
         total = 0.5 * float(change @ np.linalg.solve(covariance, change))
         odds = 0.5 * (share / deviation) ** 2
         # What raises one kind of friction and lowers the other is no session's doing, but something unmodelled.
@@ -247,7 +254,7 @@ def _add_drift(problem: Problem, solution: Solution, decision: Decision) -> None
             continue
         s, j = drift.block.session, drift.block.joint
         joint = problem.ctx.model.joints[j]
-        half = Z90 * deviation
+        half = Z90 * float(np.hypot(deviation, MODEL_ERROR + DRIFT_ERROR * abs(share)))
         own = Z90 * float(np.sqrt(covariance[0, 0]))
         table = {
             "factor": {
@@ -270,16 +277,22 @@ def _add_drift(problem: Problem, solution: Solution, decision: Decision) -> None
             decision.verdict = "physics_missing"
 
 
-def _common_share(drift: Drift, change: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
-    """Relative change common to dry and viscous friction, and its deviation."""
+def _common_share(level: np.ndarray, change: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
+    """Relative change common to all kinds of friction, and its deviation."""
     power = np.linalg.inv(covariance)
-    scale = float(drift.level @ power @ drift.level)
-    return float(drift.level @ power @ change) / scale, scale**-0.5
+    scale = float(level @ power @ level)
+    return float(level @ power @ change) / scale, scale**-0.5
 
 
-def _explained_least(problem: Problem, search: Search, solution: Solution) -> float:
-    """Below this share the answer is 'unknown': lower when the floor is a guess or an effect is chaotic."""
-    bar = EXPLAINED_LEAST if problem.floor_source == "repeat" else EXPLAINED_GUESSED
+def _explained_least(problem: Problem, search: Search, solution: Solution, left: float) -> float:
+    """Below this share the answer is 'unknown'.
+
+    The share asked for rises with what is left over; it is lower when the floor is a guess or an effect is chaotic.
+    """
+    bar = EXPLAINED_GUESSED
+    if problem.floor_source == "repeat":
+        beyond = left / problem.floor_doubt - LEFTOVER_LIMIT
+        bar = float(np.clip(EXPLAINED_CLOSE + EXPLAINED_SLOPE * beyond, EXPLAINED_CLOSE, EXPLAINED_FAR))
     bar = 1.0 - (1.0 - bar) / max(len(solution.terms), 1)  # several effects together imitate almost anything
     return min([bar, *(search.effects[t.effect].explained_least for t in solution.terms)])
 
@@ -424,7 +437,9 @@ def parameter_table(problem: Problem, search: Search, solution: Solution, i: int
     table = {}
     for name, value in values.items():
         deviation, identifiable = _deviation(problem, search, solution, i, value)
-        half = Z90 * float(np.hypot(deviation, MODEL_ERROR * value.value))
+        error = effect.model_error.get(name, MODEL_ERROR)
+        half = Z90 * float(np.linalg.norm([deviation, error * value.value, value.error]))
+        identifiable = identifiable and error < 0.5
         table[name] = {
             "value": float(value.value),
             "unit": value.unit,
@@ -605,10 +620,11 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
         return Decision(
             "parameter_off", solution, parameters_off=moved, rejected=_rejected_at_floor(problem, search)
         )
-    one = one or [
-        (scored[0][0] + constant, looseness, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])
-        for looseness, constant, alone, scored in tries if scored
-    ]  # fmt: skip
+    if not one:  # small changes of several numbers, none of them certain: the one that comes closest alone
+        _, constant, alone, scored = tries[0]
+        if not scored or scored[0][0] < alone + 5.0:
+            return Decision("nothing_missing", solution, rejected=_rejected_at_floor(problem, search))
+        one = [(0.0, TIGHT, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])]
     _, best, slot = max(one, key=lambda x: x[0])
     slot = _turned_not_shifted(slot)
     search.looseness = best

@@ -25,6 +25,10 @@ LEAST_MISFIT = 2e-6
 LEAST_GAIN = 15.0
 LEAST_CHANGE = 0.012
 Z90 = 1.645
+MODEL_ERROR = 0.012  # relative error of a value beyond its noise
+TICK_SHARE = (
+    0.7  # of one period of the controller: when inside its tick a drive reports its effort is rarely said
+)
 
 
 @dataclass(frozen=True)
@@ -139,11 +143,17 @@ class _Test:
         """Share of the misfit removed."""
         return 1.0 - sum(m for m, _ in misfit) / sum(m for m, _ in self.base)
 
-    def interval(self, cost: Callable[[float], float], x: float, scale: float) -> list[float]:
-        """90 % interval from the curvature of a negative log likelihood at its minimum."""
+    def interval(
+        self, cost: Callable[[float], float], x: float, scale: float, more: float = 0.0
+    ) -> list[float]:
+        """90 % interval from the curvature of a negative log likelihood at its minimum.
+
+        ``more`` is what the records do not say about the value, MODEL_ERROR what the equations leave out.
+        """
         h = 0.02 * scale
         bend = (cost(x + h) - 2.0 * cost(x) + cost(x - h)) / h**2
         half = Z90 / np.sqrt(max(bend, 1e-12 / scale**2))
+        half = float(np.sqrt(half**2 + (Z90 * MODEL_ERROR * scale) ** 2 + more**2))
         return [float(x - half), float(x + half)]
 
 
@@ -190,8 +200,15 @@ def _shift(test: _Test, name: str, change: Callable[[_Rows, float], np.ndarray])
     x = float(minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-6}).x)
     misfit = test.misfit(lambda r: change(r, x))
     key = {"clock_skew": "lag", "actuator_delay": "delay", "bandwidth": "time_constant"}[name]
+    rate = test.rows[0].s.rec.controller.rate_hz
+    tick = TICK_SHARE / rate if rate and name != "clock_skew" else 0.0
     table = {
-        key: {"value": x, "unit": "s", "interval90": test.interval(cost, x, abs(x)), "identifiable": True}
+        key: {
+            "value": x,
+            "unit": "s",
+            "interval90": test.interval(cost, x, abs(x), tick),
+            "identifiable": True,
+        }
     }
     # the effect of the catalogue calls its shape by another letter than the answer calls its parameter
     shape = {"T" if name == "bandwidth" else key: x}

@@ -58,12 +58,46 @@ class Drift:
     raw: np.ndarray
     level: np.ndarray
 
-    def estimate(self, left: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-        """Changes the whitened leftover of this block asks for, and their covariance; (k,) and (k, k)."""
-        r = left[self.block.rows]
-        power = self.columns.T @ self.columns / noise + np.diag((DRIFT_SHARE * self.level) ** -2.0)
-        covariance = np.linalg.inv(power)
-        return covariance @ (self.columns.T @ r) / noise, covariance
+    def estimate(
+        self, left: np.ndarray, noise: float, found: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Changes the whitened leftover of this block asks for, their covariance, levels and columns.
+
+        Args:
+            left: Whitened leftover, shape (rows of the problem,).
+            noise: Variance of a whitened row.
+            found: Whitened friction that effects of the catalogue add, shape (rows of the problem,): it drifts too.
+
+        Returns:
+            (k,), (k, k), (k,) and (rows, k); the level of what was found is one.
+        """
+        columns, level = self.columns, self.level
+        if found is not None and np.any(found[self.block.rows]):
+            columns = np.concatenate([columns, found[self.block.rows][:, None]], axis=1)
+            level = np.append(level, 1.0)
+        width, power, pull = (
+            DRIFT_SHARE,
+            columns.T @ columns / noise,
+            columns.T @ left[self.block.rows] / noise,
+        )
+        for _ in range(3):  # a prior as wide as what it is asked to allow
+            covariance = np.linalg.inv(power + np.diag((width * level) ** -2.0))
+            change = covariance @ pull
+            width = max(DRIFT_SHARE, 2.0 * abs(float(change[0])) / float(level[0]))
+        return change, covariance, level, columns
+
+
+@dataclass(frozen=True)
+class Twin:
+    """Second runs of fitted motions, seen through the same filters: what comes back in both is no noise.
+
+    Attributes:
+        problem: Rows of the second runs alone.
+        pairs: Block of the fitted run and block of its second run.
+    """
+
+    problem: Problem
+    pairs: list[tuple[Block, Block]]
 
 
 @dataclass
@@ -83,7 +117,7 @@ class Problem:
         weight: Trust in each row: less where dry friction may stick and the sign of motion is a guess.
         effort: Filtered effort rows, same layout, whitened.
         drift: Friction changes of new held-out sessions; ``law`` where the declared control law does not hold;
-            ``contradictions`` where position and speed of a joint do not agree.
+            ``contradictions`` where position and speed of a joint do not agree; ``twin`` the second runs.
     """
 
     ctx: Context
@@ -104,6 +138,7 @@ class Problem:
     drift: list[Drift] = field(default_factory=list)
     law: list[LawFinding] = field(default_factory=list)
     contradictions: list[Contradiction] = field(default_factory=list)
+    twin: Twin | None = None
     cache: dict = field(default_factory=dict)
 
     def whiten(self, per_session: dict[int, np.ndarray], joint: int) -> np.ndarray:
@@ -204,9 +239,37 @@ def build_problem(
     _fill_base(problem, sessions)
     _fill_drift(problem, fit, hold)
     problem.floor_doubt = max((_doubt(noise[j]) for j in joints), default=1.0)
+    if source == "repeat":
+        problem.twin = _second_runs(model, problem, fit, repeats)
     problem.law = [f for j in joints if (f := check_law(model, fit, hold, j)) is not None]
     problem.contradictions = [c for j in joints if (c := contradiction(model, fit, j)) is not None]
     return problem
+
+
+def _second_runs(
+    model: RigidModel, problem: Problem, fit: list[Session], repeats: list[Session]
+) -> Twin | None:
+    """The rows of second runs, with the base parameters and the noise model of the first ones."""
+    blocks, raw = _blocks(model, repeats, [], problem.joints)
+    pairs = []
+    for block in blocks:
+        partner = find_partner(block.session, fit)
+        first = [b for b in problem.blocks if b.session is partner and b.joint == block.joint]
+        pairs += [(b, block) for b in first]
+    if not pairs:
+        return None
+    rows = blocks[-1].rows.stop
+    twin = Problem(
+        problem.ctx, problem.joints, blocks, problem.whiteners, np.zeros(rows), np.concatenate(raw), np.zeros(rows),
+        np.zeros(rows, dtype=bool), problem.base, np.zeros((rows, len(problem.base))), problem.prior, problem.floor,
+        problem.floor_source, np.concatenate([_trust(model, b, problem.floor[b.joint]) for b in blocks]),
+    )  # fmt: skip
+    for block, values in zip(blocks, raw, strict=True):
+        twin.y[block.rows] = twin.whiteners[block.joint](values)
+    twin.y *= twin.weight
+    for k, parameter in enumerate(problem.base):
+        twin.B[:, k] = _base_column(twin, parameter)
+    return Twin(twin, pairs)
 
 
 def _blocks(
@@ -289,12 +352,7 @@ def _fill_base(problem: Problem, sessions: list[Session]) -> None:
     columns, prior, kept = [], [], []
     limit = 1e-4 * float(np.sqrt(np.mean(problem.effort**2)))
     for parameter in problem.base:
-        whitened = np.zeros(len(problem.y))
-        for block in problem.blocks:
-            x = parameter.column(block.session)[:, block.joint]
-            nonlinear = parameter.name in ("frictionloss", "edge")
-            rows = compare(x, block.session, block.joint, nonlinear)[block.picks]
-            whitened[block.rows] = problem.whiteners[block.joint](rows) * problem.weight[block.rows]
+        whitened = _base_column(problem, parameter)
         deviation = parameter.prior
         if parameter.name == "effort_offset":
             j = problem.ctx.model.index(parameter.place)
@@ -315,6 +373,17 @@ def _fill_base(problem: Problem, sessions: list[Session]) -> None:
     problem.base = kept
     problem.B = np.stack(columns, axis=1) if columns else np.zeros((len(problem.y), 0))
     problem.prior = np.array(prior)
+
+
+def _base_column(problem: Problem, parameter: BaseParameter) -> np.ndarray:
+    """Whitened regressor of a base parameter, shape (rows,)."""
+    whitened = np.zeros(len(problem.y))
+    for block in problem.blocks:
+        x = parameter.column(block.session)[:, block.joint]
+        nonlinear = parameter.name in ("frictionloss", "edge")
+        rows = compare(x, block.session, block.joint, nonlinear)[block.picks]
+        whitened[block.rows] = problem.whiteners[block.joint](rows) * problem.weight[block.rows]
+    return whitened
 
 
 def _noise(

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.signal import lfilter
 
 from s2r_host.gap.base_terms import base_terms
 from s2r_host.gap.complete import LinkGroup, complete
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Effect
-from s2r_host.gap.evidence import Marginal
+from s2r_host.gap.evidence import Marginal, Whitener
 from s2r_host.gap.problem import Problem
 
 TEMPER = 3.0
@@ -22,6 +23,11 @@ FLOOR_SLACK_AFTER = 1.4
 CONTAINER_CHARGE = 5.0
 CONTAINER_SHARE = 0.002
 FURTHER_SHARE = 0.3
+# Leftover common to two runs of one motion: correlation, and power in noise floors (clean recordings stay below 0.45).
+COMMON_CORRELATION, COMMON_POWER = 0.35, 0.55
+LEAST_ROWS = 60
+# Friction whose size a new session changes together with the dry and viscous one.
+SHAPED_FRICTION = ("stribeck", "presliding", "load_dependent_friction", "asymmetric_friction")
 FURTHER_GAIN = 0.004
 
 
@@ -82,9 +88,14 @@ class Solution:
     raw_fit: tuple[float, float]
     raw_held: tuple[float, float]
     prediction: np.ndarray
-    drift: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+    drift: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
     drifted: np.ndarray = field(default_factory=lambda: np.zeros(0))
     scans: list[Scored] = field(default_factory=list)
+
+
+def unwhiten(rows: np.ndarray, w: Whitener) -> np.ndarray:
+    """Whitened rows of one block back to effort units."""
+    return np.asarray(lfilter([w.scale], np.concatenate([[1.0], -w.coefficients]), rows))
 
 
 class Search:
@@ -275,18 +286,31 @@ class Search:
 
     def _held_misfit(self, terms: list[Term], noise: float) -> tuple[float, np.ndarray]:
         coefficients, B, y, _ = self.solve(terms, noise)
-        left = self.without_drift(y - B @ coefficients, noise)
+        left = self.without_drift(y - B @ coefficients, noise, self.added_friction(terms, coefficients, B))
         return float(np.sum(left[self.problem.held] ** 2)), left
 
-    def without_drift(self, left: np.ndarray, noise: float) -> np.ndarray:
+    def without_drift(self, left: np.ndarray, noise: float, found: np.ndarray | None = None) -> np.ndarray:
         """Leftover with the friction change of each new held-out session taken out."""
         if not self.problem.drift:
             return left
         left = left.copy()
         for drift in self.problem.drift:
-            change, _ = drift.estimate(left, noise)
-            left[drift.block.rows] -= drift.columns @ change
+            change, _, _, columns = drift.estimate(left, noise, found)
+            left[drift.block.rows] -= columns @ change
         return left
+
+    def added_friction(self, terms: list[Term], x: np.ndarray, B: np.ndarray) -> np.ndarray | None:
+        """Whitened friction that terms beyond dry and viscous friction add, shape (rows,), or None."""
+        if not self.problem.drift or not any(t.effect in SHAPED_FRICTION for t in terms):
+            return None
+        total, start = np.zeros(len(B)), self.problem.B.shape[1]
+        for term in terms:
+            C, fixed, _, _ = self.matrix(term)
+            stop = start + C.shape[1]
+            if term.effect in SHAPED_FRICTION:
+                total += B[:, start:stop] @ x[start:stop] + (0.0 if fixed is None else fixed)
+            start = stop
+        return total
 
     def solve(self, terms: list[Term], noise: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Posterior mean on the fit rows, with sign constraints; returns coefficients, columns, target, covariance."""
@@ -361,14 +385,44 @@ class Search:
         """Is what is left over indistinguishable from the noise floor, on fitted and on held-out rows?"""
         p = self.problem
         x, B, y, _ = self.solve(chosen, self.noise_level(chosen))
-        left = self.without_drift(y - B @ x, TEMPER)
+        left = self.without_drift(y - B @ x, TEMPER, self.added_friction(chosen, x, B))
         raw = self.unwhitened(left)
         slack = FLOOR_SLACK_AFTER if chosen else FLOOR_SLACK
         for block in p.blocks:
             for mask in (block.held, ~block.held):
                 if mask.any() and p.rms(raw, block, mask) > slack * p.floor[block.joint]:
                     return False
-        return True
+        return chosen != [] or not self.comes_back(chosen)
+
+    def comes_back(self, chosen: list[Term]) -> bool:
+        """Does what the terms leave over come back in the second run of the motion? Then it is no noise."""
+        twin = self.problem.twin
+        if twin is None:
+            return False
+        x, own, y, _ = self.solve(chosen, self.noise_level(chosen))
+        raw = self.unwhitened(y - own @ x)
+        second = twin.problem
+        parts, y = [second.B], second.y
+        sessions = {b.session.index: b.session for b in second.blocks}
+        for term in chosen:
+            effect, shape = self.effects[term.effect], dict(term.shape)
+            columns = {k: effect.columns(self.problem.ctx, s, term.joint, shape) for k, s in sessions.items()}
+            C, fixed = second.columns(columns, term.joint)
+            parts.append(C)
+            y = y if fixed is None else y - fixed
+        left = y - np.concatenate(parts, axis=1) @ x
+        for first, again in twin.pairs:
+            a = raw[first.rows] * self.problem.weight[first.rows]
+            b = unwhiten(left[again.rows] / second.weight[again.rows], second.whiteners[again.joint])
+            b = b * second.weight[again.rows]
+            n = min(len(a), len(b))
+            if n < LEAST_ROWS:
+                continue
+            correlation = float(np.corrcoef(a[:n], b[:n])[0, 1])
+            power = float(np.mean(a[:n] * b[:n])) / self.problem.floor[first.joint] ** 2
+            if correlation > COMMON_CORRELATION and power > COMMON_POWER:
+                return True
+        return False
 
     def _scan_profiled(self, chosen: list[Term]) -> tuple[list[Scored], float]:
         """Scan twice: the noise level is that of the best explanation, not of the gap."""
@@ -424,8 +478,9 @@ class Search:
             covariances.append(covariance[start : start + k, start : start + k])
             start += k
         raw_drifted = y - B @ x
-        drift = [d.estimate(raw_drifted, noise) for d in p.drift]
-        left = self.without_drift(raw_drifted, noise)
+        found = self.added_friction(chosen, x, B)
+        drift = [d.estimate(raw_drifted, noise, found)[:3] for d in p.drift]
+        left = self.without_drift(raw_drifted, noise, found)
         y0 = p.y
         fit, held = ~p.held, p.held
 
@@ -442,14 +497,10 @@ class Search:
 
     def unwhitened(self, left: np.ndarray) -> np.ndarray:
         """Whitened rows back to effort units, block by block."""
-        from scipy.signal import lfilter
-
         out = np.zeros_like(left)
         for block in self.problem.blocks:
-            w = self.problem.whiteners[block.joint]
-            out[block.rows] = lfilter(
-                [w.scale], np.concatenate([[1.0], -w.coefficients]), (left / self.problem.weight)[block.rows]
-            )
+            rows = (left / self.problem.weight)[block.rows]
+            out[block.rows] = unwhiten(rows, self.problem.whiteners[block.joint])
         return out
 
     def _joint(self, term: Term) -> str:

@@ -24,6 +24,7 @@ class Backlash(Effect):
     """T = -k dz(δ, w): nothing is transmitted while |q_link - q_motor| < w; q is read at the motor."""
 
     name = "backlash"
+    model_error = {"half_width": 0.1}  # noqa: RUF012
     equation = "T = k dz(q_motor - q_link, w)"
     signature = "after each reversal of the load the effort vanishes for a constant travel, then an impact"
     separating_motion = "reversals with and without preload"

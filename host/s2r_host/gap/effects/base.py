@@ -34,13 +34,17 @@ class Columns:
 
 @dataclass(frozen=True)
 class Value:
-    """A number with unit; ``gradient`` is its derivative by the linear coefficients, for the interval."""
+    """A number with unit; ``gradient`` is its derivative by the linear coefficients, for the interval.
+
+    ``error`` is one deviation of what the equation leaves out, in the unit of the value.
+    """
 
     value: float
     unit: str
     gradient: tuple[float, ...] = ()
     shape_key: str | None = None
     scale: float = 1.0
+    error: float = 0.0
 
 
 @dataclass
@@ -115,6 +119,9 @@ class Effect:
     confusable: ClassVar[tuple[str, ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
     explained_least: ClassVar[float] = 1.0
+    # Relative error (one deviation) of a parameter beyond its noise where the equation is known to be coarse; read from
+    # tuning sets. From 0.5 on the parameter is not identifiable.
+    model_error: ClassVar[dict[str, float]] = {}
     costly: ClassVar[bool] = False  # shapes are refined only when a seed beats having no effect at all
 
     def applies(self, ctx: Context, joint: int) -> bool:

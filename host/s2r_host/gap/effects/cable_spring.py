@@ -15,6 +15,7 @@ class CableSpring(Effect):
     """tau = k (q - q0) + Fb z."""
 
     name = "cable_spring"
+    model_error = {"stiffness": 0.6}  # noqa: RUF012
     equation = "tau = k (q - q0) + Fb z, dz/dq = (1 - z sgn dq)/zs"
     signature = "slow function of position with a loop at reversals"
     separating_motion = "unplug the cable, or repeat at another wrist angle"

@@ -16,6 +16,7 @@ class EncoderEccentricity(Effect):
     """true q = recorded q + e sin(n q + phase), n = 1 or 2."""
 
     name = "encoder_eccentricity"
+    model_error = {"amplitude": 0.08}  # noqa: RUF012
     equation = "q = q_recorded + e sin(n q + phase)"
     signature = "load evaluated at an angle that errs once or twice per turn"
     separating_motion = "two whole turns with an absolute reference"

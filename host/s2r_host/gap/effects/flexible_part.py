@@ -31,6 +31,10 @@ class FlexiblePart(Effect):
         """A ringing that is damped within a period is elasticity of another kind."""
         return {"zeta": (0.002, 0.35)}
 
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """Panels hang on the joints of objects, rarely on one with a motor's inertia."""
+        return -4.0 if float(ctx.model.model.dof_armature[joint]) > 0.0 else 0.0
+
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Reaction of the hanging share, per unit share of the inertia."""
         w = 2 * np.pi * shape["f"]

@@ -14,6 +14,7 @@ class Hysteresis(Effect):
     """tau = h z, dz/dq = (1 - |z|^n (1 + sgn(z dq))/2)/zs."""
 
     name = "hysteresis"
+    model_error = {"displacement": 0.06, "level": 0.05}  # noqa: RUF012
     equation = "tau = h z, dz/dq = (1 - |z|^n (1 + sgn(z dq))/2)/zs"
     signature = "a loop of residual against position as wide as the motion, the same at all speeds"
     separating_motion = "sine motions of several amplitudes"

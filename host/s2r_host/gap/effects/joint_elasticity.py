@@ -18,6 +18,7 @@ class JointElasticity(Effect):
     """M d(dδ)/dt = T - L, T = -k δ - d dδ, effort = Jm ddq + T; q is read at the motor."""
 
     name = "joint_elasticity"
+    model_error = {"stiffness": 0.12, "damping": 1.0}  # noqa: RUF012
     equation = "T = k (q_motor - q_link) + d (dq_motor - dq_link)"
     signature = "phase lag that grows with frequency, an antiresonance"
     separating_motion = "a chirp through the resonance; a static load at a held motor"

@@ -12,6 +12,7 @@ class SessionFriction(Effect):
     """tau = dF_session sgn(dq)."""
 
     name = "session_friction"
+    model_error = {"factor": 0.015}  # noqa: RUF012
     equation = "tau = dF_session sgn(dq)"
     signature = "the same regressor with another coefficient in each recording"
     separating_motion = "the same motion at the start of each session"

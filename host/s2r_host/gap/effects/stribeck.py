@@ -12,6 +12,7 @@ class Stribeck(Effect):
     """tau = (Fc + Fs exp(-(dq/vs)²)) sgn(dq)."""
 
     name = "stribeck"
+    model_error = {"static_excess": 0.12, "speed": 0.1}  # noqa: RUF012
     equation = "tau = (Fc + Fs exp(-(dq/vs)²)) sgn(dq)"
     signature = "a hump in the residual at small speeds"
     separating_motion = "very slow ramps in both directions, then faster ones"
