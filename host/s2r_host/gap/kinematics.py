@@ -134,7 +134,7 @@ def _without_filter(x: _Track) -> np.ndarray:
 
 
 def _frozen(s: Session, name: str) -> list[list[float]]:
-    """Intervals in which the position repeats itself although the speed says that it cannot."""
+    """Intervals in which the position repeats itself although the speed says that it cannot, and then catches up."""
     q, dq, t = s.rec.get("q", name), s.rec.get("dq", name), s.rec.t
     assert q is not None
     assert dq is not None
@@ -145,7 +145,8 @@ def _frozen(s: Session, name: str) -> list[list[float]]:
         if i < len(q) and q[i] == q[start]:
             continue
         way = abs(float(np.sum(0.5 * (dq[start + 1 : i] + dq[start : i - 1]) * np.diff(t[start:i]))))
-        if i - start > FROZEN_ROWS and way > FROZEN_STEPS * step:
+        jump = abs(float(q[i] - q[start])) if i < len(q) else 0.0
+        if i - start > FROZEN_ROWS and way > FROZEN_STEPS * step and jump > 0.5 * way:
             found.append([float(t[start]) + s.rec.start_s, float(t[i - 1]) + s.rec.start_s])
         start = i
     still = sum(b - a for a, b in found)

@@ -75,15 +75,15 @@ class Drift:
         if found is not None and np.any(found[self.block.rows]):
             columns = np.concatenate([columns, found[self.block.rows][:, None]], axis=1)
             level = np.append(level, 1.0)
-        width, power, pull = (
-            DRIFT_SHARE,
-            columns.T @ columns / noise,
-            columns.T @ left[self.block.rows] / noise,
-        )
-        for _ in range(3):  # a prior as wide as what it is asked to allow
+        power, pull = columns.T @ columns / noise, columns.T @ left[self.block.rows] / noise
+
+        def solved(width: float) -> tuple[np.ndarray, np.ndarray]:
             covariance = np.linalg.inv(power + np.diag((width * level) ** -2.0))
-            change = covariance @ pull
-            width = max(DRIFT_SHARE, 2.0 * abs(float(change[0])) / float(level[0]))
+            return covariance @ pull, covariance
+
+        change, covariance = solved(DRIFT_SHARE)
+        for _ in range(2):  # a prior as wide as what it is asked to allow
+            change, covariance = solved(max(DRIFT_SHARE, 2.0 * abs(float(change[0])) / float(level[0])))
         return change, covariance, level, columns
 
 

@@ -31,45 +31,41 @@ class AsymmetricFriction(Effect):
         return [{"dry": 1.0, "viscous": 0.0}, {"dry": 0.0, "viscous": 1.0}, {"dry": 1.0, "viscous": 1.0}]
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
-        """Half differences first, then the symmetric parts the model lacks."""
+        """Half differences first, then the symmetric parts: more friction in one direction is half of each."""
         sign, v = s.sign(joint), s.v[:, joint]
-        model = ctx.model.model
         linear = []
         if shape["dry"]:
             linear.append(np.abs(sign))
         if shape["viscous"]:
             linear.append(np.abs(v))
-        if not model.dof_frictionloss[joint] and shape["dry"]:
+        if shape["dry"]:
             linear.append(sign)
-        if not model.dof_damping[joint] and shape["viscous"]:
+        if shape["viscous"]:
             linear.append(v)
         return Columns(linear, (False,) * len(linear))
 
-    def _split(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, float]:
+    def _split(self, shape: Shape, theta: np.ndarray) -> dict[str, float]:
         values = list(map(float, theta))
-        model = ctx.model.model
         dry = values.pop(0) if shape["dry"] else 0.0
         viscous = values.pop(0) if shape["viscous"] else 0.0
-        level = values.pop(0) if not model.dof_frictionloss[joint] and shape["dry"] else 0.0
-        slope = values.pop(0) if not model.dof_damping[joint] and shape["viscous"] else 0.0
+        level = values.pop(0) if shape["dry"] else 0.0
+        slope = values.pop(0) if shape["viscous"] else 0.0
         return {"dry": dry, "viscous": viscous, "level": level, "slope": slope}
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Values per direction, added to what the model has."""
         name, model = ctx.model.joints[joint], ctx.model.model
-        part = self._split(ctx, joint, shape, theta)
+        part = self._split(shape, theta)
         unit = ctx.model.effort_unit(name)
         found: dict[str, Value] = {}
         k = len(theta)
         if shape["dry"]:
             base = float(model.dof_frictionloss[joint]) + part["level"]
             level_at = (1 if shape["viscous"] else 0) + 1
-            has_level = not model.dof_frictionloss[joint]
             for label, sign in (("coulomb_positive", 1.0), ("coulomb_negative", -1.0)):
                 gradient = [0.0] * k
                 gradient[0] = sign
-                if has_level:
-                    gradient[level_at] = 1.0
+                gradient[level_at] = 1.0
                 found[label] = Value(base + sign * part["dry"], unit, tuple(gradient))
         if shape["viscous"]:
             base = float(model.dof_damping[joint]) + part["slope"]
@@ -77,8 +73,7 @@ class AsymmetricFriction(Effect):
             for label, sign in (("viscous_positive", 1.0), ("viscous_negative", -1.0)):
                 gradient = [0.0] * k
                 gradient[at] = sign
-                if not model.dof_damping[joint]:
-                    gradient[-1] = 1.0
+                gradient[-1] = 1.0
                 found[label] = Value(
                     base + sign * part["viscous"], f"{unit}·s/{ctx.model.unit(name)}", tuple(gradient)
                 )
@@ -86,7 +81,7 @@ class AsymmetricFriction(Effect):
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Dry part as friction loss by direction, viscous part as force."""
-        p = self._split(ctx, joint, shape, theta)
+        p = self._split(shape, theta)
 
         def step(state: StepState) -> tuple[float, float]:
             v = float(state.v[joint])

@@ -1,0 +1,102 @@
+"""Position against speed: what two sensors of one joint say against each other."""
+
+import numpy as np
+import pytest
+
+from s2r_host.gap.kinematics import contradiction
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.rig import write_model
+from s2r_host.gap.session import make_session
+
+DT, LSB = 0.004, 1e-4
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
+
+
+def motion():
+    t = np.arange(0, 16, DT)
+    q = 0.6 * np.sin(2.1 * t) + 0.25 * np.sin(7.3 * t + 0.4) + 0.1 * np.sin(13.0 * t)
+    return t, q, np.gradient(q, DT)
+
+
+def recorded(model, seen=lambda t, q, u: q, speed=lambda dq: dq):
+    """A motion, its speed and the effort the model needs for it; ``seen`` bends the position that is recorded."""
+    rng = np.random.default_rng(3)
+    t, q, dq = motion()
+    u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0]
+    bent = np.round((seen(t, q, u) + 0.3 * LSB * rng.normal(size=len(t))) / LSB) * LSB
+    noisy = speed(dq) + 1e-3 * rng.normal(size=len(t))
+    channels = {"q": {"elbow": bent}, "dq": {"elbow": noisy}, "tau": {"elbow": u}}
+    rec = Recording("r", t, channels, Controller("none"), "commanded", "effort", "a", "", ())
+    return make_session(model, rec, 0)
+
+
+def test_honest_sensors_do_not_contradict_each_other(model):
+    assert contradiction(model, [recorded(model)], 0) is None
+
+
+def test_a_filtered_or_badly_scaled_speed_is_no_contradiction(model):
+    def lagging(dq):
+        return 1.03 * np.interp(np.arange(len(dq)) * DT - 0.012, np.arange(len(dq)) * DT, dq)
+
+    assert contradiction(model, [recorded(model, speed=lagging)], 0) is None
+
+
+def test_a_position_that_freezes_has_no_name_but_a_time(model):
+    t, _, dq = motion()
+    fast = t[np.abs(dq) > 1.5]
+    starts = [float(fast[np.searchsorted(fast, x)]) for x in (3.0, 7.5, 11.0)]
+
+    def freezing(t, q, u):
+        held = q.copy()
+        for start in starts:
+            i = round(start / DT)
+            held[i : i + 12] = held[i]
+        return held
+
+    said = contradiction(model, [recorded(model, seen=freezing)], 0)
+    assert said is not None
+    assert said.finding is None
+    assert [a for a, _ in said.intervals] == pytest.approx(starts, abs=0.02)
+
+
+def test_an_effort_that_leaks_into_the_position_has_no_name(model):
+    said = contradiction(model, [recorded(model, seen=lambda t, q, u: q + 2e-3 * (u / np.std(u)) ** 2)], 0)
+    assert said is not None
+    assert said.finding is None
+
+
+def test_a_spring_before_the_encoder_is_joint_elasticity_with_its_stiffness(model):
+    m = model.model
+    k = 200.0
+
+    def behind(t, q, u):
+        v = np.gradient(q, DT)
+        return q - (u - m.dof_armature[0] * np.gradient(v, DT) - m.dof_damping[0] * v) / k
+
+    said = contradiction(model, [recorded(model, seen=behind)], 0)
+    assert said is not None
+    assert said.finding is not None
+    assert said.finding.name == "joint_elasticity"
+    assert said.finding.parameters["stiffness"]["value"] == pytest.approx(k, rel=0.1)
+
+
+def test_a_gap_before_the_encoder_is_backlash_with_its_width(model):
+    said = contradiction(
+        model, [recorded(model, seen=lambda t, q, u: q - 4e-3 * np.tanh(u / (0.02 * np.std(u))))], 0
+    )
+    assert said is not None
+    assert said.finding is not None
+    assert said.finding.name == "backlash"
+    assert said.finding.parameters["half_width"]["value"] == pytest.approx(4e-3, rel=0.15)
+
+
+def test_a_slow_log_is_not_asked(model):
+    s = recorded(model, seen=lambda t, q, u: q + 5e-3 * (u / np.std(u)) ** 2)
+    slow = {k: {j: x[::10] for j, x in table.items()} for k, table in s.rec.channels.items()}
+    rec = Recording("r", s.rec.t[::10], slow, s.rec.controller, "commanded", "effort", "a", "", ())
+    assert contradiction(model, [make_session(model, rec, 0)], 0) is None
