@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from s2r_host.planning.scene import Scene
+from s2r_host.planning.scene import GeomKind, Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest
 
 _STAY_S = 0.6  # how long an untouched part is watched
@@ -82,7 +82,29 @@ def _drift(request: PlanRequest, scene: Scene, tolerance: float, s: float) -> st
     falls = abs(load) > friction and abs(moved) > tolerance
     if not falls and abs(moved) < 5.0 * tolerance:
         return None
+    moves = f"untouched it moves by {moved:+.4f} {unit} in {_STAY_S:g} s"
+    pushed = f"gravity and springs turn or push it with {abs(load):.2f} {force}"
+    if abs(load) > friction:
+        return f"{moves}, because {pushed} and its friction holds only {friction:.2f} {force}"
+    overlap = _touches_its_surroundings(model, data, scene, s)
+    if overlap is not None:
+        return f"{moves}; there it {overlap}: leave room between them, or exclude the pair"
     return (
-        f"untouched it moves by {moved:+.4f} {unit} in {_STAY_S:g} s, because gravity and springs turn or push it with "
-        f"{abs(load):.2f} {force} and its friction holds only {friction:.2f} {force}"
+        f"{moves}: {pushed}, and dry friction as soft as MuJoCo has it by default creeps below its {friction:.2f} "
+        f'{force}; give the joint solreffriction="0.004 1" solimpfriction="0.99 0.999 0.0001"'
     )
+
+
+def _touches_its_surroundings(
+    model: mujoco.MjModel, data: mujoco.MjData, scene: Scene, s: float
+) -> str | None:
+    """What of the scene the untouched part overlaps with at joint value s, or None."""
+    mujoco.mj_resetData(model, data)
+    data.qpos[scene.s_qpos] = s
+    mujoco.mj_forward(model, data)
+    for contact in data.contact:
+        kinds = scene.geom_kind[contact.geom]
+        if (kinds == GeomKind.PART).sum() == 1 and contact.dist < 0.0:
+            one, other = (model.geom(int(g)).name or f"geom {g}" for g in contact.geom)
+            return f"overlaps by {-1e3 * contact.dist:.1f} mm ({one} with {other})"
+    return None

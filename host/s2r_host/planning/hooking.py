@@ -148,7 +148,20 @@ def find_hooks(
             f"out of reach: the arm {scene.arm.name!r} {solver.failure(len(order), len(hooks), s_target)} "
             f"(nearest place {np.linalg.norm(places.p, axis=1).min():.2f} m from the base); move the object"
         )
-    raise OutOfReachError(f"object {name}: {why}")
+    raise OutOfReachError(f"object {name}: {why}{_hull_hint(scene)}")
+
+
+def _hull_hint(scene: Scene) -> str:
+    """What to think of where meshes of the part may have closed the gap, for the end of a sentence."""
+    geoms = part_geoms(scene)
+    meshes = geoms[scene.fine.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH]
+    if not len(meshes):
+        return ""
+    names = ", ".join(scene.fine.mesh(int(scene.fine.geom_dataid[g])).name for g in meshes[:3])
+    return (
+        f" (MuJoCo takes each of the part's meshes, {names}{', …' if len(meshes) > 3 else ''}, for its convex hull: a "
+        "gap in one needs it split into convex pieces, as CoACD does)"
+    )
 
 
 def _cheapest(

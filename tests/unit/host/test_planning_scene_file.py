@@ -186,3 +186,30 @@ def test_a_plan_leaves_the_files_it_promises(scene_file):
     assert model.joint("object/tap").id >= 0
     for name in ("trace.csv", "knots.csv", "strip.png"):
         assert (out / name).stat().st_size > 1000
+
+
+ALONE = """<mujoco><compiler angle="radian"/><worldbody><body name="arm_base"/><body pos=".6 0 0">
+<geom type="cylinder" size=".02 .12" pos="0 0 .12"/><body name="part" pos="0 0 {height}">{part}</body></body></worldbody>
+</mujoco>"""
+
+
+def test_a_light_part_that_creeps_below_its_friction_is_refused_with_what_to_set(scene_file):
+    flap = """<joint name="flap" axis="0 -1 0" range="0 .8" damping=".1" frictionloss=".3"/>
+      <geom type="capsule" size=".009" fromto="0 0 .01 -.12 0 .02" mass=".1"/>"""
+    path = scene_file(text=ALONE.replace("{part}", flap).replace("{height}", ".25"))
+    code, text, _ = refused(path, "--joint", "flap", "--target", "0.5")
+    assert code == 4
+    assert "creeps below its 0.30 N·m" in text
+    assert 'solreffriction="0.004 1"' in text
+
+
+def test_a_part_inside_its_own_scene_is_refused_with_what_it_overlaps(scene_file):
+    cross = """<joint name="valve" axis="0 0 1" damping=".3"/>
+      <geom name="wing" type="capsule" size=".01" fromto="-.12 0 0 .12 0 0" mass=".2"/>
+      <geom type="capsule" size=".01" fromto="0 -.12 0 0 .12 0" mass=".2"/>"""
+    thin = ALONE.replace('size=".02 .12"', 'size=".01 .12"')
+    path = scene_file(text=thin.replace("{part}", cross).replace("{height}", ".1"))
+    code, text, _ = refused(path, "--joint", "valve", "--target", "0.5")
+    assert code == 4
+    assert "overlaps by" in text
+    assert "wing" in text
