@@ -23,12 +23,15 @@ def motion():
     return t, q, np.gradient(q, DT)
 
 
-def recorded(model, seen=lambda t, q, u: q, speed=lambda dq: dq):
+def recorded(model, seen=lambda t, q, u: q, speed=lambda dq: dq, frozen=()):
     """A motion, its speed and the effort the model needs for it; ``seen`` bends the position that is recorded."""
     rng = np.random.default_rng(3)
     t, q, dq = motion()
     u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0]
     bent = np.round((seen(t, q, u) + 0.3 * LSB * rng.normal(size=len(t))) / LSB) * LSB
+    for start in frozen:
+        i = round(start / DT)
+        bent[i : i + 12] = bent[i]
     noisy = speed(dq) + 1e-3 * rng.normal(size=len(t))
     channels = {"q": {"elbow": bent}, "dq": {"elbow": noisy}, "tau": {"elbow": u}}
     rec = Recording("r", t, channels, Controller("none"), "commanded", "effort", "a", "", ())
@@ -51,14 +54,7 @@ def test_a_position_that_freezes_has_no_name_but_a_time(model):
     fast = t[np.abs(dq) > 1.5]
     starts = [float(fast[np.searchsorted(fast, x)]) for x in (3.0, 7.5, 11.0)]
 
-    def freezing(t, q, u):
-        held = q.copy()
-        for start in starts:
-            i = round(start / DT)
-            held[i : i + 12] = held[i]
-        return held
-
-    said = contradiction(model, [recorded(model, seen=freezing)], 0)
+    said = contradiction(model, [recorded(model, frozen=starts)], 0)
     assert said is not None
     assert said.finding is None
     assert [a for a, _ in said.intervals] == pytest.approx(starts, abs=0.02)
