@@ -189,8 +189,8 @@ def test_a_plan_leaves_the_files_it_promises(scene_file):
 
 
 ALONE = """<mujoco><compiler angle="radian"/><worldbody><body name="arm_base"/><body pos=".6 0 0">
-<geom type="cylinder" size=".02 .12" pos="0 0 .12"/><body name="part" pos="0 0 {height}">{part}</body></body></worldbody>
-</mujoco>"""
+<geom type="cylinder" size=".02 .12" pos="0 0 .12"/><body name="part" pos="0 0 {height}">{part}</body>
+</body></worldbody></mujoco>"""
 
 
 def test_a_light_part_that_creeps_below_its_friction_is_refused_with_what_to_set(scene_file):
