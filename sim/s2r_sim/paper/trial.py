@@ -10,13 +10,17 @@ from s2r_protocol.cli.peers import PeerFailedError, s2r_command, stand_in_cell
 from s2r_protocol.exits import ExitCode
 from s2r_sim.errors import TruthFileError
 from s2r_sim.paper.score import Row, score_trial
-from s2r_sim.paper.trials import draw_trial
+from s2r_sim.paper.trials import Trial, draw_trial
 
 TIMEOUT_S = 1200.0
+MOST_TRIES = 3
 
 
 def run_trial(kind: str, number: int, attempts: int, out: str) -> Row:
     """Run and score one manipulation.
+
+    A trial in which a process did not answer in time, as on a machine with too much to do, is begun anew: that says
+    nothing about the manipulation. The row tells how often (``tries``).
 
     Args:
         kind, number: Of the trial.
@@ -25,19 +29,27 @@ def run_trial(kind: str, number: int, attempts: int, out: str) -> Row:
     """
     trial = draw_trial(kind, number)
     folder = Path(out) / "trials" / f"{kind}-{number:03d}"
+    row: Row = {}
+    for tries in range(1, MOST_TRIES + 1):
+        row = {"kind": kind, "number": number, "tries": tries, **_try(trial, attempts, folder)}
+        if row["exit"] != ExitCode.UNREACHABLE:
+            break
+    return row
+
+
+def _try(trial: Trial, attempts: int, folder: Path) -> Row:
     shutil.rmtree(folder, ignore_errors=True)  # of an interrupted try
     folder.mkdir(parents=True)
     world = folder / "world.json"
     trial.world.save(world)
-    row: Row = {"kind": kind, "number": number}
     try:
         with (
             stand_in_cell(folder, ("--world", world), stand_in=("--truth", folder / "truth.csv")) as cell,
             (folder / "host.log").open("w") as log,
         ):
             command = s2r_command(
-                "run", kind, f"--target={trial.change!r}", "--from", "pushed", "--attempts", str(attempts),
-                "--seed", str(number), "--executor", cell.executor, "--camera", cell.camera,
+                "run", trial.kind, f"--target={trial.change!r}", "--from", "pushed", "--attempts", str(attempts),
+                "--seed", str(trial.number), "--executor", cell.executor, "--camera", cell.camera,
                 "--out", folder / "run",
             )  # fmt: skip
             ended = subprocess.run(
@@ -45,18 +57,14 @@ def run_trial(kind: str, number: int, attempts: int, out: str) -> Row:
             )
         if ended.returncode == ExitCode.INTERRUPTED:
             raise KeyboardInterrupt
-        return row | score_trial(trial, folder, trial.world.commitment)
+        return score_trial(trial, folder, trial.world.commitment)
     except subprocess.TimeoutExpired:
-        return row | _no_result(trial.change, f"no end within {TIMEOUT_S:.0f} s")
-    except (PeerFailedError, TruthFileError, FileNotFoundError) as error:
-        return row | _no_result(trial.change, f"{type(error).__name__}: {error}")
+        return _no_result(trial.change, f"no end within {TIMEOUT_S:.0f} s", ExitCode.UNREACHABLE)
+    except PeerFailedError as error:
+        return _no_result(trial.change, str(error), ExitCode.UNREACHABLE)
+    except (TruthFileError, FileNotFoundError) as error:
+        return _no_result(trial.change, f"{type(error).__name__}: {error}", ExitCode.BUG)
 
 
-def _no_result(change: float, reason: str) -> Row:
-    return {
-        "change": change,
-        "exit": int(ExitCode.BUG),
-        "reason": reason,
-        "stage": "processes",
-        "delta": None,
-    }
+def _no_result(change: float, reason: str, code: ExitCode) -> Row:
+    return {"change": change, "exit": int(code), "reason": reason, "stage": "processes", "delta": None}
