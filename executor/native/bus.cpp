@@ -14,6 +14,7 @@
 #include <cstring>
 #include <string>
 #include <system_error>
+#include <utility>
 
 namespace s2r {
 namespace {
@@ -39,6 +40,7 @@ class SocketBus final : public Bus {
   Rx receive(Frame& frame) noexcept override {
     if (next_ == received_) {
       if (closed_) return Rx::kClosed;
+      if (std::exchange(drained_, false)) return Rx::kEmpty;  // the last call left nothing behind: spare asking again
       const int n = ::recvmmsg(fd_, rx_messages_.data(), kBatch, MSG_DONTWAIT, nullptr);
       next_ = received_ = 0;
       if (n < 0) {
@@ -46,6 +48,7 @@ class SocketBus final : public Bus {
         return closed_ ? Rx::kClosed : Rx::kEmpty;
       }
       received_ = static_cast<std::size_t>(n);
+      drained_ = received_ < kBatch;
     }
     const std::size_t i = next_++;
     if (rx_messages_[i].msg_len == 0) {  // end of a SEQPACKET stream
@@ -100,7 +103,7 @@ class SocketBus final : public Bus {
 
   static constexpr std::uint32_t kNoId = 0xFFFF'FFFFU;  // matches no identifier: ignored by every packing
   int fd_;
-  bool closed_ = false;
+  bool closed_ = false, drained_ = false;
   std::size_t next_ = 0, received_ = 0;
   std::array<canfd_frame, kBatch> rx_frames_{}, tx_frames_{};
   std::array<iovec, kBatch> rx_vectors_{}, tx_vectors_{};

@@ -22,7 +22,7 @@ from s2r_protocol.arms import ArmDescription, load_arm
 from s2r_protocol.faults import ExecutorState
 
 _TURN_S = 2.0  # of one move to or fro
-_STEP_RAD = 0.3
+_STEP_RAD = 0.15  # of every joint away from home: no collision anywhere
 _COAST_S = 1.2  # of a replacement, to rest
 _AHEAD_S = 0.2  # of the running plan's time: room for admission on a loaded machine
 _MISS_RAD = 1e-3
@@ -54,18 +54,20 @@ class _Count:
 
 
 def stepped_clock(ticks: int = 1_000_000) -> dict[str, float]:
-    """Moves to and fro for so many ticks, as fast as core and stand-in can.
+    """Moves to and fro for so many ticks, as fast as core and stand-in can; on one CPU, since they take turns.
 
     Returns:
-        Setpoints sent and missed, simulated over wall time, and the CPU time per tick of both processes [µs]: the two
-        take turns, so that its sum bounds the speed of a machine that has nothing else to do.
+        Setpoints sent and missed, simulated over wall time, and the CPU time per tick of both processes [µs]; its sum
+        bounds the speed of a machine that has nothing else to do.
     """
     arm = load_arm("xmate3pro")
     count = _Count()
     with tempfile.TemporaryDirectory(prefix="s2r-bench-") as name:
         config = _unpaced(Path(name))
-        with stand_in(config, os.sched_getaffinity(0), Path(name)) as sim_pid:
+        shared = {max(os.sched_getaffinity(0))}
+        with stand_in(config, shared, Path(name)) as sim_pid:
             stepped = SteppedArm(config, arm)
+            os.sched_setaffinity(stepped.process.pid, shared)
             try:
                 stepped.hold()
                 count.take(stepped)

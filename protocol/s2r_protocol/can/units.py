@@ -55,4 +55,7 @@ def _counts(what: str, value: float, scaled: float, limit: int) -> int:
 
 def saturated_i16(value: float) -> int:
     """A measured value in an i16 field; a sensor saturates where a command would be refused."""
-    return max(-_I16, min(_I16, round(value)))
+    counts = round(value)
+    if -_I16 <= counts <= _I16:
+        return counts
+    return _I16 if counts > 0 else -_I16

@@ -43,6 +43,8 @@ _TX_FULL = CanFrame(
     CAN_ERR_CRTL, bytes([0, CAN_ERR_CRTL_TX_OVERFLOW, 0, 0, 0, 0, 0, 0]), is_error=True
 ).pack()
 
+_PERIOD_OVER = CanFrame(0, b"", is_error=True).pack()
+
 
 class Bus:
     """Runs the stand-in's time. Single-threaded; only :meth:`stop` may be called from elsewhere."""
@@ -149,12 +151,24 @@ class Bus:
         synced = self._carry(end_ns, until_sync=True)
         self.plant.master_tick = self.nodes.master_tick
         self.plant.advance(self.wire.tick_ns)
-        for packet in self.nodes.answers():
-            self.wire.offer(packet, None, self.wire.free_ns if synced else self._window_ns, self.ticks)
-        self._carry(end_ns)
+        self._answer(self.wire.free_ns if synced else self._window_ns, end_ns)
         self.wire.close_tick(end_ns)
         self._window_ns = end_ns
         self.ticks += 1
+
+    def _answer(self, ready_ns: int, end_ns: int) -> None:
+        """The drives' answers, and whatever else still fits before ``end_ns``."""
+        packets = self.nodes.answers()
+        ends = self.wire.pass_all(packets, ready_ns, end_ns) if self.nodes.answers_by_identifier else None
+        if ends is None:
+            for packet in packets:
+                self.wire.offer(packet, None, ready_ns, self.ticks)
+            self._carry(end_ns)
+            return
+        for packet, done_ns in zip(packets, ends, strict=True):
+            self.hub.broadcast(packet)
+            for tap in self.taps:
+                tap(done_ns, packet, None)
 
     def _carry(self, end_ns: int, until_sync: bool = False) -> bool:
         """Deliver frames that fit before ``end_ns``; True when it ended with the frame that begins a period."""
@@ -181,7 +195,8 @@ class Bus:
 
         Without it the master could not tell a lost answer from a stand-in that has no CPU to spare right now.
         """
-        return CanFrame(0, self.nodes.counter_of(packet), is_error=True).pack()
+        counter = self.nodes.counter_of(packet)
+        return _PERIOD_OVER[:4] + bytes((len(counter),)) + _PERIOD_OVER[5:8] + counter.ljust(8, b"\0")
 
     def _report_refused(self) -> None:
         for frame in self.wire.refused:

@@ -38,10 +38,12 @@ class ClassicNodes:
 
     Attributes:
         sync_id: The frame that begins a period.
+        answers_by_identifier: Answers come by rising identifier.
         refused: Frames ignored because of their length.
     """
 
     sync_id = classic.SYNC_ID
+    answers_by_identifier = False
     tick_ns = classic.TICK_NS
 
     def __init__(self, drives: list[Drive]) -> None:

@@ -19,6 +19,8 @@ from s2r_protocol.can.units import COUNTS_PER_RAD, TORQUE_UNIT, VELOCITY_UNIT, s
 from s2r_sim.drives import Drive
 
 _HEADER = struct.Struct("<IBBBB")
+_TAIL = struct.Struct(f"<H{FD_BYTES - _HEADER.size - fd.STAT.size}x")  # checksum, padding
+_NODE = [bytes((node,)) for node in range(256)]
 _COMMANDS = {
     Control.DISABLE: DriveCommand.DISABLE_VOLTAGE,
     Control.SWITCH_ON: DriveCommand.SWITCH_ON,
@@ -33,10 +35,12 @@ class FdNodes:
 
     Attributes:
         sync_id: The frame that begins a period.
+        answers_by_identifier: Answers come by rising identifier.
         refused: SET frames ignored because of length, checksum, command or counter.
     """
 
     sync_id = fd.SET_ID
+    answers_by_identifier = True
     tick_ns = fd.TICK_NS
 
     def __init__(self, drives: list[Drive]) -> None:
@@ -46,7 +50,6 @@ class FdNodes:
         self._seq: int | None = None
         self._tick = 0
         self._answer_due = False
-        self._padding = bytes(FD_BYTES - _HEADER.size - fd.STAT.size)
         self._headers = [
             _HEADER.pack(fd.STAT_ID + drive.node, fd.STAT.size, CANFD_FDF | CANFD_BRS, 0, 0)
             for drive in drives
@@ -112,5 +115,5 @@ class FdNodes:
             drive.error,
             drive.temp_C,
         )
-        crc = crc_hqx(bytes((drive.node,)), crc_hqx(body, 0xFFFF))
-        return header + body + crc.to_bytes(2, "little") + self._padding
+        crc = crc_hqx(_NODE[drive.node], crc_hqx(body, 0xFFFF))
+        return header + body + _TAIL.pack(crc)

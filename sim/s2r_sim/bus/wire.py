@@ -100,6 +100,25 @@ class Wire:
         if frame is not None:
             insort(self._waiting, frame, key=_IDENTIFIER)
 
+    def pass_all(self, packets: Sequence[bytes], ready_ns: int, end_ns: int) -> list[int] | None:
+        """Carry frames that are ready at once, given by rising identifier, when nothing else wants or disturbs the bus.
+
+        Returns:
+            When each transmission ends; None, and nothing has happened, when they have to be offered one by one.
+        """
+        if self._waiting or self._injections:
+            return None
+        start = free_ns = max(self.free_ns, ready_ns)
+        ends = []
+        for packet in packets:
+            free_ns += self._duration(packet)
+            ends.append(free_ns)
+        if free_ns > end_ns:
+            return None
+        self.free_ns = free_ns
+        self._busy_ns += free_ns - start
+        return ends
+
     def next(self, end_ns: int) -> Waiting | None:
         """The next frame whose transmission ends by ``end_ns``, lost ones passed over."""
         while self._waiting:

@@ -93,3 +93,30 @@ def test_malformed_rule_is_refused_with_the_form(text):
 def test_rule_without_a_range_hits_one_tick():
     assert Injection.parse("drop:0x80@7") == Injection("drop", 0x80, 7, 7)
     assert Injection.parse("delay:*@7-9") == Injection("delay", None, 7, 9)
+
+
+@pytest.mark.parametrize("ready_ns", [0, 200_000])
+def test_answers_that_pass_at_once_take_the_time_of_answers_offered_one_by_one(ready_ns):
+    packets = [classic(0x181 + k) for k in range(5)]
+    offered, passed = wire(), wire()
+    offered.free_ns = passed.free_ns = 40_000
+    for packet in packets:
+        offered.offer(packet, None, ready_ns, 0)
+    ends = []
+    while offered.next(TICK_NS) is not None:
+        ends.append(offered.free_ns)
+    assert passed.pass_all(packets, ready_ns, TICK_NS) == ends
+    assert passed.free_ns == offered.free_ns
+    for w in (offered, passed):
+        w.close_tick(TICK_NS)
+    assert passed.load == offered.load
+
+
+def test_answers_do_not_pass_at_once_where_another_frame_or_an_injection_has_a_say():
+    packets = [classic(0x181)]
+    busy = wire()
+    busy.offer(classic(0x080), None, 0, 0)
+    for w, what in ((busy, packets), (wire("drop:0x181@5"), packets), (wire(), packets * 8)):
+        before = w.free_ns
+        assert w.pass_all(what, 0, TICK_NS) is None
+        assert w.free_ns == before
