@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import click
@@ -46,8 +47,8 @@ def paper(
     for name in names:
         if name not in KINDS:
             raise UsageError(f"unknown kind {name!r}; there are {', '.join(KINDS)}")
-    todo = [(name, number, attempts, str(out)) for number in range(first, first + trials) for name in names]
-    rows = run_jobs(run_trial, todo, out / "results.jsonl", jobs, "manipulations")
+    todo = [(name, number, attempts) for number in range(first, first + trials) for name in names]
+    rows = run_jobs(partial(run_trial, out), todo, out / "results.jsonl", jobs, "manipulations")
     options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
     command = f"s2r bench paper {options} --out DIR"
     write_page(rows, page or out / "results.md", command)

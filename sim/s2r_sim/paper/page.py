@@ -26,6 +26,7 @@ def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str) -> list[str]
         "",
         "The paper's accuracy table (Sim2Real2, Table I), redone: a never-seen object is looked at, pushed, modelled,"
         " and its part moved by a wanted amount.",
+        f"{_counted(rows)} "
         "**These are simulated stand-in objects with concealed physics; the paper's figures are from a real arm.**",
         "Place, size, state as found, direction and amount of the motion are random."
         " Hidden are friction, damping, mass, rail play, stiction, friction that changes along the way, detents,"
@@ -60,6 +61,12 @@ def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str) -> list[str]
     lines += ["", "## Perception in these trials", "", *_perception(rows, kinds)]
     lines += ["", "## Every trial", "", *_trials(rows)]
     return lines
+
+
+def _counted(rows: Sequence[Row]) -> str:
+    again = sum(row.get("tries", 1) > 1 for row in rows)
+    text = f"{len(rows)} manipulations."
+    return f"{text} {again} of them were begun anew because a process fell silent." if again else text
 
 
 def _table(rows: Sequence[Row], kinds: Sequence[str], key: str) -> list[str]:

@@ -16,19 +16,19 @@ TIMEOUT_S = 1200.0
 MOST_TRIES = 3
 
 
-def run_trial(kind: str, number: int, attempts: int, out: str) -> Row:
+def run_trial(out: Path, kind: str, number: int, attempts: int) -> Row:
     """Run and score one manipulation.
 
     A trial in which a process did not answer in time, as on a machine with too much to do, is begun anew: that says
     nothing about the manipulation. The row tells how often (``tries``).
 
     Args:
+        out: Folder; the trial's files go to ``trials/<kind>-<number>`` in it.
         kind, number: Of the trial.
         attempts: Planned manipulations at most.
-        out: Folder; the trial's files go to ``trials/<kind>-<number>`` in it.
     """
     trial = draw_trial(kind, number)
-    folder = Path(out) / "trials" / f"{kind}-{number:03d}"
+    folder = out / "trials" / f"{kind}-{number:03d}"
     row: Row = {}
     for tries in range(1, MOST_TRIES + 1):
         row = {"kind": kind, "number": number, "tries": tries, **_try(trial, attempts, folder)}
