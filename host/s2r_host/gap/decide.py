@@ -13,7 +13,7 @@ from s2r_host.gap.evidence import Marginal
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.law import LawFinding
 from s2r_host.gap.problem import Problem
-from s2r_host.gap.search import TEMPER, Scored, Search, Solution, Term
+from s2r_host.gap.search import MAX_EFFECTS, TEMPER, Scored, Search, Solution, Term
 
 TIGHT = 0.05
 LIKE_PARAMETERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
@@ -27,8 +27,9 @@ ALIKE_GAIN, ALIKE_SHARE = (
     12.0,
     0.03,
 )  # log odds within which a wrong number explains a place as well as an effect
+FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
 LOOSENESS = (TIGHT, 0.3, 1.0)
-ONE_CAUSE, ALONE_SLACK = 4.0, 6.0  # log odds
+ONE_CAUSE, ONE_CAUSE_MORE, ALONE_SLACK = 4.0, 12.0, 6.0  # log odds
 LEFTOVER_LIMIT = 1.45
 EXPLAINED_CLOSE, EXPLAINED_SLOPE, EXPLAINED_FAR = 0.6, 0.25, 0.88
 EXPLAINED_GUESSED = 0.5
@@ -162,7 +163,16 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         if not _too_much_left(problem, search, decision):
             return decision
     solution = search.run()
+    looseness = 1.0
+    few = 0 < len(solution.terms) <= MAX_EFFECTS and len(problem.joints) <= FEW_JOINTS
+    if few and _base_matters(search, problem, solution.terms):
+        number = _with_number(problem, search, solution)
+        if number is not None:
+            looseness, solution = number
+            log(f"  + {solution.terms[-1].effect}, a number")
+    search.looseness = looseness
     decision = _name(problem, search, solution)
+    search.looseness = 1.0
     decision.leftover = leftover(problem, solution.prediction, solution)
     decision.explained = explained(problem, search, solution)
     if not solution.terms:
@@ -597,20 +607,10 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
 
     The numbers not named are held tight, or at the error nominal values usually have: the evidence says which.
     """
-    tries: list[tuple[float, float, float, list[tuple[float, Term]]]] = []
-    for looseness in LOOSENESS:
-        search.looseness = looseness
-        constant, alone, scored = _weigh_numbers(problem, search)
-        tries.append((looseness, constant, alone, scored))
-    search.looseness = 1.0
+    tries = _tries(problem, search, [])
     without = tries[0][1] + tries[0][2]
     alone_best = max(constant + alone for _, constant, alone, _ in tries)
-    # One cause before several numbers that moved a little each, as long as it is not much the worse explanation.
-    one = [
-        (scored[0][0] + constant, looseness, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])
-        for looseness, constant, alone, scored in tries
-        if scored and scored[0][0] > alone + ONE_CAUSE and scored[0][0] + constant > alone_best - ALONE_SLACK
-    ]
+    one = _one_cause(tries, ONE_CAUSE)
     if max(alone_best, max((value for value, _, _ in one), default=-np.inf)) < without + 5.0:
         return Decision(
             "nothing_missing", search.finish([], [], []), rejected=_rejected_at_floor(problem, search)
@@ -621,7 +621,7 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
             "parameter_off", solution, parameters_off=moved, rejected=_rejected_at_floor(problem, search)
         )
     if not one:  # small changes of several numbers, none of them certain: the one that comes closest alone
-        _, constant, alone, scored = tries[0]
+        _, _, alone, scored = tries[0]
         if not scored or scored[0][0] < alone + 5.0:
             return Decision("nothing_missing", solution, rejected=_rejected_at_floor(problem, search))
         one = [(0.0, TIGHT, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])]
@@ -642,29 +642,74 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
     return decision
 
 
-def _weigh_numbers(problem: Problem, search: Search) -> tuple[float, float, list[tuple[float, Term]]]:
-    """Everything that is no more than a wrong number, best first, at the looseness that is set.
+Try = tuple[float, float, float, list[tuple[float, Term]]]  # looseness, its evidence, without a term, terms
+
+
+def _tries(problem: Problem, search: Search, terms: list[Term]) -> list[Try]:
+    """Wrong numbers on top of some terms, the other numbers held at each looseness."""
+    found: list[Try] = []
+    for looseness in LOOSENESS:
+        search.looseness = looseness
+        found.append((looseness, *_weigh_numbers(problem, search, terms)))
+    search.looseness = 1.0
+    return found
+
+
+def _one_cause(tries: list[Try], least: float) -> list[tuple[float, float, list[Scored]]]:
+    """Single wrong numbers that pay: evidence, looseness, everything weighed for the place.
+
+    One cause goes before several numbers that moved a little each, as long as it is not much the worse explanation.
+    """
+    alone_best = max(constant + alone for _, constant, alone, _ in tries)
+    return [
+        (scored[0][0] + constant, looseness, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])
+        for looseness, constant, alone, scored in tries
+        if scored and scored[0][0] > alone + least and scored[0][0] + constant > alone_best - ALONE_SLACK
+    ]
+
+
+def _with_number(problem: Problem, search: Search, solution: Solution) -> tuple[float, Solution] | None:
+    """The solution with one wrong number more, and the looseness it was found at; None when none stands out."""
+    one = _one_cause(_tries(problem, search, solution.terms), ONE_CAUSE_MORE)
+    if not one:
+        return None
+    _, looseness, slot = max(one, key=lambda x: x[0])
+    slot = _turned_not_shifted(slot)
+    search.looseness = looseness
+    more = search.finish([*solution.terms, slot[0].term], [*solution.slots, slot], solution.scans)
+    search.looseness = 1.0
+    return looseness, more
+
+
+def _weigh_numbers(
+    problem: Problem, search: Search, terms: list[Term]
+) -> tuple[float, float, list[tuple[float, Term]]]:
+    """Everything that is no more than a wrong number, on top of ``terms``, best first, at the looseness that is set.
 
     Returns:
         Log evidence of that looseness itself, log likelihood without any term, and terms with their log evidence.
     """
     fit = ~problem.held
-    base = search.marginal([], fit, TEMPER)
+    noise = search.noise_level(terms) if terms else TEMPER
+    base = search.marginal(terms, fit, noise)
+    taken = {t.key for t in terms}
     scored: list[tuple[float, Term]] = []
     for name, effect in search.effects.items():
         friction = name in ("coulomb_friction", "viscous_friction")
         if not isinstance(effect, BaseTerm) and not friction and name not in LIKE_PARAMETERS:
             continue
         for j in problem.joints if effect.scope == "joint" else [-1]:
-            if not effect.applies(problem.ctx, j) or (friction and _nominal(problem, name, j) <= 0):
+            if (name, j) in taken or not effect.applies(problem.ctx, j):
                 continue
-            found = search.best_shape((name, j), base, fit, TEMPER, refine=name in LIKE_PARAMETERS)
+            if friction and _nominal(problem, name, j) <= 0:
+                continue
+            found = search.best_shape((name, j), base, fit, noise, refine=name in LIKE_PARAMETERS)
             if found is not None:
                 scored.append(found)
     scored.sort(key=lambda x: -x[0])
     B, d = problem.B[fit], problem.prior * search.looseness
-    _, logdet = np.linalg.slogdet(B.T @ B / TEMPER + np.diag(d**-2.0)) if len(d) else (1.0, 0.0)
-    return -0.5 * logdet - float(np.sum(np.log(d))), -0.5 * base.rss / TEMPER, scored
+    _, logdet = np.linalg.slogdet(B.T @ B / noise + np.diag(d**-2.0)) if len(d) else (1.0, 0.0)
+    return -0.5 * logdet - float(np.sum(np.log(d))), -0.5 * base.rss / noise, scored
 
 
 def _turned_not_shifted(slot: list[Scored]) -> list[Scored]:

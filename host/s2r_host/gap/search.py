@@ -392,7 +392,7 @@ class Search:
             for mask in (block.held, ~block.held):
                 if mask.any() and p.rms(raw, block, mask) > slack * p.floor[block.joint]:
                     return False
-        return chosen != [] or not self.comes_back(chosen)
+        return not self.comes_back(chosen)
 
     def comes_back(self, chosen: list[Term]) -> bool:
         """Does what the terms leave over come back in the second run of the motion? Then it is no noise."""
