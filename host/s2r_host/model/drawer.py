@@ -25,6 +25,8 @@ Array = NDArray[np.floating]
 FRONT_THICKNESS_M = 0.018
 WALL_M = 0.008
 SIDE_CLEARANCE_M = 0.015
+SHELL_M = 0.012  # boxes are at least this much narrower than their fronts
+LEAST_SHELL_POINTS = 60
 CABINET_DEPTH_M = 0.40
 LEAST_FRONT_POINTS = 300
 OUTWARD_COS = 0.9
@@ -180,6 +182,15 @@ def _cabinet(X: Array, seen: ObservedObject, low: Array, high: Array) -> tuple[A
     if len(q) < 150:
         return None, None
     a, b = np.percentile(q, [1, 99], axis=0)
+    # The drawer's own walls slide within their planes and look unmoved; they keep clear of the front's outline.
+    shell = (
+        (q[:, 1] < low[1] + SHELL_M)
+        | (q[:, 1] > high[1] - SHELL_M)
+        | (q[:, 2] < low[2])
+        | (q[:, 2] > high[2] - SHELL_M)
+    )
+    if shell.sum() >= LEAST_SHELL_POINTS:
+        b[0] = float(np.percentile(q[shell, 0], 99))
     a[2] = seen.support_height - X[:3, 3] @ seen.up
     # Seen from the front only, the back is a guess.
     if b[0] - a[0] < 0.08:
