@@ -18,6 +18,7 @@ Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 PIECE_CELL_M = 0.03
+APART_M = 0.2  # what hides a stretch of a part is not wider
 NORMAL_LENGTH_M = 0.03  # a right angle between normals counts like 4 cm of distance
 
 
@@ -74,7 +75,10 @@ def _one(
 
 
 def _keep_large(view: View, part: Mask) -> Mask:
-    """Drop pieces that hang together over 3 cm cells but hold less than 5 % of the part: noise far away."""
+    """Drop pieces that hang together over 3 cm cells but hold less than 5 % of the part, or lie far from its largest.
+
+    A lever has so few points that ghosts on the table a metre behind it hold more than 5 % of them.
+    """
     if not part.any():
         return part
     p = view.points[part]
@@ -85,8 +89,10 @@ def _keep_large(view: View, part: Mask) -> Mask:
     )
     of_point = label[inverse.ravel()]
     size = np.bincount(of_point)
+    largest = cKDTree(cell[label == int(size.argmax())].astype(np.float64))
+    near = largest.query(cell.astype(np.float64))[0] * PIECE_CELL_M < APART_M
     result = part.copy()
-    result[np.flatnonzero(part)] = size[of_point] >= max(30, 0.05 * len(p))
+    result[np.flatnonzero(part)] = (size[of_point] >= max(30, 0.05 * len(p))) & near[inverse.ravel()]
     return result
 
 
