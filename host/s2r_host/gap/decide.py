@@ -9,31 +9,36 @@ import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.effects.base import Value
-from s2r_host.gap.evidence import Marginal
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.law import LawFinding
 from s2r_host.gap.problem import Problem
-from s2r_host.gap.search import MAX_EFFECTS, TEMPER, Scored, Search, Solution, Term
+from s2r_host.gap.search import MAX_EFFECTS, Scored, Search, Solution, Term
+from s2r_host.gap.wrong_number import (
+    ALIKE_GAIN,
+    ALIKE_SHARE,
+    LIKE_PARAMETERS,
+    ONE_CAUSE,
+    TIGHT,
+    base_matters,
+    nominal_friction_of,
+    one_cause,
+    tries_of,
+    turned_not_shifted,
+    with_number,
+)
 
-TIGHT = 0.05
-LIKE_PARAMETERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
 # What an effect of this name is called as a wrong number, and the value the model gives it.
 AS_PARAMETER = {
     "payload": ("payload_mass", 0.0),
     "armature": ("armature", None),
     "effort_scale": ("effort_scale", 1.0),
 }
-ALIKE_GAIN, ALIKE_SHARE = (
-    12.0,
-    0.03,
-)  # log odds within which a wrong number explains a place as well as an effect
 FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
-LOOSENESS = (TIGHT, 0.3, 1.0)
-ONE_CAUSE, ONE_CAUSE_MORE, ALONE_SLACK = 4.0, 12.0, 6.0  # log odds
 LEFTOVER_LIMIT = 1.45
 EXPLAINED_CLOSE, EXPLAINED_SLOPE, EXPLAINED_FAR = 0.6, 0.25, 0.88
 EXPLAINED_GUESSED = 0.5
 SLOW_S, SLOW_DOUBT = 0.011, 1.3
+NO_WORSE = 1.3
 SMALL_CHANGE = 0.6
 HEAT, CEILING = 0.003, 0.96
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out
@@ -165,9 +170,9 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     solution = search.run()
     looseness = 1.0
     few = 0 < len(solution.terms) <= MAX_EFFECTS and len(problem.joints) <= FEW_JOINTS
-    if few and _base_matters(search, problem, solution.terms):
-        number = _with_number(problem, search, solution)
-        if number is not None:
+    if few and base_matters(search, problem, solution.terms):
+        number = with_number(problem, search, solution)
+        if number is not None and _fits_as_well(problem, solution, number[1]):
             looseness, solution = number
             log(f"  + {solution.terms[-1].effect}, a number")
     search.looseness = looseness
@@ -179,7 +184,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         if decision.leftover > LEFTOVER_LIMIT * _doubt(problem) or search.comes_back([]):
             decision.verdict = "unknown"
             decision.reasons.append("no effect of the catalogue removes the leftover")
-        elif _base_matters(search, problem):
+        elif base_matters(search, problem):
             decision = _parameters_only(problem, search)
         return decision
     if _too_much_left(problem, search, decision):
@@ -195,6 +200,14 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
             )  # fmt: skip
         decision.verdict, decision.effects = "unknown", []
     return decision
+
+
+def _fits_as_well(problem: Problem, before: Solution, after: Solution) -> bool:
+    """Numbers held tighter must not cost what a single one gains."""
+    left = leftover(problem, after.prediction, after)
+    return left <= max(
+        LEFTOVER_LIMIT * _doubt(problem), NO_WORSE * leftover(problem, before.prediction, before)
+    )
 
 
 def _too_much_left(problem: Problem, search: Search, decision: Decision) -> bool:
@@ -350,7 +363,7 @@ def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
     elif decision.parameters_off:
         decision.verdict = "parameter_off"
     decision.rejected = _rejected(problem, search, solution)
-    if solution.terms and _base_matters(search, problem, solution.terms):
+    if solution.terms and base_matters(search, problem, solution.terms):
         known = {(p["name"], p.get("body", p.get("joint"))) for p in decision.parameters_off}
         for entry in _base_entries(problem, solution):
             if (entry["name"], entry.get("body", entry.get("joint"))) not in known:
@@ -570,47 +583,15 @@ def _rejected_at_floor(problem: Problem, search: Search) -> list[dict]:
 # --- base parameters ------------------------------------------------------------------------------------------
 
 
-def _evidence(search: Search, problem: Problem, terms: list[Term], prior: np.ndarray, noise: float) -> float:
-    """Log evidence of the fit rows under a prior for the base parameters."""
-    fit = ~problem.held
-    y, parts = problem.y[fit], [problem.B[fit]]
-    deviations = [prior]
-    for term in terms:
-        C, fixed, _, deviation = search.matrix(term)
-        parts.append(C[fit])
-        deviations.append(deviation)
-        if fixed is not None:
-            y = y - fixed[fit]
-    B, d = np.concatenate(parts, axis=1), np.concatenate(deviations)
-    m = Marginal(y, B, d, noise)
-    _, logdet = np.linalg.slogdet(B.T @ B / noise + np.diag(1.0 / d**2))
-    return -0.5 * m.rss / noise - 0.5 * logdet - float(np.sum(np.log(d)))
-
-
-def _base_matters(search: Search, problem: Problem, terms: list[Term] | None = None) -> bool:
-    """Do small changes of base parameters (timing and offsets apart) pay for themselves?"""
-    if not problem.base:
-        return False
-    free = np.array([p.name not in ("timing", "edge", "effort_offset") for p in problem.base])
-    if not free.any():
-        return False
-    tight = np.where(free, problem.prior * TIGHT, problem.prior)
-    noise = search.noise_level(terms or [])
-    return (
-        _evidence(search, problem, terms or [], problem.prior, noise)
-        > _evidence(search, problem, terms or [], tight, noise) + 5.0
-    )
-
-
 def _parameters_only(problem: Problem, search: Search) -> Decision:
     """Name the one number (or the effect that is no more than a number) that explains the gap, or list what moved.
 
     The numbers not named are held tight, or at the error nominal values usually have: the evidence says which.
     """
-    tries = _tries(problem, search, [])
+    tries = tries_of(problem, search, [])
     without = tries[0][1] + tries[0][2]
     alone_best = max(constant + alone for _, constant, alone, _ in tries)
-    one = _one_cause(tries, ONE_CAUSE)
+    one = one_cause(tries, ONE_CAUSE)
     if max(alone_best, max((value for value, _, _ in one), default=-np.inf)) < without + 5.0:
         return Decision(
             "nothing_missing", search.finish([], [], []), rejected=_rejected_at_floor(problem, search)
@@ -626,7 +607,7 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
             return Decision("nothing_missing", solution, rejected=_rejected_at_floor(problem, search))
         one = [(0.0, TIGHT, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])]
     _, best, slot = max(one, key=lambda x: x[0])
-    slot = _turned_not_shifted(slot)
+    slot = turned_not_shifted(slot)
     search.looseness = best
     solution = search.finish([slot[0].term], [slot], [])
     named = _named(problem, search, solution, 0, slot)
@@ -640,94 +621,6 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
     decision.explained = explained(problem, search, solution)
     decision.leftover = leftover(problem, solution.prediction, solution)
     return decision
-
-
-Try = tuple[float, float, float, list[tuple[float, Term]]]  # looseness, its evidence, without a term, terms
-
-
-def _tries(problem: Problem, search: Search, terms: list[Term]) -> list[Try]:
-    """Wrong numbers on top of some terms, the other numbers held at each looseness."""
-    found: list[Try] = []
-    for looseness in LOOSENESS:
-        search.looseness = looseness
-        found.append((looseness, *_weigh_numbers(problem, search, terms)))
-    search.looseness = 1.0
-    return found
-
-
-def _one_cause(tries: list[Try], least: float) -> list[tuple[float, float, list[Scored]]]:
-    """Single wrong numbers that pay: evidence, looseness, everything weighed for the place.
-
-    One cause goes before several numbers that moved a little each, as long as it is not much the worse explanation.
-    """
-    alone_best = max(constant + alone for _, constant, alone, _ in tries)
-    return [
-        (scored[0][0] + constant, looseness, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])
-        for looseness, constant, alone, scored in tries
-        if scored and scored[0][0] > alone + least and scored[0][0] + constant > alone_best - ALONE_SLACK
-    ]
-
-
-def _with_number(problem: Problem, search: Search, solution: Solution) -> tuple[float, Solution] | None:
-    """The solution with one wrong number more, and the looseness it was found at; None when none stands out."""
-    one = _one_cause(_tries(problem, search, solution.terms), ONE_CAUSE_MORE)
-    if not one:
-        return None
-    _, looseness, slot = max(one, key=lambda x: x[0])
-    slot = _turned_not_shifted(slot)
-    search.looseness = looseness
-    more = search.finish([*solution.terms, slot[0].term], [*solution.slots, slot], solution.scans)
-    search.looseness = 1.0
-    return looseness, more
-
-
-def _weigh_numbers(
-    problem: Problem, search: Search, terms: list[Term]
-) -> tuple[float, float, list[tuple[float, Term]]]:
-    """Everything that is no more than a wrong number, on top of ``terms``, best first, at the looseness that is set.
-
-    Returns:
-        Log evidence of that looseness itself, log likelihood without any term, and terms with their log evidence.
-    """
-    fit = ~problem.held
-    noise = search.noise_level(terms) if terms else TEMPER
-    base = search.marginal(terms, fit, noise)
-    taken = {t.key for t in terms}
-    scored: list[tuple[float, Term]] = []
-    for name, effect in search.effects.items():
-        friction = name in ("coulomb_friction", "viscous_friction")
-        if not isinstance(effect, BaseTerm) and not friction and name not in LIKE_PARAMETERS:
-            continue
-        for j in problem.joints if effect.scope == "joint" else [-1]:
-            if (name, j) in taken or not effect.applies(problem.ctx, j):
-                continue
-            if friction and _nominal(problem, name, j) <= 0:
-                continue
-            found = search.best_shape((name, j), base, fit, noise, refine=name in LIKE_PARAMETERS)
-            if found is not None:
-                scored.append(found)
-    scored.sort(key=lambda x: -x[0])
-    B, d = problem.B[fit], problem.prior * search.looseness
-    _, logdet = np.linalg.slogdet(B.T @ B / noise + np.diag(d**-2.0)) if len(d) else (1.0, 0.0)
-    return -0.5 * logdet - float(np.sum(np.log(d))), -0.5 * base.rss / noise, scored
-
-
-def _turned_not_shifted(slot: list[Scored]) -> list[Scored]:
-    """Put a turned zero (encoder or base) before a centre of mass that explains as much.
-
-    A centre of mass that is off by just a turn about the joint, at the same distance, would be a coincidence.
-    """
-    if not slot[0].term.effect.startswith(f"{PREFIX}com"):
-        return slot
-    turned = [s for s in slot if s.term.effect in ("encoder_offset", "gravity_tilt")]
-    if not turned or turned[0].gain < slot[0].gain - max(ALIKE_GAIN, ALIKE_SHARE * slot[0].gain):
-        return slot
-    return [*turned, *(s for s in slot if s not in turned and not s.term.effect.startswith(f"{PREFIX}com"))]
-
-
-def _nominal(problem: Problem, name: str, joint: int) -> float:
-    m = problem.ctx.model.model
-    return float(m.dof_frictionloss[joint] if name == "coulomb_friction" else m.dof_damping[joint])
 
 
 def _off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
@@ -755,7 +648,7 @@ def _off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
         if named.name == "payload":
             place = problem.ctx.model.body_name(int(dict(named.term.shape)["body"]))
         return [_off(label, place, named.name != "payload", nominal, p)]
-    nominal = _nominal(problem, named.name, named.term.joint)
+    nominal = nominal_friction_of(problem, named.name, named.term.joint)
     shifted = p | {"value": nominal + p["value"], "interval90": [nominal + x for x in p["interval90"]]}
     label = "frictionloss" if named.name == "coulomb_friction" else "damping"
     return [_off(label, named.joint, True, nominal, shifted)]

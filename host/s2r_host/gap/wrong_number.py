@@ -1,0 +1,144 @@
+"""Wrong numbers: what a value of the model that is off explains, alone or beside effects.
+
+Every base parameter, and every effect that is no more than a number (a load, a motor's inertia, a scale, a turned
+zero), is weighed with the other numbers held tight, at the error nominal values usually have, or loose.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.base_terms import PREFIX, BaseTerm
+from s2r_host.gap.evidence import Marginal
+from s2r_host.gap.problem import Problem
+from s2r_host.gap.search import TEMPER, Scored, Search, Solution, Term
+
+TIGHT = 0.05
+LIKE_PARAMETERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
+ALIKE_GAIN, ALIKE_SHARE = (
+    12.0,
+    0.03,
+)  # log odds within which a wrong number explains a place as well as an effect
+LOOSENESS = (TIGHT, 0.3, 1.0)
+ONE_CAUSE, ONE_CAUSE_MORE, ALONE_SLACK = 4.0, 12.0, 6.0  # log odds
+
+
+def _evidence(search: Search, problem: Problem, terms: list[Term], prior: np.ndarray, noise: float) -> float:
+    """Log evidence of the fit rows under a prior for the base parameters."""
+    fit = ~problem.held
+    y, parts = problem.y[fit], [problem.B[fit]]
+    deviations = [prior]
+    for term in terms:
+        C, fixed, _, deviation = search.matrix(term)
+        parts.append(C[fit])
+        deviations.append(deviation)
+        if fixed is not None:
+            y = y - fixed[fit]
+    B, d = np.concatenate(parts, axis=1), np.concatenate(deviations)
+    m = Marginal(y, B, d, noise)
+    _, logdet = np.linalg.slogdet(B.T @ B / noise + np.diag(1.0 / d**2))
+    return -0.5 * m.rss / noise - 0.5 * logdet - float(np.sum(np.log(d)))
+
+
+def base_matters(search: Search, problem: Problem, terms: list[Term] | None = None) -> bool:
+    """Do small changes of base parameters (timing and offsets apart) pay for themselves?"""
+    if not problem.base:
+        return False
+    free = np.array([p.name not in ("timing", "edge", "effort_offset") for p in problem.base])
+    if not free.any():
+        return False
+    tight = np.where(free, problem.prior * TIGHT, problem.prior)
+    noise = search.noise_level(terms or [])
+    return (
+        _evidence(search, problem, terms or [], problem.prior, noise)
+        > _evidence(search, problem, terms or [], tight, noise) + 5.0
+    )
+
+
+Try = tuple[float, float, float, list[tuple[float, Term]]]  # looseness, its evidence, without a term, terms
+
+
+def tries_of(problem: Problem, search: Search, terms: list[Term]) -> list[Try]:
+    """Wrong numbers on top of some terms, the other numbers held at each looseness."""
+    found: list[Try] = []
+    for looseness in LOOSENESS:
+        search.looseness = looseness
+        found.append((looseness, *_weigh_numbers(problem, search, terms)))
+    search.looseness = 1.0
+    return found
+
+
+def one_cause(tries: list[Try], least: float) -> list[tuple[float, float, list[Scored]]]:
+    """Single wrong numbers that pay: evidence, looseness, everything weighed for the place.
+
+    One cause goes before several numbers that moved a little each, as long as it is not much the worse explanation.
+    """
+    alone_best = max(constant + alone for _, constant, alone, _ in tries)
+    return [
+        (scored[0][0] + constant, looseness, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])
+        for looseness, constant, alone, scored in tries
+        if scored and scored[0][0] > alone + least and scored[0][0] + constant > alone_best - ALONE_SLACK
+    ]
+
+
+def with_number(problem: Problem, search: Search, solution: Solution) -> tuple[float, Solution] | None:
+    """The solution with one wrong number more, and the looseness it was found at; None when none stands out."""
+    one = one_cause(tries_of(problem, search, solution.terms), ONE_CAUSE_MORE)
+    if not one:
+        return None
+    _, looseness, slot = max(one, key=lambda x: x[0])
+    slot = turned_not_shifted(slot)
+    search.looseness = looseness
+    more = search.finish([*solution.terms, slot[0].term], [*solution.slots, slot], solution.scans)
+    search.looseness = 1.0
+    return looseness, more
+
+
+def _weigh_numbers(
+    problem: Problem, search: Search, terms: list[Term]
+) -> tuple[float, float, list[tuple[float, Term]]]:
+    """Everything that is no more than a wrong number, on top of ``terms``, best first, at the looseness that is set.
+
+    Returns:
+        Log evidence of that looseness itself, log likelihood without any term, and terms with their log evidence.
+    """
+    fit = ~problem.held
+    noise = search.noise_level(terms) if terms else TEMPER
+    base = search.marginal(terms, fit, noise)
+    taken = {t.key for t in terms}
+    scored: list[tuple[float, Term]] = []
+    for name, effect in search.effects.items():
+        friction = name in ("coulomb_friction", "viscous_friction")
+        if not isinstance(effect, BaseTerm) and not friction and name not in LIKE_PARAMETERS:
+            continue
+        for j in problem.joints if effect.scope == "joint" else [-1]:
+            if (name, j) in taken or not effect.applies(problem.ctx, j):
+                continue
+            if friction and nominal_friction_of(problem, name, j) <= 0:
+                continue
+            found = search.best_shape((name, j), base, fit, noise, refine=name in LIKE_PARAMETERS)
+            if found is not None:
+                scored.append(found)
+    scored.sort(key=lambda x: -x[0])
+    B, d = problem.B[fit], problem.prior * search.looseness
+    _, logdet = np.linalg.slogdet(B.T @ B / noise + np.diag(d**-2.0)) if len(d) else (1.0, 0.0)
+    return -0.5 * logdet - float(np.sum(np.log(d))), -0.5 * base.rss / noise, scored
+
+
+def turned_not_shifted(slot: list[Scored]) -> list[Scored]:
+    """Put a turned zero (encoder or base) before a centre of mass that explains as much.
+
+    A centre of mass that is off by just a turn about the joint, at the same distance, would be a coincidence.
+    """
+    if not slot[0].term.effect.startswith(f"{PREFIX}com"):
+        return slot
+    turned = [s for s in slot if s.term.effect in ("encoder_offset", "gravity_tilt")]
+    if not turned or turned[0].gain < slot[0].gain - max(ALIKE_GAIN, ALIKE_SHARE * slot[0].gain):
+        return slot
+    return [*turned, *(s for s in slot if s not in turned and not s.term.effect.startswith(f"{PREFIX}com"))]
+
+
+def nominal_friction_of(problem: Problem, name: str, joint: int) -> float:
+    """Dry or viscous friction the model gives a joint: N·m or N, or per unit of speed."""
+    m = problem.ctx.model.model
+    return float(m.dof_frictionloss[joint] if name == "coulomb_friction" else m.dof_damping[joint])
