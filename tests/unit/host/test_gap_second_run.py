@@ -1,0 +1,70 @@
+"""What comes back in the second run of a motion is no noise; what comes in another unit is refused."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from s2r_host.gap.checks import check_units
+from s2r_host.gap.errors import GapRecordingError
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.problem import build_problem
+from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.rig import write_model
+from s2r_host.gap.search import Search
+from s2r_host.gap.session import make_session
+
+DT, KP, KD = 0.004, 40.0, 2.0
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
+
+
+def recorded(model, index, phase, hidden=0.0, unit=1.0):
+    """A motion and the effort the model needs, slow noise of 0.05 N·m and a hidden force tied to the clock."""
+    rng = np.random.default_rng(index)
+    t = np.arange(0, 20, DT)
+    q = 0.6 * np.sin(1.7 * t + phase) + 0.2 * np.sin(5.3 * t + 2.0 * phase)
+    dq = np.gradient(q, DT)
+    noise = lfilter([0.2], [1.0, -0.96], rng.normal(size=len(t)))
+    u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0]
+    u = u + 0.05 * noise / np.std(noise) + hidden * np.sin(2.0 * np.pi * 1.37 * t)
+    q_cmd, dq_cmd = q + u / KP, dq
+    channels = {
+        "q": {"elbow": unit * q}, "dq": {"elbow": unit * dq}, "tau": {"elbow": u},
+        "q_cmd": {"elbow": unit * q_cmd}, "dq_cmd": {"elbow": unit * dq_cmd},
+    }  # fmt: skip
+    law = Controller("pd", {"elbow": KP}, {"elbow": KD}, {}, 250.0)
+    return make_session(
+        model, Recording(f"r{index}", t, channels, law, "commanded", "q_cmd", "a", "", ()), index
+    )
+
+
+def searched(model, hidden):
+    fit, again, held = (recorded(model, k, phase, hidden) for k, phase in ((0, 0.0), (1, 0.0), (2, 1.0)))
+    return Search(build_problem(model, [fit], [held], [again]))
+
+
+def test_noise_does_not_come_back_in_the_second_run(model):
+    assert not searched(model, 0.0).comes_back([])
+
+
+def test_a_force_as_small_as_the_noise_comes_back_in_the_second_run(model):
+    search = searched(model, 0.08)
+    assert search.comes_back([])
+    assert not search.at_floor([])
+
+
+def test_without_a_second_run_nothing_is_said_about_coming_back(model):
+    fit, held = recorded(model, 0, 0.0, 0.08), recorded(model, 2, 1.0, 0.08)
+    assert not Search(build_problem(model, [fit], [held], [])).comes_back([])
+
+
+def test_positions_in_degrees_are_refused_by_what_the_controller_would_ask_for(model):
+    with pytest.raises(GapRecordingError, match="degrees"):
+        check_units(model, recorded(model, 0, 0.0, unit=180.0 / np.pi))
+
+
+def test_positions_in_radians_pass(model):
+    check_units(model, recorded(model, 0, 0.0))
