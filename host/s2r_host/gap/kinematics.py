@@ -61,7 +61,7 @@ def contradiction(model: RigidModel, fit: list[Session], joint: int) -> Contradi
     size = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
     noise = max(x.noise for x in tracks)
     unit = model.unit(name)
-    if all(frozen := [_frozen(s, name) for s in fit]):
+    if size > noise and all(frozen := [_frozen(s, name) for s in fit]):
         words = f"the position of '{name}' stands still {len(frozen[0])} times while its speed does not"
         return Contradiction(joint, size, noise, None, frozen[0], words)
     if size < CLEAR * noise:
