@@ -63,7 +63,7 @@ def build_model(
     out_dir: Path | str,
     *,
     outward: bool = False,
-    time_limit_s: float = 10.0,
+    cpu_limit_s: float = 20.0,
     seed: int = 0,
 ) -> ObjectModel:
     """Build the model of the object that moved and write ``object.xml`` and ``object.urdf``.
@@ -72,7 +72,7 @@ def build_model(
         estimate: The joint, with both views.
         out_dir: Folder to write into (made if missing).
         outward: For drawers: let the joint grow out of the cabinet, whatever way it moved between the views.
-        time_limit_s: For each convex decomposition.
+        cpu_limit_s: Processor time for each convex decomposition.
         seed: Of the sampling.
 
     Raises:
@@ -93,8 +93,8 @@ def build_model(
         joint_range = _slide_range(drawer, estimate)
         warnings += _drawer_warnings(drawer)
     else:
-        part, warnings = part_pieces(seen, rng, time_limit_s)
-        base, more = base_pieces(seen, estimate.axis_origin_m, estimate.axis_direction, rng, time_limit_s)
+        part, warnings = part_pieces(seen, rng, cpu_limit_s)
+        base, more = base_pieces(seen, estimate.axis_origin_m, estimate.axis_direction, rng, cpu_limit_s)
         pieces, warnings = part + base, warnings + more
         joint_range = _wide_range(estimate)
     if not any(piece.body == "part" for piece in pieces):

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 
 import numpy as np
 
 
 def main() -> None:
-    """``python -m s2r_host.model.coacd_worker IN.npz OUT.npz``."""
+    """``python -m s2r_host.model.coacd_worker IN.npz OUT.npz CPU_SECONDS``; beyond those it ends by SIGPROF."""
     import coacd
 
     coacd.set_log_level("error")
-    source, target = sys.argv[1:3]
+    source, target, cpu_limit_s = sys.argv[1:4]
+    signal.setitimer(signal.ITIMER_PROF, float(cpu_limit_s))  # unhandled, SIGPROF ends the process
     with np.load(source) as content:
         mesh = coacd.Mesh(content["vertices"], content["faces"])
     parts = coacd.run_coacd(

@@ -24,21 +24,21 @@ CELL_M = 0.005
 
 
 def part_pieces(
-    seen: ObservedObject, rng: np.random.Generator, time_limit_s: float
+    seen: ObservedObject, rng: np.random.Generator, cpu_limit_s: float
 ) -> tuple[list[Piece], list[str]]:
     """Pieces of the moving part and warnings."""
-    return _pieces("part", seen.part, seen.part_normals, seen, None, rng, time_limit_s)
+    return _pieces("part", seen.part, seen.part_normals, seen, None, rng, cpu_limit_s)
 
 
 def base_pieces(
-    seen: ObservedObject, p_axis: Array, direction: Array, rng: np.random.Generator, time_limit_s: float
+    seen: ObservedObject, p_axis: Array, direction: Array, rng: np.random.Generator, cpu_limit_s: float
 ) -> tuple[list[Piece], list[str]]:
     """Pieces of the standing part: what is linked to the moving part, filled down to the support."""
     near = _near_part(seen)
     if near.sum() < 200:
         return [], ["nothing that stands still was seen beside the part; the base is empty"]
     return _pieces(
-        "base", seen.rest[near], seen.rest_normals[near], seen, seen.support_height, rng, time_limit_s
+        "base", seen.rest[near], seen.rest_normals[near], seen, seen.support_height, rng, cpu_limit_s
     )
 
 
@@ -64,7 +64,7 @@ def _near_part(seen: ObservedObject) -> NDArray[np.bool_]:
 
 def _pieces(
     body: Literal["base", "part"], points: Array, normals: Array, seen: ObservedObject, floor: float | None,
-    rng: np.random.Generator, time_limit_s: float,
+    rng: np.random.Generator, cpu_limit_s: float,
 ) -> tuple[list[Piece], list[str]]:  # fmt: skip
     chosen = rng.permutation(len(points))[:12000]
     p, n = points[chosen], normals[chosen]
@@ -79,7 +79,7 @@ def _pieces(
         pieces += _plate(f"plate{k}", body, p[on], plane, seen, floor)
     left &= ~_inside(p, pieces)
     if left.sum() >= LEAST_FREE_POINTS:
-        hulls, warning = decompose(_thickened(p[left], seen), VOXEL_M, time_limit_s)
+        hulls, warning = decompose(_thickened(p[left], seen), VOXEL_M, cpu_limit_s)
         pieces += [hull(f"free{k}", body, vertices) for k, vertices in enumerate(hulls)]
         warnings += [warning] if warning else []
     return pieces, warnings

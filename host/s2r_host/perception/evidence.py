@@ -2,7 +2,7 @@
 
 Every point that moved for sure is carried into the other view. It should land on a surface that was not there
 before. Landing behind a seen surface proves nothing; landing where the camera looked through, or on a surface
-that did not change, speaks against the motion.
+that did not change, speaks against the motion, unless a flat thing slides over its own former place.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ COST_FREE = 1.2
 COST_STATIC = 0.8
 COST_NORMAL = 0.7
 COST_UNSEEN = 0.55
+COST_OVER_ITSELF = 0.1  # a plate that slides within its own plane covers where it was: nothing changes there
+COST_THROUGH = 0.5  # it cannot pass through another one in that plane on its way, though
 COST_INSIDE = 0.65  # behind a surface that did not change, so perhaps inside a solid
 COST_FOREIGN = 0.6  # per point of a patch that the motion does not explain at all: a hand, a cable, a shadow
 PATCH_M = 0.05
@@ -144,13 +146,24 @@ def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: 
     cosine = agreement(n.reshape(-1, 3), target_n, view.oriented and part.oriented)
     both_ok = np.broadcast_to(part.normal_ok, (h, m)).ravel() & view.normal_ok[index]
     cost[surface & both_ok & (cosine < 0.8)] = COST_NORMAL
-    cost[surface & (label[index] == Change.STATIC)] = COST_STATIC
+    static = surface & (label[index] == Change.STATIC)
+    cost[static] = COST_STATIC
+    cost[static & both_ok & (cosine > 0.95) & _in_plane(X, n)] = COST_OVER_ITSELF
     if view.oriented and part.oriented:
         behind = -np.einsum("ni,ni->n", p.reshape(-1, 3) - view.points[index], target_n)
         back = both_ok & (surface | (found.seen == Seen.HIDDEN)) & (cosine < -0.8)
         back &= (label[index] != Change.STATIC) & (behind > -band) & (behind < THICKEST_M + band)
         cost[back] = COST_BACK
     return cost.reshape(h, m)
+
+
+def _in_plane(X: Array, n: Array) -> NDArray[np.bool_]:
+    """Which carried points slide within their own surface, flat (h × m,); ``n`` (h, m, 3) are their normals."""
+    way = X[:, :3, 3]
+    length = np.linalg.norm(way, axis=1)
+    slides = (np.abs(X[:, :3, :3] - np.eye(3)).max(axis=(1, 2)) < 1e-9) & (length > 1e-9)
+    across = np.abs(np.einsum("hmi,hi->hm", n, way)) / np.maximum(length, 1e-9)[:, None]
+    return ((across < 0.1) & slides[:, None]).ravel()
 
 
 def turned_away(X: Array, part: Probe, view: View) -> NDArray[np.bool_]:
@@ -178,11 +191,24 @@ def score(motions: list[JointMotion], scene: Scene, before: Probe, after: Probe,
         part = slice(start, start + 512)
         if len(before.points):
             cost = carry(X[part], before, scene.after, scene.changes.after, extra_m)
+            cost += COST_THROUGH * _passes_through(X[part], cost, before, scene, extra_m)
             total[part] += _by_patch(cost, before)
         if len(after.points):
             cost = carry(X_back[part], after, scene.before, scene.changes.before, extra_m)
             total[part] += _by_patch(cost, after)
     return total / max(count, 1)
+
+
+def _passes_through(X: Array, cost: Array, part: Probe, scene: Scene, extra_m: float) -> Array:
+    """Which points of the first view (h, m) meet a surface of their own plane half-way and leave it again."""
+    halfway = X.copy()
+    halfway[:, :3, 3] *= 0.5
+    slides = np.flatnonzero(np.abs(X[:, :3, :3] - np.eye(3)).max(axis=(1, 2)) < 1e-9)
+    through = np.zeros(cost.shape)
+    if len(slides):
+        met = carry(halfway[slides], part, scene.after, scene.changes.after, extra_m) == COST_OVER_ITSELF
+        through[slides] = met & (cost[slides] != COST_OVER_ITSELF)
+    return through
 
 
 def _by_patch(cost: Array, part: Probe) -> Array:

@@ -48,6 +48,31 @@ def test_the_drawer_front_is_in_the_part_and_the_cabinet_is_not(drawer, drawer_e
     assert (found & true).sum() / found.sum() > 0.85
 
 
+@pytest.mark.parametrize("handle", [True, False])
+def test_a_panel_that_slides_within_its_own_plane_is_not_taken_for_its_two_ends(handle):
+    """What changes are the strip it leaves and the strip it covers; between them the panel looks as before."""
+    rng = np.random.default_rng(2)
+    K = np.array([[460.0, 0, 319.5], [0, 460.0, 239.5], [0, 0, 1]])
+
+    def box(size, p):
+        X = np.eye(4)
+        X[:3, 3] = p
+        return scenes.Box(X, np.array(size))
+
+    static = [box((0.3, 0.02, 0.3), (0.9, y, 0.15)) for y in (-0.3, 0.3)]
+    static += [box((2, 2, 0.02), (0.8, 0, -0.01)), box((0.02, 0.6, 0.3), (1.04, 0, 0.15))]
+    part = [box((0.01, 0.3, 0.26), (0.745, -0.1, 0.15))]
+    if handle:
+        part.append(box((0.02, 0.02, 0.08), (0.73, 0.0, 0.15)))
+    motion = JointMotion("prismatic", np.zeros(3), np.array([0.0, 1.0, 0.0]), 0.16)
+    X_camera = scenes.look_at(np.array([0.05, -0.2, 0.5]), np.array([0.8, 0.0, 0.1]))
+    seen = scenes.pair(static, part, motion, K, (480, 640), X_camera, rng)
+    found = estimate_joint(seen.before, seen.after)
+    assert found.joint_type == "prismatic"
+    assert angle_deg(found.axis_direction, motion.direction) < 1.5
+    assert found.delta == pytest.approx(0.16, abs=0.004)
+
+
 def test_a_turned_lid_is_revolute_with_axis_hinge_and_angle(laptop, laptop_estimate):
     assert (laptop_estimate.joint_type, laptop_estimate.unit) == ("revolute", "rad")
     assert angle_deg(laptop_estimate.axis_direction, laptop.motion.direction) < 2.0
