@@ -69,6 +69,11 @@ def _done(
                 yield waiting.pop(future), future.result()
 
 
+def results_in(results: Path) -> list[dict[str, Any]]:
+    """All results of a file, in the order they were written; none if it is not there."""
+    return list(dict(_read(results)).values())
+
+
 def _key(job: Job) -> str:
     return json.dumps(list(job))
 

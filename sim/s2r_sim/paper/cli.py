@@ -28,16 +28,27 @@ from s2r_protocol.exits import UsageError
 @click.option(
     "--page", type=click.Path(path_type=Path, dir_okay=False), help="Where to write the results page."
 )
+@click.option("--page-only", is_flag=True, help="Run nothing; write the page from all results there are.")
+@click.option("--note", default="", help="A remark for the page, e.g. under which conditions it was run.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def paper(
-    kinds: str, trials: int, first: int, attempts: int, jobs: int, out: Path, page: Path | None, as_json: bool
+    kinds: str,
+    trials: int,
+    first: int,
+    attempts: int,
+    jobs: int,
+    out: Path,
+    page: Path | None,
+    page_only: bool,
+    note: str,
+    as_json: bool,
 ) -> None:
     """Move parts of never-seen drawers, laptops and faucets by random amounts and score against the sealed truth.
 
     Each trial runs stand-in, executor and host in lock-step: look, push, model, plan, execute, measure. An interrupted
     campaign goes on where it was.
     """
-    from s2r_sim.batch import run_jobs
+    from s2r_sim.batch import results_in, run_jobs
     from s2r_sim.paper.page import write_page
     from s2r_sim.paper.summary import merit
     from s2r_sim.paper.trial import run_trial
@@ -48,10 +59,13 @@ def paper(
         if name not in KINDS:
             raise UsageError(f"unknown kind {name!r}; there are {', '.join(KINDS)}")
     todo = [(name, number, attempts) for number in range(first, first + trials) for name in names]
-    rows = run_jobs(partial(run_trial, out), todo, out / "results.jsonl", jobs, "manipulations")
+    if page_only:
+        rows = [row for row in results_in(out / "results.jsonl") if row["kind"] in names]
+    else:
+        rows = run_jobs(partial(run_trial, out), todo, out / "results.jsonl", jobs, "manipulations")
     options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
     command = f"s2r bench paper {options} --out DIR"
-    write_page(rows, page or out / "results.md", command)
+    write_page(rows, page or out / "results.md", command, note)
     merits = {key: [asdict(merit(rows, name, key)) for name in names] for key in ("delta", "delta_first")}
     if as_json:
         click.echo(json.dumps({"last": merits["delta"], "first": merits["delta_first"]}, indent=1))

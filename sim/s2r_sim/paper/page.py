@@ -12,15 +12,15 @@ from s2r_sim.paper.trials import KINDS
 PICTURE = "results.png"
 
 
-def write_page(rows: Sequence[Row], path: Path, command: str) -> None:
-    """Write the page and, beside it, its picture."""
+def write_page(rows: Sequence[Row], path: Path, command: str, note: str = "") -> None:
+    """Write the page and, beside it, its picture; ``note`` is a remark for the reader."""
     path.parent.mkdir(parents=True, exist_ok=True)
     kinds = [kind for kind in KINDS if any(row["kind"] == kind for row in rows)]
     draw_distribution(rows, kinds, path.parent / PICTURE)
-    path.write_text("\n".join(_lines(rows, kinds, command)) + "\n")
+    path.write_text("\n".join(_lines(rows, kinds, command, note)) + "\n")
 
 
-def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str) -> list[str]:
+def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str, note: str) -> list[str]:
     lines = [
         "# Results",
         "",
@@ -34,6 +34,7 @@ def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str) -> list[str]
         "The host sees depth frames and joint states; the sealed truth is opened after each run.",
         "",
         f"Written by `{command}`.",
+        *([note] if note else []),
         "",
         "δ is what was asked for minus what was done, δ_r its share of what was asked for, both from the sealed truth.",
         "A trial that ended before a planned manipulation counts as a miss in the shares and is left out of the means.",
