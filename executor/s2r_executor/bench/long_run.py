@@ -103,7 +103,7 @@ def stepped_clock(ticks: int = 1_000_000) -> dict[str, float]:
     }
 
 
-def splices(count: int = 200, seed: int = 0) -> dict[str, float]:
+def splices(count: int = 40, seed: int = 0) -> dict[str, float]:
     """Plans that replace a running one at a random moment, admitted as a host's are; how many take over.
 
     Every other one begins up to a milliradian beside the running plan, so that it needs a bridge.
