@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX, BaseTerm
-from s2r_host.gap.effects.base import Value
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.law import LawFinding
+from s2r_host.gap.naming import CEILING, MODEL_ERROR, Z90, Named, named_effect, parameter_table
 from s2r_host.gap.problem import Problem
+from s2r_host.gap.rejected import rejected_at_floor, rejected_list
 from s2r_host.gap.search import MAX_EFFECTS, Scored, Search, Solution, Term
 from s2r_host.gap.wrong_number import (
     ALIKE_GAIN,
@@ -40,52 +41,14 @@ EXPLAINED_GUESSED = 0.5
 SLOW_S, SLOW_DOUBT = 0.011, 1.3
 NO_WORSE = 1.3
 SMALL_CHANGE = 0.6
-HEAT, CEILING = 0.003, 0.96
-MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out
 DRIFT_ODDS, DRIFT_COMMON, DRIFT_LEAST, DRIFT_ERROR = 18.0, 0.7, 0.02, 0.05
 OTHER_MACHINE = 0.4
 FAR_RIGID, FAR_FRICTION, FAR_KINDS, FAR_SCALE = 0.08, 0.3, 4, 2.0
-Z90 = 1.645
 # What a position read behind a compliant gear looks like to the plant's equation.
 BEHIND_THE_SENSOR = (
     "clock_skew", "actuator_delay", "bandwidth", "flexible_part", "backlash", "joint_elasticity", "payload",
     "armature", "presliding",
 )  # fmt: skip
-EQUIVALENT = (
-    ("gravity_tilt", "encoder_offset"),
-    ("actuator_delay", "bandwidth"),
-    ("presliding", "hysteresis"),
-    ("payload", "spring_return"),
-    ("cable_spring", "spring_return"),
-)
-
-
-@dataclass
-class Named:
-    """One effect as answered."""
-
-    term: Term
-    name: str
-    joint: str
-    probability: float
-    could_also_be: list[str]
-    evidence: str
-    parameters: dict[str, dict]
-    theta: np.ndarray
-    log_odds: dict[str, float] = field(default_factory=dict)
-
-    def as_json(self, together: bool) -> dict:
-        """The contract's form."""
-        found = {
-            "name": self.name,
-            "joint": self.joint,
-            "probability": round(self.probability, 4),
-            "could_also_be": self.could_also_be,
-            "evidence": self.evidence,
-            "parameters": self.parameters,
-            "log_odds": {n: round(x, 2) for n, x in self.log_odds.items()},
-        }
-        return found | ({"together": True} if together else {})
 
 
 @dataclass
@@ -160,7 +123,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     if search.at_floor([]):
         log("the nominal model reaches the noise floor")
         solution = search.finish([], [], [])
-        return Decision("nothing_missing", solution, rejected=_rejected_at_floor(problem, search))
+        return Decision("nothing_missing", solution, rejected=rejected_at_floor(problem, search))
     search.looseness = 1.0
     if search.at_floor([]):
         log("small changes of base parameters reach the noise floor")
@@ -352,7 +315,7 @@ def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
     decision = Decision("nothing_missing", solution)
     for i, term in enumerate(solution.terms):
         slot = solution.slots[i] if i < len(solution.slots) else []
-        named = _named(problem, search, solution, i, slot)
+        named = named_effect(problem, search, solution, i, slot)
         if term.effect.startswith(PREFIX) or _is_parameter(problem, term, solution.theta[i], slot):
             decision.parameters_off += _off_entries(problem, search, named)
         else:
@@ -362,7 +325,7 @@ def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
         decision.verdict = "physics_missing"
     elif decision.parameters_off:
         decision.verdict = "parameter_off"
-    decision.rejected = _rejected(problem, search, solution)
+    decision.rejected = rejected_list(problem, search, solution)
     if solution.terms and base_matters(search, problem, solution.terms):
         known = {(p["name"], p.get("body", p.get("joint"))) for p in decision.parameters_off}
         for entry in _base_entries(problem, solution):
@@ -391,87 +354,6 @@ def _is_parameter(problem: Problem, term: Term, theta: np.ndarray, slot: list[Sc
     return nominal > 0 and abs(float(theta[0])) < SMALL_CHANGE * nominal
 
 
-def _named(problem: Problem, search: Search, solution: Solution, i: int, slot: list[Scored]) -> Named:
-    term = solution.terms[i]
-    probabilities = slot_probabilities(search, slot)
-    own = probabilities.get(term.key, CEILING)
-    others = sorted(((p, k) for k, p in probabilities.items() if k != term.key), reverse=True)
-    also = [k[0] for p, k in others if p > 0.05 and k[0] != term.effect and not k[0].startswith(PREFIX)]
-    for group in EQUIVALENT:
-        if term.effect in group:
-            also += [n for n in group if n != term.effect and n not in also and _close(slot, n)]
-    gain = next((s.holdout_gain for s in slot if s.term.key == term.key), 0.0)
-    runner = next((s for s in slot if s.term.key != term.key), None)
-    text = f"removes {gain:.0%} of the held-out misfit in this place"
-    if runner is not None:
-        text += (
-            f"; the next best, {runner.term.effect.removeprefix(PREFIX)}, removes {runner.holdout_gain:.0%}"
-        )
-    joint = "" if term.joint < 0 else problem.ctx.model.joints[term.joint]
-    if term.effect == "payload":
-        joint = problem.ctx.model.joints[-1]
-    elif term.joint < 0 and not term.effect.startswith(PREFIX):
-        joint = problem.ctx.model.joints[0]
-    return Named(
-        term, term.effect, joint, own, also[:1], text, parameter_table(problem, search, solution, i), solution.theta[i],
-        rival_odds(slot),
-    )  # fmt: skip
-
-
-def rival_odds(slot: list[Scored]) -> dict[str, float]:
-    """Log odds of the best explanations of one place by name, nothing at all being zero."""
-    found: dict[str, float] = {}
-    for s in sorted(slot, key=lambda s: -s.gain)[:8]:
-        found.setdefault(s.term.effect.removeprefix(PREFIX), float(s.gain))
-    return found
-
-
-def slot_probabilities(search: Search, slot: list[Scored]) -> dict[tuple[str, int], float]:
-    """Probability of everything that may stand in one place, 'nothing' and 'none of these' included.
-
-    The models behind two explanations err in proportion to the gap, so the difference of their log odds counts
-    less the larger the gap is; not so for an explanation that contains the winner, where only the extra part errs.
-    ``CEILING`` is what the tuning set says of a first name without rivals.
-    """
-    if not slot:
-        return {}
-    scores = {s.term.key: s.gain for s in slot}
-    winner = max(scores, key=lambda k: scores[k])
-    top = scores[winner]
-    heat = 1.0 + HEAT * max(top, 0.0)
-    weights = {("", 0): float(np.exp(max(-top, -60.0)))}
-    for key, gain in scores.items():
-        contains = winner[0] in search.effects[key[0]].contains
-        weights[key] = float(np.exp(max((gain - top) / (1.0 if contains else heat), -60.0)))
-    total = sum(weights.values())
-    return {k: CEILING * w / total for k, w in weights.items() if k[0]}
-
-
-def _close(slot: list[Scored], name: str, margin: float = 8.0) -> bool:
-    best = max((s.gain for s in slot), default=0.0)
-    return any(s.term.effect == name and s.gain > best - margin for s in slot)
-
-
-def parameter_table(problem: Problem, search: Search, solution: Solution, i: int) -> dict[str, dict]:
-    """Values with 90 % intervals; a flat profile makes a parameter unidentifiable."""
-    term = solution.terms[i]
-    effect = search.effects[term.effect]
-    values = effect.parameters(problem.ctx, term.joint, dict(term.shape), solution.theta[i])
-    table = {}
-    for name, value in values.items():
-        deviation, identifiable = _deviation(problem, search, solution, i, value)
-        error = effect.model_error.get(name, MODEL_ERROR)
-        half = Z90 * float(np.linalg.norm([deviation, error * value.value, value.error]))
-        identifiable = identifiable and error < 0.5
-        table[name] = {
-            "value": float(value.value),
-            "unit": value.unit,
-            "interval90": [float(value.value - half), float(value.value + half)],
-            "identifiable": bool(identifiable),
-        }
-    return table
-
-
 def restate(problem: Problem, search: Search, decision: Decision) -> None:
     """Parameter tables of the named effects, after the coefficients of the solution have moved."""
     for named in decision.effects:
@@ -479,105 +361,6 @@ def restate(problem: Problem, search: Search, decision: Decision) -> None:
             i = decision.solution.terms.index(named.term)
             named.theta = decision.solution.theta[i]
             named.parameters = parameter_table(problem, search, decision.solution, i)
-
-
-def _deviation(
-    problem: Problem, search: Search, solution: Solution, i: int, value: Value
-) -> tuple[float, bool]:
-    if value.gradient:
-        g = np.array(value.gradient)
-        deviation = float(np.sqrt(max(g @ solution.covariance[i] @ g, 0.0)))
-        return deviation, deviation < 0.5 * abs(value.value) + 1e-12
-    if value.shape_key is None:
-        return 0.0, True
-    term = solution.terms[i]
-    others = [t for k, t in enumerate(solution.terms) if k != i]
-    step, flat = shape_curvature(search, term, others, solution.noise, value.shape_key)
-    return step * abs(value.scale), not flat
-
-
-def shape_curvature(
-    search: Search, term: Term, others: list[Term], noise: float, key: str
-) -> tuple[float, bool]:
-    """Standard deviation of one shape parameter from the profile of the evidence; second: is it flat?"""
-    fit = ~search.problem.held
-    base = search.marginal(others, fit, noise)
-
-    def value(x: float) -> float:
-        shape = dict(term.shape) | {key: x}
-        C, fixed, positive, prior = search.matrix(Term(term.effect, term.joint, tuple(sorted(shape.items()))))
-        return base.weigh(C[fit], positive, None if fixed is None else fixed[fit]).log_evidence(noise, prior)
-
-    x0 = dict(term.shape)[key]
-    top = value(x0)
-    law, step = search.effects[term.effect].refine(search.problem.ctx, term.joint).get(key, ("log", 0.2))
-    scale = abs(x0) if law == "log" else 1.0
-    h = step * scale
-    for _ in range(12):
-        drop = top - 0.5 * (value(x0 + h) + value(x0 - h))
-        if abs(drop) < 1e-9:  # finer than the grid of the hidden state: the grid is the resolution
-            return float(2.0 * h / np.sqrt(2.0 * 3.0)), False
-        if 0.2 < drop < 3.0:
-            return h / np.sqrt(2.0 * drop), h > 0.5 * abs(x0)
-        h = h * 0.5 if drop >= 3.0 else h * 1.6
-        if h > 0.9 * scale and law == "log":
-            return h, True
-    drop = max(top - 0.5 * (value(x0 + h) + value(x0 - h)), 1e-6)
-    return float(h / np.sqrt(2.0 * drop)), False
-
-
-# --- rejected -------------------------------------------------------------------------------------------------
-
-
-def _rejected(problem: Problem, search: Search, solution: Solution) -> list[dict]:
-    chosen = {t.key for t in solution.terms}
-    seen: dict[tuple[str, int], Scored] = {}
-    for slot in [solution.scans, *solution.slots]:
-        for s in slot:
-            if s.term.key not in chosen and not s.term.effect.startswith(PREFIX):
-                seen[s.term.key] = s
-    found = []
-    for key, s in sorted(seen.items(), key=lambda x: -x[1].holdout_gain):
-        why = "improves held-out data by less than the winner" if s.gain > 12 else "no evidence"
-        if s.holdout_gain < 0.01:
-            why = "does not improve held-out data"
-        found.append(_entry(problem, key, s.holdout_gain, why))
-    return found + _blocked(problem, search)
-
-
-def _entry(problem: Problem, key: tuple[str, int], gain: float, why: str) -> dict:
-    joint = problem.ctx.model.joints[max(key[1], 0)]
-    return {
-        "name": key[0],
-        "joint": joint,
-        "holdout_gain": round(float(np.clip(gain, -99, 1)), 4),
-        "why": why,
-    }
-
-
-def _blocked(problem: Problem, search: Search) -> list[dict]:
-    found = []
-    for name, effect in search.effects.items():
-        if name.startswith(PREFIX):
-            continue
-        for j in problem.joints if effect.scope == "joint" else [-1]:
-            if not effect.applies(problem.ctx, j):
-                found.append(
-                    _entry(problem, (name, j), 0.0, "cannot act here with this model and these channels")
-                )
-                continue
-            reason = effect.blocked(problem.ctx, j)
-            if reason:
-                found.append(_entry(problem, (name, j), 0.0, f"cannot be seen: {reason}"))
-    return found
-
-
-def _rejected_at_floor(problem: Problem, search: Search) -> list[dict]:
-    found = []
-    for key in search.candidates():
-        if not key[0].startswith(PREFIX):
-            found.append(_entry(problem, key, 0.0, "the nominal model already reaches the noise floor"))
-    return found + _blocked(problem, search)
 
 
 # --- base parameters ------------------------------------------------------------------------------------------
@@ -594,24 +377,24 @@ def _parameters_only(problem: Problem, search: Search) -> Decision:
     one = one_cause(tries, ONE_CAUSE)
     if max(alone_best, max((value for value, _, _ in one), default=-np.inf)) < without + 5.0:
         return Decision(
-            "nothing_missing", search.finish([], [], []), rejected=_rejected_at_floor(problem, search)
+            "nothing_missing", search.finish([], [], []), rejected=rejected_at_floor(problem, search)
         )
     solution = search.finish([], [], [])
     if not one and (moved := _base_entries(problem, solution)):
         return Decision(
-            "parameter_off", solution, parameters_off=moved, rejected=_rejected_at_floor(problem, search)
+            "parameter_off", solution, parameters_off=moved, rejected=rejected_at_floor(problem, search)
         )
     if not one:  # small changes of several numbers, none of them certain: the one that comes closest alone
         _, _, alone, scored = tries[0]
         if not scored or scored[0][0] < alone + 5.0:
-            return Decision("nothing_missing", solution, rejected=_rejected_at_floor(problem, search))
+            return Decision("nothing_missing", solution, rejected=rejected_at_floor(problem, search))
         one = [(0.0, TIGHT, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])]
     _, best, slot = max(one, key=lambda x: x[0])
     slot = turned_not_shifted(slot)
     search.looseness = best
     solution = search.finish([slot[0].term], [slot], [])
-    named = _named(problem, search, solution, 0, slot)
-    decision = Decision("parameter_off", solution, rejected=_rejected_at_floor(problem, search))
+    named = named_effect(problem, search, solution, 0, slot)
+    decision = Decision("parameter_off", solution, rejected=rejected_at_floor(problem, search))
     is_number = _is_parameter(problem, named.term, solution.theta[0], slot)
     search.looseness = 1.0
     if named.name in LIKE_PARAMETERS and not is_number:

@@ -13,7 +13,7 @@ from s2r_host.gap import insufficient
 from s2r_host.gap.align import control_lag
 from s2r_host.gap.checks import check_efforts, check_joints, check_units
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.decide import Decision, decide, restate
+from s2r_host.gap.decide import BEHIND_THE_SENSOR, Decision, decide, restate
 from s2r_host.gap.forward import Errors, evaluate
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.polish import drifts_freely, friction_change, polish
@@ -208,9 +208,13 @@ def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
         return build_twin(a.model, problem.ctx, [])
     if verdict == "unknown":
         return build_twin(a.model, problem.ctx, [], generic=fit_generic(problem))
+    geared = {
+        c.joint for c in problem.contradictions if c.finding is not None
+    }  # their transmission is known better
     terms = [
         Live(t.effect, t.joint, dict(t.shape), th)
         for t, th in zip(solution.terms, solution.theta, strict=True)
+        if t.joint not in geared or t.effect not in BEHIND_THE_SENSOR
     ]
     if a.decision is not None:
         terms += [Live(f.name, f.joint, f.shape, np.zeros(0)) for f in a.decision.law]

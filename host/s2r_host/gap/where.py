@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from s2r_host.gap.decide import Decision, Named
+from s2r_host.gap.decide import Decision
 from s2r_host.gap.kinematics import Contradiction
+from s2r_host.gap.naming import Named
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 from s2r_host.gap.session import Session
