@@ -365,7 +365,9 @@ class PyShared {
       core_beats_ = beats;
       core_seen_ns_ = now;
     }
-    out.alive = block().core_running.load(std::memory_order_acquire) != 0 && now - core_seen_ns_ < kAliveTimeout_ns;
+    const bool stepped = block().config.clock == ClockKind::kLockstep;
+    out.alive = block().core_running.load(std::memory_order_acquire) != 0 &&
+                now - core_seen_ns_ < (stepped ? kSteppedAliveTimeout_ns : kAliveTimeout_ns);
     return out;
   }
 
@@ -374,6 +376,7 @@ class PyShared {
 
  private:
   static constexpr std::int64_t kAliveTimeout_ns = 1'000'000'000;
+  static constexpr std::int64_t kSteppedAliveTimeout_ns = 10'000'000'000;  // it waits for the stand-in, however slow
   SharedMemory memory_;
   nb::object record_dtype_, event_dtype_;
   std::uint64_t core_beats_ = 0;

@@ -52,9 +52,8 @@ def decompose(points: Array, cell_m: float, cpu_limit_s: float) -> tuple[list[Ar
             str(target),
             str(cpu_limit_s),
         ]
+        clock_s = 30.0 + 10.0 * cpu_limit_s  # the child limits itself; this only ends what hangs
         try:
-            # The child limits itself; the clock only ends what hangs.
-            clock_s = 30.0 + 10.0 * cpu_limit_s
             done = subprocess.run(command, timeout=clock_s, capture_output=True, text=True, check=False)
         except subprocess.TimeoutExpired:
             return [
