@@ -42,6 +42,11 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @tls_option
 @click.option("--seed", default=0, show_default=True, help="Of all chance on the host.")
 @click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most.")
+@click.option(
+    "--acknowledge-contact",
+    is_flag=True,
+    help="After a collision stop on the way into contact, reset and back off; without it the run ends there.",
+)
 @click.option("--dry-run", is_flag=True, help="Look and plan the first push; move nothing.")
 @click.option("--json", "as_json", is_flag=True, help="Print run.json on standard output.")
 def run(
@@ -56,6 +61,7 @@ def run(
     tls: Path | None,
     seed: int,
     attempts: int,
+    acknowledge_contact: bool,
     dry_run: bool,
     as_json: bool,
 ) -> int:
@@ -83,6 +89,7 @@ def run(
         arm=arm,
         seed=seed,
         attempts=attempts,
+        acknowledge_contact=acknowledge_contact,
         dry_run=dry_run,
     )
     journal = Journal()

@@ -16,8 +16,8 @@ STEP_RAD = 0.03
 def back_off(session: Session, error: ArmStoppedError, way_in: np.ndarray, label: str) -> None:
     """Bring the arm back to the beginning of the way on which the executor stopped it for a collision.
 
-    Only contact is acknowledged like this, and only where contact was meant: an arm that stands elsewhere than on its
-    way, or was stopped for another cause, waits for an operator.
+    Only contact is acknowledged like this, only where contact was meant, and only where the operator said so
+    beforehand: an arm that stands elsewhere than on its way, or was stopped for another cause, waits for them.
 
     Args:
         session: Links.
@@ -26,8 +26,10 @@ def back_off(session: Session, error: ArmStoppedError, way_in: np.ndarray, label
         label: Of the motion back.
 
     Raises:
-        ArmStoppedError: Not a collision, not on the way, or stopped again.
+        ArmStoppedError: Not asked to, not a collision, not on the way, or stopped again.
     """
+    if not session.settings.acknowledge_contact:
+        raise error
     session.link.wait_at_rest()
     q_now = session.status().q_ref
     off = np.abs(way_in - q_now).max(axis=1)

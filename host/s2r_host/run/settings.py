@@ -35,6 +35,8 @@ class RunSettings:
         push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan
             calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
         settle_s: Wait between the end of a motion and a picture.
+        acknowledge_contact: After a protection stop for a collision on the way into contact, reset and go back the way
+            the arm came. Otherwise the run ends there, and resetting is the operator's.
         dry_run: Look and plan the push, move nothing.
         push, lid_push, lever_push: Geometry of the first push on a drawer's front, a lid or a lever.
         region: Where the object is looked for.
@@ -57,6 +59,7 @@ class RunSettings:
     travel_speed: float = 0.6
     plan_speed: float = 0.6
     settle_s: float = 0.2
+    acknowledge_contact: bool = False
     dry_run: bool = False
     push: PushSettings = field(default_factory=PushSettings)
     lid_push: LidPushSettings = field(default_factory=LidPushSettings)

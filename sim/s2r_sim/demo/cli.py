@@ -95,6 +95,7 @@ def demo(
             f"--target={target or goal.target}",
             "--attempts",
             str(attempts),
+            "--acknowledge-contact",
             "--seed",
             str(seed),
         )

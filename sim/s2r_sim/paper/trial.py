@@ -49,8 +49,8 @@ def _try(trial: Trial, attempts: int, folder: Path) -> Row:
         ):
             command = s2r_command(
                 "run", trial.kind, f"--target={trial.change!r}", "--from", "pushed", "--attempts", str(attempts),
-                "--seed", str(trial.number), "--executor", cell.executor, "--camera", cell.camera,
-                "--out", folder / "run",
+                "--acknowledge-contact", "--seed", str(trial.number), "--executor", cell.executor,
+                "--camera", cell.camera, "--out", folder / "run",
             )  # fmt: skip
             ended = subprocess.run(
                 command, stdout=log, stderr=subprocess.STDOUT, timeout=TIMEOUT_S, check=False

@@ -19,7 +19,7 @@ class Cell:
     def __init__(self, q_now):
         self.did, self.moved, self._q = [], [], q_now
         self.arm = ArmModel(load_arm("xmate3pro"))
-        self.settings = SimpleNamespace(push_speed=0.25)
+        self.settings = SimpleNamespace(push_speed=0.25, acknowledge_contact=True)
         self.journal = SimpleNamespace(warn=lambda text: self.did.append("warn"))
         self.link = SimpleNamespace(
             wait_at_rest=lambda: self.did.append("rest"),
@@ -74,3 +74,11 @@ def test_any_other_stop_is_left_to_an_operator(q, cause):
         back_off(cell, error, WAY, "back")
     assert raised.value is error
     assert cell.did == ["rest"]
+
+
+def test_without_the_operators_word_beforehand_the_stop_stands():
+    cell = Cell(WAY[12])
+    cell.settings.acknowledge_contact = False
+    with pytest.raises(ArmStoppedError):
+        back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
+    assert cell.did == []
