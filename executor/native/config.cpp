@@ -17,12 +17,12 @@ std::string number(double value) {
 }
 
 struct Range {
-  std::string_view field;
+  std::string field;
   double value, low, high;
 };
 
 std::string outside(const Range& r) {
-  return std::string(r.field) + " = " + number(r.value) + " is outside [" + number(r.low) + ", " + number(r.high) + "]";
+  return r.field + " = " + number(r.value) + " is outside [" + number(r.low) + ", " + number(r.high) + "]";
 }
 
 std::string find_joint_fault(const Config& config) {

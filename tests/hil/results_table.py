@@ -85,7 +85,7 @@ FAULTS: tuple[tuple[str, str, str], ...] = (
     ("T59", "random pairs of faults", f"{CLASS}, 10 000 pairs"),
 )
 ELSEWHERE = {"T54": "tests/integration/test_session_security.py"}
-SUMMARIES = ("native", "sanitize", "fuzz", "coverage", "mutate", "tidy")
+SUMMARIES = ("native", "sanitize", "fuzz", "libfuzzer", "coverage", "mutate", "tidy")
 
 
 @dataclass
