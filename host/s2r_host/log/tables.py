@@ -83,7 +83,10 @@ class Recording:
             if topic.short == short:
                 return topic
         known = ", ".join(t.name for t in self.topics.values() if t.messages) or "none"
-        raise RecordingError(f"{self.path} has no messages on a topic '…/{short}'; it has {known}")
+        raise RecordingError(
+            f"{self.path} has no messages on a topic '…/{short}'; it has {known}. What the arm did is in it when the "
+            "executor ran with --record DIR"
+        )
 
     def joints(self, short: str = "joint_states") -> Joints:
         """Measured joints, or with ``joint_commands`` the references, in the order of their stamps.
