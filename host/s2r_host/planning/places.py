@@ -22,7 +22,8 @@ _WAY_OUT_M = (
 _FACING = 0.5  # cosine between a face's normal and the motion from which on the face can be pushed
 _LEAST_LEVER = 0.25  # of the part's longest, from which on a point is worth pushing
 _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
-_STEP_M, _FINE_STEP_M, _SMALL_M, _SPREAD = 0.02, 0.008, 0.022, 90
+_STEP_M, _FINE_STEP_M, _SMALL_M = 0.02, 0.008, 0.022
+_SPREAD, _ALL = 90, 500  # points looked at closely; all of them only where the spread ones lead nowhere
 _START_M, _NARROW_M = (
     0.001,
     0.032,
@@ -57,9 +58,10 @@ def find_places(
 ) -> Places:
     """All places found around the part for motion towards growing (sign 1) or falling s (-1); maybe none.
 
-    With ``oblique`` the hand may come level and slantwise as well, as behind an upright bar close to its door.
+    With ``oblique`` the hand may come level and slantwise as well, as behind an upright bar close to its door, and more
+    points are looked at, as between the posts of a short handle.
     """
-    p, R, way = _candidates(scene, data, sign, _OBLIQUE if oblique else _ORIENTATIONS)
+    p, R, way = _candidates(scene, data, sign, *((_OBLIQUE, _ALL) if oblique else (_ORIENTATIONS, _SPREAD)))
     quat = quats_of(R)
     free = probe.contacts(p, quat) == 0
     p, R, way, quat = p[free], R[free], way[free], quat[free]
@@ -105,9 +107,9 @@ def part_box(scene: Scene, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]
 
 
 def _candidates(
-    scene: Scene, data: mujoco.MjData, sign: float, orientations: np.ndarray
+    scene: Scene, data: mujoco.MjData, sign: float, orientations: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tool tips, orientations and directions worth a closer look: behind the part, with a way out."""
+    """Tool tips, orientations and directions worth a closer look, at ``count`` points behind the part."""
     seen = _only_solid(scene)
     centres, ways = _points_behind(scene, seen, data, sign)
     axes = orientations[::_ROLLS, :, 2]
@@ -116,7 +118,7 @@ def _candidates(
         for centre, way in zip(centres, ways, strict=True)
     ]
     open_at = np.flatnonzero([some.any() for some in free])  # most places inside a cabinet have no way out
-    chosen = open_at[_spread(centres[open_at], _SPREAD)]
+    chosen = open_at[_spread(centres[open_at], count)]
     tips, rotations, directions = [], [], []
     for index in chosen:
         R = _frame(ways[index]) @ orientations[np.repeat(free[index], _ROLLS)]
