@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from s2r_host.gap.effects.base import StepState
-from s2r_host.gap.problem import Problem, compare
+from s2r_host.gap.problem import Problem
 from s2r_host.gap.replay import Twin, build_twin
+from s2r_host.gap.rows import compare
 from s2r_host.gap.search import Search
 
 LOOSE = 30.0

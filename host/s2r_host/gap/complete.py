@@ -19,7 +19,8 @@ from s2r_host.gap.effects.base import Context, Value
 from s2r_host.gap.nuisance import BaseParameter
 
 if TYPE_CHECKING:
-    from s2r_host.gap.search import Scored, Search, Term
+    from s2r_host.gap.search import Search
+    from s2r_host.gap.solution import Scored, Term
 
 LEAST_JOINTS = 3
 BARE_SHARE = 0.5
@@ -75,7 +76,7 @@ def complete(search: Search) -> tuple[list[Term], list[list[Scored]]]:
     Returns:
         Terms and slots in the form of the search; empty for models that need none of this.
     """
-    from s2r_host.gap.search import Scored, Term
+    from s2r_host.gap.solution import Scored, Term
 
     p = search.problem
     m = p.ctx.model.model
@@ -217,7 +218,8 @@ def _richer(
     search: Search, terms: list[Term], slots: list[list[Scored]]
 ) -> tuple[list[Term], list[list[Scored]]]:
     """Let a richer friction take the place of Coulomb's on its joint where the data ask for it."""
-    from s2r_host.gap.search import TEMPER, Scored
+    from s2r_host.gap.search import TEMPER
+    from s2r_host.gap.solution import Scored
 
     p = search.problem
     fit = ~p.held

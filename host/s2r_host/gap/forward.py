@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from s2r_host.gap.problem import HOLDOUT_SHARE
 from s2r_host.gap.replay import Twin, has_loop, run, windows
+from s2r_host.gap.rows import HOLDOUT_SHARE
 from s2r_host.gap.session import Session
 
 WINDOW_S = 2.0

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from s2r_host.gap.effects.base import StepState
-from s2r_host.gap.problem import Problem, compare
+from s2r_host.gap.problem import Problem
+from s2r_host.gap.rows import compare
 
 BINS = 14
 

@@ -9,7 +9,8 @@ import numpy as np
 from s2r_host.gap.base_terms import PREFIX
 from s2r_host.gap.effects.base import Value
 from s2r_host.gap.problem import Problem
-from s2r_host.gap.search import Scored, Search, Solution, Term
+from s2r_host.gap.search import Search
+from s2r_host.gap.solution import Scored, Solution, Term
 
 HEAT, CEILING = 0.003, 0.96
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out

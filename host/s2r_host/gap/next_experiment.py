@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX
-from s2r_host.gap.decide import Decision
+from s2r_host.gap.decision import Decision
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.pipeline import Analysis
-from s2r_host.gap.problem import compare
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.replay import Live, Twin, build_twin, run
-from s2r_host.gap.search import Term
+from s2r_host.gap.rows import compare
 from s2r_host.gap.session import Session, make_session
+from s2r_host.gap.solution import Term
 from s2r_host.recording import RunRecorder
 
 DURATION_S = 8.0

@@ -13,16 +13,18 @@ from s2r_host.gap import insufficient
 from s2r_host.gap.align import control_lag
 from s2r_host.gap.checks import check_efforts, check_joints, check_units
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.decide import BEHIND_THE_SENSOR, Decision, decide, restate
+from s2r_host.gap.decide import BEHIND_THE_SENSOR, decide, restate
+from s2r_host.gap.decision import Decision
 from s2r_host.gap.forward import Errors, evaluate
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.polish import drifts_freely, friction_change, polish
 from s2r_host.gap.problem import Problem, build_problem
 from s2r_host.gap.recording import read_recording
 from s2r_host.gap.replay import Live, Twin, build_twin, has_loop, run
-from s2r_host.gap.search import Search, Solution
+from s2r_host.gap.search import Search
 from s2r_host.gap.seeds import fill_residuals, sharpen_sign
 from s2r_host.gap.session import Session, make_session
+from s2r_host.gap.solution import Solution
 from s2r_host.gap.where import Place, acting, contradicted, locate, narrowed
 
 Log = Callable[[str], None]
@@ -247,7 +249,7 @@ def floor_json(a: Analysis) -> dict:
 
 
 def _position_floor(a: Analysis) -> float:
-    from s2r_host.gap.problem import find_partner
+    from s2r_host.gap.floor import find_partner
 
     values = []
     for twin in a.repeats:

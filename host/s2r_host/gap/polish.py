@@ -16,9 +16,12 @@ from itertools import pairwise
 import numpy as np
 from scipy.signal import lfilter
 
-from s2r_host.gap.problem import HOLDOUT_SHARE, Problem, compare, friction_levels, stillness
-from s2r_host.gap.search import Search, Solution, Term
+from s2r_host.gap.friction_seen import friction_levels, stillness
+from s2r_host.gap.problem import Problem
+from s2r_host.gap.rows import HOLDOUT_SHARE, compare
+from s2r_host.gap.search import Search
 from s2r_host.gap.session import Session, nominal_friction
+from s2r_host.gap.solution import Solution, Term
 
 WINDOW_S = 8.0
 EFFECTIVE_S = 0.5  # integrated errors are smooth: one independent sample in this time

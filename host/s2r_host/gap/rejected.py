@@ -6,7 +6,8 @@ import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX
 from s2r_host.gap.problem import Problem
-from s2r_host.gap.search import Scored, Search, Solution
+from s2r_host.gap.search import Search
+from s2r_host.gap.solution import Scored, Solution
 
 
 def rejected_list(problem: Problem, search: Search, solution: Solution) -> list[dict]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import Problem, compare, residual
+from s2r_host.gap.problem import Problem
+from s2r_host.gap.rows import compare, residual
 from s2r_host.gap.session import Session
 
 

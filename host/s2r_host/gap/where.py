@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from s2r_host.gap.decide import Decision
+from s2r_host.gap.decision import Decision
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.naming import Named
 from s2r_host.gap.problem import Problem

@@ -1,0 +1,86 @@
+"""A verdict with everything behind it, and what an explanation leaves over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from s2r_host.gap.kinematics import Contradiction
+from s2r_host.gap.law import LawFinding
+from s2r_host.gap.naming import Named
+from s2r_host.gap.problem import Problem
+from s2r_host.gap.search import Search
+from s2r_host.gap.solution import Solution
+
+LEFTOVER_LIMIT = 1.45
+EXPLAINED_CLOSE, EXPLAINED_SLOPE, EXPLAINED_FAR = 0.6, 0.25, 0.88
+EXPLAINED_GUESSED = 0.5
+SLOW_S, SLOW_DOUBT = 0.011, 1.3
+
+
+@dataclass
+class Decision:
+    """Verdict with everything behind it."""
+
+    verdict: str
+    solution: Solution
+    effects: list[Named] = field(default_factory=list)
+    parameters_off: list[dict] = field(default_factory=list)
+    rejected: list[dict] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
+    leftover: float = 0.0
+    explained: float = 0.0
+    law: list[LawFinding] = field(default_factory=list)
+    contradictions: list[Contradiction] = field(default_factory=list)
+
+
+def too_much_left(problem: Problem, search: Search, decision: Decision) -> bool:
+    """Does the best explanation leave so much that its name would be a guess?"""
+    if decision.leftover <= LEFTOVER_LIMIT * doubt(problem):
+        return False
+    return decision.explained < explained_least_of(problem, search, decision.solution, decision.leftover)
+
+
+def doubt(problem: Problem) -> float:
+    """How far the floor may be too low; what happens between the rows of a slow log differs from run to run."""
+    slow = any(s.rec.dt > SLOW_S for s in problem.ctx.sessions)
+    return problem.floor_doubt * (SLOW_DOUBT if slow else 1.0)
+
+
+def explained_least_of(problem: Problem, search: Search, solution: Solution, left: float) -> float:
+    """Below this share the answer is 'unknown'.
+
+    The share asked for rises with what is left over; it is lower when the floor is a guess or an effect is chaotic.
+    """
+    bar = EXPLAINED_GUESSED
+    if problem.floor_source == "repeat":
+        beyond = left / problem.floor_doubt - LEFTOVER_LIMIT
+        bar = float(np.clip(EXPLAINED_CLOSE + EXPLAINED_SLOPE * beyond, EXPLAINED_CLOSE, EXPLAINED_FAR))
+    bar = 1.0 - (1.0 - bar) / max(len(solution.terms), 1)  # several effects together imitate almost anything
+    return min([bar, *(search.effects[t.effect].explained_least for t in solution.terms)])
+
+
+def leftover(problem: Problem, rows: np.ndarray, solution: Solution) -> float:
+    """Largest ratio of a block's leftover rms to its floor, held-out rows when there are any."""
+    del solution
+    worst = 0.0
+    for block in problem.blocks:
+        mask = block.held if block.held.any() else ~block.held
+        worst = max(worst, problem.rms(rows, block, mask) / problem.floor[block.joint])
+    return worst
+
+
+def explained(problem: Problem, search: Search, solution: Solution) -> float:
+    """Share of the gap above the floor that the solution removes on held-out rows.
+
+    The gap is what small changes of base parameters leave over: a wrong mass is no merit of an effect.
+    """
+    rows = search.finish([], [], []).prediction
+    before = after = 0.0
+    for block in problem.blocks:
+        mask = block.held if block.held.any() else ~block.held
+        floor = problem.floor[block.joint] ** 2
+        before += max(0.0, problem.rms(rows, block, mask) ** 2 / floor - 1.0)
+        after += max(0.0, problem.rms(solution.prediction, block, mask) ** 2 / floor - 1.0)
+    return 1.0 - after / before if before > 0 else 0.0

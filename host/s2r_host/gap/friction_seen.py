@@ -1,0 +1,79 @@
+"""Friction as a recording shows it before any effect is named, and how far rows near rest can be trusted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.rows import Block, compare
+from s2r_host.gap.session import Session
+
+STICK_DOUBT = 0.5
+SLOW_LOG_S = 0.01
+BETWEEN_SHARE = 0.25
+
+
+def dry_level(s: Session, j: int) -> float:
+    """Size of the friction step in a recording, by plain regression [N·m or N]."""
+    return abs(float(_friction_fit(s, j)[0]))
+
+
+def friction_levels(model: RigidModel, s: Session, j: int) -> tuple[float, float]:
+    """Dry [N·m or N] and viscous [N·m·s/rad or N·s/m] friction of a recording, the model's own included."""
+    fitted = _friction_fit(s, j)
+    return abs(float(fitted[0])), max(0.0, float(fitted[1]) + float(model.model.dof_damping[j]))
+
+
+def _friction_fit(s: Session, j: int) -> np.ndarray:
+    key = ("friction", j, float(s.cut[j]), float(s.v_eps[j]))
+    if key not in s.cache:
+        r = compare(s.u[:, j], s, j, True) - compare(s.load[:, j], s, j, False)
+        columns = [s.sign(j), s.v[:, j], s.a[:, j], s.load[:, j], np.ones(len(s.t))]
+        X = np.stack([compare(c, s, j, True) for c in columns], axis=1)
+        s.cache[key] = np.linalg.lstsq(X, r, rcond=None)[0]
+    return s.cache[key]
+
+
+def trust(model: RigidModel, block: Block, floor: float) -> np.ndarray:
+    """Weight of the rows of a block, shape (rows,), in (0, 1].
+
+    At rest dry friction balances whatever is there, up to its break-away level: such rows say little.
+    """
+    s, j = block.session, block.joint
+    still = compare(stillness(s, j), s, j, True)[block.picks]
+    doubt = STICK_DOUBT * max(stiction(s, j)) * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
+    between = np.clip(compare(_between_rows(model, s, j), s, j, True)[block.picks], 0.0, None) / max(
+        floor, 1e-12
+    )
+    return 1.0 / np.sqrt(1.0 + doubt**2 + between**2)
+
+
+def _between_rows(model: RigidModel, s: Session, j: int) -> np.ndarray:
+    """What a slow log cannot say about the effort between its rows [N·m or N], shape (time,).
+
+    Linear interpolation errs by an eighth of the second difference; motion rebuilt from such rows errs alike. Zero
+    for logs fast enough for the loops they record.
+    """
+    raw = s.rec.get("tau", model.joints[j])
+    if s.rec.dt < SLOW_LOG_S or raw is None or len(raw) < 3:
+        return np.zeros(len(s.t))
+    bend = np.abs(np.diff(raw, 2))
+    bend = (
+        np.pad(np.maximum(bend[1:], bend[:-1]), (2, 1), mode="edge")
+        if len(bend) > 1
+        else np.full(len(raw), bend[0])
+    )
+    return np.interp(s.t, s.rec.t, BETWEEN_SHARE * bend)
+
+
+def stillness(s: Session, j: int) -> np.ndarray:
+    """One where a joint may stick, zero where it clearly moves, shape (time,)."""
+    return 1.0 - np.tanh(s.v[:, j] / (2.0 * s.v_eps[j])) ** 2
+
+
+def stiction(s: Session, j: int) -> tuple[float, float]:
+    """Effort that friction was seen to hold at rest (95th percentile), and dry friction in motion [N·m or N]."""
+    moving = dry_level(s, j)
+    r = compare(s.u[:, j], s, j, True) - compare(s.load[:, j], s, j, False)
+    rest = compare(stillness(s, j), s, j, True) > 0.9
+    return (float(np.percentile(np.abs(r[rest]), 95)) if rest.sum() > 20 else 0.0), moving

@@ -1,0 +1,44 @@
+"""Parameters that moved so far that the recording must be of another machine."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.decision import Decision
+from s2r_host.gap.problem import Problem
+
+OTHER_MACHINE = 0.4
+FAR_RIGID, FAR_FRICTION, FAR_KINDS, FAR_SCALE = 0.08, 0.3, 4, 2.0
+
+
+def other_machine(problem: Problem, decision: Decision) -> str | None:
+    """A sentence when the parameters found belong to another machine than the model's."""
+    m = problem.ctx.model.model
+    for body in problem.ctx.model.jointed_bodies():
+        name = problem.ctx.model.body_name(body)
+        shifts = [
+            p["to"] - p["from"]
+            for p in decision.parameters_off if p["name"].startswith("com_") and p.get("body") == name
+        ]  # fmt: skip
+        arm, shift = float(np.linalg.norm(m.body_ipos[body])), float(np.linalg.norm(shifts))
+        if shift > OTHER_MACHINE * arm > 0:
+            return (
+                f"the centre of mass of '{name}' would have to move by {shift:.3g} m from {arm:.3g} m off the joint: "
+                "is this recording of another machine?"
+            )
+    moved = {p["name"].split("_")[0]: _moved(p) for p in decision.parameters_off}
+    far = [
+        n for n, x in moved.items() if x > (FAR_FRICTION if n in ("damping", "frictionloss") else FAR_RIGID)
+    ]
+    if len(problem.ctx.model.joints) == 1 and len(far) >= FAR_KINDS:
+        return f"{', '.join(far)} would all have to change by much: is this recording of another machine?"
+    for e in decision.effects:
+        scale = e.parameters["scale"]["value"] if e.name == "effort_scale" else 1.0
+        if len(decision.effects) > 1 and not 1.0 / FAR_SCALE < scale < FAR_SCALE:
+            return f"efforts {scale:.2g} times the recorded ones and more beside: is this recording of another machine?"
+    return None
+
+
+def _moved(p: dict) -> float:
+    """Relative change of a parameter."""
+    return abs(p["to"] - p["from"]) / abs(p["from"]) if p["from"] else 0.0

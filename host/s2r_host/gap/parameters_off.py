@@ -1,0 +1,149 @@
+"""Values of the model that are off: which, from what to what."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.base_terms import PREFIX, BaseTerm
+from s2r_host.gap.decision import Decision, explained, leftover
+from s2r_host.gap.naming import Z90, Named, named_effect
+from s2r_host.gap.problem import Problem
+from s2r_host.gap.rejected import rejected_at_floor
+from s2r_host.gap.search import Search
+from s2r_host.gap.solution import Scored, Solution, Term
+from s2r_host.gap.wrong_number import (
+    ALIKE_GAIN,
+    ALIKE_SHARE,
+    LIKE_PARAMETERS,
+    ONE_CAUSE,
+    TIGHT,
+    nominal_friction_of,
+    one_cause,
+    tries_of,
+    turned_not_shifted,
+)
+
+# What an effect of this name is called as a wrong number, and the value the model gives it.
+AS_PARAMETER = {
+    "payload": ("payload_mass", 0.0),
+    "armature": ("armature", None),
+    "effort_scale": ("effort_scale", 1.0),
+}
+SMALL_CHANGE = 0.6
+
+
+def is_parameter(problem: Problem, term: Term, theta: np.ndarray, slot: list[Scored]) -> bool:
+    """Is this a wrong number rather than new physics?
+
+    So is a small addition to friction or damping the model already has, and mass, motor inertia or effort scale where
+    a number of the model explains the place as well.
+    """
+    m = problem.ctx.model.model
+    if term.effect in AS_PARAMETER:
+        own = next((s.gain for s in slot if s.term.key == term.key), np.inf)
+        rival = max((s.gain for s in slot if s.term.effect.startswith(PREFIX)), default=-np.inf)
+        return own - rival < max(ALIKE_GAIN, ALIKE_SHARE * own)
+    if term.effect == "coulomb_friction":
+        nominal = float(m.dof_frictionloss[term.joint])
+    elif term.effect == "viscous_friction":
+        nominal = float(m.dof_damping[term.joint])
+    else:
+        return False
+    return nominal > 0 and abs(float(theta[0])) < SMALL_CHANGE * nominal
+
+
+def parameters_only(problem: Problem, search: Search) -> Decision:
+    """Name the one number (or the effect that is no more than a number) that explains the gap, or list what moved.
+
+    The numbers not named are held tight, or at the error nominal values usually have: the evidence says which.
+    """
+    tries = tries_of(problem, search, [])
+    without = tries[0][1] + tries[0][2]
+    alone_best = max(constant + alone for _, constant, alone, _ in tries)
+    one = one_cause(tries, ONE_CAUSE)
+    if max(alone_best, max((value for value, _, _ in one), default=-np.inf)) < without + 5.0:
+        return Decision(
+            "nothing_missing", search.finish([], [], []), rejected=rejected_at_floor(problem, search)
+        )
+    solution = search.finish([], [], [])
+    if not one and (moved := base_entries(problem, solution)):
+        return Decision(
+            "parameter_off", solution, parameters_off=moved, rejected=rejected_at_floor(problem, search)
+        )
+    if not one:  # small changes of several numbers, none of them certain: the one that comes closest alone
+        _, _, alone, scored = tries[0]
+        if not scored or scored[0][0] < alone + 5.0:
+            return Decision("nothing_missing", solution, rejected=rejected_at_floor(problem, search))
+        one = [(0.0, TIGHT, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])]
+    _, best, slot = max(one, key=lambda x: x[0])
+    slot = turned_not_shifted(slot)
+    search.looseness = best
+    solution = search.finish([slot[0].term], [slot], [])
+    named = named_effect(problem, search, solution, 0, slot)
+    decision = Decision("parameter_off", solution, rejected=rejected_at_floor(problem, search))
+    is_number = is_parameter(problem, named.term, solution.theta[0], slot)
+    search.looseness = 1.0
+    if named.name in LIKE_PARAMETERS and not is_number:
+        decision.verdict, decision.effects = "physics_missing", [named]
+    else:
+        decision.parameters_off = off_entries(problem, search, named)
+    decision.explained = explained(problem, search, solution)
+    decision.leftover = leftover(problem, solution.prediction, solution)
+    return decision
+
+
+def off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
+    """Entries of ``parameters_off`` for an explanation that is a wrong number."""
+    effect = search.effects[named.term.effect]
+    found = []
+    if isinstance(effect, BaseTerm):
+        for member in effect.members:
+            p = named.parameters.get(member.name) or named.parameters[f"{member.name}@{member.place}"]
+            moved = abs(p["value"] - member.nominal)
+            if len(effect.members) > 1 and moved < 1e-3 * member.size:
+                continue
+            # Evidence is for the group; of its members, mass and centre trade off, which the intervals show.
+            deviation = 0.5 * (p["interval90"][1] - p["interval90"][0]) / Z90
+            if len(effect.members) > 3 and moved < max(0.75 * deviation, TIGHT * member.size):
+                continue
+            found.append(off_entry(member.name, member.place, member.on_joint, member.nominal, p))
+        return found
+    p = next(iter(named.parameters.values()))
+    if named.name in AS_PARAMETER:
+        label, nominal = AS_PARAMETER[named.name]
+        if nominal is None:
+            nominal = float(problem.ctx.model.model.dof_armature[named.term.joint])
+            p = p | {"value": nominal + p["value"], "interval90": [nominal + x for x in p["interval90"]]}
+        place = named.joint
+        if named.name == "payload":
+            place = problem.ctx.model.body_name(int(dict(named.term.shape)["body"]))
+        return [off_entry(label, place, named.name != "payload", nominal, p)]
+    nominal = nominal_friction_of(problem, named.name, named.term.joint)
+    shifted = p | {"value": nominal + p["value"], "interval90": [nominal + x for x in p["interval90"]]}
+    label = "frictionloss" if named.name == "coulomb_friction" else "damping"
+    return [off_entry(label, named.joint, True, nominal, shifted)]
+
+
+def off_entry(name: str, place: str, on_joint: bool, nominal: float, p: dict) -> dict:
+    """One entry of ``parameters_off`` from a stated parameter."""
+    return {
+        "name": name, "joint" if on_joint else "body": place, "from": nominal, "to": p["value"], "unit": p["unit"],
+        "interval90": p["interval90"],
+    }  # fmt: skip
+
+
+def base_entries(problem: Problem, solution: Solution) -> list[dict]:
+    """Base parameters whose posterior left the nominal value by more than two deviations and one per cent."""
+    found = []
+    for p, x, d in zip(problem.base, solution.base, solution.base_deviation, strict=True):
+        if (
+            p.name in ("timing", "edge")
+            or abs(x) < 2.0 * d
+            or abs(x) < (0.01 if p.name != "effort_offset" else 0.0)
+        ):
+            continue
+        value = p.nominal + x * p.size
+        half = Z90 * d * p.size
+        found.append(off_entry(p.name, p.place, p.on_joint, p.nominal, {
+            "value": value, "unit": p.unit, "interval90": [value - half, value + half]}))  # fmt: skip
+    return found

@@ -1,0 +1,98 @@
+"""Rows of the regression: one joint in one recording, filtered to the band in which efforts are compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import welch
+
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.session import Session, lowpass, nominal_friction
+
+HOLDOUT_SHARE = 0.3
+LEAST_CUT_HZ = 2.5
+
+
+@dataclass
+class Block:
+    """Rows of one joint in one recording."""
+
+    session: Session
+    joint: int
+    rows: slice
+    picks: np.ndarray
+    held: np.ndarray
+
+
+def compare(x: np.ndarray, s: Session, joint: int, nonlinear: bool) -> np.ndarray:
+    """Bring a signal to the comparison band; what was not made from filtered motion passes both filters."""
+    return lowpass(
+        x, float(s.cut[joint]), s.dt, before_hz=float(s.motion_cut[joint]) if nonlinear else np.inf
+    )
+
+
+def residual(model: RigidModel, s: Session, joint: int) -> np.ndarray:
+    """Filtered effort minus what the nominal model needs, shape (time,)."""
+    rigid = compare(s.load[:, joint], s, joint, False)
+    friction = compare(nominal_friction(model, s)[:, joint], s, joint, True)
+    return compare(s.u[:, joint], s, joint, True) - rigid - friction
+
+
+def make_blocks(
+    model: RigidModel, sessions: list[Session], hold: list[Session], joints: list[int]
+) -> tuple[list[Block], list[np.ndarray]]:
+    """Blocks of all joints and recordings, and their residual efforts; without ``hold`` the last 30 % are held."""
+    blocks: list[Block] = []
+    raw: list[np.ndarray] = []
+    start = 0
+    for s in sessions:
+        for j in joints:
+            if not s.has_u[j]:
+                continue
+            picks = picks_of(s, j)
+            rows = slice(start, start + len(picks))
+            start += len(picks)
+            held = np.full(len(picks), s in hold)
+            if not hold:
+                held = picks >= (1.0 - HOLDOUT_SHARE) * len(s.t)
+            blocks.append(Block(s, j, rows, picks, held))
+            raw.append(residual(model, s, j)[picks])
+    return blocks, raw
+
+
+def band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray], least: float) -> float:
+    """Highest frequency at which the effort still stands well above the noise [Hz].
+
+    Beyond it a regressor is made of noise, and whatever filters that noise would look like physics: the
+    direct method of closed-loop identification is biased there (Janot et al., IDIM-IV, 2014).
+    """
+    power_u: np.ndarray | None = None
+    power_n: np.ndarray | None = None
+    block = next(b for b in blocks if b.joint == j)
+    s = block.session
+    rate = 1.0 / (s.dt * float(block.picks[1] - block.picks[0]))
+    length = min(256, len(block.picks) // 3)
+    f = np.zeros(0)
+    for b in blocks:
+        if b.joint == j and b.session in fit:
+            f, p = welch(compare(b.session.u[:, j], b.session, j, True)[b.picks], rate, nperseg=length)
+            power_u = p if power_u is None else power_u + p
+    for x in noise:
+        _, p = welch(x, rate, nperseg=min(length, len(x)))
+        if len(p) == len(f):
+            power_n = p if power_n is None else power_n + p
+    if power_u is None or power_n is None:
+        return float(s.cut[j])
+    power_n = np.maximum(power_n / len(noise), 1e-30)
+    strong = np.flatnonzero((power_u / power_n > least) & (f <= s.cut[j]))
+    highest = float(f[strong[-1]]) if strong.size else 0.0
+    return float(np.clip(1.5 * highest, LEAST_CUT_HZ, s.cut[j]))
+
+
+def picks_of(s: Session, joint: int) -> np.ndarray:
+    """Which steps of the work grid become rows, shape (rows,)."""
+    step = max(1, int(1.0 / (2.4 * float(s.cut[joint]) * s.dt)))
+    # Filters ring at the ends of a record for about a period of their cut.
+    margin = max(3, min(int(max(0.15, 1.5 / float(s.cut[joint])) / s.dt), len(s.t) // 8))
+    return np.arange(margin, len(s.t) - margin, step)

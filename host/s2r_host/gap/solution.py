@@ -1,0 +1,69 @@
+"""Terms of an explanation, how they weigh, and the fitted whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect on one joint (-1: on all of them) at one shape."""
+
+    effect: str
+    joint: int
+    shape: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Effect and joint, without the shape."""
+        return self.effect, self.joint
+
+
+@dataclass
+class Scored:
+    """A term weighed against the terms already chosen.
+
+    Attributes:
+        score: Log evidence on the fit rows plus log prediction on the held-out rows.
+        gain: Score minus the score without the term.
+        holdout_gain: Share of the held-out misfit (unwhitened) the term removes.
+        theta: Coefficients of its columns.
+    """
+
+    term: Term
+    score: float
+    gain: float
+    holdout_gain: float
+    theta: np.ndarray
+
+
+@dataclass
+class Solution:
+    """Chosen terms with coefficients, alternatives and misfits.
+
+    Attributes:
+        terms: Chosen terms.
+        slots: Per term: everything that was weighed for its place, best first.
+        theta: Per term its coefficients.
+        covariance: Per term the posterior covariance of its coefficients.
+        base: Posterior of the base parameters and its covariance.
+        noise: Working variance of a whitened row.
+    """
+
+    terms: list[Term]
+    slots: list[list[Scored]]
+    theta: list[np.ndarray]
+    covariance: list[np.ndarray]
+    base: np.ndarray
+    base_deviation: np.ndarray
+    noise: float
+    rss_fit: tuple[float, float]
+    rss_held: tuple[float, float]
+    raw_fit: tuple[float, float]
+    raw_held: tuple[float, float]
+    prediction: np.ndarray
+    drift: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
+    drifted: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    scans: list[Scored] = field(default_factory=list)
