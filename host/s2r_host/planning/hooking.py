@@ -33,8 +33,10 @@ _FUNNEL_M, _FUNNEL_SLOPE = (
     0.05,
     5.0,
 )  # height over a place beside it, and how fast that falls towards the place
-_LISTED, _LISTED_OBLIQUE = 200, 600  # places looked at
-_FIRST, _RANKED = 60, 40  # places tried first; joint solutions worth a closer look
+# Searches in turn, each only where the ones before found too little: points looked at, oblique ways into a gap too,
+# places listed. Many points matter between the posts of a short handle; oblique ways cost as much again.
+_SEARCHES = ((30, False, 200), (90, False, 200), (500, True, 600))
+_FIRST, _RANKED = 24, 40  # places tried first; joint solutions worth a closer look
 _SEARCHED = 6  # hooks without a straight way for which one is searched
 _ENOUGH = 6  # hooks at which no further joint solutions are looked for
 _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the part's way, where the arm has to follow it
@@ -133,22 +135,26 @@ def find_hooks(
         f"the fingertip fits nowhere behind the part that joint {scene.joint!r} moves towards s = {s_target:.3f}; "
         "is there a gap behind the handle?"
     )
-    # Oblique ways into a gap are many and seldom needed: they cost as much again.
-    for oblique, listed in ((False, _LISTED), (True, _LISTED_OBLIQUE)):
-        places = find_places(scene, world.data, probe, sign, oblique=oblique)
+    ways: list[Hook] = []
+    for points, oblique, listed in _SEARCHES:
+        if oblique and ways:
+            break
+        places = find_places(scene, world.data, probe, sign, points, oblique=oblique)
         if not len(places):
             continue
         solver = _Solver(scene, world, places, s_target, settings)
         order = _different(places, np.argsort(_scores(scene, world.data, places), kind="stable"), listed)
         hooks = _cheapest(scene, world, solver, places, order)
-        ways = solver.with_approach(_apart(hooks), settings.hooks)
-        if ways:
-            return ways
+        ways = solver.with_approach(_apart(hooks), settings.hooks) or ways
+        if len(ways) >= settings.hooks:
+            break
         why = (
             f"out of reach: the arm {scene.arm.name!r} {solver.failure(len(order), len(hooks), s_target)} "
             f"(nearest place {np.linalg.norm(places.p, axis=1).min():.2f} m from the base); move the object"
         )
-    raise OutOfReachError(f"object {name}: {why}{_hull_hint(scene)}")
+    if not ways:
+        raise OutOfReachError(f"object {name}: {why}{_hull_hint(scene)}")
+    return ways
 
 
 def _hull_hint(scene: Scene) -> str:
@@ -380,15 +386,16 @@ def _scores(scene: Scene, data: mujoco.MjData, places: Places) -> np.ndarray:
 
 def _different(places: Places, order: np.ndarray, most: int) -> np.ndarray:
     """The order without places that are nearly the same as an earlier one: neighbours share their fate."""
+    p, R = places.p[order], places.R[order].reshape(-1, 9)
+    left = np.arange(len(order))
     taken: list[int] = []
-    for index in order:
-        near = np.linalg.norm(places.p[taken] - places.p[index], axis=1) < 0.02
-        alike = np.einsum("nij,ij->n", places.R[taken], places.R[index]) > 2.9
-        if not (near & alike).any():
-            taken.append(int(index))
-        if len(taken) >= most:
-            break
-    return np.array(taken)
+    while len(left) and len(taken) < most:
+        first, left = left[0], left[1:]
+        taken.append(int(order[first]))
+        near = np.square(p[left] - p[first]).sum(axis=1) < 0.02**2
+        alike = R[left] @ R[first] > 2.9
+        left = left[~(near & alike)]
+    return np.array(taken, dtype=int)
 
 
 def _part_pose_at(scene: Scene, world: FineWorld, s: float) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,6 @@ _FACING = 0.5  # cosine between a face's normal and the motion from which on the
 _LEAST_LEVER = 0.25  # of the part's longest, from which on a point is worth pushing
 _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
 _STEP_M, _FINE_STEP_M, _SMALL_M = 0.02, 0.008, 0.022
-_SPREAD, _ALL = 90, 500  # points looked at closely; all of them only where the spread ones lead nowhere
 _START_M, _NARROW_M = (
     0.001,
     0.032,
@@ -54,14 +53,14 @@ class Places:
 
 
 def find_places(
-    scene: Scene, data: mujoco.MjData, probe: HandProbe, sign: float, *, oblique: bool = False
+    scene: Scene, data: mujoco.MjData, probe: HandProbe, sign: float, points: int, *, oblique: bool = False
 ) -> Places:
-    """All places found around the part for motion towards growing (sign 1) or falling s (-1); maybe none.
+    """Places found around the part for motion towards growing (sign 1) or falling s (-1); maybe none.
 
-    With ``oblique`` the hand may come level and slantwise as well, as behind an upright bar close to its door, and more
-    points are looked at, as between the posts of a short handle.
+    They are looked for at up to ``points`` points, spread over the faces of the part. With ``oblique`` the hand may
+    come level and slantwise as well, as behind an upright bar close to its door.
     """
-    p, R, way = _candidates(scene, data, sign, *((_OBLIQUE, _ALL) if oblique else (_ORIENTATIONS, _SPREAD)))
+    p, R, way = _candidates(scene, data, sign, _OBLIQUE if oblique else _ORIENTATIONS, points)
     quat = quats_of(R)
     free = probe.contacts(p, quat) == 0
     p, R, way, quat = p[free], R[free], way[free], quat[free]

@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 _STILL_STEPS, _STILL_M = 15, 5e-4  # control steps without progress after which an attempt is given up
 _BACK_STEPS = 3  # how far the first step back goes; the second goes twice as far, and so on
-_LANDING_STEPS = 9  # halvings of the last action until the hold ends on target
+_LANDING_STEPS = 9  # shares of the last action tried until the hold ends on target
 
 
 def scene_of(request: PlanRequest) -> Scene:
@@ -137,6 +137,7 @@ class _Attempt:
     path: list[tuple[np.ndarray, float]] = field(default_factory=list)
     touch_step: int | None = None
     steps_done: int = 0
+    _rest: float | None = None  # s_target - s after holding the target in force, where that has been tried
 
     def run(self) -> None:
         """Plan and execute until the target is held, or give up."""
@@ -179,6 +180,7 @@ class _Attempt:
                 del states[keep:], self.targets[keep:]
                 self.world.restore(states[-1])
                 target = self.targets[-1]
+                self._rest = None
                 ahead.sampler.forget()
                 continue
             landed = self._land(states[-1], target, goal)
@@ -251,23 +253,38 @@ class _Attempt:
         """
         after = self.world.save()
         if self._missing() > 0.25 * abs(self.task.s_target - self.task.s_initial) + 5.0 * self.task.tolerance:
+            self._rest = None
             return None
-        high, low = self._held(before, target, goal), self._held(before, target, target)
-        shares = (0.0, 1.0)
+        low = self._held(before, target, target) if self._rest is None else self._rest
+        high = self._rest = self._held(before, target, goal)
         landed: np.ndarray | None = None
         if min(abs(low), abs(high)) < 0.8 * self.task.tolerance:
             landed = goal if abs(high) < abs(low) else target
         elif low * high <= 0.0:
-            for _ in range(_LANDING_STEPS):
-                middle = sum(shares) / 2.0
-                candidate = target + middle * (goal - target)
-                missing = self._held(before, target, candidate)
-                if abs(missing) < 0.5 * self.task.tolerance:
-                    landed = candidate
-                    break
-                shares = (middle, shares[1]) if missing * low > 0.0 else (shares[0], middle)
+            landed = self._between(before, target, goal, low, high)
         self.world.restore(after)
         return landed
+
+    def _between(
+        self, before: np.ndarray, target: np.ndarray, goal: np.ndarray, low: float, high: float
+    ) -> np.ndarray | None:
+        """The joint target between two, after which the rests ``low`` and ``high`` have other signs, that lands.
+
+        Regula falsi with the Illinois rule: an end that stays put counts half. Halving where a rest is infinite.
+        """
+        near, far = 0.0, 1.0
+        for _ in range(_LANDING_STEPS):
+            finite = np.isfinite(low) and np.isfinite(high)
+            middle = near + (far - near) * (low / (low - high) if finite else 0.5)
+            candidate = target + middle * (goal - target)
+            missing = self._held(before, target, candidate)
+            if abs(missing) < 0.5 * self.task.tolerance:
+                return candidate
+            if missing * low > 0.0:
+                near, low, high = middle, missing, 0.5 * high
+            else:
+                far, high, low = middle, missing, 0.5 * low
+        return None
 
     def _missing(self) -> float:
         return abs(self.task.s_target - self.world.s)

@@ -59,8 +59,9 @@ SamplerFactory = Callable[[PlanSettings, Stage, int, np.random.Generator], Sampl
 
 
 def icem_sampler(settings: PlanSettings, stage: Stage, dof: int, rng: np.random.Generator) -> Sampler:
-    """iCEM with the stage's population; the elites scale along."""
+    """iCEM with the stage's population and horizon; the elites scale along."""
     scale = stage.population / settings.icem.population
     elites = max(2, round(settings.icem.elites * scale))
-    icem = replace(settings.icem, population=stage.population, elites=elites)
+    horizon = stage.horizon or settings.icem.horizon
+    icem = replace(settings.icem, population=stage.population, elites=elites, horizon=horizon)
     return Icem(icem, np.full(dof, settings.action_max_rad), rng)

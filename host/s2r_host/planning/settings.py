@@ -119,11 +119,13 @@ class Stage:
         timestep_s: Physics step of the rollout model.
         population: Samples of the first iteration; elites scale along.
         self_collision: Also let the arm collide with itself in the rollouts.
+        horizon: Control steps looked ahead; None: as many as the sampler's settings say.
     """
 
     timestep_s: float = 0.025
     population: int = 60
     self_collision: bool = False
+    horizon: int | None = None
 
 
 @dataclass(frozen=True)
@@ -220,7 +222,7 @@ class PlanSettings:
     threads: int = 0
     icem: IcemSettings = field(default_factory=IcemSettings)
     cascade: tuple[Stage, ...] = (
-        Stage(),
+        Stage(population=24, horizon=7),
         Stage(self_collision=True),
         Stage(0.010, 60, True),
         Stage(0.010, 150, True),

@@ -8,7 +8,7 @@ interpolated over the horizon, rolled out, updated; the nominal is what gets exe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,10 +38,11 @@ class JudoSettings:
 
 
 def judo_sampler(judo: JudoSettings) -> SamplerFactory:
-    """A factory of Judo's sampler; the population is the stage's, the horizon the planner's."""
+    """A factory of Judo's sampler; population and horizon are the stage's."""
 
     def make(settings: PlanSettings, stage: Stage, dof: int, rng: np.random.Generator) -> Sampler:
-        return JudoCem(judo, settings, stage.population, dof, rng)
+        icem = replace(settings.icem, horizon=stage.horizon or settings.icem.horizon)
+        return JudoCem(judo, replace(settings, icem=icem), stage.population, dof, rng)
 
     return make
 
