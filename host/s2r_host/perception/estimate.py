@@ -28,6 +28,7 @@ from s2r_host.perception.ranking import Hypothesis, explained_share, rank
 from s2r_host.perception.refine import sides
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
 from s2r_host.perception.segment import Parts, segment
+from s2r_host.perception.symmetry import require_one_turn
 from s2r_host.perception.verdict import judge, require_motion, require_narrow
 from s2r_host.perception.view import CloudView, DepthView, View
 from s2r_host.perception.wishes import Wishes
@@ -160,6 +161,7 @@ def estimate_joint(
     fine = probe(view_a, scene.moved_before(), 1000, rng), probe(view_b, scene.moved_after(), 1000, rng)
     check_second_part(best.motion, motions, scene, sides(scene, rng), fine, rng)
     warnings += judge(ranked, scene, parts, explained, wishes.thin)
+    require_one_turn(best.motion, scene, fine)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
     noise_m = float(np.median(view_a.sigma_m[parts.before])) if parts.before.any() else 0.0015
     intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, noise_m, wishes.thin)
