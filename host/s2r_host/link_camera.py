@@ -43,7 +43,7 @@ class CameraLink:
         self,
         endpoint: str,
         keys: ArmKeys | None = None,
-        connect_timeout_s: float = 5.0,
+        connect_timeout_s: float = 15.0,
         tls: Path | None = None,
     ) -> None:
         """Open the session; :meth:`capture` retries until the camera answers.
