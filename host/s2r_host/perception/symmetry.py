@@ -47,13 +47,13 @@ def require_one_turn(motion: JointMotion, scene: Scene, probes: tuple[Probe, Pro
     if count > 1 and other < LONGER * motion.delta:
         raise AbstainError(
             f"the part looks alike after every {np.degrees(spacing):.0f} degrees: a turn by"
-            f" {np.degrees(motion.delta):.0f} degrees and one by {np.degrees(other):.0f} the other way explain the views"
-            f" alike; push by less than {np.degrees(spacing) / (1 + LONGER):.0f} degrees between the views"
+            f" {np.degrees(motion.delta):.0f} degrees and one by {np.degrees(other):.0f} the other way explain the"
+            f" views alike; push by less than {np.degrees(spacing) / (1 + LONGER):.0f} degrees between the views"
         )
 
 
 def _share_on_itself(motion: JointMotion, count: int, scene: Scene, probes: tuple[Probe, Probe]) -> float:
-    """Of a view's moved points, turned by the spacing on or back, those that land on moved surface of that same view."""
+    """Of a view's moved points, turned by the spacing on or back, those that land on moved surface of that view."""
     X = replace(motion, delta=2 * np.pi / count).transform()
     shares = []
     for T in (X, np.linalg.inv(X)):
