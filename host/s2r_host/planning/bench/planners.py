@@ -86,6 +86,8 @@ def _judo(ours: PlanSettings) -> dict[str, Planner]:
         "judo_4_knots": judo(coarse, JudoSettings(nodes=4)),
         "judo_10_elites": judo(coarse, JudoSettings()),
         "judo_100": judo(replace(coarse, population=100), JudoSettings()),
+        "judo_7_ahead": judo(replace(coarse, horizon=7), JudoSettings(elites=6)),
+        "judo_24": judo(replace(coarse, population=24, horizon=7), JudoSettings(elites=4)),
         "judo_shipped": judo(Stage(0.010, 16, True), JudoSettings(4, 2, 0.1, 1.0, 1)),
     }
 
