@@ -7,13 +7,16 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError, UsageError
+
+if TYPE_CHECKING:
+    from s2r_host.perception.estimate import JointEstimate
 
 Step = Callable[[str], None]
 
@@ -47,11 +50,16 @@ Step = Callable[[str], None]
     type=click.Choice(["revolute", "prismatic"]),
     help="Consider only this kind of joint.",
 )
+@click.option(
+    "--several",
+    is_flag=True,
+    help="More than one part may have moved: one model per part, in part_1, part_2, ... of --out.",
+)
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the sampling.")
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON on standard output.")
 def build_model(
     before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
-    joint_type: str | None, seed: int, as_json: bool,
+    joint_type: str | None, several: bool, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Estimate the joint that moved between two depth views and build a physics model of the object.
 
@@ -60,7 +68,7 @@ def build_model(
     """
     try:
         with _steps(quiet=as_json) as step:
-            result = _build(before, after, out, frame, camera, region, joint_type, seed, step)
+            result = _build(before, after, out, frame, camera, region, joint_type, several, seed, step)
     except RefusedError as error:
         _abstain(error, out, as_json)
     except S2RError as error:
@@ -69,27 +77,49 @@ def build_model(
     if as_json:
         click.echo(json.dumps(result, indent=1))
     else:
-        _print(result)
+        for part in result.get("parts_found", [result]):
+            _print(part)
 
 
 def _build(
     before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
-    joint_type: str | None, seed: int, step: Step,
+    joint_type: str | None, several: bool, seed: int, step: Step,
 ) -> dict[str, Any]:  # fmt: skip
     step("reading both views")
     box = parse_region(region)
     if before.resolve() == after.resolve():
         raise UsageError(f"--before and --after are the same file ({before}); two views are needed")
+    from s2r_host.perception.frames import DepthFrame
     from s2r_host.perception.loading import load_frame
 
     view_before = load_frame(before, frame, camera)  # type: ignore[arg-type]
     view_after = load_frame(after, frame, camera)  # type: ignore[arg-type]
     step("estimating the joint")
-    from s2r_host.perception.estimate import estimate_joint
+    if not several:
+        from s2r_host.perception.estimate import estimate_joint
 
-    estimate = estimate_joint(
-        view_before, view_after, region=box, joint_type=joint_type, seed=seed  # type: ignore[arg-type]
-    )  # fmt: skip
+        estimate = estimate_joint(
+            view_before, view_after, region=box, joint_type=joint_type, seed=seed  # type: ignore[arg-type]
+        )  # fmt: skip
+        return _build_one(estimate, out, frame, seed, step)
+    from s2r_host.perception.several import estimate_joints
+
+    if not (isinstance(view_before, DepthFrame) and isinstance(view_after, DepthFrame)):
+        raise UsageError(
+            "--several needs depth images or clouds with --camera: parts are told apart in the image"
+        )
+    found = estimate_joints(view_before, view_after, region=box, joint_type=joint_type, seed=seed)
+    parts = [
+        _build_one(estimate, out / f"part_{k}", frame, seed, step)
+        for k, estimate in enumerate(found, start=1)
+    ]
+    result: dict[str, Any] = {"parts_found": parts}
+    (out / "model.json").write_text(json.dumps(result, indent=1) + "\n")
+    return result
+
+
+def _build_one(estimate: JointEstimate, out: Path, frame: str, seed: int, step: Step) -> dict[str, Any]:
+    """Model, pictures and answer of one part."""
     step("building the model")
     from s2r_host.model.answer import answer
     from s2r_host.model.build import build_model as build

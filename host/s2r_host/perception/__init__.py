@@ -1,6 +1,7 @@
 """Perception: depth views in, the one joint that moved between them out.
 
-Start at `estimate.estimate_joint`; `loading.load_frame` reads files.
+Start at `estimate.estimate_joint`, or at `several.estimate_joints` if more than one part moved; `loading.load_frame`
+reads files.
 """
 
 from s2r_host.perception.errors import AbstainError, BadViewError, InputError
@@ -8,6 +9,7 @@ from s2r_host.perception.estimate import JointEstimate, estimate_joint
 from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.loading import load_frame
 from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.several import estimate_joints
 
 __all__ = [
     "AbstainError",
@@ -18,5 +20,6 @@ __all__ = [
     "JointEstimate",
     "JointMotion",
     "estimate_joint",
+    "estimate_joints",
     "load_frame",
 ]

@@ -132,34 +132,21 @@ def estimate_joint(
         BadViewError: The views are no usable pair.
     """
     rng = np.random.default_rng(seed)
-    view_a, view_b, warnings = _views(before, after, ignore_mask_before, ignore_mask_after, rng)
-    check_pair(view_a, view_b)
-    changes = without_specks(view_a, view_b, compare(view_a, view_b))
-    scene = Scene(view_a, view_b, changes, _in_region(view_a, region), _in_region(view_b, region))
+    scene, warnings = prepare(before, after, region, ignore_mask_before, ignore_mask_after, rng)
+    view_a, view_b, changes = scene.before, scene.after, scene.changes
     require_motion(scene)
-    # Nearest neighbours in a bare cloud cost ten times a projection.
-    few = 300 if isinstance(view_a, DepthView) and isinstance(view_b, DepthView) else 100
-    probes = probe(view_a, scene.moved_before(), few, rng), probe(view_b, scene.moved_after(), few, rng)
-    shape = hyp.structure(scene, rng, up)
-    found = [*extra_axes, *hyp.axes(shape)]
-    if joint_type is not None:
-        found = [axis for axis in found if axis.joint_type == joint_type]
-    motions, cost = hyp.scan(found, scene, *probes)
-    anchors = np.concatenate([probes[0].points[:100], probes[1].points[:100]])
-    starts = [motion for motion, _ in hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)]
-    wishes = Wishes(shape.fronts(), up, *shape.levers)
-    ranked = rank(starts, scene, wishes, rng)
-    if not ranked:
+    found = search(scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up)
+    if not found.ranked:
         check_same_camera(view_a, view_b, changes, np.ones(len(view_a.points), dtype=bool), rng)
         raise AbstainError(
             "no single joint motion carries the first view onto the second; is the part rigid?"
         )
-    best = ranked[0]
+    best, ranked, wishes = found.ranked[0], found.ranked, found.wishes
     parts = segment(scene, best.motion)
     explained = explained_share(best.refined, scene, rng)
     check_same_camera(view_a, view_b, changes, ~parts.before, rng)
     fine = probe(view_a, scene.moved_before(), 1000, rng), probe(view_b, scene.moved_after(), 1000, rng)
-    check_second_part(best.motion, motions, scene, sides(scene, rng), fine, rng)
+    check_second_part(best.motion, found.motions, scene, sides(scene, rng), fine, rng)
     warnings += judge(ranked, scene, parts, explained, wishes.thin)
     require_one_turn(best.motion, scene, fine)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
@@ -176,6 +163,60 @@ def estimate_joint(
         "rad" if motion.joint_type == "revolute" else "m",
         intervals, best.refined.residual_m, view_a, view_b, parts, tuple(ranked), explained, tuple(warnings),
     )  # fmt: skip
+
+
+def prepare(
+    before: DepthFrame | Cloud,
+    after: DepthFrame | Cloud,
+    region: Region | None,
+    ignore_before: Mask | None,
+    ignore_after: Mask | None,
+    rng: np.random.Generator,
+) -> tuple[Scene, list[str]]:
+    """Both views with their change labels, and warnings.
+
+    Raises:
+        BadViewError: The views are no usable pair.
+    """
+    view_a, view_b, warnings = _views(before, after, ignore_before, ignore_after, rng)
+    check_pair(view_a, view_b)
+    changes = without_specks(view_a, view_b, compare(view_a, view_b))
+    return Scene(view_a, view_b, changes, _in_region(view_a, region), _in_region(view_b, region)), warnings
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Candidates for one motion: refined ones in order of belief, all that were scanned, and what was wished for."""
+
+    ranked: list[Hypothesis]
+    motions: list[JointMotion]
+    wishes: Wishes
+
+
+def search(
+    scene: Scene,
+    rng: np.random.Generator,
+    *,
+    extra_axes: Sequence[hyp.Axis] = (),
+    joint_type: JointType | None = None,
+    up: Array | None = UP,
+) -> Search:
+    """Look for the motion that explains most of what moved; see `estimate_joint` for the options."""
+    # Nearest neighbours in a bare cloud cost ten times a projection.
+    few = 300 if isinstance(scene.before, DepthView) and isinstance(scene.after, DepthView) else 100
+    probes = (
+        probe(scene.before, scene.moved_before(), few, rng),
+        probe(scene.after, scene.moved_after(), few, rng),
+    )
+    shape = hyp.structure(scene, rng, up)
+    found = [*extra_axes, *hyp.axes(shape)]
+    if joint_type is not None:
+        found = [axis for axis in found if axis.joint_type == joint_type]
+    motions, cost = hyp.scan(found, scene, *probes)
+    anchors = np.concatenate([probes[0].points[:100], probes[1].points[:100]])
+    starts = [motion for motion, _ in hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)]
+    wishes = Wishes(shape.fronts(), up, *shape.levers)
+    return Search(rank(starts, scene, wishes, rng), motions, wishes)
 
 
 def _views(

@@ -30,7 +30,7 @@ def require_motion(scene: Scene) -> None:
     Raises:
         AbstainError: Less than `LEAST_MOVED_M2` of surface changed.
     """
-    area = max(_area(scene.before, scene.moved_before()), _area(scene.after, scene.moved_after()))
+    area = max(moved_area(scene.before, scene.moved_before()), moved_area(scene.after, scene.moved_after()))
     if area < LEAST_MOVED_M2:
         raise AbstainError(
             f"no motion seen: {area * 1e4:.1f} cm² of surface changed, at least {LEAST_MOVED_M2 * 1e4:.0f} cm² are"
@@ -38,7 +38,7 @@ def require_motion(scene: Scene) -> None:
         )
 
 
-def _area(view: View, index: NDArray[np.int64]) -> float:
+def moved_area(view: View, index: NDArray[np.int64]) -> float:
     """Surface seen at these points [m²] (pixel footprint, or spacing squared for clouds)."""
     if len(index) == 0:
         return 0.0
