@@ -7,10 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX
+from s2r_host.gap.consistency import disagreement
 from s2r_host.gap.decision import LEFTOVER_LIMIT, Decision, doubt, explained, leftover, too_much_left
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.law import LawFinding
-from s2r_host.gap.naming import CEILING, MODEL_ERROR, Z90, Named, named_effect, parameter_table
+from s2r_host.gap.naming import CEILING, MODEL_ERROR, Z90, Named, brought, named_effect, parameter_table
 from s2r_host.gap.other_machine import other_machine
 from s2r_host.gap.parameters_off import base_entries, is_parameter, off_entries, off_entry, parameters_only
 from s2r_host.gap.problem import Problem
@@ -32,7 +33,7 @@ BEHIND_THE_SENSOR = (
 def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda _: None) -> Decision:
     """Search, then say only what the data carry."""
     decision = _from_plant(problem, search, log)
-    _add_drift(problem, decision.solution, decision)
+    _add_drift(problem, search, decision)
     for finding in problem.law:
         _add_law(problem, finding, decision)
     for contradiction in problem.contradictions:
@@ -54,12 +55,13 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         solution = search.finish([], [], [])
         return Decision("nothing_missing", solution, rejected=rejected_at_floor(problem, search))
     search.looseness = 1.0
-    if search.at_floor([]):
+    numbers_do = search.at_floor([])
+    if numbers_do and not search.stands_out([], []):
         log("small changes of base parameters reach the noise floor")
         decision = parameters_only(problem, search)
         if not too_much_left(problem, search, decision):
             return decision
-    solution = search.run()
+    solution = search.run(look=numbers_do)
     looseness = 1.0
     few = 0 < len(solution.terms) <= MAX_EFFECTS and len(problem.joints) <= FEW_JOINTS
     if few and base_matters(search, problem, solution.terms):
@@ -79,7 +81,10 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         elif base_matters(search, problem):
             decision = parameters_only(problem, search)
         return decision
-    if too_much_left(problem, search, decision):
+    odd = disagreement(problem, search, solution)
+    if odd is not None:
+        decision.reasons.append(odd)
+    if odd is not None or too_much_left(problem, search, decision):
         nearest = ", ".join(e.name for e in decision.effects) or "a wrong parameter"
         decision.reasons.append(
             f"the best of the catalogue ({nearest}) leaves {decision.leftover:.1f} times the noise floor and explains "
@@ -88,7 +93,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         for e in decision.effects:
             decision.rejected.insert(
                 0, {"name": e.name, "joint": e.joint, "holdout_gain": round(decision.explained, 4),
-                    "why": f"nearest, but leaves {decision.leftover:.1f} floors unexplained"}
+                    "why": odd or f"nearest, but leaves {decision.leftover:.1f} floors unexplained"}
             )  # fmt: skip
         decision.verdict, decision.effects = "unknown", []
     return decision
@@ -145,14 +150,21 @@ def _add_contradiction(problem: Problem, found: Contradiction, decision: Decisio
     _add_law(problem, found.finding, decision, found.words)
 
 
-def _add_drift(problem: Problem, solution: Solution, decision: Decision) -> None:
-    """Name the change of friction in held-out sessions that were not among the fitted ones."""
-    for drift, (change, covariance, level) in zip(problem.drift, solution.drift, strict=True):
+def _add_drift(problem: Problem, search: Search, decision: Decision) -> None:
+    """Name the change of friction in held-out sessions that were not among the fitted ones.
+
+    The change counts from the friction that the fitted sessions show, not from that of the model.
+    """
+    if not problem.drift:
+        return
+    search.looseness = 1.0
+    drifts = search.finish(decision.solution.terms, [], []).drift
+    for drift, (change, covariance, level) in zip(problem.drift, drifts, strict=True):
         share, deviation = _common_share(level, change, covariance)
         total = 0.5 * float(change @ np.linalg.solve(covariance, change))
         odds = 0.5 * (share / deviation) ** 2
         # What raises one kind of friction and lowers the other is no session's doing, but something unmodelled.
-        if odds < DRIFT_ODDS or odds < DRIFT_COMMON * total or abs(share) < DRIFT_LEAST:
+        if odds < DRIFT_ODDS or odds < DRIFT_COMMON * total or abs(share) < DRIFT_LEAST or share <= -1.0:
             continue
         s, j = drift.block.session, drift.block.joint
         joint = problem.ctx.model.joints[j]
@@ -198,6 +210,7 @@ def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
             decision.parameters_off += off_entries(problem, search, named)
         else:
             decision.effects.append(named)
+            decision.effects += brought(problem, search, solution, i, named)
     decision.effects.sort(key=lambda e: -e.probability)
     if decision.effects:
         decision.verdict = "physics_missing"

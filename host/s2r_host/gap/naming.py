@@ -15,6 +15,7 @@ from s2r_host.gap.solution import Scored, Solution, Term
 HEAT, CEILING = 0.003, 0.96
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out
 Z90 = 1.645
+CLEAR_DEVIATIONS = 5.0  # of a size, before what it belongs to is named beside
 EQUIVALENT = (
     ("gravity_tilt", "encoder_offset"),
     ("actuator_delay", "bandwidth"),
@@ -78,6 +79,31 @@ def named_effect(problem: Problem, search: Search, solution: Solution, i: int, s
         term, term.effect, joint, own, also[:1], text, parameter_table(problem, search, solution, i), solution.theta[i],
         rival_odds(slot),
     )  # fmt: skip
+
+
+def brought(problem: Problem, search: Search, solution: Solution, i: int, named: Named) -> list[Named]:
+    """Simpler effects that term ``i`` holds because the model lacks them, where their size is clear."""
+    term, found = solution.terms[i], []
+    for name, k in search.effects[term.effect].brings(problem.ctx, term.joint, dict(term.shape)).items():
+        size, variance = solution.theta[i][k : k + 1], float(solution.covariance[i][k, k])
+        if name not in search.effects or not size[0] > CLEAR_DEVIATIONS * np.sqrt(variance):
+            continue
+        values = search.effects[name].parameters(problem.ctx, term.joint, {}, size)
+        table = {}
+        for key, value in values.items():
+            half = Z90 * float(np.hypot(np.sqrt(variance), MODEL_ERROR * size[0]))
+            ends = [float(value.value) - half, float(value.value) + half]
+            table[key] = {
+                "value": float(value.value),
+                "unit": value.unit,
+                "interval90": ends,
+                "identifiable": True,
+            }
+        why = f"the model has none, and {term.effect} of none cannot be"
+        found.append(
+            Named(Term(name, term.joint), name, named.joint, 0.99 * named.probability, [], why, table, size)
+        )
+    return found
 
 
 def rival_odds(slot: list[Scored]) -> dict[str, float]:

@@ -9,9 +9,11 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.model import RigidModel
-from s2r_host.gap.session import Session, lowpass
+from s2r_host.gap.rows import effort_slope
+from s2r_host.gap.session import Session
 
 WEAK = 0.03
+TIMING = 0.5
 STEP = 1e-2
 
 
@@ -207,16 +209,16 @@ def _offset(model: RigidModel, j: int, joint: str) -> BaseParameter:
 
 
 def _hold(model: RigidModel, j: int, joint: str) -> BaseParameter:
-    """Timing inside one sample: a held effort acts half a step late, and who logs when is rarely said."""
+    """Timing inside one sample, or one period of a controller of known rate: who logs when is rarely said."""
 
     def column(s: Session) -> np.ndarray:
         if not s.has_u[j]:
             return np.zeros_like(s.q)
         rate = s.rec.controller.rate_hz
         held = min(s.rec.dt, 1.0 / rate) if rate else s.rec.dt
-        return _on_joint(s, j, held * np.gradient(lowpass(s.u[:, j], min(50.0, 0.3 / s.rec.dt), s.dt), s.dt))
+        return _on_joint(s, j, held * effort_slope(s, j))
 
-    return BaseParameter("timing", joint, True, 0.0, 1.0, "samples", 0.7, column, lambda *_: None)
+    return BaseParameter("timing", joint, True, 0.0, 1.0, "samples", TIMING, column, lambda *_: None)
 
 
 def _edge(model: RigidModel, j: int, joint: str) -> BaseParameter:

@@ -12,6 +12,7 @@ from s2r_host.gap.session import Session, lowpass, nominal_friction
 
 HOLDOUT_SHARE = 0.3
 LEAST_CUT_HZ = 2.5
+SLOPE_CUT_HZ = 50.0
 
 
 @dataclass
@@ -33,10 +34,20 @@ def compare(x: np.ndarray, s: Session, joint: int, nonlinear: bool) -> np.ndarra
 
 
 def residual(model: RigidModel, s: Session, joint: int) -> np.ndarray:
-    """Filtered effort minus what the nominal model needs, shape (time,)."""
+    """Filtered effort minus what the nominal model needs, shape (time,).
+
+    An effort that a controller of known rate holds for its period acts half a period late on average.
+    """
+    rate = s.rec.controller.rate_hz
+    late = 0.5 / rate if rate else 0.0
     rigid = compare(s.load[:, joint], s, joint, False)
     friction = compare(nominal_friction(model, s)[:, joint], s, joint, True)
-    return compare(s.u[:, joint], s, joint, True) - rigid - friction
+    return compare(s.u[:, joint] - late * effort_slope(s, joint), s, joint, True) - rigid - friction
+
+
+def effort_slope(s: Session, joint: int) -> np.ndarray:
+    """Change of the recorded effort per second, shape (time,)."""
+    return np.gradient(lowpass(s.u[:, joint], min(SLOPE_CUT_HZ, 0.3 / s.rec.dt), s.dt), s.dt)
 
 
 def make_blocks(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.signal import lfilter
 
-from s2r_host.gap.base_terms import base_terms
+from s2r_host.gap.base_terms import PREFIX, base_terms
 from s2r_host.gap.complete import LinkGroup, complete
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Effect
@@ -17,6 +17,15 @@ from s2r_host.gap.solution import Scored, Solution, Term
 
 TEMPER = 3.0
 MIN_GAIN = 12.0
+CLEAR_GAIN, CLEAR_SHARE, NO_LOSS = (
+    20.0,
+    0.05,
+    -0.05,
+)  # evidence, its share of the first effect's, change held out
+# Effects that are no more than one number.
+NUMBERS = (
+    "payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset", "coulomb_friction", "viscous_friction",
+)  # fmt: skip
 MAX_EFFECTS = 3
 FLOOR_SLACK = 1.2
 FLOOR_SLACK_AFTER = 1.4
@@ -291,16 +300,31 @@ class Search:
         base = self.marginal(terms, fit, TEMPER)
         return TEMPER * max(1.0, base.rss / max(int(fit.sum()), 1))
 
-    def run(self, max_effects: int = MAX_EFFECTS) -> Solution:
-        """Greedy selection, then replacement of each term while that helps."""
+    def stands_out(self, chosen: list[Term], slots: list[list[Scored]]) -> bool:
+        """At the noise floor: does one more effect, no mere number, still beat changes of the base parameters clearly?
+
+        A floor holds in the sum; a delay that five of its prior deviations in a timing error make up for does not.
+        """
+        scored, _ = self._scan_profiled(chosen)
+        best = next((s for s in scored if not s.term.effect.startswith(PREFIX)), None)
+        if best is None or best.term.effect in NUMBERS:
+            return False
+        return self._clear(best, slots)
+
+    def run(self, max_effects: int = MAX_EFFECTS, look: bool = False) -> Solution:
+        """Greedy selection, then replacement of each term while that helps; ``look``: once even at the floor."""
         chosen, slots = complete(self)
         self.completed = len(chosen)
         scans: list[Scored] = []
-        while len(chosen) < self.completed + max_effects and not self.at_floor(chosen):
+        while len(chosen) < self.completed + max_effects:
+            own = slots[self.completed :]
+            reached = self.at_floor(chosen)
+            if reached and not (look and not chosen) and not (own and self.stands_out(chosen, own)):
+                break
             scored, _ = self._scan_profiled(chosen)
             if len(chosen) == self.completed:
                 scans = scored
-            if not scored or not self._worth_it(scored[0], slots[self.completed :]):
+            if not scored or not (self._clear(scored[0], own) or self._worth_it(scored[0], own)):
                 break
             self.log(
                 f"  + {scored[0].term.effect} on {self._joint(scored[0].term)}: gain {scored[0].gain:.0f}"
@@ -310,6 +334,12 @@ class Search:
             chosen, slots = self._replace(chosen, slots)
         chosen, slots = self._prune(chosen, slots)
         return self.finish(chosen, slots, scans)
+
+    @staticmethod
+    def _clear(best: Scored, slots: list[list[Scored]]) -> bool:
+        """Evidence that is no small fraction of the first effect's cannot be the error of its equation."""
+        first = max((s.gain for s in slots[0]), default=0.0) if slots else 0.0
+        return best.gain > max(CLEAR_GAIN, CLEAR_SHARE * first) and best.holdout_gain > NO_LOSS
 
     @staticmethod
     def _worth_it(best: Scored, slots: list[list[Scored]]) -> bool:

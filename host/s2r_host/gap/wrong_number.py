@@ -90,9 +90,32 @@ def with_number(problem: Problem, search: Search, solution: Solution) -> tuple[f
     _, looseness, slot = max(one, key=lambda x: x[0])
     slot = turned_not_shifted(slot)
     search.looseness = looseness
-    more = search.finish([*solution.terms, slot[0].term], [*solution.slots, slot], solution.scans)
+    uneven = one_sided(problem, search, solution, slot[0].term)
+    more = uneven or search.finish([*solution.terms, slot[0].term], [*solution.slots, slot], solution.scans)
     search.looseness = 1.0
     return looseness, more
+
+
+def one_sided(problem: Problem, search: Search, solution: Solution, number: Term) -> Solution | None:
+    """Dry friction and a zero of the effort that is off are friction that differs by direction; None otherwise."""
+    for i, term in enumerate(solution.terms):
+        name = problem.ctx.model.joints[term.joint]
+        if term.effect != "coulomb_friction" or number.effect != f"{PREFIX}effort@{name}":
+            continue
+        key = ("asymmetric_friction", term.joint)
+        if key[0] not in search.effects or search.effects[key[0]].blocked(problem.ctx, term.joint):
+            return None
+        uneven = Term(*key, (("dry", 1.0), ("viscous", 0.0)))
+        slots = [list(s) for s in solution.slots]
+        own = slots[i][0].gain if slots[i] else 0.0
+        slots[i] = [
+            Scored(uneven, own, own, slots[i][0].holdout_gain if slots[i] else 0.0, np.zeros(0)),
+            *slots[i],
+        ]
+        return search.finish(
+            [uneven if k == i else t for k, t in enumerate(solution.terms)], slots, solution.scans
+        )
+    return None
 
 
 def _weigh_numbers(

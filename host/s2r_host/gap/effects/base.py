@@ -148,6 +148,19 @@ class Effect:
         """Physical parameters from shape and coefficients."""
         raise NotImplementedError
 
+    def brings(self, ctx: Context, joint: int, shape: Shape) -> dict[str, int]:
+        """Simpler effects that this one holds because the model lacks them: name -> which coefficient is their size."""
+        return {}
+
+    def part(
+        self, ctx: Context, s: Session, joint: int, shape: Shape, theta: np.ndarray
+    ) -> np.ndarray | None:
+        """A physically distinct part of the required effort, as large as the whole says; None when there is only one.
+
+        Another cause may imitate the sum of the parts, but not their ratio.
+        """
+        return None
+
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Shape parameters worth refining: key -> (``log`` or ``linear``, first step)."""
         return {}

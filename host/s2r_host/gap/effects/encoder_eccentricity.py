@@ -53,6 +53,22 @@ class EncoderEccentricity(Effect):
         a[:, joint] += STEP * n * (np.cos(x) * s.a[:, joint] - n * np.sin(x) * s.v[:, joint] ** 2)
         return (ctx.model.inverse(q, v, a) - s.load) / STEP
 
+    def part(
+        self, ctx: Context, s: Session, joint: int, shape: Shape, theta: np.ndarray
+    ) -> np.ndarray | None:
+        """What the weight of the links does at the wrong angle; an inertia that changes with the pose lacks it."""
+        key = ("eccentric weight", joint, shape["order"])
+        if key not in s.cache:
+            still = np.zeros_like(s.q)
+            rest = ctx.model.inverse(s.q, still, still)
+            found = []
+            for phase in (0.0, np.pi / 2):
+                q = s.q.copy()
+                q[:, joint] += STEP * np.sin(shape["order"] * s.q[:, joint] + phase)
+                found.append((ctx.model.inverse(q, still, still) - rest) / STEP)
+            s.cache[key] = found
+        return theta[0] * s.cache[key][0] + theta[1] * s.cache[key][1]
+
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Amplitude, order, phase."""
         size = float(np.hypot(*theta)) + 1e-30

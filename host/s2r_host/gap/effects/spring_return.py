@@ -9,6 +9,8 @@ from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
 from s2r_host.gap.effects.viscous_friction import add_first
 from s2r_host.gap.session import Session
 
+EDGE, AMID = 0.1, -8.0  # share of the travel, log odds
+
 
 class SpringReturn(Effect):
     """tau = k (q - q0)."""
@@ -22,6 +24,13 @@ class SpringReturn(Effect):
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Position and a constant."""
         return Columns([s.q[:, joint], np.ones(len(s.t))], (True, False))
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """What returns a joint pulls one way over its whole travel; a rest amid the travel is a cable's or hose's."""
+        low, high = ctx.span(joint)
+        edge = EDGE * (high - low)
+        rest = -float(theta[1]) / float(theta[0]) if theta[0] > 0 else np.inf
+        return AMID if low + edge < rest < high - edge else 0.0
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Stiffness and rest position."""

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import lfilter
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.session import Session
 
-FRICTION, DAMPING, GAIN = 0.0, 1.0, 2.0
+FRICTION, DAMPING, GAIN, ALL = 0.0, 1.0, 2.0, 3.0
 WORD = {FRICTION: "friction", DAMPING: "damping", GAIN: "gain"}
+PER_KELVIN = (0.005, 0.015, 0.04, 0.08)
+PER_WARMING = (0.1, 0.4, 1.0, 2.0)  # of the final warming, where no temperature is recorded
 
 
 class ThermalDrift(Effect):
-    """tau = c (1 - exp(-t/T)) times sgn(dq), dq or load; with a temperature channel (temp - temp0) instead of time."""
+    """tau = c x times sgn(dq), dq or load, or all friction times exp(-k x), with the warming x.
+
+    x is (temp - temp0) where a temperature is recorded, else the first-order answer, of time constant T, to the
+    square of the effort (Joule heat). A lubricant thins exponentially with temperature and acts on dry and viscous
+    friction alike (Bittencourt and Gunnarsson, Static friction in a robot joint, J. Dyn. Sys. 134, 2012).
+    """
 
     name = "thermal_drift"
-    equation = "tau = c (1 - exp(-t/T)) {sgn dq | dq | load}"
+    equation = "tau = c x {sgn dq | dq | load}, or all friction times exp(-k x), T dx/dt = heat - x"
     signature = "one regressor whose coefficient drifts over the recording"
     separating_motion = "repeat the first motion at the end"
     confusable = ("session_friction", "payload")
@@ -32,20 +40,31 @@ class ThermalDrift(Effect):
         times = (0.1, 0.3, 1.0, 4.0)
         if self._temperature(ctx, ctx.sessions[0], joint) is not None:
             times = (1.0,)
-        return [{"T": longest * x, "target": target} for x in times for target in (FRICTION, DAMPING, GAIN)]
+        rates = PER_WARMING if len(times) > 1 else PER_KELVIN
+        linear = [{"T": longest * x, "target": target} for x in times for target in (FRICTION, DAMPING, GAIN)]
+        if not self._rubs(ctx, joint):
+            return linear
+        return linear + [{"T": longest * x, "target": ALL, "k": k} for x in times for k in rates]
+
+    def _rubs(self, ctx: Context, joint: int) -> bool:
+        m = ctx.model.model
+        return bool(m.dof_frictionloss[joint] > 0 or m.dof_damping[joint] > 0)
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
-        """Time constant on a log scale."""
-        return {"T": ("log", 0.4)}
+        """Time constant and temperature coefficient on a log scale."""
+        if self._temperature(ctx, ctx.sessions[0], joint) is not None:
+            return {"k": ("log", 0.3)}
+        return {"T": ("log", 0.4), "k": ("log", 0.3)}
 
     def _temperature(self, ctx: Context, s: Session, joint: int) -> np.ndarray | None:
         return s.channel("temp", ctx.model.joints[joint])
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Drift times what drifts."""
-        temperature = self._temperature(ctx, s, joint)
-        drift = 1.0 - np.exp(-s.t / shape["T"]) if temperature is None else temperature - temperature[0]
+        drift = self._warming(ctx, s, joint, shape["T"])
         target = shape["target"]
+        if target == ALL:
+            return self._thinning(ctx, s, joint, np.exp(-shape["k"] * drift))
         what = (
             s.sign(joint) if target == FRICTION else s.v[:, joint] if target == DAMPING else s.load[:, joint]
         )
@@ -59,8 +78,38 @@ class ThermalDrift(Effect):
             positive.append(True)
         return Columns(linear, tuple(positive))
 
+    def _warming(self, ctx: Context, s: Session, joint: int, T: float) -> np.ndarray:
+        temperature = self._temperature(ctx, s, joint)
+        if temperature is not None:
+            return temperature - temperature[0]
+        heat = np.nan_to_num(s.u[:, joint]) ** 2
+        keep = float(np.exp(-s.dt / T))
+        x = lfilter([1.0 - keep], [1.0, -keep], heat / max(float(np.mean(heat)), 1e-30))
+        return np.asarray(x)
+
+    def _thinning(self, ctx: Context, s: Session, joint: int, factor: np.ndarray) -> Columns:
+        """What is left of the model's friction; dry or viscous friction it lacks, thinning alike."""
+        m = ctx.model.model
+        kinds = [
+            (float(m.dof_frictionloss[joint]), s.sign(joint)),
+            (float(m.dof_damping[joint]), s.v[:, joint]),
+        ]
+        known = sum(level * x for level, x in kinds if level > 0)
+        linear = [(factor - 1.0) * known, *(factor * x for level, x in kinds if level <= 0)]
+        return Columns(linear, (True,) * len(linear))
+
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
-        """Final change and time constant."""
+        """Final change, or temperature coefficient, and time constant."""
+        if shape["target"] == ALL:
+            warm = self._temperature(ctx, ctx.sessions[0], joint) is not None
+            found = {
+                "per_kelvin" if warm else "per_warming": Value(
+                    shape["k"], "1/K" if warm else "1", shape_key="k"
+                )
+            }
+            if not warm:
+                found["time_constant"] = Value(shape["T"], "s", shape_key="T")
+            return found
         unit = {FRICTION: ctx.model.effort_unit(ctx.model.joints[joint]), DAMPING: "N·m·s/rad", GAIN: "1"}[
             shape["target"]
         ]
@@ -70,9 +119,25 @@ class ThermalDrift(Effect):
             "time_constant": Value(shape["T"], "s", shape_key="T"),
         }
 
+    def brings(self, ctx: Context, joint: int, shape: Shape) -> dict[str, int]:
+        """Friction the model lacks, cold."""
+        m = ctx.model.model
+        dry, viscous = m.dof_frictionloss[joint] > 0, m.dof_damping[joint] > 0
+        if shape["target"] != ALL:
+            lacks = {FRICTION: not dry, DAMPING: not viscous}.get(shape["target"], False)
+            return (
+                {"coulomb_friction" if shape["target"] == FRICTION else "viscous_friction": 1}
+                if lacks
+                else {}
+            )
+        missing = [n for n, known in (("coulomb_friction", dry), ("viscous_friction", viscous)) if not known]
+        return {name: 1 + i for i, name in enumerate(missing)}
+
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
-        """Time-dependent force or friction loss."""
+        """Time-dependent force or friction loss; heat by the effort counts as its mean."""
         c, T, target = float(theta[0]), shape["T"], shape["target"]
+        if target == ALL:
+            return self._thinning_runtime(ctx, joint, shape, theta)
         flat = float(theta[1]) if len(theta) > 1 else 0.0
 
         def step(state: StepState) -> tuple[float, float]:
@@ -80,6 +145,24 @@ class ThermalDrift(Effect):
             if target == FRICTION:
                 return 0.0, now
             return now * float(state.v[joint] if target == DAMPING else state.load[joint]), 0.0
+
+        return step
+
+    def _thinning_runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> Runtime:
+        """Warming as a function of time, as the first recording has it."""
+        s, m = ctx.sessions[0], ctx.model.model
+        x = self._warming(ctx, s, joint, shape["T"])
+        dry, viscous = float(m.dof_frictionloss[joint]), float(m.dof_damping[joint])
+        more = [float(y) for y in theta[1:]]
+        new_dry = more.pop(0) if dry <= 0 and more else 0.0
+        new_viscous = more.pop(0) if viscous <= 0 and more else 0.0
+
+        def step(state: StepState) -> tuple[float, float]:
+            factor = float(np.exp(-shape["k"] * np.interp(state.t, s.t, x)))
+            lost = float(theta[0]) * (factor - 1.0)
+            return (lost * viscous + factor * new_viscous) * float(
+                state.v[joint]
+            ), lost * dry + factor * new_dry
 
         return step
 

@@ -1,0 +1,36 @@
+"""Do the parts of a named effect agree? What imitates the sum of them rarely has their ratio."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.problem import Problem
+from s2r_host.gap.search import Search
+from s2r_host.gap.solution import Solution
+
+WRONG_SHARE, CLEAR = 0.35, 2.0  # of a part; deviations, by noise three times as strong as seen
+
+
+def disagreement(problem: Problem, search: Search, solution: Solution) -> str | None:
+    """A sentence when a part of a chosen effect is clearly not as large as the whole effect says."""
+    fit = ~problem.held
+    base = search.marginal(solution.terms, fit, solution.noise)
+    for term, theta in zip(solution.terms, solution.theta, strict=True):
+        effect, shape = search.effects[term.effect], dict(term.shape)
+        parts: dict[int, np.ndarray] = {}
+        for s in {b.session.index: b.session for b in problem.blocks}.values():
+            part = effect.part(problem.ctx, s, term.joint, shape, theta)
+            if part is not None:
+                parts[s.index] = part
+        if not parts:
+            continue
+        column = problem.whiten(parts, term.joint)[fit][:, None]
+        w = base.weigh(column, np.array([False]), None)
+        deviation = float(np.sqrt(solution.noise / max(float(w.S[0, 0]), 1e-30)))
+        off = float(w.theta[0])
+        if abs(off) > WRONG_SHARE and abs(off) > CLEAR * deviation:
+            return (
+                f"the weight's part of {term.effect} would have to be {1.0 + off:.2f} times what its inertia's part "
+                f"says (one deviation {deviation:.2f})"
+            )
+    return None
