@@ -1,25 +1,24 @@
-"""What the run believes about the object: the joint, the model on disk, and what execution has taught since."""
+"""What the run believes about the object: the joint, the models on disk, and what execution has taught since."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from s2r_host.errors import SceneError
 from s2r_host.model.build import ObjectModel, build_model
 from s2r_host.perception.estimate import JointEstimate, estimate_joint
+from s2r_host.run.faces import with_face
 from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.observe import Observation
 from s2r_host.run.task import Task
 
 UPRIGHT_AXIS = 0.5
 LEAST_ALIGNED = 0.8  # cosine between the axis seen and the one the first view promised
-THINNEST_M = 0.004
 USUAL_PLATE_M = 0.006
 HOLDING = 1.25  # friction over the gravity that it holds
 RANGE_SAMPLES = 41
@@ -35,15 +34,21 @@ class Belief:
         estimate: The joint, signed as the task says.
         model: Built from it; joint value 0 is view A.
         template: The part's surface, for measuring.
-        mjcf_path: The object as believed: the built model, or one corrected by :func:`corrected`.
-        shifts: Geom name -> how far along or about the axis it was moved from the built model [m or rad].
+        falling, growing: The object as believed for motions that let the joint fall or grow: the built model, corrected
+            at the side of the part that such motions push, see :mod:`s2r_host.run.contact`.
+        shifts: What was corrected -> how far along or about the axis it was moved from the built model [m or rad].
     """
 
     estimate: JointEstimate
     model: ObjectModel
     template: PartTemplate
-    mjcf_path: Path
+    falling: Path
+    growing: Path
     shifts: dict[str, float]
+
+    def path(self, positive: bool) -> Path:
+        """The object file for motions that let the joint grow (``positive``) or fall."""
+        return self.growing if positive else self.falling
 
     @property
     def axis(self) -> np.ndarray:
@@ -111,13 +116,15 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
         ModelError: The views do not show enough of the object.
     """
     model = build_model(estimate, folder, outward=True, seed=seed)
-    belief = Belief(estimate, model, part_template(estimate), model.mjcf_path, {})
-    if not belief.template.slides:
-        belief = replace(belief, template=belief.template.with_back(_thickness_m(model)))
-        return _held(belief, folder / "believed.xml")
-    if model.drawer is None:
-        return belief
-    return _with_face(belief, "part_front", -UNSEEN_MARGIN_M, folder / "believed.xml", inner=True)
+    template, path = part_template(estimate), model.mjcf_path
+    if not template.slides:
+        template = template.with_back(_thickness_m(model))
+        path = _held(model, folder / "believed.xml")
+    elif model.drawer is not None:
+        path = with_face(
+            path, "part_front", template.axis, -UNSEEN_MARGIN_M, folder / "believed.xml", inner=True
+        )
+    return Belief(estimate, model, template, path, path, {})
 
 
 def _thickness_m(model: ObjectModel) -> float:
@@ -128,97 +135,26 @@ def _thickness_m(model: ObjectModel) -> float:
     return min(plates, default=USUAL_PLATE_M)
 
 
-def _held(belief: Belief, path: Path) -> Belief:
-    """The belief with at least the friction that keeps the part at rest anywhere in its range, and some more.
+def _held(built: ObjectModel, path: Path) -> Path:
+    """The object with at least the friction that keeps the part at rest anywhere in its range, and some more.
 
     Mass is a guess from a guessed density. That the part stayed where both views found it is a fact, that it stays
     elsewhere, too, is what such hinges are made for: a lid that falls from half its way would be of no use.
     """
-    model = mujoco.MjModel.from_xml_path(str(belief.mjcf_path))
+    model = mujoco.MjModel.from_xml_path(str(built.mjcf_path))
     data = mujoco.MjData(model)
     joint = model.joint(JOINT)
     needed = 0.0
-    for s in np.linspace(*belief.model.range, RANGE_SAMPLES):
+    for s in np.linspace(*built.range, RANGE_SAMPLES):
         data.qpos[joint.qposadr[0]] = s
         mujoco.mj_forward(model, data)
         needed = max(needed, abs(float(data.qfrc_bias[joint.dofadr[0]])))
     friction = HOLDING * needed
     if friction <= model.dof_frictionloss[joint.dofadr[0]]:
-        return belief
-    tree = ET.parse(belief.mjcf_path)
+        return built.mjcf_path
+    tree = ET.parse(built.mjcf_path)
     element = tree.find(f".//joint[@name='{JOINT}']")
     assert element is not None
     element.set("frictionloss", f"{friction:.7g}")
-    return _written(belief, tree, path)
-
-
-def corrected(belief: Belief, geom: str, offset: float, positive: bool, folder: Path) -> Belief:
-    """Move the surface that was pushed to where the outcome says it is.
-
-    With the tip at the same place the model ended at s and the part at s + offset: the pushed surface lies
-    ``offset`` further back along the motion than modelled. Of a slide's box only the pushed face moves (a handle's
-    inner face no camera saw; its outer face was seen); another shape moves as a whole.
-
-    Args:
-        belief: So far.
-        geom: The geom the fingertip pressed on.
-        offset: Measured minus modelled joint value at the end of the motion [m or rad].
-        positive: The joint grew during the motion, so the pushed face looks against it.
-        folder: For the new file.
-    """
-    path = folder / "object.xml"
-    if belief.template.slides:
-        changed = _with_face(belief, geom, -offset, path, inner=positive)
-    else:
-        changed = _turned(belief, geom, -offset, path)
-    return replace(changed, shifts={**belief.shifts, geom: belief.shifts.get(geom, 0.0) - offset})
-
-
-def _turned(belief: Belief, name: str, angle: float, path: Path) -> Belief:
-    """The belief with one geom turned about the axis by ``angle`` [rad]."""
-    tree = ET.parse(belief.mjcf_path)
-    geom = _geom(tree, name, belief.mjcf_path)
-    X = belief.template.pose(angle)
-    R = Rotation.from_matrix(X[:3, :3]) * Rotation.from_quat(_numbers(geom, "quat"), scalar_first=True)
-    geom.set("pos", _text(X[:3, :3] @ _numbers(geom, "pos") + X[:3, 3]))
-    geom.set("quat", _text(R.as_quat(scalar_first=True)))
-    return _written(belief, tree, path)
-
-
-def _with_face(belief: Belief, name: str, shift_m: float, path: Path, inner: bool) -> Belief:
-    """The belief with one face of a geom shifted along the axis by ``shift_m`` (+ = out); a hull shifts whole."""
-    tree = ET.parse(belief.mjcf_path)
-    geom = _geom(tree, name, belief.mjcf_path)
-    move = shift_m * belief.axis
-    if geom.get("type") == "box":
-        size = _numbers(geom, "size")
-        R = Rotation.from_quat(_numbers(geom, "quat"), scalar_first=True).as_matrix()
-        along = int(np.argmax(np.abs(R.T @ belief.axis)))
-        half = max(size[along] + (-0.5 if inner else 0.5) * shift_m, 0.5 * THINNEST_M)
-        move = (half - size[along]) * (-belief.axis if inner else belief.axis)
-        size[along] = half
-        geom.set("size", _text(size))
-    geom.set("pos", _text(_numbers(geom, "pos") + move))
-    return _written(belief, tree, path)
-
-
-def _geom(tree: ET.ElementTree[ET.Element], name: str, path: Path) -> ET.Element:
-    geom = tree.find(f".//geom[@name='{name}']")
-    if geom is None:
-        raise SceneError(f"object model {path} has no geom '{name}' to correct")
-    return geom
-
-
-def _written(belief: Belief, tree: ET.ElementTree[ET.Element], path: Path) -> Belief:
-    path.parent.mkdir(parents=True, exist_ok=True)
     tree.write(path, encoding="unicode")
-    return replace(belief, mjcf_path=path)
-
-
-def _text(values: np.ndarray) -> str:
-    return " ".join(f"{value:.7g}" for value in values)
-
-
-def _numbers(element: ET.Element, key: str) -> np.ndarray:
-    default = {"pos": "0 0 0", "quat": "1 0 0 0", "size": "0 0 0"}[key]
-    return np.array([float(v) for v in element.get(key, default).split()])
+    return path

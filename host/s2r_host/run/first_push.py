@@ -52,10 +52,11 @@ class PlannedPush:
 
 @dataclass(frozen=True, eq=False)
 class DonePush:
-    """A push that was carried out."""
+    """A push that was carried out; ``went_through`` if nothing stopped it on the way."""
 
     planned: PlannedPush
     executed: tuple[Executed, ...]
+    went_through: bool
 
 
 def prepare_push(session: Session, view: Observation, number: int = 1, skip: int = 0) -> PlannedPush:
@@ -93,13 +94,14 @@ def carry_out_push(session: Session, planned: PlannedPush) -> DonePush:
     Raises:
         ArmStoppedError: Stopped for another cause, or elsewhere than on the way into contact.
     """
-    begun = len(session.executed)
+    begun, went_through = len(session.executed), True
     try:
         session.move(planned.motions)
     except ArmStoppedError as error:
+        went_through = False
         back_off(session, error, planned.motion.push, f"{planned.motions[1].label}: backing off")
         session.move(planned.motions[-1:])
-    return DonePush(planned, tuple(session.executed[begun:]))
+    return DonePush(planned, tuple(session.executed[begun:]), went_through)
 
 
 def _reachable(session: Session, pushables: Sequence[Pushable], skip: int) -> tuple[Pushable, PushMotion]:

@@ -125,7 +125,7 @@ def _prepare_once(
     sign = float(np.sign(session.target - s_initial))
     request = PlanRequest(
         arm=session.arm.arm,
-        object_mjcf=belief.mjcf_path,
+        object_mjcf=belief.path(sign > 0.0),
         s_initial=s_initial,
         s_target=session.target,
         q_initial=session.status().q_ref,

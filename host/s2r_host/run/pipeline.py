@@ -10,7 +10,8 @@ from s2r_host.errors import SceneError
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.estimate import JointEstimate
-from s2r_host.run.belief import build_belief, corrected, estimate_part
+from s2r_host.run.belief import build_belief, estimate_part
+from s2r_host.run.contact import corrected, touched_by_push
 from s2r_host.run.first_push import carry_out_push, prepare_push
 from s2r_host.run.journal import Journal
 from s2r_host.run.manipulate import (
@@ -82,8 +83,26 @@ def _loop(session: Session, record: RunRecord) -> None:
     session.recorder.add_note(
         "joint", {"axis": estimate.axis_direction.tolist(), "s_after": float(estimate.delta)}
     )
+    _learn_from_push(session, record)
     _attempts(session, record, after)
     _judge(record)
+
+
+def _learn_from_push(session: Session, record: RunRecord) -> None:
+    """The push that told the joint also tells where the side of the part is that it touched."""
+    task, belief, push, s = session.settings.task, record.belief, record.push, record.s_found
+    assert belief is not None
+    assert push is not None
+    assert s is not None
+    if belief.template.slides or not push.went_through:
+        return
+    q_end, positive = push.planned.motion.push[-1], s > 0.0
+    touched = touched_by_push(belief, session.arm, q_end, s, positive, task.far_off)
+    if touched is None:
+        return
+    geom, offset = touched
+    record.belief = corrected(belief, geom, offset, positive, session.settings.out / "model-1")
+    session.journal.say(f"the push touched {geom} {task.unit.show(-offset)} from where the model has it")
 
 
 def _push_until_told(
@@ -171,7 +190,7 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
             positive = planned.request.s_target > planned.request.s_initial
             record.belief = corrected(record.belief, planned.pushed_geom, offset, positive, folder)
             journal.say(
-                f"belief corrected: pushed face of {planned.pushed_geom} by {task.unit.show(-offset)}"
+                f"belief corrected: pushed side of {planned.pushed_geom} by {task.unit.show(-offset)}"
             )
 
 

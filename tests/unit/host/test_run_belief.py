@@ -5,9 +5,15 @@ import numpy as np
 import pytest
 
 from s2r_host.errors import SceneError
+from s2r_host.motion.arm_model import ArmModel
+from s2r_host.motion.nearest import nearest_to_tip
+from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.perception.motion import JointMotion
-from s2r_host.run.belief import Belief, _with_face, corrected
+from s2r_host.run.belief import Belief
+from s2r_host.run.contact import corrected, touched_by_push
+from s2r_host.run.faces import with_face
 from s2r_host.run.measure import PartTemplate
+from s2r_protocol.arms import load_arm
 
 # A bar 10 mm thick along the axis (-x is out of the cabinet), turned by half a turn about z like real models.
 MJCF = """<mujoco><compiler angle="radian"/><worldbody><body name="object_base"><geom name="base_box" size="0.1 0.1 0.1"
@@ -23,7 +29,7 @@ def belief(tmp_path):
     path.write_text(MJCF)
     slide = JointMotion("prismatic", np.zeros(3), OUT, 0.0)
     template = PartTemplate(np.zeros((1, 3)), np.array([OUT]), slide)
-    return Belief(None, None, template, path, {})
+    return Belief(None, None, template, path, path, {})
 
 
 def faces(path, name="part_bar"):
@@ -35,33 +41,33 @@ def faces(path, name="part_bar"):
 
 
 def test_drawer_further_out_than_foreseen_means_a_thicker_handle(belief, tmp_path):
-    inner, outer = faces(belief.mjcf_path)
+    inner, outer = faces(belief.growing)
     after = corrected(belief, "part_bar", 0.003, positive=True, folder=tmp_path / "second")
-    assert faces(after.mjcf_path) == pytest.approx((inner - 0.003, outer))
+    assert faces(after.growing) == pytest.approx((inner - 0.003, outer))
     assert after.shifts == {"part_bar": pytest.approx(-0.003)}
 
 
 def test_drawer_less_far_out_means_a_thinner_handle(belief, tmp_path):
-    inner, outer = faces(belief.mjcf_path)
+    inner, outer = faces(belief.growing)
     after = corrected(belief, "part_bar", -0.002, positive=True, folder=tmp_path / "second")
-    assert faces(after.mjcf_path) == pytest.approx((inner + 0.002, outer))
+    assert faces(after.growing) == pytest.approx((inner + 0.002, outer))
 
 
 def test_pushing_in_moves_the_outer_face(belief, tmp_path):
-    inner, outer = faces(belief.mjcf_path)
+    inner, outer = faces(belief.growing)
     after = corrected(belief, "part_bar", -0.002, positive=False, folder=tmp_path / "second")
-    assert faces(after.mjcf_path) == pytest.approx((inner, outer + 0.002))
+    assert faces(after.growing) == pytest.approx((inner, outer + 0.002))
 
 
 def test_no_face_is_moved_through_the_other_one(belief, tmp_path):
     after = corrected(belief, "part_bar", -0.05, positive=True, folder=tmp_path / "second")
-    inner, outer = faces(after.mjcf_path)
+    inner, outer = faces(after.growing)
     assert outer - inner == pytest.approx(0.004)
 
 
 def test_a_round_shape_moves_as_a_whole(belief, tmp_path):
-    after = _with_face(belief, "part_knob", -0.004, tmp_path / "knob.xml", inner=True)
-    model = mujoco.MjModel.from_xml_path(str(after.mjcf_path))
+    after = with_face(belief.growing, "part_knob", OUT, -0.004, tmp_path / "knob.xml", inner=True)
+    model = mujoco.MjModel.from_xml_path(str(after))
     assert model.geom("part_knob").pos[0] == pytest.approx(0.404)
 
 
@@ -69,7 +75,7 @@ def test_corrections_add_up(belief, tmp_path):
     once = corrected(belief, "part_bar", 0.003, positive=True, folder=tmp_path / "second")
     twice = corrected(once, "part_bar", -0.001, positive=True, folder=tmp_path / "third")
     assert twice.shifts["part_bar"] == pytest.approx(-0.002)
-    assert faces(twice.mjcf_path)[0] == pytest.approx(faces(belief.mjcf_path)[0] - 0.002)
+    assert faces(twice.growing)[0] == pytest.approx(faces(belief.growing)[0] - 0.002)
 
 
 def test_unknown_geom_is_refused_by_name(belief, tmp_path):
@@ -81,10 +87,55 @@ def test_a_lid_that_went_further_than_foreseen_is_turned_back_about_its_hinge(tm
     path = tmp_path / "object.xml"
     path.write_text(MJCF)
     hinge = JointMotion("revolute", np.array([0.0, 0.0, 0.2]), np.array([0.0, 1.0, 0.0]), 0.0)
-    belief = Belief(None, None, PartTemplate(np.zeros((1, 3)), np.array([OUT]), hinge), path, {})
+    belief = Belief(None, None, PartTemplate(np.zeros((1, 3)), np.array([OUT]), hinge), path, path, {})
     after = corrected(belief, "part_bar", np.pi / 2, positive=True, folder=tmp_path / "second")
-    geom = mujoco.MjModel.from_xml_path(str(after.mjcf_path)).geom("part_bar")
+    geom = mujoco.MjModel.from_xml_path(str(after.growing)).geom("part_bar")
     assert geom.pos == pytest.approx(
         [0.0, 0.0, 0.7], abs=1e-6
     )  # a quarter turn back about y through (0, 0, 0.2)
-    assert after.shifts == {"part_bar": pytest.approx(-np.pi / 2)}
+    assert list(after.shifts.values()) == [pytest.approx(-np.pi / 2)]
+    assert after.falling == belief.falling  # the other side was not touched
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return ArmModel(load_arm("xmate3pro"))
+
+
+@pytest.fixture
+def lever(arm, tmp_path):
+    """A lever 10 mm thick about an upright axis 12 cm beside the fingertip, and the posture."""
+    q = arm.arm.q_home
+    x, y, z = arm.tool_pose(q)[:3, 3]
+    path = tmp_path / "lever.xml"
+    path.write_text(
+        f"""<mujoco><compiler angle="radian"/><worldbody><body name="object_base"/><body name="object_part">
+        <joint name="object_joint" axis="0 0 1" pos="{x} {y - 0.12} {z}" range="-1 1"/>
+        <geom name="part_lever" type="box" pos="{x} {y - 0.06} {z}" size="0.005 0.08 0.03"/>
+        </body></worldbody></mujoco>"""
+    )
+    hinge = JointMotion("revolute", np.array([x, y - 0.12, z]), np.array([0.0, 0.0, 1.0]), 0.0)
+    template = PartTemplate(np.zeros((1, 3)), np.array([OUT]), hinge)
+    return Belief(None, None, template, path, path, {}), q
+
+
+@pytest.mark.parametrize("positive", [True, False])
+def test_a_push_tells_where_the_side_of_the_lever_is_that_it_touched(lever, arm, tmp_path, positive):
+    belief, q = lever
+
+    def apart(path, s):
+        shapes = [shape for shape in object_obstacles(path, s) if shape.name == "part_lever"]
+        return nearest_to_tip(arm, q, shapes)[1]
+
+    s = 0.30 if positive else -0.30
+    geom, offset = touched_by_push(belief, arm, q, s, positive, most=0.25)
+    assert geom == "part_lever"
+    after = corrected(belief, geom, offset, positive, tmp_path / "model-1")
+    assert abs(apart(after.path(positive), s)) < 5e-4
+    assert after.path(not positive) == belief.path(not positive)
+
+
+def test_a_push_that_ended_far_from_the_part_tells_nothing(lever, arm):
+    belief, q = lever
+    assert touched_by_push(belief, arm, q, 1.2, True, most=0.1) is None
+    assert touched_by_push(belief, arm, q, -0.9, True, most=0.1) is None

@@ -1,0 +1,76 @@
+"""Object files with one face of a geom shifted, or with the whole part turned about or moved along its joint's axis."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from s2r_host.errors import SceneError
+
+THINNEST_M = 0.004
+
+
+def with_face(source: Path, name: str, axis: np.ndarray, shift_m: float, path: Path, *, inner: bool) -> Path:
+    """Write the object with one face of a box shifted along the axis; other shapes shift as a whole.
+
+    Args:
+        source: Object file (MJCF).
+        name: Of the geom.
+        axis: Of the slide, unit vector in the part's frame, (3,).
+        shift_m: How far along the axis.
+        path: Where the new file goes.
+        inner: The face that looks against the axis; else the one that looks along it.
+
+    Raises:
+        SceneError: There is no such geom.
+    """
+    tree = ET.parse(source)
+    geom = tree.find(f".//geom[@name='{name}']")
+    if geom is None:
+        raise SceneError(f"object model {source} has no geom '{name}' to correct")
+    move = shift_m * axis
+    if geom.get("type") == "box":
+        size = _numbers(geom, "size")
+        R = Rotation.from_quat(_numbers(geom, "quat"), scalar_first=True).as_matrix()
+        along = int(np.argmax(np.abs(R.T @ axis)))
+        half = max(size[along] + (-0.5 if inner else 0.5) * shift_m, 0.5 * THINNEST_M)
+        move = (half - size[along]) * (-axis if inner else axis)
+        size[along] = half
+        geom.set("size", _text(size))
+    geom.set("pos", _text(_numbers(geom, "pos") + move))
+    return _written(tree, path)
+
+
+def with_part_moved(source: Path, joint: str, X: np.ndarray, path: Path) -> Path:
+    """Write the object with every geom of the part that ``joint`` moves placed anew by ``X`` (4, 4) in its frame.
+
+    Raises:
+        SceneError: There is no such joint.
+    """
+    tree = ET.parse(source)
+    body = next((b for b in tree.iter("body") if b.find(f"joint[@name='{joint}']") is not None), None)
+    if body is None:
+        raise SceneError(f"object model {source} has no joint '{joint}' whose part could be corrected")
+    for geom in body.iter("geom"):
+        R = Rotation.from_matrix(X[:3, :3]) * Rotation.from_quat(_numbers(geom, "quat"), scalar_first=True)
+        geom.set("pos", _text(X[:3, :3] @ _numbers(geom, "pos") + X[:3, 3]))
+        geom.set("quat", _text(R.as_quat(scalar_first=True)))
+    return _written(tree, path)
+
+
+def _written(tree: ET.ElementTree[ET.Element], path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tree.write(path, encoding="unicode")
+    return path
+
+
+def _text(values: np.ndarray) -> str:
+    return " ".join(f"{value:.7g}" for value in values)
+
+
+def _numbers(element: ET.Element, key: str) -> np.ndarray:
+    default = {"pos": "0 0 0", "quat": "1 0 0 0", "size": "0 0 0"}[key]
+    return np.array([float(v) for v in element.get(key, default).split()])
