@@ -21,10 +21,10 @@ SLOWEST_S = 0.011  # slower logs cannot integrate their speed
 DRIFT_HZ, NOISE_HZ = 0.5, 10.0
 WALK_S = 0.3  # time over which the noise of a speed adds up under the drift filter
 CLEAR = 2.0  # disagreement in noise levels that is no accident; clean recordings reach 0.5
-NAMED_SHARE = 0.8  # part of the disagreement that a name has to explain
+NAMED_SHARE = 0.8  # part of the disagreement that a name has to explain; noise follows nothing (0.2)
 FOREIGN = 3.0  # a current that leaks into the sensor may not leave so many times less
 SIGN_SHARE = 0.25  # further part that play has to explain beyond a spring
-FROZEN_ROWS, FROZEN_STEPS, FROZEN_MOST = 2, 6.0, 0.3
+FROZEN_ROWS, FROZEN_STEPS, FROZEN_MOST = 1, 6.0, 0.3
 MARGIN_S = 0.2
 SPRING_DAMPING = 0.05
 PLAY_HZ, PLAY_DAMPING = 20.0, 0.4
@@ -64,7 +64,7 @@ def contradiction(model: RigidModel, fit: list[Session], joint: int) -> Contradi
     if size > noise and all(frozen := [_frozen(s, name) for s in fit]):
         words = f"the position of '{name}' stands still {len(frozen[0])} times while its speed does not"
         return Contradiction(joint, size, noise, None, frozen[0], words)
-    if size < CLEAR * noise:
+    if size < CLEAR * noise and _follows_something(tracks, fit[0].rec.dt) < NAMED_SHARE:
         return None
     finding = _transmission(model, fit, tracks, joint)
     return Contradiction(
@@ -163,6 +163,17 @@ def _above(t: np.ndarray, x: np.ndarray, limit: float) -> list[list[float]]:
         else:
             found.append([float(time), float(time)])
     return [[round(a, 3), round(b, 3)] for a, b in found][:200]
+
+
+def _follows_something(tracks: list[_Track], dt: float) -> float:
+    """Largest share of the disagreement that goes with the transmitted effort or with the current, however small."""
+    y = np.concatenate([x.gap for x in tracks])
+    effective = max(len(y) * 2.0 * NOISE_HZ * dt, 8.0)
+    shares = [_regress(np.concatenate([x.windup for x in tracks]), y, effective).share]
+    leaks = [x.leak for x in tracks if x.leak is not None]
+    if len(leaks) == len(tracks):
+        shares.append(_regress(np.concatenate(leaks), y, effective).share)
+    return max(shares)
 
 
 def _transmission(
