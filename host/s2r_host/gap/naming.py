@@ -12,7 +12,7 @@ from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 from s2r_host.gap.solution import Scored, Solution, Term
 
-HEAT, CEILING = 0.003, 0.96
+HEAT, CEILING = 0.001, 0.98
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out
 Z90 = 1.645
 CLEAR_DEVIATIONS = 5.0  # of a size, before what it belongs to is named beside

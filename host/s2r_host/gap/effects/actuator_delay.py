@@ -10,6 +10,8 @@ from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, 
 from s2r_host.gap.session import Session
 from s2r_host.gap.states import delayed
 
+LAW_ODDS = 200.0  # most that the control law may say against a difference of clocks, or for it
+
 
 class ActuatorDelay(Effect):
     """applied(t) = u(t - delay)."""
@@ -67,7 +69,7 @@ class ActuatorDelay(Effect):
 def skew_seen(ctx: Context, joint: int) -> float:
     """Log odds for a clock difference from the control law: 0 when it is unknown or on time."""
     lag = ctx.control_lag.get(joint)
-    return 0.0 if lag is None else min(60.0, 0.5 * (lag[0] / lag[1]) ** 2)
+    return 0.0 if lag is None else min(LAW_ODDS, 0.5 * (lag[0] / lag[1]) ** 2)
 
 
 EFFECT = ActuatorDelay()
