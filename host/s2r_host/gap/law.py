@@ -20,6 +20,7 @@ from s2r_host.gap.states import filtered
 
 TEMPER = 3.0
 FINE_S = 0.002
+SMALLEST_S = 5e-5
 MAX_MISFIT = 0.3
 LEAST_MISFIT = 2e-6
 LEAST_GAIN = 15.0
@@ -191,8 +192,10 @@ def _shift(test: _Test, name: str, change: Callable[[_Rows, float], np.ndarray])
     def cost(x: float) -> float:
         return -test.likelihood(test.misfit(lambda r: change(r, x)))
 
-    low = -0.06 if name == "clock_skew" else 2e-4
-    grid = np.unique(np.concatenate([np.geomspace(4e-4, 0.06, 14), -np.geomspace(4e-4, 0.06, 14)]))
+    low = -0.06 if name == "clock_skew" else 2.0 * SMALLEST_S
+    grid = np.unique(
+        np.concatenate([np.geomspace(SMALLEST_S, 0.06, 18), -np.geomspace(SMALLEST_S, 0.06, 18)])
+    )
     grid = grid[grid >= low]
     values = [cost(float(x)) for x in grid]
     best = float(grid[int(np.argmin(values))])
