@@ -13,11 +13,13 @@ from s2r_host.motion.scene import Scene
 CELL_M = 0.006
 DECK_BAND_M = 0.008
 DECK_CELLS = 60  # of level surface that make a deck
+DECK_SHARE = 0.6  # of the widest level surface, so that the top of a thick body is none
 DECK_WIDTH_CELLS = 8  # no spout is as wide
 THIN_DECK_M = 0.02
 COLUMN_CELL_M = 0.008
 COLUMN_BEHIND_M = 0.012  # the axis of a column lies so far behind the face that the camera sees
 COLUMN_RADIUS_M = 0.042
+UPRIGHT, ON_DECK_M = 0.8, 0.02  # sine of a line that stands upright; this low it stands on the deck
 LEAST_POINTS = 60
 LEAST_LENGTH_M = 0.035
 MOST_WIDTH_M = 0.06
@@ -36,6 +38,7 @@ class LeverCandidate:
         bend: Share of its spread that a straight line does not explain; spouts are bent, levers are not.
         towards_user: Cosine between its level direction and the way to the arm; spouts point there.
         outward: Level unit vector from the body's axis to its tip, (3,).
+        above_deck_m: How high its lowest point is over the deck.
     """
 
     p: np.ndarray
@@ -45,6 +48,7 @@ class LeverCandidate:
     bend: float
     towards_user: float
     outward: np.ndarray
+    above_deck_m: float
 
     @property
     def direction(self) -> np.ndarray:
@@ -54,8 +58,13 @@ class LeverCandidate:
 
     @property
     def doubt(self) -> float:
-        """Small for what looks like a lever: straight, not pointing to the user, not going down as spouts do."""
-        return 3.0 * self.bend + 0.5 * max(0.0, self.towards_user) + 2.0 * max(0.0, -float(self.direction[2]))
+        """Small for what looks like a lever: straight, not pointing to the user, not going down as spouts do.
+
+        What stands upright on the deck is a side of the deck's block.
+        """
+        up = float(self.direction[2])
+        block = 1.0 if abs(up) > UPRIGHT and self.above_deck_m < ON_DECK_M else 0.0
+        return 3.0 * self.bend + 0.5 * max(0.0, self.towards_user) + 2.0 * max(0.0, -up) + block
 
 
 def find_levers(scene: Scene) -> list[LeverCandidate]:
@@ -75,7 +84,7 @@ def find_levers(scene: Scene) -> list[LeverCandidate]:
         c
         for piece in _pieces(outside)
         for part in _straight(piece)
-        if (c := _candidate(part, axis)) is not None
+        if (c := _candidate(part, axis, deck_m)) is not None
     ]
     if not found:
         raise SceneError(
@@ -86,17 +95,23 @@ def find_levers(scene: Scene) -> list[LeverCandidate]:
 
 
 def _deck_height(p: np.ndarray) -> float:
-    """Top of the plate or block the object stands on: the highest level surface that is wider than a spout."""
+    """Top of the plate or block the object stands on: the highest of the widest level surfaces, wider than a spout."""
     cells = np.floor(p / CELL_M).astype(int)
     low = cells.min(axis=0)
     cells = np.unique(cells - low, axis=0)
     top = np.full(cells[:, :2].max(axis=0) + 1, -1)
     np.maximum.at(top, tuple(cells[:, :2].T), cells[:, 2])
-    for level in range(int(top.max()), -1, -1):
-        flat = np.abs(top - level) <= 1
-        wide = ndimage.binary_opening(flat, np.ones((DECK_WIDTH_CELLS, DECK_WIDTH_CELLS)))
-        if wide.sum() >= DECK_CELLS:
-            return max(THIN_DECK_M, float((low[2] + level + 1) * CELL_M))
+    wide = [
+        int(
+            ndimage.binary_opening(
+                (top >= 0) & (np.abs(top - level) <= 1), np.ones((DECK_WIDTH_CELLS,) * 2)
+            ).sum()
+        )
+        for level in range(int(top.max()) + 1)
+    ]
+    enough = np.flatnonzero(np.array(wide) >= max(DECK_CELLS, DECK_SHARE * max(wide)))
+    if len(enough):
+        return max(THIN_DECK_M, float((low[2] + enough[-1] + 1) * CELL_M))
     return THIN_DECK_M
 
 
@@ -160,7 +175,7 @@ def _straight(p: np.ndarray) -> list[np.ndarray]:
     return parts
 
 
-def _candidate(p: np.ndarray, axis: np.ndarray) -> LeverCandidate | None:
+def _candidate(p: np.ndarray, axis: np.ndarray, deck_m: float) -> LeverCandidate | None:
     centre = p.mean(axis=0)
     spread, vectors = np.linalg.eigh(np.cov((p - centre).T))
     along = vectors[:, 2]
@@ -183,4 +198,5 @@ def _candidate(p: np.ndarray, axis: np.ndarray) -> LeverCandidate | None:
         bend=float(spread[1] / spread[2]),
         towards_user=float(level @ to_arm / max(length, 1e-6)) if length > 0.3 * (high - low) else 0.0,
         outward=np.append(tip[:2] - axis, 0.0) / np.linalg.norm(tip[:2] - axis),
+        above_deck_m=float(p[:, 2].min()) - deck_m,
     )

@@ -20,6 +20,7 @@ from s2r_host.motion.lid import Lid
 from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
 from s2r_host.motion.push_proposals import PushProposal
 from s2r_host.motion.scene import Scene
+from s2r_host.perception.motion import Push
 
 PART = "pushed part"
 FREE = Clearance()
@@ -92,6 +93,11 @@ class PushMotion:
     proposal: PushProposal
     tried: int
     reasons: dict[str, int]
+
+    @property
+    def push_at_part(self) -> Push:
+        """Where and which way the part is pushed."""
+        return Push(self.proposal.p_contact, self.proposal.direction)
 
 
 def plan_push(

@@ -18,17 +18,18 @@ from s2r_host.perception import hypotheses as hyp
 from s2r_host.perception.change import compare, measured_noise_scale, without_specks
 from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.evidence import (
+    Probe,
     Scene,
     probe,
 )
 from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.intervals import Intervals, intervals90
-from s2r_host.perception.motion import JointMotion, JointType
+from s2r_host.perception.motion import JointMotion, JointType, Push
 from s2r_host.perception.ranking import Hypothesis, explained_share, rank
 from s2r_host.perception.refine import sides
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
 from s2r_host.perception.segment import Parts, segment
-from s2r_host.perception.symmetry import require_one_turn
+from s2r_host.perception.symmetry import other_turn, refuse_two_turns
 from s2r_host.perception.verdict import judge, require_motion, require_narrow
 from s2r_host.perception.view import CloudView, DepthView, View
 from s2r_host.perception.wishes import Wishes
@@ -112,6 +113,7 @@ def estimate_joint(
     extra_axes: Sequence[hyp.Axis] = (),
     joint_type: JointType | None = None,
     up: Array | None = UP,
+    pushed: Push | None = None,
     seed: int = 0,
 ) -> JointEstimate:
     """Estimate type, axis and motion of the one part that moved.
@@ -125,6 +127,7 @@ def estimate_joint(
         extra_axes: More candidate axes, e.g. the modes of a network.
         joint_type: Consider only this family (a user who knows it is a drawer may say so).
         up: Unit vector against gravity in the frame of the views, None if unknown: most hinges are upright or level.
+        pushed: Where and which way the part was pushed, if one push lies between the views: it did not go against it.
         seed: Of the sampling.
 
     Raises:
@@ -141,14 +144,14 @@ def estimate_joint(
         raise AbstainError(
             "no single joint motion carries the first view onto the second; is the part rigid?"
         )
-    best, ranked, wishes = found.ranked[0], found.ranked, found.wishes
+    fine = probe(view_a, scene.moved_before(), 1000, rng), probe(view_b, scene.moved_after(), 1000, rng)
+    ranked, wishes = _one_way(found, scene, fine, pushed, rng), found.wishes
+    best = ranked[0]
     parts = segment(scene, best.motion)
     explained = explained_share(best.refined, scene, rng)
     check_same_camera(view_a, view_b, changes, ~parts.before, rng)
-    fine = probe(view_a, scene.moved_before(), 1000, rng), probe(view_b, scene.moved_after(), 1000, rng)
     check_second_part(best.motion, found.motions, scene, sides(scene, rng), fine, rng)
     warnings += judge(ranked, scene, parts, explained, wishes.thin)
-    require_one_turn(best.motion, scene, fine)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
     noise_m = float(np.median(view_a.sigma_m[parts.before])) if parts.before.any() else 0.0015
     intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, noise_m, wishes.thin)
@@ -163,6 +166,30 @@ def estimate_joint(
         "rad" if motion.joint_type == "revolute" else "m",
         intervals, best.refined.residual_m, view_a, view_b, parts, tuple(ranked), explained, tuple(warnings),
     )  # fmt: skip
+
+
+def _one_way(
+    found: Search, scene: Scene, probes: tuple[Probe, Probe], pushed: Push | None, rng: np.random.Generator
+) -> list[Hypothesis]:
+    """The hypotheses, best first, without what goes against the push; equal spokes leave open which way they went.
+
+    Raises:
+        AbstainError: Two turns explain the views alike and no push tells them apart, or all motions go against it.
+    """
+    ranked = found.ranked
+    other = other_turn(ranked[0].motion, scene, probes)
+    if pushed is None:
+        if other is not None:
+            refuse_two_turns(ranked[0].motion, other)
+        return ranked
+    if other is not None and not pushed.agrees(ranked[0].motion):
+        ranked = rank([other], scene, found.wishes, rng)
+    ranked = [h for h in ranked if pushed.agrees(h.motion)]
+    if not ranked:
+        raise AbstainError(
+            "every motion that explains the views goes against the push between them; did something else move?"
+        )
+    return ranked
 
 
 def prepare(

@@ -45,6 +45,26 @@ class JointMotion:
         return replace(self, direction=-self.direction, delta=-self.delta)
 
 
+@dataclass(frozen=True, eq=False)
+class Push:
+    """What was done to the part between two views, where that is known: a point of it went this way.
+
+    Attributes:
+        p: Where it was pushed [m], shape (3,).
+        direction: Unit vector of the push, shape (3,).
+    """
+
+    p: Array
+    direction: Array
+
+    def agrees(self, motion: JointMotion) -> bool:
+        """Whether the point goes along the push rather than against it when the part moves like that."""
+        way = motion.direction
+        if motion.joint_type == "revolute":
+            way = np.cross(motion.direction, self.p - motion.origin)
+        return bool(np.sign(motion.delta) * (way @ self.direction) > 0.0)
+
+
 def rotation(direction: Array, angle: float) -> Array:
     """Rotation matrix (3, 3) about a unit vector (Rodrigues)."""
     k = cross_matrix(direction)

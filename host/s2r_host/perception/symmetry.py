@@ -7,6 +7,7 @@ itself. A lever lands in free space.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 
@@ -35,21 +36,27 @@ def spokes(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> in
     return max(count for count in SPOKES if share[count] >= best - ALIKE) if best >= ON_ITSELF else 1
 
 
-def require_one_turn(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> None:
-    """Refuse an answer that a turn by the spacing of equal spokes would give about as well.
+def other_turn(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> JointMotion | None:
+    """The turn the other way that equal spokes make as good an answer; None where there is none to be feared."""
+    count = spokes(motion, scene, probes)
+    other = 2 * np.pi / count - motion.delta
+    if count == 1 or other >= LONGER * motion.delta:
+        return None
+    return replace(motion, direction=-motion.direction, delta=other)
+
+
+def refuse_two_turns(motion: JointMotion, other: JointMotion) -> NoReturn:
+    """Refuse an answer that the turn the other way would give about as well.
 
     Raises:
         AbstainError: Names both turns.
     """
-    count = spokes(motion, scene, probes)
-    spacing = 2 * np.pi / count
-    other = spacing - motion.delta
-    if count > 1 and other < LONGER * motion.delta:
-        raise AbstainError(
-            f"the part looks alike after every {np.degrees(spacing):.0f} degrees: a turn by"
-            f" {np.degrees(motion.delta):.0f} degrees and one by {np.degrees(other):.0f} the other way explain the"
-            f" views alike; push by less than {np.degrees(spacing) / (1 + LONGER):.0f} degrees between the views"
-        )
+    spacing = motion.delta + other.delta
+    raise AbstainError(
+        f"the part looks alike after every {np.degrees(spacing):.0f} degrees: a turn by"
+        f" {np.degrees(motion.delta):.0f} degrees and one by {np.degrees(other.delta):.0f} the other way explain the"
+        f" views alike; push by less than {np.degrees(spacing) / (1 + LONGER):.0f} degrees between the views"
+    )
 
 
 def _share_on_itself(motion: JointMotion, count: int, scene: Scene, probes: tuple[Probe, Probe]) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from s2r_host.errors import SceneError
 from s2r_host.model.build import ObjectModel, build_model
 from s2r_host.perception.estimate import JointEstimate, estimate_joint
+from s2r_host.perception.motion import Push
 from s2r_host.run.faces import with_face
 from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.observe import Observation
@@ -66,7 +67,12 @@ class Belief:
 
 
 def estimate_part(
-    before: Observation, after: Observation, task: Task, positive: np.ndarray | None, seed: int
+    before: Observation,
+    after: Observation,
+    task: Task,
+    positive: np.ndarray | None,
+    pushed: Push | None,
+    seed: int,
 ) -> JointEstimate:
     """The joint of a part that was pushed, signed so that it grows the way the task calls positive.
 
@@ -75,6 +81,7 @@ def estimate_part(
         task: What kind of joint is expected.
         positive: Unit vector along (slide) or about (hinge) which it grows, as far as the first view tells, (3,);
             None if it does not: then hinges grow counter-clockwise seen from above, level ones towards the arm.
+        pushed: What was done between the views, if that was one push.
         seed: Of the estimator.
 
     Raises:
@@ -87,6 +94,7 @@ def estimate_part(
         ignore_mask_before=before.arm_mask,
         ignore_mask_after=after.arm_mask,
         joint_type=task.joint_type,
+        pushed=pushed,
         seed=seed,
     )
     if positive is None:

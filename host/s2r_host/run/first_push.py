@@ -11,7 +11,7 @@ import numpy as np
 from s2r_host.errors import ArmStoppedError, NoMotionError, SceneError
 from s2r_host.motion.front import find_front
 from s2r_host.motion.lever_proposals import lever_proposals
-from s2r_host.motion.levers import find_levers
+from s2r_host.motion.levers import LeverCandidate, find_levers
 from s2r_host.motion.lid import find_lid
 from s2r_host.motion.lid_proposals import lid_proposals
 from s2r_host.motion.push import PushMotion, PushScene, lid_scene, piece_scene, plan_push, push_scene
@@ -22,6 +22,8 @@ from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import DRAWER, FAUCET, LAPTOP
 from s2r_host.run.travel import timed
+
+SAME_PIECE_M = 0.04  # a push that began this near a piece was about it
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,9 @@ class DonePush:
     went_through: bool
 
 
-def prepare_push(session: Session, view: Observation, number: int = 1, skip: int = 0) -> PlannedPush:
+def prepare_push(
+    session: Session, view: Observation, number: int = 1, skip: int = 0, earlier: Sequence[DonePush] = ()
+) -> PlannedPush:
     """Surface, proposals, motions and time laws.
 
     Args:
@@ -67,6 +71,7 @@ def prepare_push(session: Session, view: Observation, number: int = 1, skip: int
         view: The newest look.
         number: Of the push, counts from 1.
         skip: So many of the best proposals are left out: they were tried, and told nothing.
+        earlier: Pushes that told nothing.
 
     Raises:
         SceneError: Nothing in view looks like the task's part.
@@ -74,7 +79,7 @@ def prepare_push(session: Session, view: Observation, number: int = 1, skip: int
         TrajectoryError: A motion cannot be timed.
     """
     settings = session.settings
-    pushable, motion = _reachable(session, _PUSHABLES[settings.task.name](view, settings, number), skip)
+    pushable, motion = _reachable(session, _PUSHABLES[settings.task.name](view, settings, earlier), skip)
     paths: list[tuple[np.ndarray, str, float]] = [
         (motion.approach, f"push {number}: approach", settings.travel_speed),
         (motion.push, f"push {number}", settings.push_speed),
@@ -122,21 +127,29 @@ def _reachable(session: Session, pushables: Sequence[Pushable], skip: int) -> tu
     raise SceneError("nothing to push in view")
 
 
-def _drawer(view: Observation, settings: RunSettings, _number: int) -> list[Pushable]:
+def _drawer(view: Observation, settings: RunSettings, _: Sequence[DonePush]) -> list[Pushable]:
     front = find_front(view.scene)
     return [Pushable(front.normal, push_scene(view.scene, front), push_proposals(front, settings.push))]
 
 
-def _laptop(view: Observation, settings: RunSettings, _number: int) -> list[Pushable]:
+def _laptop(view: Observation, settings: RunSettings, _: Sequence[DonePush]) -> list[Pushable]:
     lid = find_lid(view.scene)
     scene = lid_scene(view.scene, lid, settings.lid_push.hidden_m)
     return [Pushable(lid.along, scene, lid_proposals(lid, settings.lid_push))]
 
 
-def _faucet(view: Observation, settings: RunSettings, number: int) -> list[Pushable]:
-    """The likeliest lever first, with a further push the next one."""
-    levers = find_levers(view.scene)
-    turn = (number - 1) % len(levers)
+def _faucet(view: Observation, settings: RunSettings, earlier: Sequence[DonePush]) -> list[Pushable]:
+    """The likeliest lever first. What did not give way is no lever; what was pushed in vain comes last.
+
+    Raises:
+        SceneError: Nothing that looks like a lever gives way.
+    """
+    levers = [lever for lever in find_levers(view.scene) if not any(_held_out(lever, one) for one in earlier)]
+    if not levers:
+        raise SceneError(
+            "what looks like a lever in this view does not give way; turn the object so that its lever is seen"
+        )
+    levers.sort(key=lambda lever: any(_pushed(lever, one) for one in earlier))
     return [
         Pushable(
             None,
@@ -144,8 +157,19 @@ def _faucet(view: Observation, settings: RunSettings, number: int) -> list[Pusha
             lever_proposals([lever], settings.lever_push),
             fresh=True,
         )
-        for lever in levers[turn:] + levers[:turn]
+        for lever in levers
     ]
+
+
+def _pushed(lever: LeverCandidate, push: DonePush) -> bool:
+    """Whether a push was about this piece."""
+    p = push.planned.motion.proposal.p_contact
+    return bool(np.linalg.norm(lever.p - p, axis=1).min() < SAME_PIECE_M)
+
+
+def _held_out(lever: LeverCandidate, push: DonePush) -> bool:
+    """Whether this piece stopped the arm."""
+    return not push.went_through and _pushed(lever, push)
 
 
 _PUSHABLES = {DRAWER.name: _drawer, LAPTOP.name: _laptop, FAUCET.name: _faucet}

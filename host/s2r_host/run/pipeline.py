@@ -12,7 +12,7 @@ from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.run.belief import build_belief, estimate_part
 from s2r_host.run.contact import corrected, touched_by_push
-from s2r_host.run.first_push import carry_out_push, prepare_push
+from s2r_host.run.first_push import DonePush, carry_out_push, prepare_push
 from s2r_host.run.journal import Journal
 from s2r_host.run.manipulate import (
     DoneManipulation,
@@ -118,11 +118,12 @@ def _push_until_told(
     """
     settings, journal, task = session.settings, session.journal, session.settings.task
     view, skip = before, 0
+    earlier: list[DonePush] = []
     positive: np.ndarray | None = None
     for number in range(1, settings.pushes + 1):
         again = "" if number == 1 else f" {number}"
         with journal.stage(f"first push{again}: proposals") as stage:
-            planned = record.planned_push = prepare_push(session, view, number, skip)
+            planned = record.planned_push = prepare_push(session, view, number, skip, earlier)
             skip += planned.motion.tried
             positive = planned.positive if positive is None else positive
             stage.note = f"proposal {skip} is reachable"
@@ -135,7 +136,8 @@ def _push_until_told(
             stage.note = f"{len(view.scene.p_base)} object points"
         try:
             with journal.stage(f"estimate joint{again}") as stage:
-                estimate = estimate_part(before, view, task, positive, settings.seed)
+                pushed = planned.motion.push_at_part if number == 1 else None
+                estimate = estimate_part(before, view, task, positive, pushed, settings.seed)
                 stage.note = (
                     f"moved {task.unit.show(estimate.delta)}, {100 * estimate.explained:.0f} % explained"
                 )
@@ -143,6 +145,7 @@ def _push_until_told(
             if number == settings.pushes:
                 raise
             journal.warn(f"push {number} does not tell the joint, pushing again: {error}")
+            earlier.append(record.push)
             continue
         for text in estimate.warnings:
             journal.warn(text)

@@ -8,7 +8,7 @@ import pytest
 from s2r_host.perception import AbstainError, estimate_joint, synthetic
 from s2r_host.perception.change import compare
 from s2r_host.perception.evidence import Scene, probe
-from s2r_host.perception.motion import JointMotion, rotation
+from s2r_host.perception.motion import JointMotion, Push, rotation
 from s2r_host.perception.symmetry import spokes
 from s2r_host.perception.synthetic import Box, look_at
 from s2r_host.perception.view import DepthView
@@ -69,3 +69,22 @@ def test_a_cross_turned_a_little_is_answered():
 
 def both(pair: synthetic.Pair) -> tuple[synthetic.DepthFrame, synthetic.DepthFrame]:
     return pair.before, pair.after
+
+
+@pytest.mark.parametrize("turn_deg", [26, -26, 50, -50])
+def test_a_push_between_the_views_tells_which_way_equal_spokes_went(turn_deg):
+    pair = turned_handle(4, turn_deg)
+    hinge = pair.motion
+    p = hinge.origin + np.array([0.06, 0.0, 0.0])
+    way = np.sign(hinge.delta) * np.cross(hinge.direction, p - hinge.origin)
+    found = estimate_joint(pair.before, pair.after, pushed=Push(p, way / np.linalg.norm(way)))
+    signed = found.delta * np.sign(found.axis_direction @ hinge.direction)
+    assert np.degrees(abs(signed - hinge.delta)) < 1.0
+
+
+def test_a_motion_against_the_push_is_not_believed():
+    pair = synthetic.laptop_pair(np.random.default_rng(3))
+    p = pair.motion.origin + np.array([0.0, 0.0, 0.1])
+    way = -np.sign(pair.motion.delta) * np.cross(pair.motion.direction, p - pair.motion.origin)
+    with pytest.raises(AbstainError):
+        estimate_joint(pair.before, pair.after, pushed=Push(p, way / np.linalg.norm(way)))
