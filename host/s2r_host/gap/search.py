@@ -335,9 +335,13 @@ class Search:
         chosen, slots = self._prune(chosen, slots)
         return self.finish(chosen, slots, scans)
 
-    @staticmethod
-    def _clear(best: Scored, slots: list[list[Scored]]) -> bool:
-        """Evidence that is no small fraction of the first effect's cannot be the error of its equation."""
+    def _clear(self, best: Scored, slots: list[list[Scored]]) -> bool:
+        """Evidence that is no small fraction of the first effect's cannot be the error of its equation.
+
+        Unless that effect is chaotic, which no equation follows closely.
+        """
+        if any(self.effects[s[0].term.effect].explained_least < 1.0 for s in slots if s):
+            return False
         first = max((s.gain for s in slots[0]), default=0.0) if slots else 0.0
         return best.gain > max(CLEAR_GAIN, CLEAR_SHARE * first) and best.holdout_gain > NO_LOSS
 
