@@ -98,8 +98,19 @@ def _ablations(ours: PlanSettings) -> dict[str, PlanSettings]:
     # Alone: no sequences along a route that was found without the reward; the reward has to do all the work.
     alone = replace(one, proposal_speeds=(), weights=weights)
 
-    def without(**terms: float) -> PlanSettings:
-        return replace(alone, weights=replace(weights, **terms))
+    # From the arm's home the reward has to find the way to the part as well.
+    home = replace(alone, lead_in=False)
+    terms = {
+        "r_dist": {"distance": 0.0},
+        "r_target": {"target": 0.0},
+        "r_contact": {"contact": 0.0, "collision": 0.0},
+        "r_reg": {"speed": 0.0, "acceleration": 0.0},
+        "r_success": {"success": 0.0},
+        "r_added": {"press": 0.0, "calm": 0.0, "load": 0.0},
+    }
+
+    def without(base: PlanSettings, name: str) -> PlanSettings:
+        return replace(base, weights=replace(weights, **terms[name]))
 
     return {
         "no_cascade": one,
@@ -107,11 +118,7 @@ def _ablations(ours: PlanSettings) -> dict[str, PlanSettings]:
         "no_elite_memory": replace(one, icem=replace(icem, keep_elites=False, shift_elites=False)),
         "execute_mean": replace(one, icem=replace(icem, execute_best=False)),
         "no_proposals": alone,
-        "no_lead_in": replace(alone, lead_in=False),
-        "no_r_dist": without(distance=0.0),
-        "no_r_target": without(target=0.0),
-        "no_r_contact": without(contact=0.0, collision=0.0),
-        "no_r_reg": without(speed=0.0, acceleration=0.0),
-        "no_r_success": without(success=0.0),
-        "no_r_added": without(press=0.0, calm=0.0, load=0.0),
+        "home": home,
+        **{f"no_{name}": without(alone, name) for name in terms},
+        **{f"home_no_{name}": without(home, name) for name in terms},
     }
