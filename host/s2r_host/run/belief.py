@@ -24,6 +24,7 @@ USUAL_PLATE_M = 0.006
 HOLDING = 1.25  # friction over the gravity that it holds
 RANGE_SAMPLES = 41
 JOINT = "object_joint"
+SIDES = {True: "the side pushed to let it grow", False: "the side pushed to let it fall"}  # of a hinge's part
 UNSEEN_MARGIN_M = 0.005
 
 
@@ -50,6 +51,10 @@ class Belief:
     def path(self, positive: bool) -> Path:
         """The object file for motions that let the joint grow (``positive``) or fall."""
         return self.growing if positive else self.falling
+
+    def touched(self, positive: bool) -> bool:
+        """Whether the side of a hinge's part that is pushed to let the joint grow or fall has been touched before."""
+        return SIDES[positive] in self.shifts
 
     @property
     def axis(self) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.nearest import nearest_to_tip
 from s2r_host.motion.object_shapes import object_obstacles
-from s2r_host.run.belief import JOINT, Belief
+from s2r_host.run.belief import JOINT, SIDES, Belief
 from s2r_host.run.faces import with_face, with_part_moved
 
 SEARCH_STEPS = 24
@@ -46,12 +46,16 @@ def corrected(belief: Belief, geom: str, offset: float, positive: bool, folder: 
             for source, name in ((belief.falling, "falling.xml"), (belief.growing, "growing.xml"))
         )
         return replace(belief, falling=falling, growing=growing, shifts=_added(belief, geom, -offset))
-    side = "growing" if positive else "falling"
+    name = "growing" if positive else "falling"
     turned = with_part_moved(
-        belief.path(positive), JOINT, belief.template.pose(-offset), folder / f"{side}.xml"
+        belief.path(positive), JOINT, belief.template.pose(-offset), folder / f"{name}.xml"
     )
-    changes = {"growing": turned} if positive else {"falling": turned}
-    return replace(belief, shifts=_added(belief, f"the side that is pushed when {side}", -offset), **changes)
+    shifts = _added(belief, SIDES[positive], -offset)
+    return (
+        replace(belief, shifts=shifts, growing=turned)
+        if positive
+        else replace(belief, shifts=shifts, falling=turned)
+    )
 
 
 def _added(belief: Belief, what: str, shift: float) -> dict[str, float]:

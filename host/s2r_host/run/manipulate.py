@@ -29,6 +29,9 @@ logger = logging.getLogger(__name__)
 DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25)  # share of the usual doubt about the object, one per try
 # A correction is worth less than what a daring one can spoil: the drawer is within millimetres already.
 CORRECTION_DOUBTS = (1.0, 1.0)
+TOUCHED_SHARE = (
+    0.25  # of the doubt about its place that is left of a side of the part once it has been touched
+)
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -167,6 +170,7 @@ def _prepare_once(
 def _doubt(one: Perturbation, share: float, belief: Belief, request: PlanRequest) -> Perturbation:
     """A perturbation with a share of its displacement and of its (logarithmic) change of resistance.
 
+    Of a hinge's side that has been touched the place is known but for fractions of a millimetre.
     A slide may end higher or lower than believed, because its axis is known to some angle only: what a fingertip
     hooks over an edge must survive that. A hinge holds its part against gravity wherever it was found, so it cannot
     have much less friction than believed.
@@ -177,6 +181,8 @@ def _doubt(one: Perturbation, share: float, belief: Belief, request: PlanRequest
         z += 0.5 * np.sign(z) * angle_rad * abs(request.s_target - request.s_initial)
     else:
         resistance = max(resistance, 1.0)
+        if belief.touched(request.s_target > request.s_initial):
+            x, y, z = TOUCHED_SHARE * x, TOUCHED_SHARE * y, TOUCHED_SHARE * z
     return replace(one, shift_m=(share * x, share * y, share * z), resistance=resistance**share)
 
 
