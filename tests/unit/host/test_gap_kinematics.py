@@ -96,3 +96,11 @@ def test_a_slow_log_is_not_asked(model):
     slow = {k: {j: x[::10] for j, x in table.items()} for k, table in s.rec.channels.items()}
     rec = Recording("r", s.rec.t[::10], slow, s.rec.controller, "commanded", "effort", "a", "", ())
     assert contradiction(model, [make_session(model, rec, 0)], 0) is None
+
+
+def test_a_leak_below_the_noise_is_seen_by_its_pattern(model):
+    faint = recorded(model, seen=lambda t, q, u: q + 1.2e-4 * (u / np.std(u)) ** 2)
+    said = contradiction(model, [faint], 0)
+    assert said is not None
+    assert said.size < 2.0 * said.noise
+    assert said.finding is None

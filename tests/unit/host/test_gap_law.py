@@ -20,7 +20,7 @@ def model(tmp_path_factory):
     return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
 
 
-def recorded(model, index, effort="measured", drive=lambda u: u, kp=KP, late=0):
+def recorded(model, index, effort="measured", drive=lambda u: u, kp=KP, late=0, late_s=0.0):
     """A loop whose plant does not matter: position lags the command, the drive bends what the law asks for."""
     rng = np.random.default_rng(index)
     t = np.arange(0, 12, DT)
@@ -30,6 +30,7 @@ def recorded(model, index, effort="measured", drive=lambda u: u, kp=KP, late=0):
     u = drive(kp * (q_cmd - q) + KD * (dq_cmd - dq)) + 0.01 * rng.normal(size=len(t))
     if late:
         q, dq = np.roll(q, late), np.roll(dq, late)
+    q, dq = np.interp(t - late_s, t, q), np.interp(t - late_s, t, dq)
     channels = {
         "q": {"elbow": q}, "dq": {"elbow": dq}, "tau": {"elbow": u},
         "q_cmd": {"elbow": q_cmd}, "dq_cmd": {"elbow": dq_cmd},
@@ -73,6 +74,13 @@ def test_late_stamps_are_told_from_a_late_drive(model):
     assert said is not None
     assert said.name == "clock_skew"
     assert said.parameters["lag"]["value"] == pytest.approx(4 * DT, rel=0.1)
+
+
+def test_stamps_late_by_a_small_part_of_a_row_are_found(model):
+    said = found(model, effort="commanded", late_s=2e-4)
+    assert said is not None
+    assert said.name == "clock_skew"
+    assert said.parameters["lag"]["value"] == pytest.approx(2e-4, rel=0.25)
 
 
 def test_a_commanded_effort_cannot_show_a_delay(model):

@@ -94,9 +94,9 @@ class ThermalDrift(Effect):
             (float(m.dof_frictionloss[joint]), s.sign(joint)),
             (float(m.dof_damping[joint]), s.v[:, joint]),
         ]
-        known = sum(level * x for level, x in kinds if level > 0)
-        linear = [(factor - 1.0) * known, *(factor * x for level, x in kinds if level <= 0)]
-        return Columns(linear, (True,) * len(linear))
+        known = np.sum([level * x for level, x in kinds], axis=0)
+        linear = [factor * x for level, x in kinds if level <= 0]
+        return Columns(linear, (True,) * len(linear), fixed=(factor - 1.0) * known)
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Final change, or temperature coefficient, and time constant."""
@@ -131,13 +131,13 @@ class ThermalDrift(Effect):
                 else {}
             )
         missing = [n for n, known in (("coulomb_friction", dry), ("viscous_friction", viscous)) if not known]
-        return {name: 1 + i for i, name in enumerate(missing)}
+        return {name: i for i, name in enumerate(missing)}
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Time-dependent force or friction loss; heat by the effort counts as its mean."""
-        c, T, target = float(theta[0]), shape["T"], shape["target"]
-        if target == ALL:
+        if shape["target"] == ALL:
             return self._thinning_runtime(ctx, joint, shape, theta)
+        c, T, target = float(theta[0]), shape["T"], shape["target"]
         flat = float(theta[1]) if len(theta) > 1 else 0.0
 
         def step(state: StepState) -> tuple[float, float]:
@@ -153,16 +153,15 @@ class ThermalDrift(Effect):
         s, m = ctx.sessions[0], ctx.model.model
         x = self._warming(ctx, s, joint, shape["T"])
         dry, viscous = float(m.dof_frictionloss[joint]), float(m.dof_damping[joint])
-        more = [float(y) for y in theta[1:]]
+        more = [float(y) for y in theta]
         new_dry = more.pop(0) if dry <= 0 and more else 0.0
         new_viscous = more.pop(0) if viscous <= 0 and more else 0.0
 
         def step(state: StepState) -> tuple[float, float]:
             factor = float(np.exp(-shape["k"] * np.interp(state.t, s.t, x)))
-            lost = float(theta[0]) * (factor - 1.0)
-            return (lost * viscous + factor * new_viscous) * float(
-                state.v[joint]
-            ), lost * dry + factor * new_dry
+            lost = factor - 1.0
+            drag = lost * viscous + factor * new_viscous
+            return drag * float(state.v[joint]), lost * dry + factor * new_dry
 
         return step
 

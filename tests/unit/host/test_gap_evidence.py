@@ -1,0 +1,126 @@
+"""What the evidence decides: parts that must agree, friction that thins with heat, drift from fitted friction."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from s2r_host.gap.consistency import disagreement
+from s2r_host.gap.decide import decide
+from s2r_host.gap.effects import catalogue
+from s2r_host.gap.effects.base import Context
+from s2r_host.gap.effects.thermal_drift import ALL
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.problem import build_problem
+from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.rig import write_model
+from s2r_host.gap.search import Search
+from s2r_host.gap.seeds import fill_residuals
+from s2r_host.gap.session import make_session
+from s2r_host.gap.solution import Term
+
+DT, FRICTION, DAMPING = 0.004, 0.3, 0.2
+NOISE = 0.02
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml", FRICTION, DAMPING))
+
+
+def recorded(model, index, phase, hidden, seen=lambda q: q, session="a", late=0.0):
+    """Effort the model needs for a motion, slow noise, and ``hidden(t, q, v, a)``; asked for ``late`` s before."""
+    rng = np.random.default_rng(index)
+    t = np.arange(0, 20, DT)
+    q = 0.8 * np.sin(1.7 * t + phase) + 0.3 * np.sin(5.3 * t + 2.0 * phase) + 0.08 * np.sin(13.0 * t + phase)
+    v = np.gradient(q, DT)
+    a = np.gradient(v, DT)
+    u = (
+        model.inverse(q[:, None], v[:, None], a[:, None])[:, 0]
+        + FRICTION * np.tanh(v / 0.01)
+        + hidden(t, q, v, a)
+    )
+    noise = lfilter([0.2], [1.0, -0.9], rng.normal(size=len(t)))
+    u = np.interp(t + late, t, u) + NOISE * noise / np.std(noise)
+    channels = {"q": {"elbow": seen(q)}, "tau": {"elbow": u}, "temp": {"elbow": warmth(t)}}
+    rec = Recording(f"r{index}", t, channels, Controller(), "commanded", "effort", session, "", ())
+    return make_session(model, rec, index)
+
+
+def warmth(t):
+    return 25.0 + 30.0 * (1.0 - np.exp(-t / 8.0))
+
+
+def searched(model, hidden, other="a", **how):
+    fit, again = (recorded(model, k, 0.0, hidden, **how) for k in (0, 1))
+    held = recorded(model, 2, 1.0, hidden, session=other, **how)
+    problem = build_problem(model, [fit], [held], [again])
+    fill_residuals(problem)
+    return problem, Search(problem)
+
+
+def nothing(t, q, v, a):
+    return np.zeros_like(t)
+
+
+def eccentric_of(search):
+    return search.finish([Term("encoder_eccentricity", 0, (("order", 2.0),))], [[]], [])
+
+
+def test_the_parts_of_a_real_eccentricity_agree(model):
+    problem, search = searched(model, nothing, seen=lambda q: q - 0.02 * np.sin(2.0 * q + 0.5))
+    assert disagreement(problem, search, eccentric_of(search)) is None
+
+
+def test_an_inertia_that_changes_with_the_pose_lacks_the_weight_of_an_eccentricity(model):
+    def posed(t, q, v, a):
+        return 0.02 * (np.sin(q - 0.3) ** 2 * a + 0.5 * np.sin(2.0 * (q - 0.3)) * v**2)
+
+    problem, search = searched(model, posed)
+    said = disagreement(problem, search, eccentric_of(search))
+    assert said is not None
+    assert "encoder_eccentricity" in said
+
+
+def test_friction_that_thins_with_temperature_is_named_with_its_coefficient(model):
+    def thinner(t, q, v, a):
+        return (np.exp(-0.03 * (warmth(t) - 25.0)) - 1.0) * (FRICTION * np.tanh(v / 0.01) + DAMPING * v)
+
+    problem, search = searched(model, thinner)
+    said = decide(problem, search)
+    assert [e.name for e in said.effects] == ["thermal_drift"]
+    assert said.effects[0].parameters["per_kelvin"]["value"] == pytest.approx(0.03, rel=0.1)
+
+
+def test_thinning_friction_brings_what_the_model_lacks(model, tmp_path):
+    bare = RigidModel(write_model(tmp_path / "bare.xml", friction=0.0, damping=DAMPING))
+    shape = {"T": 20.0, "target": ALL, "k": 0.03}
+    effect = catalogue()["thermal_drift"]
+    assert effect.brings(Context(model, []), 0, shape) == {}
+    assert effect.brings(Context(bare, []), 0, shape) == {"coulomb_friction": 0}
+
+
+def test_a_model_with_wrong_damping_is_no_new_session(model):
+    problem, search = searched(model, lambda t, q, v, a: -0.05 * DAMPING * v, other="b")
+    assert problem.drift
+    said = decide(problem, search)
+    assert "session_friction" not in [e.name for e in said.effects]
+
+
+def test_another_session_with_more_friction_is_named(model):
+    def rubs(t, q, v, a):
+        return 0.2 * (FRICTION * np.tanh(v / 0.01) + DAMPING * v)
+
+    fit, again = (recorded(model, k, 0.0, nothing) for k in (0, 1))
+    held = recorded(model, 2, 1.0, rubs, session="b")
+    problem = build_problem(model, [fit], [held], [again])
+    fill_residuals(problem)
+    said = decide(problem, Search(problem))
+    assert [e.name for e in said.effects] == ["session_friction"]
+    assert said.effects[0].parameters["factor"]["value"] == pytest.approx(1.2, abs=0.03)
+
+
+def test_a_small_delay_is_named_although_other_numbers_could_make_up_for_it(model):
+    problem, search = searched(model, nothing, late=0.012)
+    said = decide(problem, search)
+    assert said.verdict == "physics_missing"
+    assert said.effects[0].name in ("actuator_delay", "bandwidth", "clock_skew")
