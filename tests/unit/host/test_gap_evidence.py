@@ -39,7 +39,7 @@ def recorded(model, index, phase, hidden, seen=lambda q: q, session="a", late=0.
         + FRICTION * np.tanh(v / 0.01)
         + hidden(t, q, v, a)
     )
-    noise = lfilter([0.2], [1.0, -0.9], rng.normal(size=len(t)))
+    noise = np.asarray(lfilter([0.2], [1.0, -0.9], rng.normal(size=len(t))))
     u = np.interp(t + late, t, u) + NOISE * noise / np.std(noise)
     channels = {"q": {"elbow": seen(q)}, "tau": {"elbow": u}, "temp": {"elbow": warmth(t)}}
     rec = Recording(f"r{index}", t, channels, Controller(), "commanded", "effort", session, "", ())
