@@ -157,7 +157,7 @@ def _stack(search: Search, parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
 
 def _gains(search: Search, parts: list[_Part]) -> dict[tuple[str, int], float]:
     """What leaving each part out costs: log evidence of the fit rows plus log prediction of the held-out rows."""
-    from s2r_host.gap.search import TEMPER
+    from s2r_host.gap.regression import TEMPER
 
     p = search.problem
     X, prior = _stack(search, parts)
@@ -196,7 +196,7 @@ def _only_the_edge(ctx: Context, term: Term) -> bool:
 
 def _held_share(search: Search, others: list[Term], term: Term) -> float:
     """Share of the held-out misfit, on the rows of its joint, that a term takes."""
-    from s2r_host.gap.search import TEMPER
+    from s2r_host.gap.regression import TEMPER
 
     p = search.problem
     mask = p.held & np.concatenate(
@@ -218,7 +218,7 @@ def _richer(
     search: Search, terms: list[Term], slots: list[list[Scored]]
 ) -> tuple[list[Term], list[list[Scored]]]:
     """Let a richer friction take the place of Coulomb's on its joint where the data ask for it."""
-    from s2r_host.gap.search import TEMPER
+    from s2r_host.gap.regression import TEMPER
     from s2r_host.gap.solution import Scored
 
     p = search.problem

@@ -11,7 +11,8 @@ import numpy as np
 from s2r_host.gap.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.evidence import Marginal
 from s2r_host.gap.problem import Problem
-from s2r_host.gap.search import TEMPER, Search
+from s2r_host.gap.regression import TEMPER
+from s2r_host.gap.search import Search
 from s2r_host.gap.solution import Scored, Solution, Term
 
 TIGHT = 0.05
