@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,28 +14,46 @@ from torch import nn
 
 from s2r_host.perception.errors import InputError
 
-WEIGHTS, OPTIMISER, STATE = "weights.safetensors", "optimiser.safetensors", "state.json"
+WEIGHTS, LIVE, OPTIMISER, STATE = (
+    "weights.safetensors",
+    "live.safetensors",
+    "optimiser.safetensors",
+    "state.json",
+)
 
 
 def save(
-    folder: Path, network: nn.Module, optimiser: torch.optim.Optimizer, state: dict[str, Any], data_hash: str
+    folder: Path,
+    network: nn.Module,
+    average: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    state: dict[str, Any],
+    data_hash: str,
 ) -> None:
-    """Write a checkpoint; each file appears whole or not at all, the state last."""
+    """Write a checkpoint; each file appears whole or not at all, the state last.
+
+    ``average`` holds the running average of the weights, which is what is used; ``network`` those being trained.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    weights = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
-    _whole(folder / WEIGHTS, lambda path: save_file(weights, path, metadata={"data_sha256": data_hash}))
+    for name, module in ((WEIGHTS, average), (LIVE, network)):
+        weights = {key: tensor.detach().cpu().contiguous() for key, tensor in module.state_dict().items()}
+        _whole(folder / name, partial(save_file, weights, metadata={"data_sha256": data_hash}))
     moments = {
         f"{index}.{name}": torch.as_tensor(value).detach().cpu().contiguous()
         for index, values in optimiser.state_dict()["state"].items()
         for name, value in values.items()
     }
-    _whole(folder / OPTIMISER, lambda path: save_file(moments, path))
+    _whole(folder / OPTIMISER, partial(save_file, moments))
     text = json.dumps(state | {"data_sha256": data_hash}, indent=1)
     _whole(folder / STATE, lambda path: path.write_text(text + "\n"))
 
 
 def resume(
-    folder: Path, network: nn.Module, optimiser: torch.optim.Optimizer, data_hash: str
+    folder: Path,
+    network: nn.Module,
+    average: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    data_hash: str,
 ) -> dict[str, Any] | None:
     """Load a checkpoint if there is one; its state.
 
@@ -48,7 +68,8 @@ def resume(
             f"{folder} holds a run on other data (hash {state['data_sha256'][:12]}, here {data_hash[:12]});"
             " name a new --out"
         )
-    network.load_state_dict(load_file(folder / WEIGHTS))
+    average.load_state_dict(load_file(folder / WEIGHTS))
+    network.load_state_dict(load_file(folder / LIVE))
     full = optimiser.state_dict()
     moments: dict[int, dict[str, torch.Tensor]] = {}
     for key, value in load_file(folder / OPTIMISER).items():
@@ -59,7 +80,7 @@ def resume(
     return state
 
 
-def _whole(path: Path, write: Any) -> None:
+def _whole(path: Path, write: Callable[[Path], Any]) -> None:
     part = path.with_suffix(path.suffix + ".part")
     write(part)
     part.replace(path)

@@ -22,7 +22,7 @@ def train() -> None:
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
 )
-@click.option("--epochs", type=int, help="Passes over the data [default: 60].")
+@click.option("--epochs", type=int, help="Passes over the data [default: 30].")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
 @click.option("--seed", type=int, default=0, show_default=True)
 def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> None:
@@ -52,9 +52,13 @@ def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int
     from safetensors.torch import load_file
 
     network.load_state_dict(load_file(out / "weights.safetensors"))
-    about = {name: state[name] for name in ("data_sha256", "objects", "pushes", "epoch", "settings")}
+    names = ("data_sha256", "objects", "pushes", "epoch", "settings", "calibration")
+    about = {name: state[name] for name in names}
     last = state["metrics"][-1]
-    about["validation_auc"] = last["validation_auc"]
+    about |= {name: value for name, value in last.items() if name.startswith("validation_")}
+    about["command"] = (
+        f"s2r train affordance --data {data} --out {out} --epochs {settings.epochs} --seed {seed}"
+    )
     worst = export(network, out, about)
     click.echo(
         f"{state['epoch']} epochs on {state['objects']} objects, {state['pushes']} pushes; validation AUC"

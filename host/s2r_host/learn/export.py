@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from s2r_host.learn.network import FEATURE, IN, NOISE, PushNetwork
+from s2r_host.learn.push_loss import ENCODER_INPUTS
 from s2r_host.perception.errors import InputError
 from s2r_host.perception.object_cloud import COARSE, NEIGHBOURS, POINTS
 
@@ -21,7 +22,7 @@ logger = logging.getLogger(__name__)
 
 MOST_DIFFERENCE = 1e-4
 OPSET = 18
-ENCODER, HEADS, ABOUT = "encoder.onnx", "heads.onnx", "about.json"
+ENCODER, PROPOSAL, CRITIC, ABOUT = "encoder.onnx", "proposal.onnx", "critic.onnx", "about.json"
 
 
 class _Encoder(nn.Module):
@@ -34,20 +35,30 @@ class _Encoder(nn.Module):
         return feature, self.network.act(feature)
 
 
-class _Heads(nn.Module):
-    """Proposals for noise, and verdicts on them, for a list of point features."""
+class _Proposal(nn.Module):
+    """Directions for noise, for a list of point features."""
 
     def __init__(self, network: PushNetwork) -> None:
         super().__init__()
         self.network = network
 
-    def forward(self, feature: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-        direction = self.network.propose(feature, noise)
-        return direction, self.network.judge(feature, direction)
+    def forward(self, feature: Tensor, noise: Tensor) -> Tensor:
+        return self.network.propose(feature, noise)
+
+
+class _Critic(nn.Module):
+    """Verdicts on directions, for a list of point features."""
+
+    def __init__(self, network: PushNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, feature: Tensor, direction: Tensor) -> Tensor:
+        return self.network.judge(feature, direction)
 
 
 def export(network: PushNetwork, folder: Path, about: dict[str, Any]) -> float:
-    """Write both graphs and a description; the largest difference from torch.
+    """Write the graphs and a description; the largest difference from torch.
 
     Raises:
         InputError: ONNX Runtime computes something else.
@@ -55,26 +66,23 @@ def export(network: PushNetwork, folder: Path, about: dict[str, Any]) -> float:
     network = network.cpu().eval()
     folder.mkdir(parents=True, exist_ok=True)
     generator = torch.Generator().manual_seed(0)
-    inputs = example_inputs(generator)
-    _write(
-        _Encoder(network), inputs, ENCODER_INPUTS, ("feature", "actionability"), folder / ENCODER, many=False
+    feature = torch.randn(100, FEATURE, generator=generator)
+    noise = torch.randn(100, NOISE, generator=generator)
+    direction = nn.functional.normalize(noise, dim=-1)
+    cloud = example_inputs(generator)
+    graphs = (
+        (_Encoder(network), cloud, ENCODER_INPUTS, ("feature", "actionability"), ENCODER),
+        (_Proposal(network), (feature, noise), ("feature", "noise"), ("direction",), PROPOSAL),
+        (_Critic(network), (feature, direction), ("feature", "direction"), ("logit",), CRITIC),
     )
-    heads = (
-        torch.randn(100, FEATURE, generator=generator),
-        torch.randn(100, NOISE, generator=generator),
-    )
-    _write(_Heads(network), heads, ("feature", "noise"), ("direction", "logit"), folder / HEADS, many=True)
-    worst = max(
-        _difference(_Encoder(network), inputs, folder / ENCODER),
-        _difference(_Heads(network), heads, folder / HEADS),
-    )
+    worst = 0.0
+    for module, inputs, names, outputs, file in graphs:
+        _write(module, inputs, names, outputs, folder / file, many=file != ENCODER)
+        worst = max(worst, _difference(module, inputs, folder / file))
     if worst > MOST_DIFFERENCE:
         raise InputError(f"ONNX Runtime differs from torch by {worst:.2g}, limit {MOST_DIFFERENCE:g}")
     (folder / ABOUT).write_text(json.dumps(about | {"onnx_difference": worst}, indent=1) + "\n")
     return worst
-
-
-ENCODER_INPUTS = ("x", "down1", "down2", "up1", "up0", "weight1", "weight0")
 
 
 def example_inputs(generator: torch.Generator) -> tuple[Tensor, ...]:
@@ -116,5 +124,6 @@ def _difference(module: nn.Module, inputs: tuple[Tensor, ...], path: Path) -> fl
     feeds = {node.name: tensor.numpy() for node, tensor in zip(session.get_inputs(), inputs, strict=True)}
     with torch.no_grad():
         wanted = module(*inputs)
+    wanted = wanted if isinstance(wanted, tuple) else (wanted,)
     found = session.run(None, feeds)
     return max(float(np.abs(np.asarray(a) - b.numpy()).max()) for a, b in zip(found, wanted, strict=True))

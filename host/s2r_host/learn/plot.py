@@ -15,15 +15,21 @@ def plot_metrics(metrics: list[dict[str, Any]], path: Path) -> None:
 
     epoch = [row["epoch"] for row in metrics]
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    for name in ("critic", "proposal", "actionability"):
+    for name in ("critic", "part", "line", "proposal", "actionability"):
         left.plot(epoch, [row[name] for row in metrics], label=name)
-    left.plot(epoch, [row["validation_critic"] for row in metrics], "--", label="critic, unseen objects")
+    for name in ("critic", "part"):
+        left.plot(
+            epoch, [row[f"validation_{name}"] for row in metrics], "--", label=f"{name}, unseen objects"
+        )
     left.set(xlabel="epoch", ylabel="loss", title="losses")
-    right.plot(epoch, [row["validation_auc"] for row in metrics], color="#20639b")
+    right.plot(epoch, [row["validation_auc"] for row in metrics], color="#20639b", label="useful pushes")
+    right.plot(
+        epoch, [row["validation_part_auc"] for row in metrics], color="#ed553b", label="points of the part"
+    )
     right.axhline(0.5, color="#999", linestyle=":")
-    right.set(xlabel="epoch", ylabel="AUC", ylim=(0.4, 1.0), title="telling useful pushes, unseen objects")
+    right.set(xlabel="epoch", ylabel="AUC", ylim=(0.4, 1.0), title="telling apart, unseen objects")
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    left.legend()
+        axes.legend()
     figure.savefig(path, dpi=110)
     plt.close(figure)

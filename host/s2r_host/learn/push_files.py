@@ -12,17 +12,32 @@ from scipy.spatial import cKDTree
 
 from s2r_host.perception.errors import BadViewError, InputError
 from s2r_host.perception.frames import DepthFrame
-from s2r_host.perception.object_cloud import ObjectCloud, Pyramid, object_cloud, pyramid
+from s2r_host.perception.object_cloud import ObjectCloud, Pyramid, SeenObject, pyramid
 
-FARTHEST_M = 0.02  # a push at a point the noisy view does not show is left out
+FARTHEST_M = 0.01  # a push farther from every point of the cloud is left out
+PART = 2  # label of the pixels of the part that moves
+_NEEDED = (
+    "depth",
+    "K",
+    "T_base_camera",
+    "point",
+    "direction",
+    "useful",
+    "blocked",
+    "on_part",
+    "label",
+    "kind",
+)
 
 
 @dataclass(frozen=True, eq=False)
 class PushSample:
-    """One view with its pushes.
+    """One view, once sampled, with its pushes.
 
     Attributes:
         cloud, neighbours: The prepared view.
+        part: Points of the part that moves, shape (POINTS,).
+        motion: Unit directions of motion of those points, either sense; 0 elsewhere, shape (POINTS, 3).
         at: Cloud point nearest to each push, shape (pushes,).
         direction: Unit push directions, shape (pushes, 3).
         useful: Outcomes, shape (pushes,).
@@ -31,6 +46,8 @@ class PushSample:
 
     cloud: ObjectCloud
     neighbours: Pyramid
+    part: NDArray[np.bool_]
+    motion: NDArray[np.float32]
     at: NDArray[np.int64]
     direction: NDArray[np.float32]
     useful: NDArray[np.bool_]
@@ -60,27 +77,60 @@ def data_hash(files: list[Path]) -> str:
     return digest.hexdigest()
 
 
-def load_pushes(file: Path, seed: int) -> PushSample | None:
-    """Read and prepare one file; None if its object cannot be seen."""
-    with np.load(file) as content:
-        frame = DepthFrame(content["depth"], content["K"], content["T_base_camera"], None)
-        point, direction, useful = content["point"], content["direction"], content["useful"]
-        kind = str(content["kind"])
+def load_pushes(file: Path, seed: int, times: int = 1) -> list[PushSample]:
+    """Read one file and sample its view several times; none if its object or all of its pushes are out of sight.
+
+    Pushes whose finger touched something before it began are left out: they never happen.
+
+    Raises:
+        InputError: The file lacks something, as files of older versions do.
+    """
+    with np.load(file) as archive:
+        missing = [name for name in _NEEDED if name not in archive]
+        if missing:
+            raise InputError(f"{file} has no {', '.join(missing)}; make it anew with 's2r data pushes'")
+        content = {name: archive[name] for name in archive.files}
     try:
-        cloud = object_cloud(frame, np.random.default_rng([seed, 7]))
+        seen = SeenObject(DepthFrame(content["depth"], content["K"], content["T_base_camera"], None))
     except BadViewError:
-        return None  # the part may be out of sight of its camera; nothing to learn there
+        return []  # the part may be out of sight of its camera; nothing to learn there
+    samples = (_sample(seen, content, np.random.default_rng([seed, k, 7])) for k in range(times))
+    return [sample for sample in samples if sample is not None]
+
+
+def _sample(
+    seen: SeenObject, content: dict[str, NDArray[np.generic]], rng: np.random.Generator
+) -> PushSample | None:
+    cloud = seen.sample(rng)
+    part = content["label"].ravel()[cloud.pixels] == PART
+    point = np.asarray(content["point"], dtype=float)
     if len(point) == 0:
         return None
-    distance, at = cKDTree(cloud.points).query(point)
-    near = np.asarray(distance) < FARTHEST_M
-    if not near.any():
+    distance, nearest = cKDTree(cloud.points).query(point)
+    at = np.asarray(nearest, dtype=np.int64)
+    fit = (np.asarray(distance) < FARTHEST_M) & ~content["blocked"] & (part[at] == content["on_part"])
+    if not fit.any():
         return None
     return PushSample(
         cloud,
         pyramid(cloud.points),
-        np.asarray(at)[near],
-        direction[near].astype(np.float32),
-        useful[near].astype(bool),
-        kind,
+        part,
+        _motion(cloud.points, part, content),
+        at[fit],
+        np.asarray(content["direction"][fit], dtype=np.float32),
+        np.asarray(content["useful"][fit], dtype=bool),
+        str(content["kind"]),
     )
+
+
+def _motion(
+    points: NDArray[np.floating], part: NDArray[np.bool_], content: dict[str, NDArray[np.generic]]
+) -> NDArray[np.float32]:
+    """Directions in which the part's points would move, unit, shape (POINTS, 3)."""
+    axis = np.asarray(content["axis_direction"], dtype=float)
+    if bool(content["slides"]):
+        motion = np.tile(axis, (len(points), 1))
+    else:
+        motion = np.cross(axis, points - np.asarray(content["axis_origin"], dtype=float))
+        motion /= np.maximum(np.linalg.norm(motion, axis=1, keepdims=True), 1e-6)
+    return np.where(part[:, None], motion, 0.0).astype(np.float32)

@@ -26,6 +26,10 @@ TABLE_M = 0.008  # lower points are taken for the table
 REACH_M = 1.5  # from the camera
 CELL_M = 0.03
 FEWEST = 200
+DETAIL = 3.0  # so many times likelier is a point of an edge or of something too small for a plane
+SCALES = (16, 96)  # neighbours of the two scales of local shape
+SHAPE = 2 + 3 * len(SCALES)
+FEATURES = 7 + SHAPE
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +41,26 @@ class ObjectCloud:
         normals: Unit, towards the camera, shape (POINTS, 3).
         pixels: Index of each point in the flattened depth image, shape (POINTS,).
         centre: Mean of the points [m], shape (3,).
+        shape: What the surface around each point is like, see `local_shape`, shape (POINTS, SHAPE).
     """
 
     points: Array
     normals: Array
     pixels: Index
     centre: Array
+    shape: NDArray[np.float32]
 
     def features(self) -> NDArray[np.float32]:
-        """Input of the network: centred points [dm], normals, height [dm], shape (POINTS, 7)."""
+        """Input of the network: centred points [dm], normals, height [dm], local shape; (POINTS, FEATURES)."""
         height = self.points[:, 2:3]
-        return np.hstack([10 * (self.points - self.centre), self.normals, 10 * height]).astype(np.float32)
+        x = np.hstack([10 * (self.points - self.centre), self.normals, 10 * height])
+        return np.hstack([x.astype(np.float32), self.shape])
+
+    def reordered(self, order: Index) -> ObjectCloud:
+        """The same cloud with its points in another order (the first ones stand for the whole)."""
+        return ObjectCloud(
+            self.points[order], self.normals[order], self.pixels[order], self.centre, self.shape[order]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,25 +78,64 @@ class Pyramid:
     weight: tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
+class SeenObject:
+    """The largest connected thing above the table, ready to be sampled."""
+
+    def __init__(self, frame: DepthFrame) -> None:
+        """Prepare one view.
+
+        Raises:
+            BadViewError: Nothing stands on the table.
+        """
+        view = DepthView(frame)
+        assert view.p_camera is not None
+        near = np.linalg.norm(view.points - view.p_camera, axis=1) < REACH_M
+        index = np.flatnonzero(near & (view.points[:, 2] > TABLE_M))
+        if len(index) < FEWEST:
+            raise BadViewError(
+                f"only {len(index)} points lie above the table (z > {TABLE_M * 1e3:.0f} mm) within {REACH_M:g} m, at"
+                f" least {FEWEST} are needed; is the object in view and the camera's pose right?"
+            )
+        self._view, self._index = view, index[_largest_piece(view.points[index])]
+        detail = view.edge[self._index] | ~view.normal_ok[self._index]
+        weight = np.where(detail, DETAIL, 1.0)
+        self._share = weight / weight.sum()
+
+    def sample(self, rng: np.random.Generator) -> ObjectCloud:
+        """`POINTS` points in random order; edges and small things get more of them than plain faces."""
+        view, few = self._view, len(self._index) < POINTS
+        chosen = rng.choice(self._index, POINTS, replace=few, p=None if few else self._share)
+        p, n = view.points[chosen], view.normals[chosen]
+        flags = np.stack([view.edge[chosen], view.normal_ok[chosen]], axis=1)
+        shape = np.hstack([flags, local_shape(p, n)]).astype(np.float32)
+        return ObjectCloud(p, n, view.flat[chosen], p.mean(axis=0), shape)
+
+
 def object_cloud(frame: DepthFrame, rng: np.random.Generator) -> ObjectCloud:
-    """Take the largest connected thing above the table.
+    """Sample the largest connected thing above the table.
 
     Raises:
         BadViewError: Nothing stands there.
     """
-    view = DepthView(frame)
-    assert view.p_camera is not None
-    near = np.linalg.norm(view.points - view.p_camera, axis=1) < REACH_M
-    index = np.flatnonzero(near & (view.points[:, 2] > TABLE_M))
-    if len(index) < FEWEST:
-        raise BadViewError(
-            f"only {len(index)} points lie above the table (z > {TABLE_M * 1e3:.0f} mm) within {REACH_M:g} m, at least"
-            f" {FEWEST} are needed; is the object in view and the camera's pose right?"
-        )
-    index = index[_largest_piece(view.points[index])]
-    chosen = rng.choice(index, POINTS, replace=len(index) < POINTS)
-    p = view.points[chosen]
-    return ObjectCloud(p, view.normals[chosen], view.flat[chosen], p.mean(axis=0))
+    return SeenObject(frame).sample(rng)
+
+
+def local_shape(points: Array, normals: Array) -> Array:
+    """Relief at two scales: (POINTS, 2 * 3).
+
+    Per scale: how far a point stands out of the mean of its neighbours along its own normal [cm], how much their
+    normals differ from its own (0 = plane), and how wide the neighbourhood is [dm].
+    """
+    tree = cKDTree(points)
+    columns = []
+    _, neighbour = tree.query(points, k=SCALES[-1])
+    for count in SCALES:
+        near = np.asarray(neighbour)[:, :count]
+        offset = points[near].mean(axis=1) - points
+        bend = 1.0 - np.einsum("nki,ni->n", normals[near], normals) / count
+        spread = np.linalg.norm(points[near] - points[:, None], axis=2).mean(axis=1)
+        columns += [-100 * np.einsum("ni,ni->n", offset, normals), bend, 10 * spread]
+    return np.stack(columns, axis=1)
 
 
 def pyramid(points: Array) -> Pyramid:

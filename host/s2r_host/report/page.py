@@ -104,6 +104,9 @@ def _jointtable(record: RunRecord) -> str:
         ),
         ("range believed", " to ".join(task.unit.show(limit, 0) for limit in model.range)),
     ]
+    if record.belief.felt is not None:
+        unit = "N" if record.belief.template.slides else "N·m"
+        rows.append(("resisted the first push with", f"{record.belief.felt:.2f} {unit} (from joint torques)"))
     for geom, shift in record.belief.shifts.items():
         rows.append(("corrected after execution", f"{geom} by {task.unit.show(shift)} of the joint"))
     return table(("", ""), rows)

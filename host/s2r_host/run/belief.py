@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +12,8 @@ from s2r_host.errors import SceneError
 from s2r_host.model.build import ObjectModel, build_model
 from s2r_host.perception.estimate import JointEstimate, estimate_joint
 from s2r_host.perception.motion import Push
-from s2r_host.run.faces import with_face
 from s2r_host.run.measure import PartTemplate, part_template
+from s2r_host.run.object_file import with_face, with_friction
 from s2r_host.run.observe import Observation
 from s2r_host.run.task import Task
 
@@ -39,6 +38,7 @@ class Belief:
         falling, growing: The object as believed for motions that let the joint fall or grow: the built model, corrected
             at the side of the part that such motions push, see :mod:`s2r_host.run.contact`.
         shifts: What was corrected -> how far along or about the axis it was moved from the built model [m or rad].
+        felt: What the arm felt of the joint's resistance in a push [N or N·m]; None before one was felt.
     """
 
     estimate: JointEstimate
@@ -47,6 +47,7 @@ class Belief:
     falling: Path
     growing: Path
     shifts: dict[str, float]
+    felt: float | None = None
 
     def path(self, positive: bool) -> Path:
         """The object file for motions that let the joint grow (``positive``) or fall."""
@@ -165,9 +166,4 @@ def _held(built: ObjectModel, path: Path) -> Path:
     friction = HOLDING * needed
     if friction <= model.dof_frictionloss[joint.dofadr[0]]:
         return built.mjcf_path
-    tree = ET.parse(built.mjcf_path)
-    element = tree.find(f".//joint[@name='{JOINT}']")
-    assert element is not None
-    element.set("frictionloss", f"{friction:.7g}")
-    tree.write(path, encoding="unicode")
-    return path
+    return with_friction(built.mjcf_path, JOINT, friction, path)

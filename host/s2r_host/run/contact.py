@@ -17,7 +17,7 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.nearest import nearest_to_tip
 from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.run.belief import JOINT, SIDES, Belief
-from s2r_host.run.faces import with_face, with_part_moved
+from s2r_host.run.object_file import with_face, with_part_moved
 
 SEARCH_STEPS = 24
 TOUCH_M = 1e-4

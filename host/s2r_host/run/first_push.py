@@ -23,6 +23,7 @@ from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import DRAWER, FAUCET, LAPTOP
 from s2r_host.run.travel import timed
 
+PUSH = 1  # place of the push itself among the motions: approach, push, back, home
 SAME_PIECE_M = 0.04  # a push that began this near a piece was about it
 
 
@@ -104,7 +105,7 @@ def carry_out_push(session: Session, planned: PlannedPush) -> DonePush:
         session.move(planned.motions)
     except ArmStoppedError as error:
         went_through = False
-        back_off(session, error, planned.motion.push, f"{planned.motions[1].label}: backing off")
+        back_off(session, error, planned.motion.push, f"{planned.motions[PUSH].label}: backing off")
         session.move(planned.motions[-1:])
     return DonePush(planned, tuple(session.executed[begun:]), went_through)
 

@@ -12,7 +12,7 @@ from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.run.belief import build_belief, estimate_part
 from s2r_host.run.contact import corrected, touched_by_push
-from s2r_host.run.first_push import DonePush, carry_out_push, prepare_push
+from s2r_host.run.first_push import PUSH, DonePush, carry_out_push, prepare_push
 from s2r_host.run.journal import Journal
 from s2r_host.run.manipulate import (
     DoneManipulation,
@@ -22,6 +22,7 @@ from s2r_host.run.manipulate import (
 )
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.record import RunRecord
+from s2r_host.run.resistance import felt_resistance, joints_in, tip_force, with_felt
 from s2r_host.run.session import Session, open_session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.travel import go_to
@@ -89,20 +90,32 @@ def _loop(session: Session, record: RunRecord) -> None:
 
 
 def _learn_from_push(session: Session, record: RunRecord) -> None:
-    """The push that told the joint also tells where the side of the part is that it touched."""
+    """The push that told the joint also tells how much it resists, and where the side is that was touched."""
     task, belief, push, s = session.settings.task, record.belief, record.push, record.s_found
     assert belief is not None
     assert push is not None
     assert s is not None
-    if belief.template.slides or not push.went_through:
+    if not push.went_through:
         return
-    q_end, positive = push.planned.motion.push[-1], s > 0.0
-    touched = touched_by_push(belief, session.arm, q_end, s, positive, task.far_off)
-    if touched is None:
-        return
-    geom, offset = touched
-    record.belief = corrected(belief, geom, offset, positive, session.settings.out / "model-1")
-    session.journal.say(f"the push touched {geom} {task.unit.show(-offset)} from where the model has it")
+    folder, positive = session.settings.out / "model-1", s > 0.0
+    recording = push.executed[PUSH].recording
+    joints = joints_in(recording) if recording is not None else None
+    force = tip_force(session.arm.arm, joints) if joints is not None else None
+    felt = felt_resistance(belief.template, force, positive) if force is not None else None
+    if felt is not None:
+        belief = with_felt(belief, felt, 0.5 * s, positive, folder)
+        session.journal.say(f"the part resisted with {felt:.2f} {'N' if belief.template.slides else 'N·m'}")
+    if not belief.template.slides:
+        touched = touched_by_push(
+            belief, session.arm, push.planned.motion.push[-1], s, positive, task.far_off
+        )
+        if touched is not None:
+            geom, offset = touched
+            belief = corrected(belief, geom, offset, positive, folder)
+            session.journal.say(
+                f"the push touched {geom} {task.unit.show(-offset)} from where the model has it"
+            )
+    record.belief = belief
 
 
 def _push_until_told(

@@ -34,6 +34,11 @@ class InverseDynamics:
             positions.append(pin.updateFramePlacement(self._model, self._data, self._tool).translation.copy())
         return np.array(positions)
 
+    def tool_jacobian(self, q: np.ndarray) -> np.ndarray:
+        """Jacobian of the fingertip's position in the base frame at joint positions (dof,), (3, dof) [m/rad]."""
+        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        return pin.computeFrameJacobian(self._model, self._data, np.asarray(q), self._tool, frame)[:3].copy()
+
     def along(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torques at many states, (n, dof)."""
         return np.array([self(*state) for state in zip(q, dq, ddq, strict=True)])

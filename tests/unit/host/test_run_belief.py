@@ -11,7 +11,7 @@ from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.perception.motion import JointMotion
 from s2r_host.run.belief import Belief
 from s2r_host.run.contact import corrected, touched_by_push
-from s2r_host.run.faces import with_face
+from s2r_host.run.object_file import with_face
 from s2r_host.run.measure import PartTemplate
 from s2r_protocol.arms import load_arm
 

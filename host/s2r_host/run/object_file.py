@@ -1,4 +1,4 @@
-"""Object files with one face of a geom shifted, or with the whole part turned about or moved along its joint's axis."""
+"""Object files (MJCF) with one thing changed: a face of a geom, the place of the part, the friction of its joint."""
 
 from __future__ import annotations
 
@@ -58,6 +58,20 @@ def with_part_moved(source: Path, joint: str, X: np.ndarray, path: Path) -> Path
         R = Rotation.from_matrix(X[:3, :3]) * Rotation.from_quat(_numbers(geom, "quat"), scalar_first=True)
         geom.set("pos", _text(X[:3, :3] @ _numbers(geom, "pos") + X[:3, 3]))
         geom.set("quat", _text(R.as_quat(scalar_first=True)))
+    return _written(tree, path)
+
+
+def with_friction(source: Path, joint: str, friction: float, path: Path) -> Path:
+    """Write the object with another dry friction of a joint [N or N·m].
+
+    Raises:
+        SceneError: There is no such joint.
+    """
+    tree = ET.parse(source)
+    element = tree.find(f".//joint[@name='{joint}']")
+    if element is None:
+        raise SceneError(f"object model {source} has no joint '{joint}' whose friction could be set")
+    element.set("frictionloss", f"{friction:.7g}")
     return _written(tree, path)
 
 
