@@ -5,8 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from s2r_host.learn.calibrate import Calibration, calibrate, expected_error
+from s2r_host.learn.push_files import load_pushes
 from s2r_host.perception import synthetic
-from s2r_host.perception.affordance import PushNetworkRuntime
+from s2r_host.perception.affordance import PushNetworkRuntime, _best
 from s2r_host.perception.errors import BadViewError, InputError
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.object_cloud import COARSE, NEIGHBOURS, POINTS, object_cloud, pyramid
@@ -58,23 +60,100 @@ def test_missing_weights_name_the_command_that_makes_them(tmp_path):
         PushNetworkRuntime(tmp_path)
 
 
+def test_the_same_points_in_another_order_have_the_same_features(cloud):
+    order = np.random.default_rng(1).permutation(POINTS)
+    np.testing.assert_array_equal(cloud.reordered(order).features(), cloud.features()[order])
+
+
+def test_flat_places_have_no_relief_and_edges_have(cloud):
+    relief, bend = np.abs(cloud.shape[:, 2]), cloud.shape[:, 3]
+    flat = (cloud.shape[:, 1] > 0) & (bend < 0.01)
+    assert flat.mean() > 0.4
+    assert np.median(relief[flat]) < 0.1  # cm
+    assert np.median(relief[cloud.shape[:, 0] > 0]) > np.median(relief[flat])
+
+
+def test_directions_of_one_place_are_kept_apart_and_the_best_come_first():
+    rng = np.random.default_rng(0)
+    direction = rng.normal(size=(300, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    at, likelihood = rng.integers(20, size=300), rng.uniform(size=300)
+    chosen = _best(at, direction, likelihood, 5, 4)
+    assert len(set(at[chosen])) == 5
+    assert chosen[0] == likelihood.argmax()
+    for place in set(at[chosen]):
+        mine = [i for i in chosen if at[i] == place]
+        assert len(mine) <= 4
+        cosine = direction[mine] @ direction[mine].T - np.eye(len(mine))
+        assert cosine.max() < np.cos(np.radians(10))
+
+
+def test_calibration_makes_promises_that_are_kept():
+    rng = np.random.default_rng(0)
+    logit = rng.normal(0, 3, 5000)
+    truth = rng.uniform(size=5000) < 1 / (1 + np.exp(-(0.4 * logit - 1)))
+    found = calibrate(logit, truth)
+    assert found.slope == pytest.approx(0.4, abs=0.05)
+    assert found.offset == pytest.approx(-1, abs=0.1)
+    assert (
+        expected_error(found.likelihood(logit), truth)
+        < 0.02
+        < expected_error(1 / (1 + np.exp(-logit)), truth)
+    )
+
+
+def test_a_logit_that_says_the_opposite_is_not_turned_round():
+    logit = np.linspace(-2, 2, 100)
+    assert calibrate(logit, logit < 0) == Calibration()
+
+
+def write_pushes(path, k, **left_out):
+    """One view of a laptop; pushes that go down are useful."""
+    pair = synthetic.laptop_pair(np.random.default_rng(k))
+    view, rng = pair.before, np.random.default_rng([k, 1])
+    cloud = object_cloud(view, np.random.default_rng(k))
+    label = 1 + pair.part_before.astype(np.uint8)
+    direction = rng.normal(size=(24, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    chosen = rng.integers(POINTS, size=24)
+    content = {
+        "depth": view.depth_m, "K": view.K, "T_base_camera": view.X_base_camera, "point": cloud.points[chosen],
+        "direction": direction, "useful": direction[:, 2] < 0, "blocked": np.arange(24) < 2,
+        "on_part": label.ravel()[cloud.pixels[chosen]] == 2, "label": label, "slides": False,
+        "axis_origin": pair.motion.origin, "axis_direction": pair.motion.direction, "kind": "laptop",
+    }  # fmt: skip
+    np.savez(path, **{name: value for name, value in content.items() if name not in left_out})
+
+
 @pytest.fixture(scope="module")
 def push_folder(tmp_path_factory):
-    """Six views; pushes that go down are useful."""
     folder = tmp_path_factory.mktemp("pushes")
     for k in range(6):
-        view = synthetic.laptop_pair(np.random.default_rng(k)).before
-        cloud = object_cloud(view, np.random.default_rng(k))
-        rng = np.random.default_rng([k, 1])
-        direction = rng.normal(size=(24, 3))
-        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        split = "train" if k < 4 else "validation"
-        np.savez(
-            folder / f"laptop-{split}-{k:05d}.npz", depth=view.depth_m, K=view.K,
-            T_base_camera=view.X_base_camera, point=cloud.points[rng.integers(POINTS, size=24)],
-            direction=direction, useful=direction[:, 2] < 0, kind="laptop",
-        )  # fmt: skip
+        write_pushes(folder / f"laptop-{'train' if k < 4 else 'validation'}-{k:05d}.npz", k)
     return folder
+
+
+def test_samples_know_the_part_and_how_it_moves_and_leave_blocked_pushes_out(push_folder):
+    (sample,) = load_pushes(push_folder / "laptop-train-00000.npz", 0)
+    motion = synthetic.laptop_pair(np.random.default_rng(0)).motion
+    assert 0.1 < sample.part.mean() < 0.9
+    np.testing.assert_allclose(np.linalg.norm(sample.motion[sample.part], axis=1), 1.0, atol=1e-5)
+    assert not sample.motion[~sample.part].any()
+    np.testing.assert_allclose(
+        sample.motion @ motion.direction, 0.0, atol=1e-5
+    )  # hinges move across their axis
+    assert len(sample.at) <= 22
+
+
+def test_two_samplings_of_a_view_differ(push_folder):
+    first, second = load_pushes(push_folder / "laptop-train-00000.npz", 0, times=2)
+    assert not np.array_equal(first.cloud.pixels, second.cloud.pixels)
+
+
+def test_push_data_of_an_older_version_is_refused_by_name(tmp_path):
+    write_pushes(tmp_path / "old.npz", 0, label=None)
+    with pytest.raises(InputError, match="has no label; make it anew"):
+        load_pushes(tmp_path / "old.npz", 0)
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +179,7 @@ def test_network_learns_what_pushes_are_useful(trained):
     _, _, state = trained
     assert state["metrics"][-1]["validation_auc"] > 0.9
     assert state["metrics"][-1]["critic"] < state["metrics"][0]["critic"]
+    assert state["metrics"][-1]["validation_part_auc"] > 0.6
 
 
 def test_interrupted_training_goes_on_with_its_epochs(trained, push_folder, tmp_path):
@@ -137,11 +217,12 @@ def test_exported_network_says_the_same_as_torch_and_proposes_good_pushes(traine
     out, _, state = trained
     network = PushNetwork()
     network.load_state_dict(load_file(out / "weights.safetensors"))
-    assert export(network, out, {"data_sha256": state["data_sha256"]}) < MOST_DIFFERENCE
+    about = {name: state[name] for name in ("data_sha256", "calibration")}
+    assert export(network, out, about) < MOST_DIFFERENCE
     assert json.loads((out / "about.json").read_text())["data_sha256"] == state["data_sha256"]
     found = PushNetworkRuntime(out).affordance(frame, np.random.default_rng(1))
-    assert len(found.proposals) == 100
-    likelihood = [p.likelihood for p in found.proposals]
-    assert likelihood == sorted(likelihood, reverse=True)
+    assert 30 <= len(found.proposals) <= 100
+    worth = [p.worth for p in found.proposals]
+    assert worth == sorted(worth, reverse=True)
     down = np.mean([p.direction[2] < 0 for p in found.proposals[:20]])
     assert down > 0.8
