@@ -16,7 +16,7 @@ import click
 @click.option(
     "--planners", "names", default="ours,paper", show_default=True, help="Comma-separated, interleaved."
 )
-@click.option("--tasks", "tasks", default="", help="Comma-separated [default: all].")
+@click.option("--tasks", "tasks", default="", help="Comma-separated [default: all within reach].")
 @click.option("--placements", default=4, show_default=True, type=click.IntRange(min=1))
 @click.option("--seeds", default=1, show_default=True, type=click.IntRange(min=1))
 @click.option(
@@ -28,6 +28,7 @@ import click
 )
 @click.option("--pieces", default=0, show_default=True, help="Cut the objects' boxes into convex meshes.")
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
+@click.option("--tool", default="", help="Held by the gripper: t_shape or semi_ring [default: none].")
 @click.option("--plan-only", is_flag=True, help="No time law and no verifier: the planner alone.")
 @click.option("--patience", "patience_s", default=300.0, show_default=True, help="Longest plan [s].")
 @click.option(
@@ -45,6 +46,7 @@ def planning(
     replays: int,
     pieces: int,
     arm: str,
+    tool: str,
     plan_only: bool,
     patience_s: float,
     curve: Path | None,
@@ -67,7 +69,7 @@ def planning(
     wanted = names.split(",")
     for name in wanted:
         planner_named(name)
-    chosen: list[str] = tasks.split(",") if tasks else [*TASKS]
+    chosen: list[str] = tasks.split(",") if tasks else [name for name in TASKS if name != "drawer_far"]
     for name in chosen:
         if name not in TASKS:
             raise UsageError(f"unknown task {name!r}; there are {', '.join(TASKS)}")
@@ -81,8 +83,9 @@ def planning(
             progress.update(line, description=key, advance=1)
 
         conditions = runner.Conditions(
-            collection, threads, replays, plan_only=plan_only, patience_s=patience_s
-        )
+            collection, threads, replays, plan_only=plan_only, patience_s=patience_s, arm=arm, tool=tool,
+            pieces=pieces,
+        )  # fmt: skip
         rows = runner.run(todo, out / "results.jsonl", conditions, tell)
     if curve is not None:
         draw_curve(rows, curve)

@@ -7,8 +7,11 @@ from types import ModuleType
 import mujoco
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from s2r_host.cli_bench import planning
 from s2r_host.planning import PlanSettings, Stage
+from s2r_host.planning.bench import runner
 from s2r_host.planning.bench.curve import draw_curve
 from s2r_host.planning.bench.judo_peer import JudoSettings, judo_sampler
 from s2r_host.planning.bench.mesh_twin import write_in_pieces
@@ -169,3 +172,25 @@ def test_a_mesh_twin_has_the_object_s_shape_in_convex_pieces(tmp_path):
         hits.append(mujoco.mj_ray(model, state, np.array([0.0, 0.02, 0.12]), towards, None, 1, -1, geom))
     assert hits[0] > 0.0
     assert hits[1] == pytest.approx(hits[0], abs=1e-5)
+
+
+def test_every_option_of_the_command_reaches_the_runs(tmp_path, monkeypatch):
+    seen = {}
+    monkeypatch.setattr(
+        runner, "run", lambda todo, results, conditions, tell: seen.update(c=conditions) or []
+    )
+    words = (
+        "--collection 7 --threads 1 --replays 3 --pieces 4 --arm ARM --tool t_shape --plan-only --patience 9"
+    )
+    ended = CliRunner().invoke(planning, [*words.split(), "--tasks", "drawer_far", "--out", str(tmp_path)])
+    assert ended.exit_code == 0, ended.output
+    assert seen["c"] == runner.Conditions(7, 1, 3, 3, True, 9.0, "ARM", "t_shape", 4)
+
+
+def test_a_drawer_out_of_reach_is_planned_with_the_tool_alone(tmp_path):
+    for tool, held in (("", False), ("t_shape", True)):
+        conditions = runner.Conditions(0, 1, plan_only=True, tool=tool)
+        rows = runner.run(
+            [runner.Job("ours", "drawer_far", 0, 0)], tmp_path / f"{tool}.jsonl", conditions, str
+        )
+        assert rows[0]["planned"] is held

@@ -20,6 +20,7 @@ from s2r_host.planning.patience import Patience
 from s2r_host.planning.planner import plan_manipulation, scene_of
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRequest, PlanResult
+from s2r_host.planning.tools import tool_named, write_arm_with_tool
 from s2r_host.trajectory.deliver import deliver
 from s2r_host.trajectory.perturb import PERTURBATIONS
 from s2r_host.trajectory.trajectory import Trajectory
@@ -64,6 +65,7 @@ class Conditions:
         plan_only: No time law, no verifier: a success is what the fine model has held.
         patience_s: A plan that takes longer has failed.
         arm: Which one.
+        tool: In its gripper; none if empty.
         pieces: The objects' boxes are cut into so many convex meshes; 0: they stay boxes.
     """
 
@@ -74,6 +76,7 @@ class Conditions:
     plan_only: bool = False
     patience_s: float = 300.0
     arm: str = "xmate3pro"
+    tool: str = ""
     pieces: int = 0
 
 
@@ -82,6 +85,8 @@ def run(todo: list[Job], results: Path, conditions: Conditions, tell: Callable[[
     results.parent.mkdir(parents=True, exist_ok=True)
     done = {row["key"]: row for row in read(results)}
     arm = load_arm(conditions.arm)
+    if conditions.tool:
+        arm = write_arm_with_tool(arm, tool_named(conditions.tool), results.parent / f"arm-{conditions.tool}")
     for job in todo:
         if job.key in done:
             continue

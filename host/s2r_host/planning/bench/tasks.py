@@ -1,8 +1,8 @@
-"""Random tasks: eight manipulations of four kinds of objects, each at any number of placements."""
+"""Random tasks: nine manipulations of four kinds of objects, each at any number of placements."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,9 @@ TASKS = (
     "faucet_right",
     "door_open",
     "door_close",
+    "drawer_far",
 )
+FAR_M = (1.16, 1.24)  # where the front of a drawer stands that the bare gripper cannot open
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,9 @@ def draw_task(name: str, placement: int, collection: int = 0) -> BenchTask:
     kind = TASKS.index(name)
     rng = np.random.default_rng([collection, kind // 2, placement])
     yaw = float(rng.uniform(-0.25, 0.25))
+    if name == "drawer_far":
+        shape = replace(random_drawer(rng), x=float(rng.uniform(*FAR_M)))
+        return BenchTask(name, placement, drawer_mjcf(shape), 0.0, 0.08)
     if name.startswith("drawer"):
         shape = random_drawer(rng)
         start, way = (0.0, 0.10) if name.endswith("open") else (0.10, -0.10)
