@@ -1,23 +1,30 @@
-"""Many independent jobs: worker processes, one result line per job, and nothing is done twice after an
-interruption."""
+"""Many independent jobs: on worker processes here or on a Ray cluster, one result line per job, and nothing is done
+twice after an interruption. A worker that dies takes nothing along: its job is begun anew."""
 
 from __future__ import annotations
 
 import json
 import multiprocessing
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from s2r_sim.errors import WorkerLostError
+from s2r_sim.ray_cluster import on_ray
+
 Job = tuple[Any, ...]
+Work = Callable[..., dict[str, Any]]
+MOST_DEATHS = 3  # of workers over one job; then it is the job that kills them
 
 
 def run_jobs(
-    work: Callable[..., dict[str, Any]], jobs: Iterable[Job], results: Path, workers: int, label: str
+    work: Work, jobs: Iterable[Job], results: Path, workers: int, label: str, ray: str | None = None
 ) -> list[dict[str, Any]]:
     """Call ``work(*job)`` for every job that has no line in ``results`` yet; all lines, in the order of the jobs.
 
@@ -27,6 +34,11 @@ def run_jobs(
         results: JSON lines, created when missing. A line cut short by an interruption is done again.
         workers: Processes; 1 runs here.
         label: For the progress bar.
+        ray: Address of a Ray cluster to run on instead, "local" for one of ``workers`` processors on this machine.
+
+    Raises:
+        WorkerLostError: A job's workers died again and again.
+        NotReadyError: Ray is asked for and not installed.
     """
     todo = list(jobs)
     known = dict(_read(results))
@@ -40,7 +52,8 @@ def run_jobs(
         if file.tell() and not results.read_text().endswith("\n"):
             file.write("\n")  # end the line that an interruption cut short
         task = bar.add_task(label, total=len(todo), completed=len(todo) - len(left))
-        for job, result in _done(work, left, workers):
+        done = _on_workers(work, left, workers) if ray is None else on_ray(work, left, workers, ray)
+        for job, result in done:
             known[_key(job)] = result
             file.write(json.dumps({"job": list(job), "result": result}) + "\n")
             file.flush()
@@ -48,25 +61,34 @@ def run_jobs(
     return [known[_key(job)] for job in todo]
 
 
-def _done(
-    work: Callable[..., dict[str, Any]], jobs: list[Job], workers: int
-) -> Iterator[tuple[Job, dict[str, Any]]]:
+def _on_workers(work: Work, jobs: list[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
     if workers <= 1:
         for job in jobs:
             yield job, work(*job)
         return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        waiting = {}
-        queue = iter(jobs)
-        while True:
-            while len(waiting) < 2 * workers and (job := next(queue, None)) is not None:
-                waiting[pool.submit(work, *job)] = job
-            if not waiting:
-                return
-            finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in finished:
-                yield waiting.pop(future), future.result()
+    queue, deaths = list(jobs), Counter[str]()
+    while queue:
+        waiting: dict[Future[dict[str, Any]], Job] = {}
+        try:
+            with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+                while queue or waiting:
+                    while queue and len(waiting) < 2 * workers:
+                        job = queue.pop(0)
+                        waiting[pool.submit(work, *job)] = job
+                    finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                    for future in finished:
+                        result = future.result()
+                        yield waiting.pop(future), result
+        except BrokenProcessPool:
+            # Which of them killed its worker is not known: all that were begun are begun anew.
+            queue = [*waiting.values(), *queue]
+            deaths.update(_key(job) for job in waiting.values())
+            job, count = deaths.most_common(1)[0]
+            if count >= MOST_DEATHS:
+                raise WorkerLostError(
+                    f"worker processes died {count} times with job {job} among those they worked on; "
+                    "is the machine out of memory? what is done is kept, the same command goes on from there"
+                ) from None
 
 
 def results_in(results: Path) -> list[dict[str, Any]]:

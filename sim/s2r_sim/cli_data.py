@@ -23,9 +23,12 @@ def data() -> None:
 @click.option("--pushes", default=64, show_default=True, help="Per object.")
 @click.option("--jobs", default=1, show_default=True, help="Processes.")
 @click.option(
+    "--ray", metavar="ADDRESS", help="Run the jobs on this Ray cluster, 'local' for one on this machine."
+)
+@click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
 )
-def pushes(kinds: str, split: str, objects: int, pushes: int, jobs: int, out: Path) -> None:
+def pushes(kinds: str, split: str, objects: int, pushes: int, jobs: int, ray: str | None, out: Path) -> None:
     """One noisy view per object, and what random pushes at it do."""
     from s2r_sim.batch import run_jobs
     from s2r_sim.objects.catalogue import kind_named
@@ -40,7 +43,7 @@ def pushes(kinds: str, split: str, objects: int, pushes: int, jobs: int, out: Pa
     out.mkdir(parents=True, exist_ok=True)
     number = int(Split[split.upper()])
     todo = [(name, number, seed, pushes, str(out)) for seed in range(objects) for name in names]
-    rows = run_jobs(push_object, todo, out / f"{split}.jsonl", jobs, "objects")
+    rows = run_jobs(push_object, todo, out / f"{split}.jsonl", jobs, "objects", ray)
     done, good = sum(row["pushes"] for row in rows), sum(row["useful"] for row in rows)
     click.echo(f"{len(rows)} objects, {done} pushes, {100 * good / max(done, 1):.1f} % useful, in {out}")
 

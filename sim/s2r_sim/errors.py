@@ -15,3 +15,7 @@ class TruthFileError(UsageError):
 
 class StandInError(NotReadyError):
     """The stand-in cannot start or go on on this machine."""
+
+
+class WorkerLostError(NotReadyError):
+    """Worker processes of a batch of jobs die again and again."""

@@ -23,6 +23,9 @@ from s2r_protocol.exits import UsageError
 )
 @click.option("--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Trials at a time.")
 @click.option(
+    "--ray", metavar="ADDRESS", help="Run the jobs on this Ray cluster, 'local' for one on this machine."
+)
+@click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="Folder; results.jsonl is continued."
 )
 @click.option(
@@ -37,6 +40,7 @@ def paper(
     first: int,
     attempts: int,
     jobs: int,
+    ray: str | None,
     out: Path,
     page: Path | None,
     page_only: bool,
@@ -62,7 +66,7 @@ def paper(
     if page_only:
         rows = [row for row in results_in(out / "results.jsonl") if row["kind"] in names]
     else:
-        rows = run_jobs(partial(run_trial, out), todo, out / "results.jsonl", jobs, "manipulations")
+        rows = run_jobs(partial(run_trial, out), todo, out / "results.jsonl", jobs, "manipulations", ray)
     options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
     command = f"s2r bench paper {options} --out DIR"
     write_page(rows, page or out / "results.md", command, note)

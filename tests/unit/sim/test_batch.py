@@ -1,0 +1,97 @@
+"""Batches of jobs: nothing is done twice, and a worker that dies takes nothing along."""
+
+import importlib
+import json
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from s2r_protocol.exits import NotReadyError
+from s2r_sim.batch import run_jobs
+from s2r_sim.errors import WorkerLostError
+
+MODULE = '''
+import os, signal
+from pathlib import Path
+
+def noted(folder, number):
+    with (Path(folder) / "calls").open("a") as file:
+        file.write(f"{number}\\n")
+    return {"square": number**2}
+
+def dies_once(folder, number):
+    """The worker is killed in the middle of job 3, as by a machine out of memory; not when it is begun anew."""
+    mark = Path(folder) / "killed"
+    if number == 3 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return noted(folder, number)
+
+def dies(number):
+    if number == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"number": number}
+'''
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    """Functions that spawned workers can import."""
+    name = f"work_{tmp_path.name}"
+    (tmp_path / f"{name}.py").write_text(MODULE)
+    monkeypatch.syspath_prepend(tmp_path)
+    return importlib.import_module(name)
+
+
+def jobs(folder: Path, count: int) -> list:
+    return [(str(folder), number) for number in range(count)]
+
+
+def squares(rows: list[dict]) -> list[int]:
+    return [row["square"] for row in rows]
+
+
+def test_what_is_in_the_file_is_not_done_again(tmp_path, work):
+    results = tmp_path / "results.jsonl"
+    run_jobs(work.noted, jobs(tmp_path, 3), results, 1, "jobs")
+    with results.open("a") as file:
+        file.write('{"job": ["cut sh')  # an interruption in the middle of a line
+    assert squares(run_jobs(work.noted, jobs(tmp_path, 5), results, 1, "jobs")) == [0, 1, 4, 9, 16]
+    assert (tmp_path / "calls").read_text().split() == ["0", "1", "2", "3", "4"]
+
+
+def test_a_killed_worker_costs_time_only(tmp_path, work):
+    results = tmp_path / "results.jsonl"
+    assert squares(run_jobs(work.dies_once, jobs(tmp_path, 6), results, 2, "jobs")) == [0, 1, 4, 9, 16, 25]
+    written = [json.loads(line)["job"][1] for line in results.read_text().splitlines()]
+    assert sorted(written) == list(range(6))
+
+
+def test_a_job_that_kills_every_worker_is_named_and_what_is_done_is_kept(tmp_path, work):
+    results = tmp_path / "results.jsonl"
+    with pytest.raises(WorkerLostError, match=r"died 3 times with job \[\d\] among those"):
+        run_jobs(work.dies, [(number,) for number in range(4)], results, 2, "jobs")
+    assert len(results.read_text().splitlines()) <= 3
+
+
+def test_ray_is_asked_for_by_name_where_it_is_missing(tmp_path, work, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "ray", None)
+    with pytest.raises(NotReadyError, match=r"pip install sim2real2\[scale\]"):
+        run_jobs(work.noted, jobs(tmp_path, 1), tmp_path / "results.jsonl", 2, "jobs", ray="local")
+
+
+@pytest.mark.prove
+def test_a_ray_cluster_survives_a_killed_worker(tmp_path, work):
+    pytest.importorskip("ray", reason="needs the extra 'scale'")
+    results = tmp_path / "results.jsonl"
+    rows = run_jobs(
+        partial(work.dies_once, str(tmp_path)),
+        [(number,) for number in range(6)],
+        results,
+        2,
+        "jobs",
+        ray="local",
+    )
+    assert squares(rows) == [0, 1, 4, 9, 16, 25]
+    assert (tmp_path / "killed").exists()
