@@ -36,9 +36,11 @@ def back_off(session: Session, error: ArmStoppedError, way_in: np.ndarray, label
     if error.cause != Cause.COLLISION or off.min() > ON_THE_WAY_RAD:
         raise error
     session.journal.warn(f"contact that does not give way, backing off: {error}")
-    back = _thinned(np.vstack([q_now, way_in[: int(off.argmin())][::-1], way_in[:1]]))
     with session.link.leased():
         session.link.reset()
+        session.link.arm_drives()  # takes up the reference anew where the arm is: it may have sagged into its brakes
+    q_now = session.status().q_ref
+    back = _thinned(np.vstack([q_now, way_in[: int(off.argmin())][::-1], way_in[:1]]))
     if len(back) > 1:
         session.move([timed(session, back, label, session.settings.push_speed)])
 

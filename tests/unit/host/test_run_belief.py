@@ -11,8 +11,8 @@ from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.perception.motion import JointMotion
 from s2r_host.run.belief import Belief
 from s2r_host.run.contact import corrected, touched_by_push
-from s2r_host.run.object_file import with_face
 from s2r_host.run.measure import PartTemplate
+from s2r_host.run.object_file import with_face
 from s2r_protocol.arms import load_arm
 
 # A bar 10 mm thick along the axis (-x is out of the cabinet), turned by half a turn about z like real models.
