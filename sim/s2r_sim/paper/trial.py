@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import shutil
 import subprocess
 from pathlib import Path
@@ -31,10 +32,19 @@ def run_trial(out: Path, kind: str, number: int, attempts: int) -> Row:
     folder = out / "trials" / f"{kind}-{number:03d}"
     row: Row = {}
     for tries in range(1, MOST_TRIES + 1):
+        before_s = _children_cpu_s()
         row = {"kind": kind, "number": number, "tries": tries, **_try(trial, attempts, folder)}
+        row["cpu_s"] = round(_children_cpu_s() - before_s, 1)
+        row["stored_bytes"] = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
         if row["exit"] != ExitCode.UNREACHABLE:
             break
     return row
+
+
+def _children_cpu_s() -> float:
+    """Processor time of all processes that this one has started and waited for [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _try(trial: Trial, attempts: int, folder: Path) -> Row:
