@@ -69,7 +69,7 @@ def paper(
         rows = run_jobs(partial(run_trial, out), todo, out / "results.jsonl", jobs, "manipulations", ray)
     options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
     command = f"s2r bench paper {options} --out DIR"
-    write_page(rows, page or out / "results.md", command, note)
+    write_page(rows, page or out / "results.md", command, attempts, note)
     merits = {key: [asdict(merit(rows, name, key)) for name in names] for key in ("delta", "delta_first")}
     if as_json:
         click.echo(json.dumps({"last": merits["delta"], "first": merits["delta_first"]}, indent=1))

@@ -12,15 +12,15 @@ from s2r_sim.paper.trials import KINDS
 PICTURE = "results.png"
 
 
-def write_page(rows: Sequence[Row], path: Path, command: str, note: str = "") -> None:
+def write_page(rows: Sequence[Row], path: Path, command: str, attempts: int, note: str = "") -> None:
     """Write the page and, beside it, its picture; ``note`` is a remark for the reader."""
     path.parent.mkdir(parents=True, exist_ok=True)
     kinds = [kind for kind in KINDS if any(row["kind"] == kind for row in rows)]
     draw_distribution(rows, kinds, path.parent / PICTURE)
-    path.write_text("\n".join(_lines(rows, kinds, command, note)) + "\n")
+    path.write_text("\n".join(_lines(rows, kinds, command, attempts, note)) + "\n")
 
 
-def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str, note: str) -> list[str]:
+def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str, attempts: int, note: str) -> list[str]:
     lines = [
         "# Results",
         "",
@@ -40,7 +40,7 @@ def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str, note: str) -
         "A trial that ended before a planned manipulation counts as a miss in the shares and is left out of the means.",
         "",
         "## After the last planned manipulation",
-        "The system measures and corrects; at most three planned manipulations.",
+        f"The system measures and corrects; at most {attempts} planned manipulations.",
         "",
         *_table(rows, kinds, "delta"),
         "",
@@ -60,6 +60,7 @@ def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str, note: str) -
         for stage, count in merit(rows, kind).failures.items():
             lines.append(f"| {kind} | {stage} | {count} |")
     lines += ["", "## Perception in these trials", "", *_perception(rows, kinds)]
+    lines += ["", "## What a trial costs", "", *_costs(rows, kinds)]
     lines += ["", "## Every trial", "", *_trials(rows)]
     return lines
 
@@ -106,6 +107,26 @@ def _paper_line(kind: str) -> str:
         f"{thirty} ({100 * thirty / n:.0f} %) | – | "
         f"{delta:.2f} {unit} | {100 * relative:.1f} % | – |"
     )
+
+
+def _costs(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:
+    """Wall and processor time of host, executor and stand-in together, and what they leave on disk."""
+    import numpy as np
+
+    lines = [
+        "Medians over the trials; stand-in and executor are part of them, in lock-step.",
+        "",
+        "| object | wall [s] | processor time [s] | stored [MB] |",
+        "|---|---|---|---|",
+    ]
+    for kind in kinds:
+        mine = [row for row in rows if row["kind"] == kind]
+        cells = []
+        for name, factor, digits in (("wall_s", 1.0, 0), ("cpu_s", 1.0, 0), ("stored_bytes", 1e-6, 1)):
+            values = [factor * row[name] for row in mine if row.get(name) is not None]
+            cells.append(f"{np.median(values):.{digits}f}" if values else "–")
+        lines.append(f"| {kind} | {' | '.join(cells)} |")
+    return lines
 
 
 def _perception(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:

@@ -71,7 +71,7 @@ def test_the_interval_of_a_share_holds_the_share():
 
 
 def test_the_page_has_every_trial_the_failures_and_a_picture(tmp_path):
-    write_page(ROWS, tmp_path / "results.md", "s2r bench paper --trials 5")
+    write_page(ROWS, tmp_path / "results.md", "s2r bench paper --trials 5", attempts=3)
     text = (tmp_path / "results.md").read_text()
     assert "| drawer | 5 | 4 | 1 (20 %" in text
     assert "| drawer | plan | 1 |" in text
