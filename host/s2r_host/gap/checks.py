@@ -16,6 +16,7 @@ RANGE_SLACK = 0.25
 MAX_TURNS_RAD = 200.0
 LAW_SHAPE, LAW_SCALE = 0.8, 5.0  # a law this far off in size, followed this well in shape
 LEAST_OWN, LEAST_TURNED = 0.5, 0.85
+LEAST_TURN = 2.0 * np.pi  # a motion worth a log spans more degrees than this many radians
 
 
 def check_joints(model: RigidModel, rec: Recording) -> list[str]:
@@ -131,7 +132,7 @@ def check_units(model: RigidModel, s: Session) -> None:
         parts = law_parts(model, s, j)
         if parts is not None:
             _check_law_scale(s, joint, model.unit(joint), parts.kp + parts.kd + parts.rest, s.u[:, j])
-        if model.unit(joint) == "rad":
+        if model.unit(joint) == "rad" and float(np.ptp(s.q[:, j])) > LEAST_TURN:
             own = _fit(s, j, j)
             if own < LEAST_OWN and (turned := _fit_in_degrees(model, s, j)) > LEAST_TURNED:
                 raise GapRecordingError(

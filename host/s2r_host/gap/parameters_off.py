@@ -29,7 +29,7 @@ AS_PARAMETER = {
     "armature": ("armature", None),
     "effort_scale": ("effort_scale", 1.0),
 }
-SMALL_CHANGE = 0.6
+SMALL_CHANGE = 1.6  # of what the model has: its number may be off by so much
 
 
 def is_parameter(problem: Problem, term: Term, theta: np.ndarray, slot: list[Scored]) -> bool:

@@ -40,7 +40,13 @@ class Search(Regression):
         super().__init__(problem, skip)
         self.log = log
         self._shapes: dict[tuple[str, int], list[Term]] = {}
+        self._scanned: dict[tuple[tuple[Term, ...], float], tuple[list[Scored], float]] = {}
         self.completed = 0
+
+    def forget(self) -> None:
+        """Drop what was stored after the problem's rows were scaled anew."""
+        super().forget()
+        self._scanned.clear()
 
     def candidates(self) -> list[tuple[str, int]]:
         """Every (effect, joint) that can act here."""
@@ -231,7 +237,13 @@ class Search(Regression):
         return best.gain > max(MIN_GAIN, FURTHER_GAIN * first) and best.holdout_gain > FURTHER_SHARE
 
     def _scan_profiled(self, chosen: list[Term]) -> tuple[list[Scored], float]:
-        """Scan twice: the noise level is that of the best explanation, not of the gap."""
+        """Scan twice: the noise level is that of the best explanation, not of the gap. Kept for the same set."""
+        key = (tuple(chosen), self.looseness)
+        if key not in self._scanned:
+            self._scanned[key] = self._scan_twice(chosen)
+        return self._scanned[key]
+
+    def _scan_twice(self, chosen: list[Term]) -> tuple[list[Scored], float]:
         noise = self.noise_level(chosen)
         scored, _ = self.scan(chosen, noise)
         if scored:
