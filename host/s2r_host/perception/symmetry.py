@@ -22,7 +22,10 @@ ON_ITSELF = (
     0.6  # of the turned points; crosses seen by a stereo camera reach 0.77 to 0.93, levers stay below 0.4
 )
 ALIKE = 0.1  # four spokes also land on themselves as two do: the most spokes within this share win
-FEWEST = 60  # points that can be judged
+FEWEST, LEAST_JUDGED = (
+    60,
+    0.25,
+)  # points that can be judged, and their share: half a turn hides a lid in its table
 EXTRA_M = 0.003  # the axis of the answer may be off by some millimetres
 LONGER = 3.0  # a turn so many times as long as the answer is not feared
 
@@ -73,5 +76,6 @@ def _share_on_itself(motion: JointMotion, count: int, scene: Scene, probes: tupl
             surface = found.seen == Seen.SURFACE
             on += int((surface & (label[np.maximum(found.index, 0)] != Change.STATIC)).sum())
             judged += int((surface | (found.seen == Seen.FREE)).sum())
-        shares.append(on / judged if judged >= FEWEST else 0.0)
+        enough = max(FEWEST, LEAST_JUDGED * (len(probes[0].points) + len(probes[1].points)))
+        shares.append(on / judged if judged >= enough else 0.0)
     return min(shares)
