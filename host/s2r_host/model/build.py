@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_host.model.bar import bar_pieces
 from s2r_host.model.belief import Physics, prior
 from s2r_host.model.drawer import Drawer, drawer_pieces, looks_like_drawer, measure_drawer
 from s2r_host.model.errors import ModelError
@@ -93,7 +94,8 @@ def build_model(
         joint_range = _slide_range(drawer, estimate)
         warnings += _drawer_warnings(drawer)
     else:
-        part, warnings = part_pieces(seen, rng, cpu_limit_s)
+        bar = _bar(estimate, seen)
+        part, warnings = (bar, []) if bar is not None else part_pieces(seen, rng, cpu_limit_s)
         base, more = base_pieces(seen, estimate.axis_origin_m, estimate.axis_direction, rng, cpu_limit_s)
         pieces, warnings = part + base, warnings + more
         joint_range = _wide_range(estimate)
@@ -109,6 +111,13 @@ def build_model(
         mjcf_path, urdf_path, estimate.joint_type, estimate.axis_origin_m, estimate.axis_direction,
         0.0, estimate.delta, joint_range, physics, mass, tuple(pieces), drawer, tuple(warnings),
     )  # fmt: skip
+
+
+def _bar(estimate: JointEstimate, seen: ObservedObject) -> list[Piece] | None:
+    """Pieces of a lever; None for whatever else it is."""
+    if estimate.joint_type != "revolute":
+        return None
+    return bar_pieces(seen, estimate.axis_origin_m, estimate.axis_direction)
 
 
 def _slide_range(drawer: Drawer, estimate: JointEstimate) -> tuple[float, float]:
