@@ -11,6 +11,7 @@ from s2r_protocol.faults import Cause
 
 ON_THE_WAY_RAD = 0.05  # largest joint's distance from the way in
 STEP_RAD = 0.03
+MOST_TRIES = 3
 
 
 def back_off(session: Session, error: ArmStoppedError, way_in: np.ndarray, label: str) -> None:
@@ -26,23 +27,30 @@ def back_off(session: Session, error: ArmStoppedError, way_in: np.ndarray, label
         label: Of the motion back.
 
     Raises:
-        ArmStoppedError: Not asked to, not a collision, not on the way, or stopped again.
+        ArmStoppedError: Not asked to, not a collision, not on the way, or stopped again and again.
     """
     if not session.settings.acknowledge_contact:
         raise error
-    session.link.wait_at_rest()
-    q_now = session.status().q_ref
-    off = np.abs(way_in - q_now).max(axis=1)
-    if error.cause != Cause.COLLISION or off.min() > ON_THE_WAY_RAD:
-        raise error
-    session.journal.warn(f"contact that does not give way, backing off: {error}")
-    with session.link.leased():
-        session.link.reset()
-        session.link.arm_drives()  # takes up the reference anew where the arm is: it may have sagged into its brakes
-    q_now = session.status().q_ref
-    back = _thinned(np.vstack([q_now, way_in[: int(off.argmin())][::-1], way_in[:1]]))
-    if len(back) > 1:
-        session.move([timed(session, back, label, session.settings.push_speed)])
+    for _ in range(MOST_TRIES):
+        session.link.wait_at_rest()
+        off = np.abs(way_in - session.status().q_ref).max(axis=1)
+        if error.cause != Cause.COLLISION or off.min() > ON_THE_WAY_RAD:
+            raise error
+        session.journal.warn(f"contact that does not give way, backing off: {error}")
+        with session.link.leased():
+            session.link.reset()
+            session.link.arm_drives()  # takes up the reference anew where the arm is: it may have sagged meanwhile
+        q_now = session.status().q_ref
+        back = _thinned(np.vstack([q_now, way_in[: int(off.argmin())][::-1], way_in[:1]]))
+        if len(back) < 2:
+            return
+        try:
+            session.move([timed(session, back, label, session.settings.push_speed)])
+        except ArmStoppedError as again:
+            error = again  # jammed: each time the drives are armed anew, what is squeezed relaxes a little
+        else:
+            return
+    raise error
 
 
 def _thinned(q: np.ndarray) -> np.ndarray:

@@ -16,8 +16,8 @@ from s2r_protocol.faults import Cause
 class Cell:
     """Just enough of a session; ``did`` is what was asked of it, in order."""
 
-    def __init__(self, q_now):
-        self.did, self.moved, self._q = [], [], q_now
+    def __init__(self, q_now, jams=0):
+        self.did, self.moved, self._q, self.jams = [], [], q_now, jams
         self.arm = ArmModel(load_arm("xmate3pro"))
         self.settings = SimpleNamespace(push_speed=0.25, acknowledge_contact=True)
         self.journal = SimpleNamespace(warn=lambda text: self.did.append("warn"))
@@ -45,6 +45,9 @@ class Cell:
     def move(self, motions):
         self.did.append("move")
         self.moved += motions
+        if self.jams:
+            self.jams -= 1
+            raise ArmStoppedError("met something again", Cause.COLLISION)
 
 
 HOME = load_arm("xmate3pro").q_home
@@ -89,3 +92,16 @@ def test_without_the_operators_word_beforehand_the_stop_stands():
     with pytest.raises(ArmStoppedError):
         back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
     assert cell.did == []
+
+
+def test_a_jammed_fingertip_is_freed_in_several_tries():
+    cell = Cell(WAY[12], jams=2)
+    back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
+    assert cell.did.count("move") == 3
+
+
+def test_a_fingertip_that_stays_jammed_is_left_to_an_operator():
+    cell = Cell(WAY[12], jams=9)
+    with pytest.raises(ArmStoppedError, match="again"):
+        back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
+    assert cell.did.count("move") == 3
