@@ -17,6 +17,7 @@ Array = NDArray[np.floating]
 EVIDENCE_SCALE = 0.02  # cost difference that makes a hypothesis e times less likely
 LEAST_JUDGED = 0.35  # of the moved points; a motion that hides nearly all of them explains nothing
 COST_ASKEW, ASKEW_RAD = 0.08, np.radians(15)  # one joint in fifty: e to the power of -4
+COST_ALONG, ACROSS_COS, ALONG_COS = 0.15, 0.68, 0.88  # levers rise by up to 43 degrees
 COST_SLIDING_LEVER = 0.04  # one thin part in ten slides
 
 
@@ -59,7 +60,7 @@ def _sensible(motion: JointMotion) -> bool:
 
 
 def _prior(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe], wishes: Wishes) -> float:
-    """Physical preferences in units of cost: short motions, hinges near their part, upright or level."""
+    """Physical preferences in units of cost: short motions, hinges near their part, upright or level, across levers."""
     if motion.joint_type == "prismatic":
         return 0.04 * motion.delta / 0.3 + (COST_SLIDING_LEVER if wishes.thin else 0.0)
     fits = _fitting_points(motion, scene, probes)
@@ -69,7 +70,20 @@ def _prior(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe], wishe
     blind = 0.012 / max(2 * np.sin(motion.delta / 2), 0.02)
     reach = float(np.percentile(line_distance(motion.origin, motion.direction, fits), 2))
     far = min(1.0, max(0.0, reach - 0.03 - blind) / 0.08)
-    return 0.01 + 0.06 * motion.delta / 1.5 + 0.10 * far + _askew(motion, wishes.up)
+    return (
+        0.01
+        + 0.06 * motion.delta / 1.5
+        + 0.10 * far
+        + _askew(motion, wishes.up)
+        + _along_lever(motion, wishes)
+    )
+
+
+def _along_lever(motion: JointMotion, wishes: Wishes) -> float:
+    """Cost of a hinge that runs along its lever: a bar tells sideways motion from a turn about such a line badly."""
+    lines = [line for line in (wishes.before, wishes.after) if line is not None]
+    cosine = max((abs(float(motion.direction @ line.direction)) for line in lines), default=0.0)
+    return COST_ALONG * min(1.0, max(0.0, cosine - ACROSS_COS) / (ALONG_COS - ACROSS_COS))
 
 
 def _askew(motion: JointMotion, up: Array | None) -> float:

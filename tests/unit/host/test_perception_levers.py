@@ -5,6 +5,7 @@ import pytest
 
 from s2r_host.perception.levers import bisector_pivots, lever, lever_directions, line_pivots
 from s2r_host.perception.motion import JointMotion, line_distance, rotation
+from s2r_host.perception.ranking import _along_lever
 from s2r_host.perception.wishes import Wishes
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -92,3 +93,11 @@ def test_slide_is_wished_square_to_its_front():
     slide = JointMotion("prismatic", PIVOT, np.array([np.cos(0.1), np.sin(0.1), 0.0]), 0.05)
     residual = np.array([wish(slide) for wish in wishes.active(slide)])
     assert np.linalg.norm(residual) == pytest.approx(np.degrees(np.sin(0.1)), rel=0.01)
+
+
+def test_a_hinge_along_its_lever_is_not_believed_and_a_rising_lever_is_no_such_thing(lines):
+    wishes = Wishes(np.zeros((0, 3)), UP, *lines)
+    along, rising = (JointMotion("revolute", PIVOT, axis, 0.4) for axis in (lines[0].direction, UP))
+    assert _along_lever(along, wishes) == pytest.approx(0.15)
+    assert _along_lever(rising, wishes) == 0.0
+    assert _along_lever(along, Wishes(np.zeros((0, 3)), UP)) == 0.0  # doors hang along their longest edge
