@@ -35,6 +35,8 @@ PORT = 7447
 SEED = 7
 LIMIT_MARGIN = 1.02  # the gate's own factor on velocity, acceleration and jerk
 READY_TIMEOUT_S = 240.0
+HOST_TIMEOUT_S = 5.0  # the most the executor takes
+MOST_TRIES = 3  # of a packing, where the machine below had no time for the guest
 
 
 def serve_drives(packing: str) -> None:
@@ -90,7 +92,7 @@ def executor_arguments(packing: str) -> list[str]:
     # user-mode-linux has one CPU, no FIFO and a coarse clock; lock-step makes all that irrelevant.
     slow = [
         "allow_not_realtime=true",
-        "host_timeout_s=5.0",
+        f"host_timeout_s={HOST_TIMEOUT_S}",
         "core.front_end_timeout_s=30",
         "core.answer_timeout_s=30",
         "core.arming_timeout_s=60",
@@ -300,23 +302,44 @@ def parse(line: str) -> tuple[float, int, bytes, int]:
     return float(stamp.strip("()")), int(can_id, 16), bytes.fromhex(rest), flags
 
 
+def starved(error: Exception) -> bool:
+    """Whether the executor stopped because the host beside it got no processor: right, and no matter of the bus."""
+    from s2r_host.errors import ArmStoppedError
+    from s2r_protocol.faults import Cause
+
+    return isinstance(error, ArmStoppedError) and error.cause == Cause.HOST_LOST
+
+
 def main(out: Path) -> None:
     from s2r_executor.core_process import native_executable
 
     rows: list[dict[str, object]] = []
     started = time.monotonic()
     for packing in ("fd", "classic"):
+        for attempt in range(1, MOST_TRIES + 1):
+            found: list[dict[str, object]] = []
 
-        def claim(text: str, holds: bool, seen: str, packing: str = packing) -> None:
-            rows.append(
-                {"packing": packing, "claim": text, "holds": bool(holds), "seen": seen.strip()[-300:]}
-            )
-            print(f"{'ok  ' if holds else 'FAIL'} {packing}: {text} {seen.strip()[-200:]}", flush=True)
+            def claim(
+                text: str,
+                holds: bool,
+                seen: str,
+                packing: str = packing,
+                found: list[dict[str, object]] = found,
+            ) -> None:
+                found.append(
+                    {"packing": packing, "claim": text, "holds": bool(holds), "seen": seen.strip()[-300:]}
+                )
+                print(f"{'ok  ' if holds else 'FAIL'} {packing}: {text} {seen.strip()[-200:]}", flush=True)
 
-        try:
-            prove(packing, out, claim)
-        except Exception:  # noqa: BLE001 - the guest's only way to tell is its result
-            claim("ran to its end", False, traceback.format_exc()[-1500:])
+            try:
+                prove(packing, out, claim)
+            except Exception as error:  # noqa: BLE001 - the guest's only way to tell is its result
+                if starved(error) and attempt < MOST_TRIES:
+                    print(f"again {packing}: the host had no processor for {HOST_TIMEOUT_S} s", flush=True)
+                    continue
+                claim("ran to its end", False, traceback.format_exc()[-1500:])
+            rows += found
+            break
     result = {
         "kernel": " ".join(os.uname()[i] for i in (0, 2, 3)),
         "s2r_rt_sha256": hashlib.sha256(native_executable().read_bytes()).hexdigest(),
