@@ -18,6 +18,7 @@ EVIDENCE_SCALE = 0.02  # cost difference that makes a hypothesis e times less li
 LEAST_JUDGED = 0.35  # of the moved points; a motion that hides nearly all of them explains nothing
 COST_ASKEW, ASKEW_RAD = 0.08, np.radians(15)  # one joint in fifty: e to the power of -4
 COST_ALONG, ACROSS_COS, ALONG_COS = 0.15, 0.68, 0.88  # levers rise by up to 43 degrees
+LONGEST_LEVER_M = 0.2
 COST_SLIDING_LEVER = 0.04  # one thin part in ten slides
 
 
@@ -80,8 +81,13 @@ def _prior(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe], wishe
 
 
 def _along_lever(motion: JointMotion, wishes: Wishes) -> float:
-    """Cost of a hinge that runs along its lever: a bar tells sideways motion from a turn about such a line badly."""
-    lines = [line for line in (wishes.before, wishes.after) if line is not None]
+    """Cost of a hinge that runs along its lever: a bar tells sideways motion from a turn about such a line badly.
+
+    Only a lever's: the edge of a lid is such a line too, longer, and its hinge does run along it.
+    """
+    lines = [
+        line for line in (wishes.before, wishes.after) if line is not None and line.length_m < LONGEST_LEVER_M
+    ]
     cosine = max((abs(float(motion.direction @ line.direction)) for line in lines), default=0.0)
     return COST_ALONG * min(1.0, max(0.0, cosine - ACROSS_COS) / (ALONG_COS - ACROSS_COS))
 

@@ -1,5 +1,7 @@
 """Thin parts: lines, the axes they suggest, and what is wished of a joint beforehand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,4 +102,5 @@ def test_a_hinge_along_its_lever_is_not_believed_and_a_rising_lever_is_no_such_t
     along, rising = (JointMotion("revolute", PIVOT, axis, 0.4) for axis in (lines[0].direction, UP))
     assert _along_lever(along, wishes) == pytest.approx(0.15)
     assert _along_lever(rising, wishes) == 0.0
-    assert _along_lever(along, Wishes(np.zeros((0, 3)), UP)) == 0.0  # doors hang along their longest edge
+    lid = Wishes(np.zeros((0, 3)), UP, replace(lines[0], length_m=0.3), None)
+    assert _along_lever(along, lid) == 0.0  # lids hang along their longest edge
