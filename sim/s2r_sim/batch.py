@@ -71,14 +71,18 @@ def _on_workers(work: Work, jobs: list[Job], workers: int) -> Iterator[tuple[Job
         waiting: dict[Future[dict[str, Any]], Job] = {}
         try:
             with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-                while queue or waiting:
-                    while queue and len(waiting) < 2 * workers:
-                        job = queue.pop(0)
-                        waiting[pool.submit(work, *job)] = job
-                    finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                    for future in finished:
-                        result = future.result()
-                        yield waiting.pop(future), result
+                try:
+                    while queue or waiting:
+                        while queue and len(waiting) < 2 * workers:
+                            job = queue.pop(0)
+                            waiting[pool.submit(work, *job)] = job
+                        finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                        for future in finished:
+                            result = future.result()
+                            yield waiting.pop(future), result
+                except (KeyboardInterrupt, GeneratorExit):
+                    pool.shutdown(wait=False, cancel_futures=True)  # only what is begun is waited for
+                    raise
         except BrokenProcessPool:
             # Which of them killed its worker is not known: all that were begun are begun anew.
             queue = [*waiting.values(), *queue]
