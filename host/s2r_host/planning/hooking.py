@@ -36,6 +36,7 @@ _FUNNEL_M, _FUNNEL_SLOPE = (
 # Searches in turn, each only where the ones before found too little: points looked at, oblique ways into a gap too,
 # places listed. Many points matter between the posts of a short handle; oblique ways cost as much again.
 _SEARCHES = ((30, False, 200), (90, False, 200), (500, True, 600))
+_ROOMY_M = 0.006  # way to the touch; where some hooks have less, it is worth looking at more places
 _FIRST, _RANKED = 24, 40  # places tried first; joint solutions worth a closer look
 _SEARCHED = 6  # hooks without a straight way for which one is searched
 _ENOUGH = 6  # hooks at which no further joint solutions are looked for
@@ -146,7 +147,7 @@ def find_hooks(
         order = _different(places, np.argsort(_scores(scene, world.data, places), kind="stable"), listed)
         hooks = _cheapest(scene, world, solver, places, order)
         ways = solver.with_approach(_apart(hooks), settings.hooks) or ways
-        if len(ways) >= settings.hooks:
+        if len(ways) >= settings.hooks and all(np.linalg.norm(way.push_part) >= _ROOMY_M for way in ways):
             break
         why = (
             f"out of reach: the arm {scene.arm.name!r} {solver.failure(len(order), len(hooks), s_target)} "
