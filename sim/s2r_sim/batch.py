@@ -74,8 +74,9 @@ def _on_workers(work: Work, jobs: list[Job], workers: int) -> Iterator[tuple[Job
                 try:
                     while queue or waiting:
                         while queue and len(waiting) < 2 * workers:
-                            job = queue.pop(0)
-                            waiting[pool.submit(work, *job)] = job
+                            # Taken from the queue once it is handed over: a pool that has just broken refuses it.
+                            waiting[pool.submit(work, *queue[0])] = queue[0]
+                            del queue[0]
                         finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
                         for future in finished:
                             result = future.result()

@@ -2,6 +2,8 @@
 
 import importlib
 import json
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 
@@ -66,6 +68,21 @@ def test_a_killed_worker_costs_time_only(tmp_path, work):
     assert squares(run_jobs(work.dies_once, jobs(tmp_path, 6), results, 2, "jobs")) == [0, 1, 4, 9, 16, 25]
     written = [json.loads(line)["job"][1] for line in results.read_text().splitlines()]
     assert sorted(written) == list(range(6))
+
+
+def test_a_job_refused_by_a_pool_that_has_just_broken_is_not_lost(tmp_path, work, monkeypatch):
+    """A worker may die between two submissions: the pool then refuses the next job instead of failing a running one."""
+    submit, calls = ProcessPoolExecutor.submit, []
+
+    def refuses_the_third(pool, *call):
+        calls.append(call)
+        if len(calls) == 3:
+            raise BrokenProcessPool("a worker died")
+        return submit(pool, *call)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", refuses_the_third)
+    rows = run_jobs(work.noted, jobs(tmp_path, 6), tmp_path / "results.jsonl", 2, "jobs")
+    assert squares(rows) == [0, 1, 4, 9, 16, 25]
 
 
 def test_a_job_that_kills_every_worker_is_named_and_what_is_done_is_kept(tmp_path, work):
