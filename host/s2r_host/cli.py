@@ -43,6 +43,12 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @click.option("--seed", default=0, show_default=True, help="Of all chance on the host.")
 @click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most.")
 @click.option(
+    "--ensemble",
+    default=1,
+    show_default=True,
+    help="Plan with so many believable objects, drawn from the estimate's intervals.",
+)
+@click.option(
     "--acknowledge-contact",
     is_flag=True,
     help="After a collision stop on the way into contact, reset and back off; without it the run ends there.",
@@ -61,6 +67,7 @@ def run(
     tls: Path | None,
     seed: int,
     attempts: int,
+    ensemble: int,
     acknowledge_contact: bool,
     dry_run: bool,
     as_json: bool,
@@ -89,6 +96,7 @@ def run(
         arm=arm,
         seed=seed,
         attempts=attempts,
+        ensemble=ensemble,
         acknowledge_contact=acknowledge_contact,
         dry_run=dry_run,
     )

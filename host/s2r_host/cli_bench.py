@@ -26,6 +26,13 @@ import click
 @click.option(
     "--replays", default=0, show_default=True, help="Plays of each motion with objects drawn at random."
 )
+@click.option(
+    "--doubt",
+    type=click.Choice(["usual", "built"]),
+    default="usual",
+    show_default=True,
+    help="What the objects may differ in; built: in their joints too, as far as the model builder leaves them open.",
+)
 @click.option("--pieces", default=0, show_default=True, help="Cut the objects' boxes into convex meshes.")
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--tool", default="", help="Held by the gripper: t_shape or semi_ring [default: none].")
@@ -44,6 +51,7 @@ def planning(
     collection: int,
     threads: int,
     replays: int,
+    doubt: str,
     pieces: int,
     arm: str,
     tool: str,
@@ -84,7 +92,7 @@ def planning(
 
         conditions = runner.Conditions(
             collection, threads, replays, plan_only=plan_only, patience_s=patience_s, arm=arm, tool=tool,
-            pieces=pieces,
+            pieces=pieces, doubt=doubt,
         )  # fmt: skip
         rows = runner.run(todo, out / "results.jsonl", conditions, tell)
     if curve is not None:

@@ -43,6 +43,13 @@ from s2r_protocol.exits import S2RError, UsageError
 @click.option(
     "--threads", type=click.IntRange(min=0), default=0, help="Of the rollouts; 0 takes all processors."
 )
+@click.option(
+    "--ensemble",
+    metavar="N|FILE",
+    multiple=True,
+    help="Score every sample with N believable objects, and take their intervals from FILE: gap.json of 's2r gap' or "
+    "model.json of 's2r build-model'. May be given several times; with a file alone N is 3.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print plan.json on standard output.")
 def plan(
     scene: Path,
@@ -55,6 +62,7 @@ def plan(
     seed: int,
     time_limit_s: float,
     threads: int,
+    ensemble: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Plan how the arm moves a joint of an object in SCENE to a target value, without moving anything.
@@ -73,6 +81,7 @@ def plan(
         description = load_arm(arm)
         if tool is not None:
             description = write_arm_with_tool(description, tool_named(tool), out / "arm")
+        members, doubt_files = _ensemble(ensemble)
         task = PlanTask(
             scene=scene,
             joint=joint,
@@ -81,7 +90,8 @@ def plan(
             out=out,
             q_initial=_posture(q0, description.joint_names),
             seed=seed,
-            settings=PlanSettings(threads=threads),
+            settings=PlanSettings(threads=threads, ensemble=members),
+            doubt_files=doubt_files,
         )
         with _progress() as tell:
             answer = plan_scene(task, Patience(time_limit_s, tell))
@@ -104,6 +114,24 @@ def plan(
     if answer["fragile"]:
         click.echo(f"warning: {answer['fragile']}", err=True)
     click.echo(f"wrote {out}")
+
+
+_MEMBERS = 3  # of an ensemble whose size nobody told
+_MOST_MEMBERS = 99
+
+
+def _ensemble(values: tuple[str, ...]) -> tuple[int, tuple[Path, ...]]:
+    """Number of members and files with intervals that ``--ensemble`` was given."""
+    numbers = [int(value) for value in values if value.isdigit()]
+    files = tuple(Path(value) for value in values if not value.isdigit())
+    if len(numbers) > 1:
+        raise UsageError(
+            f"--ensemble was given {len(numbers)} numbers of members; give one, and files besides"
+        )
+    members = numbers[0] if numbers else (_MEMBERS if files else 1)
+    if not 1 <= members <= _MOST_MEMBERS:
+        raise UsageError(f"--ensemble {members} is not allowed: 1 to {_MOST_MEMBERS} believable objects")
+    return members, files
 
 
 def _posture(text: str | None, joint_names: tuple[str, ...]):  # noqa: ANN202 - numpy is imported late

@@ -221,7 +221,7 @@ class _Solver:
         self._space = FreeSpace(scene, settings.threads)
         self._tightness = _tightness(places)
         self._part = [_part_pose_at(scene, world, self._s + k * (s_target - self._s)) for k in _SHARES]
-        joint = scene.fine.joint(scene.joint_name).id
+        joint = scene.joint_id
         hinge = 0.0 if scene.prismatic else 1.0
         self._axis_world = hinge * world.data.xaxis[joint]
         self._axis_part = hinge * scene.fine.jnt_axis[joint]

@@ -39,7 +39,7 @@ class Rollouts:
         at_zero.qpos[scene.s_qpos] = 0.0
         mujoco.mj_kinematics(scene.fine, at_zero)
         self._R_world_part = at_zero.xmat[scene.part_body].reshape(3, 3)
-        self._axis_part = scene.fine.jnt_axis[scene.fine.joint(scene.joint_name).id]
+        self._axis_part = scene.fine.jnt_axis[scene.joint_id]
         self._cross_axis = np.cross(self._axis_part, np.eye(3))  # row vector times this: axis x vector
         self._control_dt_s = settings.control_dt_s
         self._substeps = round(settings.control_dt_s / stage.timestep_s)

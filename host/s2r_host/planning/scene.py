@@ -89,6 +89,11 @@ class Scene:
         return OBJECT_PREFIX + self.joint
 
     @property
+    def joint_id(self) -> int:
+        """Its index in both."""
+        return int(self.fine.joint(self.joint_name).id)
+
+    @property
     def dof(self) -> int:
         """Number of the arm's joints."""
         return self.arm.dof
@@ -111,18 +116,24 @@ class Scene:
 
     def part_motion(self, data: mujoco.MjData, p_world: np.ndarray) -> np.ndarray:
         """Unit direction in which a point of the part moves with growing s; p_world (3,) or (n, 3) [m]."""
-        joint = self.fine.joint(self.joint_name).id
+        joint = self.joint_id
         axis, anchor = data.xaxis[joint], data.xanchor[joint]
         if self.prismatic:
             return np.broadcast_to(axis, np.shape(p_world)).copy()
         sweep = np.cross(axis, np.asarray(p_world) - anchor)
         return sweep / np.maximum(np.linalg.norm(sweep, axis=-1, keepdims=True), 1e-9)
 
+    def axis_at_rest(self) -> np.ndarray:
+        """Direction of the object's joint at its reference, world frame, (3,)."""
+        data = mujoco.MjData(self.fine)
+        mujoco.mj_kinematics(self.fine, data)
+        return data.xaxis[self.joint_id].copy()
+
     def lever(self, data: mujoco.MjData, p_world: np.ndarray) -> np.ndarray:
         """Way that points (n, 3) [m] of the part make per unit of s, (n,): distance from a hinge [m], 1 on a slide."""
         if self.prismatic:
             return np.ones(len(p_world))
-        joint = self.fine.joint(self.joint_name).id
+        joint = self.joint_id
         return np.linalg.norm(np.cross(data.xaxis[joint], p_world - data.xanchor[joint]), axis=-1)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from s2r_host.planning.doubt import Doubt
+
 
 class PlanSettingsError(ValueError):
     """A setting is outside its allowed set."""
@@ -126,23 +128,6 @@ class Stage:
     population: int = 60
     self_collision: bool = False
     horizon: int | None = None
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """How far the truth may be from the object file: shares to both sides, and the spread of the object's place.
-
-    Attributes:
-        friction: Of the friction between robot and object.
-        damping: Of the joint's viscous damping.
-        joint_friction: Of the joint's dry friction.
-        shift_sigma_m: Standard deviation of the object's place, per axis.
-    """
-
-    friction: float = 0.4
-    damping: float = 0.5
-    joint_friction: float = 0.5
-    shift_sigma_m: float = 0.002
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,17 @@ from s2r_host.motion.escape import Escape, plan_escape
 from s2r_host.motion.nearest import nearest_to_tip
 from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
-from s2r_host.planning import PlanRequest, PlanResult, plan_manipulation
+from s2r_host.planning import PlanRequest, PlanResult, PlanSettings, plan_manipulation
+from s2r_host.planning.belief import Belief as ObjectBelief
 from s2r_host.run.back_off import back_off
 from s2r_host.run.belief import Belief
+from s2r_host.run.doubts import TOUCHED_SHARE, doubt_about
 from s2r_host.run.measure import Measurement, measure_state
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.travel import timed
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
-from s2r_host.trajectory.perturb import PERTURBATIONS, Perturbation
+from s2r_host.trajectory.perturb import PERTURBATIONS
 from s2r_protocol.exits import RefusedError
 
 logger = logging.getLogger(__name__)
@@ -29,9 +31,6 @@ logger = logging.getLogger(__name__)
 DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25)  # share of the usual doubt about the object, one per try
 # A correction is worth less than what a daring one can spoil: the drawer is within millimetres already.
 CORRECTION_DOUBTS = (1.0, 1.0)
-TOUCHED_SHARE = (
-    0.25  # of the doubt about its place that is left of a side of the part once it has been touched
-)
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -133,6 +132,9 @@ def _prepare_once(
         s_target=session.target,
         q_initial=session.status().q_ref,
         seed=settings.seed + 1000 * number + attempt,
+        settings=PlanSettings(
+            ensemble=settings.ensemble, doubt=doubt_about(belief, growing=sign > 0.0).scaled(doubt)
+        ),
     )
     result = plan_manipulation(request)
     if not result.success:
@@ -167,7 +169,7 @@ def _prepare_once(
     )
 
 
-def _doubt(one: Perturbation, share: float, belief: Belief, request: PlanRequest) -> Perturbation:
+def _doubt(one: ObjectBelief, share: float, belief: Belief, request: PlanRequest) -> ObjectBelief:
     """A perturbation with a share of its displacement and of its (logarithmic) change of resistance.
 
     Of a hinge's side that has been touched the place is known but for fractions of a millimetre.
@@ -175,7 +177,7 @@ def _doubt(one: Perturbation, share: float, belief: Belief, request: PlanRequest
     hooks over an edge must survive that. A hinge holds its part against gravity wherever it was found, so it cannot
     have much less friction than believed.
     """
-    (x, y, z), resistance = one.shift_m, one.resistance
+    (x, y, z), resistance = one.shift_m, one.damping
     if belief.template.slides:
         angle_rad = belief.estimate.intervals90.axis_angle_rad
         z += 0.5 * np.sign(z) * angle_rad * abs(request.s_target - request.s_initial)
@@ -183,7 +185,10 @@ def _doubt(one: Perturbation, share: float, belief: Belief, request: PlanRequest
         resistance = max(resistance, 1.0)
         if belief.touched(request.s_target > request.s_initial):
             x, y, z = TOUCHED_SHARE * x, TOUCHED_SHARE * y, TOUCHED_SHARE * z
-    return replace(one, shift_m=(share * x, share * y, share * z), resistance=resistance**share)
+    resistance = resistance**share
+    return replace(
+        one, shift_m=(share * x, share * y, share * z), damping=resistance, joint_friction=resistance
+    )
 
 
 def _pushed_geom(session: Session, request: PlanRequest, delivery: Delivery) -> str:

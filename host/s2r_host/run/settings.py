@@ -9,6 +9,7 @@ from s2r_host.motion.lever_proposals import LeverPushSettings
 from s2r_host.motion.lid_proposals import LidPushSettings
 from s2r_host.motion.push_proposals import PushSettings
 from s2r_host.motion.scene import Region
+from s2r_host.perception.network_pushes import NetworkPushSettings
 from s2r_host.run.task import DRAWER, Task
 from s2r_protocol.exits import UsageError
 
@@ -32,6 +33,7 @@ class RunSettings:
         seed: Of all chance on the host.
         pushes: First pushes at most: a further one only where the views so far do not tell the joint.
         attempts: Planned manipulations at most: the first and its corrections.
+        ensemble: Believable objects that the planner scores every sequence with, drawn from the estimate's intervals.
         push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan
             calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
         settle_s: Wait between the end of a motion and a picture.
@@ -39,6 +41,7 @@ class RunSettings:
             the arm came. Otherwise the run ends there, and resetting is the operator's.
         dry_run: Look and plan the push, move nothing.
         push, lid_push, lever_push: Geometry of the first push on a drawer's front, a lid or a lever.
+        network_push: Of pushes the push network proposes where nothing looks like a lever, or none of it gives way.
         region: Where the object is looked for.
     """
 
@@ -55,6 +58,7 @@ class RunSettings:
     seed: int = 0
     pushes: int = 3
     attempts: int = 3
+    ensemble: int = 1
     push_speed: float = 0.25
     travel_speed: float = 0.6
     plan_speed: float = 0.6
@@ -64,11 +68,14 @@ class RunSettings:
     push: PushSettings = field(default_factory=PushSettings)
     lid_push: LidPushSettings = field(default_factory=LidPushSettings)
     lever_push: LeverPushSettings = field(default_factory=LeverPushSettings)
+    network_push: NetworkPushSettings = field(
+        default_factory=lambda: NetworkPushSettings(depth_m=0.04, least_likelihood=0.05)
+    )
     region: Region = field(default_factory=Region)
 
     def __post_init__(self) -> None:
         self.task.check(self.target)
-        for name in ("pushes", "attempts"):
+        for name in ("pushes", "attempts", "ensemble"):
             if getattr(self, name) < 1:
                 raise UsageError(f"--{name} {getattr(self, name)} is not allowed; at least 1")
         for name in ("push_speed", "travel_speed", "plan_speed"):

@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from s2r_host.planning.belief import Belief
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.kinematics import ToolKinematics
 from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import plan_manipulation, scene_of
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
-from s2r_host.trajectory.perturb import PERTURBATIONS, Perturbation
+from s2r_host.trajectory.perturb import perturbed
 from s2r_host.trajectory.time_law import TimeLawSettings, time_law
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
 from s2r_host.trajectory.verify import Replay, replay
@@ -106,7 +107,7 @@ def deliver(
     request: PlanRequest,
     result: PlanResult,
     settings: TimeLawSettings | None = None,
-    perturbations: tuple[Perturbation, ...] = PERTURBATIONS,
+    perturbations: tuple[Belief, ...] | None = None,
     *,
     scene: Scene | None = None,
     patience: Patience | None = None,
@@ -121,7 +122,8 @@ def deliver(
         request: The task that was planned.
         result: Its plan, successful.
         settings: Of the time law.
-        perturbations: Slightly different objects with which the motion must not lose the part either.
+        perturbations: Slightly different objects with which the motion must not lose the part either; None: those at
+            the ends of the request's doubt.
         scene: The request's scene, if it has been built already.
         patience: A limit on the time, and who is told about progress.
         accept_fragile: Rather than refuse, take the first motion that is held with the believed object.
@@ -135,6 +137,8 @@ def deliver(
         raise PlanRefusedError(result.reason)
     settings, patience = settings or TimeLawSettings(), patience or Patience()
     scene = scene or scene_of(request)
+    if perturbations is None:
+        perturbations = perturbed(request.settings.doubt, scene.axis_at_rest())
     problem = "no attempt"
     second_best: Delivery | None = None
     for followed, path, touch, speed in _paths(request, result):
@@ -154,7 +158,7 @@ def deliver(
 
 
 def _fragile(
-    delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Perturbation, ...]
+    delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...]
 ) -> str | None:
     """Why the motion may end in a protection stop, or which slightly different object it loses, in words, or None."""
     tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
@@ -234,7 +238,7 @@ def _end_shift(q_end: np.ndarray, s_end: float, scene: Scene) -> np.ndarray:
     p_tip = world.data.site_xpos[scene.tool_site].copy()
     direction = scene.part_motion(world.data, p_tip)
     if not scene.prismatic:
-        joint = scene.fine.joint(scene.joint_name).id
+        joint = scene.joint_id
         direction = np.cross(world.data.xaxis[joint], p_tip - world.data.xanchor[joint])
     jacobian = ToolKinematics(scene, 0.0).jacobian(q_end)
     twist = np.concatenate([direction, np.zeros(3)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ class PlanTask:
         q_initial: The arm's start pose [rad], (dof,); None: its home.
         seed: Of all chance.
         settings: Of the planner.
+        doubt_files: Answers of ``s2r build-model`` and ``s2r gap`` whose intervals the plan should hold for.
     """
 
     scene: Path
@@ -46,6 +47,7 @@ class PlanTask:
     q_initial: np.ndarray | None = None
     seed: int = 0
     settings: PlanSettings = field(default_factory=PlanSettings)
+    doubt_files: tuple[Path, ...] = ()
 
 
 def plan_scene(task: PlanTask, patience: Patience) -> dict[str, Any]:
@@ -62,9 +64,15 @@ def plan_scene(task: PlanTask, patience: Patience) -> dict[str, Any]:
     cpu_s, wall_s = time.process_time(), time.perf_counter()
     try:
         patience.check("reading the scene")
-        request = _request(task, 0.0)
+        request = _request(task)
         scene = scene_of(request)
-        request = _request(task, float(scene.fine.qpos0[scene.s_qpos]))
+        settings = task.settings
+        if task.doubt_files:
+            from s2r_host.planning.doubt_files import doubt_from_files  # perception takes its time to import
+
+            doubt = doubt_from_files(task.doubt_files, scene, settings.doubt)
+            settings = replace(settings, doubt=doubt)
+        request = replace(request, s_initial=float(scene.fine.qpos0[scene.s_qpos]), settings=settings)
         result, delivery = plan_trajectory(request, scene=scene, patience=patience, accept_fragile=True)
     except S2RError as error:
         answer = _refusal(task, str(error), patience)
@@ -78,12 +86,12 @@ def plan_scene(task: PlanTask, patience: Patience) -> dict[str, Any]:
     return answer
 
 
-def _request(task: PlanTask, s_initial: float) -> PlanRequest:
+def _request(task: PlanTask) -> PlanRequest:
     q_initial = task.arm.q_home if task.q_initial is None else task.q_initial
     return PlanRequest(
         arm=task.arm,
         object_mjcf=task.scene,
-        s_initial=s_initial,
+        s_initial=0.0,  # until the scene has been read
         s_target=task.s_target,
         q_initial=q_initial,
         joint=task.joint,
@@ -137,6 +145,8 @@ def _answer(
         "torque_share": played.torque_share,
         "press_N": played.press_N,
         "fragile": delivery.fragile,
+        "ensemble": request.settings.ensemble,
+        "doubt": request.settings.doubt.as_json(),
         "X_scene_base": scene.X_scene_base.tolist(),
     }
 

@@ -174,7 +174,7 @@ class ReactivePlanner:
 
     def _lever(self, hook: Hook) -> float:
         """Distance of the place from a hinge's axis [m]."""
-        joint = self._scene.fine.joint(self._scene.joint_name).id
+        joint = self._scene.joint_id
         axis, anchor = self._scene.fine.jnt_axis[joint], self._scene.fine.jnt_pos[joint]
         return max(0.02, float(np.linalg.norm(np.cross(axis, hook.p_part - anchor))))
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from s2r_host.planning import OutOfReachError, PlanRefusedError, PlanRequest, PlanSettings, plan_manipulation
+from s2r_host.planning.belief import Belief
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.rollouts import ramp
 from s2r_host.planning.sample_objects import DrawerShape, drawer_mjcf
 from s2r_host.planning.scene import build_scene
 from s2r_host.trajectory import deliver, plan_trajectory, replay
-from s2r_host.trajectory.perturb import Perturbation
 from s2r_protocol.arms import load_arm
 
 ARM = load_arm("xmate3pro")
@@ -95,7 +95,7 @@ def test_half_a_path_is_reported_as_missing_the_target(request_):
 
 
 def test_a_trajectory_that_loses_a_slightly_different_object_is_not_delivered(request_, plan):
-    moved_away = (Perturbation((0.0, 0.0, 0.5), 1.0, 0.1),)
+    moved_away = (Belief((0.0, 0.0, 0.5)),)
     with pytest.raises(PlanRefusedError, match=r"fragile|touches|ends"):
         deliver(request_, plan, perturbations=moved_away)
 
@@ -128,7 +128,7 @@ def test_perturbing_leaves_the_scene_as_it_was(request_):
     scene = build_scene(ARM, request_.object_mjcf, "object_joint", request_.settings)
     base = scene.fine.body("object/object_base").id
     before = scene.fine.body_pos[base].copy()
-    other = Perturbation((0.003, 0.0, -0.002), 2.0, 0.6).applied(scene)
+    other = Belief((0.003, 0.0, -0.002), damping=2.0).applied(scene)
     assert other.fine.body_pos[base] - before == pytest.approx([0.003, 0.0, -0.002])
     assert other.fine.dof_damping[7] == pytest.approx(2.0 * scene.fine.dof_damping[7])
     assert np.array_equal(scene.fine.body_pos[base], before)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.planning.belief import draw_belief
+from s2r_host.planning.bench.doubts import doubt_about
 from s2r_host.planning.bench.mesh_twin import write_in_pieces
 from s2r_host.planning.bench.planners import Planner, planner_named
 from s2r_host.planning.bench.summary import Row
@@ -22,7 +23,6 @@ from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRequest, PlanResult
 from s2r_host.planning.tools import tool_named, write_arm_with_tool
 from s2r_host.trajectory.deliver import deliver
-from s2r_host.trajectory.perturb import PERTURBATIONS
 from s2r_host.trajectory.trajectory import Trajectory
 from s2r_host.trajectory.verify import replay
 from s2r_protocol.arms import load_arm
@@ -66,6 +66,7 @@ class Conditions:
         patience_s: A plan that takes longer has failed.
         arm: Which one.
         tool: In its gripper; none if empty.
+        doubt: What the objects may differ in, see :mod:`s2r_host.planning.bench.doubts`.
         pieces: The objects' boxes are cut into so many convex meshes; 0: they stay boxes.
     """
 
@@ -78,6 +79,7 @@ class Conditions:
     arm: str = "xmate3pro"
     tool: str = ""
     pieces: int = 0
+    doubt: str = "usual"
 
 
 def run(todo: list[Job], results: Path, conditions: Conditions, tell: Callable[[str], None]) -> list[Row]:
@@ -103,7 +105,11 @@ def run(todo: list[Job], results: Path, conditions: Conditions, tell: Callable[[
             s_target=task.s_target,
             q_initial=arm.q_home,
             seed=job.seed,
-            settings=replace(planner.settings, threads=conditions.threads),
+            settings=replace(
+                planner.settings,
+                threads=conditions.threads,
+                doubt=doubt_about(job.task, conditions.doubt),
+            ),
         )
         row = {"key": job.key, **job.__dict__, **_one(request, planner, conditions)}
         done[job.key] = row
@@ -161,7 +167,7 @@ def _delivered(
     request: PlanRequest, result: PlanResult, scene: Scene, planner: Planner, conditions: Conditions
 ) -> Row:
     """Time, verify and replay a plan."""
-    doubts = PERTURBATIONS if planner.doubted else ()
+    doubts = None if planner.doubted else ()
     delivery = deliver(request, result, None, doubts, scene=scene, accept_fragile=True)
     verdict = verify(delivery.trajectory, request, scene)
     return {

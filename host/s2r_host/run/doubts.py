@@ -1,0 +1,30 @@
+"""How far the truth may be from what a run believes, from the intervals of its own estimate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from s2r_host.planning.doubt import Doubt
+from s2r_host.planning.doubt_files import doubt_from_estimate
+from s2r_host.run.belief import Belief
+
+TOUCHED_SHARE = 0.25
+"""Of the doubt about its place that is left of a side of the part once it has been touched."""
+
+
+def doubt_about(belief: Belief, *, growing: bool) -> Doubt:
+    """Intervals for a motion that lets the joint grow, or fall.
+
+    A resistance that was felt is known as well as any. A hinge holds its part against gravity wherever it was found,
+    so it cannot have less friction than believed.
+    """
+    usual = Doubt()
+    doubt = doubt_from_estimate(belief.estimate.intervals90, belief.model.physics, usual)
+    if belief.felt is not None:
+        doubt = replace(doubt, joint_friction=usual.joint_friction)
+    if not belief.template.slides:
+        low, high = doubt.joint_friction
+        doubt = replace(doubt, joint_friction=(max(low, 1.0), high))
+        if belief.touched(growing):
+            doubt = replace(doubt, shift_sigma_m=TOUCHED_SHARE * doubt.shift_sigma_m)
+    return doubt
