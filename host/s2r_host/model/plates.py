@@ -21,6 +21,7 @@ VOXEL_M = 0.008
 LEAST_FREE_POINTS = 400
 CONVEX_SHARE = 0.85
 CELL_M = 0.005
+RIM_CELLS = 4  # empty cells around an outline: morphology takes what lies beyond the picture for filled
 
 
 def part_pieces(
@@ -114,8 +115,8 @@ def _plate(
 def _outlines(flat: Array) -> list[Array]:
     """Convex outlines that cover a flat point set: one if it is convex, else strips of a few centimetres."""
     low = flat.min(axis=0)
-    cells = np.floor((flat - low) / CELL_M).astype(int) + 2
-    image = np.zeros(cells.max(axis=0) + 3, np.uint8)
+    cells = np.floor((flat - low) / CELL_M).astype(int) + RIM_CELLS
+    image = np.zeros(cells.max(axis=0) + RIM_CELLS + 1, np.uint8)
     image[cells[:, 0], cells[:, 1]] = 1
     image = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     image = cv2.morphologyEx(image, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
@@ -137,7 +138,7 @@ def _outlines(flat: Array) -> list[Array]:
             strip = inside[(inside[:, wide] >= start) & (inside[:, wide] <= start + 6)]
             if len(strip) >= 12 and np.ptp(strip, axis=0).min() >= 1:
                 found.append(cv2.convexHull(strip.astype(np.float32))[:, 0].astype(np.float64))
-    return [(corners - 2 + 0.5) * CELL_M + low for corners in found]
+    return [(corners - RIM_CELLS + 0.5) * CELL_M + low for corners in found]
 
 
 def _inside(p: Array, pieces: list[Piece], margin_m: float = 0.006) -> NDArray[np.bool_]:
