@@ -105,8 +105,16 @@ def _jointtable(record: RunRecord) -> str:
         ("range believed", " to ".join(task.unit.show(limit, 0) for limit in model.range)),
     ]
     if record.belief.felt is not None:
-        unit = "N" if record.belief.template.slides else "N·m"
-        rows.append(("resisted the first push with", f"{record.belief.felt:.2f} {unit} (from joint torques)"))
+        felt, slides = record.belief.felt, record.belief.template.slides
+        friction, damping = ("N", "N·s/m") if slides else ("N·m", "N·m·s/rad")
+        rows.append(
+            (
+                "felt by the arm (joint torques)",
+                f"friction {felt.friction:.2f} ± {felt.sigma[1]:.2f} {friction}, "
+                f"damping {felt.damping:.2f} ± {felt.sigma[2]:.2f} {damping}, "
+                f"{felt.mass_share:.2f} ± {felt.sigma[0]:.2f} of the mass guessed",
+            )
+        )
     for geom, shift in record.belief.shifts.items():
         rows.append(("corrected after execution", f"{geom} by {task.unit.show(shift)} of the joint"))
     return table(("", ""), rows)

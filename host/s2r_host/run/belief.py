@@ -12,6 +12,7 @@ from s2r_host.errors import SceneError
 from s2r_host.model.build import ObjectModel, build_model
 from s2r_host.perception.estimate import JointEstimate, estimate_joint
 from s2r_host.perception.motion import Push
+from s2r_host.proprioception.object_numbers import ObjectNumbers
 from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.object_file import with_face, with_friction
 from s2r_host.run.observe import Observation
@@ -38,7 +39,7 @@ class Belief:
         falling, growing: The object as believed for motions that let the joint fall or grow: the built model, corrected
             at the side of the part that such motions push, see :mod:`s2r_host.run.contact`.
         shifts: What was corrected -> how far along or about the axis it was moved from the built model [m or rad].
-        felt: What the arm felt of the joint's resistance in a push [N or N·m]; None before one was felt.
+        felt: Mass and friction of the part as the arm felt them; None before it felt anything.
     """
 
     estimate: JointEstimate
@@ -47,7 +48,7 @@ class Belief:
     falling: Path
     growing: Path
     shifts: dict[str, float]
-    felt: float | None = None
+    felt: ObjectNumbers | None = None
 
     def path(self, positive: bool) -> Path:
         """The object file for motions that let the joint grow (``positive``) or fall."""
@@ -156,14 +157,20 @@ def _held(built: ObjectModel, path: Path) -> Path:
     elsewhere, too, is what such hinges are made for: a lid that falls from half its way would be of no use.
     """
     model = mujoco.MjModel.from_xml_path(str(built.mjcf_path))
+    friction = holding_friction(built.mjcf_path, built.range)
+    if friction <= model.dof_frictionloss[model.joint(JOINT).dofadr[0]]:
+        return built.mjcf_path
+    return with_friction(built.mjcf_path, JOINT, friction, path)
+
+
+def holding_friction(mjcf: Path, span: tuple[float, float]) -> float:
+    """Dry friction that holds the part against gravity everywhere between two joint values, and some more."""
+    model = mujoco.MjModel.from_xml_path(str(mjcf))
     data = mujoco.MjData(model)
     joint = model.joint(JOINT)
     needed = 0.0
-    for s in np.linspace(*built.range, RANGE_SAMPLES):
+    for s in np.linspace(*span, RANGE_SAMPLES):
         data.qpos[joint.qposadr[0]] = s
         mujoco.mj_forward(model, data)
         needed = max(needed, abs(float(data.qfrc_bias[joint.dofadr[0]])))
-    friction = HOLDING * needed
-    if friction <= model.dof_frictionloss[joint.dofadr[0]]:
-        return built.mjcf_path
-    return with_friction(built.mjcf_path, JOINT, friction, path)
+    return HOLDING * needed

@@ -87,7 +87,10 @@ def prepare_push(
         (motion.retreat, f"push {number}: back", settings.push_speed),
         (motion.home, f"push {number}: home", settings.travel_speed),
     ]
-    motions = tuple(timed(session, path, label, speed) for path, label, speed in paths)
+    motions = tuple(
+        timed(session, path, label, speed, free=path is motion.approach or path is motion.home)
+        for path, label, speed in paths
+    )
     return PlannedPush(pushable.positive, motion, motions)
 
 

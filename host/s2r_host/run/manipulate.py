@@ -162,7 +162,7 @@ def _prepare_once(
     motions = (
         Motion(delivery.trajectory, f"manipulation {number}"),
         timed(session, escape.out, f"manipulation {number}: out of contact", settings.push_speed),
-        timed(session, escape.home, f"manipulation {number}: home", settings.travel_speed),
+        timed(session, escape.home, f"manipulation {number}: home", settings.travel_speed, free=True),
     )
     return PlannedManipulation(
         number, request, result, delivery, escape, motions, _pushed_geom(session, request, delivery)

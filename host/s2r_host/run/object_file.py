@@ -75,6 +75,31 @@ def with_friction(source: Path, joint: str, friction: float, path: Path) -> Path
     return _written(tree, path)
 
 
+def with_numbers(
+    source: Path, joint: str, mass_share: float, friction: float, damping: float, path: Path
+) -> Path:
+    """Write the object with other friction of a joint and a part of another mass.
+
+    Args:
+        source: Object file (MJCF) whose geoms have densities.
+        joint: That moves the part.
+        mass_share: New mass of the part over its mass in ``source``.
+        friction: Dry friction [N or N·m].
+        damping: Viscous friction [N·s/m or N·m·s/rad].
+        path: Where the new file goes.
+
+    Raises:
+        SceneError: There is no such joint.
+    """
+    tree = ET.parse(with_friction(source, joint, friction, path))
+    part = next(b for b in tree.iter("body") if b.find(f"joint[@name='{joint}']") is not None)
+    for geom in part.iter("geom"):
+        geom.set("density", f"{mass_share * float(geom.get('density', 1000.0)):.7g}")
+    for element in part.iter("joint"):
+        element.set("damping", f"{damping:.7g}")
+    return _written(tree, path)
+
+
 def _written(tree: ET.ElementTree[ET.Element], path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     tree.write(path, encoding="unicode")

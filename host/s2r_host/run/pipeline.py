@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 
 import numpy as np
 
@@ -10,8 +11,9 @@ from s2r_host.errors import SceneError
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.estimate import JointEstimate
-from s2r_host.run.belief import build_belief, estimate_part
+from s2r_host.run.belief import Belief, build_belief, estimate_part
 from s2r_host.run.contact import corrected, touched_by_push
+from s2r_host.run.feeling import Feeling, with_felt
 from s2r_host.run.first_push import PUSH, DonePush, carry_out_push, prepare_push
 from s2r_host.run.journal import Journal
 from s2r_host.run.manipulate import (
@@ -84,12 +86,13 @@ def _loop(session: Session, record: RunRecord) -> None:
     session.recorder.add_note(
         "joint", {"axis": estimate.axis_direction.tolist(), "s_after": float(estimate.delta)}
     )
-    _learn_from_push(session, record)
-    _attempts(session, record, after)
+    feeling = Feeling(session.arm, settings.out / "object-log")
+    _learn_from_push(session, record, feeling)
+    _attempts(session, record, after, feeling)
     _judge(record)
 
 
-def _learn_from_push(session: Session, record: RunRecord) -> None:
+def _learn_from_push(session: Session, record: RunRecord, feeling: Feeling) -> None:
     """The push that told the joint also tells how much it resists, and where the side is that was touched."""
     task, belief, push, s = session.settings.task, record.belief, record.push, record.s_found
     assert belief is not None
@@ -98,13 +101,7 @@ def _learn_from_push(session: Session, record: RunRecord) -> None:
     if not push.went_through:
         return
     folder, positive = session.settings.out / "model-1", s > 0.0
-    recording = push.executed[PUSH].recording
-    joints = joints_in(recording) if recording is not None else None
-    force = tip_force(session.arm.arm, joints) if joints is not None else None
-    felt = felt_resistance(belief.template, force, positive) if force is not None else None
-    if felt is not None:
-        belief = with_felt(belief, felt, 0.5 * s, positive, folder)
-        session.journal.say(f"the part resisted with {felt:.2f} {'N' if belief.template.slides else 'N·m'}")
+    belief = _felt(session, feeling, belief, push.executed[PUSH], 0.0, s, folder)
     if not belief.template.slides:
         touched = touched_by_push(
             belief, session.arm, push.planned.motion.push[-1], s, positive, task.far_off
@@ -116,6 +113,28 @@ def _learn_from_push(session: Session, record: RunRecord) -> None:
                 f"the push touched {geom} {task.unit.show(-offset)} from where the model has it"
             )
     record.belief = belief
+
+
+def _felt(
+    session: Session,
+    feeling: Feeling,
+    belief: Belief,
+    pushed: Executed,
+    s_from: float,
+    s_to: float,
+    folder: Path,
+) -> Belief:
+    """The belief with what a motion made the arm feel of the part."""
+    if not feeling.feel(belief, session.executed, pushed, s_from, s_to):
+        return belief
+    belief = with_felt(belief, feeling.touched, folder)
+    if belief.felt is not None:
+        effort, damping = ("N", "N·s/m") if belief.template.slides else ("N·m", "N·m·s/rad")
+        session.journal.say(
+            f"felt: friction {belief.felt.friction:.2f} {effort}, damping {belief.felt.damping:.2f} {damping}, "
+            f"{belief.felt.mass_share:.2f} of the mass guessed"
+        )
+    return belief
 
 
 def _push_until_told(
@@ -166,7 +185,7 @@ def _push_until_told(
     raise AssertionError("settings.pushes is at least 1")
 
 
-def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
+def _attempts(session: Session, record: RunRecord, view: Observation, feeling: Feeling) -> None:
     """Manipulate until the measured error is small enough or the attempts are used up."""
     settings, journal, task = session.settings, session.journal, session.settings.task
     assert record.belief is not None
@@ -199,10 +218,10 @@ def _attempts(session: Session, record: RunRecord, view: Observation) -> None:
         )
         if abs(done.delta) <= task.good_enough:
             return
+        folder, offset = settings.out / f"model-{number + 1}", measured.s - planned.foreseen
+        record.belief = _felt(session, feeling, record.belief, executed[0], s_now, measured.s, folder)
         s_now = measured.s
-        offset = measured.s - planned.foreseen
         if number < settings.attempts and abs(offset) < task.far_off:
-            folder = settings.out / f"model-{number + 1}"
             positive = planned.request.s_target > planned.request.s_initial
             record.belief = corrected(record.belief, planned.pushed_geom, offset, positive, folder)
             journal.say(

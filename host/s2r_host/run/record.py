@@ -176,7 +176,7 @@ def _joint(belief: Belief) -> dict[str, Any]:
         "mass_kg": model.mass_kg,
         "range": model.range,
         "shifts": belief.shifts,
-        "felt_resistance": belief.felt,
+        "felt": _plain(belief.felt) if belief.felt is not None else None,
     }
 
 

@@ -26,10 +26,17 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A timed motion with the label it gets in recordings."""
+    """A timed motion.
+
+    Attributes:
+        trajectory: Itself.
+        label: What it is called in recordings.
+        free: It is to touch nothing from its beginning to its end: its joint torques are the arm's own.
+    """
 
     trajectory: Trajectory
     label: str
+    free: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +50,7 @@ class Executed:
         tick_start: Executor tick just before it was sent.
         begun_s, wall_s: When it was sent, since the run began, and how long it took on the wall clock.
         recording: The executor's MCAP, None when it has none.
+        free: It touched nothing.
     """
 
     label: str
@@ -52,6 +60,7 @@ class Executed:
     begun_s: float
     wall_s: float
     recording: bytes | None
+    free: bool = False
 
 
 @dataclass
@@ -63,6 +72,7 @@ class _Sent:
     tick_start: int
     begun_s: float
     wall_s: float = 0.0
+    went_through: bool = False
 
 
 @dataclass
@@ -128,6 +138,7 @@ class Session:
             sent.append(under_way)
             try:
                 self.link.wait_done(verdict)
+                under_way.went_through = True
             finally:
                 under_way.wall_s = self.journal.elapsed_s - under_way.begun_s
 
@@ -152,7 +163,14 @@ class Session:
         except (CommandRefusedError, PeerUnreachableError, RecordingError) as error:
             self.journal.warn(f"no executor recording of '{motion.label}': {error}")
         return Executed(
-            motion.label, motion.trajectory, sent.seq, sent.tick_start, sent.begun_s, sent.wall_s, recording
+            motion.label,
+            motion.trajectory,
+            sent.seq,
+            sent.tick_start,
+            sent.begun_s,
+            sent.wall_s,
+            recording,
+            motion.free and sent.went_through,
         )
 
     def close(self) -> None:

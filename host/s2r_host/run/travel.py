@@ -15,9 +15,9 @@ from s2r_host.trajectory import TimeLawSettings, time_law
 AT_GOAL_RAD = 1e-3
 
 
-def timed(session: Session, q_path: np.ndarray, label: str, speed: float) -> Motion:
-    """A joint path of shape (n, dof) as a motion within all limits."""
-    return Motion(time_law(q_path, session.arm.arm, TimeLawSettings(speed=speed)), label)
+def timed(session: Session, q_path: np.ndarray, label: str, speed: float, *, free: bool = False) -> Motion:
+    """A joint path of shape (n, dof) as a motion within all limits; ``free`` if it is to touch nothing."""
+    return Motion(time_law(q_path, session.arm.arm, TimeLawSettings(speed=speed)), label, free)
 
 
 def go_to(session: Session, q_goal: np.ndarray, obstacles: Sequence[Obstacle], label: str) -> bool:
@@ -31,5 +31,5 @@ def go_to(session: Session, q_goal: np.ndarray, obstacles: Sequence[Obstacle], l
         return False
     checker = CollisionChecker(session.arm, obstacles, Clearance())
     path = plan_joint_motion(checker, q_start, q_goal, session.rng, what=label)
-    session.move([timed(session, path, label, session.settings.travel_speed)])
+    session.move([timed(session, path, label, session.settings.travel_speed, free=True)])
     return True

@@ -39,6 +39,20 @@ class InverseDynamics:
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return pin.computeFrameJacobian(self._model, self._data, np.asarray(q), self._tool, frame)[:3].copy()
 
+    @property
+    def link_masses(self) -> np.ndarray:
+        """Mass that each joint carries before the next one [kg], (dof,)."""
+        return np.array([inertia.mass for inertia in self._model.inertias[1:]])
+
+    def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """Derivatives of the torques by the inertial parameters of all links at many states, (n, dof, 10 dof)."""
+        return np.array(
+            [
+                pin.computeJointTorqueRegressor(self._model, self._data, *state).copy()
+                for state in zip(q, dq, ddq, strict=True)
+            ]
+        )
+
     def along(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torques at many states, (n, dof)."""
         return np.array([self(*state) for state in zip(q, dq, ddq, strict=True)])

@@ -1,0 +1,205 @@
+"""The object's joint as the arm felt it: a recording with position and effort of a joint that has no sensor.
+
+While the fingertip pushes the part, the part is where its surface meets the fingertip, and the joint's effort is the
+fingertip's force times the part's motion. Such a log is a recording of one joint like any other: ``s2r gap`` reads it.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import coal
+import numpy as np
+import yaml
+from scipy.ndimage import binary_closing
+from scipy.optimize import brentq
+from scipy.signal import savgol_filter
+
+from s2r_host.motion.arm_model import ArmModel
+from s2r_host.motion.obstacles import Obstacle
+from s2r_host.proprioception.own_torques import OwnTorques
+from s2r_host.proprioception.samples import EVERY_S, Samples
+from s2r_host.proprioception.tip_force import tip_force
+
+OVER_NOISE, LEAST_FORCE_N = 4.0, 1.0  # from which on something is touched
+GAP_S = 0.05  # shorter breaks belong to a touch
+LEAST_TOUCH_S = 0.25
+EDGE_S = 0.05  # at both ends of a touch the fingertip is still landing or leaving
+TOUCH = 1e-6  # joint values are found this closely [m or rad]
+STEPS = 60
+NEAR = 0.02  # of the search range: as far as a part goes between two rows
+WINDOW_S = 0.08  # of the smoothing of the joint's position
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """One stretch of time in which the fingertip pushed the part.
+
+    Attributes:
+        t: Time [s], (n,).
+        s: Joint value [m or rad], (n,).
+        ds: Its speed, (n,).
+        effort: Of the arm on the joint, positive where it makes it grow [N or N·m], (n,).
+        sigma: Standard error of the effort, (n,).
+    """
+
+    t: np.ndarray
+    s: np.ndarray
+    ds: np.ndarray
+    effort: np.ndarray
+    sigma: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PushedPart:
+    """The part as a fingertip meets it.
+
+    Attributes:
+        shapes: Its pieces at joint value 0, base frame.
+        pose: X (4, 4) of the part at a joint value, base frame.
+        velocity: Motion of points (n, 3) of the part per unit of the joint, (n, 3).
+        positive: The joint grows when it is pushed.
+    """
+
+    shapes: Sequence[Obstacle]
+    pose: Callable[[float], np.ndarray]
+    velocity: Callable[[np.ndarray], np.ndarray]
+    positive: bool
+
+
+def touches(
+    own: OwnTorques, arm: ArmModel, samples: Samples, part: PushedPart, s_end: float, most: float
+) -> list[Touch]:
+    """The stretches of a motion in which the fingertip moved the part.
+
+    Args:
+        own: What the arm itself takes.
+        arm: Its fingertip.
+        samples: The motion.
+        part: What was pushed.
+        s_end: Joint value after the motion [m or rad]: the model's surface counts from there.
+        most: How far the joint may be from ``s_end`` at most [m or rad].
+    """
+    force = tip_force(own, samples)
+    effort, sigma = force.along(part.velocity(force.p))
+    size = np.linalg.norm(force.force_N, axis=1)
+    noise = np.sqrt(np.trace(force.covariance, axis1=1, axis2=2))
+    sign = 1.0 if part.positive else -1.0
+    pushing = (size > np.maximum(LEAST_FORCE_N, OVER_NOISE * noise)) & (sign * effort > OVER_NOISE * sigma)
+    pushing = binary_closing(pushing, np.ones(2 * round(GAP_S / EVERY_S / 2) + 1))
+    found, edge = [], round(EDGE_S / EVERY_S)
+    for stretch in _stretches(pushing):
+        rows = stretch[edge:-edge]
+        if len(rows) * EVERY_S < LEAST_TOUCH_S:
+            continue
+        s = _followed(arm, samples.q[rows], part, s_end, most)
+        if s is None:
+            continue
+        window = 2 * round(WINDOW_S / EVERY_S / 2) + 1
+        smooth, ds = (
+            np.asarray(savgol_filter(s, window, 2, deriv=order, delta=EVERY_S)) for order in (0, 1)
+        )
+        found.append(Touch(samples.t[rows], smooth, ds, effort[rows], sigma[rows]))
+    return _anchored(found, s_end)
+
+
+def _stretches(mask: np.ndarray) -> list[np.ndarray]:
+    """Rows of every unbroken run of a mask (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [np.arange(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _anchored(found: list[Touch], s_end: float) -> list[Touch]:
+    """All of them moved so that the last one ends where the camera saw the part afterwards."""
+    if not found:
+        return found
+    off = s_end - float(found[-1].s[-1])
+    return [Touch(one.t, one.s + off, one.ds, one.effort, one.sigma) for one in found]
+
+
+def _followed(arm: ArmModel, q: np.ndarray, part: PushedPart, s_end: float, most: float) -> np.ndarray | None:
+    """Joint values at which the part just touches the fingertip, (n,); None where it nowhere does.
+
+    The part is ahead of the fingertip; moved back towards it, it touches at some value and overlaps beyond.
+    """
+    back = -most if part.positive else most
+    found: list[float] = []
+    for row in q:
+        apart = _Apart(arm, row, part)
+        near = found[-1] if found else None
+        span = None if near is None else _bracket(apart, (near - NEAR * back, near + NEAR * back))
+        if span is None:
+            values = np.linspace(s_end - back, s_end + back, STEPS)
+            spans = (_bracket(apart, (float(a), float(b))) for a, b in pairwise(values))
+            span = next((one for one in spans if one is not None), None)
+        if span is None:
+            return None
+        found.append(float(brentq(apart, *span, xtol=TOUCH)))  # pyright: ignore[reportArgumentType]
+    return np.array(found)
+
+
+def _bracket(apart: Callable[[float], float], span: tuple[float, float]) -> tuple[float, float] | None:
+    """The span if the fingertip is free at its first end and inside the part at its second."""
+    return span if apart(span[0]) > 0.0 >= apart(span[1]) else None
+
+
+class _Apart:
+    """Distance of the fingertip from the part at a joint value [m], negative inside."""
+
+    def __init__(self, arm: ArmModel, q: np.ndarray, part: PushedPart) -> None:
+        placements = arm.shape_placements(q)
+        self._tip = [
+            (
+                arm.shapes.geometryObjects[i].geometry,
+                coal.Transform3s(placements[i].rotation, placements[i].translation),
+            )
+            for i in sorted(arm.tip_shapes)
+        ]
+        self._part = part
+
+    def __call__(self, s: float) -> float:
+        X, least = self._part.pose(s), np.inf
+        for shape in self._part.shapes:
+            there = X @ shape.X_base_shape
+            placed = coal.Transform3s(there[:3, :3], there[:3, 3])
+            for geometry, here in self._tip:
+                distance = coal.distance(
+                    geometry, here, shape.geometry, placed, coal.DistanceRequest(), coal.DistanceResult()
+                )
+                least = min(least, distance)
+        return float(least)
+
+
+def write_log(touched: Sequence[Touch], joint: str, folder: Path, name: str, session: str) -> list[Path]:
+    """Write one recording (CSV and YAML, as ``s2r gap`` takes them) per touch.
+
+    Args:
+        touched: Stretches of contact.
+        joint: Name of the object's joint.
+        folder: Created when missing.
+        name: Of the files; a number is added.
+        session: What was recorded in one go.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for number, one in enumerate(touched, start=1):
+        path = folder / f"{name}-{number}.csv"
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["t", f"q.{joint}", f"dq.{joint}", f"tau.{joint}"])
+            for row in zip(one.t - one.t[0], one.s, one.ds, one.effort, strict=True):
+                writer.writerow([f"{value:.7g}" for value in row])
+        side = {
+            "controller": {"type": "none"},
+            "effort": "measured",
+            "input": "effort",
+            "session": session,
+            "notes": "joint followed by the fingertip, effort from the arm's joint torques",
+        }
+        path.with_suffix(".yaml").write_text(yaml.safe_dump(side), encoding="utf-8")
+        paths.append(path)
+    return paths

@@ -1,0 +1,95 @@
+"""Mass, dry and viscous friction of an object's joint, from what the arm felt while pushing it.
+
+The builder guesses mass from a guessed density, and friction is invisible. One push holds the sum of weight, friction
+and damping; how it changes along the way and with the speed tells them apart as far as it can, and a prior as wide as
+the guess decides the rest: what a push does not show, it does not change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from s2r_host.proprioception.object_log import Touch
+
+MASS_SHARE_SIGMA, MASS_SHARE_RANGE = 0.5, (0.3, 3.0)
+FRICTION_SIGMA = 3.0  # of the median effort: nearly anything
+DAMPING_SIGMA = 0.5  # of the median effort at the median speed
+MODEL_SHARE = 0.1  # of an effort, that no constant friction explains: joints stick and slip
+ROWS_TOGETHER = 20  # errors of so many rows go together (0.1 s)
+SLOW_SHARE = 0.1  # of the highest speed: below it friction holds, and does not tell its size
+
+
+@dataclass(frozen=True)
+class ObjectNumbers:
+    """What was learnt of a joint.
+
+    Attributes:
+        mass_share: Mass of the part over its mass in the model.
+        friction: Dry friction [N or N·m].
+        damping: Viscous friction [N·s/m or N·m·s/rad].
+        sigma: Standard errors of the three, prior included.
+        rest: Effort left over, root mean square [N or N·m].
+        effort: Effort felt, root mean square [N or N·m].
+    """
+
+    mass_share: float
+    friction: float
+    damping: float
+    sigma: tuple[float, float, float]
+    rest: float
+    effort: float
+
+
+def learn_numbers(mjcf: Path, joint: str, touched: Sequence[Touch]) -> ObjectNumbers | None:
+    """Bounded least squares of effort = share · (weight + inertia) + friction · sign(speed) + damping · speed.
+
+    Args:
+        mjcf: The object as built.
+        joint: Its joint.
+        touched: What was felt; empty gives None.
+    """
+    if not touched:
+        return None
+    rows = [_rows(mjcf, joint, one) for one in touched]
+    A, b = np.concatenate([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
+    noise = np.concatenate([r[2] for r in rows])
+    size = float(np.median(np.abs(b)))
+    sigma = np.hypot(noise, MODEL_SHARE * size) * np.sqrt(ROWS_TOGETHER)
+    prior = np.array(
+        [MASS_SHARE_SIGMA, FRICTION_SIGMA * size, DAMPING_SIGMA * size / np.median(np.abs(A[:, 2]))]
+    )
+    a = np.vstack([A / sigma[:, None], np.diag(1.0 / prior)])
+    y = np.concatenate([b / sigma, np.array([1.0, size, 0.0]) / prior])
+    low, high = MASS_SHARE_RANGE
+    x = lsq_linear(a, y, bounds=([low, 0.0, 0.0], [high, np.inf, np.inf])).x
+    spread = np.sqrt(np.diag(np.linalg.inv(a.T @ a)))
+    left = b - A @ x
+    return ObjectNumbers(
+        *map(float, x),
+        sigma=(float(spread[0]), float(spread[1]), float(spread[2])),
+        rest=float(np.sqrt(np.mean(left**2))),
+        effort=float(np.sqrt(np.mean(b**2))),
+    )
+
+
+def _rows(mjcf: Path, joint: str, touch: Touch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Regressor (n, 3), effort (n,) and its standard error (n,) where the part moves."""
+    model = mujoco.MjModel.from_xml_path(str(mjcf))
+    data = mujoco.MjData(model)
+    qpos, dof = model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
+    moving = np.abs(touch.ds) > SLOW_SHARE * np.abs(touch.ds).max()
+    dds = np.gradient(touch.ds, touch.t)
+    inertia = np.zeros((model.nv, model.nv))
+    A = []
+    for s, ds, a in zip(touch.s[moving], touch.ds[moving], dds[moving], strict=True):
+        data.qpos[qpos] = s
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, inertia)
+        A.append((float(data.qfrc_bias[dof]) + inertia[dof, dof] * a, np.sign(ds), ds))
+    return np.array(A), touch.effort[moving], touch.sigma[moving]

@@ -1,0 +1,108 @@
+"""What an arm's own links and gears take beyond its description, learnt from motions that touch nothing.
+
+Joint torques become a force gauge only once the arm's own friction (tenths to newton metres, as much as an object's)
+is known. The model is linear: changes of the links' ten inertial parameters each, and dry and viscous friction of each
+joint. A weak prior keeps what the motions do not show at its nominal value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from s2r_host.proprioception.samples import Samples
+from s2r_host.trajectory.torque import InverseDynamics
+from s2r_protocol.arms import ArmDescription
+
+SIGN_RAD_S = 0.004  # dry friction turns over within about this speed
+SLOW_RAD_S = 0.01  # below it the sign of dry friction is anybody's guess
+NOISE_NM = 0.05
+INERTIAL_SHARE, LEVER_M, GYRATION_M2 = (
+    0.1,
+    0.1,
+    0.02,
+)  # a link's mass, mass times lever, inertia may be off so much
+FRICTION_NM, FRICTION_NMS = 1.0, 1.0
+LEAST_ROWS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class OwnTorques:
+    """Torques of an arm that touches nothing.
+
+    Attributes:
+        dynamics: Of the description.
+        parameters: Changes of the links' inertial parameters (10 each: mass, mass times centre, inertia at the joint),
+            dry friction [N·m] and viscous friction [N·m·s/rad] of every joint, (12 dof,).
+        rest: What is left over in motion, root mean square per joint [N·m], (dof,).
+    """
+
+    dynamics: InverseDynamics
+    parameters: np.ndarray
+    rest: np.ndarray
+
+    @property
+    def coulomb(self) -> np.ndarray:
+        """Dry friction [N·m], (dof,)."""
+        dof = len(self.rest)
+        return self.parameters[-2 * dof : -dof]
+
+    @property
+    def viscous(self) -> np.ndarray:
+        """Viscous friction [N·m·s/rad], (dof,)."""
+        return self.parameters[-len(self.rest) :]
+
+    def along(self, samples: Samples) -> np.ndarray:
+        """Torques for a motion [N·m], (n, dof)."""
+        nominal = self.dynamics.along(samples.q, samples.dq, samples.ddq)
+        return nominal + _regressor(self.dynamics, samples) @ self.parameters
+
+    def sigma(self, samples: Samples) -> np.ndarray:
+        """How far they may be off [N·m], (n, dof): a slow joint's dry friction may point either way."""
+        slow = np.abs(samples.dq) < SLOW_RAD_S
+        return np.hypot(self.rest, np.where(slow, np.abs(self.coulomb), 0.0))
+
+
+def learn_own_torques(arm: ArmDescription, free: Sequence[Samples]) -> OwnTorques | None:
+    """Fit the arm to motions that touched nothing; None when they are too short.
+
+    Ridge regression in units of the prior: Gautier & Khalil's linear model of a manipulator's dynamics, with
+    Pinocchio's regressor.
+
+    Args:
+        arm: Its description.
+        free: Motions without contact.
+    """
+    if sum(len(one) for one in free) < LEAST_ROWS:
+        return None
+    dynamics = InverseDynamics(arm)
+    A = np.concatenate([_regressor(dynamics, one) for one in free])
+    b = np.concatenate([one.tau - dynamics.along(one.q, one.dq, one.ddq) for one in free])
+    weight = (np.abs(np.concatenate([one.dq for one in free])) >= SLOW_RAD_S).astype(float)
+    if (weight.sum(axis=0) < LEAST_ROWS).any():
+        return None
+    prior = _prior(dynamics)
+    a = (A * weight[:, :, None] * prior).reshape(-1, len(prior)) / NOISE_NM
+    x = np.linalg.solve(a.T @ a + np.eye(len(prior)), a.T @ (b * weight).ravel() / NOISE_NM) * prior
+    left = (b - A @ x) * weight
+    return OwnTorques(dynamics, x, np.sqrt((left**2).sum(axis=0) / weight.sum(axis=0)))
+
+
+def _regressor(dynamics: InverseDynamics, samples: Samples) -> np.ndarray:
+    """Derivatives of the torques by the parameters, (n, dof, 12 dof)."""
+    dof = samples.q.shape[1]
+    friction = np.zeros((len(samples), dof, 2 * dof))
+    joint = np.arange(dof)
+    friction[:, joint, joint] = np.tanh(samples.dq / SIGN_RAD_S)
+    friction[:, joint, dof + joint] = samples.dq
+    return np.concatenate([dynamics.regressor(samples.q, samples.dq, samples.ddq), friction], axis=2)
+
+
+def _prior(dynamics: InverseDynamics) -> np.ndarray:
+    """Standard deviations of the parameters before anything was measured, (12 dof,)."""
+    masses = INERTIAL_SHARE * dynamics.link_masses
+    links = np.outer(masses, [1.0, *[LEVER_M] * 3, *[GYRATION_M2] * 6]).ravel()
+    dof = len(masses)
+    return np.concatenate([links, np.full(dof, FRICTION_NM), np.full(dof, FRICTION_NMS)])

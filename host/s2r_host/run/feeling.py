@@ -1,0 +1,109 @@
+"""What the arm feels of the object while it pushes it, and what the belief makes of that.
+
+All motions of a run that touched nothing teach the arm's own torques; with these, every push is a recording of the
+object's joint. The more pushes, the better friction and mass of the part are known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from s2r_host.motion.arm_model import ArmModel
+from s2r_host.motion.object_shapes import object_obstacles
+from s2r_host.proprioception.object_log import PushedPart, Touch, touches, write_log
+from s2r_host.proprioception.object_numbers import learn_numbers
+from s2r_host.proprioception.own_torques import learn_own_torques
+from s2r_host.proprioception.samples import Samples, samples_in
+from s2r_host.run.belief import JOINT, Belief, holding_friction
+from s2r_host.run.object_file import with_numbers
+from s2r_host.run.session import Executed
+
+SEARCH_M, SEARCH_RAD = 0.2, 0.8  # beyond what a part was moved it is not looked for
+
+
+@dataclass
+class Feeling:
+    """Grows with every motion of a run.
+
+    Attributes:
+        arm: Whose torques these are.
+        folder: Where the recordings of the object's joint go.
+        touched: All that was felt of the part so far.
+    """
+
+    arm: ArmModel
+    folder: Path
+    touched: list[Touch] = field(default_factory=list)
+    _free: list[Samples] = field(default_factory=list)
+    _heard: set[int] = field(default_factory=set)
+
+    def feel(
+        self,
+        belief: Belief,
+        executed: Sequence[Executed],
+        pushed: Executed,
+        s_from: float,
+        s_to: float,
+    ) -> list[Touch]:
+        """What a motion that pushed the part tells about its joint; written down as a recording, too.
+
+        Args:
+            belief: So far; the part's surface is taken from it.
+            executed: All motions of the run so far: those that touched nothing teach the arm.
+            pushed: The one that pushed the part.
+            s_from, s_to: Joint value before and after it, by the camera [m or rad].
+        """
+        self._learn_arm(executed)
+        own = learn_own_torques(self.arm.arm, self._free)
+        samples = samples_in(pushed.recording) if pushed.recording is not None else None
+        if own is None or samples is None:
+            return []
+        positive = s_to > s_from
+        part = PushedPart(
+            [o for o in object_obstacles(belief.path(positive), 0.0, JOINT) if o.name.startswith("part_")],
+            belief.template.pose,
+            belief.template.velocity,
+            positive,
+        )
+        most = SEARCH_M if belief.template.slides else SEARCH_RAD
+        felt = touches(own, self.arm, samples, part, s_to, abs(s_to - s_from) + most)
+        write_log(felt, JOINT, self.folder, pushed.label.replace(" ", "-"), pushed.label)
+        self.touched += felt
+        return felt
+
+    def _learn_arm(self, executed: Sequence[Executed]) -> None:
+        for one in executed:
+            if one.free and one.recording is not None and one.seq not in self._heard:
+                self._heard.add(one.seq)
+                samples = samples_in(one.recording)
+                if samples is not None:
+                    self._free.append(samples)
+
+
+def with_felt(belief: Belief, touched: Sequence[Touch], folder: Path) -> Belief:
+    """The belief with mass and friction of the part as felt.
+
+    A hinge's friction also holds its part wherever that was left: it is not believed smaller than that takes.
+
+    Args:
+        belief: So far.
+        touched: All that was felt.
+        folder: For the new files.
+    """
+    numbers = learn_numbers(belief.model.mjcf_path, JOINT, touched)
+    if numbers is None:
+        return belief
+    friction = numbers.friction
+    if not belief.template.slides:
+        held = numbers.mass_share * holding_friction(belief.model.mjcf_path, belief.model.range)
+        friction = max(friction, held)
+    before = belief.felt.mass_share if belief.felt is not None else 1.0
+    falling, growing = (
+        with_numbers(
+            source, JOINT, numbers.mass_share / before, friction, numbers.damping, folder / f"{name}-felt.xml"
+        )
+        for source, name in ((belief.falling, "falling"), (belief.growing, "growing"))
+    )
+    return replace(belief, falling=falling, growing=growing, felt=numbers)

@@ -1,0 +1,210 @@
+"""The arm as a force gauge: its own torques, the force at its fingertip, the object's joint behind it."""
+
+import coal
+import mujoco
+import numpy as np
+import pytest
+
+from s2r_host.gap.recording import read_recording
+from s2r_host.log.tables import Joints
+from s2r_host.motion.arm_model import ArmModel
+from s2r_host.motion.obstacles import Obstacle
+from s2r_host.perception.motion import JointMotion
+from s2r_host.proprioception.object_log import PushedPart, Touch, touches, write_log
+from s2r_host.proprioception.object_numbers import learn_numbers
+from s2r_host.proprioception.own_torques import learn_own_torques
+from s2r_host.proprioception.samples import samples_of
+from s2r_host.proprioception.tip_force import tip_force
+from s2r_host.run.measure import PartTemplate
+from s2r_host.trajectory.torque import InverseDynamics
+from s2r_protocol.arms import load_arm
+
+ARM = load_arm("xmate3pro")
+DT, DURATION = 0.002, 2.0
+COULOMB = np.array([0.6, 0.7, 0.5, 0.6, 0.4, 0.5, 0.6])
+VISCOUS = np.array([0.3, 0.4, 0.1, 0.3, 0.1, 0.05, 0.05])
+PUSH = np.array([0.05, 0.10, 0.02, 0.08, -0.03, 0.12, 0.02])
+TOUCH, PUSHED_N = 0.45, 12.0
+
+
+def motion(
+    way: np.ndarray, there_and_back: bool, touch: float | None = None
+) -> tuple[Joints, np.ndarray, np.ndarray]:
+    """What an arm with friction records of a motion from home; its fingertip's way and where that leads."""
+    rng = np.random.default_rng(5)
+    t = np.arange(0.0, DURATION, DT)
+    x = t / DURATION
+    if there_and_back:
+        shape, speed, bend = (
+            np.sin(np.pi * x) ** 2,
+            np.pi * np.sin(2 * np.pi * x),
+            2 * np.pi**2 * np.cos(2 * np.pi * x),
+        )
+    else:
+        shape, speed, bend = (
+            10 * x**3 - 15 * x**4 + 6 * x**5,
+            30 * x**2 - 60 * x**3 + 30 * x**4,
+            60 * x - 180 * x**2 + 120 * x**3,
+        )
+    q, dq, ddq = (
+        ARM.q_home + np.outer(shape, way),
+        np.outer(speed / DURATION, way),
+        np.outer(bend / DURATION**2, way),
+    )
+    dynamics = InverseDynamics(ARM)
+    tau = dynamics.along(q, dq, ddq) + COULOMB * np.tanh(dq / 0.002) + VISCOUS * dq
+    p = dynamics.tool_positions(q)
+    along = (p[-1] - p[0]) / max(float(np.linalg.norm(p[-1] - p[0])), 1e-9)
+    if touch is not None:
+        for k in np.flatnonzero(x > touch):
+            tau[k] += dynamics.tool_jacobian(q[k]).T @ (PUSHED_N * along)
+    tau += rng.normal(0.0, 0.15, tau.shape)
+    stamps = (1e9 * DT * np.arange(len(q))).astype(np.int64)
+    return Joints(ARM.joint_names, stamps, q, dq, tau), p, along
+
+
+def samples(joints: Joints):
+    found = samples_of(joints)
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def own():
+    """The arm, learnt from two motions through the air."""
+    ways = (
+        np.array([0.9, -0.5, 0.6, 0.7, -0.8, 0.6, 0.9]),
+        np.array([-0.4, 0.6, -0.8, 0.5, 0.9, -0.7, -1.0]),
+    )
+    learnt = learn_own_torques(ARM, [samples(motion(way, there_and_back=True)[0]) for way in ways])
+    assert learnt is not None
+    return learnt
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    """A push against 12 N from a touch on."""
+    return motion(PUSH, there_and_back=False, touch=TOUCH)
+
+
+def test_the_arms_friction_is_learnt_from_motions_through_the_air(own):
+    assert own.coulomb == pytest.approx(COULOMB, abs=0.08)
+    assert own.rest.max() < 0.12
+
+
+def test_too_short_a_motion_teaches_nothing():
+    short = samples(motion(PUSH, there_and_back=False)[0]).part(slice(0, 20))
+    assert learn_own_torques(ARM, [short]) is None
+
+
+def test_an_arm_that_rests_tells_nothing():
+    joints = motion(np.zeros(7), there_and_back=False)[0]
+    assert samples_of(joints) is None
+
+
+def test_the_force_appears_at_the_touch_with_its_size_and_direction(own, pushed):
+    joints, _, along = pushed
+    rows = samples(joints)
+    force = tip_force(own, rows)
+    before, after = rows.t < 0.4 * DURATION, (rows.t > 0.55 * DURATION) & (rows.t < 0.9 * DURATION)
+    assert np.linalg.norm(np.median(force.force_N[before], axis=0)) < 1.0
+    assert np.median(force.force_N[after], axis=0) == pytest.approx(PUSHED_N * along, abs=1.2)
+    value, sigma = force.along(np.tile(along, (len(rows), 1)))
+    assert np.mean(np.abs(value - PUSHED_N)[after] < 3.0 * sigma[after]) > 0.9
+
+
+@pytest.mark.parametrize("positive", [True, False])
+def test_a_pushed_slide_is_recorded_where_the_fingertip_is_with_the_force_it_took(
+    own, pushed, positive, tmp_path
+):
+    """A plate across the way, touched at 45 % of the time and pushed to the end."""
+    joints, p, along = pushed
+    arm = ArmModel(ARM)
+    sign = 1.0 if positive else -1.0
+    # Its near face is where the fingertip ends; joint value 0 is there.
+    X = np.eye(4)
+    X[:3, 0] = along
+    X[:3, 1] = np.cross([0.0, 0.0, 1.0], along) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], along))
+    X[:3, 2] = np.cross(X[:3, 0], X[:3, 1])
+    X[:3, 3] = p[-1] + 0.06 * along
+    slide = PartTemplate(
+        np.zeros((1, 3)), np.ones((1, 3)), JointMotion("prismatic", np.zeros(3), sign * along, 0.0)
+    )
+    part = PushedPart(
+        [Obstacle("part_plate", coal.Box(0.05, 0.3, 0.3), X)], slide.pose, slide.velocity, positive
+    )
+    found = touches(own, arm, samples(joints), part, 0.05 * sign, 0.2)
+    assert len(found) == 1
+    one = found[0]
+    assert one.t[0] == pytest.approx(TOUCH * DURATION + 0.05, abs=0.06)
+    assert one.s[-1] == pytest.approx(0.05 * sign)  # the camera's word
+    way = sign * (one.s - one.s[0])
+    truth = np.interp(
+        one.t, samples(joints).t, (own.dynamics.tool_positions(samples(joints).q) - p[0]) @ along
+    )
+    assert way == pytest.approx(truth - truth[0], abs=1e-3)
+    assert np.median(one.effort) == pytest.approx(sign * PUSHED_N, abs=1.2)
+    (path,) = write_log(found, "object_joint", tmp_path, "push", "a")
+    recorded = read_recording(path)
+    assert recorded.joints == ("object_joint",)
+    assert recorded.effort == "measured"
+    assert recorded.channels["tau"]["object_joint"] == pytest.approx(one.effort, rel=1e-5)
+
+
+def test_a_motion_through_the_air_touches_nothing(own):
+    joints = motion(PUSH, there_and_back=False)[0]
+    slide = PartTemplate(
+        np.zeros((1, 3)), np.ones((1, 3)), JointMotion("prismatic", np.zeros(3), np.array([1.0, 0, 0]), 0.0)
+    )
+    part = PushedPart(
+        [Obstacle("part_plate", coal.Box(0.05, 0.3, 0.3), np.eye(4))], slide.pose, slide.velocity, True
+    )
+    assert touches(own, ArmModel(ARM), samples(joints), part, 0.0, 0.2) == []
+
+
+LID = """<mujoco><compiler angle="radian"/><worldbody><body name="object_base"/><body name="object_part">
+<joint name="object_joint" axis="0 -1 0" range="-3 3" frictionloss="0.4" damping="0.1"/>
+<geom name="part_lid" type="box" pos="0.1 0 0" size="0.1 0.1 0.002" density="3125"/></body></worldbody></mujoco>"""
+
+
+def lid(tmp_path):
+    path = tmp_path / "object.xml"
+    path.write_text(LID)
+    return path
+
+
+def lid_touch(mjcf, mass_share: float, friction: float, damping: float, span: tuple[float, float]) -> Touch:
+    """A lid turned at a speed that rises and falls, as an arm with 0.03 N·m of noise feels it."""
+    rng = np.random.default_rng(3)
+    x = np.linspace(0.0, 1.0, 401)
+    t = 2.0 * x
+    s = span[0] + (span[1] - span[0]) * (10 * x**3 - 15 * x**4 + 6 * x**5)
+    ds = np.gradient(s, t)
+    model = mujoco.MjModel.from_xml_path(str(mjcf))
+    weight = float(model.body_mass[2]) * 9.81 * 0.1 * np.cos(s)
+    inertia = float(model.body_inertia[2, 1] + model.body_mass[2] * 0.1**2)
+    effort = mass_share * (weight + inertia * np.gradient(ds, t)) + friction * np.sign(ds) + damping * ds
+    return Touch(t, s, ds, effort + rng.normal(0.0, 0.03, len(s)), np.full(len(s), 0.03))
+
+
+def test_mass_and_friction_of_a_lid_are_told_apart_by_a_long_way(tmp_path):
+    path = lid(tmp_path)
+    numbers = learn_numbers(path, "object_joint", [lid_touch(path, 1.8, 1.2, 0.1, (0.2, 1.6))])
+    assert numbers is not None
+    assert numbers.mass_share == pytest.approx(1.7, abs=0.15)
+    assert numbers.friction == pytest.approx(1.2, abs=0.15)
+    assert numbers.rest < 0.05
+
+
+def test_what_a_short_way_does_not_tell_stays_as_guessed_and_the_sum_is_right(tmp_path):
+    path = lid(tmp_path)
+    numbers = learn_numbers(path, "object_joint", [lid_touch(path, 1.8, 1.2, 0.1, (0.2, 0.35))])
+    assert numbers is not None
+    assert numbers.sigma[0] > 0.2
+    weight, speed = 0.5 * 9.81 * 0.1 * np.cos(0.27), 0.1
+    learnt = numbers.mass_share * weight + numbers.friction + numbers.damping * speed
+    assert learnt == pytest.approx(1.8 * weight + 1.2 + 0.1 * speed, abs=0.1)
+
+
+def test_nothing_felt_tells_nothing(tmp_path):
+    assert learn_numbers(lid(tmp_path), "object_joint", []) is None

@@ -1,0 +1,92 @@
+"""What the belief makes of what the arm felt."""
+
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from s2r_host.perception.motion import JointMotion
+from s2r_host.proprioception.object_log import Touch
+from s2r_host.run.belief import HOLDING, Belief
+from s2r_host.run.feeling import Feeling, with_felt
+from s2r_host.run.measure import PartTemplate
+
+LID = """<mujoco><compiler angle="radian"/><worldbody><body name="object_base"/><body name="object_part">
+<joint name="object_joint" axis="0 -1 0" range="-1 1" frictionloss="0.4" damping="0.1"/>
+<geom name="part_lid" type="box" pos="0.1 0 0" size="0.1 0.1 0.002" density="3125"/></body></worldbody></mujoco>"""
+DRAWER = LID.replace('name="object_joint"', 'name="object_joint" type="slide"').replace(
+    'axis="0 -1 0"', 'axis="1 0 0"'
+)
+
+
+def belief(tmp_path, xml: str, joint_type: str, axis: tuple[float, float, float]) -> Belief:
+    path = tmp_path / "object.xml"
+    path.write_text(xml)
+    motion = JointMotion(joint_type, np.zeros(3), np.array(axis), 0.0)
+    template = PartTemplate(np.zeros((1, 3)), np.ones((1, 3)), motion)
+    return Belief(None, SimpleNamespace(mjcf_path=path, range=(-1.0, 1.0)), template, path, path, {})
+
+
+def touch(effort: np.ndarray, s: np.ndarray) -> Touch:
+    t = np.linspace(0.0, 1.0, len(s))
+    return Touch(t, s, np.gradient(s, t), effort, np.full(len(s), 0.02))
+
+
+def joint_of(path) -> tuple[float, float, float]:
+    """Friction, damping, mass of the part."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    return (
+        float(model.dof_frictionloss[0]),
+        float(np.atleast_1d(model.dof_damping[0])[0]),
+        float(model.body_mass[2]),
+    )
+
+
+def test_a_drawer_is_believed_to_slide_as_it_was_felt_to_also_where_that_is_easier_than_guessed(tmp_path):
+    x = np.linspace(0.0, 0.1, 200)
+    before = belief(
+        tmp_path, DRAWER.replace('frictionloss="0.4"', 'frictionloss="9"'), "prismatic", (1.0, 0.0, 0.0)
+    )
+    after = with_felt(before, [touch(np.full(200, 3.0), x)], tmp_path / "model-1")
+    assert after.felt is not None
+    for side in (True, False):
+        friction, damping, _ = joint_of(after.path(side))
+        assert friction + 0.1 * damping == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_lids_friction_holds_it_whatever_was_felt(tmp_path):
+    """Pushed downwards the weight helps: little is felt, and yet the lid stays where it is left."""
+    x = np.linspace(0.6, -0.2, 200)
+    weight = 0.5 * 9.81 * 0.1 * np.cos(x)
+    before = belief(tmp_path, LID, "revolute", (0.0, -1.0, 0.0))
+    after = with_felt(before, [touch(weight - 0.52, x)], tmp_path / "model-1")
+    friction, _, mass = joint_of(after.path(True))
+    assert after.felt is not None
+    assert after.felt.friction < 0.61
+    assert friction == pytest.approx(HOLDING * mass * 9.81 * 0.1, rel=0.01)
+
+
+def test_feeling_twice_counts_the_mass_once(tmp_path):
+    x = np.linspace(-0.2, 1.0, 400)
+    t = np.linspace(0.0, 1.0, 400)
+    speed = np.gradient(x, t)
+    effort = 1.6 * 0.5 * 9.81 * 0.1 * np.cos(x) + 1.2 + 0.0 * speed
+    before = belief(tmp_path, LID, "revolute", (0.0, -1.0, 0.0))
+    once = with_felt(before, [touch(effort, x)], tmp_path / "model-1")
+    twice = with_felt(once, [touch(effort, x), touch(effort, x)], tmp_path / "model-2")
+    assert 0.58 < joint_of(once.path(True))[2] < 0.85  # a prior holds it back
+    assert joint_of(twice.path(True))[2] == pytest.approx(0.5 * twice.felt.mass_share, rel=1e-3)
+
+
+def test_without_a_touch_nothing_changes(tmp_path):
+    before = belief(tmp_path, LID, "revolute", (0.0, -1.0, 0.0))
+    assert with_felt(before, [], tmp_path / "model-1") is before
+
+
+def test_without_recordings_nothing_is_felt(tmp_path):
+    before = belief(tmp_path, LID, "revolute", (0.0, -1.0, 0.0))
+    pushed = SimpleNamespace(free=False, recording=None, seq=1, label="push 1")
+    feeling = Feeling(SimpleNamespace(arm=None), tmp_path / "object-log")
+    assert feeling.feel(before, [pushed], pushed, 0.0, 0.2) == []
+    assert not (tmp_path / "object-log").exists()
