@@ -49,6 +49,11 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     help="Plan with so many believable objects, drawn from the estimate's intervals.",
 )
 @click.option(
+    "--reactive",
+    is_flag=True,
+    help="Watch the part while it is moved and correct the motion on its way; needs a camera that looks on.",
+)
+@click.option(
     "--acknowledge-contact",
     is_flag=True,
     help="After a collision stop on the way into contact, reset and back off; without it the run ends there.",
@@ -68,6 +73,7 @@ def run(
     seed: int,
     attempts: int,
     ensemble: int,
+    reactive: bool,
     acknowledge_contact: bool,
     dry_run: bool,
     as_json: bool,
@@ -97,6 +103,7 @@ def run(
         seed=seed,
         attempts=attempts,
         ensemble=ensemble,
+        reactive=reactive,
         acknowledge_contact=acknowledge_contact,
         dry_run=dry_run,
     )

@@ -24,7 +24,7 @@ from google.protobuf.message import Message
 from s2r_host.errors import ArmMismatchError, CommandRefusedError, PeerUnreachableError
 from s2r_host.link_camera import CameraLink, Capture
 from s2r_host.link_heartbeat import Heart
-from s2r_host.link_observations import JointSample, ObservationFeed
+from s2r_host.link_observations import JointSample, ObservationFeed, StateSample
 from s2r_host.link_session import ask, open_session
 from s2r_host.link_types import (
     LATCHED,
@@ -125,6 +125,10 @@ class ExecutorLink:
             PeerUnreachableError: No answer.
         """
         return self._greet(self._timeout_s)[1]
+
+    def state(self) -> StateSample | None:
+        """The newest published state, without asking; None when none arrived within 0.2 s. For any thread."""
+        return self._feed.state()
 
     def joints(self) -> JointSample | None:
         """The newest published joint state; None when none arrived within 0.2 s."""

@@ -17,13 +17,14 @@ def _seeds(text):
     return range(int(first), int(last or first) + 1)
 
 
-def _run(seed, out, target):
+def _run(seed, out, target, more):
     folder = out / f"seed-{seed:03d}"
     result = folder / "demo.json"
     if result.exists():
         return json.loads(result.read_text())
     start = time.monotonic()
     command = [sys.executable, "-m", "s2r_protocol", "demo", "--seed", str(seed), "--target", str(target)]
+    command += more
     done = subprocess.run([*command, "--out", str(folder), "--json"], capture_output=True, text=True)
     if done.returncode == 130:
         sys.exit(130)
@@ -51,15 +52,17 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=_seeds, default=_seeds("1-10"))
     parser.add_argument("--target", type=float, default=0.15)
+    parser.add_argument("--reactive", action="store_true", help="see s2r run --reactive")
+    parser.add_argument("--pace", type=float, default=1.0, help="simulated over real seconds")
     parser.add_argument("--out", type=Path, default=Path("runs/bench-demo"))
     options = parser.parse_args()
     print(
         "| seed | exit | δ first attempt, mm | δ true, mm | δ_r true, % | δ by camera, mm | attempts | wall, s |"
     )
     print("|---|---|---|---|---|---|---|---|", flush=True)
-    results = []
+    results, more = [], ["--pace", str(options.pace), *(["--reactive"] if options.reactive else [])]
     for seed in options.seeds:
-        results.append(_run(seed, options.out, options.target))
+        results.append(_run(seed, options.out, options.target, more))
         print(_row(results[-1]), flush=True)
     good = [s for s in results if s["exit_code"] == 0 and abs(s.get("delta_true") or 1.0) <= 0.005]
     print(f"\n|δ| ≤ 5 mm: {len(good)} of {len(results)}")

@@ -23,7 +23,7 @@ from s2r_host.planning.sample_objects import DrawerShape, drawer_mjcf
 from s2r_host.testing.cell import LabExecutor, stand_in_lab
 from s2r_host.trajectory import plan_trajectory
 from s2r_host.trajectory.reactive import ReactivePlanner
-from s2r_host.trajectory.reactive_run import follow_reactively
+from s2r_host.trajectory.reactive_run import Seen, follow_reactively
 from s2r_protocol.faults import ExecutorState
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]  # a look that comes late finds no plan to splice into
@@ -41,9 +41,9 @@ class TouchedObject(threading.Thread):
         self._lock, self.done = threading.Lock(), threading.Event()
         self.contacts: list[str] = []
 
-    def latest(self) -> float:
+    def latest(self) -> Seen:
         with self._lock:
-            return self._world.s
+            return Seen(self._world.s)
 
     def run(self) -> None:
         while not self.done.is_set():

@@ -141,31 +141,56 @@ def _prepare_once(
         raise TargetError(result.reason)
     doubts = tuple(_doubt(one, doubt, belief, request) for one in PERTURBATIONS)
     delivery = deliver(request, result, TimeLawSettings(speed=settings.plan_speed), doubts)
-    q_end = delivery.trajectory.q[-1]
-    shapes = object_obstacles(Path(request.object_mjcf), delivery.replay.final)
-    near = [*shapes, table_obstacle()]
-    far = [*near, cloud_obstacle(_unmodelled(belief, view, s_initial), name="surroundings")]
     played = delivery.replay
     touched = int(np.argmax(np.abs(played.s - s_initial) > settings.task.moving))
-    p_tip = session.arm.tool_pose(q_end)[:3, 3]
+    end = ManipulationEnd(delivery.trajectory.q[-1], played.final, played.q_meas[:touched])
+    escape, home = way_home(session, belief, request, number, view, end)
+    motions = (Motion(delivery.trajectory, f"manipulation {number}"), *home)
+    return PlannedManipulation(
+        number, request, result, delivery, escape, motions, _pushed_geom(session, request, delivery)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ManipulationEnd:
+    """Where a manipulation leaves the arm: posture (dof,) [rad], the joint's value, the way in (n, dof) [rad]."""
+
+    q: np.ndarray
+    s: float
+    way_in: np.ndarray
+
+
+def way_home(
+    session: Session,
+    belief: Belief,
+    request: PlanRequest,
+    number: int,
+    view: Observation,
+    end: ManipulationEnd,
+) -> tuple[Escape, tuple[Motion, ...]]:
+    """Out of contact and home from the end of a manipulation.
+
+    Raises:
+        NoMotionError: Every direction is blocked.
+    """
+    settings = session.settings
+    near = [*object_obstacles(Path(request.object_mjcf), end.s), table_obstacle()]
+    far = [*near, cloud_obstacle(_unmodelled(belief, view, request.s_initial), name="surroundings")]
+    sign = float(np.sign(request.s_target - request.s_initial))
     escape = plan_escape(
         session.arm,
         near,
         far,
-        q_end,
+        end.q,
         session.arm.arm.q_home,
-        sign * belief.direction_at(p_tip),
+        sign * belief.direction_at(session.arm.tool_pose(end.q)[:3, 3]),
         session.rng,
-        way_in=played.q_meas[:touched],
-        carried=belief.carried(s_initial, played.final),
+        way_in=end.way_in,
+        carried=belief.carried(request.s_initial, end.s),
     )
-    motions = (
-        Motion(delivery.trajectory, f"manipulation {number}"),
+    return escape, (
         timed(session, escape.out, f"manipulation {number}: out of contact", settings.push_speed),
         timed(session, escape.home, f"manipulation {number}: home", settings.travel_speed, free=True),
-    )
-    return PlannedManipulation(
-        number, request, result, delivery, escape, motions, _pushed_geom(session, request, delivery)
     )
 
 

@@ -23,9 +23,9 @@ from s2r_host.run.manipulate import (
     prepare_manipulation,
 )
 from s2r_host.run.observe import Observation, observe
+from s2r_host.run.reactive import carry_out_reactively
 from s2r_host.run.record import RunRecord
-from s2r_host.run.resistance import felt_resistance, joints_in, tip_force, with_felt
-from s2r_host.run.session import Session, open_session
+from s2r_host.run.session import Executed, Session, open_session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.travel import go_to
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError
@@ -205,7 +205,10 @@ def _attempts(session: Session, record: RunRecord, view: Observation, feeling: F
             journal.warn(f"no correction {number}: {error}")
             return
         with journal.stage(f"manipulation {number}"):
-            executed = carry_out_manipulation(session, planned)
+            if settings.reactive:
+                planned, executed = carry_out_reactively(session, record.belief, planned, view)
+            else:
+                executed = carry_out_manipulation(session, planned)
         with journal.stage(f"measure {number}") as stage:
             view, measured = measure_now(session, record.belief, f"C{number}", planned.foreseen)
             record.views.append(view)

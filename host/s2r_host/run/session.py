@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 
 import numpy as np
 
 from s2r_host.errors import CommandRefusedError, PeerUnreachableError, RecordingError
-from s2r_host.link import CameraLink, Capture, ExecutorLink, ExecutorStatus
+from s2r_host.link import CameraLink, Capture, ExecutorLink, ExecutorStatus, Verdict
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.recording import RunRecorder
 from s2r_host.run.journal import Journal
@@ -64,7 +64,7 @@ class Executed:
 
 
 @dataclass
-class _Sent:
+class Sent:
     """A motion under way."""
 
     motion: Motion
@@ -113,12 +113,23 @@ class Session:
             ArmStoppedError: A motion was stopped.
             PeerUnreachableError: The executor fell silent.
         """
-        sent: list[_Sent] = []
+        return self.play(lambda sent: self._play_all(motions, sent))
+
+    def play(self, commands: Callable[[list[Sent]], None]) -> list[Executed]:
+        """Hold the lease with drives on while ``commands`` moves the arm; it notes what it sent, see :meth:`note_sent`.
+
+        However that ends, the arm is at rest then, and the recordings of what was sent are kept.
+
+        Raises:
+            CommandRefusedError, ArmStoppedError, PeerUnreachableError: As :meth:`move`, and what ``commands`` raises.
+        """
+        sent: list[Sent] = []
         done: list[Executed] = []
         try:
             with self.link.leased():
                 try:
-                    self._play(motions, sent)
+                    self.link.arm_drives()
+                    commands(sent)
                 except BaseException:
                     self._rest_quietly()  # while the lease still holds: its end would stop the arm as "host lost"
                     raise
@@ -127,14 +138,17 @@ class Session:
             self.executed.extend(done)
         return done
 
-    def _play(self, motions: Sequence[Motion], sent: list[_Sent]) -> None:
-        self.link.arm_drives()
+    def note_sent(self, motion: Motion, verdict: Verdict, tick: int) -> Sent:
+        """Keep a plan that was admitted at some executor tick."""
+        self.journal.verdict(motion.label, verdict.seq, verdict.duration_s)
+        self.recorder.add_plan(motion.trajectory, motion.label, verdict.seq)
+        return Sent(motion, verdict.seq, tick, self.journal.elapsed_s)
+
+    def _play_all(self, motions: Sequence[Motion], sent: list[Sent]) -> None:
         for motion in motions:
             tick = self.status().tick
             verdict = self.link.send_plan(motion.trajectory, motion.label)
-            self.journal.verdict(motion.label, verdict.seq, verdict.duration_s)
-            self.recorder.add_plan(motion.trajectory, motion.label, verdict.seq)
-            under_way = _Sent(motion, verdict.seq, tick, self.journal.elapsed_s)
+            under_way = self.note_sent(motion, verdict, tick)
             sent.append(under_way)
             try:
                 self.link.wait_done(verdict)
@@ -155,7 +169,7 @@ class Session:
         status = self.link.wait_at_rest()
         self.journal.say(f"arm is at rest: {status.state.name}, {Cause(status.cause).name}")
 
-    def _fetch(self, sent: _Sent) -> Executed:
+    def _fetch(self, sent: Sent) -> Executed:
         recording, motion = None, sent.motion
         try:
             recording = self.link.recording(sent.seq)

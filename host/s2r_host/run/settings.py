@@ -34,6 +34,7 @@ class RunSettings:
         pushes: First pushes at most: a further one only where the views so far do not tell the joint.
         attempts: Planned manipulations at most: the first and its corrections.
         ensemble: Believable objects that the planner scores every sequence with, drawn from the estimate's intervals.
+        reactive: Watch the part while it is moved, and correct the motion on its way.
         push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan
             calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
         settle_s: Wait between the end of a motion and a picture.
@@ -59,6 +60,7 @@ class RunSettings:
     pushes: int = 3
     attempts: int = 3
     ensemble: int = 1
+    reactive: bool = False
     push_speed: float = 0.25
     travel_speed: float = 0.6
     plan_speed: float = 0.6

@@ -112,23 +112,41 @@ class ReactivePlanner:
         self._most_offset = self.settings.offset_m / lever
         self._still = _STILL_M_S / lever
 
-    def look(self, running: Trajectory, t_now: float, s_live: float, lead_s: float | None = None) -> Outlook:
-        """Look at the future of the running motion at its time ``t_now`` [s] with the object at ``s_live``.
+    def look(
+        self,
+        running: Trajectory,
+        t_now: float,
+        s_live: float,
+        lead_s: float | None = None,
+        t_seen: float | None = None,
+        half90: float = 0.0,
+    ) -> Outlook:
+        """Look at the future of the running motion at its time ``t_now`` [s] with the object seen at ``s_live``.
 
         Call :meth:`begin` before the first look, this regularly, and :meth:`accept` when a continuation was admitted.
-        A motion that has ended is continued from its end. ``lead_s`` replaces the settings' one.
+        A motion that has ended is continued from its end.
+
+        Args:
+            running: The motion.
+            t_now: Its time [s].
+            s_live: The object's joint [m or rad].
+            lead_s: Replaces the settings' one.
+            t_seen: When the object was seen, in the motion's time [s]; None: now. What is older than what has been
+                seen before is not looked at.
+            half90: Half the 90 % interval of ``s_live``: less than that is no miss.
         """
         lead_s = self.settings.lead_s if lead_s is None else lead_s
+        t_seen = t_now if t_seen is None else min(t_seen, t_now)
         cpu_s, wall_s = time.process_time(), time.perf_counter()
         world = self._world
-        self._observe(running, t_now, s_live)
+        t = self._observe(running, t_seen, s_live)
         target = self._request.s_target - self._offset
-        splice_t = min(t_now + lead_s, running.duration_s)
-        report = self._follow(running, t_now, splice_t)
+        splice_t = max(min(t_now + lead_s, running.duration_s), t)
+        report = self._follow(running, t, splice_t)
         at_splice = world.save()
         report = report.merged(self._follow(running, splice_t, running.duration_s + self.settings.hold_s))
         end, motion, new_end = world.s, None, world.s
-        if abs(target - end) > 0.5 * self.tolerance or report.contact is not None:
+        if abs(target - end) > max(0.5 * self.tolerance, half90) or report.contact is not None:
             world.restore(at_splice)
             motion, new_end = self._better(running, splice_t, at_splice, target, end, report)
         return Outlook(
@@ -152,14 +170,20 @@ class ReactivePlanner:
         assert outlook.motion is not None
         self._shadow = (outlook.motion, 0.0, outlook.at_splice)
 
-    def _observe(self, running: Trajectory, t_now: float, s_live: float) -> None:
-        """Bring the fine model to the present, and learn how far the object stands beside it."""
+    def _observe(self, running: Trajectory, t_seen: float, s_live: float) -> float:
+        """Bring the fine model to when the object was seen, and learn how far it stands beside its model.
+
+        Returns:
+            The model's time in the running motion [s]: ``t_seen``, or later where something newer was seen before.
+        """
         world = self._world
-        if self._shadow is not None and self._shadow[0] is running and self._shadow[1] <= t_now:
+        if self._shadow is not None and self._shadow[0] is running:
             world.restore(self._shadow[2])
-            self._follow(running, self._shadow[1], t_now)
+            if t_seen < self._shadow[1]:
+                return self._shadow[1]
+            self._follow(running, self._shadow[1], t_seen)
         else:
-            self._set(running, t_now, s_live - self._offset)
+            self._set(running, t_seen, s_live - self._offset)
         offset = s_live - world.s
         if abs(offset) <= self._most_offset:
             # A live value is older than it looks, by an unknown time: of a part that moves it always seems to fall
@@ -169,8 +193,9 @@ class ReactivePlanner:
             if not moving or way * offset > way * self._offset:
                 self._offset = offset
         else:  # somebody moved the object
-            self._set(running, t_now, s_live - self._offset)
-        self._shadow = (running, t_now, world.save())
+            self._set(running, t_seen, s_live - self._offset)
+        self._shadow = (running, t_seen, world.save())
+        return t_seen
 
     def _lever(self, hook: Hook) -> float:
         """Distance of the place from a hinge's axis [m]."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -17,14 +19,34 @@ from s2r_protocol.faults import ExecutorState, Refusal
 logger = logging.getLogger(__name__)
 
 _POLL_S = 0.005
+_UNSEEN_S = 5.0  # an arm at rest waits so long for a look at the object
+_END_S = 0.002
+_TAKE_OVER_S = 1.0  # an admitted continuation that has not begun so long after the motion's end will not
 _LEAD_GROWTH, _LEAD_MOST_S = 1.5, 1.0
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The object's joint as it was seen.
+
+    Attributes:
+        value: Of the joint [m or rad].
+        half90: Half its 90 % interval.
+        plan_seq: The executor's number of the plan that played then; None: seen at the moment of asking.
+        plan_t: That plan's time then [s].
+    """
+
+    value: float
+    half90: float = 0.0
+    plan_seq: int | None = None
+    plan_t: float = 0.0
 
 
 class ObjectFeed(Protocol):
     """Where the live state of the object comes from, e.g. a tracker on depth frames."""
 
-    def latest(self) -> float | None:
-        """The object's joint now [m or rad]; None when it is not seen."""
+    def latest(self) -> Seen | None:
+        """What was seen last; None when the object is not seen."""
         ...
 
 
@@ -35,6 +57,10 @@ class ReactiveReport:
     Attributes:
         final: The object's joint at the end, as the feed has it, or None when it was not seen.
         outlooks: Every look at the future, in order.
+        looked_s: When each of them began, since the first plan was sent [s].
+        moving: Whether the arm moved then.
+        played: The motions, each with the executor's number and when it took over from the one before, in that one's
+            time [s]; infinite where it had come to rest.
         spliced: Continuations that were admitted while a motion ran.
         restarted: Continuations that were admitted after the last motion had ended.
         refused: The executor's sentences about those that were not; the last admitted plan went on.
@@ -44,11 +70,20 @@ class ReactiveReport:
 
     final: float | None = None
     outlooks: list[Outlook] = field(default_factory=list)
+    looked_s: list[float] = field(default_factory=list)
+    moving: list[bool] = field(default_factory=list)
+    played: list[tuple[Trajectory, Verdict, float]] = field(default_factory=list)
     spliced: int = 0
     restarted: int = 0
     refused: list[str] = field(default_factory=list)
     unseen: int = 0
     duration_s: float = 0.0
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Looks per second of wall time while the arm moved; None with fewer than three."""
+        times = [t for t, moving in zip(self.looked_s, self.moving, strict=True) if moving]
+        return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 2 else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +93,13 @@ class _Plan:
 
 
 def follow_reactively(
-    link: ExecutorLink, feed: ObjectFeed, planner: ReactivePlanner, first: Trajectory, restarts: int = 3
+    link: ExecutorLink,
+    feed: ObjectFeed,
+    planner: ReactivePlanner,
+    first: Trajectory,
+    restarts: int = 3,
+    label: str = "reactive",
+    sent: Callable[[Trajectory, str, Verdict], None] = lambda motion, label, verdict: None,
 ) -> ReactiveReport:
     """Play ``first`` and replace it by what the planner finds better, until the arm rests and nothing is better.
 
@@ -71,6 +112,8 @@ def follow_reactively(
         planner: Of the task that ``first`` was planned for.
         first: Begins where the arm is.
         restarts: Motions that may follow after the arm has come to rest.
+        label: Of the plans.
+        sent: Told of every plan that was admitted.
 
     Raises:
         CommandRefusedError: The first plan was refused.
@@ -78,43 +121,60 @@ def follow_reactively(
         PeerUnreachableError: The executor fell silent.
     """
     began_s, report = time.monotonic(), ReactiveReport()
-    plan, coming = _Plan(first, link.send_plan(first, "reactive 0")), None
+
+    def admitted(motion: Trajectory, running: _Plan | None = None, splice_t: float = math.inf) -> _Plan:
+        name = f"{label}: look {len(report.outlooks)}" if report.played else label
+        if running is None:
+            verdict = link.send_plan(motion, name)
+        else:
+            verdict = link.send_plan(motion, name, running=running.verdict, splice_t=splice_t)
+        report.played.append((motion, verdict, splice_t))
+        sent(motion, name, verdict)
+        return _Plan(motion, verdict)
+
+    plan = admitted(first)
+    coming: _Plan | None = None
     planner.begin(first)
-    lead_s = planner.settings.lead_s
+    lead_s, rest_s, tries = planner.settings.lead_s, math.inf, 0  # tries: to go on from rest
     while True:
         due_s = time.monotonic() + 1.0 / planner.settings.rate_hz
         status = link.status()
         _check_going(status, (coming or plan).verdict)
         if coming is not None and status.plan_seq == coming.verdict.seq:
             plan, coming = coming, None
+        resting = status.plan_done and status.state == ExecutorState.HOLD
+        rest_s = min(rest_s, time.monotonic()) if resting else math.inf
+        if coming is not None and resting and time.monotonic() - rest_s > _TAKE_OVER_S:
+            report.played.pop()
+            report.refused.append(f"plan {coming.verdict.seq} was admitted, but did not take over")
+            coming = None
         if coming is not None or status.plan_seq != plan.verdict.seq:
             time.sleep(_POLL_S)
             continue
-        resting = status.plan_done and status.state == ExecutorState.HOLD
-        s_live = feed.latest()
-        if s_live is None:
-            report.unseen += 1
-            if resting:
+        seen = feed.latest()
+        if seen is None or not _tells(seen, plan, resting=resting):
+            if resting and time.monotonic() - rest_s > _UNSEEN_S:
                 break
+            report.unseen += not resting
             _sleep_until(due_s)
             continue
-        outlook = planner.look(plan.motion, status.plan_t, s_live, lead_s)
+        report.looked_s.append(time.monotonic() - began_s)
+        report.moving.append(not resting)
+        t_seen = None if seen.plan_seq is None else seen.plan_t
+        outlook = planner.look(plan.motion, status.plan_t, seen.value, lead_s, t_seen, seen.half90)
         report.outlooks.append(outlook)
-        if outlook.motion is None or (resting and report.restarted >= restarts):
+        if outlook.motion is None or (resting and tries >= restarts):
             if resting:
                 break
             _sleep_until(due_s)
             continue
         try:
-            label = f"reactive {len(report.outlooks)}"
             if resting:
-                plan = _Plan(outlook.motion, link.send_plan(outlook.motion, label))
+                tries += 1
+                plan, rest_s = admitted(outlook.motion), math.inf
                 report.restarted += 1
             else:
-                verdict = link.send_plan(
-                    outlook.motion, label, running=plan.verdict, splice_t=outlook.splice_t
-                )
-                coming = _Plan(outlook.motion, verdict)
+                coming = admitted(outlook.motion, plan, outlook.splice_t)
                 report.spliced += 1
             planner.accept(outlook)
         except CommandRefusedError as error:
@@ -124,8 +184,17 @@ def follow_reactively(
                 lead_s = min(_LEAD_GROWTH * lead_s, _LEAD_MOST_S)
             continue
         _sleep_until(due_s)
-    report.final, report.duration_s = feed.latest(), time.monotonic() - began_s
+    last = feed.latest()
+    report.final, report.duration_s = last.value if last else None, time.monotonic() - began_s
     return report
+
+
+def _tells(seen: Seen, plan: _Plan, *, resting: bool) -> bool:
+    """Whether what was seen says where the object is with this plan; at rest it has to be of its end."""
+    if seen.plan_seq is None:
+        return True
+    ended = seen.plan_t >= plan.motion.duration_s - _END_S
+    return seen.plan_seq == plan.verdict.seq and (ended or not resting)
 
 
 def _check_going(status: ExecutorStatus, verdict: Verdict) -> None:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     help="Joint value; 0 = as found, + = out, opening or counter-clockwise  [default: 150mm, -35deg or 30deg].",
 )
 @click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most.")
+@click.option("--reactive", is_flag=True, help="The host watches the part while it moves it, see s2r run.")
 @click.option("--clock", type=click.Choice(["lockstep", "real"]), default="lockstep", show_default=True)
 @click.option(
     "--pace", default=1.0, show_default=True, help="Lock-step: simulated over real seconds; 0: no limit."
@@ -42,6 +43,7 @@ def demo(
     kind: str,
     target: str | None,
     attempts: int,
+    reactive: bool,
     clock: str,
     pace: float,
     packing: str,
@@ -98,6 +100,7 @@ def demo(
             "--acknowledge-contact",
             "--seed",
             str(seed),
+            *(["--reactive"] if reactive else []),
         )
         _say("starting stand-in and executor")
         with peer("sim-arm", stand_in, folder), peer("executor", front_end, folder):

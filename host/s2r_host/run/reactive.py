@@ -1,0 +1,145 @@
+"""A planned manipulation that is corrected while it runs, from what the camera sees: ``s2r run --reactive``."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from s2r_host.errors import ArmStoppedError
+from s2r_host.link import Verdict
+from s2r_host.planning.planner import scene_of
+from s2r_host.run.back_off import back_off
+from s2r_host.run.belief import Belief
+from s2r_host.run.live_joint import LiveJoint
+from s2r_host.run.manipulate import ManipulationEnd, PlannedManipulation, way_home
+from s2r_host.run.observe import Observation
+from s2r_host.run.session import Executed, Motion, Sent, Session
+from s2r_host.trajectory import Trajectory
+from s2r_host.trajectory.reactive import ReactivePlanner, ReactiveSettings
+from s2r_host.trajectory.reactive_run import ReactiveReport, follow_reactively
+
+logger = logging.getLogger(__name__)
+
+_SAME_RAD = 1e-3
+
+
+def carry_out_reactively(
+    session: Session, belief: Belief, planned: PlannedManipulation, view: Observation
+) -> tuple[PlannedManipulation, tuple[Executed, ...]]:
+    """Execute the manipulation with an eye on the part, then the way out and home from where it ended.
+
+    Args:
+        session: Links.
+        belief: About the object.
+        planned: What to begin with.
+        view: The look at the part before it.
+
+    Returns:
+        What was played, with the joint value that the model foresees for it, and what was executed.
+
+    Raises:
+        ArmStoppedError: As :func:`carry_out_manipulation`.
+        NoMotionError: No way home from where a corrected motion ended; the arm is at rest there.
+    """
+    request, begun = planned.request, len(session.executed)
+    scene = scene_of(request)
+    planner = ReactivePlanner(request, scene, planned.result.hook, ReactiveSettings())
+    feed = LiveJoint(session, belief, view, request.s_initial)
+    if not feed.known:
+        session.journal.warn(
+            "the part cannot be followed from the view before it moves: the plan is played unseen"
+        )
+    played = [planned.motions[0]]
+    report: ReactiveReport | None = None
+
+    def play(sent: list[Sent]) -> None:
+        nonlocal report
+
+        def note(trajectory: Trajectory, label: str, verdict: Verdict) -> None:
+            if sent:
+                _close(session, sent[-1])
+                played.append(Motion(trajectory, label))
+            sent.append(session.note_sent(Motion(trajectory, label), verdict, session.status().tick))
+
+        first = planned.motions[0]
+        try:
+            report = follow_reactively(
+                session.link, feed, planner, first.trajectory, label=first.label, sent=note
+            )
+        finally:
+            if sent:
+                _close(session, sent[-1])
+
+    try:
+        with feed:
+            session.play(play)
+    except ArmStoppedError as error:
+        way_in = np.vstack([motion.trajectory.q for motion in played])
+        back_off(session, error, way_in, f"{planned.motions[0].label}: backing off")
+        return planned, tuple(session.executed[begun:])
+    assert report is not None
+    _tell(session, feed, report)
+    planned = _as_played(planned, report)
+    session.move(_motions_home(session, belief, planned, view))
+    return planned, tuple(session.executed[begun:])
+
+
+def _close(session: Session, sent: Sent) -> None:
+    sent.wall_s = session.journal.elapsed_s - sent.begun_s
+
+
+def _motions_home(
+    session: Session, belief: Belief, planned: PlannedManipulation, view: Observation
+) -> list[Motion]:
+    """The planned way home, or another one where the arm ended elsewhere."""
+    q_end = session.status().q_ref
+    if np.abs(q_end - planned.motions[0].trajectory.q[-1]).max() < _SAME_RAD:
+        return list(planned.motions[1:])
+    replay, moving = planned.delivery.replay, session.settings.task.moving
+    touched = int(np.argmax(np.abs(replay.s - planned.request.s_initial) > moving))
+    end = ManipulationEnd(q_end, planned.foreseen, replay.q_meas[:touched])
+    return list(way_home(session, belief, planned.request, planned.number, view, end)[1])
+
+
+def _as_played(planned: PlannedManipulation, report: ReactiveReport) -> PlannedManipulation:
+    """The manipulation with the end that the model, as it was before, foresees for what was played."""
+    if not report.spliced + report.restarted or not report.outlooks:
+        return planned
+    last = report.outlooks[-1]
+    final = last.running_end - last.offset
+    replay = replace(planned.delivery.replay, final=final, error=planned.request.s_target - final)
+    return replace(planned, delivery=replace(planned.delivery, replay=replay))
+
+
+def _tell(session: Session, feed: LiveJoint, report: ReactiveReport) -> None:
+    unit, counts = session.settings.task.unit, feed.counts
+    rate = f"{report.rate_hz:.1f} per second" if report.rate_hz is not None else "too few for a rate"
+    frames = counts.seen + counts.lost
+    offset = report.outlooks[-1].offset if report.outlooks else 0.0
+    session.journal.say(
+        f"looked ahead {len(report.outlooks)} times ({rate}), {frames} frames ({counts.lost} without the part): "
+        f"{report.spliced} corrections on the way, {report.restarted} from rest, {len(report.refused)} refused; "
+        f"the part stands {unit.show(offset)} beside its model"
+    )
+    for text in report.refused:
+        session.journal.say(f"correction refused: {text}")
+    if feed.problem:
+        session.journal.warn(f"the camera fell silent while the arm moved: {feed.problem}")
+    cpu_ms = [1e3 * look.cpu_s for look in report.outlooks]
+    session.recorder.add_note(
+        "reactive",
+        {
+            "looks": len(report.outlooks),
+            "rate_hz": report.rate_hz,
+            "look_cpu_ms": [float(np.median(cpu_ms)), max(cpu_ms)] if cpu_ms else None,
+            "frames": frames,
+            "frame_s": counts.frame_s / frames if frames else None,
+            "lost": counts.lost,
+            "spliced": report.spliced,
+            "restarted": report.restarted,
+            "refused": report.refused,
+            "offset": offset,
+        },
+    )
