@@ -10,7 +10,7 @@ import numpy as np
 
 from s2r_conceal.effects.table import EFFECTS, KNOWN, UNKNOWN
 from s2r_conceal.errors import DrawError
-from s2r_conceal.masks import KINDS, Mask, draw_mask
+from s2r_conceal.masks import KINDS, Mask, draw_mask, for_arm
 from s2r_conceal.motions import DURATION_S, derivatives, poor, rich
 from s2r_conceal.parameters import Controller, Heating, Machine, Motion, Scale, Sensing
 from s2r_conceal.plant import Active
@@ -24,6 +24,7 @@ INSUFFICIENT_VARIANTS = ("still", "one_way", "crawl")
 MASKED_VARIANTS = ("high_gain", "no_effort")
 WRONG_LOGS = ("other_robot", "degrees", "swapped_joints")
 IN_MODEL = ("armature", "payload", "gravity_tilt", "spring_return", "saturation", "coulomb_friction")
+BARE_SHARE = 0.4
 PARAMETERS = ("mass", "com", "inertia", "armature", "viscous", "coulomb", "controller_gain")
 
 
@@ -131,7 +132,8 @@ def _plans(rng: np.random.Generator, rig: Rig, group: str, count: int) -> Iterat
         case "insufficient":
             yield from ((INSUFFICIENT_VARIANTS[k % 3], (str(rng.choice(names)),), 0.7) for k in range(count))
         case _:
-            kinds = WRONG_LOGS if rig.joints > 1 else WRONG_LOGS[:2]
+            # Another arm of the same make differs by its masses only, which is no wrong log.
+            kinds = {1: WRONG_LOGS[:2], 2: WRONG_LOGS}.get(rig.joints, WRONG_LOGS[1:])
             yield from ((kinds[k % len(kinds)], (), 0.0) for k in range(count))
 
 
@@ -164,6 +166,10 @@ def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: Plan, duration_s: f
     variant, names, strength = plan
     rng = np.random.default_rng(seed)
     mask = _mask_for(rng, group, variant, names)
+    if rig.joints > 1:
+        mask = for_arm(np.random.default_rng((*seed, 7)), mask)
+    if variant == "parameter_off" or group == "wrong_log":
+        mask = replace(mask, no_law=False)
     machine = _friction_or_none(rng, rig.draw(rng), names)
     controller = _controller(rng, rig, machine, mask)
     told = misjudged(rng, machine, mask.nominal_error if group != "clean" else 1e-3)
@@ -191,7 +197,7 @@ def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: Plan, duration_s: f
         expected=_expected(group, variant),
         plan=plan,
     )
-    joints = [int(rng.integers(_first_joint(name), rig.joints)) for name in names]
+    joints = [_place(rng, rig, name) for name in names]
     actives = [_open_effect(rng, name, j, scales[j]) for name, j in zip(names, joints, strict=True)]
     if group == "clean" and variant == "in_model":
         case.in_model = [_for_model(active) for active in actives]
@@ -205,9 +211,12 @@ def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: Plan, duration_s: f
     return case
 
 
-def _first_joint(name: str) -> int:
-    """Coupling acts on a joint and the one before it."""
-    return 1 if name == "motor_coupling" else 0
+def _place(rng: np.random.Generator, rig: Rig, name: str) -> int:
+    """The joint an effect sits on: a load hangs on the last one, the base carries the first one."""
+    drawn = int(
+        rng.integers(1 if name == "motor_coupling" else 0, rig.joints)
+    )  # a joint and the one before it
+    return {"payload": rig.joints - 1, "gravity_tilt": 0}.get(name, drawn)
 
 
 def _mask_for(rng: np.random.Generator, group: str, variant: str, names: tuple[str, ...]) -> Mask:
@@ -229,8 +238,14 @@ def _mask_for(rng: np.random.Generator, group: str, variant: str, names: tuple[s
 
 
 def _friction_or_none(rng: np.random.Generator, machine: Machine, names: tuple[str, ...]) -> Machine:
-    """A quarter of the machines lack Coulomb or viscous friction altogether, so that its absence tells nothing."""
+    """A quarter of the machines lack Coulomb or viscous friction altogether, so that its absence tells nothing.
+
+    A good part of the arms are as descriptions come: neither friction nor motor inertia on any joint.
+    """
     needs = {need for name in names for need in EFFECTS[name].needs}
+    if len(machine.mass) > 2 and not needs and rng.random() < BARE_SHARE:
+        nothing = np.zeros_like(machine.coulomb)
+        return replace(machine, coulomb=nothing, viscous=nothing, armature=nothing)
     coulomb, viscous = machine.coulomb, machine.viscous
     if "coulomb_friction" in names or (rng.random() < 0.25 and "coulomb" not in needs):
         coulomb = np.zeros_like(coulomb)
@@ -388,7 +403,11 @@ def _for_model(active: Active) -> Active:
 
 def _set_parameter_off(rng: np.random.Generator, case: Case) -> None:
     """One wrong value in the model file or in the stated controller; its size is set by calibration."""
-    usable = [p for p in PARAMETERS if p not in ("viscous", "coulomb") or getattr(case.machine, p)[0] > 0.0]
+    usable = [
+        p
+        for p in PARAMETERS
+        if p not in ("viscous", "coulomb", "armature") or getattr(case.machine, p)[0] > 0.0
+    ]
     case.parameters_off = [
         {
             "name": str(rng.choice(usable)),

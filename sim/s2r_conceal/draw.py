@@ -19,7 +19,7 @@ from s2r_conceal.seal import Key, publish
 from s2r_conceal.write import write_case
 
 REDRAWS = 3
-BATCH = {"one_joint": 96, "two_link": 48, "seven_joint": 12}  # cases simulated side by side
+BATCH = {"one_joint": 96, "two_link": 48, "seven_joint": 24}  # cases simulated side by side
 
 
 def draw_set(
@@ -87,9 +87,11 @@ def _draw_part(out: Path, substeps: int, first: int, cases: list[Case]) -> dict[
 def calibrated(cases: list[Case]) -> tuple[list[Case], list[Measured]]:
     """Cases with their strengths set; a case that cannot carry its strength is drawn anew.
 
-    The new draws are calibrated beside the first ones: side by side they cost little, one after the other as much
-    as all cases together each time.
+    On one joint the new draws are calibrated beside the first ones: side by side they cost little, one after the other
+    as much as all cases together each time. On arms every column costs, so that only what failed is drawn anew.
     """
+    if cases[0].rig.joints > 1:
+        return _one_after_the_other(cases)
     spare = [[redraw(c, k + 1) for k in range(REDRAWS)] if c.group in REDRAWN else [] for c in cases]
     every = [*cases, *(x for row in spare for x in row)]
     measured = calibrate(every)
@@ -101,4 +103,16 @@ def calibrated(cases: list[Case]) -> tuple[list[Case], list[Measured]]:
         chosen = next((k for k in tries if usable(every[k], measured[k])), tries[-1])
         found.append(every[chosen])
         values.append(measured[chosen])
+    return found, values
+
+
+def _one_after_the_other(cases: list[Case]) -> tuple[list[Case], list[Measured]]:
+    found, values = list(cases), calibrate(cases)
+    for attempt in range(1, REDRAWS + 1):
+        failed = [i for i, c in enumerate(found) if not usable(c, values[i])]
+        if not failed:
+            break
+        fresh = [redraw(cases[i], attempt) for i in failed]
+        for i, case, measured in zip(failed, fresh, calibrate(fresh), strict=True):
+            found[i], values[i] = case, measured
     return found, values

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 LOG_RATE_HZ = 250.0
+ARM_RATES_HZ = (100.0, 250.0, 500.0, 1000.0)
+NO_LAW_SHARE = 0.3
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class Mask:
         t0_s: First time stamp [s].
         nominal_error: Largest relative error of the values in the model file.
         with_temperature: Whether motor temperature is recorded.
+        no_law: Controller gains are not recorded; the effort drives the simulation.
     """
 
     high_gain: bool = False
@@ -38,6 +41,7 @@ class Mask:
     t0_s: float = 0.0
     nominal_error: float = 0.0
     with_temperature: bool = True
+    no_law: bool = False
 
     def names(self) -> list[str]:
         """The masks that are on, for the answer file."""
@@ -66,6 +70,13 @@ def draw_mask(rng: np.random.Generator, kinds: tuple[str, ...]) -> Mask:
         nominal_error=0.05 if "nominals" in kinds else 0.01,
         with_temperature=bool(rng.random() < 0.7),
     )
+
+
+def for_arm(rng: np.random.Generator, mask: Mask) -> Mask:
+    """Arms are logged at many rates, and often by whoever does not know the gains."""
+    rate_hz = mask.rate_hz if mask.rate_hz < 100.0 else float(rng.choice(ARM_RATES_HZ))
+    jitter_s = 0.4 / rate_hz if mask.jitter_s > 0.0 else 0.0
+    return replace(mask, rate_hz=rate_hz, jitter_s=jitter_s, no_law=bool(rng.random() < NO_LAW_SHARE))
 
 
 def rows(mask: Mask, ticks: int, rate_hz: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -76,12 +76,14 @@ def sidecar(case: Case, role: str) -> dict[str, object]:
     names = case.rig.joint_names
     if case.mask.no_effort:
         stated: dict[str, object] = {"type": "position_servo"}
+    elif case.mask.no_law:
+        stated = {"type": "none"}
     else:
         stated = {"type": "pid" if controller.ki.any() else "pd", "rate_hz": controller.rate_hz}
         for gain in ("kp", "kd", "ki"):
             values = getattr(controller, gain)
             stated[gain] = {n: float(v) for n, v in zip(names, values, strict=True)}
-    described: dict[str, object] = {"controller": stated, "input": "q_cmd"}
+    described: dict[str, object] = {"controller": stated, "input": "effort" if case.mask.no_law else "q_cmd"}
     if not case.mask.no_effort:
         described["effort"] = "measured" if case.mask.measured_effort else "commanded"
     described["joint_names"] = {n: n for n in names}

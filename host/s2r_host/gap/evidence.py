@@ -8,7 +8,7 @@ n rows count as n samples. See Bishop, Pattern Recognition and Machine Learning 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_toeplitz
@@ -67,6 +67,7 @@ class Marginal:
     B: np.ndarray
     prior: np.ndarray
     noise: float = 1.0
+    _parts: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if self.B.shape[1]:
@@ -75,34 +76,42 @@ class Marginal:
         else:
             self._Py = self.y
 
-    def project(self, C: np.ndarray) -> np.ndarray:
-        """Apply (I + B Λ Bᵀ / noise)⁻¹ to columns."""
-        if not self.B.shape[1]:
-            return C
-        return C - self.B @ cho_solve(self._factor, self.B.T @ C)
+    def knows(self, name: int) -> bool:
+        """Were the rows of this name announced?"""
+        return name in self._parts
+
+    def part(self, name: int, at: np.ndarray) -> None:
+        """Announce rows that columns may be confined to (those of one joint), as indices into ``y``."""
+        self._parts[name] = (self.B[at], at)
 
     @property
     def rss(self) -> float:
         """Misfit of the nuisance alone, prior included."""
         return float(self.y @ self._Py)
 
-    def weigh(self, C: np.ndarray, positive: np.ndarray, fixed: np.ndarray | None) -> Weighed:
+    def weigh(
+        self, C: np.ndarray, positive: np.ndarray, fixed: np.ndarray | None, part: int | None = None
+    ) -> Weighed:
         """Fit columns on top of the nuisance; coefficients with a wrong sign are set to zero.
 
         Args:
-            C: Whitened columns, shape (rows, k).
+            C: Whitened columns, shape (rows, k); with ``part`` only its rows, all others being zero.
             positive: Mask of coefficients that must not be negative, shape (k,).
             fixed: Whitened column with coefficient one, or None.
+            part: Name given to :meth:`part`.
         """
-        Py, rss = self._Py, self.rss
+        B, Py = (self.B, self._Py) if part is None else (self._parts[part][0], self._Py[self._parts[part][1]])
+        S, m, rss = C.T @ C, C.T @ Py, self.rss
+        W = B.T @ C
+        if B.shape[1]:
+            S = S - W.T @ cho_solve(self._factor, W)
         if fixed is not None:
-            Pf = self.project(fixed)
-            rss = rss - 2.0 * float(fixed @ Py) + float(fixed @ Pf)
-            Py = Py - Pf
+            w = B.T @ fixed
+            u = cho_solve(self._factor, w) if B.shape[1] else w
+            rss = rss - 2.0 * float(fixed @ Py) + float(fixed @ fixed - w @ u)
+            m = m - (C.T @ fixed - W.T @ u)
         if C.shape[1] == 0:
             return Weighed(np.zeros(0), np.zeros((0, 0)), np.zeros(0), rss, np.zeros(0, dtype=bool))
-        S = C.T @ self.project(C)
-        m = C.T @ Py
         active = np.ones(C.shape[1], dtype=bool)
         theta = np.zeros(C.shape[1])
         for _ in range(C.shape[1]):

@@ -12,6 +12,7 @@ from s2r_host.gap.states import stop_operator
 
 GENERIC_FOLDS = 8
 GENERIC_BINS = 40
+LEAST_ROWS = 4 * GENERIC_FOLDS  # fewer hold nothing to predict from
 STROKE_PARTS = 6
 LOOP_SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 
@@ -62,6 +63,8 @@ def generic_leftover(s: Session, j: int, values: np.ndarray, picks: np.ndarray) 
 
     Never more than the residual itself: then nothing was predictable, and all of it counts as noise.
     """
+    if len(picks) < LEAST_ROWS:
+        return values - np.mean(values)
     X = generic_basis(s, j, picks)
     X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
     # A single stroke passes every place once: only short stretches leave their surroundings to learn from.

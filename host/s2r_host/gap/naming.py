@@ -184,8 +184,8 @@ def shape_curvature(
 
     def value(x: float) -> float:
         shape = dict(term.shape) | {key: x}
-        C, fixed, positive, prior = search.matrix(Term(term.effect, term.joint, tuple(sorted(shape.items()))))
-        return base.weigh(C[fit], positive, None if fixed is None else fixed[fit]).log_evidence(noise, prior)
+        w, prior = search.weigh(base, fit, Term(term.effect, term.joint, tuple(sorted(shape.items()))))
+        return w.log_evidence(noise, prior)
 
     x0 = dict(term.shape)[key]
     top = value(x0)

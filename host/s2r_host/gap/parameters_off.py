@@ -29,6 +29,7 @@ AS_PARAMETER = {
     "armature": ("armature", None),
     "effort_scale": ("effort_scale", 1.0),
 }
+FRICTION = ("coulomb_friction", "viscous_friction")
 SMALL_CHANGE = 1.6  # of what the model has: its number may be off by so much
 
 
@@ -83,7 +84,7 @@ def parameters_only(problem: Problem, search: Search) -> Decision:
     decision = Decision("parameter_off", solution, rejected=rejected_at_floor(problem, search))
     is_number = is_parameter(problem, named.term, solution.theta[0], slot)
     search.looseness = 1.0
-    if named.name in LIKE_PARAMETERS and not is_number:
+    if named.name in (*LIKE_PARAMETERS, *FRICTION) and not is_number:
         decision.verdict, decision.effects = "physics_missing", [named]
     else:
         decision.parameters_off = off_entries(problem, search, named)

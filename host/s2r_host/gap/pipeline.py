@@ -25,7 +25,7 @@ from s2r_host.gap.search import Search
 from s2r_host.gap.seeds import fill_residuals, sharpen_sign
 from s2r_host.gap.session import Session, make_session
 from s2r_host.gap.solution import Solution
-from s2r_host.gap.where import Place, acting, contradicted, locate, narrowed
+from s2r_host.gap.where import Place, acting, contradicted, locate, narrowed, with_named
 
 Log = Callable[[str], None]
 
@@ -160,7 +160,10 @@ def _places(problem: Problem, search: Search, decision: Decision) -> list[Place]
     """Where the gap lives; what is named gives the regime in which it acts."""
     if decision.verdict == "nothing_missing":
         return []
-    places = locate(problem, problem.raw)
+    rows = problem.raw
+    if len(problem.joints) > 1:  # a mass that is slightly wrong shows on all joints below it and is no place
+        rows = search.finish([], [], []).prediction
+    places = with_named(problem, rows, locate(problem, rows), decision)
     if decision.contradictions:
         return [contradicted(problem, c) for c in decision.contradictions]
     if decision.verdict != "physics_missing":

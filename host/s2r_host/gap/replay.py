@@ -70,7 +70,7 @@ def build_twin(
             offset[rigid.index(parameter.place)] += value
         parameter.write(spec, value)
     twin = Twin(rigid, ctx, spec, rigid.model, offset=offset, generic=generic)
-    for term in terms:
+    for term in [*terms, *_mirrored(terms)]:
         effect = catalogue().get(term.effect)
         if effect is None:
             continue
@@ -85,6 +85,16 @@ def build_twin(
             twin.live.append(term)
     twin.model = spec.compile()
     return twin
+
+
+def _mirrored(terms: list[Live]) -> list[Live]:
+    found = []
+    for term in terms:
+        effect = catalogue().get(term.effect)
+        other = None if effect is None else effect.mirror(term.joint, term.shape)
+        if other is not None:
+            found.append(Live(term.effect, *other, term.theta))
+    return found
 
 
 @dataclass(frozen=True)

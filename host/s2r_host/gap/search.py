@@ -28,6 +28,12 @@ FURTHER_SHARE = 0.3
 FURTHER_GAIN = 0.004
 
 
+def _share(term: Term, without: dict[int, float], misfit: dict[int, float]) -> float:
+    """Share of the held-out misfit a term takes: on its own joint, or on the joint where it takes most."""
+    place = term.joint if term.joint in without else max(without, key=lambda j: without[j] - misfit[j])
+    return 1.0 - misfit[place] / max(without[place], 1e-30)
+
+
 class Search(Regression):
     """Weighs candidates on top of what is chosen, and chooses."""
 
@@ -75,9 +81,8 @@ class Search(Regression):
         """Best shape of one candidate by log evidence on the fit rows."""
 
         def weigh(term: Term) -> float:
-            C, fixed, positive, prior = self.matrix(term)
-            w = base.weigh(C[rows], positive, None if fixed is None else fixed[rows])
-            if fixed is None and not w.active.any():
+            w, prior = self.weigh(base, rows, term)
+            if w.rss == base.rss and not w.active.any():
                 return -np.inf
             effect, shape = self.effects[term.effect], dict(term.shape)
             odds = effect.log_prior(self.problem.ctx, term.joint, shape)
@@ -132,8 +137,9 @@ class Search(Regression):
         base = self.marginal(chosen, fit, noise)
         without = -0.5 * base.rss / noise
         found: list[tuple[float, Term]] = []
+        quiet = self.quiet(chosen)
         for key in self.candidates():
-            if key in [t.key for t in chosen]:
+            if key in [t.key for t in chosen] or key[1] in quiet:
                 continue
             best = self.best_shape(key, base, fit, noise, refine=False)
             if best is not None:
@@ -153,7 +159,7 @@ class Search(Regression):
         for value, term in polished:
             held, raw = self._predict([*chosen, term], noise)
             score = value + held
-            share = 1.0 - raw / max(raw_without, 1e-30)
+            share = _share(term, raw_without, raw)
             scored.append(Scored(term, score, score - without - without_held, share, np.zeros(0)))
         self._charge_containers(scored)
         scored.sort(key=lambda x: -x.score)
@@ -172,15 +178,22 @@ class Search(Regression):
                 charge = max(CONTAINER_CHARGE, CONTAINER_SHARE * max(inner))
                 s.score, s.gain = s.score - charge, s.gain - charge
 
-    def _predict(self, terms: list[Term], noise: float) -> tuple[float, float]:
-        """Log likelihood of the held-out rows under coefficients fitted elsewhere, and their squared misfit."""
+    def _predict(self, terms: list[Term], noise: float) -> tuple[float, dict[int, float]]:
+        """Log likelihood of the held-out rows under coefficients fitted elsewhere, and their misfit.
+
+        The misfit is squared, in noise floors, per joint: a newton metre is little on a shoulder and much on a wrist.
+        """
         p = self.problem
         rss, left = self._held_misfit(terms, noise)
-        return -0.5 * rss / noise, float(np.sum((p.weight * self.unwhitened(left))[p.held] ** 2))
+        raw = p.weight * self.unwhitened(left)
+        misfit = dict.fromkeys(p.joints, 0.0)
+        for b in p.blocks:
+            misfit[b.joint] += float(np.sum(raw[b.rows][b.held] ** 2)) / p.floor[b.joint] ** 2
+        return -0.5 * rss / noise, misfit
 
     def _held_misfit(self, terms: list[Term], noise: float) -> tuple[float, np.ndarray]:
-        coefficients, B, y, _ = self.solve(terms, noise)
-        left = self.without_drift(y - B @ coefficients, noise, self.added_friction(terms, coefficients, B))
+        x, left = self.fitted(terms, noise)
+        left = self.without_drift(left, noise, self.added_friction(terms, x))
         return float(np.sum(left[self.problem.held] ** 2)), left
 
     def stands_out(self, chosen: list[Term], slots: list[list[Scored]]) -> bool:

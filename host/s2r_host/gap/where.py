@@ -44,7 +44,9 @@ def locate(problem: Problem, rows: np.ndarray) -> list[Place]:
     for block in problem.blocks:
         r = rows[block.rows]
         floor = problem.floor[block.joint]
-        scale = max(float(np.std(block.session.u[:, block.joint])), 1e-12)
+        # Joints of an arm differ in effort a hundredfold; what a gap is worth is measured in their noise.
+        scale = floor if len(problem.joints) > 1 else float(np.std(block.session.u[:, block.joint]))
+        scale = max(scale, 1e-12)
         gain = max(0.0, float(np.mean(r**2)) - floor**2) / scale**2
         excess[block.joint] = excess.get(block.joint, 0.0) + gain * len(r)
     total = sum(excess.values())
@@ -52,6 +54,16 @@ def locate(problem: Problem, rows: np.ndarray) -> list[Place]:
         return []
     places = [_place(problem, rows, j, excess[j] / total) for j in excess if excess[j] > 0.02 * total]
     return sorted(places, key=lambda p: -p.share)
+
+
+def with_named(problem: Problem, rows: np.ndarray, places: list[Place], decision: Decision) -> list[Place]:
+    """The places, and those of named effects that are missing among them, with no share to speak of."""
+    known = {p.joint for p in places}
+    more = [e.joint for e in decision.effects if e.joint and e.joint not in known]
+    index = problem.ctx.model.index
+    return places + [
+        _place(problem, rows, index(j), 0.0) for j in dict.fromkeys(more) if index(j) in problem.joints
+    ]
 
 
 def contradicted(problem: Problem, found: Contradiction) -> Place:

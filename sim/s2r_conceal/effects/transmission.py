@@ -131,5 +131,6 @@ EFFECTS = (
         "when the neighbouring joint accelerates",
         _MotorCoupling,
         min_joints=2,
+        needs=("armature",),
     ),
 )

@@ -18,6 +18,8 @@ from s2r_conceal.parameters import STANDARD_GRAVITY, Machine
 from s2r_conceal.rigs.base import Dynamics, Rig
 from s2r_protocol.arms import load_arm
 
+CLEAR_RAD = 0.1
+
 
 class _Chain(Dynamics):
     refresh_every = 5  # 2 kHz, linear in between
@@ -107,7 +109,8 @@ class SevenJoint(Rig):
         """Centre and half-width of the motion [rad]."""
         centre = self._arm.q_home + rng.uniform(-0.15, 0.15, 7)
         half = np.array([0.8, 0.5, 0.8, 0.6, 0.9, 0.7, 1.2]) * rng.uniform(0.7, 1.0, 7)
-        return centre, half
+        limits = self._arm.limits  # the equations of motion know no end stops; the motion keeps clear of them
+        return np.clip(centre, limits.q_min + half + CLEAR_RAD, limits.q_max - half - CLEAR_RAD), half
 
     def mjcf(self, machine: Machine, joint_attributes: list[dict[str, str]]) -> str:
         """The model file."""

@@ -181,6 +181,10 @@ class Effect:
         """Write the effect into a model with stock attributes; False when there is no such form."""
         return False
 
+    def mirror(self, joint: int, shape: Shape) -> tuple[int, dict[str, float]] | None:
+        """The other joint on which the same numbers act in the forward simulation, and its shape; None mostly."""
+        return None
+
     def sense(
         self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray
     ) -> Callable[[float], float] | None:

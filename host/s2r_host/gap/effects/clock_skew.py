@@ -9,6 +9,8 @@ from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
 from s2r_host.gap.session import Session
 from s2r_host.gap.states import delayed
 
+STEP_S = 0.01
+
 
 class ClockSkew(Effect):
     """recorded q(t) = q(t - lag), while the controller saw q(t)."""
@@ -32,8 +34,24 @@ class ClockSkew(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Load of the motion as it really was minus load of the recorded one."""
+        if len(ctx.model.joints) > 1:
+            slope, bend = self._series(ctx, s, joint)
+            return Columns([], fixed=shape["lag"] * slope + shape["lag"] ** 2 * bend)
         load = s.load[:, joint]
         return Columns([], fixed=delayed(load, -shape["lag"], s.dt) - load)
+
+    def _series(self, ctx: Context, s: Session, joint: int) -> tuple[np.ndarray, np.ndarray]:
+        """Change of all loads per second by which one joint's motion came later, to second order."""
+        key = ("late", joint)
+        if key not in s.cache:
+            ends = []
+            for shift in (STEP_S, -STEP_S):
+                q, v, a = s.q.copy(), s.v.copy(), s.a.copy()
+                for x in (q, v, a):
+                    x[:, joint] = delayed(x[:, joint], -shift, s.dt)
+                ends.append(ctx.model.inverse(q, v, a) - s.load)
+            s.cache[key] = (ends[0] - ends[1]) / (2.0 * STEP_S), (ends[0] + ends[1]) / (2.0 * STEP_S**2)
+        return s.cache[key]
 
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
         """The control law, recomputed from the record, shows whether the clocks differ."""

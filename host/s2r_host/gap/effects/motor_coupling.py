@@ -9,7 +9,7 @@ from s2r_host.gap.session import Session
 
 
 class MotorCoupling(Effect):
-    """tau_i = Jc ddq_j + bc dq_j."""
+    """tau_i = Jc ddq_j + bc dq_j, and the same from i to j where the gears act both ways (``mutual``)."""
 
     name = "motor_coupling"
     equation = "tau_i = Jc ddq_j + bc dq_j"
@@ -22,17 +22,22 @@ class MotorCoupling(Effect):
         return len(ctx.model.joints) > 1
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
-        """Each other joint."""
-        return [
-            {"other": float(i)}
-            for i in range(len(ctx.model.joints))
-            if i != joint and ctx.top_speed(i) > 1e-3
-        ]
+        """Each other joint; what acts both ways belongs to the later one of the two."""
+        others = [i for i in range(len(ctx.model.joints)) if i != joint and ctx.top_speed(i) > 1e-3]
+        one_way = [{"other": float(i), "mutual": 0.0} for i in others]
+        return one_way + [{"other": float(i), "mutual": 1.0} for i in others if i < joint]
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Acceleration and speed of the other joint."""
         other = int(shape["other"])
-        return Columns([s.a[:, other], s.v[:, other]])
+        if not shape["mutual"]:
+            return Columns([s.a[:, other], s.v[:, other]])
+        both = []
+        for x in (s.a, s.v):
+            crossed = np.zeros_like(x)
+            crossed[:, joint], crossed[:, other] = x[:, other], x[:, joint]
+            both.append(crossed)
+        return Columns(both)
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Coupling inertia and damping; ``other`` counts joints from zero."""
@@ -41,6 +46,12 @@ class MotorCoupling(Effect):
             "damping": Value(float(theta[1]), "N·m·s/rad", (0.0, 1.0)),
             "other": Value(shape["other"], "joint index"),
         }
+
+    def mirror(self, joint: int, shape: Shape) -> tuple[int, dict[str, float]] | None:
+        """What the other joint feels of this one."""
+        if not shape["mutual"]:
+            return None
+        return int(shape["other"]), {"other": float(joint), "mutual": 0.0}
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Force from the other joint's last acceleration."""

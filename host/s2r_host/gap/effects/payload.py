@@ -10,6 +10,7 @@ from s2r_host.gap.model import RigidModel
 from s2r_host.gap.session import Session
 
 REACH = (0.5, 1.0, 1.5, 2.0)
+FAR_REACH = (3.0, 5.0)  # what an arm holds may hang well beyond its last body
 
 
 class Payload(Effect):
@@ -28,7 +29,8 @@ class Payload(Effect):
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Every last body, at several distances along its centre of mass."""
-        return [{"body": float(b), "reach": x} for b in leaves(ctx.model) for x in REACH]
+        reach = REACH if len(ctx.model.joints) == 1 else REACH + FAR_REACH
+        return [{"body": float(b), "reach": x} for b in leaves(ctx.model) for x in reach]
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Distance."""

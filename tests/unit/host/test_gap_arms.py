@@ -1,0 +1,141 @@
+"""Several joints: rows of one joint only, noise of one joint only, what acts between joints."""
+
+import numpy as np
+import pytest
+
+from s2r_host.gap.decide import decide
+from s2r_host.gap.effects import catalogue
+from s2r_host.gap.effects.base import Context
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.problem import build_problem
+from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.replay import Live, build_twin
+from s2r_host.gap.search import Search, _share
+from s2r_host.gap.session import make_session
+from s2r_host.gap.solution import Term
+
+ARM_XML = """<mujoco><worldbody><body name="a"><joint name="j1" axis="0 1 0" damping="0.2" frictionloss="0.5"/>
+<inertial mass="4" pos="0.2 0 0.1" diaginertia="0.03 0.03 0.03"/>
+<body name="b" pos="0.4 0 0"><joint name="j2" axis="0 1 0" damping="0.02" frictionloss="0.05"/>
+<inertial mass="0.4" pos="0.1 0 0.02" diaginertia="0.002 0.002 0.002"/>
+</body></body></worldbody></mujoco>"""
+DT, NOISE = 0.005, np.array([0.1, 0.005])
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arm") / "model.xml"
+    path.write_text(ARM_XML)
+    return RigidModel(path)
+
+
+def recorded(model, index, phase, hidden):
+    """Twelve seconds of both joints; ``hidden(v, a)`` is effort beyond the model's, shape (time, 2)."""
+    rng = np.random.default_rng(index)
+    t = np.arange(0, 12, DT)
+    q = np.stack(
+        [
+            0.6 * np.sin(1.3 * t + phase) + 0.2 * np.sin(4.1 * t),
+            0.7 * np.sin(2.1 * t + 1.0) + 0.2 * np.sin(5.7 * t + phase),
+        ],
+        axis=1,
+    )
+    v = np.gradient(q, DT, axis=0)
+    a = np.gradient(v, DT, axis=0)
+    dry = model.model.dof_frictionloss * np.tanh(v / 0.01)
+    tau = model.inverse(q, v, a) + dry + hidden(v, a) + NOISE * rng.normal(size=q.shape)
+    channels = {
+        kind: {j: x[:, k] for k, j in enumerate(model.joints)} for kind, x in (("q", q), ("tau", tau))
+    }
+    return Recording(f"r{index}", t, channels, Controller(), "measured", "effort", "a", "", ())
+
+
+def searched(model, hidden):
+    fit, again, held = (
+        make_session(model, recorded(model, k, p, hidden), k) for k, p in ((0, 0.0), (1, 0.0), (2, 1.0))
+    )
+    return Search(build_problem(model, [fit], [held], [again]))
+
+
+@pytest.fixture(scope="module")
+def rubbing(model):
+    return searched(model, lambda v, a: np.array([0.0, 0.2]) * np.tanh(v / 0.01))
+
+
+def test_rows_of_one_joint_weigh_as_much_as_all_rows_with_zeros(rubbing):
+    fit = ~rubbing.problem.held
+    base = rubbing.marginal([], fit, 3.0)
+    for name in ("coulomb_friction", "clock_skew", "actuator_delay"):
+        term = rubbing.seeds((name, 1))[0]
+        C, fixed, positive, _ = rubbing.matrix(term)
+        whole = base.weigh(C[fit], positive, None if fixed is None else fixed[fit])
+        short, prior = rubbing.weigh(base, fit, term)
+        assert short.log_evidence(3.0, prior) == pytest.approx(whole.log_evidence(3.0, prior), rel=1e-9)
+
+
+def test_normal_equations_built_term_by_term_give_the_same_coefficients(rubbing):
+    terms = [
+        Term("coulomb_friction", 1),
+        rubbing.seeds(("actuator_delay", 0))[2],
+        Term("viscous_friction", 0),
+    ]
+    x, left = rubbing.fitted(terms, 3.0)
+    again, B, y, _ = rubbing.solve(terms, 3.0)
+    assert x == pytest.approx(again, rel=1e-6, abs=1e-9)
+    assert left == pytest.approx(y - B @ again, abs=1e-6)
+
+
+def test_friction_on_a_light_wrist_is_found_beside_a_noisy_shoulder(rubbing):
+    decision = decide(rubbing.problem, rubbing)
+    assert [(e.name, e.joint) for e in decision.effects] == [("coulomb_friction", "j2")]
+    assert decision.effects[0].theta[0] == pytest.approx(0.2, rel=0.15)
+
+
+def test_a_joint_at_its_noise_is_not_searched(rubbing):
+    assert rubbing.quiet([]) == {0}
+    assert {s.term.joint for s in rubbing.scan([], 3.0)[0]} <= {-1, 1}
+    assert rubbing.quiet([Term("coulomb_friction", 1)]) == set()
+
+
+def test_the_share_of_a_term_counts_on_its_own_joint():
+    without, with_it = {0: 1e4, 1: 10.0}, {0: 1e4, 1: 4.0}
+    assert _share(Term("cogging", 1), without, with_it) == pytest.approx(0.6)
+    assert _share(Term("payload", -1), without, with_it) == pytest.approx(0.6)
+
+
+def test_motors_that_turn_together_are_felt_by_both(model):
+    search = searched(model, lambda v, a: 0.012 * a[:, ::-1] + 0.01 * v[:, ::-1])
+    solution = search.run()
+    first = solution.terms[0]
+    assert (first.effect, first.joint, dict(first.shape)["mutual"]) == ("motor_coupling", 1, 1.0)
+    assert solution.theta[0][0] == pytest.approx(0.012, rel=0.1)
+    twin = build_twin(
+        model, search.problem.ctx, [Live(first.effect, first.joint, dict(first.shape), solution.theta[0])]
+    )
+    assert {live.joint for live in twin.live} == {0, 1}
+
+
+def test_a_late_position_is_felt_by_every_joint(model):
+    s = make_session(model, recorded(model, 0, 0.0, lambda v, a: 0.0 * v), 0)
+    ctx = Context(model, [s])
+    lag = 0.006
+    said = catalogue()["clock_skew"].columns(ctx, s, 1, {"lag": lag}).fixed
+    q, v, a = s.q.copy(), s.v.copy(), s.a.copy()
+    for x in (q, v, a):
+        x[:, 1] = np.interp(s.t + lag, s.t, x[:, 1])
+    true = model.inverse(q, v, a) - s.load
+    inner = slice(20, -20)
+    assert np.max(np.abs(said[inner, 0])) > 0
+    assert said[inner] == pytest.approx(true[inner], abs=0.03 * float(np.max(np.abs(true[inner]))))
+
+
+def test_a_load_may_hang_far_beyond_the_hand_of_an_arm(model):
+    s = make_session(model, recorded(model, 0, 0.0, lambda v, a: 0.0 * v), 0)
+    reaches = {shape["reach"] for shape in catalogue()["payload"].shapes(Context(model, [s]), -1)}
+    assert max(reaches) >= 5.0
+
+
+def test_columns_of_terms_are_stored_for_their_joint_only(rubbing):
+    stored = rubbing.stored(Term("coulomb_friction", 1))
+    assert stored.joint == 1
+    assert len(stored.C) == len(rubbing.rows_of[1]) < len(rubbing.problem.y)
