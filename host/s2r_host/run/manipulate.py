@@ -44,6 +44,7 @@ class PlannedManipulation:
         escape: The way out of contact and home.
         motions: All of it, in order.
         pushed_geom: What the fingertip presses on at the end.
+        corrected: Other motions followed the first one than was planned.
     """
 
     number: int
@@ -53,6 +54,7 @@ class PlannedManipulation:
     escape: Escape
     motions: tuple[Motion, ...]
     pushed_geom: str
+    corrected: bool = False
 
     @property
     def foreseen(self) -> float:

@@ -222,7 +222,8 @@ def _attempts(session: Session, record: RunRecord, view: Observation, feeling: F
         if abs(done.delta) <= task.good_enough:
             return
         folder, offset = settings.out / f"model-{number + 1}", measured.s - planned.foreseen
-        record.belief = _felt(session, feeling, record.belief, executed[0], s_now, measured.s, folder)
+        if not planned.corrected:  # else the first motion was not all of it
+            record.belief = _felt(session, feeling, record.belief, executed[0], s_now, measured.s, folder)
         s_now = measured.s
         if number < settings.attempts and abs(offset) < task.far_off:
             positive = planned.request.s_target > planned.request.s_initial

@@ -110,7 +110,7 @@ def _as_played(planned: PlannedManipulation, report: ReactiveReport) -> PlannedM
     last = report.outlooks[-1]
     final = last.running_end - last.offset
     replay = replace(planned.delivery.replay, final=final, error=planned.request.s_target - final)
-    return replace(planned, delivery=replace(planned.delivery, replay=replay))
+    return replace(planned, delivery=replace(planned.delivery, replay=replay), corrected=True)
 
 
 def _tell(session: Session, feed: LiveJoint, report: ReactiveReport) -> None:
