@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from s2r_host.errors import SceneError
 from s2r_host.motion.scene import Scene
@@ -19,6 +20,11 @@ THIN_DECK_M = 0.02
 COLUMN_CELL_M = 0.008
 COLUMN_BEHIND_M = 0.012  # the axis of a column lies so far behind the face that the camera sees
 COLUMN_RADIUS_M = 0.042
+# Pieces whose ends are further from the body's axis, and one of them this low, turn about an axis of their own.
+ROOTED_M, FOOT_M = 0.05, 0.04
+BELOW_M, BESIDE_M = (0.004, 0.05), 0.02  # where the foot is looked for that a lever's root stands on
+OWN_M, FOOT_POINTS = 0.002, 40  # this near to a point of the piece is the piece; so many others make a foot
+RISE_M = 0.01  # by which a lever's tip is higher than its middle, where that tells as much as a foot
 UPRIGHT, ON_DECK_M = 0.8, 0.02  # sine of a line that stands upright; this low it stands on the deck
 LEAST_POINTS = 60
 LEAST_LENGTH_M = 0.035
@@ -56,6 +62,10 @@ class LeverCandidate:
         along = self.p_tip - self.p_root
         return along / np.linalg.norm(along)
 
+    def turned_round(self) -> LeverCandidate:
+        """The same piece with its axis at the other end."""
+        return replace(self, p_root=self.p_tip, p_tip=self.p_root, outward=-self.outward)
+
     @property
     def doubt(self) -> float:
         """Small for what looks like a lever: straight, not pointing to the user, not going down as spouts do.
@@ -84,7 +94,7 @@ def find_levers(scene: Scene) -> list[LeverCandidate]:
         c
         for piece in _pieces(outside)
         for part in _straight(piece)
-        if (c := _candidate(part, axis, deck_m)) is not None
+        if (c := _candidate(part, axis, deck_m, above)) is not None
     ]
     if not found:
         raise SceneError(
@@ -175,7 +185,7 @@ def _straight(p: np.ndarray) -> list[np.ndarray]:
     return parts
 
 
-def _candidate(p: np.ndarray, axis: np.ndarray, deck_m: float) -> LeverCandidate | None:
+def _candidate(p: np.ndarray, axis: np.ndarray, deck_m: float, above: np.ndarray) -> LeverCandidate | None:
     centre = p.mean(axis=0)
     spread, vectors = np.linalg.eigh(np.cov((p - centre).T))
     along = vectors[:, 2]
@@ -186,6 +196,10 @@ def _candidate(p: np.ndarray, axis: np.ndarray, deck_m: float) -> LeverCandidate
         return None
     ends = [centre + low * along, centre + high * along]
     ends.sort(key=lambda end: float(np.linalg.norm(end[:2] - axis)) + 0.3 * float(end[2]))
+    apart_m = min(float(np.linalg.norm(end[:2] - axis)) for end in ends)
+    own = apart_m > ROOTED_M and min(float(end[2]) for end in ends) < deck_m + FOOT_M
+    if own:
+        ends.sort(key=lambda end: -_standing(end, p, above) - float(centre[2] - end[2]) / RISE_M)
     root, tip = ends
     level = (tip - root)[:2]
     length = float(np.linalg.norm(level))
@@ -197,6 +211,22 @@ def _candidate(p: np.ndarray, axis: np.ndarray, deck_m: float) -> LeverCandidate
         width_m=width,
         bend=float(spread[1] / spread[2]),
         towards_user=float(level @ to_arm / max(length, 1e-6)) if length > 0.3 * (high - low) else 0.0,
-        outward=np.append(tip[:2] - axis, 0.0) / np.linalg.norm(tip[:2] - axis),
+        outward=_level(tip - root if own else tip - np.append(axis, 0.0)),
         above_deck_m=float(p[:, 2].min()) - deck_m,
     )
+
+
+def _standing(end: np.ndarray, piece: np.ndarray, above: np.ndarray) -> float:
+    """How much of the object lies closely below an end of a piece, 0 to 1: a root has a foot, a tip hangs free."""
+    below = end[2] - above[:, 2]
+    beside = np.linalg.norm(above[:, :2] - end[:2], axis=1) < BESIDE_M
+    foot = above[beside & (below > BELOW_M[0]) & (below < BELOW_M[1])]
+    if not len(foot):
+        return 0.0
+    others = cKDTree(piece).query(foot)[0] > OWN_M
+    return min(1.0, float(others.sum()) / FOOT_POINTS)
+
+
+def _level(v: np.ndarray) -> np.ndarray:
+    flat = np.array([v[0], v[1], 0.0])
+    return flat / max(float(np.linalg.norm(flat)), 1e-9)

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
-from s2r_host.perception.affordance import PushNetworkRuntime
+from s2r_host.perception.affordance import Affordance, PushNetworkRuntime
 from s2r_host.perception.affordance import PushProposal as NetworkPush
 from s2r_host.perception.frames import DepthFrame
 
@@ -64,9 +64,13 @@ def push_proposals_from_network(
         BadViewError: No object in the view.
         InputError: The weights are missing.
     """
+    yield from proposals_of((runtime or shipped()).affordance(frame, rng), settings)
+
+
+def proposals_of(found: Affordance, settings: NetworkPushSettings | None = None) -> Iterator[PushProposal]:
+    """The pushes of a judged view as poses of the fingertip, best first."""
     settings = settings or NetworkPushSettings()
-    found = (runtime or shipped()).affordance(frame, rng).proposals
-    believed = [push for push in found if push.likelihood >= settings.least_likelihood]
+    believed = [push for push in found.proposals if push.likelihood >= settings.least_likelihood]
     for some in (believed[: settings.first], believed[settings.first :]):
         for lean, push in product(settings.leans, some):
             yield from _postures(push, lean, settings)

@@ -10,12 +10,14 @@ import numpy as np
 
 from s2r_host.errors import SceneError
 from s2r_host.model.build import ObjectModel, build_model
+from s2r_host.model.write import write_mjcf
 from s2r_host.perception.estimate import JointEstimate, estimate_joint
-from s2r_host.perception.motion import Push
+from s2r_host.perception.motion import JointMotion, Push
 from s2r_host.proprioception.object_numbers import ObjectNumbers
 from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.object_file import with_face, with_friction
 from s2r_host.run.observe import Observation
+from s2r_host.run.sure_part import sure_pieces
 from s2r_host.run.task import Task
 
 UPRIGHT_AXIS = 0.5
@@ -125,7 +127,8 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
 
     The belief in a drawer differs from the built model in one face: the front's back, which no camera saw, is put
     5 mm further in. A plan that hooks the front's upper edge must not count on millimetres nobody measured.
-    A hinge is believed to have enough dry friction to hold its part anywhere.
+    A hinge is believed to have enough dry friction to hold its part anywhere, and its part to end a little before
+    where it was seen to end (:mod:`s2r_host.run.sure_part`).
 
     Raises:
         ModelError: The views do not show enough of the object.
@@ -134,7 +137,7 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
     template, path = part_template(estimate), model.mjcf_path
     if not template.slides:
         template = template.with_back(_thickness_m(model))
-        path = _held(model, folder / "believed.xml")
+        path = _held(model, estimate.motion, folder / "believed.xml")
     elif model.drawer is not None:
         path = with_face(
             path, "part_front", template.axis, -UNSEEN_MARGIN_M, folder / "believed.xml", inner=True
@@ -150,17 +153,18 @@ def _thickness_m(model: ObjectModel) -> float:
     return min(plates, default=USUAL_PLATE_M)
 
 
-def _held(built: ObjectModel, path: Path) -> Path:
-    """The object with at least the friction that keeps the part at rest anywhere in its range, and some more.
+def _held(built: ObjectModel, hinge: JointMotion, path: Path) -> Path:
+    """The object with at least the friction that keeps the part at rest anywhere in its range, its edges cut back.
 
     Mass is a guess from a guessed density. That the part stayed where both views found it is a fact, that it stays
     elsewhere, too, is what such hinges are made for: a lid that falls from half its way would be of no use.
     """
     model = mujoco.MjModel.from_xml_path(str(built.mjcf_path))
-    friction = holding_friction(built.mjcf_path, built.range)
-    if friction <= model.dof_frictionloss[model.joint(JOINT).dofadr[0]]:
-        return built.mjcf_path
-    return with_friction(built.mjcf_path, JOINT, friction, path)
+    believed = float(model.dof_frictionloss[model.joint(JOINT).dofadr[0]])
+    sure = path.with_name("sure.xml")
+    write_mjcf(sure, sure_pieces(built.pieces, hinge), hinge, built.range, built.physics)
+    friction = max(believed, holding_friction(built.mjcf_path, built.range))
+    return with_friction(sure, JOINT, friction, path)
 
 
 def holding_friction(mjcf: Path, span: tuple[float, float]) -> float:

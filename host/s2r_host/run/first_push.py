@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -17,6 +17,7 @@ from s2r_host.motion.lid_proposals import lid_proposals
 from s2r_host.motion.push import PushMotion, PushScene, lid_scene, piece_scene, plan_push, push_scene
 from s2r_host.motion.push_proposals import PushProposal, push_proposals
 from s2r_host.run.back_off import back_off
+from s2r_host.run.network_push import belief_in, judged, network_push
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.settings import RunSettings
@@ -25,6 +26,7 @@ from s2r_host.run.travel import timed
 
 PUSH = 1  # place of the push itself among the motions: approach, push, back, home
 SAME_PIECE_M = 0.04  # a push that began this near a piece was about it
+UNMOVED = 1.0  # doubt about a piece that the push network believes to stand still
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +82,7 @@ def prepare_push(
         TrajectoryError: A motion cannot be timed.
     """
     settings = session.settings
-    pushable, motion = _reachable(session, _PUSHABLES[settings.task.name](view, settings, earlier), skip)
+    pushable, motion = _reachable(session, _PUSHABLES[settings.task.name](session, view, earlier), skip)
     paths: list[tuple[np.ndarray, str, float]] = [
         (motion.approach, f"push {number}: approach", settings.travel_speed),
         (motion.push, f"push {number}", settings.push_speed),
@@ -113,9 +115,15 @@ def carry_out_push(session: Session, planned: PlannedPush) -> DonePush:
     return DonePush(planned, tuple(session.executed[begun:]), went_through)
 
 
-def _reachable(session: Session, pushables: Sequence[Pushable], skip: int) -> tuple[Pushable, PushMotion]:
-    """The first of several things to push that the arm can push, and how."""
-    for k, pushable in enumerate(pushables):
+def _reachable(session: Session, pushables: Iterable[Pushable], skip: int) -> tuple[Pushable, PushMotion]:
+    """The first of several things to push that the arm can push, and how.
+
+    Raises:
+        NoMotionError: The arm can push none of them; the text is about the first.
+        SceneError: There are none.
+    """
+    first: NoMotionError | None = None
+    for pushable in pushables:
         try:
             return pushable, plan_push(
                 session.arm,
@@ -125,44 +133,62 @@ def _reachable(session: Session, pushables: Sequence[Pushable], skip: int) -> tu
                 session.arm.arm.q_home,
                 session.rng,
             )
-        except NoMotionError:
-            if k == len(pushables) - 1:
-                raise
-    raise SceneError("nothing to push in view")
+        except NoMotionError as error:
+            first = first or error
+    if first is not None:
+        raise first
+    raise SceneError(
+        f"nothing in this view that looks like a {session.settings.task.part} gives way; turn the object so that its "
+        f"{session.settings.task.part} is seen"
+    )
 
 
-def _drawer(view: Observation, settings: RunSettings, _: Sequence[DonePush]) -> list[Pushable]:
-    front = find_front(view.scene)
-    return [Pushable(front.normal, push_scene(view.scene, front), push_proposals(front, settings.push))]
+def _drawer(session: Session, view: Observation, _: Sequence[DonePush]) -> Iterator[Pushable]:
+    front, settings = find_front(view.scene), session.settings
+    yield Pushable(front.normal, push_scene(view.scene, front), push_proposals(front, settings.push))
 
 
-def _laptop(view: Observation, settings: RunSettings, _: Sequence[DonePush]) -> list[Pushable]:
-    lid = find_lid(view.scene)
+def _laptop(session: Session, view: Observation, _: Sequence[DonePush]) -> Iterator[Pushable]:
+    lid, settings = find_lid(view.scene), session.settings
     scene = lid_scene(view.scene, lid, settings.lid_push.hidden_m)
-    return [Pushable(lid.along, scene, lid_proposals(lid, settings.lid_push))]
+    yield Pushable(lid.along, scene, lid_proposals(lid, settings.lid_push))
 
 
-def _faucet(view: Observation, settings: RunSettings, earlier: Sequence[DonePush]) -> list[Pushable]:
-    """The likeliest lever first. What did not give way is no lever; what was pushed in vain comes last.
+def _faucet(session: Session, view: Observation, earlier: Sequence[DonePush]) -> Iterator[Pushable]:
+    """What looks like a lever and is believed to move, then what the push network would push.
 
-    Raises:
-        SceneError: Nothing that looks like a lever gives way.
+    What did not give way was pushed at its root, if it is a lever at all: it comes again the other way round, and what
+    was pushed in vain comes last.
     """
-    levers = [lever for lever in find_levers(view.scene) if not any(_held_out(lever, one) for one in earlier)]
-    if not levers:
-        raise SceneError(
-            "what looks like a lever in this view does not give way; turn the object so that its lever is seen"
-        )
-    levers.sort(key=lambda lever: any(_pushed(lever, one) for one in earlier))
-    return [
-        Pushable(
-            None,
-            piece_scene(view.scene, lever.p),
-            lever_proposals([lever], settings.lever_push),
-            fresh=True,
-        )
-        for lever in levers
-    ]
+    settings = session.settings
+    found = judged(view, session.rng)
+    try:
+        levers = find_levers(view.scene)
+    except SceneError as error:
+        session.journal.warn(f"{error}; asking the push network")
+        levers = []
+    levers.sort(key=lambda lever: lever.doubt + UNMOVED * (1.0 - belief_in(found, lever.p)))
+    stopped = [sum(_held_out(lever, one) for one in earlier) for lever in levers]
+    fresh = [lever for lever in levers if not any(_pushed(lever, one) for one in earlier)]
+    for lever in fresh:
+        yield _lever(view, lever, settings)
+    for lever, times in zip(levers, stopped, strict=True):
+        if times == 1:
+            yield _lever(view, lever.turned_round(), settings)
+    touched = [one.planned.motion.proposal.p_contact for one in earlier]
+    proposed = network_push(found, view, settings.network_push, touched)
+    if proposed is not None:
+        scene, proposals = proposed
+        yield Pushable(None, scene, iter(proposals), fresh=True)
+    for lever, times in zip(levers, stopped, strict=True):
+        if lever not in fresh and not times:
+            yield _lever(view, lever, settings)
+
+
+def _lever(view: Observation, lever: LeverCandidate, settings: RunSettings) -> Pushable:
+    return Pushable(
+        None, piece_scene(view.scene, lever.p), lever_proposals([lever], settings.lever_push), fresh=True
+    )
 
 
 def _pushed(lever: LeverCandidate, push: DonePush) -> bool:

@@ -81,3 +81,27 @@ def test_a_bare_post_has_no_lever():
     post = np.column_stack([0.6 + 0.02 * np.cos(angle), 0.02 * np.sin(angle), z])
     with pytest.raises(SceneError, match="no lever in view"):
         find_levers(Scene(post, np.array([0.0, -0.45, 0.55])))
+
+
+def test_a_handle_apart_from_the_body_is_rooted_where_it_stands_not_where_it_comes_near_the_body():
+    table, deck = np.eye(4), np.eye(4)
+    table[:3, 3], deck[:3, 3] = (0.7, 0.0, -0.01), np.add(FOOT, (0.0, 0.0, 0.006))
+    foot = np.add(FOOT, (0.0, 0.16, 0.0))
+    head, out = np.add(foot, (0.0, 0.0, 0.04)), np.array([-0.8, -0.6, 0.0])
+    static = [
+        Box(table, np.array([1.6, 1.6, 0.02])),
+        Box(deck, np.array([0.16, 0.44, 0.012])),
+        _beam(FOOT, np.add(FOOT, (0.0, 0.0, 0.09)), 0.05, 0.05),
+        _beam(foot, head, 0.03, 0.03),
+        _beam(head, head + 0.13 * out + (0, 0, 0.03), 0.02, 0.012),
+    ]
+    still = JointMotion("revolute", FOOT, np.array([0.0, 0, 1]), 0.0)
+    X_WC = look_at(np.array((0.0, -0.45, 0.55)), np.add(FOOT, (0.0, 0.0, 0.1)))
+    scene = observed_scene(pair(static, [], still, K, SHAPE, X_WC, np.random.default_rng(0)).before)
+    lever = min(find_levers(scene), key=lambda c: float(np.linalg.norm(c.p.mean(axis=0) - head)))
+    assert np.linalg.norm(lever.p_root - head) < 0.04
+    assert np.linalg.norm(lever.p_tip - FOOT) < np.linalg.norm(
+        lever.p_root - FOOT
+    )  # the tip is nearer to the body
+    assert lever.outward @ out > np.cos(np.radians(15.0))
+    assert np.allclose(lever.turned_round().direction, -lever.direction)
