@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_host.planning.belief import Belief
-from s2r_host.planning.execution import FineWorld
-from s2r_host.planning.kinematics import ToolKinematics
 from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import plan_manipulation, scene_of
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
 from s2r_host.trajectory.perturb import perturbed
+from s2r_host.trajectory.shift import shift_with_part
 from s2r_host.trajectory.time_law import TimeLawSettings, time_law
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
 from s2r_host.trajectory.verify import Replay, replay
@@ -209,7 +208,7 @@ def _corrected(
 ) -> tuple[Delivery | None, str]:
     """The delivery along one path, or None and the reason."""
     tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
-    shift = _end_shift(path[-1], result.final, scene)
+    shift = shift_with_part(path[-1], result.final, scene)
     ramp = np.clip((np.arange(len(path)) - touch) / max(len(path) - 1 - touch, 1), 0.0, 1.0)[:, None]
     extra, problem = 0.0, ""
     for correction in range(_CORRECTIONS + 1):
@@ -230,16 +229,3 @@ def _corrected(
         if abs(extra) > max(_LARGEST_M, 0.3 * abs(request.s_target - request.s_initial)):
             break
     return None, problem
-
-
-def _end_shift(q_end: np.ndarray, s_end: float, scene: Scene) -> np.ndarray:
-    """Change of the last posture per unit of the object's joint: the fingertip goes along with the part, (dof,)."""
-    world = FineWorld(scene, q_end, s_end)
-    p_tip = world.data.site_xpos[scene.tool_site].copy()
-    direction = scene.part_motion(world.data, p_tip)
-    if not scene.prismatic:
-        joint = scene.joint_id
-        direction = np.cross(world.data.xaxis[joint], p_tip - world.data.xanchor[joint])
-    jacobian = ToolKinematics(scene, 0.0).jacobian(q_end)
-    twist = np.concatenate([direction, np.zeros(3)])
-    return jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-6 * np.eye(6), twist)

@@ -26,6 +26,7 @@ from s2r_host.planning.rewards import Task
 from s2r_host.planning.sampler import icem_sampler
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRequest
+from s2r_host.trajectory.shift import shift_with_part
 from s2r_host.trajectory.to_rest import to_rest
 from s2r_host.trajectory.torque import InverseDynamics
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
@@ -230,13 +231,20 @@ class ReactivePlanner:
         end: float,
         report: Report,
     ) -> tuple[Trajectory | None, float]:
-        """The first sampled continuation that is harmless and ends nearer to the target, and where it ends."""
+        """The first continuation that is harmless and ends nearer to the target, and where it ends.
+
+        First the running motion's end, moved along with the part by what is missing; then what the sampler finds.
+        """
         world, settings = self._world, self.settings
         start = running.sample(splice_t)
         self._ahead.task = replace(self._task, s_target=target)
         sequences, _ = self._ahead.ranked(world.data, start[0] + self._lead * start[1])
         self._ahead.sampler.advance()
         ahead = self._ahead.targets(start[0], sequences[: settings.tried])[:, settings.ahead_steps]
+        limits, margin = self._request.arm.limits, self._request.settings.joint_margin_rad
+        beyond = running.q[-1] + (target - end) * shift_with_part(running.q[-1], end, self._scene)
+        if np.all((beyond > limits.q_min + margin) & (beyond < limits.q_max - margin)):
+            ahead = np.concatenate([beyond[None], ahead])
         # Going on is out of the question when it touches something: then anything harmless is better.
         worst = np.inf if report.contact is not None else abs(target - end)
         for goal in ahead:
