@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import Row
 from s2r_sim.paper.summary import LIMITS, PAPER, UNITS, Merit, merit, relative_errors, wilson
 from s2r_sim.paper.trials import KINDS
@@ -61,6 +62,9 @@ def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str, attempts: in
             lines.append(f"| {kind} | {stage} | {count} |")
     lines += ["", "## Perception in these trials", "", *_perception(rows, kinds)]
     lines += ["", "## What a trial costs", "", *_costs(rows, kinds)]
+    scaled = projection(rows)
+    if scaled:
+        lines += ["", "## At scale, on paper", "", *scaled]
     lines += ["", "## Every trial", "", *_trials(rows)]
     return lines
 

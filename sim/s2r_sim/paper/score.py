@@ -13,10 +13,11 @@ from s2r_protocol.arms import load_arm
 from s2r_sim.objects.scene import joint_truth
 from s2r_sim.paper.trials import Trial
 from s2r_sim.physics import build_world
-from s2r_sim.score import read_truth
+from s2r_sim.score import Truth, read_truth
 from s2r_sim.world import load_world
 
 Row = dict[str, Any]
+MOVING_RAD_S = 2e-3
 
 
 def score_trial(trial: Trial, folder: Path, commitment: str) -> Row:
@@ -41,6 +42,7 @@ def score_trial(trial: Trial, folder: Path, commitment: str) -> Row:
         "pushes": sum(entry["name"].startswith("B") for entry in run["views"]),
         "manipulations": len(begun),
         "wall_s": run["wall_s"],
+        "moving_s": _moving_s(truth),
         "s_found": float(truth.s[0]),
         "s_end": float(truth.s[-1]),
         "delta": None,
@@ -55,6 +57,13 @@ def score_trial(trial: Trial, folder: Path, commitment: str) -> Row:
         row["delta"] = target - float(truth.s[-1])
         row["delta_first"] = target - (begun[1] if len(begun) > 1 else float(truth.s[-1]))
     return row
+
+
+def _moving_s(truth: Truth) -> float:
+    """Simulated time in which the arm moved [s]: lock-step lets it rest for as long as the machine likes."""
+    step = np.diff(truth.t)
+    speed = np.abs(np.diff(truth.q, axis=0)).max(axis=1) / np.maximum(step, 1e-9)
+    return round(float(step[speed > MOVING_RAD_S].sum()), 2)
 
 
 def failed_stage(run: Row) -> str | None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from s2r_sim.paper.page import PICTURE, write_page
+from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import failed_stage
 from s2r_sim.paper.summary import merit, wilson
 from s2r_sim.paper.trials import KINDS, draw_trial
@@ -68,6 +69,15 @@ def test_the_interval_of_a_share_holds_the_share():
         low, high = wilson(k, 10)
         assert low <= k / 10 <= high
     assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_the_projection_is_the_measured_means_times_the_numbers_and_absent_without_costs():
+    assert projection(ROWS) == []
+    costed = [{**row, "cpu_s": 64.0, "stored_bytes": 2e7, "moving_s": 30.0, "wall_s": 70.0} for row in ROWS]
+    text = "\n".join(projection(costed))
+    assert "1,778 core hours, that is 1.2 machines of 64 cores for a day, and 2.0 TB" in text
+    assert "busy for 100 s at most" in text
+    assert "864,000 trials a day: 2.8 h" in text
 
 
 def test_the_page_has_every_trial_the_failures_and_a_picture(tmp_path):
