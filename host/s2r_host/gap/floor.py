@@ -40,7 +40,16 @@ def noise_samples(
             for block, values in zip(blocks, raw, strict=True):
                 if block.joint == j:
                     noise[j].append(generic_leftover(block.session, j, values, block.picks))
+    for j in joints:
+        noise[j] = at_least_declared(model.joints[j], noise[j], fit)
     return noise, source
+
+
+def at_least_declared(joint: str, noise: list[np.ndarray], fit: list[Session]) -> list[np.ndarray]:
+    """The noise samples, made larger where the recordings declare a less accurate effort than they show."""
+    declared = max((s.rec.effort_sigma.get(joint, 0.0) for s in fit), default=0.0)
+    rms = float(np.sqrt(np.mean(np.concatenate(noise) ** 2))) if noise else 0.0
+    return [x * (declared / rms) for x in noise] if 0.0 < rms < declared else noise
 
 
 def find_partner(twin: Session, fit: list[Session]) -> Session | None:

@@ -7,6 +7,7 @@ import numpy as np
 from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.problem import Problem
+from s2r_host.gap.rows import LEAST_ROWS, picks_of
 from s2r_host.gap.session import Session
 
 ONE_WAY = 0.02
@@ -19,6 +20,17 @@ def no_effort(model: RigidModel, fit: list[Session]) -> str | None:
     return (
         "cannot tell: no recording has an effort column (tau.<joint>), and feedback hides a mismatch from the "
         f"position; record effort for {', '.join(model.joints)}"
+    )
+
+
+def too_short(model: RigidModel, fit: list[Session]) -> str | None:
+    """A sentence when no recording holds enough rows to learn from and to predict."""
+    if any(len(picks_of(s, j)) >= LEAST_ROWS for s in fit for j in np.flatnonzero(s.has_u)):
+        return None
+    longest = max(float(s.t[-1] - s.t[0]) for s in fit)
+    return (
+        f"cannot tell: the longest recording lasts {longest:.2g} s, too short for the band in which efforts can be "
+        f"compared; record {', '.join(model.joints)} for several seconds"
     )
 
 

@@ -90,7 +90,7 @@ def analyse(
     if not hold:
         notes.append("no held-out recording given: the last 30 % of each fit recording is held out")
     a = Analysis(model, fit, hold, repeats, None, None, None, [], None, None, None, "insufficient", notes)
-    reason = insufficient.no_effort(model, fit)
+    reason = insufficient.no_effort(model, fit) or insufficient.too_short(model, fit)
     if reason:
         a.notes.insert(0, reason)
         _without_effort(a, log)

@@ -15,7 +15,7 @@ from s2r_host.gap.kinematics import Contradiction, contradiction
 from s2r_host.gap.law import LawFinding, check_law
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.nuisance import BaseParameter, base_parameters
-from s2r_host.gap.rows import Block, band, compare, make_blocks
+from s2r_host.gap.rows import Block, band, compare, least_cut, make_blocks
 from s2r_host.gap.session import Session
 
 SIGNAL_TO_NOISE = 20.0
@@ -131,11 +131,12 @@ def build_problem(
     sessions = fit + hold
     joints = [j for j in range(len(model.joints)) if any(s.has_u[j] for s in sessions)]
     blocks, raw = make_blocks(model, sessions, hold, joints)
+    joints = [j for j in joints if any(b.joint == j and b.session in fit for b in blocks)]
     noise, source = noise_samples(model, joints, fit, repeats, blocks, raw)
     for j in joints:
         cut = band(j, fit, blocks, noise[j], SIGNAL_TO_NOISE if source == "repeat" else SIGNAL_TO_GUESS)
         for s in sessions + repeats:
-            s.cut[j] = min(cut, float(s.cut[j]))
+            s.cut[j] = min(max(cut, least_cut(s)), float(s.cut[j]))
     blocks, raw = make_blocks(model, sessions, hold, joints)
     noise, source = noise_samples(model, joints, fit, repeats, blocks, raw)
     start = blocks[-1].rows.stop if blocks else 0

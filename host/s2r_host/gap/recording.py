@@ -15,7 +15,7 @@ from s2r_host.gap.errors import GapRecordingError
 KINDS = ("q", "dq", "tau", "q_cmd", "dq_cmd", "tau_ff", "current", "temp", "wrench")
 CONTROLLERS = ("pd", "pid", "position_servo", "none")
 MIN_SAMPLES = 50
-SIDE_KEYS = {"controller", "effort", "input", "units", "joint_names", "session", "notes"}
+SIDE_KEYS = {"controller", "effort", "effort_sigma", "input", "units", "joint_names", "session", "notes"}
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class Recording:
         effort: ``commanded`` (before delay, lag, clip, scale) or ``measured``.
         driven_by: ``effort`` or ``q_cmd``: what drives the forward simulation.
         session: Label shared by recordings made in one go.
+        effort_sigma: Accuracy of the effort channel where it is known better than the data show it, by joint: errors
+            that go together for tenths of seconds look like physics [N·m or N].
         warnings: What the file costs: missing columns, dropped samples, coarse steps.
     """
 
@@ -58,6 +60,7 @@ class Recording:
     notes: str
     warnings: tuple[str, ...]
     start_s: float = 0.0
+    effort_sigma: dict[str, float] = field(default_factory=dict)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -216,6 +219,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         notes=str(side.get("notes", "")),
         warnings=tuple(warnings),
         start_s=float(t[0]),
+        effort_sigma=_positive_numbers(side, "effort_sigma", names, path),
     )
 
 
@@ -224,6 +228,19 @@ def _mapping(side: dict, key: str, path: Path) -> dict:
     if not isinstance(value, dict):
         raise GapRecordingError(f"{path.stem}.yaml: '{key}' must be a map, found {type(value).__name__}")
     return value
+
+
+def _positive_numbers(side: dict, key: str, names: dict, path: Path) -> dict[str, float]:
+    try:
+        found = {str(names.get(j, j)): float(v) for j, v in _mapping(side, key, path).items()}
+    except (TypeError, ValueError) as error:
+        raise GapRecordingError(f"{path.stem}.yaml: {key} must map joints to numbers: {error}") from error
+    wrong = next((j for j, v in found.items() if not (np.isfinite(v) and v > 0.0)), None)
+    if wrong is not None:
+        raise GapRecordingError(
+            f"{path.stem}.yaml: {key} of '{wrong}' is {found[wrong]:g}; it must be positive"
+        )
+    return found
 
 
 def _choice(side: dict, key: str, allowed: tuple[str, ...], default: str, path: Path) -> str:

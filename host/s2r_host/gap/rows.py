@@ -12,6 +12,9 @@ from s2r_host.gap.session import Session, lowpass, nominal_friction
 
 HOLDOUT_SHARE = 0.3
 LEAST_CUT_HZ = 2.5
+ROWS_PER_CUT = 2.4  # rows per period of the cut
+KEPT_SHARE = 0.7  # of a recording, after the margins at its ends
+LEAST_ROWS = 32  # a recording with fewer holds nothing to learn from and to predict
 SLOPE_CUT_HZ = 50.0
 
 
@@ -53,7 +56,10 @@ def effort_slope(s: Session, joint: int) -> np.ndarray:
 def make_blocks(
     model: RigidModel, sessions: list[Session], hold: list[Session], joints: list[int]
 ) -> tuple[list[Block], list[np.ndarray]]:
-    """Blocks of all joints and recordings, and their residual efforts; without ``hold`` the last 30 % are held."""
+    """Blocks of all joints and recordings, and their residual efforts; without ``hold`` the last 30 % are held.
+
+    Recordings too short for the band in which efforts are compared are left out.
+    """
     blocks: list[Block] = []
     raw: list[np.ndarray] = []
     start = 0
@@ -62,6 +68,8 @@ def make_blocks(
             if not s.has_u[j]:
                 continue
             picks = picks_of(s, j)
+            if len(picks) < LEAST_ROWS:
+                continue
             rows = slice(start, start + len(picks))
             start += len(picks)
             held = np.full(len(picks), s in hold)
@@ -101,9 +109,14 @@ def band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray
     return float(np.clip(1.5 * highest, LEAST_CUT_HZ, s.cut[j]))
 
 
+def least_cut(s: Session) -> float:
+    """Cut below which a recording would hold too few rows [Hz]."""
+    return LEAST_ROWS / (ROWS_PER_CUT * KEPT_SHARE * max(float(s.t[-1] - s.t[0]), s.dt))
+
+
 def picks_of(s: Session, joint: int) -> np.ndarray:
     """Which steps of the work grid become rows, shape (rows,)."""
-    step = max(1, int(1.0 / (2.4 * float(s.cut[joint]) * s.dt)))
+    step = max(1, int(1.0 / (ROWS_PER_CUT * float(s.cut[joint]) * s.dt)))
     # Filters ring at the ends of a record for about a period of their cut.
     margin = max(3, min(int(max(0.15, 1.5 / float(s.cut[joint])) / s.dt), len(s.t) // 8))
     return np.arange(margin, len(s.t) - margin, step)

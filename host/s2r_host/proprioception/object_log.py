@@ -196,6 +196,7 @@ def write_log(touched: Sequence[Touch], joint: str, folder: Path, name: str, ses
         side = {
             "controller": {"type": "none"},
             "effort": "measured",
+            "effort_sigma": {joint: float(np.median(one.sigma))},
             "input": "effort",
             "session": session,
             "notes": "joint followed by the fingertip, effort from the arm's joint torques",

@@ -103,3 +103,14 @@ def test_parquet_reads_like_csv(tmp_path):
     path = tmp_path / "rec.parquet"
     pq.write_table(pa.table({"t": T, "q.a": np.sin(T)}), path)
     assert read_recording(path).get("q", "a") == pytest.approx(np.sin(T))
+
+
+def test_the_declared_accuracy_of_the_effort_is_read_under_the_models_joint(tmp_path):
+    side = {"effort_sigma": {"motor": 0.05}, "joint_names": {"motor": "a"}}
+    assert read_recording(simple(tmp_path, side)).effort_sigma == {"a": 0.05}
+
+
+@pytest.mark.parametrize("sigma", [{"a": 0}, {"a": -1.0}, {"a": "much"}, {"a": float("nan")}])
+def test_an_accuracy_that_is_no_positive_number_is_refused(tmp_path, sigma):
+    with pytest.raises(GapRecordingError, match="effort_sigma"):
+        read_recording(simple(tmp_path, {"effort_sigma": sigma}))
