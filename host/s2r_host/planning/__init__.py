@@ -1,6 +1,6 @@
 """Sampling model-predictive control through contact: iCEM on MuJoCo batches."""
 
-from s2r_host.planning.hooking import OutOfReachError
+from s2r_host.planning.out_of_reach import OutOfReachError
 from s2r_host.planning.planner import plan_manipulation
 from s2r_host.planning.scene import SceneFileError
 from s2r_host.planning.settings import (

@@ -11,21 +11,21 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from s2r_host.errors import HostError
 from s2r_host.planning.approach import find_approach
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.free_space import FreeSpace
 from s2r_host.planning.hand_probe import HandProbe, quat_of
 from s2r_host.planning.kinematics import ToolKinematics
-from s2r_host.planning.places import Places, find_places, part_box, part_geoms
+from s2r_host.planning.out_of_reach import OutOfReachError, hull_hint, not_reached, refuse_far
+from s2r_host.planning.places import Places, find_places, part_box
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
-from s2r_protocol.exits import RefusedError
 
 logger = logging.getLogger(__name__)
 
@@ -44,10 +44,6 @@ _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the part's way, where the arm has to
 _FOLLOW = (1.0, 0.0, 0.5)  # shares of a hinge's turn that the tool makes with it, tried in turn
 _LARGEST_TURN_RAD = 1.5  # of one joint between them; more is a flip
 TOUCH_WAYPOINT = 2  # row of a hook's route at which the fingertip meets the part
-
-
-class OutOfReachError(HostError, RefusedError):
-    """The arm cannot get its fingertip to where the part could be pushed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +74,17 @@ class Hook:
     s_start: float
     follow: float
 
+    @cached_property
+    def _directions(self) -> tuple[float, np.ndarray, np.ndarray, float]:
+        """Way to the touch [m], unit vectors along it and out along the tool, (3,), and their product."""
+        push_m = float(np.linalg.norm(self.push_part))
+        ahead, away = self.push_part / push_m, -self.R_part_tool[:, 2]
+        return push_m, ahead, away, float(ahead @ away)
+
+    @cached_property
+    def _grip_wxyz(self) -> np.ndarray:
+        return quat_of(self.R_part_tool)
+
     @property
     def whole_route(self) -> np.ndarray:
         """Approach and route, (k + m, dof) [rad]."""
@@ -95,13 +102,12 @@ class Hook:
         can back out: beside the place the fingertip is wanted higher. Straight distance has a minimum in front of
         the handle, where a third of the plans got stuck.
         """
-        push_m = float(np.linalg.norm(self.push_part))
-        ahead, away = self.push_part / push_m, -self.R_part_tool[:, 2]
+        push_m, ahead, away, level = self._directions
         offset = p_tip_part - self.p_part
         forward = offset @ ahead
         along = np.minimum(np.maximum(forward, 0.0), push_m)
         # What is left of the offset without its share along the push, by its square: this runs for every rollout.
-        height = offset @ away - along * float(ahead @ away)
+        height = offset @ away - along * level
         squared = np.einsum("...i,...i->...", offset, offset) + along * (along - 2.0 * forward)
         beside = np.sqrt(np.maximum(squared - height**2, 0.0))
         wanted = np.minimum(_FUNNEL_M, _FUNNEL_SLOPE * beside)
@@ -109,7 +115,7 @@ class Hook:
 
     def turn(self, quat_part_wxyz: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Angle [rad] between the tool's orientation in the part (..., 4) and the wanted one at joint value s (...)."""
-        grip = quat_of(self.R_part_tool)
+        grip = self._grip_wxyz
         cosine = quat_part_wxyz @ grip
         if self.follow != 1.0:
             # Wanted is the grip turned about the hinge's axis by the share that the tool does not follow.
@@ -129,7 +135,7 @@ def find_hooks(
         OutOfReachError: There is no free place behind the part, or the arm reaches none of them.
     """
     name = Path(object_mjcf).name
-    _refuse_far(scene, world, name)
+    refuse_far(scene, world, name)
     probe = HandProbe(scene, world.data, settings.threads)
     sign = float(np.sign(s_target - world.s))
     why = (
@@ -149,26 +155,10 @@ def find_hooks(
         ways = solver.with_approach(_apart(hooks), settings.hooks) or ways
         if len(ways) >= settings.hooks and all(np.linalg.norm(way.push_part) >= _ROOMY_M for way in ways):
             break
-        why = (
-            f"out of reach: the arm {scene.arm.name!r} {solver.failure(len(order), len(hooks), s_target)} "
-            f"(nearest place {np.linalg.norm(places.p, axis=1).min():.2f} m from the base); move the object"
-        )
+        why = not_reached(scene, places, solver.failure(len(order), len(hooks), s_target))
     if not ways:
-        raise OutOfReachError(f"object {name}: {why}{_hull_hint(scene)}")
+        raise OutOfReachError(f"object {name}: {why}{hull_hint(scene)}")
     return ways
-
-
-def _hull_hint(scene: Scene) -> str:
-    """What to think of where meshes of the part may have closed the gap, for the end of a sentence."""
-    geoms = part_geoms(scene)
-    meshes = geoms[scene.fine.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_MESH]
-    if not len(meshes):
-        return ""
-    names = ", ".join(scene.fine.mesh(int(scene.fine.geom_dataid[g])).name for g in meshes[:3])
-    return (
-        f" (MuJoCo takes each of the part's meshes, {names}{', …' if len(meshes) > 3 else ''}, for its convex hull: a "
-        "gap in one needs it split into convex pieces, as CoACD does)"
-    )
 
 
 def _cheapest(
@@ -185,28 +175,6 @@ def _cheapest(
     found.sort(key=lambda entry: entry[0])
     logger.debug("%d joint solutions at %d places", len(found), len(order))
     return [hook for _, hook in found[:_RANKED]]
-
-
-def _refuse_far(scene: Scene, world: FineWorld, name: str) -> None:
-    """Refuse a part that no posture of the arm comes near.
-
-    Raises:
-        OutOfReachError: The nearest point of the part is farther than the stretched arm.
-    """
-    source = scene.arm.source
-    offsets = [link.origin for link in (*source.joints, *source.mounts)] + [source.tool.origin]
-    reach_m = float(sum(np.linalg.norm(offset) for offset in offsets))
-    geoms = part_geoms(scene)
-    if not len(geoms):
-        raise OutOfReachError(
-            f"object {name}: the part that joint {scene.joint!r} moves has no solid geom to push"
-        )
-    away = np.linalg.norm(world.data.geom_xpos[geoms], axis=1) - scene.fine.geom_rbound[geoms]
-    if away.min() > reach_m:
-        raise OutOfReachError(
-            f"object {name}: out of reach: the part is {away.min():.2f} m or more from the base of arm "
-            f"{scene.arm.name!r}, which reaches {reach_m:.2f} m at most; move the object"
-        )
 
 
 class _Solver:

@@ -76,7 +76,9 @@ class Icem:
             groups.append(self._elites[: self._kept()])
         if self._iteration == s.iterations - 1 and s.mean_in_last:
             groups.append(self._mean[None])
-        return np.clip(np.concatenate(groups), -self.action_max, self.action_max)
+        samples = np.concatenate(groups)
+        np.maximum(samples, -self.action_max, out=samples)
+        return np.minimum(samples, self.action_max, out=samples)
 
     def update(self, samples: np.ndarray, rewards: np.ndarray) -> None:
         """Fit the distribution to the best samples.
@@ -86,7 +88,8 @@ class Icem:
             rewards: (samples,); a value that is not finite counts as the worst.
         """
         s = self.settings
-        rewards = np.where(np.isfinite(rewards), rewards, -np.inf)
+        if not np.isfinite(rewards).all():
+            rewards = np.where(np.isfinite(rewards), rewards, -np.inf)
         # A stable sort: ties are decided by the order of sampling, the same on every machine.
         best = np.argsort(-rewards, kind="stable")[: s.elites]
         self._elites = samples[best]

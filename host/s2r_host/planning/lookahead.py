@@ -70,6 +70,12 @@ class Lookahead:
 
         Not measured position plus action: servo lag would then add up, and the plan would not be a list of targets.
         """
-        following = np.clip(target + np.cumsum(actions, axis=1), self.low, self.high)
-        start = np.broadcast_to(target, (len(actions), 1, len(target)))
-        return np.concatenate([start, following], axis=1)
+        count, steps, dof = actions.shape
+        found = np.empty((count, steps + 1, dof))
+        found[:, 0] = target
+        following = found[:, 1:]
+        np.cumsum(actions, axis=1, out=following)
+        following += target
+        np.maximum(following, self.low, out=following)
+        np.minimum(following, self.high, out=following)
+        return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 
@@ -20,30 +22,41 @@ def coloured_noise(rng: np.random.Generator, shape: tuple[int, int, int], beta: 
     samples, length, dof = shape
     if length == 1:
         return rng.standard_normal(shape)
-    frequency = np.fft.rfftfreq(length)
-    frequency[0] = frequency[1]
-    amplitude = frequency ** (-beta / 2.0)
-    real = rng.standard_normal((samples, dof, len(frequency)))
-    imaginary = rng.standard_normal((samples, dof, len(frequency)))
+    amplitude, deviation = _spectrum(length, beta)
+    real = rng.standard_normal((samples, dof, len(amplitude)))
+    imaginary = rng.standard_normal((samples, dof, len(amplitude)))
     imaginary[..., 0] = 0.0
     real[..., 0] *= np.sqrt(2.0)
     if length % 2 == 0:
         imaginary[..., -1] = 0.0
         real[..., -1] *= np.sqrt(2.0)
     spectrum = amplitude * (real + 1j * imaginary)
+    return np.swapaxes(np.fft.irfft(spectrum, n=length, axis=-1), 1, 2) / deviation
+
+
+@functools.cache
+def _spectrum(length: int, beta: float) -> tuple[np.ndarray, float]:
+    """Amplitude of every frequency, and the standard deviation of the sum."""
+    frequency = np.fft.rfftfreq(length)
+    frequency[0] = frequency[1]
+    amplitude = frequency ** (-beta / 2.0)
     # Variance of the inverse transform: every bin but the real ones counts twice.
     counts = np.full(len(frequency), 2.0)
     counts[0] = 1.0
     if length % 2 == 0:
         counts[-1] = 1.0
-    deviation = np.sqrt(2.0 * np.sum(counts * amplitude**2)) / length
-    return np.swapaxes(np.fft.irfft(spectrum, n=length, axis=-1), 1, 2) / deviation
+    return amplitude, float(np.sqrt(2.0 * np.sum(counts * amplitude**2)) / length)
 
 
 def on_knots(values: np.ndarray, horizon: int) -> np.ndarray:
     """Stretch knot values, shape (samples, knots, dof), linearly over ``horizon`` steps: (samples, horizon, dof)."""
-    knots = values.shape[1]
+    left, share = _between(values.shape[1], horizon)
+    return (1.0 - share) * values[:, left] + share * values[:, left + 1]
+
+
+@functools.cache
+def _between(knots: int, horizon: int) -> tuple[np.ndarray, np.ndarray]:
+    """The knot before every step, (horizon,), and the share of the way to the next one, (1, horizon, 1)."""
     place = np.linspace(0.0, knots - 1.0, horizon)
     left = np.minimum(place.astype(int), knots - 2)
-    share = (place - left)[None, :, None]
-    return (1.0 - share) * values[:, left] + share * values[:, left + 1]
+    return left, (place - left)[None, :, None]

@@ -9,6 +9,7 @@ Arrays are (rollout, step) or (rollout, step, dof); each function returns (rollo
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,6 +137,7 @@ def r_load(load: np.ndarray, weights: RewardWeights) -> np.ndarray:
     return -weights.load * np.maximum(np.abs(load) - weights.load_free, 0.0).sum(axis=-1)
 
 
+@functools.cache
 def joint_weights(weights: RewardWeights, dof: int) -> np.ndarray:
     """The regularisation's weights for an arm with ``dof`` joints, (dof,)."""
     given = weights.joints[:dof]

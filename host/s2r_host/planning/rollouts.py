@@ -5,6 +5,8 @@ With several believable objects every sequence is played once with each of them,
 
 from __future__ import annotations
 
+import functools
+
 import mujoco
 import mujoco.batch
 import numpy as np
@@ -16,6 +18,7 @@ from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings, Stage
 
 _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
+_RECORD = ("qpos", "qvel", "sensordata")
 # The coarse model's sensors: tool pose (7), the robot's contacts (1), per finger contacts (1) and force (3).
 _ROBOT_CONTACTS, _FIRST_FINGER, _PER_FINGER = 7, 8, 4
 
@@ -51,6 +54,7 @@ class Rollouts:
         self._qvel = self._batch.bind("qvel")
         self._warmstart = self._batch.bind("qacc_warmstart")
         self._unused_controls = model.nu - scene.dof
+        self._records: dict[tuple[int, int], dict[mujoco.batch.RecordItem, np.ndarray]] = {}
         self.env_steps = 0
 
     def run(self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, hook: Hook) -> StepFacts:
@@ -63,53 +67,56 @@ class Rollouts:
 
         Returns:
             What the reward needs, with ``steps`` entries along time; with several beliefs, ``members`` rollouts in
-            succession for every sequence.
+            succession for every sequence. Good until the next call.
         """
         if self.members > 1:
             targets = np.repeat(targets, self.members, axis=0)
         rollouts, steps = targets.shape[0], targets.shape[1] - 1
-        ids = np.arange(rollouts)
-        self._qpos[ids] = qpos
-        self._qvel[ids] = qvel
-        self._warmstart[ids] = 0.0  # the same start for every rollout, whatever was computed before
+        self._qpos[:rollouts] = qpos
+        self._qvel[:rollouts] = qvel
+        self._warmstart[:rollouts] = 0.0  # the same start for every rollout, whatever was computed before
         control = ramp(targets, self._substeps)
         if self._unused_controls:
             rest = np.zeros((*control.shape[:2], self._unused_controls))
             control = np.concatenate([control, rest], axis=2)
-        record = self._batch.rollout(
-            control.shape[1], control, _CONTROL, ("qpos", "qvel", "sensordata"), ids=ids
+        # Written into the same arrays again and again: fresh ones of this size cost page faults on every thread.
+        shape = rollouts, control.shape[1]
+        record = self._records[shape] = self._batch.rollout(
+            shape[1], control, _CONTROL, _RECORD, ids=np.arange(rollouts), out=self._records.get(shape)
         )
         self.env_steps += rollouts * steps
         return self._facts(record, qvel, targets, hook)
 
     def _facts(self, record: dict, qvel: np.ndarray, targets: np.ndarray, hook: Hook) -> StepFacts:
-        scene, n = self._scene, self._substeps
-        dof = scene.dof
-        s = record["qpos"][:, n - 1 :: n, scene.s_qpos]
-        q = record["qpos"][:, n - 1 :: n, :dof]
-        dq = record["qvel"][:, n - 1 :: n, :dof]
-        before = np.broadcast_to(qvel[:dof], (len(dq), 1, dof))
-        ddq = np.diff(dq, axis=1, prepend=before) / self._control_dt_s
+        scene, n, dof = self._scene, self._substeps, self._scene.dof
         # Sensors and contacts describe the state before a substep: one substep behind qpos.
-        sensors = record["sensordata"]
-        touches = np.zeros(sensors.shape[:2])
-        for finger in range(_FIRST_FINGER, sensors.shape[2], _PER_FINGER):
-            touches += sensors[..., finger]
-        press_N = self._press(sensors, touches, record["qpos"][:, :, scene.s_qpos], hook)
-        collides = sensors[..., _ROBOT_CONTACTS] > touches
-        after = np.minimum(np.arange(n, sensors.shape[1] + 1, n), sensors.shape[1] - 1)
-        pose = sensors[:, after, :_ROBOT_CONTACTS]
+        qpos, ends, sensors = record["qpos"], record["qvel"][:, n - 1 :: n], record["sensordata"]
+        s, q, dq = qpos[:, n - 1 :: n, scene.s_qpos], qpos[:, n - 1 :: n, :dof], ends[..., :dof]
+        ddq = np.empty(dq.shape)
+        np.subtract(dq[:, 1:], dq[:, :-1], out=ddq[:, 1:])
+        np.subtract(dq[:, 0], qvel[:dof], out=ddq[:, 0])
+        ddq /= self._control_dt_s
+        touches = sensors[..., _FIRST_FINGER]
+        for finger in range(_FIRST_FINGER + _PER_FINGER, sensors.shape[2], _PER_FINGER):
+            touches = touches + sensors[..., finger]
+        press_N = self._press(sensors, touches, qpos[:, :, scene.s_qpos], hook)
+        # Where the next control step begins, or the last substep: the sensors lag.
+        tool = sensors[:, _after(n, sensors.shape[1]), :_ROBOT_CONTACTS]
+        load = targets[:, 1:] - q
+        load *= self._servo.kp
+        load -= self._servo.kd * dq
+        load /= scene.arm.limits.tau_max
         return StepFacts(
-            distance_m=hook.distance(pose[..., :3]),
-            turn_rad=hook.turn(pose[..., 3:], record["qpos"][:, after, scene.s_qpos]),
+            distance_m=hook.distance(tool[..., :3]),
+            turn_rad=hook.turn(tool[..., 3:], qpos[:, _after(n, sensors.shape[1]), scene.s_qpos]),
             s=s,
-            ds=record["qvel"][:, n - 1 :: n, scene.s_dof],
+            ds=ends[..., scene.s_dof],
             touches=_any_within(touches > 0, n),
-            collides=_any_within(collides, n),
+            collides=_any_within(sensors[..., _ROBOT_CONTACTS] > touches, n),
             press_N=press_N.reshape(len(s), -1, n).max(axis=2),
             dq=dq,
             ddq=ddq,
-            load=(self._servo.kp * (targets[:, 1:] - q) - self._servo.kd * dq) / scene.arm.limits.tau_max,
+            load=load,
         )
 
     def _press(self, sensors: np.ndarray, touches: np.ndarray, s: np.ndarray, hook: Hook) -> np.ndarray:
@@ -143,7 +150,15 @@ def ramp(targets: np.ndarray, substeps: int) -> np.ndarray:
     return np.ascontiguousarray(values.reshape(len(targets), -1, targets.shape[2]))
 
 
+@functools.cache
+def _after(substeps: int, count: int) -> np.ndarray:
+    """Per control step the substep whose sensors describe its end, of ``count`` substeps."""
+    return np.minimum(np.arange(substeps, count + 1, substeps), count - 1)
+
+
 def _any_within(flags: np.ndarray, substeps: int) -> np.ndarray:
     """Per control step, True if the flag, which lags one substep, was up at any of its substeps."""
-    lagged = np.concatenate([flags[:, 1:], flags[:, -1:]], axis=1)
-    return np.logical_or.reduce(lagged.reshape(len(flags), -1, substeps), axis=2)
+    found = flags[:, _after(substeps, flags.shape[1])]
+    for k in range(1, substeps):
+        found |= flags[:, k::substeps]
+    return found

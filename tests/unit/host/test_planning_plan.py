@@ -195,3 +195,15 @@ def test_a_search_that_runs_out_of_steps_gives_the_reason_and_no_success(request
     assert not result.success
     assert "was not reached in 3 control steps" in result.reason
     assert result.control_steps == 3 * len(PlanSettings().cascade)
+
+
+def test_a_plain_front_is_refused_for_want_of_a_handle_and_not_of_reach(tmp_path):
+    path = tmp_path / "plate.xml"
+    path.write_text(
+        """<mujoco><worldbody><body name="object_part" pos="0.6 0 0.305">
+        <joint name="object_joint" type="slide" axis="-1 0 0" range="0 0.3" damping="20" frictionloss="5"/>
+        <geom name="part_front" type="box" size="0.009 0.3 0.3" mass="2"/></body></worldbody></mujoco>"""
+    )
+    with pytest.raises(OutOfReachError, match=r"from its far side at .* is there a handle") as refused:
+        plan_manipulation(PlanRequest(ARM, path, 0.0, 0.08, ARM.q_home))
+    assert "move the object" not in str(refused.value)
