@@ -105,6 +105,7 @@ def complete(search: Search) -> tuple[list[Term], list[list[Scored]]]:
         if gains[weakest.term.key] > LEAST_GAIN:
             break
         parts.remove(weakest)
+    parts = _without_links(search, parts, gains)
     terms = [x.term for x in parts]
     for x in parts:
         search.log(f"  + {x.term.effect} on {search._joint(x.term)}: gain {gains[x.term.key]:.0f}")
@@ -115,6 +116,22 @@ def complete(search: Search) -> tuple[list[Term], list[list[Scored]]]:
         own = Scored(x.term, gains[x.term.key], gains[x.term.key], share, np.zeros(0))
         slots.append([own])
     return _richer(search, terms, slots)
+
+
+def _without_links(search: Search, parts: list[_Part], gains: dict[tuple[str, int], float]) -> list[_Part]:
+    """Leave all links out again where one load, one tilt or one other cause explains as much as all of them."""
+    from s2r_host.gap.regression import TEMPER
+
+    others = [x for x in parts if x.term.effect != LINKS]
+    if len(others) == len(parts):
+        return parts
+    terms = [x.term for x in others]
+    scored, _ = search.scan(terms, TEMPER)
+    best = next((s for s in scored if not s.term.effect.startswith(PREFIX)), None)
+    if best is None or best.gain < gains[(LINKS, -1)]:
+        return parts
+    search.log(f"  {best.term.effect} on {search._joint(best.term)} explains as much as all links")
+    return others
 
 
 def _columns(search: Search, term: Term) -> tuple[np.ndarray, np.ndarray]:

@@ -38,13 +38,18 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
         _add_law(problem, finding, decision)
     for contradiction in problem.contradictions:
         _add_contradiction(problem, contradiction, decision)
-    decision.effects.sort(key=lambda e: -e.probability)
+    decision.effects.sort(key=_rank)
     if decision.verdict != "unknown" and (moved := other_machine(problem, decision)):
         decision.verdict = "unknown"
         decision.reasons.append(moved)
     if decision.verdict == "unknown":
         decision.effects = []
     return decision
+
+
+def _rank(named: Named) -> tuple[float, float]:
+    """Most probable first; among effects as good as certain the one with the most evidence."""
+    return -round(named.probability, 4), -max(named.log_odds.values(), default=0.0)
 
 
 def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) -> Decision:

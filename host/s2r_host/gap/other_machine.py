@@ -7,14 +7,14 @@ import numpy as np
 from s2r_host.gap.decision import Decision
 from s2r_host.gap.problem import Problem
 
-OTHER_MACHINE = 0.4
+OTHER_MACHINE, FEW_JOINTS = 0.4, 2
 FAR_RIGID, FAR_FRICTION, FAR_KINDS, FAR_SCALE = 0.08, 0.3, 4, 2.0
 
 
 def other_machine(problem: Problem, decision: Decision) -> str | None:
     """A sentence when the parameters found belong to another machine than the model's."""
     m = problem.ctx.model.model
-    alone = len(problem.ctx.model.joints) == 1  # in an arm, centres trade off with masses further out
+    few = len(problem.ctx.model.joints) <= FEW_JOINTS  # in an arm, centres trade off with masses further out
     for body in problem.ctx.model.jointed_bodies():
         name = problem.ctx.model.body_name(body)
         shifts = [
@@ -22,7 +22,7 @@ def other_machine(problem: Problem, decision: Decision) -> str | None:
             for p in decision.parameters_off if p["name"].startswith("com_") and p.get("body") == name
         ]  # fmt: skip
         arm, shift = float(np.linalg.norm(m.body_ipos[body])), float(np.linalg.norm(shifts))
-        if alone and shift > OTHER_MACHINE * arm > 0:
+        if few and shift > OTHER_MACHINE * arm > 0:
             return (
                 f"the centre of mass of '{name}' would have to move by {shift:.3g} m from {arm:.3g} m off the joint: "
                 "is this recording of another machine?"
@@ -31,7 +31,7 @@ def other_machine(problem: Problem, decision: Decision) -> str | None:
     far = [
         n for n, x in moved.items() if x > (FAR_FRICTION if n in ("damping", "frictionloss") else FAR_RIGID)
     ]
-    if alone and len(far) >= FAR_KINDS:
+    if few and len(far) >= FAR_KINDS:
         return f"{', '.join(far)} would all have to change by much: is this recording of another machine?"
     for e in decision.effects:
         scale = e.parameters["scale"]["value"] if e.name == "effort_scale" else 1.0

@@ -229,6 +229,8 @@ class Search(Regression):
             slots.append(scored)
             chosen, slots = self._replace(chosen, slots)
         chosen, slots = self._prune(chosen, slots)
+        if len(chosen) > self.completed > 0:
+            chosen, slots = self._prune_completed(chosen, slots)
         return self.finish(chosen, slots, scans)
 
     def _clear(self, best: Scored, slots: list[list[Scored]]) -> bool:
@@ -295,6 +297,31 @@ class Search(Regression):
             else:
                 i += 1
         return chosen, slots
+
+    def _prune_completed(
+        self, chosen: list[Term], slots: list[list[Scored]]
+    ) -> tuple[list[Term], list[list[Scored]]]:
+        """Drop what completed the description and is not needed beside the effects found since."""
+        while True:
+            noise = self.noise_level(chosen)
+            gains = [self.gain_of(chosen, i, noise) for i in range(self.completed)]
+            if not gains or min(gains) > MIN_GAIN:
+                for i, gain in enumerate(gains):
+                    slots[i][0].gain = gain
+                return chosen, slots
+            weakest = int(np.argmin(gains))
+            self.log(f"  - {chosen[weakest].effect} on {self._joint(chosen[weakest])}")
+            chosen = [t for k, t in enumerate(chosen) if k != weakest]
+            slots = [s for k, s in enumerate(slots) if k != weakest]
+            self.completed -= 1
+
+    def gain_of(self, chosen: list[Term], i: int, noise: float) -> float:
+        """Log evidence and prediction that the set loses without its term ``i``."""
+        others, fit = [t for k, t in enumerate(chosen) if k != i], ~self.problem.held
+        base = self.marginal(others, fit, noise)
+        w, prior = self.weigh(base, fit, chosen[i])
+        gain = w.log_evidence(noise, prior) + 0.5 * base.rss / noise
+        return gain + self._predict(chosen, noise)[0] - self._predict(others, noise)[0]
 
     def _joint(self, term: Term) -> str:
         return "the model" if term.joint < 0 else self.problem.ctx.model.joints[term.joint]

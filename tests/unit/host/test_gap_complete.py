@@ -5,6 +5,7 @@ import pytest
 
 from s2r_host.gap.complete import LINKS, complete
 from s2r_host.gap.effects.backlash import behind_gap
+from s2r_host.gap.effects.payload import add_mass
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.problem import build_problem
 from s2r_host.gap.recording import Controller, Recording
@@ -101,3 +102,29 @@ def test_a_narrow_line_widens_the_band_and_noise_does_not():
     assert line_hz(np.sin(2 * np.pi * 61 * t) + 0.1 * noise, 0.001) == pytest.approx(61, abs=2)
     assert line_hz(noise, 0.001) == 0.0
     assert line_hz(np.sin(2 * np.pi * 3 * t) + 0.1 * noise, 0.001) == 0.0
+
+
+def test_a_load_at_the_hand_is_no_matter_of_all_links(tmp_path):
+    def loaded(seed):
+        rng = np.random.default_rng(seed)
+        record = recorded(tmp_path, seed)
+        true = RigidModel(tmp_path / "true.xml")
+        heavy = true.variant(lambda m: add_mass(m, 3, 0.6, np.array([0.2, 0.0, 0.04])))
+        q = np.stack([record.channels["q"][j] for j in true.joints], axis=1)
+        v = np.gradient(q, 0.005, axis=0)
+        a = np.gradient(v, 0.005, axis=0)
+        tau = true.inverse(q, v, a, heavy) + RUB * np.tanh(v / 0.003) + 0.02 * rng.normal(size=q.shape)
+        for k, j in enumerate(true.joints):
+            record.channels["tau"][j] = tau[:, k]
+        return record
+
+    (tmp_path / "model.xml").write_text(ARM_XML.format(f="", m=2.0))
+    model = RigidModel(tmp_path / "model.xml")
+    problem = build_problem(model, [make_session(model, loaded(1), 0)], [], [])
+    search = Search(problem)
+    solution = search.run()
+    names = [t.effect for t in solution.terms]
+    assert "payload" in names
+    assert LINKS not in names
+    mass = float(solution.theta[names.index("payload")][0])
+    assert mass == pytest.approx(0.6, rel=0.2)

@@ -21,6 +21,7 @@ from s2r_conceal.rigs import rig_named
 from s2r_conceal.run import run_all
 from s2r_conceal.score_files import read_track, score_folder
 from s2r_conceal.seal import Key, read_manifest, unseal
+from s2r_conceal.write import sidecar
 
 COUNTS = {"single": 2, "clean": 3, "masked": 2, "insufficient": 1}
 FILES = {"model.xml", *(f"{r}.{k}" for r in ("fit", "repeat", "holdout") for k in ("csv", "yaml"))}
@@ -238,3 +239,47 @@ def test_an_effect_is_at_work_where_it_contributes():
     assert at_work[500:700].all()
     assert not at_work[:460].any()
     assert not at_work[740:].any()
+
+
+def test_arms_move_inside_the_travel_that_their_model_states():
+    rig = rig_named("seven_joint")
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        model = mujoco.MjModel.from_xml_string(rig.mjcf(rig.draw(rng), [{}] * 7))
+        centre, half = rig.stroke(rng)
+        assert np.all(centre - half > model.jnt_range[:, 0])
+        assert np.all(centre + half < model.jnt_range[:, 1])
+
+
+def test_arms_are_logged_at_many_rates_and_some_without_gains():
+    cases = draw_cases(1, "two_link", {"single": 24, "clean": 9}, 0.2)
+    assert {c.mask.rate_hz for c in cases} >= {100.0, 250.0, 500.0, 1000.0}
+    told = {c.mask.no_law: sidecar(c, "fit") for c in cases if not c.mask.no_effort}
+    assert told[True]["controller"] == {"type": "none"}
+    assert told[True]["input"] == "effort"
+    assert set(told[False]["controller"]) >= {"kp", "kd"}
+    assert not any(c.mask.no_law for c in cases if c.variant == "parameter_off")
+
+
+def test_a_good_part_of_the_arms_is_described_without_friction():
+    cases = draw_cases(1, "seven_joint", {"single": 20}, 0.2)
+    bare = [c for c in cases if not c.told.armature.any()]
+    assert 3 <= len(bare) <= 14
+    assert all(not c.told.coulomb.any() and not c.told.viscous.any() for c in bare)
+
+
+def test_a_load_hangs_on_the_last_joint_and_a_tilt_belongs_to_the_first():
+    cases = draw_cases(2, "two_link", {"single": 60}, 0.2)
+    places = {c.effects[0].name: c.effects[0].joint for c in cases}
+    assert (places["payload"], places["gravity_tilt"], places["motor_coupling"]) == (1, 0, 1)
+
+
+def test_only_what_failed_is_drawn_anew_on_an_arm(monkeypatch):
+    cases = draw_cases(4, "two_link", {"single": 3}, 0.2)
+    seen, fine = [], iter([True, False, True, True])
+    monkeypatch.setattr(draw, "calibrate", lambda some: seen.append(len(some)) or [None] * len(some))
+    monkeypatch.setattr(draw, "usable", lambda case, measured: next(fine))
+    monkeypatch.setattr(draw, "REDRAWS", 1)
+    found, _ = draw.calibrated(cases)
+    assert seen == [3, 1]
+    assert [a is b for a, b in zip(found, cases, strict=True)] == [True, False, True]
