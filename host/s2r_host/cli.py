@@ -54,6 +54,12 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     help="Watch the part while it is moved and correct the motion on its way; needs a camera that looks on.",
 )
 @click.option(
+    "--without",
+    multiple=True,
+    type=click.Choice(["torque", "touch"]),
+    help="Do not learn from joint torques (mass, friction), or from touches and misses (surfaces): an ablation.",
+)
+@click.option(
     "--acknowledge-contact",
     is_flag=True,
     help="After a collision stop on the way into contact, reset and back off; without it the run ends there.",
@@ -74,6 +80,7 @@ def run(
     attempts: int,
     ensemble: int,
     reactive: bool,
+    without: tuple[str, ...],
     acknowledge_contact: bool,
     dry_run: bool,
     as_json: bool,
@@ -104,6 +111,7 @@ def run(
         attempts=attempts,
         ensemble=ensemble,
         reactive=reactive,
+        without=without,
         acknowledge_contact=acknowledge_contact,
         dry_run=dry_run,
     )

@@ -102,7 +102,7 @@ def _learn_from_push(session: Session, record: RunRecord, feeling: Feeling) -> N
         return
     folder, positive = session.settings.out / "model-1", s > 0.0
     belief = _felt(session, feeling, belief, push.executed[PUSH], 0.0, s, folder)
-    if not belief.template.slides:
+    if not belief.template.slides and "touch" not in session.settings.without:
         touched = touched_by_push(
             belief, session.arm, push.planned.motion.push[-1], s, positive, task.far_off
         )
@@ -125,7 +125,8 @@ def _felt(
     folder: Path,
 ) -> Belief:
     """The belief with what a motion made the arm feel of the part."""
-    if not feeling.feel(belief, session.executed, pushed, s_from, s_to):
+    felt = feeling.feel(belief, session.executed, pushed, s_from, s_to)
+    if not felt or "torque" in session.settings.without:
         return belief
     belief = with_felt(belief, feeling.touched, folder)
     if belief.felt is not None:
@@ -219,13 +220,13 @@ def _attempts(session: Session, record: RunRecord, view: Observation, feeling: F
             "state",
             {"number": number, "s": measured.s, "sigma": measured.sigma, "delta": done.delta},
         )
-        if abs(done.delta) <= task.good_enough:
-            return
         folder, offset = settings.out / f"model-{number + 1}", measured.s - planned.foreseen
         if not planned.corrected:  # else the first motion was not all of it
             record.belief = _felt(session, feeling, record.belief, executed[0], s_now, measured.s, folder)
-        s_now = measured.s
-        if number < settings.attempts and abs(offset) < task.far_off:
+        if abs(done.delta) <= task.good_enough:
+            return
+        s_now, learns = measured.s, "touch" not in settings.without
+        if learns and number < settings.attempts and abs(offset) < task.far_off:
             positive = planned.request.s_target > planned.request.s_initial
             record.belief = corrected(record.belief, planned.pushed_geom, offset, positive, folder)
             journal.say(

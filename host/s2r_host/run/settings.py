@@ -16,6 +16,9 @@ from s2r_protocol.exits import UsageError
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 
+TEACHERS = ("torque", "touch")
+"""Joint torques tell mass and friction of the part, touches and misses where its surfaces are."""
+
 
 @dataclass(frozen=True)
 class RunSettings:
@@ -35,6 +38,7 @@ class RunSettings:
         attempts: Planned manipulations at most: the first and its corrections.
         ensemble: Believable objects that the planner scores every sequence with, drawn from the estimate's intervals.
         reactive: Watch the part while it is moved, and correct the motion on its way.
+        without: What the run shall not learn from, of ``TEACHERS``; for measuring what it is worth.
         push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan
             calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
         settle_s: Wait between the end of a motion and a picture.
@@ -61,6 +65,7 @@ class RunSettings:
     attempts: int = 3
     ensemble: int = 1
     reactive: bool = False
+    without: tuple[str, ...] = ()
     push_speed: float = 0.25
     travel_speed: float = 0.6
     plan_speed: float = 0.6
@@ -80,6 +85,8 @@ class RunSettings:
         for name in ("pushes", "attempts", "ensemble"):
             if getattr(self, name) < 1:
                 raise UsageError(f"--{name} {getattr(self, name)} is not allowed; at least 1")
+        if unknown := set(self.without) - set(TEACHERS):
+            raise UsageError(f"--without {sorted(unknown)[0]!r} is unknown; there are {', '.join(TEACHERS)}")
         for name in ("push_speed", "travel_speed", "plan_speed"):
             value = getattr(self, name)
             if not 0.0 < value <= 1.0:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -20,6 +22,15 @@ from s2r_protocol.exits import UsageError
 )
 @click.option(
     "--attempts", default=3, show_default=True, type=click.IntRange(min=1), help="Planned manipulations each."
+)
+@click.option(
+    "--run-options", default="", help="Further options of s2r run, as '--reactive --without torque'."
+)
+@click.option(
+    "--compare",
+    multiple=True,
+    metavar="LABEL=DIR",
+    help="Campaigns with other options: the page tells them apart on the trials they share.",
 )
 @click.option("--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Trials at a time.")
 @click.option(
@@ -39,6 +50,8 @@ def paper(
     trials: int,
     first: int,
     attempts: int,
+    run_options: str,
+    compare: tuple[str, ...],
     jobs: int,
     ray: str | None,
     out: Path,
@@ -66,10 +79,18 @@ def paper(
     if page_only:
         rows = [row for row in results_in(out / "results.jsonl") if row["kind"] in names]
     else:
-        rows = run_jobs(partial(run_trial, out), todo, out / "results.jsonl", jobs, "manipulations", ray)
+        rows = run_jobs(
+            partial(run_trial, out, tuple(shlex.split(run_options))),
+            todo,
+            out / "results.jsonl",
+            jobs,
+            "manipulations",
+            ray,
+        )
     options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
+    options += f" --run-options '{run_options}'" if run_options else ""
     command = f"s2r bench paper {options} --out DIR"
-    write_page(rows, page or out / "results.md", command, attempts, note)
+    write_page(rows, page or out / "results.md", command, attempts, note, _others(compare))
     merits = {key: [asdict(merit(rows, name, key)) for name in names] for key in ("delta", "delta_first")}
     if as_json:
         click.echo(json.dumps({"last": merits["delta"], "first": merits["delta_first"]}, indent=1))
@@ -81,3 +102,21 @@ def paper(
             f"below 10 / 30 / 50 %: {ten} / {thirty} / {fifty}  failures {entry['failures'] or '-'}"
         )
     click.echo(f"page: {page or out / 'results.md'}")
+
+
+def _others(compare: tuple[str, ...]) -> dict[str, list[dict[str, Any]]]:
+    """Rows of other campaigns by their label.
+
+    Raises:
+        UsageError: Not LABEL=DIR, or no results there.
+    """
+    from s2r_sim.batch import results_in
+
+    found = {}
+    for entry in compare:
+        label, separator, folder = entry.partition("=")
+        results = Path(folder) / "results.jsonl"
+        if not separator or not results.is_file():
+            raise UsageError(f"--compare {entry!r}: give LABEL=DIR with a results.jsonl in DIR")
+        found[label] = results_in(results)
+    return found

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from s2r_sim.paper.ablations import ablations
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import Row
 from s2r_sim.paper.summary import LIMITS, PAPER, UNITS, Merit, merit, relative_errors, wilson
@@ -13,15 +14,38 @@ from s2r_sim.paper.trials import KINDS
 PICTURE = "results.png"
 
 
-def write_page(rows: Sequence[Row], path: Path, command: str, attempts: int, note: str = "") -> None:
-    """Write the page and, beside it, its picture; ``note`` is a remark for the reader."""
+def write_page(
+    rows: Sequence[Row],
+    path: Path,
+    command: str,
+    attempts: int,
+    note: str = "",
+    others: Mapping[str, Sequence[Row]] | None = None,
+) -> None:
+    """Write the page and, beside it, its picture.
+
+    Args:
+        rows: Of the campaign.
+        path: Of the page.
+        command: That wrote it.
+        attempts: Planned manipulations at most.
+        note: A remark for the reader.
+        others: Campaigns of the same trials with other options, by label.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     kinds = [kind for kind in KINDS if any(row["kind"] == kind for row in rows)]
     draw_distribution(rows, kinds, path.parent / PICTURE)
-    path.write_text("\n".join(_lines(rows, kinds, command, attempts, note)) + "\n")
+    path.write_text("\n".join(_lines(rows, kinds, command, attempts, note, others or {})) + "\n")
 
 
-def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str, attempts: int, note: str) -> list[str]:
+def _lines(
+    rows: Sequence[Row],
+    kinds: Sequence[str],
+    command: str,
+    attempts: int,
+    note: str,
+    others: Mapping[str, Sequence[Row]],
+) -> list[str]:
     lines = [
         "# Results",
         "",
@@ -60,6 +84,8 @@ def _lines(rows: Sequence[Row], kinds: Sequence[str], command: str, attempts: in
     for kind in kinds:
         for stage, count in merit(rows, kind).failures.items():
             lines.append(f"| {kind} | {stage} | {count} |")
+    if others:
+        lines += ["", "## What the parts are worth", "", *ablations(rows, kinds, others)]
     lines += ["", "## Perception in these trials", "", *_perception(rows, kinds)]
     lines += ["", "## What a trial costs", "", *_costs(rows, kinds)]
     scaled = projection(rows)

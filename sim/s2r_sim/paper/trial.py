@@ -17,7 +17,7 @@ TIMEOUT_S = 1200.0
 MOST_TRIES = 3
 
 
-def run_trial(out: Path, kind: str, number: int, attempts: int) -> Row:
+def run_trial(out: Path, options: tuple[str, ...], kind: str, number: int, attempts: int) -> Row:
     """Run and score one manipulation.
 
     A trial in which a process did not answer in time, as on a machine with too much to do, is begun anew: that says
@@ -25,6 +25,7 @@ def run_trial(out: Path, kind: str, number: int, attempts: int) -> Row:
 
     Args:
         out: Folder; the trial's files go to ``trials/<kind>-<number>`` in it.
+        options: Further options of ``s2r run``.
         kind, number: Of the trial.
         attempts: Planned manipulations at most.
     """
@@ -33,7 +34,7 @@ def run_trial(out: Path, kind: str, number: int, attempts: int) -> Row:
     row: Row = {}
     for tries in range(1, MOST_TRIES + 1):
         before_s = _children_cpu_s()
-        row = {"kind": kind, "number": number, "tries": tries, **_try(trial, attempts, folder)}
+        row = {"kind": kind, "number": number, "tries": tries, **_try(trial, attempts, options, folder)}
         row["cpu_s"] = round(_children_cpu_s() - before_s, 1)
         row["stored_bytes"] = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
         if row["exit"] != ExitCode.UNREACHABLE:
@@ -47,7 +48,7 @@ def _children_cpu_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _try(trial: Trial, attempts: int, folder: Path) -> Row:
+def _try(trial: Trial, attempts: int, options: tuple[str, ...], folder: Path) -> Row:
     shutil.rmtree(folder, ignore_errors=True)  # of an interrupted try
     folder.mkdir(parents=True)
     world = folder / "world.json"
@@ -60,7 +61,7 @@ def _try(trial: Trial, attempts: int, folder: Path) -> Row:
             command = s2r_command(
                 "run", trial.kind, f"--target={trial.change!r}", "--from", "pushed", "--attempts", str(attempts),
                 "--acknowledge-contact", "--seed", str(trial.number), "--executor", cell.executor,
-                "--camera", cell.camera, "--out", folder / "run",
+                "--camera", cell.camera, "--out", folder / "run", *options,
             )  # fmt: skip
             ended = subprocess.run(
                 command, stdout=log, stderr=subprocess.STDOUT, timeout=TIMEOUT_S, check=False

@@ -5,7 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from s2r_sim.paper.ablations import ablations
+from s2r_sim.paper.cli import paper
 from s2r_sim.paper.page import PICTURE, write_page
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import failed_stage
@@ -78,6 +81,22 @@ def test_the_projection_is_the_measured_means_times_the_numbers_and_absent_witho
     assert "1,778 core hours, that is 1.2 machines of 64 cores for a day, and 2.0 TB" in text
     assert "busy for 100 s at most" in text
     assert "864,000 trials a day: 2.8 h" in text
+
+
+def test_ablations_compare_shared_trials_and_count_failures_as_misses():
+    worse = [
+        {**row, "delta_first": None if row["number"] == 1 else 3 * (row["delta"] or 0.1)} for row in ROWS[:3]
+    ]
+    text = "\n".join(ablations(ROWS, ["drawer", "faucet"], {"without torque": worse}))
+    assert "| drawer | as it is | 3 | 1 (33 %" in text
+    assert "| drawer | without torque | 3 | 0 (0 %" in text
+    assert "+80.0 %" in text  # 5 -> 15, 20 -> 100, 45 -> 135
+    assert "faucet" not in text
+
+
+def test_campaigns_to_compare_with_must_be_there(tmp_path):
+    result = CliRunner().invoke(paper, ["--out", str(tmp_path), "--page-only", "--compare", "x=/nowhere"])
+    assert "give LABEL=DIR with a results.jsonl" in str(result.exception)
 
 
 def test_the_page_has_every_trial_the_failures_and_a_picture(tmp_path):
