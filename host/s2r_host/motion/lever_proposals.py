@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from s2r_host.motion.levers import LeverCandidate
 from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
 
 DOWN = np.array([0.0, 0.0, -1.0])
+SHORTEST, LEAST_DOWN = 0.3, -0.1  # of a finger's axis before it is made a unit vector; sine below level
 SIDEWAYS = 0.7  # cosine between finger and push, below which it pushes with its side
 
 
@@ -25,7 +27,7 @@ class LeverPushSettings:
         places: Along the lever, 0 at its root, 1 at its tip.
         below_m: How far the fingertip reaches past the lever's line when it pushes with its side.
         leans: Share of "down" in the finger's axis; the rest points along the push, or from outside to the body.
-        upright: Levers whose line rises more than this (sine) are pushed in the plane they lean in.
+        upright: Levers whose line rises more than this (sine) are believed to swing in the plane they lean in.
         root_m: A lever's axis is believed to be about this far inside of its visible root.
     """
 
@@ -40,30 +42,46 @@ class LeverPushSettings:
 
 
 def lever_proposals(
-    levers: Sequence[LeverCandidate], settings: LeverPushSettings | None = None
+    levers: Sequence[LeverCandidate],
+    settings: LeverPushSettings | None = None,
+    line: np.ndarray | None = None,
 ) -> Iterator[PushProposal]:
-    """Proposals, best first: all ways to push the likeliest candidate, then the next one."""
+    """Proposals, best first: all ways to push the likeliest candidate, then the next one.
+
+    Args:
+        levers: What to push.
+        settings: Geometry of the pushes.
+        line: Unit direction, without sense, along which they are believed to give way, (3,).
+    """
     settings = settings or LeverPushSettings()
     for lever in levers:
-        for place in settings.places:
-            for lean in settings.leans:
-                for direction in _across(lever, settings):
-                    for level in (direction, -lever.outward):
-                        z = lean * DOWN + (1.0 - lean) * level
-                        yield from _pushes(lever, place, z / np.linalg.norm(z), direction, settings)
-                        if lean == 1.0:
-                            break
+        for way in _across(lever, settings, line):
+            for place, lean, direction in product(settings.places, settings.leans, (way, -way)):
+                for level in (direction, -lever.outward):
+                    z = lean * DOWN + (1.0 - lean) * level
+                    length = float(np.linalg.norm(z))
+                    if length > SHORTEST and z[2] < LEAST_DOWN * length:
+                        yield from _pushes(lever, place, z / length, direction, settings)
+                    if lean == 1.0:
+                        break
 
 
-def _across(lever: LeverCandidate, settings: LeverPushSettings) -> list[np.ndarray]:
-    """Level unit vectors in which the piece might give way, (3,) each."""
+def _across(
+    lever: LeverCandidate, settings: LeverPushSettings, line: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors across the piece along which, either way, it might give way, the likelier one first, (3,) each.
+
+    Level, as about an upright axis, and in the upright plane through its line, as about a level axis beside the body:
+    pushed level, a lever that leans would press on the finger more along its line than across it.
+    """
     d = lever.direction
     flat = np.array([d[0], d[1], 0.0])
-    if np.linalg.norm(flat) < 0.1:
-        flat = np.array([1.0, 0.0, 0.0])
-    flat /= np.linalg.norm(flat)
+    flat = lever.outward if np.linalg.norm(flat) < 0.1 else flat / np.linalg.norm(flat)
     square = np.array([-flat[1], flat[0], 0.0])
-    return [flat, -flat] if d[2] > settings.upright else [square, -square]
+    plane = -DOWN + (d @ DOWN) * d
+    plane = flat if np.linalg.norm(plane) < 0.1 else plane / np.linalg.norm(plane)
+    swings = d[2] > settings.upright if line is None else abs(line @ plane) > abs(line @ square)
+    return (plane, square) if swings else (square, plane)
 
 
 def _pushes(
@@ -76,7 +94,7 @@ def _pushes(
     point = lever.p_root + place * (lever.p_tip - lever.p_root) - 0.5 * lever.width_m * direction
     if abs(z @ direction) < SIDEWAYS:
         point = point + settings.below_m * z
-    for R in _rolls(z, direction):
+    for R in _rolls(z, direction, lever.outward):
         ahead = abs(R[:, 0] @ direction) * TIP_WIDTH_M / 2 + abs(R[:, 1] @ direction) * TIP_DEPTH_M / 2
         p_contact = point - ahead * direction
         X = np.eye(4)
@@ -85,9 +103,10 @@ def _pushes(
         yield PushProposal(X, p_contact, p_contact + depth * direction, direction)
 
 
-def _rolls(z: np.ndarray, direction: np.ndarray) -> Iterator[np.ndarray]:
-    """The finger's wide side across the push, either way round, then along it."""
+def _rolls(z: np.ndarray, direction: np.ndarray, aside: np.ndarray) -> Iterator[np.ndarray]:
+    """The finger's wide side across the push, either way round, then along it; ``aside`` for pushes straight down."""
     x = np.cross(direction, DOWN)
+    x = aside if np.linalg.norm(x) < 0.2 else x
     x = x - (x @ z) * z
     x /= np.linalg.norm(x)
     y = np.cross(z, x)

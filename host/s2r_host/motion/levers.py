@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
@@ -61,10 +61,6 @@ class LeverCandidate:
         """Unit vector from root to tip, (3,)."""
         along = self.p_tip - self.p_root
         return along / np.linalg.norm(along)
-
-    def turned_round(self) -> LeverCandidate:
-        """The same piece with its axis at the other end."""
-        return replace(self, p_root=self.p_tip, p_tip=self.p_root, outward=-self.outward)
 
     @property
     def doubt(self) -> float:

@@ -24,7 +24,8 @@ from s2r_host.perception.evidence import (
 )
 from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.intervals import Intervals, intervals90
-from s2r_host.perception.motion import JointMotion, JointType, Push
+from s2r_host.perception.levers import line_within
+from s2r_host.perception.motion import JointMotion, JointType, Push, line_distance
 from s2r_host.perception.ranking import Hypothesis, explained_share, rank
 from s2r_host.perception.refine import sides
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
@@ -41,6 +42,8 @@ Mask = NDArray[np.bool_]
 Region = tuple[float, float, float, float, float, float]
 
 REFINED_HYPOTHESES = 15
+AGAIN = 8  # of them that are refined again once the whole lever is known
+HUB_M = 0.03  # about the axis, where a lever's hub is
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -243,7 +246,25 @@ def search(
     anchors = np.concatenate([probes[0].points[:100], probes[1].points[:100]])
     starts = [motion for motion, _ in hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)]
     wishes = Wishes(shape.fronts(), up, *shape.levers)
-    return Search(rank(starts, scene, wishes, rng), motions, wishes)
+    ranked = rank(starts, scene, wishes, rng)
+    if wishes.thin and ranked and ranked[0].motion.joint_type == "revolute":
+        wishes = _of_whole_lever(ranked[0].motion, scene, wishes)
+        ranked = rank([h.motion for h in ranked[:AGAIN]], scene, wishes, rng)
+    return Search(ranked, motions, wishes)
+
+
+def _of_whole_lever(motion: JointMotion, scene: Scene, wishes: Wishes) -> Wishes:
+    """Wishes with the lines of the whole lever: of what surely moved, the way it went has cut off a slanted piece."""
+    parts = segment(scene, motion)
+    lines = []
+    for view, part, known in (
+        (scene.before, parts.before, wishes.before),
+        (scene.after, parts.after, wishes.after),
+    ):
+        p = view.points[part]
+        p = p[line_distance(motion.origin, motion.direction, p) > HUB_M] if len(p) else p
+        lines.append(line_within(p, view) or known)
+    return replace(wishes, before=lines[0], after=lines[1])
 
 
 def _views(

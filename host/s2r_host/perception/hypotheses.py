@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from s2r_host.perception.change import Change
 from s2r_host.perception.evidence import Probe, Scene, score, thinned
-from s2r_host.perception.levers import Lever, bisector_pivots, columns, lever, lever_directions, line_pivots
+from s2r_host.perception.levers import (
+    Lever,
+    bisector_pivots,
+    columns,
+    lever_directions,
+    line_pivots,
+    line_within,
+)
 from s2r_host.perception.motion import JointMotion, JointType, perpendicular_basis
 from s2r_host.perception.planes import Plane, crossing_line, find_planes
 
@@ -74,7 +81,7 @@ def structure(scene: Scene, rng: np.random.Generator, up: Array | None = None) -
     came = (scene.changes.after != Change.STATIC) & box_after & scene.candidate_after
     rest = (scene.changes.before == Change.STATIC) & box_before
     left_points, came_points = scene.before.points[a], scene.after.points[b]
-    lines = lever(left_points), lever(came_points)
+    lines = line_within(left_points, scene.before), line_within(came_points, scene.after)
     return Structure(
         moved=_planes(scene.before, left, rng, 5),
         arrived=_planes(scene.after, came, rng, 5),

@@ -6,7 +6,7 @@ a line, and the line of nearly every lever runs through its axis.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -23,6 +23,7 @@ Array = NDArray[np.floating]
 
 LONG = 2.2  # length over width of what counts as a line
 WIDEST_M = 0.05
+NEAR_SIDE = 0.3  # of its width: how far the middle of the visible half of a round bar is from its axis
 PIECE_M = 0.012
 COLUMN_RADII_M = np.arange(0.008, 0.036, 0.002)
 COLUMN_REACH_M = 0.09
@@ -45,6 +46,14 @@ class Lever:
     length_m: float
     width_m: float
 
+    def within(self, p_camera: Array | None) -> Lever:
+        """The line inside of the bar: what a camera sees of a bar lies on its near side."""
+        if p_camera is None:
+            return self
+        view = self.centre - p_camera
+        away = view - (view @ self.direction) * self.direction
+        return replace(self, centre=self.centre + NEAR_SIDE * self.width_m * unit(away))
+
 
 def lever(points: Array) -> Lever | None:
     """The line of the largest piece of some points (n, 3); None if it is no line."""
@@ -60,6 +69,12 @@ def lever(points: Array) -> Lever | None:
     if length < LONG * width or width > WIDEST_M:
         return None
     return Lever(centre, vectors[:, 2], length, width)
+
+
+def line_within(points: Array, view: View) -> Lever | None:
+    """The line of the largest piece of some points (n, 3) of a view, inside of the bar that shows them."""
+    found = lever(points)
+    return None if found is None else found.within(view.p_camera)
 
 
 def line_pivots(a: Lever, b: Lever, direction: Array) -> list[Array]:

@@ -16,8 +16,9 @@ from s2r_host.motion.lid import find_lid
 from s2r_host.motion.lid_proposals import lid_proposals
 from s2r_host.motion.push import PushMotion, PushScene, lid_scene, piece_scene, plan_push, push_scene
 from s2r_host.motion.push_proposals import PushProposal, push_proposals
+from s2r_host.perception.affordance import Affordance
 from s2r_host.run.back_off import back_off
-from s2r_host.run.network_push import belief_in, judged, network_push
+from s2r_host.run.network_push import belief_in, judged, line_in, network_push
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.settings import RunSettings
@@ -26,7 +27,10 @@ from s2r_host.run.travel import timed
 
 PUSH = 1  # place of the push itself among the motions: approach, push, back, home
 SAME_PIECE_M = 0.04  # a push that began this near a piece was about it
+SAME_WAY = 0.7  # cosine
 UNMOVED = 1.0  # doubt about a piece that the push network believes to stand still
+IN_VAIN = 0.6  # about one that was pushed and told nothing
+MOST_PIECES = 2  # before the network's own pushes are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +161,8 @@ def _laptop(session: Session, view: Observation, _: Sequence[DonePush]) -> Itera
 def _faucet(session: Session, view: Observation, earlier: Sequence[DonePush]) -> Iterator[Pushable]:
     """What looks like a lever and is believed to move, then what the push network would push.
 
-    What did not give way was pushed at its root, if it is a lever at all: it comes again the other way round, and what
-    was pushed in vain comes last.
+    A piece that did not give way is less likely a lever, or turns another way: it comes again without the direction
+    in which it held out.
     """
     settings = session.settings
     found = judged(view, session.rng)
@@ -167,39 +171,46 @@ def _faucet(session: Session, view: Observation, earlier: Sequence[DonePush]) ->
     except SceneError as error:
         session.journal.warn(f"{error}; asking the push network")
         levers = []
-    levers.sort(key=lambda lever: lever.doubt + UNMOVED * (1.0 - belief_in(found, lever.p)))
-    stopped = [sum(_held_out(lever, one) for one in earlier) for lever in levers]
-    fresh = [lever for lever in levers if not any(_pushed(lever, one) for one in earlier)]
-    for lever in fresh:
-        yield _lever(view, lever, settings)
-    for lever, times in zip(levers, stopped, strict=True):
-        if times == 1:
-            yield _lever(view, lever.turned_round(), settings)
+    doubts = [
+        lever.doubt
+        + UNMOVED * (1.0 - belief_in(found, lever.p))
+        + IN_VAIN * sum(_pushed(lever, one) for one in earlier)
+        for lever in levers
+    ]
+    ranked = [levers[k] for k in np.argsort(doubts, kind="stable")]
     touched = [one.planned.motion.proposal.p_contact for one in earlier]
+    yield from (_lever(view, lever, found, settings, earlier) for lever in ranked[:MOST_PIECES])
     proposed = network_push(found, view, settings.network_push, touched)
     if proposed is not None:
         scene, proposals = proposed
         yield Pushable(None, scene, iter(proposals), fresh=True)
-    for lever, times in zip(levers, stopped, strict=True):
-        if lever not in fresh and not times:
-            yield _lever(view, lever, settings)
+    yield from (_lever(view, lever, found, settings, earlier) for lever in ranked[MOST_PIECES:])
 
 
-def _lever(view: Observation, lever: LeverCandidate, settings: RunSettings) -> Pushable:
-    return Pushable(
-        None, piece_scene(view.scene, lever.p), lever_proposals([lever], settings.lever_push), fresh=True
+def _lever(
+    view: Observation,
+    lever: LeverCandidate,
+    found: Affordance,
+    settings: RunSettings,
+    earlier: Sequence[DonePush],
+) -> Pushable:
+    held_out = [
+        one.planned.motion.proposal.direction
+        for one in earlier
+        if not one.went_through and _pushed(lever, one)
+    ]
+    proposals = (
+        proposal
+        for proposal in lever_proposals([lever], settings.lever_push, line_in(found, lever.p))
+        if all(proposal.direction @ direction < SAME_WAY for direction in held_out)
     )
+    return Pushable(None, piece_scene(view.scene, lever.p), proposals, fresh=True)
 
 
 def _pushed(lever: LeverCandidate, push: DonePush) -> bool:
     """Whether a push was about this piece."""
     p = push.planned.motion.proposal.p_contact
     return bool(np.linalg.norm(lever.p - p, axis=1).min() < SAME_PIECE_M)
-
-
-def _held_out(lever: LeverCandidate, push: DonePush) -> bool:
-    """Whether this piece stopped the arm."""
-    return not push.went_through and _pushed(lever, push)
 
 
 _PUSHABLES = {DRAWER.name: _drawer, LAPTOP.name: _laptop, FAUCET.name: _faucet}

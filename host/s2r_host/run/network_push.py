@@ -35,6 +35,13 @@ def belief_in(found: Affordance, p: np.ndarray) -> float:
     return float(found.part[cKDTree(found.cloud.points).query(p)[1]].mean())
 
 
+def line_in(found: Affordance, p: np.ndarray) -> np.ndarray:
+    """Unit direction, without sense, along which points (n, 3) are believed to move if they do, (3,)."""
+    index = cKDTree(found.cloud.points).query(p)[1]
+    line, weight = found.line[index], found.part[index]
+    return np.linalg.eigh(np.einsum("n,ni,nj->ij", weight, line, line))[1][:, -1]
+
+
 def network_push(
     found: Affordance, view: Observation, settings: NetworkPushSettings, avoid: Sequence[np.ndarray]
 ) -> tuple[PushScene, list[PushProposal]] | None:

@@ -61,7 +61,7 @@ class RunSettings:
     camera_name: str = "front"
     arm: str = "xmate3pro"
     seed: int = 0
-    pushes: int = 3
+    pushes: int = 4
     attempts: int = 3
     ensemble: int = 1
     reactive: bool = False

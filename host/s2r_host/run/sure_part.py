@@ -16,7 +16,7 @@ from s2r_host.perception.motion import JointMotion
 
 EDGE_M = 0.008
 EDGE_SHARE = 0.08  # of a part's length: a short lever has no eight millimetres to give
-WIDE_M = 0.1  # along the hinge, from which on a part is pushed somewhere along it, and may be slipped off sideways
+WIDE_M = 0.1  # along the hinge, from which on a part may be slipped off sideways
 ONE_SIDED = 0.3  # of its length, how far from the axis a part's middle is that has one free end
 LEAST_LEFT_M = 0.004
 

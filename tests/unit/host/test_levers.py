@@ -61,7 +61,8 @@ def test_a_lever_is_pushed_across_its_line_from_free_space():
     scene, out = faucet(np.pi / 2)
     levers = find_levers(scene)[:1]
     settings = LeverPushSettings()
-    some = list(lever_proposals(levers, settings))
+    everything = list(lever_proposals(levers, settings))
+    some = everything[: len(everything) // 2]
     assert {round(float(np.linalg.norm(p.direction)), 6) for p in some} == {1.0}
     assert all(abs(p.direction @ out) < 0.35 for p in some)
     assert {bool(p.direction @ some[0].direction > 0) for p in some} == {True, False}
@@ -73,6 +74,24 @@ def test_a_lever_is_pushed_across_its_line_from_free_space():
         R = p.X_base_tool[:3, :3]
         assert np.allclose(R.T @ R, np.eye(3), atol=1e-9)
         assert R[2, 2] < 0.0  # the finger never points up
+
+
+def test_a_lever_believed_to_swing_upright_is_pushed_square_to_its_line_in_that_plane():
+    scene, out = faucet(np.pi / 2)
+    lever = find_levers(scene)[0]
+    up = np.array([0.0, 0.0, 1.0])
+    swing = up - (up @ lever.direction) * lever.direction
+    swing /= np.linalg.norm(swing)
+    some = list(lever_proposals([lever], line=swing))
+    assert all(abs(p.direction @ lever.direction) < 1e-9 for p in some[:20])
+    assert all(abs(p.direction @ swing) == pytest.approx(1.0) for p in some[:20])
+    assert {bool(p.direction[2] > 0.0) for p in some[:60]} == {True, False}
+    upright = np.cross(up, out)  # how it goes about an upright axis, which comes second
+    assert any(abs(p.direction @ upright) > 0.9 for p in some)
+    for p in some:
+        R = p.X_base_tool[:3, :3]
+        assert np.allclose(R.T @ R, np.eye(3), atol=1e-9)
+        assert R[2, 2] < 0.0
 
 
 def test_a_bare_post_has_no_lever():
@@ -104,4 +123,3 @@ def test_a_handle_apart_from_the_body_is_rooted_where_it_stands_not_where_it_com
         lever.p_root - FOOT
     )  # the tip is nearer to the body
     assert lever.outward @ out > np.cos(np.radians(15.0))
-    assert np.allclose(lever.turned_round().direction, -lever.direction)
