@@ -24,7 +24,7 @@ INSUFFICIENT_VARIANTS = ("still", "one_way", "crawl")
 MASKED_VARIANTS = ("high_gain", "no_effort")
 WRONG_LOGS = ("other_robot", "degrees", "swapped_joints")
 IN_MODEL = ("armature", "payload", "gravity_tilt", "spring_return", "saturation", "coulomb_friction")
-BARE_SHARE = 0.4
+BARE_SHARE, BARE_ARMATURE = 0.4, 0.2
 PARAMETERS = ("mass", "com", "inertia", "armature", "viscous", "coulomb", "controller_gain")
 
 
@@ -240,12 +240,13 @@ def _mask_for(rng: np.random.Generator, group: str, variant: str, names: tuple[s
 def _friction_or_none(rng: np.random.Generator, machine: Machine, names: tuple[str, ...]) -> Machine:
     """A quarter of the machines lack Coulomb or viscous friction altogether, so that its absence tells nothing.
 
-    A good part of the arms are as descriptions come: neither friction nor motor inertia on any joint.
+    A good part of the arms are as descriptions come: no friction on any joint and hardly any motor inertia.
     """
     needs = {need for name in names for need in EFFECTS[name].needs}
     if len(machine.mass) > 2 and not needs and rng.random() < BARE_SHARE:
         nothing = np.zeros_like(machine.coulomb)
-        return replace(machine, coulomb=nothing, viscous=nothing, armature=nothing)
+        light = BARE_ARMATURE * machine.armature  # none at all: loops ring where two axes of the arm fall together
+        return replace(machine, coulomb=nothing, viscous=nothing, armature=light)
     coulomb, viscous = machine.coulomb, machine.viscous
     if "coulomb_friction" in names or (rng.random() < 0.25 and "coulomb" not in needs):
         coulomb = np.zeros_like(coulomb)

@@ -57,10 +57,15 @@ def locate(problem: Problem, rows: np.ndarray) -> list[Place]:
 
 
 def with_named(problem: Problem, rows: np.ndarray, places: list[Place], decision: Decision) -> list[Place]:
-    """The places, and those of named effects that are missing among them, with no share to speak of."""
+    """The places, joints of named effects first; those missing among them have no share to speak of.
+
+    What sits on one joint shows on all that carry it, and small errors of the model take a part of it away.
+    """
     known = {p.joint for p in places}
     more = [e.joint for e in decision.effects if e.joint and e.joint not in known]
     index = problem.ctx.model.index
+    own = [e.joint for e in decision.effects if e.term.joint >= 0]
+    places = sorted(places, key=lambda p: own.index(p.joint) if p.joint in own else len(own))
     return places + [
         _place(problem, rows, index(j), 0.0) for j in dict.fromkeys(more) if index(j) in problem.joints
     ]

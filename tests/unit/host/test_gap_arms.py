@@ -1,5 +1,7 @@
 """Several joints: rows of one joint only, noise of one joint only, what acts between joints."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from s2r_host.gap.replay import Live, build_twin
 from s2r_host.gap.search import Search, _share
 from s2r_host.gap.session import make_session
 from s2r_host.gap.solution import Term
+from s2r_host.gap.where import locate, with_named
 
 ARM_XML = """<mujoco><worldbody><body name="a"><joint name="j1" axis="0 1 0" damping="0.2" frictionloss="0.5"/>
 <inertial mass="4" pos="0.2 0 0.1" diaginertia="0.03 0.03 0.03"/>
@@ -139,3 +142,15 @@ def test_columns_of_terms_are_stored_for_their_joint_only(rubbing):
     stored = rubbing.stored(Term("coulomb_friction", 1))
     assert stored.joint == 1
     assert len(stored.C) == len(rubbing.rows_of[1]) < len(rubbing.problem.y)
+
+
+def test_the_joint_of_what_was_named_comes_first(rubbing):
+    problem = rubbing.problem
+    decision = decide(problem, rubbing)
+    shoulder_first = [
+        replace(p, share=s) for p, s in zip(locate(problem, problem.raw), (0.1, 0.9), strict=False)
+    ]
+    places = with_named(problem, problem.raw, sorted(shoulder_first, key=lambda p: -p.share), decision)
+    assert places[0].joint == "j2"
+    only_shoulder = [p for p in places if p.joint == "j1"]
+    assert [p.joint for p in with_named(problem, problem.raw, only_shoulder, decision)][-1] == "j2"
