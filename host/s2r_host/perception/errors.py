@@ -15,3 +15,7 @@ class BadViewError(RefusedError):
 
 class AbstainError(RefusedError):
     """Two usable views that do not determine one joint; the text says why and what to do next."""
+
+
+class NothingMovedError(AbstainError):
+    """Two views between which nothing moved."""

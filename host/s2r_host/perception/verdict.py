@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_host.perception.errors import AbstainError
+from s2r_host.perception.errors import AbstainError, NothingMovedError
 from s2r_host.perception.evidence import THICKEST_M, Scene
 from s2r_host.perception.intervals import Intervals
 from s2r_host.perception.motion import JointMotion
@@ -28,11 +28,11 @@ def require_motion(scene: Scene) -> None:
     """Refuse views between which nothing moved.
 
     Raises:
-        AbstainError: Less than `LEAST_MOVED_M2` of surface changed.
+        NothingMovedError: Less than `LEAST_MOVED_M2` of surface changed.
     """
     area = max(moved_area(scene.before, scene.moved_before()), moved_area(scene.after, scene.moved_after()))
     if area < LEAST_MOVED_M2:
-        raise AbstainError(
+        raise NothingMovedError(
             f"no motion seen: {area * 1e4:.1f} cm² of surface changed, at least {LEAST_MOVED_M2 * 1e4:.0f} cm² are"
             " needed; move the part further (3 cm or 15 degrees) between the views"
         )

@@ -61,11 +61,23 @@ class PlannedPush:
 
 @dataclass(frozen=True, eq=False)
 class DonePush:
-    """A push that was carried out; ``went_through`` if nothing stopped it on the way."""
+    """A push that was carried out.
+
+    Attributes:
+        planned, executed: What was meant and what was sent.
+        went_through: Nothing stopped it on the way.
+        moved: Something moved, as far as the views tell that were taken before and after it.
+    """
 
     planned: PlannedPush
     executed: tuple[Executed, ...]
     went_through: bool
+    moved: bool = True
+
+    @property
+    def gave_way(self) -> bool:
+        """What was pushed is the part, though the views did not tell its joint."""
+        return self.went_through and self.moved
 
 
 def prepare_push(
@@ -174,7 +186,7 @@ def _faucet(session: Session, view: Observation, earlier: Sequence[DonePush]) ->
     doubts = [
         lever.doubt
         + UNMOVED * (1.0 - belief_in(found, lever.p))
-        + IN_VAIN * sum(_pushed(lever, one) for one in earlier)
+        + IN_VAIN * sum(_pushed(lever, one) for one in earlier if not one.gave_way)
         for lever in levers
     ]
     ranked = [levers[k] for k in np.argsort(doubts, kind="stable")]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from s2r_host.errors import SceneError
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
-from s2r_host.perception.errors import AbstainError
+from s2r_host.perception.errors import AbstainError, NothingMovedError
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.run.belief import Belief, build_belief, estimate_part
 from s2r_host.run.contact import corrected, touched_by_push
@@ -178,7 +179,7 @@ def _push_until_told(
             if number == settings.pushes:
                 raise
             journal.warn(f"push {number} does not tell the joint, pushing again: {error}")
-            earlier.append(record.push)
+            earlier.append(replace(record.push, moved=not isinstance(error, NothingMovedError)))
             continue
         for text in estimate.warnings:
             journal.warn(text)
