@@ -38,7 +38,7 @@ class LeverPushSettings:
     below_m: float = 0.012
     leans: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
     upright: float = 0.65
-    root_m: float = 0.04
+    root_m: float = 0.03
 
 
 def lever_proposals(
