@@ -10,7 +10,7 @@ import mujoco.batch
 import numpy as np
 
 from s2r_host.planning.doubt import CHI90, Z90, Doubt
-from s2r_host.planning.scene import GeomKind, Scene
+from s2r_host.planning.scene import SCENE_ROBOT_BIT, GeomKind, Scene
 
 Vector = tuple[float, float, float]
 _NOWHERE: Vector = (0.0, 0.0, 0.0)
@@ -73,8 +73,19 @@ class Belief:
             model.jnt_axis[joint], model.jnt_pos[joint] = place.axis, place.pivot
             model.body_pos[scene.part_body] += place.body_shift
             model.body_quat[scene.part_body] = place.body_quat_wxyz
+            if not scene.on_table:
+                let_part_pass(model, scene)
             mujoco.mj_setConst(model, mujoco.MjData(model))
         return replace(scene, fine=model)
+
+
+def let_part_pass(model: mujoco.MjModel, scene: Scene) -> None:
+    """Let the part of a whole scene meet the robot only.
+
+    A drawer fits into its cabinet however wrong its axis is believed: tilted by itself it would jam at the walls.
+    """
+    part = (scene.geom_kind == GeomKind.PART) & scene.solid
+    model.geom_contype[part], model.geom_conaffinity[part] = 0, SCENE_ROBOT_BIT
 
 
 def draw_belief(doubt: Doubt, rng: np.random.Generator) -> Belief:
@@ -127,6 +138,10 @@ def spread_over(batch: mujoco.batch.Batch, scene: Scene, beliefs: tuple[Belief, 
     friction[:, robot, 0] *= np.array([b.friction for b in beliefs])[member, None]
     damping[:, scene.s_dof] *= np.array([b.damping for b in beliefs])[member]
     dry[:, scene.s_dof] *= np.array([b.joint_friction for b in beliefs])[member]
+    # The rollout model's near misses stand for errors that the others have in full: both together leave no room.
+    nearly = np.array([b == Belief() for b in beliefs], dtype=float)[member, None]
+    for field in ("geom_margin", "geom_gap"):
+        batch.expand(field)[:, robot] *= nearly
     if any(b.moves_joint for b in beliefs):
         places = [_joint_place(scene, b) for b in beliefs]
         turned, joint = batch.expand("body_quat"), scene.joint_id

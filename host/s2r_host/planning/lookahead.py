@@ -60,7 +60,8 @@ class Lookahead:
         proposals = self._route.proposals(target, sampler.horizon, self._settings.proposal_speeds)
         for _ in range(sampler.iterations):
             samples = sampler.sample(proposals)
-            facts = rollouts.run(data.qpos, data.qvel, self.targets(target, samples), self._hook)
+            targets = self.targets(target, samples)
+            facts = rollouts.run(data.qpos, data.qvel, targets, self._hook, self.task.s_initial)
             values = rewards(facts, self.task, self._settings.weights)
             sampler.update(samples, values.reshape(len(samples), rollouts.members).mean(axis=1))
         return sampler.ranked()

@@ -11,13 +11,15 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
-from s2r_host.planning.belief import Belief, spread_over
+from s2r_host.planning.belief import Belief, let_part_pass, spread_over
 from s2r_host.planning.hooking import Hook
 from s2r_host.planning.rewards import StepFacts
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings, Stage
 
 _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
+_MOVED = 1e-4  # [m or rad] an object that has gone less far has not been pushed
+_LEAST_LEVER_M = 0.02
 _RECORD = ("qpos", "qvel", "sensordata")
 # The coarse model's sensors: tool pose (7), the robot's contacts (1), per finger contacts (1) and force (3).
 _ROBOT_CONTACTS, _FIRST_FINGER, _PER_FINGER = 7, 8, 4
@@ -47,7 +49,11 @@ class Rollouts:
         self._control_dt_s = settings.control_dt_s
         self._substeps = round(settings.control_dt_s / stage.timestep_s)
         model = scene.rollout_model(stage)
+        if not scene.on_table and any(belief.moves_joint for belief in beliefs):
+            let_part_pass(model, scene)
         self._batch = mujoco.batch.Batch(model, nsim=capacity * self.members, nthread=settings.threads)
+        self._shifts = np.array([b.shift_m for b in beliefs]).reshape(-1, 3)
+        self._along = np.array([b.along for b in beliefs])
         if beliefs:
             spread_over(self._batch, scene, beliefs)
         self._qpos = self._batch.bind("qpos")
@@ -57,13 +63,16 @@ class Rollouts:
         self._records: dict[tuple[int, int], dict[mujoco.batch.RecordItem, np.ndarray]] = {}
         self.env_steps = 0
 
-    def run(self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, hook: Hook) -> StepFacts:
+    def run(
+        self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, hook: Hook, s_initial: float
+    ) -> StepFacts:
         """Play sequences of joint targets from one state.
 
         Args:
             qpos, qvel: Start state of arm and object, (nq,), (nv,).
             targets: Joint targets including the one in force at the start, (rollout, steps + 1, dof) [rad].
             hook: The place that the fingertip is measured against.
+            s_initial: The object's joint before anything touched it.
 
         Returns:
             What the reward needs, with ``steps`` entries along time; with several beliefs, ``members`` rollouts in
@@ -73,6 +82,9 @@ class Rollouts:
             targets = np.repeat(targets, self.members, axis=0)
         rollouts, steps = targets.shape[0], targets.shape[1] - 1
         self._qpos[:rollouts] = qpos
+        if self.members > 1:
+            s = self._where_pushed(float(qpos[self._scene.s_qpos]), hook, s_initial)
+            self._qpos[:rollouts, self._scene.s_qpos] = np.resize(s, rollouts)
         self._qvel[:rollouts] = qvel
         self._warmstart[:rollouts] = 0.0  # the same start for every rollout, whatever was computed before
         control = ramp(targets, self._substeps)
@@ -86,6 +98,26 @@ class Rollouts:
         )
         self.env_steps += rollouts * steps
         return self._facts(record, qvel, targets, hook)
+
+    def _where_pushed(self, s: float, hook: Hook, s_initial: float) -> np.ndarray:
+        """The joint of every believable object where the believed one has been pushed to s, (members,).
+
+        The fingertip is at the part. One that stands nearer was met earlier and has gone further by now, one that
+        stands farther less far, or has not been met yet: else the fingertip would begin inside of it, or off it.
+        """
+        gone = s - s_initial
+        if abs(gone) < _MOVED:
+            return np.full(self.members, s)
+        push, lever = hook.push_part / np.linalg.norm(hook.push_part), 1.0
+        if not self._scene.prismatic:
+            push = push + (np.cos(s) - 1.0) * (push - (push @ self._axis_part) * self._axis_part)
+            push = push + np.sin(s) * np.cross(
+                self._axis_part, hook.push_part / np.linalg.norm(hook.push_part)
+            )
+            arm = hook.p_part - self._scene.fine.jnt_pos[self._scene.joint_id]
+            lever = max(_LEAST_LEVER_M, float(np.linalg.norm(np.cross(self._axis_part, arm))))
+        ahead = np.sign(gone) * (self._shifts @ (self._R_world_part @ push)) / lever + self._along
+        return s_initial + np.sign(gone) * np.maximum(np.sign(gone) * (gone - ahead), 0.0)
 
     def _facts(self, record: dict, qvel: np.ndarray, targets: np.ndarray, hook: Hook) -> StepFacts:
         scene, n, dof = self._scene, self._substeps, self._scene.dof

@@ -25,7 +25,7 @@ FINGER_PREFIX = "finger"  # shapes of the tool that are meant to touch the part
 
 _ROBOT_BIT, _WORLD_BIT = 1, 2
 # A scene keeps its own contact bits; the arm meets everything solid in it through one bit that scenes leave free.
-_SCENE_ROBOT_BIT = 1 << 29
+SCENE_ROBOT_BIT = 1 << 29
 _ROBOT_CONTACTS = "robot_contacts"
 # MuJoCo's contact sensor: bits of what it gives, and the reduction to one wrench in the world frame.
 _FOUND, _FORCE, _POSITION, _NET_FORCE = 1, 2, 16, 3
@@ -166,7 +166,7 @@ def build_scene(
     part = int(fine.jnt_bodyid[joint_id])
     limited = bool(fine.jnt_limited[joint_id])
     low, high = fine.jnt_range[joint_id]
-    robot_bit = _SCENE_ROBOT_BIT if given else _ROBOT_BIT
+    robot_bit = SCENE_ROBOT_BIT if given else _ROBOT_BIT
     return Scene(
         coarse=coarse,
         fine=fine,
@@ -231,7 +231,7 @@ def _together(
         thing = given.spec.copy()
         _meet_robot(thing)
         priority = max((int(geom.priority) for geom in thing.geoms), default=0)
-        _set_contacts(spec, _SCENE_ROBOT_BIT, 0, fine=fine, priority=priority + 1)
+        _set_contacts(spec, SCENE_ROBOT_BIT, 0, fine=fine, priority=priority + 1)
         X = given.X_base_scene
         quat_wxyz = np.empty(4)
         mujoco.mju_mat2Quat(quat_wxyz, np.ascontiguousarray(X[:3, :3]).ravel())
@@ -337,8 +337,8 @@ def _meet_robot(scene: mujoco.MjSpec) -> None:
     for geom in scene.geoms:
         geom.margin = geom.gap = 0.0
         if geom.contype or geom.conaffinity:
-            geom.contype &= ~_SCENE_ROBOT_BIT
-            geom.conaffinity |= _SCENE_ROBOT_BIT
+            geom.contype &= ~SCENE_ROBOT_BIT
+            geom.conaffinity |= SCENE_ROBOT_BIT
 
 
 def _add_clearance(spec: mujoco.MjSpec, arm: ArmDescription, clearance_m: float) -> None:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+
+import numpy as np
 
 from s2r_host.errors import PeerUnreachableError
 from s2r_host.motion.arm_model import ArmModel
@@ -16,14 +20,47 @@ from s2r_host.run.session import Session
 from s2r_host.trajectory.reactive_run import Seen
 
 _POLL_S = 0.005
+_SAME_TIME_S = (
+    0.05  # of a plan: a frame taken at an unknown moment within so much of it tells its time well enough
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanMoment:
+    """Where a plan and the arm's measured joints, (dof,) [rad], were at a moment of this machine's monotonic clock."""
+
+    stamp_ns: int
+    seq: int
+    t: float
+    done: bool
+    q: np.ndarray
+
+
+def moment_of_frame(stamp_ns: int, moments: Sequence[PlanMoment]) -> PlanMoment | None:
+    """Where the plan was when a frame was taken; None when that cannot be told.
+
+    Args:
+        stamp_ns: The camera's own stamp; it counts only where it lies between the question and the answer, that is,
+            where the camera has this machine's clock.
+        moments: From the question for the frame to the answer, in order, at least one.
+    """
+    first, last = moments[0], moments[-1]
+    if first.seq != last.seq:
+        return None  # what it shows may be of either plan
+    if first.stamp_ns <= stamp_ns <= last.stamp_ns:
+        return next(moment for moment in reversed(moments) if moment.stamp_ns <= stamp_ns)
+    if first.done or last.t - first.t < _SAME_TIME_S:
+        return last
+    return None
 
 
 @dataclass
 class LiveCounts:
-    """What a feed has seen: frames with the part, frames without it, wall time of them all [s]."""
+    """What a feed has seen: frames with the part, without it, of an unknown moment, wall time of them all [s]."""
 
     seen: int = 0
     lost: int = 0
+    undated: int = 0
     frame_s: float = 0.0
 
 
@@ -57,8 +94,9 @@ class LiveJoint(threading.Thread):
     def run(self) -> None:
         """Look until closed; a camera that falls silent ends it, and nothing is seen from then on."""
         try:
-            while not self._ended.is_set():
-                self._look()
+            with ThreadPoolExecutor(1, "s2r-live-frame") as taking:
+                while not self._ended.is_set():
+                    self._look(taking)
         except PeerUnreachableError as error:
             self.problem = str(error)
             with self._lock:
@@ -76,20 +114,35 @@ class LiveJoint(threading.Thread):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _look(self) -> None:
-        state, joints = self._link.state(), self._link.joints()
-        if state is None or joints is None or state.plan_seq == 0:
+    def _look(self, taking: ThreadPoolExecutor) -> None:
+        moments = self._moments([])
+        if not moments:
             time.sleep(_POLL_S)
             return
-        begun_s = time.monotonic()
-        frame = self._camera.capture(self._name).frame
-        found = self._tracker.update(frame, robot_mask(self._arm, joints.q, frame))
+        asked = taking.submit(self._camera.capture, self._name)
+        while not asked.done():
+            time.sleep(_POLL_S)
+            moments = self._moments(moments)
+        capture, moments = asked.result(), self._moments(moments)
+        moment = moment_of_frame(capture.stamp_ns, moments)
+        self.counts.frame_s += (moments[-1].stamp_ns - moments[0].stamp_ns) * 1e-9
+        if moment is None:
+            self.counts.undated += 1
+            return
+        found = self._tracker.update(capture.frame, robot_mask(self._arm, moment.q, capture.frame))
         seen = None
         if found.value is not None and found.interval90 is not None and self.known:
             low, high = found.interval90
-            seen = Seen(found.value + self._shift, (high - low) / 2.0, state.plan_seq, state.plan_t)
+            seen = Seen(found.value + self._shift, (high - low) / 2.0, moment.seq, moment.t)
         with self._lock:
             self._latest = seen
         self.counts.seen += seen is not None
         self.counts.lost += seen is None
-        self.counts.frame_s += time.monotonic() - begun_s
+
+    def _moments(self, moments: list[PlanMoment]) -> list[PlanMoment]:
+        """With the present one."""
+        state, joints = self._link.state(), self._link.joints()
+        if state is None or joints is None or state.plan_seq == 0:
+            return moments
+        now_ns = time.monotonic_ns()
+        return [*moments, PlanMoment(now_ns, state.plan_seq, state.plan_t, state.plan_done, joints.q)]

@@ -22,8 +22,6 @@ from s2r_host.trajectory.reactive_run import ReactiveReport, follow_reactively
 
 logger = logging.getLogger(__name__)
 
-_SAME_RAD = 1e-3
-
 
 def carry_out_reactively(
     session: Session, belief: Belief, planned: PlannedManipulation, view: Observation
@@ -82,7 +80,8 @@ def carry_out_reactively(
     assert report is not None
     _tell(session, feed, report)
     planned = _as_played(planned, report)
-    session.move(_motions_home(session, belief, planned, view))
+    home = planned.motions[1:] if len(played) == 1 else _other_way_home(session, belief, planned, view)
+    session.move(home)
     return planned, tuple(session.executed[begun:])
 
 
@@ -90,17 +89,14 @@ def _close(session: Session, sent: Sent) -> None:
     sent.wall_s = session.journal.elapsed_s - sent.begun_s
 
 
-def _motions_home(
+def _other_way_home(
     session: Session, belief: Belief, planned: PlannedManipulation, view: Observation
-) -> list[Motion]:
-    """The planned way home, or another one where the arm ended elsewhere."""
-    q_end = session.status().q_ref
-    if np.abs(q_end - planned.motions[0].trajectory.q[-1]).max() < _SAME_RAD:
-        return list(planned.motions[1:])
+) -> tuple[Motion, ...]:
+    """Out of contact and home from where a corrected motion ended."""
     replay, moving = planned.delivery.replay, session.settings.task.moving
     touched = int(np.argmax(np.abs(replay.s - planned.request.s_initial) > moving))
-    end = ManipulationEnd(q_end, planned.foreseen, replay.q_meas[:touched])
-    return list(way_home(session, belief, planned.request, planned.number, view, end)[1])
+    end = ManipulationEnd(session.status().q_ref, planned.foreseen, replay.q_meas[:touched])
+    return way_home(session, belief, planned.request, planned.number, view, end)[1]
 
 
 def _as_played(planned: PlannedManipulation, report: ReactiveReport) -> PlannedManipulation:
@@ -108,7 +104,8 @@ def _as_played(planned: PlannedManipulation, report: ReactiveReport) -> PlannedM
     if not report.spliced + report.restarted or not report.outlooks:
         return planned
     last = report.outlooks[-1]
-    final = last.running_end - last.offset
+    end = last.new_end if report.played[-1][0] is last.motion else last.running_end
+    final = end - last.offset
     replay = replace(planned.delivery.replay, final=final, error=planned.request.s_target - final)
     return replace(planned, delivery=replace(planned.delivery, replay=replay), corrected=True)
 
@@ -116,10 +113,11 @@ def _as_played(planned: PlannedManipulation, report: ReactiveReport) -> PlannedM
 def _tell(session: Session, feed: LiveJoint, report: ReactiveReport) -> None:
     unit, counts = session.settings.task.unit, feed.counts
     rate = f"{report.rate_hz:.1f} per second" if report.rate_hz is not None else "too few for a rate"
-    frames = counts.seen + counts.lost
+    frames = counts.seen + counts.lost + counts.undated
     offset = report.outlooks[-1].offset if report.outlooks else 0.0
     session.journal.say(
-        f"looked ahead {len(report.outlooks)} times ({rate}), {frames} frames ({counts.lost} without the part): "
+        f"looked ahead {len(report.outlooks)} times ({rate}), {frames} frames ({counts.lost} without the part, "
+        f"{counts.undated} of an unknown moment): "
         f"{report.spliced} corrections on the way, {report.restarted} from rest, {len(report.refused)} refused; "
         f"the part stands {unit.show(offset)} beside its model"
     )
@@ -137,6 +135,7 @@ def _tell(session: Session, feed: LiveJoint, report: ReactiveReport) -> None:
             "frames": frames,
             "frame_s": counts.frame_s / frames if frames else None,
             "lost": counts.lost,
+            "undated": counts.undated,
             "spliced": report.spliced,
             "restarted": report.restarted,
             "refused": report.refused,

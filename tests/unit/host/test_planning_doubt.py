@@ -91,6 +91,26 @@ def test_rollouts_have_the_same_objects_as_replays(kind, request):
             assert batch.expand(field)[index] == pytest.approx(getattr(model, field), abs=1e-12), field
 
 
+def test_a_drawer_with_a_tilted_axis_does_not_jam_in_the_cabinet_of_its_scene(tmp_path):
+    path = tmp_path / "scene.xml"
+    shape = DrawerShape(front_height=0.12, bottom=0.08)
+    path.write_text(drawer_mjcf(shape).replace("<worldbody>", '<worldbody><site name="arm_base"/>', 1))
+    request = PlanRequest(ARM, path, 0.0, 0.08, ARM.q_home, in_scene=True, settings=PlanSettings(threads=1))
+    scene = scene_of(request)
+    moved = {}
+    for name, model in (
+        ("as in the file", scene.fine),
+        ("tilted", Belief(tilt_rad=(0.0, 0.01, 0.0)).applied(scene).fine),
+    ):
+        data = mujoco.MjData(model)
+        data.qpos[: ARM.dof] = data.ctrl[: ARM.dof] = ARM.q_home
+        data.qfrc_applied[scene.s_dof] = 20.0
+        mujoco.mj_step(model, data, 250)
+        moved[name] = float(data.qpos[scene.s_qpos])
+    assert moved["tilted"] == pytest.approx(moved["as in the file"], rel=0.02)
+    assert moved["tilted"] > 0.1
+
+
 def test_nine_of_ten_axes_are_within_the_interval(drawer):
     doubt = Doubt(axis_angle_rad=0.04, along=0.003)
     rng = np.random.default_rng(0)
