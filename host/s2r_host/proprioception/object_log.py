@@ -100,9 +100,7 @@ def touches(
         if s is None:
             continue
         window = 2 * round(WINDOW_S / EVERY_S / 2) + 1
-        smooth, ds = (
-            np.asarray(savgol_filter(s, window, 2, deriv=order, delta=EVERY_S)) for order in (0, 1)
-        )
+        smooth, ds = (np.asarray(savgol_filter(s, window, 2, deriv=order, delta=EVERY_S)) for order in (0, 1))
         found.append(Touch(samples.t[rows], smooth, ds, effort[rows], sigma[rows]))
     return _anchored(found, s_end)
 

@@ -17,11 +17,12 @@ from scipy.optimize import lsq_linear
 
 from s2r_host.proprioception.object_log import Touch
 
-MASS_SHARE_SIGMA, MASS_SHARE_RANGE = 0.5, (0.3, 3.0)
+MASS_SHARE_SIGMA, MASS_SHARE_RANGE = 0.35, (0.3, 3.0)
 FRICTION_SIGMA = 3.0  # of the median effort: nearly anything
-DAMPING_SIGMA = 0.5  # of the median effort at the median speed
+DAMPING_SIGMA = 0.1  # of the median effort at the median speed: hinges and rails rub, few are damped
 MODEL_SHARE = 0.1  # of an effort, that no constant friction explains: joints stick and slip
 ROWS_TOGETHER = 20  # errors of so many rows go together (0.1 s)
+OUTLIER, ROUNDS = 1.5, 5  # a fingertip that jams between part and rest feels more than the joint
 SLOW_SHARE = 0.1  # of the highest speed: below it friction holds, and does not tell its size
 
 
@@ -47,7 +48,7 @@ class ObjectNumbers:
 
 
 def learn_numbers(mjcf: Path, joint: str, touched: Sequence[Touch]) -> ObjectNumbers | None:
-    """Bounded least squares of effort = share · (weight + inertia) + friction · sign(speed) + damping · speed.
+    """Bounded least squares, robust after Huber: share · (weight + inertia) + friction · sign(speed) + damping · speed.
 
     Args:
         mjcf: The object as built.
@@ -64,12 +65,17 @@ def learn_numbers(mjcf: Path, joint: str, touched: Sequence[Touch]) -> ObjectNum
     prior = np.array(
         [MASS_SHARE_SIGMA, FRICTION_SIGMA * size, DAMPING_SIGMA * size / np.median(np.abs(A[:, 2]))]
     )
-    a = np.vstack([A / sigma[:, None], np.diag(1.0 / prior)])
-    y = np.concatenate([b / sigma, np.array([1.0, size, 0.0]) / prior])
-    low, high = MASS_SHARE_RANGE
-    x = lsq_linear(a, y, bounds=([low, 0.0, 0.0], [high, np.inf, np.inf])).x
+    (low, high), trust = MASS_SHARE_RANGE, np.ones(len(b))
+    for _ in range(ROUNDS):
+        scaled = np.sqrt(trust) / sigma
+        a = np.vstack([A * scaled[:, None], np.diag(1.0 / prior)])
+        y = np.concatenate([b * scaled, np.array([1.0, size, 0.0]) / prior])
+        x = lsq_linear(a, y, bounds=([low, 0.0, 0.0], [high, np.inf, np.inf])).x
+        left = np.abs(b - A @ x)
+        trust = np.minimum(
+            1.0, OUTLIER * np.maximum(np.median(left) / 0.6745, noise) / np.maximum(left, 1e-12)
+        )
     spread = np.sqrt(np.diag(np.linalg.inv(a.T @ a)))
-    left = b - A @ x
     return ObjectNumbers(
         *map(float, x),
         sigma=(float(spread[0]), float(spread[1]), float(spread[2])),
@@ -78,18 +84,38 @@ def learn_numbers(mjcf: Path, joint: str, touched: Sequence[Touch]) -> ObjectNum
     )
 
 
+def explained(mjcf: Path, joint: str, touch: Touch, numbers: ObjectNumbers) -> np.ndarray:
+    """Effort that the numbers ask for along a touch [N or N·m], (n,).
+
+    Args:
+        mjcf: The object as built.
+        joint: Its joint.
+        touch: Position and speed.
+        numbers: As learnt for that object.
+    """
+    return _regressor(mjcf, joint, touch) @ [numbers.mass_share, numbers.friction, numbers.damping]
+
+
 def _rows(mjcf: Path, joint: str, touch: Touch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Regressor (n, 3), effort (n,) and its standard error (n,) where the part moves."""
+    moving = np.abs(touch.ds) > SLOW_SHARE * np.abs(touch.ds).max()
+    return _regressor(mjcf, joint, touch)[moving], touch.effort[moving], touch.sigma[moving]
+
+
+def _regressor(mjcf: Path, joint: str, touch: Touch) -> np.ndarray:
+    """Effort per mass share, friction and damping, (n, 3).
+
+    The acceleration comes from a speed that was smoothed before; at both ends of a touch it means little.
+    """
     model = mujoco.MjModel.from_xml_path(str(mjcf))
     data = mujoco.MjData(model)
     qpos, dof = model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
-    moving = np.abs(touch.ds) > SLOW_SHARE * np.abs(touch.ds).max()
     dds = np.gradient(touch.ds, touch.t)
     inertia = np.zeros((model.nv, model.nv))
     A = []
-    for s, ds, a in zip(touch.s[moving], touch.ds[moving], dds[moving], strict=True):
+    for s, ds, a in zip(touch.s, touch.ds, dds, strict=True):
         data.qpos[qpos] = s
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, inertia)
         A.append((float(data.qfrc_bias[dof]) + inertia[dof, dof] * a, np.sign(ds), ds))
-    return np.array(A), touch.effort[moving], touch.sigma[moving]
+    return np.array(A)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.report.clouds import single_view_figure, views_figure
+from s2r_host.report.felt import felt_figure
 from s2r_host.report.markup import page, section, table
 from s2r_host.report.plots import joints_figure, stages_figure, state_figure, tracking_error
 from s2r_host.report.style import inline_png, inline_svg
@@ -26,6 +27,7 @@ def write_report(record: RunRecord, path: Path) -> Path:
         _views(record),
         _attempts(record),
         _state(record),
+        _felt(record),
         _joints(record),
         _timing(record),
         _verdicts(record),
@@ -166,6 +168,18 @@ def _state(record: RunRecord) -> str:
     return section(f"The {settings.task.part} over time", inline_svg(figure))
 
 
+def _felt(record: RunRecord) -> str:
+    if record.belief is None or not any(record.felt.values()):
+        return ""
+    figure = felt_figure(record.felt, record.belief, record.settings.task)
+    note = (
+        "<p class=\"note\">Effort at the object's joint from the arm's joint torques, less what the arm itself takes; "
+        "the band is its standard error. Dashed: what the learnt mass, friction and damping ask for. Where they part, "
+        "physics may be missing: <code>s2r gap --model model/object.xml --fit object-log/*.csv</code>.</p>"
+    )
+    return section(f"What the arm felt of the {record.settings.task.part}", inline_svg(figure) + note)
+
+
 def _joints(record: RunRecord) -> str:
     executed = _shown(record)
     if not executed:
@@ -229,6 +243,6 @@ def _inputs(record: RunRecord) -> str:
         ("sealed world", record.world_commitment or "not offered by the camera"),
         ("seed", str(record.settings.seed)),
         ("versions", ", ".join(f"{name} {version}" for name, version in values["versions"].items())),
-        ("files", "run.json, run.mcap (depth, plans, estimates, executor recordings), model/"),
+        ("files", "run.json, run.mcap (depth, plans, estimates, executor recordings), model/, object-log/"),
     ]
     return section("Inputs", table(("", ""), rows, mono=True))

@@ -30,12 +30,12 @@ class Feeling:
     Attributes:
         arm: Whose torques these are.
         folder: Where the recordings of the object's joint go.
-        touched: All that was felt of the part so far.
+        by_motion: What was felt of the part so far, by the label of the motion.
     """
 
     arm: ArmModel
     folder: Path
-    touched: list[Touch] = field(default_factory=list)
+    by_motion: dict[str, list[Touch]] = field(default_factory=dict)
     _free: list[Samples] = field(default_factory=list)
     _heard: set[int] = field(default_factory=set)
 
@@ -70,8 +70,13 @@ class Feeling:
         most = SEARCH_M if belief.template.slides else SEARCH_RAD
         felt = touches(own, self.arm, samples, part, s_to, abs(s_to - s_from) + most)
         write_log(felt, JOINT, self.folder, pushed.label.replace(" ", "-"), pushed.label)
-        self.touched += felt
+        self.by_motion[pushed.label] = felt
         return felt
+
+    @property
+    def touched(self) -> list[Touch]:
+        """All that was felt of the part so far."""
+        return [touch for felt in self.by_motion.values() for touch in felt]
 
     def _learn_arm(self, executed: Sequence[Executed]) -> None:
         for one in executed:

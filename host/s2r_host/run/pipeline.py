@@ -87,7 +87,7 @@ def _loop(session: Session, record: RunRecord) -> None:
     session.recorder.add_note(
         "joint", {"axis": estimate.axis_direction.tolist(), "s_after": float(estimate.delta)}
     )
-    feeling = Feeling(session.arm, settings.out / "object-log")
+    feeling = Feeling(session.arm, settings.out / "object-log", record.felt)
     _learn_from_push(session, record, feeling)
     _attempts(session, record, after, feeling)
     _judge(record)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from s2r_host.link import ExecutorIdentity
+from s2r_host.proprioception.object_log import Touch
 from s2r_host.run.belief import Belief
 from s2r_host.run.first_push import DonePush, PlannedPush
 from s2r_host.run.journal import Journal
@@ -48,6 +49,7 @@ class RunRecord:
         planned_push, push: The first push.
         belief: After the last correction.
         attempts: Planned manipulations carried out.
+        felt: What the arm felt of the part, by the label of the motion.
         s_found: Joint value measured just before the first planned manipulation [m].
         world_commitment: Of the stand-in's sealed world, if it says one.
         code, reason: How the run ended.
@@ -65,6 +67,7 @@ class RunRecord:
     push: DonePush | None = None
     belief: Belief | None = None
     attempts: list[DoneManipulation] = field(default_factory=list)
+    felt: dict[str, list[Touch]] = field(default_factory=dict)
     s_found: float | None = None
     target: float = field(init=False)
     world_commitment: str | None = None
