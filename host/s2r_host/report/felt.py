@@ -49,8 +49,9 @@ def felt_figure(felt: Mapping[str, Sequence[Touch]], belief: Belief, task: Task)
         over_s.set(xlabel=f"{task.part} [{unit}]", ylabel=f"effort on the joint [{effort}]")
         over_t.set_xlabel("time in contact [s], one motion after the other")
         over_s.legend(fontsize=8)
-        top = max(
-            (float(np.abs(one.effort).max()) for touches in felt.values() for one in touches), default=1.0
-        )
-        over_s.set_ylim(-1.25 * top, 1.25 * top)
+        efforts = [0.0, *(float(v) for touches in felt.values() for one in touches for v in one.effort)]
+        margin = (
+            0.15 * (max(efforts) - min(efforts)) + 1e-6
+        )  # the model's ends, where nothing moves, may leave the axes
+        over_s.set_ylim(min(efforts) - margin, max(efforts) + margin)
         return figure
