@@ -42,6 +42,7 @@ Mask = NDArray[np.bool_]
 Region = tuple[float, float, float, float, float, float]
 
 REFINED_HYPOTHESES = 15
+LEAST_CARRIED = 0.7  # of the moved points; a motion that explains fewer tells badly what is the part's
 AGAIN = 8  # of them that are refined again once the whole lever is known
 HUB_M = 0.03  # about the axis, where a lever's hub is
 UP = np.array([0.0, 0.0, 1.0])
@@ -247,10 +248,16 @@ def search(
     starts = [motion for motion, _ in hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)]
     wishes = Wishes(shape.fronts(), up, *shape.levers)
     ranked = rank(starts, scene, wishes, rng)
-    if wishes.thin and ranked and ranked[0].motion.joint_type == "revolute":
+    turns = bool(ranked) and ranked[0].motion.joint_type == "revolute"
+    if wishes.thin and turns and _carries(ranked[0], scene, rng):
         wishes = _of_whole_lever(ranked[0].motion, scene, wishes)
         ranked = rank([h.motion for h in ranked[:AGAIN]], scene, wishes, rng)
     return Search(ranked, motions, wishes)
+
+
+def _carries(best: Hypothesis, scene: Scene, rng: np.random.Generator) -> bool:
+    """Whether a motion is good enough to tell which points are the part's."""
+    return explained_share(best.refined, scene, rng) > LEAST_CARRIED
 
 
 def _of_whole_lever(motion: JointMotion, scene: Scene, wishes: Wishes) -> Wishes:
