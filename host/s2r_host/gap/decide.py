@@ -83,7 +83,8 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         if decision.leftover > LEFTOVER_LIMIT * doubt(problem) or search.comes_back([]):
             decision.verdict = "unknown"
             decision.reasons.append("no effect of the catalogue removes the leftover")
-        elif base_matters(search, problem):
+        elif base_matters(search, problem) or len(problem.joints) > 1:
+            # The many numbers of an arm, all of them loose, hide the one that is off.
             decision = parameters_only(problem, search)
         return decision
     odd = disagreement(problem, search, solution)

@@ -154,3 +154,12 @@ def test_the_joint_of_what_was_named_comes_first(rubbing):
     assert places[0].joint == "j2"
     only_shoulder = [p for p in places if p.joint == "j1"]
     assert [p.joint for p in with_named(problem, problem.raw, only_shoulder, decision)][-1] == "j2"
+
+
+def test_one_wrong_number_of_an_arm_is_looked_for_although_loose_numbers_hide_it(rubbing, monkeypatch):
+    monkeypatch.setattr("s2r_host.gap.decide.base_matters", lambda *_: False)
+    monkeypatch.setattr(rubbing, "at_floor", lambda _: False)
+    monkeypatch.setattr(rubbing, "comes_back", lambda _: False)
+    monkeypatch.setattr(rubbing, "run", lambda look: rubbing.finish([], [], []))
+    decision = decide(rubbing.problem, rubbing)
+    assert [(e.name, e.joint) for e in decision.effects] == [("coulomb_friction", "j2")]
