@@ -45,6 +45,7 @@ def lever_proposals(
     levers: Sequence[LeverCandidate],
     settings: LeverPushSettings | None = None,
     line: np.ndarray | None = None,
+    ways: Sequence[int] = (0, 1),
 ) -> Iterator[PushProposal]:
     """Proposals, best first: all ways to push the likeliest candidate, then the next one.
 
@@ -52,10 +53,11 @@ def lever_proposals(
         levers: What to push.
         settings: Geometry of the pushes.
         line: Unit direction, without sense, along which they are believed to give way, (3,).
+        ways: 0 for the likelier of the two ways in which a piece may turn, 1 for the other.
     """
     settings = settings or LeverPushSettings()
     for lever in levers:
-        for way in _across(lever, settings, line):
+        for way in (_across(lever, settings, line)[k] for k in ways):
             for place, lean, direction in product(settings.places, settings.leans, (way, -way)):
                 for level in (direction, -lever.outward):
                     z = lean * DOWN + (1.0 - lean) * level

@@ -191,12 +191,16 @@ def _faucet(session: Session, view: Observation, earlier: Sequence[DonePush]) ->
     ]
     ranked = [levers[k] for k in np.argsort(doubts, kind="stable")]
     touched = [one.planned.motion.proposal.p_contact for one in earlier]
-    yield from (_lever(view, lever, found, settings, earlier) for lever in ranked[:MOST_PIECES])
+    for lever in ranked[:MOST_PIECES]:
+        yield _lever(view, lever, found, settings, earlier, (0,))
     proposed = network_push(found, view, settings.network_push, touched)
     if proposed is not None:
         scene, proposals = proposed
         yield Pushable(None, scene, iter(proposals), fresh=True)
-    yield from (_lever(view, lever, found, settings, earlier) for lever in ranked[MOST_PIECES:])
+    for lever in ranked[:MOST_PIECES]:
+        yield _lever(view, lever, found, settings, earlier, (1,))
+    for lever in ranked[MOST_PIECES:]:
+        yield _lever(view, lever, found, settings, earlier, (0, 1))
 
 
 def _lever(
@@ -205,6 +209,7 @@ def _lever(
     found: Affordance,
     settings: RunSettings,
     earlier: Sequence[DonePush],
+    ways: Sequence[int],
 ) -> Pushable:
     held_out = [
         one.planned.motion.proposal.direction
@@ -213,7 +218,7 @@ def _lever(
     ]
     proposals = (
         proposal
-        for proposal in lever_proposals([lever], settings.lever_push, line_in(found, lever.p))
+        for proposal in lever_proposals([lever], settings.lever_push, line_in(found, lever.p), ways)
         if all(proposal.direction @ direction < SAME_WAY for direction in held_out)
     )
     return Pushable(None, piece_scene(view.scene, lever.p), proposals, fresh=True)
