@@ -11,7 +11,7 @@ from s2r_host.planning.places import Places, part_geoms
 from s2r_host.planning.scene import Scene
 from s2r_protocol.exits import RefusedError
 
-_NEAR = 0.7  # of the stretched arm's length: within it the distance keeps the arm from nothing
+_NEAR = 0.5  # of the summed lengths of its links: so near the distance keeps an arm from nothing
 _ALONG = 0.6  # cosine between the hand's axis and a direction that it comes along
 
 
