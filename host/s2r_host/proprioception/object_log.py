@@ -85,23 +85,26 @@ def touches(
         most: How far the joint may be from ``s_end`` at most [m or rad].
     """
     force = tip_force(own, samples)
-    effort, sigma = force.along(part.velocity(force.p))
+    towards, doubt = force.along(part.velocity(force.p))
     size = np.linalg.norm(force.force_N, axis=1)
     noise = np.sqrt(np.trace(force.covariance, axis1=1, axis2=2))
     sign = 1.0 if part.positive else -1.0
-    pushing = (size > np.maximum(LEAST_FORCE_N, OVER_NOISE * noise)) & (sign * effort > OVER_NOISE * sigma)
+    pushing = (size > np.maximum(LEAST_FORCE_N, OVER_NOISE * noise)) & (sign * towards > OVER_NOISE * doubt)
     pushing = binary_closing(pushing, np.ones(2 * round(GAP_S / EVERY_S / 2) + 1))
     found, edge = [], round(EDGE_S / EVERY_S)
     for stretch in _stretches(pushing):
         rows = stretch[edge:-edge]
         if len(rows) * EVERY_S < LEAST_TOUCH_S:
             continue
-        s = _followed(arm, samples.q[rows], part, s_end, most)
-        if s is None:
+        followed = _followed(arm, samples.q[rows], part, s_end, most)
+        if followed is None:
             continue
+        s, p = followed
+        force = tip_force(own, samples.part(rows), p)
+        effort, sigma = force.along(part.velocity(p))
         window = 2 * round(WINDOW_S / EVERY_S / 2) + 1
         smooth, ds = (np.asarray(savgol_filter(s, window, 2, deriv=order, delta=EVERY_S)) for order in (0, 1))
-        found.append(Touch(samples.t[rows], smooth, ds, effort[rows], sigma[rows]))
+        found.append(Touch(samples.t[rows], smooth, ds, effort, sigma))
     return _anchored(found, s_end)
 
 
@@ -119,13 +122,16 @@ def _anchored(found: list[Touch], s_end: float) -> list[Touch]:
     return [Touch(one.t, one.s + off, one.ds, one.effort, one.sigma) for one in found]
 
 
-def _followed(arm: ArmModel, q: np.ndarray, part: PushedPart, s_end: float, most: float) -> np.ndarray | None:
-    """Joint values at which the part just touches the fingertip, (n,); None where it nowhere does.
+def _followed(
+    arm: ArmModel, q: np.ndarray, part: PushedPart, s_end: float, most: float
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Joint values at which the part just touches the fingertip, (n,), and where, (n, 3); None if it nowhere does.
 
     The part is ahead of the fingertip; moved back towards it, it touches at some value and overlaps beyond.
     """
     back = -most if part.positive else most
     found: list[float] = []
+    touched: list[np.ndarray] = []
     for row in q:
         apart = _Apart(arm, row, part)
         near = found[-1] if found else None
@@ -137,7 +143,9 @@ def _followed(arm: ArmModel, q: np.ndarray, part: PushedPart, s_end: float, most
         if span is None:
             return None
         found.append(float(brentq(apart, *span, xtol=TOUCH)))  # pyright: ignore[reportArgumentType]
-    return np.array(found)
+        apart(found[-1])
+        touched.append(apart.nearest)
+    return np.array(found), np.array(touched)
 
 
 def _bracket(apart: Callable[[float], float], span: tuple[float, float]) -> tuple[float, float] | None:
@@ -158,6 +166,7 @@ class _Apart:
             for i in sorted(arm.tip_shapes)
         ]
         self._part = part
+        self.nearest = np.zeros(3)  # on the fingertip, of the last call, base frame [m]
 
     def __call__(self, s: float) -> float:
         X, least = self._part.pose(s), np.inf
@@ -165,10 +174,12 @@ class _Apart:
             there = X @ shape.X_base_shape
             placed = coal.Transform3s(there[:3, :3], there[:3, 3])
             for geometry, here in self._tip:
+                result = coal.DistanceResult()
                 distance = coal.distance(
-                    geometry, here, shape.geometry, placed, coal.DistanceRequest(), coal.DistanceResult()
+                    geometry, here, shape.geometry, placed, coal.DistanceRequest(), result
                 )
-                least = min(least, distance)
+                if distance < least:
+                    least, self.nearest = distance, np.array(result.getNearestPoint1()).ravel()
         return float(least)
 
 

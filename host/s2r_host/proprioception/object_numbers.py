@@ -66,6 +66,7 @@ def learn_numbers(mjcf: Path, joint: str, touched: Sequence[Touch]) -> ObjectNum
         [MASS_SHARE_SIGMA, FRICTION_SIGMA * size, DAMPING_SIGMA * size / np.median(np.abs(A[:, 2]))]
     )
     (low, high), trust = MASS_SHARE_RANGE, np.ones(len(b))
+    x, left, a = np.array([1.0, size, 0.0]), np.abs(b), A
     for _ in range(ROUNDS):
         scaled = np.sqrt(trust) / sigma
         a = np.vstack([A * scaled[:, None], np.diag(1.0 / prior)])

@@ -18,7 +18,7 @@ from s2r_protocol.arms import ArmDescription
 
 SIGN_RAD_S = 0.004  # dry friction turns over within about this speed
 SLOW_RAD_S = 0.01  # below it the sign of dry friction is anybody's guess
-NOISE_NM = 0.05
+NOISE_NM = 0.3  # of a row as if rows were independent: what is left over goes together for tenths of seconds
 INERTIAL_SHARE, LEVER_M, GYRATION_M2 = (
     0.1,
     0.1,
@@ -36,11 +36,13 @@ class OwnTorques:
         dynamics: Of the description.
         parameters: Changes of the links' inertial parameters (10 each: mass, mass times centre, inertia at the joint),
             dry friction [N·m] and viscous friction [N·m·s/rad] of every joint, (12 dof,).
+        covariance: Of the parameters, (12 dof, 12 dof): torques far from what the motions showed are guesses.
         rest: What is left over in motion, root mean square per joint [N·m], (dof,).
     """
 
     dynamics: InverseDynamics
     parameters: np.ndarray
+    covariance: np.ndarray
     rest: np.ndarray
 
     @property
@@ -62,7 +64,9 @@ class OwnTorques:
     def sigma(self, samples: Samples) -> np.ndarray:
         """How far they may be off [N·m], (n, dof): a slow joint's dry friction may point either way."""
         slow = np.abs(samples.dq) < SLOW_RAD_S
-        return np.hypot(self.rest, np.where(slow, np.abs(self.coulomb), 0.0))
+        Y = _regressor(self.dynamics, samples)
+        learnt = np.einsum("njk,kl,njl->nj", Y, self.covariance, Y)
+        return np.sqrt(learnt + self.rest**2 + np.where(slow, self.coulomb**2, 0.0))
 
 
 def learn_own_torques(arm: ArmDescription, free: Sequence[Samples]) -> OwnTorques | None:
@@ -85,9 +89,11 @@ def learn_own_torques(arm: ArmDescription, free: Sequence[Samples]) -> OwnTorque
         return None
     prior = _prior(dynamics)
     a = (A * weight[:, :, None] * prior).reshape(-1, len(prior)) / NOISE_NM
-    x = np.linalg.solve(a.T @ a + np.eye(len(prior)), a.T @ (b * weight).ravel() / NOISE_NM) * prior
+    spread = np.linalg.inv(a.T @ a + np.eye(len(prior)))
+    x = spread @ (a.T @ (b * weight).ravel() / NOISE_NM) * prior
     left = (b - A @ x) * weight
-    return OwnTorques(dynamics, x, np.sqrt((left**2).sum(axis=0) / weight.sum(axis=0)))
+    covariance = prior[:, None] * spread * prior
+    return OwnTorques(dynamics, x, covariance, np.sqrt((left**2).sum(axis=0) / weight.sum(axis=0)))
 
 
 def _regressor(dynamics: InverseDynamics, samples: Samples) -> np.ndarray:

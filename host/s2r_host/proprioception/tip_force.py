@@ -17,7 +17,7 @@ class TipForce:
     """Along one motion.
 
     Attributes:
-        p: Tool tip, base frame [m], (n, 3).
+        p: Where it acts, base frame [m], (n, 3).
         force_N: On what is touched, base frame [N], (n, 3).
         covariance: Of the force [N²], (n, 3, 3).
     """
@@ -33,15 +33,22 @@ class TipForce:
         return value, np.sqrt(variance)
 
 
-def tip_force(own: OwnTorques, samples: Samples) -> TipForce:
-    """Weighted least squares of Jᵀ F = τ − τ_own in every row: a joint counts by how well its torque is known."""
+def tip_force(own: OwnTorques, samples: Samples, p: np.ndarray | None = None) -> TipForce:
+    """Weighted least squares of Jᵀ F = τ − τ_own in every row: a joint counts by how well its torque is known.
+
+    Args:
+        own: What the arm itself takes.
+        samples: The motion.
+        p: Where the tool is touched in every row, base frame [m], (n, 3); None: at its tip.
+    """
     dynamics = own.dynamics
+    p = dynamics.tool_positions(samples.q) if p is None else p
     extra = samples.tau - own.along(samples)
     sigma = own.sigma(samples)
     forces, covariances = [], []
-    for q, tau, spread in zip(samples.q, extra, sigma, strict=True):
-        J = dynamics.tool_jacobian(q).T / spread[:, None]
+    for q, at, tau, spread in zip(samples.q, p, extra, sigma, strict=True):
+        J = dynamics.point_jacobian(q, at).T / spread[:, None]
         covariance = np.linalg.inv(J.T @ J + np.eye(3) / WEAK_N**2)
         forces.append(covariance @ (J.T @ (tau / spread)))
         covariances.append(covariance)
-    return TipForce(dynamics.tool_positions(samples.q), np.array(forces), np.array(covariances))
+    return TipForce(p, np.array(forces), np.array(covariances))

@@ -80,11 +80,11 @@ class Feeling:
 
     def _learn_arm(self, executed: Sequence[Executed]) -> None:
         for one in executed:
-            if one.free and one.recording is not None and one.seq not in self._heard:
+            if one.free_from < 1.0 and one.recording is not None and one.seq not in self._heard:
                 self._heard.add(one.seq)
                 samples = samples_in(one.recording)
                 if samples is not None:
-                    self._free.append(samples)
+                    self._free.append(samples.part(slice(int(one.free_from * len(samples)), None)))
 
 
 def with_felt(belief: Belief, touched: Sequence[Touch], folder: Path) -> Belief:

@@ -23,7 +23,7 @@ from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import DRAWER, FAUCET, LAPTOP
-from s2r_host.run.travel import timed
+from s2r_host.run.travel import FREE, LEAVING, NEVER, timed
 
 PUSH = 1  # place of the push itself among the motions: approach, push, back, home
 SAME_PIECE_M = 0.04  # a push that began this near a piece was about it
@@ -99,16 +99,13 @@ def prepare_push(
     """
     settings = session.settings
     pushable, motion = _reachable(session, _PUSHABLES[settings.task.name](session, view, earlier), skip)
-    paths: list[tuple[np.ndarray, str, float]] = [
-        (motion.approach, f"push {number}: approach", settings.travel_speed),
-        (motion.push, f"push {number}", settings.push_speed),
-        (motion.retreat, f"push {number}: back", settings.push_speed),
-        (motion.home, f"push {number}: home", settings.travel_speed),
+    paths: list[tuple[np.ndarray, str, float, float]] = [
+        (motion.approach, f"push {number}: approach", settings.travel_speed, FREE),
+        (motion.push, f"push {number}", settings.push_speed, NEVER),
+        (motion.retreat, f"push {number}: back", settings.push_speed, LEAVING),
+        (motion.home, f"push {number}: home", settings.travel_speed, FREE),
     ]
-    motions = tuple(
-        timed(session, path, label, speed, free=path is motion.approach or path is motion.home)
-        for path, label, speed in paths
-    )
+    motions = tuple(timed(session, *path) for path in paths)
     return PlannedPush(pushable.positive, motion, motions)
 
 

@@ -21,7 +21,7 @@ from s2r_host.run.doubts import TOUCHED_SHARE, doubt_about
 from s2r_host.run.measure import Measurement, measure_state
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.session import Executed, Motion, Session
-from s2r_host.run.travel import timed
+from s2r_host.run.travel import FREE, LEAVING, timed
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
 from s2r_host.trajectory.perturb import PERTURBATIONS
 from s2r_protocol.exits import RefusedError
@@ -191,8 +191,8 @@ def way_home(
         carried=belief.carried(request.s_initial, end.s),
     )
     return escape, (
-        timed(session, escape.out, f"manipulation {number}: out of contact", settings.push_speed),
-        timed(session, escape.home, f"manipulation {number}: home", settings.travel_speed, free=True),
+        timed(session, escape.out, f"manipulation {number}: out of contact", settings.push_speed, LEAVING),
+        timed(session, escape.home, f"manipulation {number}: home", settings.travel_speed, FREE),
     )
 
 

@@ -31,12 +31,12 @@ class Motion:
     Attributes:
         trajectory: Itself.
         label: What it is called in recordings.
-        free: It is to touch nothing from its beginning to its end: its joint torques are the arm's own.
+        free_from: Share of its time from which on it is to touch nothing: its joint torques are the arm's own then.
     """
 
     trajectory: Trajectory
     label: str
-    free: bool = False
+    free_from: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Executed:
         tick_start: Executor tick just before it was sent.
         begun_s, wall_s: When it was sent, since the run began, and how long it took on the wall clock.
         recording: The executor's MCAP, None when it has none.
-        free: It touched nothing.
+        free_from: Share of its time from which on it touched nothing.
     """
 
     label: str
@@ -60,7 +60,7 @@ class Executed:
     begun_s: float
     wall_s: float
     recording: bytes | None
-    free: bool = False
+    free_from: float = 1.0
 
 
 @dataclass
@@ -184,7 +184,7 @@ class Session:
             sent.begun_s,
             sent.wall_s,
             recording,
-            motion.free and sent.went_through,
+            motion.free_from if sent.went_through else 1.0,
         )
 
     def close(self) -> None:

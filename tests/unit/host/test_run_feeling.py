@@ -88,7 +88,7 @@ def test_without_a_touch_nothing_changes(tmp_path):
 
 def test_without_recordings_nothing_is_felt(tmp_path):
     before = belief(tmp_path, LID, "revolute", (0.0, -1.0, 0.0))
-    pushed = SimpleNamespace(free=False, recording=None, seq=1, label="push 1")
+    pushed = SimpleNamespace(free_from=1.0, recording=None, seq=1, label="push 1")
     feeling = Feeling(SimpleNamespace(arm=None), tmp_path / "object-log")
     assert feeling.feel(before, [pushed], pushed, 0.0, 0.2) == []
     assert not (tmp_path / "object-log").exists()
