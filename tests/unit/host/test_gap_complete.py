@@ -122,9 +122,7 @@ def test_a_load_at_the_hand_is_no_matter_of_all_links(tmp_path):
     model = RigidModel(tmp_path / "model.xml")
     problem = build_problem(model, [make_session(model, loaded(1), 0)], [], [])
     search = Search(problem)
-    solution = search.run()
-    names = [t.effect for t in solution.terms]
-    assert "payload" in names
-    assert LINKS not in names
-    mass = float(solution.theta[names.index("payload")][0])
-    assert mass == pytest.approx(0.6, rel=0.2)
+    terms, _ = complete(search)
+    assert LINKS not in [t.effect for t in terms]
+    best = max(search.scan(terms, 3.0)[0], key=lambda s: s.gain)
+    assert best.term.effect == "payload"
