@@ -104,7 +104,8 @@ def prepare_manipulation(
     """
     task = session.settings.task
     reasons: list[str] = []
-    for k, doubt in enumerate(DOUBTS if number == 1 else CORRECTION_DOUBTS):
+    far = abs(session.target - s_initial) > task.far_off  # then it is no correction: there is little to spoil
+    for k, doubt in enumerate(DOUBTS if number == 1 or far else CORRECTION_DOUBTS):
         try:
             return _prepare_once(session, belief, number, s_initial, view, k, doubt)
         except RefusedError as error:
