@@ -245,7 +245,9 @@ def _friction_or_none(rng: np.random.Generator, machine: Machine, names: tuple[s
     needs = {need for name in names for need in EFFECTS[name].needs}
     if len(machine.mass) > 2 and not needs and rng.random() < BARE_SHARE:
         nothing = np.zeros_like(machine.coulomb)
-        light = BARE_ARMATURE * machine.armature  # none at all: loops ring where two axes of the arm fall together
+        light = (
+            BARE_ARMATURE * machine.armature
+        )  # none at all: loops ring where two axes of the arm fall together
         return replace(machine, coulomb=nothing, viscous=nothing, armature=light)
     coulomb, viscous = machine.coulomb, machine.viscous
     if "coulomb_friction" in names or (rng.random() < 0.25 and "coulomb" not in needs):

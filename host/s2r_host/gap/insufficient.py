@@ -25,7 +25,7 @@ def no_effort(model: RigidModel, fit: list[Session]) -> str | None:
 
 def too_short(model: RigidModel, fit: list[Session]) -> str | None:
     """A sentence when no recording holds enough rows to learn from and to predict."""
-    if any(len(picks_of(s, j)) >= LEAST_ROWS for s in fit for j in np.flatnonzero(s.has_u)):
+    if any(len(picks_of(s, int(j))) >= LEAST_ROWS for s in fit for j in np.flatnonzero(s.has_u)):
         return None
     longest = max(float(s.t[-1] - s.t[0]) for s in fit)
     return (
