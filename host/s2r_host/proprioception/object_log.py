@@ -184,7 +184,7 @@ class _Apart:
 
 
 def write_log(touched: Sequence[Touch], joint: str, folder: Path, name: str, session: str) -> list[Path]:
-    """Write one recording (CSV and YAML, as ``s2r gap`` takes them) per touch.
+    """Write one recording (CSV and YAML, as ``s2r gap`` takes them) per touch; earlier ones of the name go.
 
     Args:
         touched: Stretches of contact.
@@ -194,6 +194,8 @@ def write_log(touched: Sequence[Touch], joint: str, folder: Path, name: str, ses
         session: What was recorded in one go.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    for old in (*folder.glob(f"{name}-*.csv"), *folder.glob(f"{name}-*.yaml")):
+        old.unlink()
     paths = []
     for number, one in enumerate(touched, start=1):
         path = folder / f"{name}-{number}.csv"

@@ -23,6 +23,16 @@ from s2r_host.run.session import Executed
 SEARCH_M, SEARCH_RAD = 0.2, 0.8  # beyond what a part was moved it is not looked for
 
 
+@dataclass(frozen=True, eq=False)
+class _Push:
+    """A motion that pushed the part: how the arm moved, the part as then believed, and where it was afterwards."""
+
+    samples: Samples
+    part: PushedPart
+    s_to: float
+    most: float
+
+
 @dataclass
 class Feeling:
     """Grows with every motion of a run.
@@ -38,6 +48,7 @@ class Feeling:
     by_motion: dict[str, list[Touch]] = field(default_factory=dict)
     _free: list[Samples] = field(default_factory=list)
     _heard: set[int] = field(default_factory=set)
+    _pushes: dict[str, _Push] = field(default_factory=dict)
 
     def feel(
         self,
@@ -49,6 +60,8 @@ class Feeling:
     ) -> list[Touch]:
         """What a motion that pushed the part tells about its joint; written down as a recording, too.
 
+        Earlier ones are felt anew: the arm is known better by now.
+
         Args:
             belief: So far; the part's surface is taken from it.
             executed: All motions of the run so far: those that touched nothing teach the arm.
@@ -56,9 +69,8 @@ class Feeling:
             s_from, s_to: Joint value before and after it, by the camera [m or rad].
         """
         self._learn_arm(executed)
-        own = learn_own_torques(self.arm.arm, self._free)
         samples = samples_in(pushed.recording) if pushed.recording is not None else None
-        if own is None or samples is None:
+        if samples is None:
             return []
         positive = s_to > s_from
         part = PushedPart(
@@ -68,10 +80,15 @@ class Feeling:
             positive,
         )
         most = SEARCH_M if belief.template.slides else SEARCH_RAD
-        felt = touches(own, self.arm, samples, part, s_to, abs(s_to - s_from) + most)
-        write_log(felt, JOINT, self.folder, pushed.label.replace(" ", "-"), pushed.label)
-        self.by_motion[pushed.label] = felt
-        return felt
+        self._pushes[pushed.label] = _Push(samples, part, s_to, abs(s_to - s_from) + most)
+        own = learn_own_torques(self.arm.arm, self._free)
+        if own is None:
+            return []
+        for label, push in self._pushes.items():
+            felt = touches(own, self.arm, push.samples, push.part, push.s_to, push.most)
+            write_log(felt, JOINT, self.folder, label.replace(" ", "-"), label)
+            self.by_motion[label] = felt
+        return self.by_motion[pushed.label]
 
     @property
     def touched(self) -> list[Touch]:

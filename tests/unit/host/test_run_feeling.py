@@ -9,6 +9,7 @@ import pytest
 from s2r_host.perception.motion import JointMotion
 from s2r_host.proprioception.object_log import Touch
 from s2r_host.report.felt import felt_figure
+from s2r_host.run import feeling as feeling_module
 from s2r_host.run.belief import HOLDING, Belief
 from s2r_host.run.feeling import Feeling, with_felt
 from s2r_host.run.measure import PartTemplate
@@ -92,6 +93,29 @@ def test_without_recordings_nothing_is_felt(tmp_path):
     feeling = Feeling(SimpleNamespace(arm=None), tmp_path / "object-log")
     assert feeling.feel(before, [pushed], pushed, 0.0, 0.2) == []
     assert not (tmp_path / "object-log").exists()
+
+
+def test_earlier_pushes_are_felt_anew_with_the_arm_known_by_then(tmp_path, monkeypatch):
+    """Two touches at first, one when the arm is known better: the second recording of it is gone, too."""
+    x, calls = np.linspace(0.0, 0.1, 200), []
+
+    def found(own, arm, samples, part, s_end, most):
+        calls.append((samples, s_end))
+        return [touch(np.full(200, 3.0), x)] * (2 if len(calls) == 1 else 1)
+
+    monkeypatch.setattr(feeling_module, "samples_in", lambda recording: recording)
+    monkeypatch.setattr(feeling_module, "learn_own_torques", lambda arm, free: "arm")
+    monkeypatch.setattr(feeling_module, "touches", found)
+    before = belief(tmp_path, DRAWER, "prismatic", (1.0, 0.0, 0.0))
+    feeling = Feeling(SimpleNamespace(arm=None), tmp_path / "object-log")
+    first = SimpleNamespace(free_from=1.0, recording="one", seq=1, label="push 1")
+    second = SimpleNamespace(free_from=1.0, recording="two", seq=2, label="manipulation 1")
+    assert len(feeling.feel(before, [first], first, 0.0, 0.1)) == 2
+    assert len(feeling.feel(before, [first, second], second, 0.1, 0.2)) == 1
+    assert calls == [("one", 0.1), ("one", 0.1), ("two", 0.2)]
+    names = sorted(path.name for path in (tmp_path / "object-log").glob("*.csv"))
+    assert names == ["manipulation-1-1.csv", "push-1-1.csv"]
+    assert len(feeling.touched) == 2
 
 
 def test_what_was_felt_is_drawn_beside_what_was_learnt(tmp_path):
