@@ -172,10 +172,12 @@ def _felt(record: RunRecord) -> str:
     if record.belief is None or not any(record.felt.values()):
         return ""
     figure = felt_figure(record.felt, record.belief, record.settings.task)
+    model = record.belief.growing.relative_to(record.settings.out)
+    command = f"s2r gap --model {model} --fit object-log/*.csv --out gap"
     note = (
         "<p class=\"note\">Effort at the object's joint from the arm's joint torques, less what the arm itself takes; "
         "the band is its standard error. Dashed: what the learnt mass, friction and damping ask for. Where they part, "
-        "physics may be missing: <code>s2r gap --model model/object.xml --fit object-log/*.csv</code>.</p>"
+        f"physics may be missing: <code>{escape(command)}</code> in the run's folder.</p>"
     )
     return section(f"What the arm felt of the {record.settings.task.part}", inline_svg(figure) + note)
 

@@ -176,6 +176,7 @@ def _joint(belief: Belief) -> dict[str, Any]:
         "explained": estimate.explained,
         "model_mjcf": model.mjcf_path,
         "model_urdf": model.urdf_path,
+        "believed_mjcf": {"growing": belief.growing, "falling": belief.falling},
         "mass_kg": model.mass_kg,
         "range": model.range,
         "shifts": belief.shifts,
