@@ -31,6 +31,7 @@ LEAST_TOUCH_S = 0.25
 EDGE_S = 0.05  # at both ends of a touch the fingertip is still landing or leaving
 TOUCH = 1e-6  # joint values are found this closely [m or rad]
 STEPS = 60
+CLEAR_M, EVERY_ROWS = 0.01, 4  # nearer than this a fingertip may touch: the part is known to millimetres
 NEAR = 0.02  # of the search range: as far as a part goes between two rows
 WINDOW_S = 0.08  # of the smoothing of the joint's position
 
@@ -106,6 +107,14 @@ def touches(
         smooth, ds = (np.asarray(savgol_filter(s, window, 2, deriv=order, delta=EVERY_S)) for order in (0, 1))
         found.append(Touch(samples.t[rows], smooth, ds, effort, sigma))
     return _anchored(found, s_end)
+
+
+def free_rows(arm: ArmModel, samples: Samples, part: PushedPart, s: float) -> int:
+    """How many rows at the beginning of a motion pass before the fingertip comes near the part, still at ``s``."""
+    for row in range(0, len(samples), EVERY_ROWS):
+        if _Apart(arm, samples.q[row], part)(s) < CLEAR_M:
+            return max(0, row - EVERY_ROWS)
+    return len(samples)
 
 
 def _stretches(mask: np.ndarray) -> list[np.ndarray]:

@@ -1,7 +1,7 @@
 """What the arm feels of the object while it pushes it, and what the belief makes of that.
 
-All motions of a run that touched nothing teach the arm's own torques; with these, every push is a recording of the
-object's joint. The more pushes, the better friction and mass of the part are known.
+All motions of a run that touched nothing teach the arm's own torques, and every push does until it comes near the part.
+With these, every push is a recording of the object's joint. The more pushes, the better friction and mass are known.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.object_shapes import object_obstacles
-from s2r_host.proprioception.object_log import PushedPart, Touch, touches, write_log
+from s2r_host.proprioception.object_log import PushedPart, Touch, free_rows, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
 from s2r_host.proprioception.samples import Samples, samples_in
@@ -80,6 +80,7 @@ class Feeling:
             positive,
         )
         most = SEARCH_M if belief.template.slides else SEARCH_RAD
+        self._free.append(samples.part(slice(0, free_rows(self.arm, samples, part, s_from))))
         self._pushes[pushed.label] = _Push(samples, part, s_to, abs(s_to - s_from) + most)
         own = learn_own_torques(self.arm.arm, self._free)
         if own is None:

@@ -10,7 +10,7 @@ from s2r_host.log.tables import Joints
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.obstacles import Obstacle
 from s2r_host.perception.motion import JointMotion
-from s2r_host.proprioception.object_log import PushedPart, Touch, touches, write_log
+from s2r_host.proprioception.object_log import PushedPart, Touch, free_rows, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
 from s2r_host.proprioception.samples import samples_of
@@ -149,6 +149,21 @@ def test_a_pushed_slide_is_recorded_where_the_fingertip_is_with_the_force_it_too
     assert recorded.joints == ("object_joint",)
     assert recorded.effort == "measured"
     assert recorded.channels["tau"]["object_joint"] == pytest.approx(one.effort, rel=1e-5)
+
+
+def test_a_push_is_free_until_the_fingertip_comes_near_the_part(pushed):
+    joints, p, along = pushed
+    rows = samples(joints)
+    X = np.eye(4)
+    X[:3, :3] = np.column_stack([along, *np.linalg.svd(along[None])[2][1:]])
+    k = int(TOUCH * len(p))
+    X[:3, 3] = p[k] + 0.07 * along
+    slide = PartTemplate(np.zeros((1, 3)), np.ones((1, 3)), JointMotion("prismatic", np.zeros(3), along, 0.0))
+    part = PushedPart([Obstacle("part_plate", coal.Box(0.05, 0.3, 0.3), X)], slide.pose, slide.velocity, True)
+    free = free_rows(ArmModel(ARM), rows, part, 0.0)
+    assert 0.2 * len(rows) < free < 0.9 * len(rows)
+    assert free_rows(ArmModel(ARM), rows, part, -0.01) < free < free_rows(ArmModel(ARM), rows, part, 0.01)
+    assert free_rows(ArmModel(ARM), rows, part, 0.5) == len(rows)  # the part is half a metre away
 
 
 def test_a_motion_through_the_air_touches_nothing(own):

@@ -100,12 +100,17 @@ def test_earlier_pushes_are_felt_anew_with_the_arm_known_by_then(tmp_path, monke
     x, calls = np.linspace(0.0, 0.1, 200), []
 
     def found(own, arm, samples, part, s_end, most):
-        calls.append((samples, s_end))
+        calls.append((samples.name, s_end))
         return [touch(np.full(200, 3.0), x)] * (2 if len(calls) == 1 else 1)
 
-    monkeypatch.setattr(feeling_module, "samples_in", lambda recording: recording)
+    monkeypatch.setattr(
+        feeling_module,
+        "samples_in",
+        lambda recording: SimpleNamespace(name=recording, part=lambda rows: recording),
+    )
     monkeypatch.setattr(feeling_module, "learn_own_torques", lambda arm, free: "arm")
     monkeypatch.setattr(feeling_module, "touches", found)
+    monkeypatch.setattr(feeling_module, "free_rows", lambda arm, samples, part, s: 1)
     before = belief(tmp_path, DRAWER, "prismatic", (1.0, 0.0, 0.0))
     feeling = Feeling(SimpleNamespace(arm=None), tmp_path / "object-log")
     first = SimpleNamespace(free_from=1.0, recording="one", seq=1, label="push 1")
