@@ -98,7 +98,8 @@ def _lines(
 def _counted(rows: Sequence[Row]) -> str:
     again = sum(row.get("tries", 1) > 1 for row in rows)
     text = f"{len(rows)} manipulations."
-    return f"{text} {again} of them were begun anew because a process fell silent." if again else text
+    were = "was" if again == 1 else "were"
+    return f"{text} {again} of them {were} begun anew because a process fell silent." if again else text
 
 
 def _table(rows: Sequence[Row], kinds: Sequence[str], key: str) -> list[str]:
