@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from html import escape
 from pathlib import Path
 
@@ -172,7 +173,7 @@ def _felt(record: RunRecord) -> str:
     if record.belief is None or not any(record.felt.values()):
         return ""
     figure = felt_figure(record.felt, record.belief, record.settings.task)
-    model = record.belief.growing.relative_to(record.settings.out)
+    model = os.path.relpath(record.belief.growing, record.settings.out)
     command = f"s2r gap --model {model} --fit object-log/*.csv --out gap"
     note = (
         "<p class=\"note\">Effort at the object's joint from the arm's joint torques, less what the arm itself takes; "
