@@ -61,12 +61,12 @@ def check_stays(request: PlanRequest, scene: Scene, tolerance: float) -> None:
     if scene.bystanders:
         return  # what else moves would be in other places by then
     for name, s in (("s_initial", request.s_initial), ("s_target", request.s_target)):
-        problem = _drift(request, scene, tolerance, s)
+        problem = drift(request, scene, tolerance, s)
         if problem is not None:
             raise PlanRefusedError(f"joint {request.joint!r} does not stay at {name} = {s:.4f}: {problem}")
 
 
-def _drift(request: PlanRequest, scene: Scene, tolerance: float, s: float) -> str | None:
+def drift(request: PlanRequest, scene: Scene, tolerance: float, s: float) -> str | None:
     """Why an untouched part leaves joint value s, or None."""
     model = scene.without_robot()
     data = mujoco.MjData(model)

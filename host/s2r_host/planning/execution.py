@@ -53,11 +53,18 @@ class Report:
 class FineWorld:
     """The execution model and its state. Joint targets in, motion and a report out."""
 
-    def __init__(self, scene: Scene, q_initial: np.ndarray, s_initial: float) -> None:
-        """Args: scene; ``q_initial`` (dof,) [rad]; ``s_initial``, the object's joint [m or rad]. All at rest."""
+    def __init__(
+        self, scene: Scene, q_initial: np.ndarray, s_initial: float, others: np.ndarray | None = None
+    ) -> None:
+        """Args: scene; ``q_initial`` (dof,) [rad]; ``s_initial``, the object's joint [m or rad]; see PlanRequest.
+
+        All at rest.
+        """
         self.scene = scene
         self.data = mujoco.MjData(scene.fine)
         self.data.qpos[: scene.dof] = q_initial
+        if others is not None:
+            self.data.qpos[scene.dof :] = others
         self.data.qpos[scene.s_qpos] = s_initial
         self.data.ctrl[: scene.dof] = q_initial
         self._tau_max = scene.arm.limits.tau_max
@@ -78,6 +85,11 @@ class FineWorld:
     def q(self) -> np.ndarray:
         """Joint positions [rad], (dof,)."""
         return self.data.qpos[: self.scene.dof].copy()
+
+    @property
+    def others(self) -> np.ndarray:
+        """Positions of everything besides the arm, (nq - dof,)."""
+        return self.data.qpos[self.scene.dof :].copy()
 
     def save(self) -> np.ndarray:
         """The whole state, for :meth:`restore`."""

@@ -19,12 +19,19 @@ _STEP_RAD = 0.06  # between postures that are looked at along a line
 class FreeSpace:
     """Counts the robot's contacts at postures of the arm and states of the object."""
 
-    def __init__(self, scene: Scene, threads: int, margin_m: float = 0.0) -> None:
-        """Args: scene; threads; ``margin_m``, distance that counts as a contact already, fingertip excepted."""
+    def __init__(
+        self, scene: Scene, threads: int, margin_m: float = 0.0, others: np.ndarray | None = None
+    ) -> None:
+        """Args: scene; threads; ``margin_m``, distance that counts as a contact already, fingertip excepted.
+
+        ``others`` are the positions of everything besides the arm, (nq - dof,); None: as the file has them.
+        """
         self._dof, self._s = scene.dof, scene.s_qpos
         self._all = self._batch(scene, threads, margin_m, touching=False)
         self._touching = self._batch(scene, threads, margin_m, touching=True)
         self._qpos0 = scene.fine.qpos0.copy()
+        if others is not None:
+            self._qpos0[scene.dof :] = others
 
     @staticmethod
     def _batch(scene: Scene, threads: int, margin_m: float, *, touching: bool) -> mujoco.batch.Batch:

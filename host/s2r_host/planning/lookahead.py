@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.planning.belief import draw_ensemble
-from s2r_host.planning.hooking import Hook
+from s2r_host.planning.hook import Hook
 from s2r_host.planning.proposals import Route
 from s2r_host.planning.rewards import Task, rewards
 from s2r_host.planning.rollouts import Rollouts

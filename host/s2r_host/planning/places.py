@@ -105,6 +105,16 @@ def part_box(scene: Scene, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]
     return corners.min(axis=0), corners.max(axis=0)
 
 
+def tightness(places: Places) -> np.ndarray:
+    """Cost of places that leave little room or are far from the touch, (n,), in units of radians of travel.
+
+    Room towards the part counts most: a fingertip that comes down within a few millimetres of an edge lands on it
+    when the object stands a little nearer than believed, and jams there.
+    """
+    near, far = np.maximum(0.012 - places.push_m, 0.0), np.maximum(places.push_m - 0.016, 0.0)
+    return 0.2 * places.blocked + 150.0 * near + 5.0 * far
+
+
 def _candidates(
     scene: Scene, data: mujoco.MjData, sign: float, orientations: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,7 +10,8 @@ import numpy as np
 
 from s2r_host.planning.door import check_numbers, check_stays, check_target
 from s2r_host.planning.execution import FineWorld, Report
-from s2r_host.planning.hooking import Hook, find_hooks
+from s2r_host.planning.hook import Hook
+from s2r_host.planning.hooking import find_hooks
 from s2r_host.planning.lookahead import Lookahead
 from s2r_host.planning.patience import Patience
 from s2r_host.planning.proposals import Route
@@ -25,6 +26,7 @@ logger = logging.getLogger(__name__)
 
 _STILL_STEPS, _STILL_M = 15, 5e-4  # control steps without progress after which an attempt is given up
 _BACK_STEPS = 3  # how far the first step back goes; the second goes twice as far, and so on
+_USUAL_WAY_RAD = 1.5  # of the arm with the part; a longer one is granted more control steps
 _LANDING_STEPS = 9  # shares of the last action tried until the hold ends on target
 
 
@@ -37,6 +39,11 @@ def scene_of(request: PlanRequest) -> Scene:
     return build_scene(
         request.arm, request.object_mjcf, request.joint, request.settings, in_scene=request.in_scene
     )
+
+
+def world_of(request: PlanRequest, scene: Scene) -> FineWorld:
+    """The fine model where a request begins."""
+    return FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial, request.others)
 
 
 def plan_manipulation(
@@ -70,13 +77,11 @@ def plan_manipulation(
     settings = request.settings
     scene = scene or scene_of(request)
     tolerance = settings.tolerance_m if scene.prismatic else settings.tolerance_rad
-    check_target(request, scene, tolerance)
-    check_stays(request, scene, tolerance)
-    world = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial)
-    _check_start(world)
+    world = world_of(request, scene)
+    _check_possible(request, scene, world, tolerance)
     patience.check("looking for places for the fingertip")
     before_places = time.process_time()
-    hooks = find_hooks(scene, world, request.object_mjcf, request.s_target, settings)
+    hooks = find_hooks(scene, world, request.object_mjcf, request.s_target, settings, leave=request.leave)
     places_cpu_s = time.process_time() - before_places
     task = Task(request.s_initial, request.s_target, tolerance, scene.prismatic)
     attempts = []
@@ -107,7 +112,20 @@ def plan_manipulation(
     )
 
 
-def _check_start(world: FineWorld) -> None:
+def is_possible(request: PlanRequest, scene: Scene) -> bool:
+    """Whether a request passes the door: what then fails is the search for a plan."""
+    tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
+    try:
+        check_numbers(request)
+        _check_possible(request, scene, world_of(request, scene), tolerance)
+    except PlanRefusedError:
+        return False
+    return True
+
+
+def _check_possible(request: PlanRequest, scene: Scene, world: FineWorld, tolerance: float) -> None:
+    check_target(request, scene, tolerance)
+    check_stays(request, scene, tolerance)
     contact = world.check_now().contact
     if contact is not None:
         raise PlanRefusedError(
@@ -165,7 +183,7 @@ class _Attempt:
                 return problem
             target = self.targets[-1]
         first, backtracks = len(states), 0
-        for step in range(settings.max_steps):
+        for step in range(self._most_steps()):
             self.patience.step(f"attempt {self.index + 1}, step {step}, s = {self.world.s:.4f}")
             ranked, values = ahead.ranked(self.world.data, target)
             self.env_steps = ahead.env_steps
@@ -195,9 +213,16 @@ class _Attempt:
                 return f"nothing moves any more after {step + 1} control steps: s = {self.world.s:.4f}"
         unit = "m" if self.scene.prismatic else "rad"
         return (
-            f"the target was not reached in {settings.max_steps} control steps: s = {self.world.s:.4f} {unit}, "
+            f"the target was not reached in {self._most_steps()} control steps: s = {self.world.s:.4f} {unit}, "
             f"target {self.task.s_target:.4f} {unit}, fingertip {self.trace[-1].distance_m:.3f} m from its place"
         )
+
+    def _most_steps(self) -> int:
+        """Control steps after which to give up; more where the arm has a long way to go with the part."""
+        if not self.settings.lead_in:
+            return self.settings.max_steps
+        way_rad = np.abs(np.diff(self.hook.whole_route[self.hook.touch_row :], axis=0)).max(axis=1).sum()
+        return int(np.ceil(self.settings.max_steps * max(1.0, way_rad / _USUAL_WAY_RAD)))
 
     def _stands_still(self) -> bool:
         """Neither part nor fingertip got anywhere lately: the sampler finds nothing better than to stay."""

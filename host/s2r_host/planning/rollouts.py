@@ -12,7 +12,7 @@ import mujoco.batch
 import numpy as np
 
 from s2r_host.planning.belief import Belief, let_part_pass, spread_over
-from s2r_host.planning.hooking import Hook
+from s2r_host.planning.hook import Hook
 from s2r_host.planning.rewards import StepFacts
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings, Stage

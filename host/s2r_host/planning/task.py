@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.errors import HostError
-from s2r_host.planning.hooking import Hook
+from s2r_host.planning.hook import Hook
 from s2r_host.planning.settings import PlanSettings
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.exits import RefusedError
@@ -32,6 +32,9 @@ class PlanRequest:
         joint: Name of the object's joint.
         seed: Of all chance in the plan; same request and seed, same plan.
         settings: See PlanSettings.
+        others: Positions of everything in the scene besides the arm at the start, (nq - dof,); s counts where they
+            differ. None: as the file has them.
+        leave: The fingertip has to be able to let go of the part at the target, because the arm goes elsewhere then.
     """
 
     arm: ArmDescription
@@ -43,6 +46,8 @@ class PlanRequest:
     seed: int = 0
     in_scene: bool = False
     settings: PlanSettings = field(default_factory=PlanSettings)
+    others: np.ndarray | None = None
+    leave: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,7 @@ from s2r_host.trajectory.verify import Replay, replay
 
 logger = logging.getLogger(__name__)
 
+SEED_STEP = 1000  # between the seeds of attempts at one task
 _CORRECTIONS = 5
 _FRAGILE = 4.0  # success bands that a slightly different object may be off; more means that the part was lost
 _FRAGILE_PRESS = 1.5  # of the press that the believed object may feel
@@ -63,6 +64,7 @@ def plan_trajectory(
     scene: Scene | None = None,
     patience: Patience | None = None,
     accept_fragile: bool = False,
+    only_fragile: bool = False,
 ) -> tuple[PlanResult, Delivery]:
     """Plan and deliver; a plan that cannot be delivered is planned again with another seed.
 
@@ -74,6 +76,7 @@ def plan_trajectory(
         patience: A limit on the time, and who is told about progress.
         accept_fragile: When no attempt survives the slightly different objects, take the first that was held with
             the believed one; ``Delivery.fragile`` then says what it fails with.
+        only_fragile: Plan again where a motion was fragile only; a first attempt without any ends it.
 
     Raises:
         PlanRefusedError: The request is absurd, or no attempt led to a delivery; the text has the last reason.
@@ -83,7 +86,9 @@ def plan_trajectory(
     second_best: tuple[PlanResult, Delivery] | None = None
     for attempt in range(attempts):
         try:
-            result = plan_manipulation(replace(request, seed=request.seed + 1000 * attempt), scene, patience)
+            result = plan_manipulation(
+                replace(request, seed=request.seed + SEED_STEP * attempt), scene, patience
+            )
             delivery = deliver(
                 request, result, settings, scene=scene, patience=patience, accept_fragile=accept_fragile
             )
@@ -92,7 +97,8 @@ def plan_trajectory(
             second_best = second_best or (result, delivery)
         except (PlanRefusedError, TrajectoryError, TimeIsUpError) as error:
             logger.info("attempt %d of %d: %s", attempt + 1, attempts, error)
-            last = attempt == attempts - 1 or isinstance(error, TimeIsUpError)
+            hopeless = only_fragile and second_best is None
+            last = attempt == attempts - 1 or hopeless or isinstance(error, TimeIsUpError)
             if last and second_best is None:
                 raise
             if last:
@@ -145,7 +151,7 @@ def deliver(
         timed = replace(settings, speed=settings.speed * speed)
         delivery, problem = _corrected(request, result, scene, path, touch, timed, followed)
         if delivery is not None:
-            fragile = _fragile(delivery, request, scene, perturbations)
+            fragile = fragility(delivery, request, scene, perturbations)
             if fragile is None:
                 return delivery
             problem = fragile
@@ -156,7 +162,7 @@ def deliver(
     raise PlanRefusedError(problem)
 
 
-def _fragile(
+def fragility(
     delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...]
 ) -> str | None:
     """Why the motion may end in a protection stop, or which slightly different object it loses, in words, or None."""

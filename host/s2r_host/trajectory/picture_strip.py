@@ -21,36 +21,48 @@ _FRAMES = 6
 
 
 def save_picture_strip(
-    path: Path, scene: Scene, trajectory: Trajectory, played: Replay, q_initial: np.ndarray, s_initial: float
+    path: Path,
+    scene: Scene,
+    trajectory: Trajectory,
+    played: Replay,
+    q_initial: np.ndarray,
+    s_initial: float,
+    begins_s: tuple[float, ...] = (0.0,),
 ) -> Path:
-    """Write a PNG of the start, moments on the way and the end; the moving part is orange, the fingertip blue."""
-    times = _moments(played)
+    """Write a PNG of the start, moments on the way and the end; the moving part is orange, the fingertip blue.
+
+    Every leg has a row of its own; ``begins_s`` are the times at which they begin.
+    """
     world = FineWorld(scene, q_initial, s_initial)
     model = _visible(scene)
-    figure = Figure(figsize=(3.0 * _FRAMES, 3.0), layout="constrained")
+    rows = len(begins_s)
+    figure = Figure(figsize=(3.0 * _FRAMES, 3.0 * rows), layout="constrained")
     origin, vectors = _camera(scene, world.data, played)
-    for k, t in enumerate(times):
-        row = int(np.argmin(np.abs(played.t - t)))
-        world.data.qpos[: scene.dof] = played.q_meas[row]
-        world.data.qpos[scene.s_qpos] = played.s[row]
-        mujoco.mj_kinematics(scene.fine, world.data)
-        axes = figure.add_subplot(1, _FRAMES, k + 1)
-        axes.imshow(_shaded(scene, model, world.data, origin, vectors), interpolation="nearest")
-        unit = "m" if scene.prismatic else "rad"
-        moving = t <= trajectory.duration_s
-        axes.set_title(
-            f"t = {t:.2f} s{'' if moving else ' (held)'},  s = {played.s[row]:+.3f} {unit}", fontsize=8
-        )
-        axes.set_axis_off()
+    ends_s = (*begins_s[1:], np.inf)
+    for leg, (begin_s, end_s) in enumerate(zip(begins_s, ends_s, strict=True)):
+        for k, t in enumerate(_moments(played, begin_s, end_s)):
+            row = int(np.argmin(np.abs(played.t - t)))
+            world.data.qpos[: scene.dof] = played.q_meas[row]
+            world.data.qpos[scene.s_qpos] = played.s[row]
+            mujoco.mj_kinematics(scene.fine, world.data)
+            axes = figure.add_subplot(rows, _FRAMES, leg * _FRAMES + k + 1)
+            axes.imshow(_shaded(scene, model, world.data, origin, vectors), interpolation="nearest")
+            unit = "m" if scene.prismatic else "rad"
+            held = "" if t <= trajectory.duration_s else " (held)"
+            which = f"leg {leg + 1}: " if rows > 1 else ""
+            axes.set_title(f"{which}t = {t:.2f} s{held},  s = {played.s[row]:+.3f} {unit}", fontsize=8)
+            axes.set_axis_off()
     figure.savefig(path, dpi=110)
     return path
 
 
-def _moments(played: Replay) -> np.ndarray:
-    """Start, the first motion of the part, moments to the end of its motion, and the end of the hold."""
-    moving = np.abs(played.s - played.s[0]) > 0.02 * max(np.abs(played.s - played.s[0]).max(), 1e-9)
-    touch = played.t[int(np.argmax(moving))] if moving.any() else played.t[-1] / 2.0
-    return np.array([0.0, 0.6 * touch, *np.linspace(touch, played.t[-1], _FRAMES - 2)])
+def _moments(played: Replay, begin_s: float, end_s: float) -> np.ndarray:
+    """Start of a leg, the part's first motion in it, moments to the end of that, and its end, the hold included."""
+    inside = (played.t >= begin_s) & (played.t <= end_s)
+    t, s = played.t[inside], played.s[inside]
+    moving = np.abs(s - s[0]) > 0.02 * max(np.abs(s - s[0]).max(), 1e-9)
+    touch = t[int(np.argmax(moving))] if moving.any() else (t[0] + t[-1]) / 2.0
+    return np.array([t[0], t[0] + 0.6 * (touch - t[0]), *np.linspace(touch, t[-1], _FRAMES - 2)])
 
 
 def _visible(scene: Scene) -> mujoco.MjModel:

@@ -14,8 +14,8 @@ from s2r_host.planning.patience import Patience
 from s2r_host.planning.planner import scene_of
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
-from s2r_host.planning.task import PlanRequest, PlanResult
-from s2r_host.trajectory.deliver import Delivery, plan_trajectory
+from s2r_host.planning.task import PlanRequest
+from s2r_host.trajectory.legs import Leg, LeggedPlan, plan_legs
 from s2r_host.trajectory.picture_strip import save_picture_strip
 from s2r_host.trajectory.plan_files import write_knots_csv, write_model, write_plan_csv, write_trace_csv
 from s2r_host.trajectory.verify import trace_of
@@ -73,15 +73,15 @@ def plan_scene(task: PlanTask, patience: Patience) -> dict[str, Any]:
             doubt = doubt_from_files(task.doubt_files, scene, settings.doubt)
             settings = replace(settings, doubt=doubt)
         request = replace(request, s_initial=float(scene.fine.qpos0[scene.s_qpos]), settings=settings)
-        result, delivery = plan_trajectory(request, scene=scene, patience=patience, accept_fragile=True)
+        plan = plan_legs(request, scene=scene, patience=patience, accept_fragile=True)
     except S2RError as error:
         answer = _refusal(task, str(error), patience)
         _finish(task, answer, cpu_s, wall_s)
         raise
-    answer = _answer(task, request, scene, result, delivery, patience)
+    answer = _answer(task, request, scene, plan, patience)
     answer["cpu_s"], answer["wall_s"] = _since(cpu_s, wall_s)
     patience.tell("writing the files")
-    _write_all(task, request, scene, delivery)
+    _write_all(task, request, scene, plan)
     _save(task, answer)
     return answer
 
@@ -101,7 +101,8 @@ def _request(task: PlanTask) -> PlanRequest:
     )
 
 
-def _write_all(task: PlanTask, request: PlanRequest, scene: Scene, delivery: Delivery) -> None:
+def _write_all(task: PlanTask, request: PlanRequest, scene: Scene, plan: LeggedPlan) -> None:
+    delivery = plan.delivery
     names = task.arm.joint_names
     write_plan_csv(task.out / "plan.csv", delivery.trajectory, names)
     write_knots_csv(task.out / "knots.csv", delivery.trajectory, names)
@@ -114,6 +115,7 @@ def _write_all(task: PlanTask, request: PlanRequest, scene: Scene, delivery: Del
         delivery.replay,
         np.asarray(request.q_initial, dtype=float),
         request.s_initial,
+        tuple(leg.start_s for leg in plan.legs),
     )
 
 
@@ -121,11 +123,10 @@ def _answer(
     task: PlanTask,
     request: PlanRequest,
     scene: Scene,
-    result: PlanResult,
-    delivery: Delivery,
+    plan: LeggedPlan,
     patience: Patience,
 ) -> dict[str, Any]:
-    played = delivery.replay
+    delivery, played = plan.delivery, plan.delivery.replay
     return {
         "success": True,
         "held": played.held,
@@ -140,7 +141,7 @@ def _answer(
         "unit": "m" if scene.prismatic else "rad",
         "s_initial": request.s_initial,
         "duration_s": delivery.trajectory.duration_s,
-        "stage": result.stage,
+        "stage": max(leg.result.stage for leg in plan.legs),
         "followed": delivery.followed,
         "torque_share": played.torque_share,
         "press_N": played.press_N,
@@ -148,6 +149,22 @@ def _answer(
         "ensemble": request.settings.ensemble,
         "doubt": request.settings.doubt.as_json(),
         "X_scene_base": scene.X_scene_base.tolist(),
+        "legs": [_leg(leg) for leg in plan.legs],
+    }
+
+
+def _leg(leg: Leg) -> dict[str, Any]:
+    """One place's share of the plan; times are those of ``plan.csv``."""
+    return {
+        "start_s": leg.start_s,
+        "end_s": leg.end_s,
+        "s_initial": leg.request.s_initial,
+        "s_target": leg.request.s_target,
+        "final": leg.delivery.replay.final,
+        "s_left": leg.left.s if leg.left is not None else None,
+        "p_part": leg.result.p_part.tolist(),
+        "stage": leg.result.stage,
+        "followed": leg.delivery.followed,
     }
 
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_host.planning.execution import FineWorld, Report
-from s2r_host.planning.hooking import Hook
+from s2r_host.planning.hook import Hook
 from s2r_host.planning.lookahead import Lookahead
 from s2r_host.planning.rewards import Task
 from s2r_host.planning.sampler import icem_sampler

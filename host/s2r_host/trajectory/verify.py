@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from s2r_host.planning.execution import FineWorld
-from s2r_host.planning.planner import scene_of
+from s2r_host.planning.planner import scene_of, world_of
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
 from s2r_host.planning.task import PlanRequest
@@ -95,8 +94,8 @@ class Trace:
 
 def trace_of(trajectory: Trajectory, request: PlanRequest, scene: Scene) -> Trace:
     """Play a trajectory as :func:`replay` does and note every substep."""
-    world, dof = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial), scene.dof
-    q, control, _ = _control(trajectory, request)
+    world, dof = world_of(request, scene), scene.dof
+    q, control, _ = servo_targets(trajectory, request)
     rows = []
     for k in range(len(control) + 1):
         if k:
@@ -116,7 +115,7 @@ def trace_of(trajectory: Trajectory, request: PlanRequest, scene: Scene) -> Trac
     return Trace(table[:, 0], table[:, 1], table[:, 2], table[:, 3] > 0.5, *joints)
 
 
-def _control(trajectory: Trajectory, request: PlanRequest) -> tuple[np.ndarray, np.ndarray, int]:
+def servo_targets(trajectory: Trajectory, request: PlanRequest) -> tuple[np.ndarray, np.ndarray, int]:
     """Reference (n, dof), servo targets (n, dof) at every substep to the end of the hold, substeps per control step."""
     settings = request.settings
     dt = settings.fine_timestep_s
@@ -140,8 +139,8 @@ def replay(trajectory: Trajectory, request: PlanRequest, scene: Scene | None = N
     settings = request.settings
     scene = scene or scene_of(request)
     tolerance = settings.tolerance_m if scene.prismatic else settings.tolerance_rad
-    world = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial)
-    _, control, chunk = _control(trajectory, request)
+    world = world_of(request, scene)
+    _, control, chunk = servo_targets(trajectory, request)
     report, s, q_meas, t = world.check_now(), [world.s], [world.q], [0.0]
     for start in range(0, len(control), chunk):
         report = report.merged(world.play(control[start : start + chunk]))

@@ -5,7 +5,8 @@ import pytest
 
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.hand_probe import HandProbe, quat_of
-from s2r_host.planning.hooking import TOUCH_WAYPOINT, Hook, find_hooks
+from s2r_host.planning.hook import TOUCH_WAYPOINT, Hook
+from s2r_host.planning.hooking import find_hooks
 from s2r_host.planning.kinematics import ToolKinematics, rotation_errors
 from s2r_host.planning.places import find_places
 from s2r_host.planning.proposals import Route

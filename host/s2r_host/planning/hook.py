@@ -1,0 +1,95 @@
+"""A place for the fingertip at a part, with the arm's way there and on with the part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from s2r_host.planning.hand_probe import quat_of
+
+# Height over a place beside it, and how fast that falls towards the place.
+FUNNEL_M, _FUNNEL_SLOPE = 0.05, 5.0
+TOUCH_WAYPOINT = 2  # row of a hook's route at which the fingertip meets the part
+
+
+@dataclass(frozen=True, eq=False)
+class Hook:
+    """A place for the fingertip.
+
+    Attributes:
+        p_part: Tool tip in the part's frame [m], (3,).
+        R_part_tool: Orientation of the tool there in the part's frame, (3, 3).
+        push_part: From there to where the fingertip meets the part, along the part's motion, part frame [m], (3,).
+        q: Joint solution there [rad], (dof,).
+        route: Joint solutions above the place, at the place, at the touch, and on with the part to the target,
+            (m, dof) [rad]. Only a proposal for the sampler.
+        approach: Postures on a free way from the start posture to above the place, (k, dof) [rad]; none if the
+            straight line there is free.
+        axis_part: Axis of a hinge in the part's frame, (3,); zero for a slide.
+        s_start: The object's joint at the place.
+        follow: Share of a hinge's turn that the tool makes with it.
+    """
+
+    p_part: np.ndarray
+    R_part_tool: np.ndarray
+    push_part: np.ndarray
+    q: np.ndarray
+    route: np.ndarray
+    approach: np.ndarray
+    axis_part: np.ndarray
+    s_start: float
+    follow: float
+
+    @cached_property
+    def _directions(self) -> tuple[float, np.ndarray, np.ndarray, float]:
+        """Way to the touch [m], unit vectors along it and out along the tool, (3,), and their product."""
+        push_m = float(np.linalg.norm(self.push_part))
+        ahead, away = self.push_part / push_m, -self.R_part_tool[:, 2]
+        return push_m, ahead, away, float(ahead @ away)
+
+    @cached_property
+    def _grip_wxyz(self) -> np.ndarray:
+        return quat_of(self.R_part_tool)
+
+    @property
+    def whole_route(self) -> np.ndarray:
+        """Approach and route, (k + m, dof) [rad]."""
+        return np.concatenate([self.approach, self.route])
+
+    @property
+    def touch_row(self) -> int:
+        """Row of the whole route at which the fingertip meets the part."""
+        return len(self.approach) + TOUCH_WAYPOINT
+
+    def distance(self, p_tip_part: np.ndarray) -> np.ndarray:
+        """Distance [m] that the reward sees, for tool tips in the part's frame (..., 3).
+
+        To the nearest point between the place and the touch, but through a funnel along the axis by which the hand
+        can back out: beside the place the fingertip is wanted higher. Straight distance has a minimum in front of
+        the handle, where a third of the plans got stuck.
+        """
+        push_m, ahead, away, level = self._directions
+        offset = p_tip_part - self.p_part
+        forward = offset @ ahead
+        along = np.minimum(np.maximum(forward, 0.0), push_m)
+        # What is left of the offset without its share along the push, by its square: this runs for every rollout.
+        height = offset @ away - along * level
+        squared = np.einsum("...i,...i->...", offset, offset) + along * (along - 2.0 * forward)
+        beside = np.sqrt(np.maximum(squared - height**2, 0.0))
+        wanted = np.minimum(FUNNEL_M, _FUNNEL_SLOPE * beside)
+        return np.hypot(beside, height - wanted)
+
+    def turn(self, quat_part_wxyz: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """Angle [rad] between the tool's orientation in the part (..., 4) and the wanted one at joint value s (...)."""
+        grip = self._grip_wxyz
+        cosine = quat_part_wxyz @ grip
+        if self.follow != 1.0:
+            # Wanted is the grip turned about the hinge's axis by the share that the tool does not follow.
+            half = -0.5 * (1.0 - self.follow) * (s - self.s_start)
+            turned, axis = np.empty(4), np.concatenate([[0.0], self.axis_part])
+            mujoco.mju_mulQuat(turned, axis, grip)
+            cosine = np.cos(half) * cosine + np.sin(half) * (quat_part_wxyz @ turned)
+        return 2.0 * np.arccos(np.minimum(np.abs(cosine), 1.0))
