@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -27,63 +27,37 @@ class LeverPushSettings:
         places: Along the lever, 0 at its root, 1 at its tip.
         below_m: How far the fingertip reaches past the lever's line when it pushes with its side.
         leans: Share of "down" in the finger's axis; the rest points along the push, or from outside to the body.
-        upright: Levers whose line rises more than this (sine) are believed to swing in the plane they lean in.
         root_m: A lever's axis is believed to be about this far inside of its visible root.
     """
 
     turn_rad: float = 0.4
-    depth_m: tuple[float, float] = (0.03, 0.06)
+    depth_m: tuple[float, float] = (0.02, 0.06)
     standoff_m: float = 0.035
     places: tuple[float, ...] = (0.9, 0.7, 0.5)
     below_m: float = 0.012
     leans: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
-    upright: float = 0.65
     root_m: float = 0.03
 
 
 def lever_proposals(
-    levers: Sequence[LeverCandidate],
-    settings: LeverPushSettings | None = None,
-    line: np.ndarray | None = None,
-    ways: Sequence[int] = (0, 1),
+    lever: LeverCandidate, line: np.ndarray, settings: LeverPushSettings | None = None
 ) -> Iterator[PushProposal]:
-    """Proposals, best first: all ways to push the likeliest candidate, then the next one.
+    """Ways to push a piece, best first.
 
     Args:
-        levers: What to push.
+        lever: What to push.
+        line: Unit direction along which, either way, its tip is believed to give way, (3,).
         settings: Geometry of the pushes.
-        line: Unit direction, without sense, along which they are believed to give way, (3,).
-        ways: 0 for the likelier of the two ways in which a piece may turn, 1 for the other.
     """
     settings = settings or LeverPushSettings()
-    for lever in levers:
-        for way in (_across(lever, settings, line)[k] for k in ways):
-            for place, lean, direction in product(settings.places, settings.leans, (way, -way)):
-                for level in (direction, -lever.outward):
-                    z = lean * DOWN + (1.0 - lean) * level
-                    length = float(np.linalg.norm(z))
-                    if length > SHORTEST and z[2] < LEAST_DOWN * length:
-                        yield from _pushes(lever, place, z / length, direction, settings)
-                    if lean == 1.0:
-                        break
-
-
-def _across(
-    lever: LeverCandidate, settings: LeverPushSettings, line: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors across the piece along which, either way, it might give way, the likelier one first, (3,) each.
-
-    Level, as about an upright axis, and in the upright plane through its line, as about a level axis beside the body:
-    pushed level, a lever that leans would press on the finger more along its line than across it.
-    """
-    d = lever.direction
-    flat = np.array([d[0], d[1], 0.0])
-    flat = lever.outward if np.linalg.norm(flat) < 0.1 else flat / np.linalg.norm(flat)
-    square = np.array([-flat[1], flat[0], 0.0])
-    plane = -DOWN + (d @ DOWN) * d
-    plane = flat if np.linalg.norm(plane) < 0.1 else plane / np.linalg.norm(plane)
-    swings = d[2] > settings.upright if line is None else abs(line @ plane) > abs(line @ square)
-    return (plane, square) if swings else (square, plane)
+    for place, lean, direction in product(settings.places, settings.leans, (line, -line)):
+        for level in (direction, -lever.outward):
+            z = lean * DOWN + (1.0 - lean) * level
+            length = float(np.linalg.norm(z))
+            if length > SHORTEST and z[2] < LEAST_DOWN * length:
+                yield from _pushes(lever, place, z / length, direction, settings)
+            if lean == 1.0:
+                break
 
 
 def _pushes(

@@ -45,6 +45,7 @@ class LeverCandidate:
         towards_user: Cosine between its level direction and the way to the arm; spouts point there.
         outward: Level unit vector from the body's axis to its tip, (3,).
         above_deck_m: How high its lowest point is over the deck.
+        radial: How much of its level direction leads straight away from the body's axis, 0 to 1.
     """
 
     p: np.ndarray
@@ -55,6 +56,7 @@ class LeverCandidate:
     towards_user: float
     outward: np.ndarray
     above_deck_m: float
+    radial: float
 
     @property
     def direction(self) -> np.ndarray:
@@ -72,6 +74,30 @@ class LeverCandidate:
         block = 1.0 if abs(up) > UPRIGHT and self.above_deck_m < ON_DECK_M else 0.0
         return 3.0 * self.bend + 0.5 * max(0.0, self.towards_user) + 2.0 * max(0.0, -up) + block
 
+    @property
+    def level_line(self) -> np.ndarray:
+        """Unit vector along which its tip goes, either way, if it turns about an upright axis, (3,)."""
+        flat = self._flat
+        return np.array([-flat[1], flat[0], 0.0])
+
+    @property
+    def upright_line(self) -> np.ndarray:
+        """Unit vector along which its tip goes if it swings in the upright plane through its line, (3,).
+
+        Pushed level, a lever that swings like this would press on the finger more along its line than across it.
+        """
+        d = self.direction
+        plane = np.array([0.0, 0.0, 1.0]) - d[2] * d
+        length = float(np.linalg.norm(plane))
+        return self._flat if length < 0.1 else plane / length
+
+    @property
+    def _flat(self) -> np.ndarray:
+        d = self.direction
+        flat = np.array([d[0], d[1], 0.0])
+        length = float(np.linalg.norm(flat))
+        return self.outward if length < 0.1 else flat / length
+
 
 def find_levers(scene: Scene) -> list[LeverCandidate]:
     """Candidates, the likeliest first.
@@ -88,7 +114,7 @@ def find_levers(scene: Scene) -> list[LeverCandidate]:
     outside = above[np.linalg.norm(above[:, :2] - axis, axis=1) > COLUMN_RADIUS_M]
     found = [
         c
-        for piece in _pieces(outside)
+        for piece in pieces(outside)
         for part in _straight(piece)
         if (c := _candidate(part, axis, deck_m, above)) is not None
     ]
@@ -144,8 +170,8 @@ def _column(p: np.ndarray, deck_m: float, p_camera: np.ndarray) -> np.ndarray:
     return face + COLUMN_BEHIND_M * away / np.linalg.norm(away)
 
 
-def _pieces(p: np.ndarray) -> list[np.ndarray]:
-    """Connected pieces of some points (n, 3), largest first."""
+def pieces(p: np.ndarray, least: int = LEAST_POINTS) -> list[np.ndarray]:
+    """Connected pieces of some points (n, 3) with at least so many of them, largest first."""
     if not len(p):
         return []
     cells = np.floor(p / CELL_M).astype(int)
@@ -156,7 +182,7 @@ def _pieces(p: np.ndarray) -> list[np.ndarray]:
     ndimage.label(grid, structure=np.ones((3, 3, 3)), output=labels)
     of = labels[tuple(cells.T)]
     sizes = np.bincount(of)
-    return [p[of == k] for k in np.argsort(-sizes) if sizes[k] >= LEAST_POINTS]
+    return [p[of == k] for k in np.argsort(-sizes) if sizes[k] >= least]
 
 
 def _straight(p: np.ndarray) -> list[np.ndarray]:
@@ -176,7 +202,7 @@ def _straight(p: np.ndarray) -> list[np.ndarray]:
         off = np.linalg.norm(np.cross(some[None] - a[:, None], d[:, None]), axis=2)
         best = int((off < LINE_RADIUS_M).sum(axis=1).argmax())
         near = np.linalg.norm(np.cross(left - a[best], d[best]), axis=1) < LINE_RADIUS_M
-        parts += _pieces(left[near])[:1]
+        parts += pieces(left[near])[:1]
         left = left[~near]
     return parts
 
@@ -200,6 +226,7 @@ def _candidate(p: np.ndarray, axis: np.ndarray, deck_m: float, above: np.ndarray
     level = (tip - root)[:2]
     length = float(np.linalg.norm(level))
     to_arm = -tip[:2] / np.linalg.norm(tip[:2])
+    out = root[:2] - axis
     return LeverCandidate(
         p=p,
         p_root=root,
@@ -209,6 +236,7 @@ def _candidate(p: np.ndarray, axis: np.ndarray, deck_m: float, above: np.ndarray
         towards_user=float(level @ to_arm / max(length, 1e-6)) if length > 0.3 * (high - low) else 0.0,
         outward=_level(tip - root if own else tip - np.append(axis, 0.0)),
         above_deck_m=float(p[:, 2].min()) - deck_m,
+        radial=abs(float(level @ out)) / max(1e-9, length * float(np.linalg.norm(out))),
     )
 
 

@@ -176,6 +176,52 @@ def laptop_pair(rng: np.random.Generator, turn_rad: float | None = None, sigma_a
     return pair(static, part, motion, K, shape, X, rng, sigma_at_1m)
 
 
+@dataclass(frozen=True, eq=False)
+class FaucetView:
+    """One view of a column with a spout towards the robot and a lever on top.
+
+    Attributes:
+        frame: The view.
+        p_root, p_tip: Ends of the lever, base frame [m], (3,).
+    """
+
+    frame: DepthFrame
+    p_root: Array
+    p_tip: Array
+
+
+def faucet_view(rng: np.random.Generator, yaw_rad: float, lever_m: float = 0.12) -> FaucetView:
+    """A faucet 0.6 m before the robot; ``yaw_rad`` turns its lever from above the spout to the robot's left."""
+    foot, height_m = np.array([0.6, 0.0, 0.0]), 0.16
+    up = np.array([0.0, 0.0, 1.0])
+    out = rotation(up, yaw_rad) @ np.array([-1.0, 0.0, 0.0])
+    head, low = foot + (height_m + 0.03) * up, foot + 0.6 * height_m * up
+    middle, end = np.add(low, (-0.10, 0.0, 0.03)), np.add(low, (-0.15, 0.0, 0.01))
+    tip = head + lever_m * out + 0.02 * up
+    static = [
+        *_table(),
+        beam(foot, head, 0.04, 0.04),
+        beam(low, middle, 0.022, 0.022),
+        beam(middle, end, 0.022, 0.022),
+        beam(head, tip, 0.022, 0.012),
+    ]
+    K, shape = np.array([[600.0, 0, 320], [0, 600.0, 180], [0, 0, 1]]), (360, 640)
+    X = look_at(np.array((0.0, -0.45, 0.55)), foot + 0.1 * up)
+    still = JointMotion("revolute", foot, up, 0.0)
+    return FaucetView(pair(static, [], still, K, shape, X, rng).before, head, tip)
+
+
+def beam(start: Array, end: Array, width_m: float, thick_m: float) -> Box:
+    """A bar between two points, its width level."""
+    x = (end - start) / np.linalg.norm(end - start)
+    y = np.cross([0.0, 0.0, 1.0], x)
+    y = y / np.linalg.norm(y) if np.linalg.norm(y) > 1e-6 else np.array([0.0, 1.0, 0.0])
+    X = np.eye(4)
+    X[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
+    X[:3, 3] = (start + end) / 2
+    return Box(X, np.array([np.linalg.norm(end - start), width_m, thick_m]))
+
+
 def _table() -> list[Box]:
     return [_span(np.eye(4), (0.1, -0.8, -0.03), (1.4, 0.8, 0.0))]
 

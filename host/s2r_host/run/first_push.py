@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 
 from s2r_host.errors import ArmStoppedError, NoMotionError, SceneError
 from s2r_host.motion.front import find_front
-from s2r_host.motion.lever_proposals import lever_proposals
-from s2r_host.motion.levers import LeverCandidate, find_levers
 from s2r_host.motion.lid import find_lid
 from s2r_host.motion.lid_proposals import lid_proposals
 from s2r_host.motion.push import PushMotion, PushScene, lid_scene, piece_scene, plan_push, push_scene
 from s2r_host.motion.push_proposals import PushProposal, push_proposals
 from s2r_host.perception.affordance import Affordance
+from s2r_host.perception.network_pushes import shipped
 from s2r_host.run.back_off import back_off
-from s2r_host.run.network_push import belief_in, judged, line_in, network_push
+from s2r_host.run.lever_guesses import GuessSettings, Tried, lever_guesses
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
-from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import DRAWER, FAUCET, LAPTOP
 from s2r_host.run.travel import FREE, LEAVING, NEVER, timed
 
 PUSH = 1  # place of the push itself among the motions: approach, push, back, home
-SAME_PIECE_M = 0.04  # a push that began this near a piece was about it
-SAME_WAY = 0.7  # cosine
-UNMOVED = 1.0  # doubt about a piece that the push network believes to stand still
-IN_VAIN = 0.6  # about one that was pushed and told nothing
-MOST_PIECES = 2  # before the network's own pushes are tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +68,10 @@ class DonePush:
     moved: bool = True
 
     @property
-    def gave_way(self) -> bool:
-        """What was pushed is the part, though the views did not tell its joint."""
-        return self.went_through and self.moved
+    def tried(self) -> Tried:
+        """What it says about the object where it told no joint."""
+        proposal = self.planned.motion.proposal
+        return Tried(proposal.p_contact, proposal.direction, not self.went_through, self.moved)
 
 
 def prepare_push(
@@ -168,63 +162,23 @@ def _laptop(session: Session, view: Observation, _: Sequence[DonePush]) -> Itera
 
 
 def _faucet(session: Session, view: Observation, earlier: Sequence[DonePush]) -> Iterator[Pushable]:
-    """What looks like a lever and is believed to move, then what the push network would push.
-
-    A piece that did not give way is less likely a lever, or turns another way: it comes again without the direction
-    in which it held out.
-    """
+    """What may be the lever, the likeliest first, after what earlier pushes have shown."""
     settings = session.settings
-    found = judged(view, session.rng)
-    try:
-        levers = find_levers(view.scene)
-    except SceneError as error:
-        session.journal.warn(f"{error}; asking the push network")
-        levers = []
-    doubts = [
-        lever.doubt
-        + UNMOVED * (1.0 - belief_in(found, lever.p))
-        + IN_VAIN * sum(_pushed(lever, one) for one in earlier if not one.gave_way)
-        for lever in levers
-    ]
-    ranked = [levers[k] for k in np.argsort(doubts, kind="stable")]
-    touched = [one.planned.motion.proposal.p_contact for one in earlier]
-    for lever in ranked[:MOST_PIECES]:
-        yield _lever(view, lever, found, settings, earlier, (0,))
-    proposed = network_push(found, view, settings.network_push, touched)
-    if proposed is not None:
-        scene, proposals = proposed
-        yield Pushable(None, scene, iter(proposals), fresh=True)
-    for lever in ranked[:MOST_PIECES]:
-        yield _lever(view, lever, found, settings, earlier, (1,))
-    for lever in ranked[MOST_PIECES:]:
-        yield _lever(view, lever, found, settings, earlier, (0, 1))
+    found = _judged(view, session.rng)
+    geometry = GuessSettings(settings.lever_push, settings.network_push)
+    for guess in lever_guesses(view.scene, found, geometry, [one.tried for one in earlier]):
+        yield Pushable(None, piece_scene(view.scene, guess.p), guess.proposals, fresh=True)
 
 
-def _lever(
-    view: Observation,
-    lever: LeverCandidate,
-    found: Affordance,
-    settings: RunSettings,
-    earlier: Sequence[DonePush],
-    ways: Sequence[int],
-) -> Pushable:
-    held_out = [
-        one.planned.motion.proposal.direction
-        for one in earlier
-        if not one.went_through and _pushed(lever, one)
-    ]
-    proposals = (
-        proposal
-        for proposal in lever_proposals([lever], settings.lever_push, line_in(found, lever.p), ways)
-        if all(proposal.direction @ direction < SAME_WAY for direction in held_out)
-    )
-    return Pushable(None, piece_scene(view.scene, lever.p), proposals, fresh=True)
+def _judged(view: Observation, rng: np.random.Generator) -> Affordance:
+    """The push network's verdict on a look, the robot's own pixels left out.
 
-
-def _pushed(lever: LeverCandidate, push: DonePush) -> bool:
-    """Whether a push was about this piece."""
-    p = push.planned.motion.proposal.p_contact
-    return bool(np.linalg.norm(lever.p - p, axis=1).min() < SAME_PIECE_M)
+    Raises:
+        BadViewError: No object in the view.
+        InputError: The network's weights are missing.
+    """
+    depth_m = np.where(view.arm_mask, 0.0, view.capture.frame.depth_m)
+    return shipped().affordance(replace(view.capture.frame, depth_m=depth_m), rng)
 
 
 _PUSHABLES = {DRAWER.name: _drawer, LAPTOP.name: _laptop, FAUCET.name: _faucet}

@@ -61,7 +61,7 @@ class RunSettings:
     camera_name: str = "front"
     arm: str = "xmate3pro"
     seed: int = 0
-    pushes: int = 4
+    pushes: int = 6
     attempts: int = 3
     ensemble: int = 1
     reactive: bool = False
@@ -76,7 +76,7 @@ class RunSettings:
     lid_push: LidPushSettings = field(default_factory=LidPushSettings)
     lever_push: LeverPushSettings = field(default_factory=LeverPushSettings)
     network_push: NetworkPushSettings = field(
-        default_factory=lambda: NetworkPushSettings(depth_m=0.04, least_likelihood=0.05)
+        default_factory=lambda: NetworkPushSettings(depth_m=0.03, least_likelihood=0.05)
     )
     region: Region = field(default_factory=Region)
 

@@ -1,0 +1,189 @@
+"""What may turn, and along which line: a belief over the pieces of a view, from how they look and from past pushes.
+
+A guess is a piece and a line. Its weight is the chance that the piece is the lever, times the chance that a lever
+that looks like this moves along that line, times how likely each push so far would have ended as it did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from s2r_host.errors import SceneError
+from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
+from s2r_host.motion.levers import LeverCandidate, find_levers, pieces
+from s2r_host.motion.push_proposals import PushProposal
+from s2r_host.motion.scene import Scene
+from s2r_host.perception.affordance import Affordance
+from s2r_host.perception.network_pushes import NetworkPushSettings, proposals_of
+
+# Logits fitted on drawn faucets that nothing is reported of: `python tests/bench/bench_lever_guesses.py --fit`.
+IS_LEVER = (
+    -1.74,
+    -0.28,
+    2.55,
+    -1.25,
+    -3.43,
+)  # 1, doubt, the network's belief, doubt over the best other's, alone
+SWINGS = (-2.75, 7.73, 0.38, -4.43)  # 1, steepness, the network's line, radial
+# A piece that only the network sees; such pieces were on the part in a quarter of the views.
+SEEN_BY_NETWORK = 0.25
+BELIEVED = 0.4  # belief that a point belongs to the part, from which on it is taken for a piece of it
+LEAST_POINTS = 100
+
+ABOUT_M = 0.04  # a push that touched this near to a piece was about it
+SAME_M = 0.025  # two pushes that touched closer than this touched the same place
+SAME_WAY = 0.7  # cosine
+# How likely a push ends like this, about a piece and along its line, if that piece and line are right.
+HELD_OUT = 0.25  # it may have been at its stop
+MISSED = 0.5  # nothing in the way, and nothing moved
+MOVED = 3.0  # over what is to be expected of anything else
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A push that was carried out and told no joint.
+
+    Attributes:
+        p_contact: Where the tip touched [m], (3,).
+        direction: Unit direction of the push, (3,).
+        held_out: It was stopped by what it met.
+        moved: Something moved, as far as the views tell that were taken before and after it.
+    """
+
+    p_contact: np.ndarray
+    direction: np.ndarray
+    held_out: bool
+    moved: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """A piece of a view that may turn, and how.
+
+    Attributes:
+        p: Its points [m], (n, 3).
+        line: Unit direction along which, either way, it gives way, (3,).
+        weight: Against other guesses; not normalised.
+        proposals: Ways to push it, best first, without those that were tried.
+    """
+
+    p: np.ndarray
+    line: np.ndarray
+    weight: float
+    proposals: Iterator[PushProposal]
+
+
+@dataclass(frozen=True, eq=False)
+class GuessSettings:
+    """Geometry of the pushes on levers, and on what only the network sees."""
+
+    lever_push: LeverPushSettings = field(default_factory=LeverPushSettings)
+    network_push: NetworkPushSettings = field(default_factory=NetworkPushSettings)
+
+
+def lever_guesses(
+    scene: Scene, found: Affordance, settings: GuessSettings, tried: Sequence[Tried] = ()
+) -> list[Guess]:
+    """All guesses about a view, the likeliest first.
+
+    Args:
+        scene: Observed points.
+        found: The push network's verdict on the same view.
+        settings: Geometry of the pushes.
+        tried: Pushes that told nothing, in this view or in earlier ones.
+    """
+    try:
+        levers = find_levers(scene)
+    except SceneError:
+        levers = []
+    guesses = [
+        guess for k in range(len(levers)) for guess in _about_lever(levers, k, found, settings.lever_push)
+    ]
+    guesses += _about_the_rest(scene, levers, found, settings.network_push)
+    weights = [guess.weight * _evidence(guess, guesses, tried) for guess in guesses]
+    return [
+        Guess(guesses[k].p, guesses[k].line, weights[k], _untried(guesses[k], tried))
+        for k in np.argsort(weights, kind="stable")[::-1]
+    ]
+
+
+def lever_features(levers: Sequence[LeverCandidate], k: int, belief: float) -> tuple[float, ...]:
+    """What tells whether the k-th of some straight pieces is the lever; ``belief`` is the network's in it."""
+    lever, others = levers[k], [*levers[:k], *levers[k + 1 :]]
+    over = lever.doubt - min((other.doubt for other in others), default=lever.doubt)
+    return 1.0, lever.doubt, belief, over, float(not others)
+
+
+def swing_features(lever: LeverCandidate, believed: np.ndarray) -> tuple[float, ...]:
+    """What tells whether a lever swings beside the body; ``believed``: the network's line of motion, (3,)."""
+    margin = abs(float(believed @ lever.upright_line)) - abs(float(believed @ lever.level_line))
+    return 1.0, abs(float(lever.direction[2])), margin, lever.radial
+
+
+def belief_about(found: Affordance, p: np.ndarray) -> tuple[float, np.ndarray]:
+    """Mean belief that points (n, 3) belong to what moves, and the line along which they would, (3,)."""
+    index = cKDTree(found.cloud.points).query(p)[1]
+    part, line = found.part[index], found.line[index]
+    return float(part.mean()), np.linalg.eigh(np.einsum("n,ni,nj->ij", part, line, line))[1][:, -1]
+
+
+def _about_lever(
+    levers: Sequence[LeverCandidate], k: int, found: Affordance, settings: LeverPushSettings
+) -> Iterator[Guess]:
+    """A straight piece may turn about an upright axis, or swing beside the body."""
+    lever = levers[k]
+    belief, believed = belief_about(found, lever.p)
+    odds = float(np.exp(np.dot(IS_LEVER, lever_features(levers, k, belief))))
+    swings = float(1.0 / (1.0 + np.exp(-np.dot(SWINGS, swing_features(lever, believed)))))
+    for line, chance in ((lever.level_line, 1.0 - swings), (lever.upright_line, swings)):
+        yield Guess(lever.p, line, odds * chance, lever_proposals(lever, line, settings))
+
+
+def _about_the_rest(
+    scene: Scene, levers: Sequence[LeverCandidate], found: Affordance, settings: NetworkPushSettings
+) -> Iterator[Guess]:
+    """Pieces that do not look like levers, but that the network believes to move."""
+    p = scene.p_base
+    rest = found.part[cKDTree(found.cloud.points).query(p)[1]] >= BELIEVED
+    for lever in levers:
+        rest &= cKDTree(lever.p).query(p)[0] > 0.0
+    pushes = list(proposals_of(found, settings))
+    for piece in pieces(p[rest], LEAST_POINTS):
+        near = cKDTree(piece)
+        own = [push for push in pushes if near.query(push.p_contact)[0] < ABOUT_M]
+        if own:
+            belief, _ = belief_about(found, piece)
+            yield Guess(piece, own[0].direction, SEEN_BY_NETWORK * belief, iter(own))
+
+
+def _evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) -> float:
+    """How likely all pushes so far end as they did if the guess is right, against if it is wrong."""
+    factor = 1.0
+    for push in tried:
+        gap = {id(one.p): float(np.linalg.norm(one.p - push.p_contact, axis=1).min()) for one in guesses}
+        about = gap[id(guess.p)] < ABOUT_M and gap[id(guess.p)] <= min(gap.values()) + 1e-9
+        along = abs(float(guess.line @ push.direction)) > SAME_WAY
+        if about and push.moved:
+            factor *= MOVED
+        elif about and along:
+            factor *= HELD_OUT if push.held_out else MISSED
+    return factor
+
+
+def _untried(guess: Guess, tried: Sequence[Tried]) -> Iterator[PushProposal]:
+    """Without what was tried in vain: the same place the same way, or a way in which the piece held out."""
+    near = cKDTree(guess.p)
+    held = [one for one in tried if one.held_out and near.query(one.p_contact)[0] < ABOUT_M]
+    for push in guess.proposals:
+        again = any(
+            push.direction @ one.direction > SAME_WAY
+            and np.linalg.norm(push.p_contact - one.p_contact) < SAME_M
+            for one in tried
+            if not one.moved
+        )
+        if not again and all(push.direction @ one.direction < SAME_WAY for one in held):
+            yield push

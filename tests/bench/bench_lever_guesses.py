@@ -1,0 +1,136 @@
+"""How many pushes until the lever of a faucet is pushed along the way it goes? Order only: arm and physics left out.
+
+    python tests/bench/bench_lever_guesses.py --count 160 --jobs 2 --out runs/lever-guesses [--fit]
+
+One noisy view per faucet, drawn like those of `s2r bench paper` but with numbers that nothing else is reported of.
+The likeliest guess is pushed at its first proposal, reachable or not. A push that meets the lever along its way
+(cosine above 0.5, at least 3 cm from the axis) ends the search, any other is taken to be held out by what it meets.
+--fit prints the logits of what a lever looks like and of which way it goes (logistic regression, ridge 1), which
+`s2r_host.run.lever_guesses` holds as constants.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.spatial import cKDTree
+
+from s2r_host.errors import SceneError
+from s2r_host.motion.levers import find_levers
+from s2r_host.motion.robot_mask import back_project
+from s2r_host.motion.scene import observed_scene
+from s2r_host.perception.frames import DepthFrame
+from s2r_host.perception.network_pushes import shipped
+from s2r_host.run.lever_guesses import (
+    GuessSettings,
+    Tried,
+    belief_about,
+    lever_features,
+    lever_guesses,
+    swing_features,
+)
+from s2r_sim.batch import run_jobs
+from s2r_sim.camera.camera import DepthCamera
+from s2r_sim.objects.naming import PART_BODY
+from s2r_sim.objects.scene import qpos_at, table_scene
+from s2r_sim.paper.trials import draw_trial
+
+MOST = 6
+ALONG, LEAST_RADIUS_M, ON_PART = 0.5, 0.03, 0.6
+
+
+def search(number: int) -> dict[str, Any]:
+    """Pushes until the lever is met, and what its pieces look like."""
+    world = draw_trial("faucet", number).world
+    spec = world.object
+    model = table_scene(spec).compile()
+    camera = DepthCamera(model, world.camera)
+    qpos = qpos_at(model, spec.q_start)
+    view = camera.capture(qpos)
+    frame = DepthFrame(view.depth_m, camera.rig.K, world.camera.X_base_camera_reported, view.colour)
+    part = (camera.exact_sight(qpos).body == model.body(PART_BODY).id) & (view.depth_m > 0)
+    seen = cKDTree(back_project(frame)[part].reshape(-1, 3)) if part.any() else cKDTree(np.full((1, 3), 9.0))
+    scene, found = observed_scene(frame), shipped().affordance(frame, np.random.default_rng(number))
+    data = model, qpos
+    row: dict[str, Any] = {"number": number, "style": spec.style, "pushes": None, "looks": [], "swings": []}
+    tried: list[Tried] = []
+    for count in range(1, MOST + 1):
+        guesses = lever_guesses(scene, found, GuessSettings(), tried)
+        push = next((p for guess in guesses for p in guess.proposals), None)
+        if push is None:
+            break
+        touched = push.p_contact + 0.015 * push.direction
+        way, radius = _way(*data, touched)
+        if seen.query(touched)[0] < 0.012 and abs(way @ push.direction) > ALONG and radius > LEAST_RADIUS_M:
+            row["pushes"] = count
+            break
+        tried.append(Tried(push.p_contact, push.direction, held_out=True, moved=False))
+    try:
+        levers = find_levers(scene)
+    except SceneError:
+        levers = []
+    for k, lever in enumerate(levers):
+        belief, line = belief_about(found, lever.p)
+        on_part = bool((seen.query(lever.p)[0] < 1e-3).mean() > ON_PART)
+        row["looks"].append((*lever_features(levers, k, belief), on_part))
+        if on_part:
+            way, _ = _way(*data, lever.p_tip)
+            swings = abs(way @ lever.upright_line) > abs(way @ lever.level_line)
+            row["swings"].append((*swing_features(lever, line), bool(swings)))
+    return row
+
+
+def _way(model: Any, qpos: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, float]:
+    """Direction (3,) in which a point of the part goes, and its distance from the axis [m]."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    joint = int(model.body(PART_BODY).jntadr[0])
+    way = np.cross(data.xaxis[joint], p - data.xanchor[joint])
+    radius = float(np.linalg.norm(way))
+    return way / max(radius, 1e-9), radius
+
+
+def fitted(rows: np.ndarray) -> np.ndarray:
+    """Logits of logistic regression; the last column of the rows is the answer, the first is 1."""
+    X, y = rows[:, 1:-1], rows[:, -1]
+    middle, spread = X.mean(axis=0), X.std(axis=0) + 1e-9
+    Z = np.column_stack([np.ones(len(X)), (X - middle) / spread])
+    loss = minimize(
+        lambda w: np.logaddexp(0.0, -(2 * y - 1) * (Z @ w)).sum() + (w[1:] ** 2).sum(), np.zeros(Z.shape[1])
+    )
+    slope = loss.x[1:] / spread
+    return np.append(loss.x[0] - slope @ middle, slope)
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--first", type=int, default=1000, help="number of the first faucet")
+    parser.add_argument("--count", type=int, default=160, help="faucets")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--fit", action="store_true", help="print the fitted logits as well")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the results")
+    args = parser.parse_args()
+    numbers = [(number,) for number in range(args.first, args.first + args.count)]
+    rows = run_jobs(search, numbers, args.out / "rows.jsonl", args.jobs, "views")
+    print("| handle | views | 1st push | by the 2nd | 3rd | 4th | 6th |\n|---|---|---|---|---|---|---|")
+    for style in ("top", "side", "pair", "all"):
+        mine = [row["pushes"] or MOST + 1 for row in rows if style in (row["style"], "all")]
+        shares = " | ".join(f"{100 * np.mean(np.array(mine) <= k):.0f} %" for k in (1, 2, 3, 4, 6))
+        print(f"| {style} | {len(mine)} | {shares} |")
+    if args.fit:
+        for name in ("looks", "swings"):
+            print(name, fitted(np.array([one for row in rows for one in row[name]], float)).round(2).tolist())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,124 @@
+"""Which piece of a faucet is pushed, and which way, follows its looks first and what pushes have shown then."""
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from s2r_host.motion.scene import Scene, observed_scene
+from s2r_host.perception.affordance import Affordance, PushProposal
+from s2r_host.perception.object_cloud import ObjectCloud
+from s2r_host.perception.synthetic import faucet_view
+from s2r_host.run.lever_guesses import GuessSettings, Tried, lever_guesses
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def view():
+    """(scene, root and tip of the lever) of a faucet whose lever stands square to its spout."""
+    seen = faucet_view(np.random.default_rng(0), np.pi / 2)
+    return observed_scene(seen.frame), (seen.p_root, seen.p_tip)
+
+
+def undecided(scene, part=0.5, proposals=()):
+    """A network that believes the same of every point, without a line of motion."""
+    p = scene.p_base[::4]
+    cloud = ObjectCloud(
+        p, np.zeros_like(p), np.zeros(len(p), np.int64), p.mean(axis=0), np.zeros((len(p), 1))
+    )
+    belief = np.full(len(p), part)
+    line = np.tile(np.full(3, 3**-0.5), (len(p), 1))
+    return Affordance(cloud, belief, belief, line, tuple(proposals))
+
+
+def guesses(scene, tried=(), found=None):
+    return lever_guesses(scene, found or undecided(scene), GuessSettings(), tried)
+
+
+def first_push(ranked):
+    return next(push for guess in ranked for push in guess.proposals)
+
+
+def about_lever(push, lever):
+    return np.linalg.norm(push.p_contact - np.mean(lever, axis=0)) < 0.08
+
+
+def test_the_lever_is_pushed_level_and_across_before_anything_else(view):
+    scene, lever = view
+    push = first_push(guesses(scene))
+    assert about_lever(push, lever)
+    assert abs(push.direction @ (lever[1] - lever[0])) < 0.3 * np.linalg.norm(lever[1] - lever[0])
+    assert abs(push.direction @ UP) < 0.05
+
+
+def test_a_lever_that_held_out_is_never_pushed_the_same_way_again(view):
+    scene, lever = view
+    first = first_push(guesses(scene))
+    ranked = guesses(scene, [Tried(first.p_contact, first.direction, held_out=True, moved=False)])
+    again = [push for guess in ranked for push in guess.proposals if about_lever(push, lever)]
+    assert again
+    assert all(push.direction @ first.direction < 0.7 for push in again)
+
+
+def test_a_lever_that_held_out_both_ways_falls_behind_the_spout(view):
+    scene, lever = view
+    tried = []
+    for _ in range(2):
+        push = first_push(guesses(scene, tried))
+        assert about_lever(push, lever)
+        tried.append(Tried(push.p_contact, push.direction, held_out=True, moved=False))
+    assert not about_lever(first_push(guesses(scene, tried)), lever)
+
+
+def test_what_moved_a_little_is_pushed_again(view):
+    scene, lever = view
+    first = first_push(guesses(scene))
+    spout = next(
+        push
+        for guess in guesses(scene)
+        for push in islice(guess.proposals, 1)
+        if not about_lever(push, lever)
+    )
+    moved = Tried(spout.p_contact, spout.direction, held_out=False, moved=True)
+    held_out = Tried(first.p_contact, first.direction, held_out=True, moved=False)
+    assert not about_lever(first_push(guesses(scene, [held_out, moved])), lever)
+
+
+def test_a_push_that_passed_by_without_moving_anything_is_not_repeated_at_the_same_place(view):
+    scene, _ = view
+    first = first_push(guesses(scene))
+    missed = Tried(first.p_contact, first.direction, held_out=False, moved=False)
+    for guess in guesses(scene, [missed]):
+        for push in guess.proposals:
+            same_place = np.linalg.norm(push.p_contact - first.p_contact) < 0.025
+            assert not (same_place and push.direction @ first.direction > 0.7)
+
+
+def test_the_network_belief_decides_between_pieces_that_look_alike(view):
+    scene, lever = view
+    found = undecided(scene)
+    near_lever = np.linalg.norm(found.cloud.points - np.mean(lever, axis=0), axis=1) < 0.07
+    trusted = replace(found, part=np.where(near_lever, 0.95, 0.05))
+    doubted = replace(found, part=np.where(near_lever, 0.0, 1.0))
+
+    def weight_of_lever(found):
+        ranked = guesses(scene, found=found)
+        own = sum(g.weight for g in ranked if about_lever(next(g.proposals), lever))
+        return own / sum(g.weight for g in ranked)
+
+    assert weight_of_lever(trusted) > weight_of_lever(found) > weight_of_lever(doubted)
+
+
+def test_where_nothing_looks_like_a_lever_the_network_is_asked():
+    rng = np.random.default_rng(1)
+    angle, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0.0, 0.2, 4000)
+    post = np.column_stack([0.6 + 0.02 * np.cos(angle), 0.02 * np.sin(angle), z])
+    scene = Scene(post, np.array([0.0, -0.45, 0.55]))
+    point, direction = np.array([0.58, 0.0, 0.19]), np.array([1.0, 0.0, 0.0])
+    knob = PushProposal(point, -direction, direction, 0.9, 0.9)
+    ranked = guesses(scene, found=undecided(scene, proposals=[knob]))
+    assert len(ranked) == 1
+    assert first_push(ranked).direction @ direction > 0.99
+    assert guesses(scene, found=undecided(scene)) == []
