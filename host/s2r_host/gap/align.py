@@ -38,6 +38,8 @@ def law_parts(model: RigidModel, s: Session, joint: int, lag_s: float = 0.0) -> 
     command = s.channel("q_cmd", name)
     if law.kind not in ("pd", "pid", "position_servo") or name not in law.kp or command is None:
         return None
+    if s.rec.rows is not None and law.ki.get(name):
+        return None  # what an integral summed up between the rows of a slow log is not recorded
     grid = np.arange(len(s.t)) * s.dt
     speed = s.channel("dq", name)
     q = np.interp(grid + lag_s, grid, s.q_raw[:, joint])
@@ -96,7 +98,7 @@ def _misfit(model: RigidModel, sessions: list[Session], joint: int, lag: float) 
         law = control_law(model, s, joint, lag)
         assert law is not None
         margin = int(MAX_LAG_S / s.dt) + 1
-        cut = min(10.0, 0.3 / s.rec.dt)
+        cut = min(10.0, s.rec.band_hz)
         error = lowpass(law - s.u[:, joint], cut, s.dt)[margin:-margin]
         ramp = np.stack([np.ones(len(error)), np.linspace(-1, 1, len(error))], axis=1)
         error = error - ramp @ np.linalg.lstsq(ramp, error, rcond=None)[0]  # an integrator's start value

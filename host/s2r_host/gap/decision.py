@@ -44,7 +44,7 @@ def too_much_left(problem: Problem, search: Search, decision: Decision) -> bool:
 
 def doubt(problem: Problem) -> float:
     """How far the floor may be too low; what happens between the rows of a slow log differs from run to run."""
-    slow = any(s.rec.dt > SLOW_S for s in problem.ctx.sessions)
+    slow = any(s.rec.as_read.dt > SLOW_S for s in problem.ctx.sessions)
     return problem.floor_doubt * (SLOW_DOUBT if slow else 1.0)
 
 

@@ -48,12 +48,21 @@ def trust(model: RigidModel, block: Block, floor: float) -> np.ndarray:
     return 1.0 / np.sqrt(1.0 + doubt**2 + between**2)
 
 
+def between_level(model: RigidModel, sessions: list[Session], j: int) -> float:
+    """What logs rebuilt between their rows leave open half of the time [N·m or N]; 0 for fast logs."""
+    doubts = [d for s in sessions if (d := s.rec.effort_doubt.get(model.joints[j])) is not None]
+    return float(np.median(np.concatenate(doubts))) if doubts else 0.0
+
+
 def _between_rows(model: RigidModel, s: Session, j: int) -> np.ndarray:
     """What a slow log cannot say about the effort between its rows [N·m or N], shape (time,).
 
     Linear interpolation errs by an eighth of the second difference; motion rebuilt from such rows errs alike. Zero
     for logs fast enough for the loops they record.
     """
+    doubt = s.rec.effort_doubt.get(model.joints[j])
+    if doubt is not None:
+        return np.interp(s.t, s.rec.t, doubt)
     raw = s.rec.get("tau", model.joints[j])
     if s.rec.dt < SLOW_LOG_S or raw is None or len(raw) < 3:
         return np.zeros(len(s.t))

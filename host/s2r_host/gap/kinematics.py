@@ -97,7 +97,7 @@ class _Track:
 def _track(model: RigidModel, s: Session, joint: int) -> _Track | None:
     name = model.joints[joint]
     q, dq = s.rec.get("q", name), s.rec.get("dq", name)
-    if q is None or dq is None or s.rec.dt > SLOWEST_S or len(q) < 500:
+    if q is None or dq is None or s.rec.as_read.dt > SLOWEST_S or len(q) < 500:
         return None
     dt = s.rec.dt
     grid = np.arange(0.0, float(s.rec.t[-1]), dt)

@@ -70,8 +70,10 @@ class _Rows:
     late: Callable[[float], np.ndarray]
 
     def compare(self, x: np.ndarray) -> np.ndarray:
-        """Filter and decimate a signal of the work grid."""
-        cut = min(COMPARE_CUT_HZ, 0.3 / self.s.rec.dt)
+        """Filter and decimate a signal of the work grid; of a slow log, only its own rows count."""
+        if self.s.rec.rows is not None:
+            return np.interp(self.s.rec.rows.t[1:-1], self.s.t, x)
+        cut = min(COMPARE_CUT_HZ, self.s.rec.band_hz)
         step = max(1, int(1.0 / (2.4 * cut * self.s.dt)))
         margin = max(3, int(0.2 / self.s.dt))
         return lowpass(x, cut, self.s.dt)[margin:-margin:step]
@@ -258,4 +260,25 @@ def _rows(model: RigidModel, s: Session, joint: int, held: bool) -> _Rows | None
         return shifted.total() - asked
 
     fine = np.arange(0.0, float(s.t[-1]), min(FINE_S, s.dt))
-    return _Rows(s, joint, held, s.u[:, joint], asked, parts.kp, parts.kd, fine, late)
+    u = s.u[:, joint] if s.rec.rows is None else asked + _off_at_rows(model, s, joint)
+    return _Rows(s, joint, held, u, asked, parts.kp, parts.kd, fine, late)
+
+
+def _off_at_rows(model: RigidModel, s: Session, joint: int) -> np.ndarray:
+    """Reported effort minus what the law asks for at the rows of a slow log, linear between, shape (time,).
+
+    The law is evaluated on the row as read: position and speed carry the noise that the controller saw.
+    """
+    rec, name = s.rec.as_read, model.joints[joint]
+    law = rec.controller
+    asked = law.kp[name] * (rec.channels["q_cmd"][name] - rec.channels["q"][name])
+    speed, command = rec.get("dq", name), rec.get("dq_cmd", name)
+    if speed is not None:
+        asked = asked + law.kd.get(name, 0.0) * ((0.0 if command is None else command) - speed)
+    ahead = rec.get("tau_ff", name)
+    asked = asked if ahead is None else asked + ahead
+    low, high = model.effort_limits()
+    off = np.clip(rec.channels["tau"][name], low[joint], high[joint]) - np.clip(
+        asked, low[joint], high[joint]
+    )
+    return np.interp(s.t, rec.t, off)

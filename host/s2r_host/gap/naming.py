@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX
-from s2r_host.gap.effects.base import Value
+from s2r_host.gap.intervals import MODEL_ERROR, Z90, parameter_table
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 from s2r_host.gap.solution import Scored, Solution, Term
 
 HEAT, CEILING = 0.001, 0.98
-MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out
-Z90 = 1.645
 CLEAR_DEVIATIONS = 5.0  # of a size, before what it belongs to is named beside
 EQUIVALENT = (
     ("gravity_tilt", "encoder_offset"),
@@ -138,68 +136,3 @@ def slot_probabilities(search: Search, slot: list[Scored]) -> dict[tuple[str, in
 def _close(slot: list[Scored], name: str, margin: float = 8.0) -> bool:
     best = max((s.gain for s in slot), default=0.0)
     return any(s.term.effect == name and s.gain > best - margin for s in slot)
-
-
-def parameter_table(problem: Problem, search: Search, solution: Solution, i: int) -> dict[str, dict]:
-    """Values with 90 % intervals; a flat profile makes a parameter unidentifiable."""
-    term = solution.terms[i]
-    effect = search.effects[term.effect]
-    values = effect.parameters(problem.ctx, term.joint, dict(term.shape), solution.theta[i])
-    table = {}
-    for name, value in values.items():
-        deviation, identifiable = _deviation(problem, search, solution, i, value)
-        error = effect.model_error.get(name, MODEL_ERROR)
-        half = Z90 * float(np.linalg.norm([deviation, error * value.value, value.error]))
-        identifiable = identifiable and error < 0.5
-        table[name] = {
-            "value": float(value.value),
-            "unit": value.unit,
-            "interval90": [float(value.value - half), float(value.value + half)],
-            "identifiable": bool(identifiable),
-        }
-    return table
-
-
-def _deviation(
-    problem: Problem, search: Search, solution: Solution, i: int, value: Value
-) -> tuple[float, bool]:
-    if value.gradient:
-        g = np.array(value.gradient)
-        deviation = float(np.sqrt(max(g @ solution.covariance[i] @ g, 0.0)))
-        return deviation, deviation < 0.5 * abs(value.value) + 1e-12
-    if value.shape_key is None:
-        return 0.0, True
-    term = solution.terms[i]
-    others = [t for k, t in enumerate(solution.terms) if k != i]
-    step, flat = shape_curvature(search, term, others, solution.noise, value.shape_key)
-    return step * abs(value.scale), not flat
-
-
-def shape_curvature(
-    search: Search, term: Term, others: list[Term], noise: float, key: str
-) -> tuple[float, bool]:
-    """Standard deviation of one shape parameter from the profile of the evidence; second: is it flat?"""
-    fit = ~search.problem.held
-    base = search.marginal(others, fit, noise)
-
-    def value(x: float) -> float:
-        shape = dict(term.shape) | {key: x}
-        w, prior = search.weigh(base, fit, Term(term.effect, term.joint, tuple(sorted(shape.items()))))
-        return w.log_evidence(noise, prior)
-
-    x0 = dict(term.shape)[key]
-    top = value(x0)
-    law, step = search.effects[term.effect].refine(search.problem.ctx, term.joint).get(key, ("log", 0.2))
-    scale = abs(x0) if law == "log" else 1.0
-    h = step * scale
-    for _ in range(12):
-        drop = top - 0.5 * (value(x0 + h) + value(x0 - h))
-        if abs(drop) < 1e-9:  # finer than the grid of the hidden state: the grid is the resolution
-            return float(2.0 * h / np.sqrt(2.0 * 3.0)), False
-        if 0.2 < drop < 3.0:
-            return h / np.sqrt(2.0 * drop), h > 0.5 * abs(x0)
-        h = h * 0.5 if drop >= 3.0 else h * 1.6
-        if h > 0.9 * scale and law == "log":
-            return h, True
-    drop = max(top - 0.5 * (value(x0 + h) + value(x0 - h)), 1e-6)
-    return float(h / np.sqrt(2.0 * drop)), False

@@ -215,7 +215,7 @@ def _hold(model: RigidModel, j: int, joint: str) -> BaseParameter:
         if not s.has_u[j]:
             return np.zeros_like(s.q)
         rate = s.rec.controller.rate_hz
-        held = min(s.rec.dt, 1.0 / rate) if rate else s.rec.dt
+        held = min(s.rec.as_read.dt, 1.0 / rate) if rate else s.rec.as_read.dt
         return _on_joint(s, j, held * effort_slope(s, j))
 
     return BaseParameter("timing", joint, True, 0.0, 1.0, "samples", TIMING, column, lambda *_: None)

@@ -27,11 +27,14 @@ def other_machine(problem: Problem, decision: Decision) -> str | None:
                 f"the centre of mass of '{name}' would have to move by {shift:.3g} m from {arm:.3g} m off the joint: "
                 "is this recording of another machine?"
             )
-    moved = {p["name"].split("_")[0]: _moved(p) for p in decision.parameters_off}
+    moved: dict[str, float] = {}
+    for p in decision.parameters_off:  # of a kind that several bodies have, the one that moved most counts
+        kind = p["name"].split("_")[0]
+        moved[kind] = max(moved.get(kind, 0.0), _moved(p))
     far = [
         n for n, x in moved.items() if x > (FAR_FRICTION if n in ("damping", "frictionloss") else FAR_RIGID)
     ]
-    if few and len(far) >= FAR_KINDS:
+    if few and len(far) >= FAR_KINDS - (len(decision.effects) > 1):
         return f"{', '.join(far)} would all have to change by much: is this recording of another machine?"
     for e in decision.effects:
         scale = e.parameters["scale"]["value"] if e.name == "effort_scale" else 1.0

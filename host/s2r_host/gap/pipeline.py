@@ -24,6 +24,7 @@ from s2r_host.gap.replay import Live, Twin, build_twin, has_loop, run
 from s2r_host.gap.search import Search
 from s2r_host.gap.seeds import fill_residuals, sharpen_sign
 from s2r_host.gap.session import Session, make_session
+from s2r_host.gap.slow_log import filled
 from s2r_host.gap.solution import Solution
 from s2r_host.gap.where import Place, acting, contradicted, locate, narrowed, with_named
 
@@ -58,6 +59,7 @@ def load_sessions(model: RigidModel, paths: list[Path], first: int, notes: list[
     for i, path in enumerate(paths):
         rec = read_recording(path)
         notes += check_joints(model, rec)
+        rec = filled(model, rec)
         notes += [f"{rec.name}: {w}" for w in rec.warnings]
         s = make_session(model, rec, first + i)
         check_efforts(model, s)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from s2r_host.gap.drift import Drift
 from s2r_host.gap.effects.base import Columns, Context
 from s2r_host.gap.evidence import Whitener, fit_whitener
 from s2r_host.gap.floor import find_partner, noise_samples, rms_doubt
-from s2r_host.gap.friction_seen import dry_level, friction_levels, trust
+from s2r_host.gap.friction_seen import between_level, dry_level, friction_levels, trust
 from s2r_host.gap.kinematics import Contradiction, contradiction
 from s2r_host.gap.law import LawFinding, check_law
 from s2r_host.gap.model import RigidModel
@@ -144,8 +144,10 @@ def build_problem(
     whiteners, floor = {}, {}
     for j in joints:
         scale = max(float(np.std(s.u[:, j])) for s in sessions if s.has_u[j])
-        whiteners[j] = fit_whitener(noise[j], 1e-4 * scale)
-        floor[j] = max(float(np.sqrt(np.mean(np.concatenate(noise[j]) ** 2))), 1e-4 * scale)
+        whitener = fit_whitener(noise[j], 1e-4 * scale)
+        own = max(float(np.sqrt(np.mean(np.concatenate(noise[j]) ** 2))), 1e-4 * scale)
+        floor[j] = float(np.hypot(own, between_level(model, sessions, j)))
+        whiteners[j] = replace(whitener, scale=whitener.scale * floor[j] / own)
     problem = Problem(
         ctx, joints, blocks, whiteners, np.zeros(start), np.concatenate(raw), np.zeros(start),
         np.concatenate(held), base_parameters(model), np.zeros((start, 0)), np.zeros(0), floor, source,

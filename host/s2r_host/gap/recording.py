@@ -15,6 +15,7 @@ from s2r_host.gap.errors import GapRecordingError
 KINDS = ("q", "dq", "tau", "q_cmd", "dq_cmd", "tau_ff", "current", "temp", "wrench")
 CONTROLLERS = ("pd", "pid", "position_servo", "none")
 MIN_SAMPLES = 50
+REBUILT_BAND = 0.4  # of the rate of a slow log: rows of position and speed hold twice what positions alone do
 SIDE_KEYS = {"controller", "effort", "effort_sigma", "input", "units", "joint_names", "session", "notes"}
 
 
@@ -48,6 +49,8 @@ class Recording:
         effort_sigma: Accuracy of the effort channel where it is known better than the data show it, by joint: errors
             that go together for tenths of seconds look like physics [N·m or N].
         warnings: What the file costs: missing columns, dropped samples, coarse steps.
+        rows: The rows of the file, where a slow log was rebuilt between them (``slow_log.py``); ``effort_doubt``: how
+            far the rebuilt effort may be off, by joint, each of shape (time,) [N·m or N].
     """
 
     name: str
@@ -61,6 +64,18 @@ class Recording:
     warnings: tuple[str, ...]
     start_s: float = 0.0
     effort_sigma: dict[str, float] = field(default_factory=dict)
+    rows: Recording | None = None
+    effort_doubt: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def as_read(self) -> Recording:
+        """The rows of the file, before anything was rebuilt between them."""
+        return self.rows or self
+
+    @property
+    def band_hz(self) -> float:
+        """Highest frequency at which efforts can be compared [Hz]."""
+        return 0.3 / self.dt if self.rows is None else REBUILT_BAND / self.rows.dt
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -75,6 +90,13 @@ class Recording:
     def get(self, kind: str, joint: str) -> np.ndarray | None:
         """One channel or None."""
         return self.channels.get(kind, {}).get(joint)
+
+
+def resolution(x: np.ndarray) -> float:
+    """Smallest step that occurs in a recorded channel (its least significant bit), 0 for a constant."""
+    step = np.abs(np.diff(np.unique(x)))
+    step = step[step > 1e-12]
+    return float(np.percentile(step, 5)) if step.size else 0.0
 
 
 def read_recording(path: Path) -> Recording:

@@ -50,7 +50,7 @@ def residual(model: RigidModel, s: Session, joint: int) -> np.ndarray:
 
 def effort_slope(s: Session, joint: int) -> np.ndarray:
     """Change of the recorded effort per second, shape (time,)."""
-    return np.gradient(lowpass(s.u[:, joint], min(SLOPE_CUT_HZ, 0.3 / s.rec.dt), s.dt), s.dt)
+    return np.gradient(lowpass(s.u[:, joint], min(SLOPE_CUT_HZ, s.rec.band_hz), s.dt), s.dt)
 
 
 def make_blocks(

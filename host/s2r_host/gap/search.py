@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.optimize import minimize
 
 from s2r_host.gap.base_terms import PREFIX
 from s2r_host.gap.complete import complete
@@ -81,13 +82,7 @@ class Search(Regression):
         """Best shape of one candidate by log evidence on the fit rows."""
 
         def weigh(term: Term) -> float:
-            w, prior = self.weigh(base, rows, term)
-            if w.rss == base.rss and not w.active.any():
-                return -np.inf
-            effect, shape = self.effects[term.effect], dict(term.shape)
-            odds = effect.log_prior(self.problem.ctx, term.joint, shape)
-            odds += effect.size_prior(self.problem.ctx, term.joint, shape, w.theta)
-            return w.log_evidence(noise, prior) + odds
+            return self._odds(term, base, rows, noise)
 
         scored = [(weigh(term), term) for term in self.seeds(key)]
         scored = [x for x in scored if np.isfinite(x[0])]
@@ -98,6 +93,56 @@ class Search(Regression):
             best = self._refine(best, weigh)
         penalty = 0.5 * len(best[1].shape) * np.log(max(len(scored), 2))
         return best[0] - penalty, best[1]
+
+    def _odds(self, term: Term, base: Marginal, rows: np.ndarray, noise: float) -> float:
+        """Log evidence of a term on the rows of a mask, and what is known of its shape and size."""
+        w, prior = self.weigh(base, rows, term)
+        if w.rss == base.rss and not w.active.any():
+            return -np.inf
+        effect, shape = self.effects[term.effect], dict(term.shape)
+        odds = effect.log_prior(self.problem.ctx, term.joint, shape)
+        odds += effect.size_prior(self.problem.ctx, term.joint, shape, w.theta)
+        return w.log_evidence(noise, prior) + odds
+
+    def settled(self, chosen: list[Term]) -> list[Term]:
+        """The chosen terms with their shapes moved together to the top of the evidence, one term after the other.
+
+        Shapes pull against each other (a limit and the speed at which it vanishes): steps along one at a time end on
+        the flank of a ridge. A simplex walks along it (Nelder and Mead, Computer Journal 7(4), 1965).
+        """
+        fit, noise = ~self.problem.held, self.noise_level(chosen)
+        for i, term in enumerate(chosen):
+            effect, shape = self.effects[term.effect], dict(term.shape)
+            steps = effect.refine(self.problem.ctx, term.joint)
+            keys = [k for k, (law, _) in steps.items() if k in shape and (law != "log" or shape[k] > 0)]
+            if effect.costly or len(keys) < 2:
+                continue
+            base = self.marginal([t for k, t in enumerate(chosen) if k != i], fit, noise)
+            limits = effect.bounds(self.problem.ctx, term.joint)
+
+            def moved(
+                x: np.ndarray,
+                term: Term = term,
+                keys: list[str] = keys,
+                steps: dict = steps,
+                limits: dict = limits,
+            ) -> Term:
+                new = dict(term.shape)
+                for key, d in zip(keys, x, strict=True):
+                    law, step = steps[key]
+                    value = new[key] * np.exp(d * step) if law == "log" else new[key] + d * step
+                    new[key] = float(np.clip(value, *limits.get(key, (-np.inf, np.inf))))
+                return Term(term.effect, term.joint, tuple(sorted(new.items())))
+
+            start = np.concatenate([np.zeros((1, len(keys))), 0.5 * np.eye(len(keys))])
+            found = minimize(
+                lambda x, moved=moved, base=base: -self._odds(moved(x), base, fit, noise),
+                start[0],
+                method="Nelder-Mead",
+                options={"initial_simplex": start, "maxfev": 60 * len(keys), "xatol": 0.02, "fatol": 0.02},
+            )
+            chosen = [*chosen[:i], moved(found.x), *chosen[i + 1 :]]
+        return chosen
 
     def _refine(self, best: tuple[float, Term], weigh: Callable[[Term], float]) -> tuple[float, Term]:
         """Pattern search on the shape, halving the steps."""
@@ -231,7 +276,7 @@ class Search(Regression):
         chosen, slots = self._prune(chosen, slots)
         if len(chosen) > self.completed > 0:
             chosen, slots = self._prune_completed(chosen, slots)
-        return self.finish(chosen, slots, scans)
+        return self.finish(self.settled(chosen), slots, scans)
 
     def _clear(self, best: Scored, slots: list[list[Scored]]) -> bool:
         """Evidence that is no small fraction of the first effect's cannot be the error of its equation.

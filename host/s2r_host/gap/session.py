@@ -11,7 +11,7 @@ from scipy.signal import welch
 
 from s2r_host.gap.filters import zero_phase
 from s2r_host.gap.model import RigidModel
-from s2r_host.gap.recording import Recording
+from s2r_host.gap.recording import Recording, resolution
 
 MAX_RATE_HZ = 500.0
 MOTION_CUT_HZ = 50.0
@@ -88,20 +88,20 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
     q_raw = np.zeros((n, nv))
     u[:] = np.nan
     v_eps, q_lsb = np.full(nv, 1e-3), np.zeros(nv)
-    cut = np.full(nv, min(COMPARE_CUT_HZ, 0.3 / rec.dt))
-    motion_cut = np.full(nv, min(MOTION_CUT_HZ, 0.4 / rec.dt))
+    cut = np.full(nv, min(COMPARE_CUT_HZ, rec.band_hz))
+    motion_cut = np.full(nv, min(MOTION_CUT_HZ, 4.0 / 3.0 * rec.band_hz))
     for i, joint in enumerate(model.joints):
         raw = rec.get("q", joint)
         if raw is None:
             q[:, i] = q_raw[:, i] = model.model.qpos0[i]
             continue
         q_raw[:, i] = np.interp(t, rec.t, raw)
-        q_lsb[i] = resolution(raw)
+        q_lsb[i] = resolution(rec.as_read.channels["q"][joint])
         effort = rec.get("tau", joint)
         if effort is not None:
             u[:, i] = np.interp(t, rec.t, effort)
-            line = line_hz(effort, rec.dt)
-            cut[i] = max(cut[i], min(LINE_MARGIN * line, 0.3 / rec.dt, 0.4 / dt))
+            line = line_hz(effort, rec.dt) if rec.rows is None else 0.0
+            cut[i] = max(cut[i], min(LINE_MARGIN * line, rec.band_hz, 0.4 / dt))
             motion_cut[i] = max(motion_cut[i], cut[i])
         least = LEAST_MOTION_CUT_HZ if cut[i] <= COMPARE_CUT_HZ else float(cut[i])
         (q[:, i], v[:, i], a[:, i]), motion_cut[i] = _quiet_motion(
@@ -117,13 +117,6 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
         load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, q_lsb=q_lsb, q_raw=q_raw,
         cut=cut, motion_cut=motion_cut,
     )  # fmt: skip
-
-
-def resolution(x: np.ndarray) -> float:
-    """Smallest step that occurs in a recorded channel (its least significant bit), 0 for a constant."""
-    step = np.abs(np.diff(np.unique(x)))
-    step = step[step > 1e-12]
-    return float(np.percentile(step, 5)) if step.size else 0.0
 
 
 def _grid(rec: Recording) -> tuple[np.ndarray, float]:

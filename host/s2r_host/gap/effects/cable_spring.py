@@ -10,46 +10,85 @@ from s2r_host.gap.effects.spring_return import spring_values
 from s2r_host.gap.session import Session
 from s2r_host.gap.states import bristle
 
+HARDENS = 1.0
+
 
 class CableSpring(Effect):
-    """tau = k (q - q0) + Fb z."""
+    """tau = k (q - q0) + k3 (q - q0)³ + Fb z."""
 
     name = "cable_spring"
     model_error = {"stiffness": 0.6}  # noqa: RUF012
-    equation = "tau = k (q - q0) + Fb z, dz/dq = (1 - z sgn dq)/zs"
-    signature = "slow function of position with a loop at reversals"
+    equation = "tau = k (q - q0) + k3 (q - q0)³ + Fb z, dz/dq = (1 - z sgn dq)/zs"
+    signature = "slow function of position, steeper towards its ends, with a loop at reversals"
     separating_motion = "unplug the cable, or repeat at another wrist angle"
     confusable = ("spring_return", "payload", "hysteresis")
     contains = ("spring_return",)
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
-        """Loop widths as shares of the motion."""
+        """Loop widths as shares of the motion; straight springs and hardening ones."""
         low, high = ctx.span(joint)
-        return [{"width": (high - low) * x} for x in (0.02, 0.05, 0.12, 0.3)]
+        widths = [(high - low) * x for x in (0.02, 0.05, 0.12, 0.3)]
+        return [{"width": w, "hardens": h} for w in widths for h in (0.0, HARDENS)]
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Loop width on a log scale."""
         return {"width": ("log", 0.35)}
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
-        """Position, constant, loop."""
+        """Position, constant, loop; square and cube of the position where the spring hardens."""
         z = bristle(s, joint, np.array([shape["width"]]))[:, 0]
-        return Columns([s.q[:, joint], np.ones(len(s.t)), z], (True, False, True))
+        q = s.q[:, joint]
+        found, positive = [q, np.ones(len(s.t)), z], (True, False, True)
+        if not shape["hardens"]:
+            return Columns(found, positive)
+        x = q - self._middle(ctx, joint)
+        return Columns([*found, x**2, x**3], (*positive, False, True))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Spring and loop height."""
-        found = spring_values(ctx, joint, theta)
+        found = (
+            spring_values(ctx, joint, theta) if not shape["hardens"] else self._hardening(ctx, joint, theta)
+        )
         unit = ctx.model.effort_unit(ctx.model.joints[joint])
-        found["bending_friction"] = Value(float(theta[2]), unit, (0.0, 0.0, 1.0))
+        extra = (0.0,) * (len(theta) - 3)
+        found["bending_friction"] = Value(float(theta[2]), unit, (0.0, 0.0, 1.0, *extra))
         return found
+
+    def _hardening(self, ctx: Context, joint: int, theta: np.ndarray) -> dict[str, Value]:
+        """Rest and stiffness there: where the curve crosses zero nearest the middle of the travel."""
+        name = ctx.model.joints[joint]
+        unit, effort = ctx.model.unit(name), ctx.model.effort_unit(name)
+        middle = self._middle(ctx, joint)
+
+        def at_rest(c: np.ndarray) -> np.ndarray:
+            curve = np.polynomial.Polynomial([c[0] * middle + c[1], c[0], c[3], c[4]])
+            roots = curve.roots()
+            real = roots[np.abs(roots.imag) < 1e-9].real
+            x = float(real[np.argmin(np.abs(real))]) if real.size else 0.0
+            return np.array([middle + x, float(curve.deriv()(x))])
+
+        here = at_rest(theta)
+        steps = 1e-4 * np.abs(theta) + 1e-9
+        slopes = np.stack([(at_rest(theta + d) - here) / d.sum() for d in np.diag(steps)])
+        return {
+            "stiffness": Value(float(here[1]), f"{effort}/{unit}", tuple(map(float, slopes[:, 1]))),
+            "rest": Value(float(here[0]), unit, tuple(map(float, slopes[:, 0]))),
+        }
+
+    @staticmethod
+    def _middle(ctx: Context, joint: int) -> float:
+        return 0.5 * sum(ctx.span(joint))
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Spring and loop as force."""
-        loop = bristle_force(joint, shape["width"], 1, theta[2:], dt)
-        k, c = float(theta[0]), float(theta[1])
+        loop = bristle_force(joint, shape["width"], 1, theta[2:3], dt)
+        k, c, middle = float(theta[0]), float(theta[1]), self._middle(ctx, joint)
+        square, cube = (float(theta[3]), float(theta[4])) if shape["hardens"] else (0.0, 0.0)
 
         def step(state: StepState) -> tuple[float, float]:
-            return k * float(state.q[joint]) + c + loop(state)[0], 0.0
+            q = float(state.q[joint])
+            x = q - middle
+            return k * q + c + square * x**2 + cube * x**3 + loop(state)[0], 0.0
 
         return step
 

@@ -7,6 +7,8 @@ import numpy as np
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.session import Session
 
+OUTER_SHARE, DEEP = 0.25, -100.0  # share of the travel a stop usually takes, log odds per share beyond it
+
 
 class SoftEndStop(Effect):
     """tau = k x + d x dq for x = depth beyond q0 (side ±1)."""
@@ -30,6 +32,13 @@ class SoftEndStop(Effect):
         """Edge, linear."""
         low, high = ctx.span(joint)
         return {"q0": ("linear", (high - low) * 0.01)}
+
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """What pushes back over a good part of the travel is a spring and no stop."""
+        low, high = ctx.span(joint)
+        end = high if shape["side"] > 0 else low
+        share = shape["side"] * (end - shape["q0"]) / max(high - low, 1e-12)
+        return DEEP * max(0.0, share - OUTER_SHARE)
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Depth, and depth times speed."""

@@ -13,6 +13,7 @@ class Stribeck(Effect):
 
     name = "stribeck"
     model_error = {"static_excess": 0.12, "speed": 0.1}  # noqa: RUF012
+    explained_least = 0.5  # when a joint breaks away is chaotic: no model follows each stick and slip
     equation = "tau = (Fc + Fs exp(-(dq/vs)²)) sgn(dq)"
     signature = "a hump in the residual at small speeds"
     separating_motion = "very slow ramps in both directions, then faster ones"
