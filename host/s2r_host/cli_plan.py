@@ -36,7 +36,7 @@ from s2r_protocol.exits import S2RError, UsageError
     "--time-limit",
     "time_limit_s",
     type=click.FloatRange(min=1.0),
-    default=60.0,
+    default=120.0,
     show_default=True,
     help="Give up after so many seconds.",
 )

@@ -48,8 +48,21 @@ def check_target(request: PlanRequest, scene: Scene, tolerance: float) -> None:
         if not low - slack <= value <= high + slack:
             raise PlanRefusedError(
                 f"joint {request.joint!r}: {name} = {value:.4f} {unit} is beyond its range "
-                f"[{low:.4f}, {high:.4f}] {unit}"
+                f"[{low:.4f}, {high:.4f}] {unit}{_in_degrees(scene, value)}"
             )
+
+
+def _in_degrees(scene: Scene, value: float) -> str:
+    """A hint where the range would hold the value if its numbers were radians, for the end of a sentence."""
+    if scene.prismatic or scene.s_range is None:
+        return ""
+    low, high = np.rad2deg(scene.s_range)
+    if high - low > 2.0 * np.pi or not low <= value <= high:
+        return ""
+    return (
+        f"; the file's angles are degrees: were [{low:.4g}, {high:.4g}] meant as radians, it needs "
+        '<compiler angle="radian"/>'
+    )
 
 
 def check_stays(request: PlanRequest, scene: Scene, tolerance: float) -> None:

@@ -181,5 +181,12 @@ class FineWorld:
         expected = (kinds.min(axis=1) == GeomKind.PART) & (kinds.max(axis=1) == GeomKind.FINGER)
         if expected.all():
             return True, None
-        first, second = (self.scene.fine.geom(int(g)).name or f"geom {g}" for g in pairs[~expected][0])
+        first, second = (self._name(int(geom)) for geom in pairs[~expected][0])
         return bool(expected.any()), f"{first} against {second} at {self.data.time:.2f} s"
+
+    def _name(self, geom: int) -> str:
+        """A geom by its name, or by its body's."""
+        model = self.scene.fine
+        return (
+            model.geom(geom).name or f"geom {geom} of {model.body(model.geom_bodyid[geom]).name or 'a body'}"
+        )

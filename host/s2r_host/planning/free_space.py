@@ -13,7 +13,10 @@ from s2r_host.planning.scene import GeomKind, Scene
 
 _ARM_BIT, _FINGER_BIT = 1, 2
 _CHUNK = 256
-_STEP_RAD = 0.06  # between postures that are looked at along a line
+STEP_RAD = 0.06  # between postures that are looked at along a line
+FINE_STEP_RAD = (
+    0.012  # the same where a way is to be gone: a centimetre of a stretched arm, less than a thin bar
+)
 
 
 class FreeSpace:
@@ -75,10 +78,10 @@ class FreeSpace:
         hits = self.contacts(points.reshape(-1, q_to.shape[1]), s) > 0
         return hits.reshape(len(q_to), count).mean(axis=1)
 
-    def path_is_free(self, q_path: np.ndarray, s: float) -> bool:
-        """True if nothing is touched along a polyline (n, dof)."""
+    def path_is_free(self, q_path: np.ndarray, s: float, step_rad: float = STEP_RAD) -> bool:
+        """True if nothing is touched along a polyline (n, dof), looked at every ``step_rad``."""
         points = [q_path[:1]]
         for a, b in pairwise(q_path):
-            count = max(1, int(np.ceil(np.abs(b - a).max() / _STEP_RAD)))
+            count = max(1, int(np.ceil(np.abs(b - a).max() / step_rad)))
             points.append(a + (np.arange(1, count + 1) / count)[:, None] * (b - a))
         return not self.contacts(np.concatenate(points), s).any()

@@ -9,7 +9,7 @@ import numpy as np
 
 from s2r_host.planning.approach import find_approach
 from s2r_host.planning.execution import FineWorld
-from s2r_host.planning.free_space import FreeSpace
+from s2r_host.planning.free_space import FINE_STEP_RAD, FreeSpace
 from s2r_host.planning.hook import FUNNEL_M, Hook
 from s2r_host.planning.kinematics import ToolKinematics
 from s2r_host.planning.places import Places, tightness
@@ -158,8 +158,8 @@ class Postures:
         for hook in hooks:
             if len(found) >= most or searched >= _SEARCHED:
                 break
-            descent_free = self._space.path_is_free(hook.route[:2], self._s)
-            if descent_free and self._space.path_is_free(np.array([self._q, hook.route[0]]), self._s):
+            descent_free = self._is_free(hook.route[:2])
+            if descent_free and self._is_free(np.array([self._q, hook.route[0]])):
                 found.append(hook)
                 continue
             searched += 1
@@ -169,6 +169,11 @@ class Postures:
                 route = hook.route if descent_free else np.concatenate([hook.q[None], hook.route[1:]])
                 found.append(replace(hook, approach=way[1:-1], route=route))
         return found
+
+    def _is_free(self, q_path: np.ndarray) -> bool:
+        """A coarse look first: most ways that are blocked are blocked there."""
+        space, s = self._space, self._s
+        return space.path_is_free(q_path, s) and space.path_is_free(q_path, s, FINE_STEP_RAD)
 
     def _follow(
         self, p_part: np.ndarray, push_part: np.ndarray, R_part_tool: np.ndarray, q: np.ndarray, share: float

@@ -32,7 +32,9 @@ logger = logging.getLogger(__name__)
 
 _MOST_LEGS = 8
 _MOST_TRIED = 16  # legs planned until the search for a way is given up
-_STAGES = 2  # of the cascade: another stop is the better next try
+_ATTEMPTS = 3  # seeds tried from one place
+_FAR_M, _FAR_RAD = 0.2, 0.8  # ways on which one place is soon given up
+_STAGES = 2
 _LEAST_BANDS = 10.0  # success bands that a leg has to bring the part nearer to the target
 _NO_PLAN = (OutOfReachError, PlanRefusedError, TrajectoryError)
 
@@ -93,45 +95,50 @@ def plan_legs(
         SceneFileError, TimeIsUpError: As the planner says.
     """
     scene, patience = scene or scene_of(request), patience or Patience()
-    try:
+    far = abs(request.s_target - request.s_initial) > (_FAR_M if scene.prismatic else _FAR_RAD)
+
+    def from_one_place(task: PlanRequest, attempts: int, *, only_fragile: bool = False) -> LeggedPlan:
         result, delivery = plan_trajectory(
-            request,
+            task,
             settings,
+            attempts,
             scene=scene,
             patience=patience,
             accept_fragile=accept_fragile,
-            only_fragile=True,
+            only_fragile=only_fragile,
         )
-        return _one_leg(request, result, delivery)
+        leg = Leg(task, result, delivery, end_s=delivery.trajectory.duration_s)
+        return LeggedPlan((leg,), delivery)
+
+    try:
+        return from_one_place(_quick(request) if far else request, _ATTEMPTS, only_fragile=True)
     except _NO_PLAN as error:
         if not is_possible(request, scene):
             raise
         first = error
     logger.info("not from one place: %s", first)
     search = _Search(settings, scene, patience)
-    legs = search.onward(request, _MOST_LEGS, slipped=not isinstance(first, OutOfReachError))
+    slipped = not isinstance(first, OutOfReachError)
+    legs = search.onward(request, _MOST_LEGS, slipped=slipped)
     problem = search.problem
     if legs is not None:
         try:
             return _together(request, scene, legs, accept_fragile=accept_fragile)
         except _NO_PLAN as error:
             problem = str(error)
-    if isinstance(first, OutOfReachError):
+    if not slipped:
         raise _with_legs(first, problem) from first
-    # Another seed, as where nothing stands in the way of one place.
-    other = replace(request, seed=request.seed + SEED_STEP)
-    try:
-        result, delivery = plan_trajectory(
-            other, settings, 2, scene=scene, patience=patience, accept_fragile=accept_fragile
-        )
+    try:  # what a single place has not been asked yet: the expensive stages, or other seeds
+        if far:
+            return from_one_place(request, _ATTEMPTS)
+        return from_one_place(replace(request, seed=request.seed + SEED_STEP), _ATTEMPTS - 1)
     except _NO_PLAN as error:
         raise _with_legs(error, problem) from error
-    return _one_leg(request, result, delivery)
 
 
-def _one_leg(request: PlanRequest, result: PlanResult, delivery: Delivery) -> LeggedPlan:
-    leg = Leg(request, result, delivery, end_s=delivery.trajectory.duration_s)
-    return LeggedPlan((leg,), delivery)
+def _quick(request: PlanRequest) -> PlanRequest:
+    """The same task for the cascade's cheap stages alone: where they fail, a stop on the way is the better next try."""
+    return replace(request, settings=replace(request.settings, cascade=request.settings.cascade[:_STAGES]))
 
 
 def _with_legs(first: HostError, problem: str | None) -> HostError:
@@ -203,9 +210,8 @@ class _Search:
         """The plan of a leg, by the cascade's cheap stages, or why there is none."""
         self._patience.check(f"a leg from s = {request.s_initial:.3f} to {request.s_target:.3f}")
         try:
-            quick = replace(request.settings, cascade=request.settings.cascade[:_STAGES])
             return plan_trajectory(
-                replace(request, settings=quick),
+                _quick(request),
                 self._settings,
                 1,
                 scene=self._scene,
