@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_host.model.carve import INTRUDES_M3, carved, corners, intrusion_m3
 from s2r_host.model.decompose import decompose
 from s2r_host.model.pieces import Piece, hull
 from s2r_host.model.points import ObservedObject
@@ -80,7 +81,12 @@ def _pieces(
         pieces += _plate(f"plate{k}", body, p[on], plane, seen, floor)
     left &= ~_inside(p, pieces)
     if left.sum() >= LEAST_FREE_POINTS:
-        hulls, warning = decompose(_thickened(p[left], seen), VOXEL_M, cpu_limit_s)
+        solid, warning = _thickened(p[left], seen), None
+        if body == "base" and seen.p_camera is not None:
+            hulls = [corners(solid)]
+        else:
+            hulls, warning = decompose(solid, VOXEL_M, cpu_limit_s)
+        hulls = carved(hulls, solid, seen.empty[body], seen.up)
         pieces += [hull(f"free{k}", body, vertices) for k, vertices in enumerate(hulls)]
         warnings += [warning] if warning else []
     return pieces, warnings
@@ -104,11 +110,14 @@ def _plate(
     result = []
     for i, outline in enumerate(_outlines(flat)):
         top = centre + outline @ np.stack([e1, e2])
+        solid = np.concatenate([top, top - PLATE_M * normal])
         if floor is not None and normal @ seen.up > 0.9:
-            bottom = top - ((top @ seen.up - floor)[:, None]) * seen.up
-        else:
-            bottom = top - PLATE_M * normal
-        result.append(hull(f"{name}_{i}", body, np.concatenate([top, bottom])))
+            block = np.concatenate([top, top - ((top @ seen.up - floor)[:, None]) * seen.up])
+            if (
+                intrusion_m3(block, seen.empty[body]) < INTRUDES_M3
+            ):  # else it hangs over what was seen below it
+                solid = block
+        result.append(hull(f"{name}_{i}", body, solid))
     return result
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,13 @@ from numpy.typing import NDArray
 from s2r_host.model.errors import ModelError
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.planes import find_planes
+from s2r_host.perception.view import Seen, View
 
 Array = NDArray[np.floating]
 
 SUPPORT_CLEARANCE_M = 0.006
 UPRIGHT_COS = 0.985
+EMPTY_M = 0.002  # before a seen surface, besides its noise, from which on space counts as empty
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +30,7 @@ class ObservedObject:
         up: Unit vector away from the support, shape (3,).
         support_height: Height of the supporting plane along ``up`` [m].
         p_camera: Where the first view's camera stood, shape (3,), or None.
+        empty: Per body: which of some points (n, 3), pose of the first view, a camera saw to be empty.
     """
 
     part: Array
@@ -36,6 +40,13 @@ class ObservedObject:
     up: Array
     support_height: float
     p_camera: Array | None
+    empty: Mapping[str, Callable[[Array], NDArray[np.bool_]]] = field(
+        default_factory=lambda: {"base": _unknown, "part": _unknown}
+    )
+
+
+def _unknown(p: Array) -> NDArray[np.bool_]:
+    return np.zeros(len(p), dtype=bool)
 
 
 def observe(estimate: JointEstimate, rng: np.random.Generator, reach_m: float = 0.5) -> ObservedObject:
@@ -67,7 +78,16 @@ def observe(estimate: JointEstimate, rng: np.random.Generator, reach_m: float = 
     # Height of the plane below the part, measured along ``up`` (tables are never quite level).
     middle = np.median(part, axis=0)
     height = float(up @ middle - (middle - p_plane) @ normal / (normal @ up))
-    return ObservedObject(part, normals, rest[above], rest_normals[above], up, height, a.p_camera)
+    X = estimate.motion.transform()
+    empty = {
+        "base": lambda p: _through(a, p) | _through(b, p),
+        "part": lambda p: _through(a, p) | _through(b, p @ X[:3, :3].T + X[:3, 3]),
+    }
+    return ObservedObject(part, normals, rest[above], rest_normals[above], up, height, a.p_camera, empty)
+
+
+def _through(view: View, p: Array) -> NDArray[np.bool_]:
+    return view.look(p, 0.0, EMPTY_M).seen == Seen.FREE
 
 
 def _support(
