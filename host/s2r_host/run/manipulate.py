@@ -29,8 +29,8 @@ from s2r_protocol.exits import RefusedError
 logger = logging.getLogger(__name__)
 
 DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25)  # share of the usual doubt about the object, one per try
-# A correction is worth less than what a daring one can spoil: the drawer is within millimetres already.
-CORRECTION_DOUBTS = (1.0, 1.0)
+# A correction is worth less than what a daring one can spoil: the part is nearly where it should be.
+CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,6 +33,10 @@ from s2r_host.run.travel import go_to
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError
 
 logger = logging.getLogger(__name__)
+
+WORTH_A_TRY = (
+    1.5  # over the usual error of this object's manipulations: more than that is likely to be bettered
+)
 
 
 def run_task(settings: RunSettings, journal: Journal, arguments: tuple[str, ...] = ()) -> RunRecord:
@@ -224,7 +229,7 @@ def _attempts(session: Session, record: RunRecord, view: Observation, feeling: F
         folder, offset = settings.out / f"model-{number + 1}", measured.s - planned.foreseen
         if not planned.corrected:  # else the first motion was not all of it
             record.belief = _felt(session, feeling, record.belief, executed[0], s_now, measured.s, folder)
-        if abs(done.delta) <= task.good_enough:
+        if abs(done.delta) <= task.good_enough or _no_better_to_be_had(record.attempts, task.tolerance):
             return
         s_now, learns = measured.s, "touch" not in settings.without
         if learns and number < settings.attempts and abs(offset) < task.far_off:
@@ -233,6 +238,13 @@ def _attempts(session: Session, record: RunRecord, view: Observation, feeling: F
             journal.say(
                 f"belief corrected: pushed side of {planned.pushed_geom} by {task.unit.show(-offset)}"
             )
+
+
+def _no_better_to_be_had(attempts: Sequence[DoneManipulation], tolerance: float) -> bool:
+    """The part is within tolerance, and manipulations of this object err by about as much as is left."""
+    left = abs(attempts[-1].delta)
+    usual = sum(abs(done.delta) for done in attempts) / len(attempts)
+    return len(attempts) > 1 and left <= min(tolerance, WORTH_A_TRY * usual)
 
 
 def _judge(record: RunRecord) -> None:
