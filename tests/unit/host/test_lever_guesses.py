@@ -25,9 +25,8 @@ def view():
 def undecided(scene, part=0.5, proposals=()):
     """A network that believes the same of every point, without a line of motion."""
     p = scene.p_base[::4]
-    cloud = ObjectCloud(
-        p, np.zeros_like(p), np.zeros(len(p), np.int64), p.mean(axis=0), np.zeros((len(p), 1))
-    )
+    shape = np.zeros((len(p), 1), np.float32)
+    cloud = ObjectCloud(p, np.zeros_like(p), np.zeros(len(p), np.int64), p.mean(axis=0), shape)
     belief = np.full(len(p), part)
     line = np.tile(np.full(3, 3**-0.5), (len(p), 1))
     return Affordance(cloud, belief, belief, line, tuple(proposals))
