@@ -14,9 +14,7 @@ from s2r_host.planning.scene import GeomKind, Scene
 _ARM_BIT, _FINGER_BIT = 1, 2
 _CHUNK = 256
 STEP_RAD = 0.06  # between postures that are looked at along a line
-FINE_STEP_RAD = (
-    0.012  # the same where a way is to be gone: a centimetre of a stretched arm, less than a thin bar
-)
+FINE_STEP_RAD = 0.02  # the same where a way is to be gone: no bar is stepped over
 
 
 class FreeSpace:

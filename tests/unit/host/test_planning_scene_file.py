@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from s2r_host.cli_plan import plan
 from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.free_space import FINE_STEP_RAD, FreeSpace
 from s2r_host.planning.scene import GeomKind, SceneFileError, build_scene
 from s2r_host.planning.settings import PlanSettings
 from s2r_protocol.arms import load_arm
@@ -213,3 +214,26 @@ def test_a_part_inside_its_own_scene_is_refused_with_what_it_overlaps(scene_file
     assert code == 4
     assert "overlaps by" in text
     assert "wing" in text
+
+
+def test_a_range_in_degrees_that_was_meant_as_radians_is_named(scene_file):
+    path = scene_file(text=SCENE.replace('range="-80 80"', 'range="-1.5 1.5"'))
+    code, stderr, _ = refused(path, "--joint", "tap", "--target", "1.0")
+    assert code == 4
+    assert "beyond its range [-0.0262, 0.0262] rad" in stderr
+    assert '<compiler angle="radian"/>' in stderr
+
+
+def test_a_way_that_is_to_be_gone_is_looked_at_finely(scene_file):
+    # A bead between two postures of the stretched arm that are free, 20 mm from the middle of the fingertip at either.
+    stretched = np.array([0.5, 0.8, 0.0, 0.9, 0.0, 0.9, 0.0])
+    world = FineWorld(scene_of(scene_file()), stretched, 0.0)
+    X, p_tip = world.scene.X_scene_base, world.data.site_xpos[world.scene.tool_site]
+    assert np.linalg.norm(p_tip[:2]) > 0.65
+    x, y, z = X[:3, :3] @ p_tip + X[:3, 3]
+    space = FreeSpace(
+        scene_of(scene_file(more=f'<geom type="sphere" size=".001" pos="{x} {y} {z}"/>')), threads=1
+    )
+    way = stretched + np.outer([-0.0299, 0.0299], np.eye(ARM.dof)[0])
+    assert space.path_is_free(way, 0.0)
+    assert not space.path_is_free(way, 0.0, FINE_STEP_RAD)
