@@ -229,7 +229,9 @@ def _attempts(session: Session, record: RunRecord, view: Observation, feeling: F
         folder, offset = settings.out / f"model-{number + 1}", measured.s - planned.foreseen
         if not planned.corrected:  # else the first motion was not all of it
             record.belief = _felt(session, feeling, record.belief, executed[0], s_now, measured.s, folder)
-        if abs(done.delta) <= task.good_enough or _no_better_to_be_had(record.attempts, task.tolerance):
+        if abs(done.delta) <= task.good_enough or _better_left_alone(
+            record.attempts, task.tolerance, settings.attempts - number
+        ):
             return
         s_now, learns = measured.s, "touch" not in settings.without
         if learns and number < settings.attempts and abs(offset) < task.far_off:
@@ -240,11 +242,15 @@ def _attempts(session: Session, record: RunRecord, view: Observation, feeling: F
             )
 
 
-def _no_better_to_be_had(attempts: Sequence[DoneManipulation], tolerance: float) -> bool:
-    """The part is within tolerance, and manipulations of this object err by about as much as is left."""
-    left = abs(attempts[-1].delta)
+def _better_left_alone(attempts: Sequence[DoneManipulation], tolerance: float, left: int) -> bool:
+    """The part is within tolerance, and one more manipulation is likely to end worse.
+
+    Manipulations of one object err alike. While several are left, a bad one is made good by the next; the last one
+    is worth its risk only for an error well above the usual.
+    """
+    now = abs(attempts[-1].delta)
     usual = sum(abs(done.delta) for done in attempts) / len(attempts)
-    return len(attempts) > 1 and left <= min(tolerance, WORTH_A_TRY * usual)
+    return len(attempts) > 1 and now <= tolerance and now <= (LUCKY if left > 1 else WORTH_A_TRY) * usual
 
 
 def _judge(record: RunRecord) -> None:
