@@ -34,7 +34,9 @@ from s2r_protocol.exits import ExitCode, RefusedError, S2RError
 
 logger = logging.getLogger(__name__)
 
-WORTH_A_TRY = (
+# Over the usual error of this object's manipulations: hardly to be bettered, and likely to be bettered by one more.
+LUCKY, WORTH_A_TRY = 0.5, 1.5
+
     1.5  # over the usual error of this object's manipulations: more than that is likely to be bettered
 )
 
