@@ -37,9 +37,6 @@ logger = logging.getLogger(__name__)
 # Over the usual error of this object's manipulations: hardly to be bettered, and likely to be bettered by one more.
 LUCKY, WORTH_A_TRY = 0.5, 1.5
 
-    1.5  # over the usual error of this object's manipulations: more than that is likely to be bettered
-)
-
 
 def run_task(settings: RunSettings, journal: Journal, arguments: tuple[str, ...] = ()) -> RunRecord:
     """Run the whole loop. Never raises for what can go wrong on the way: the record says how it ended.
