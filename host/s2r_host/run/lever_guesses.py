@@ -51,7 +51,7 @@ class Tried:
         p_contact: Where the tip touched [m], (3,).
         direction: Unit direction of the push, (3,).
         held_out: It was stopped by what it met.
-        moved: Something moved, as far as the views tell that were taken before and after it.
+        moved: It gave way: nothing stopped the push, and the views before and after it differ.
     """
 
     p_contact: np.ndarray
