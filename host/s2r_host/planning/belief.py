@@ -10,7 +10,8 @@ import mujoco.batch
 import numpy as np
 
 from s2r_host.planning.doubt import CHI90, Z90, Doubt
-from s2r_host.planning.scene import SCENE_ROBOT_BIT, GeomKind, Scene
+from s2r_host.planning.scene import GeomKind, Scene
+from s2r_host.planning.scene_spec import SCENE_ROBOT_BIT
 
 Vector = tuple[float, float, float]
 _NOWHERE: Vector = (0.0, 0.0, 0.0)

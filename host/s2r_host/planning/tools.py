@@ -12,7 +12,7 @@ from pathlib import Path
 
 import yaml
 
-from s2r_host.planning.scene import FINGER_PREFIX
+from s2r_host.planning.scene_spec import FINGER_PREFIX
 from s2r_protocol.arms import ArmDescription, load_arm
 from s2r_protocol.exits import UsageError
 

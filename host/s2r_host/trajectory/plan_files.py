@@ -10,8 +10,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from s2r_host.planning.scene import Scene, SceneFileError, fine_model_spec
+from s2r_host.planning.scene import Scene, SceneFileError
 from s2r_host.planning.scene_file import read_scene
+from s2r_host.planning.scene_spec import fine_model_spec
 from s2r_host.planning.task import PlanRequest
 from s2r_host.trajectory.trajectory import Trajectory
 from s2r_host.trajectory.verify import Trace
