@@ -19,10 +19,10 @@ import mujoco
 import numpy as np
 import yaml
 
-from s2r_conceal.cases import misjudged
 from s2r_conceal.motions import derivatives, rich
 from s2r_conceal.parameters import Machine
 from s2r_conceal.rigs import rig_named
+from s2r_conceal.setting import misjudged
 from s2r_host.gap.cli import run_gap
 
 JOINTS = 7

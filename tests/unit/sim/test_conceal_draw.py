@@ -12,10 +12,11 @@ import yaml
 
 from s2r_conceal import draw
 from s2r_conceal.calibrate import calibrate
-from s2r_conceal.cases import CLEAN_VARIANTS, GROUPS, draw_cases, possible
+from s2r_conceal.cases import draw_cases
 from s2r_conceal.effects.table import EFFECTS
 from s2r_conceal.errors import ConcealError, DrawError
 from s2r_conceal.masks import Mask, rows
+from s2r_conceal.plans import CLEAN_VARIANTS, GROUPS, possible
 from s2r_conceal.record import active_mask
 from s2r_conceal.rigs import rig_named
 from s2r_conceal.run import run_all
