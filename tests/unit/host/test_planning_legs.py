@@ -11,7 +11,7 @@ from s2r_host.planning import OutOfReachError, PlanRefusedError, PlanRequest, Pl
 from s2r_host.planning.bench.verifier import verify
 from s2r_host.planning.planner import scene_of, world_of
 from s2r_host.planning.reach import stops_on_the_way
-from s2r_host.trajectory import plan_trajectory
+from s2r_host.trajectory import legs, plan_trajectory
 from s2r_host.trajectory.legs import plan_legs
 from s2r_host.trajectory.retreat import retreat
 from s2r_host.trajectory.trajectory import Trajectory
@@ -36,6 +36,13 @@ OVEN = """<mujoco><compiler angle="radian"/><worldbody>
   </body>
 </worldbody></mujoco>"""
 TARGET = 1.45
+TAP = """<mujoco><compiler angle="radian"/><worldbody><site name="arm_base"/><body pos=".6 0 0">
+  <geom type="cylinder" size=".02 .12" pos="0 0 .12"/>
+  <body pos="0 0 .26">
+    <joint name="tap" axis="0 0 1" damping=".2" frictionloss=".2"/>
+    <geom type="capsule" size=".009" fromto="-.02 0 0 -.12 0 0" mass=".2"/>
+  </body>
+</body></worldbody></mujoco>"""
 
 
 def request_for(path, target=TARGET, **changes):
@@ -102,8 +109,12 @@ def test_the_legs_are_one_motion_at_500_hertz_that_stands_up_to_the_verifier(ope
     assert verdict.good, verdict
 
 
-def test_where_one_place_does_nothing_changes(oven):
-    request = request_for(oven, 0.4)
+def test_where_one_place_does_nothing_changes(folder):
+    path = folder / "tap.xml"
+    path.write_text(TAP)
+    request = PlanRequest(
+        ARM, path, 0.0, 0.4, ARM.q_home, joint="tap", in_scene=True, settings=PlanSettings(threads=1)
+    )
     alone, delivery = plan_trajectory(request, accept_fragile=True)
     legged = plan_legs(request, accept_fragile=True)
     assert len(legged.legs) == 1
@@ -120,11 +131,17 @@ def test_stops_lie_on_the_way_the_farthest_first(oven):
     assert stops[0] > stops[1]
 
 
-def test_a_flap_that_falls_on_the_way_is_refused_with_that_reason(folder):
+def test_a_flap_that_falls_on_the_way_is_refused_with_that_reason(folder, monkeypatch):
+    def out_of_reach(*_, **__):
+        raise OutOfReachError("no place follows it")
+
+    monkeypatch.setattr(legs, "plan_trajectory", out_of_reach)
     path = folder / "light.xml"
     # Held at its lower stop, but nowhere on the way there.
     path.write_text(OVEN.format(friction=1.0, mass=1.5).replace('range="0 1.5"', 'range="0 1.45"'))
-    with pytest.raises(OutOfReachError, match=r"nor in several legs: the part does not stay on the way"):
+    with pytest.raises(
+        OutOfReachError, match="no place follows it; nor in several legs: the part does not stay on the way"
+    ):
         plan_legs(request_for(path))
 
 
