@@ -23,12 +23,18 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     help="Joint value: 0 = as found, + = out of the cabinet or opening. 0.15, 150mm; -30deg, -0.52rad.",
 )
 @click.option(
+    "--then",
+    "further",
+    multiple=True,
+    help="A further target once the one before is reached, with all that was learnt meanwhile; may be given again.",
+)
+@click.option(
     "--from",
     "origin",
     type=click.Choice(["found", "pushed"]),
     default="found",
     show_default=True,
-    help="What the target counts from: the part as found, or as the first push leaves it.",
+    help="What targets count from: the part as found, or as the first push leaves it.",
 )
 @click.option(
     "--executor", default=DEFAULT_EXECUTOR, show_default=True, help="Zenoh endpoint of the executor."
@@ -41,7 +47,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
 @tls_option
 @click.option("--seed", default=0, show_default=True, help="Of all chance on the host.")
-@click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most.")
+@click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most, per target.")
 @click.option(
     "--ensemble",
     default=1,
@@ -69,6 +75,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 def run(
     object_kind: str,
     target: str,
+    further: tuple[str, ...],
     origin: str,
     executor: str,
     camera: str,
@@ -99,6 +106,7 @@ def run(
     folder = out or Path("runs") / time.strftime("%Y%m%d-%H%M%S")
     settings = RunSettings(
         target=parse_target(target, TASKS[object_kind]),
+        then=tuple(parse_target(one, TASKS[object_kind]) for one in further),
         task=TASKS[object_kind],
         from_pushed=origin == "pushed",
         out=folder,

@@ -35,7 +35,7 @@ def write_report(record: RunRecord, path: Path) -> Path:
         _inputs(record),
     ]
     task = record.settings.task
-    title = f"s2r run {task.name}, target {task.unit.show(record.target, 1)}"
+    title = f"s2r run {task.name}, target {_targets(record)}"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page(title, parts), encoding="utf-8")
     return path
@@ -45,15 +45,25 @@ def _head(record: RunRecord) -> str:
     kind = "good" if record.code == ExitCode.OK else "bad"
     badge = f'<span class="badge {kind}">exit {int(record.code)} {escape(record.code.name.lower())}</span>'
     task = record.settings.task
-    title = f"<h1>{task.part.capitalize()} to {task.unit.show(record.target, 1)} {badge}</h1>"
+    title = f"<h1>{task.part.capitalize()} to {_targets(record)} {badge}</h1>"
     return f'{title}<p class="lead">{escape(record.reason)}</p>'
+
+
+def _targets(record: RunRecord) -> str:
+    """Targets aimed at, from the state as found; those of the command line where none was yet."""
+    asked = (record.settings.target, *record.settings.then)
+    return ", then ".join(
+        record.settings.task.unit.show(target, 1)
+        for target in ([goal.target for goal in record.goals] or asked)
+    )
 
 
 def _numbers(record: RunRecord) -> str:
     cells, unit = [], record.settings.task.unit
-    if record.attempts:
-        last, first = record.attempts[-1], record.attempts[0]
-        delta_r = last.delta / (last.s_target - first.s_initial)
+    goals = [goal for goal in record.goals if goal.attempts]
+    if goals:
+        goal, first = goals[-1], goals[0].attempts[0]
+        last, delta_r = goal.last, goal.delta_r
         cells += [
             (unit.show(last.delta), "δ = target − final"),
             (f"{100 * delta_r:+.2f} %", "δ_r = δ / (target − start)"),
@@ -165,7 +175,7 @@ def _state(record: RunRecord) -> str:
     if not record.attempts:
         return ""
     settings = record.settings
-    figure = state_figure(record.attempts, record.views, settings.task, record.target, record.s_found)
+    figure = state_figure(record.goals, record.views, settings.task, record.s_found)
     return section(f"The {settings.task.part} over time", inline_svg(figure))
 
 

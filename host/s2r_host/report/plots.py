@@ -14,6 +14,7 @@ from s2r_host.report.style import EXECUTED, FAILED, PLANNED, RC, SEEN, TARGET
 from s2r_host.run.journal import Stage
 from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.observe import Observation
+from s2r_host.run.record import Goal
 from s2r_host.run.session import Executed
 from s2r_host.run.task import Task
 
@@ -57,21 +58,19 @@ def joints_figure(executed: Executed, joint_names: Sequence[str]) -> Figure:
 
 
 def state_figure(
-    attempts: Sequence[DoneManipulation],
-    views: Sequence[Observation],
-    task: Task,
-    s_target: float,
-    s_found: float | None,
+    goals: Sequence[Goal], views: Sequence[Observation], task: Task, s_found: float | None
 ) -> Figure:
-    """The part over time: seen by the camera, and as each delivered plan foresaw it."""
+    """The part over time: seen by the camera, and as each delivered plan foresaw it; the targets while they held."""
     scale, unit = task.unit.factor, task.unit.name
+    attempts = [done for goal in goals for done in goal.attempts]
     with mpl.rc_context(RC):
         figure = Figure(figsize=(12.5, 3.6), layout="constrained")
         axes = figure.subplots()
-        axes.axhline(scale * s_target, color=TARGET, lw=1.2, label="target")
-        low, high = scale * (s_target - task.tolerance), scale * (s_target + task.tolerance)
-        label = f"target ± {scale * task.tolerance:.3g} {unit}"
-        axes.axhspan(low, high, color=TARGET, alpha=0.14, lw=0, label=label)
+        for k, (goal, begin, end) in enumerate(_times(goals)):
+            low, high = scale * (goal.target - task.tolerance), scale * (goal.target + task.tolerance)
+            label = f"target ± {scale * task.tolerance:.3g} {unit}" if k == 0 else None
+            axes.fill_between([begin, end], low, high, color=TARGET, alpha=0.14, lw=0, label=label)
+            axes.plot([begin, end], [scale * goal.target] * 2, color=TARGET, lw=1.2)
         for k, done in enumerate(attempts):
             replay, executed = done.planned.delivery.replay, done.executed[0]
             pace = executed.wall_s / executed.trajectory.duration_s  # a stepped clock runs slower or faster
@@ -98,6 +97,13 @@ def state_figure(
         axes.set_ylabel(f"{task.part} [{unit}], + = {task.positive}")
         axes.legend(loc="center left", fontsize=8)
         return figure
+
+
+def _times(goals: Sequence[Goal]) -> list[tuple[Goal, float, float]]:
+    """Goals with the times from which and until which they were aimed at [s]; the first from the beginning."""
+    aimed = [goal for goal in goals if goal.attempts]
+    ends = [goal.last.view.taken_s for goal in aimed]
+    return list(zip(aimed, [0.0, *ends], ends, strict=False))
 
 
 def _seen(

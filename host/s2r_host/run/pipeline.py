@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -13,29 +11,20 @@ from s2r_host.errors import SceneError
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.perception.errors import AbstainError, NothingMovedError
 from s2r_host.perception.estimate import JointEstimate
-from s2r_host.run.belief import Belief, build_belief, estimate_part
-from s2r_host.run.contact import corrected, touched_by_push
-from s2r_host.run.feeling import Feeling, with_felt
-from s2r_host.run.first_push import PUSH, DonePush, carry_out_push, prepare_push
+from s2r_host.run.belief import build_belief, estimate_part
+from s2r_host.run.feeling import Feeling
+from s2r_host.run.first_push import DonePush, carry_out_push, prepare_push
 from s2r_host.run.journal import Journal
-from s2r_host.run.manipulate import (
-    DoneManipulation,
-    carry_out_manipulation,
-    measure_now,
-    prepare_manipulation,
-)
+from s2r_host.run.lessons import learn_from_push
 from s2r_host.run.observe import Observation, observe
-from s2r_host.run.reactive import carry_out_reactively
-from s2r_host.run.record import RunRecord
-from s2r_host.run.session import Executed, Session, open_session
+from s2r_host.run.reach import reach
+from s2r_host.run.record import Goal, RunRecord
+from s2r_host.run.session import Session, open_session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.travel import go_to
-from s2r_protocol.exits import ExitCode, RefusedError, S2RError
+from s2r_protocol.exits import ExitCode, S2RError
 
 logger = logging.getLogger(__name__)
-
-# Over the usual error of this object's manipulations: hardly to be bettered, and likely to be bettered by one more.
-LUCKY, WORTH_A_TRY = 0.5, 1.5
 
 
 def run_task(settings: RunSettings, journal: Journal, arguments: tuple[str, ...] = ()) -> RunRecord:
@@ -57,7 +46,7 @@ def run_task(settings: RunSettings, journal: Journal, arguments: tuple[str, ...]
             "interrupted by the operator; the arm was stopped and is at rest",
         )
     except S2RError as error:
-        record.code, record.reason = error.exit_code, str(error)
+        record.code, record.reason = error.exit_code, f"{_reached(record)}{error}"
     except Exception as error:
         record.code, record.reason = ExitCode.BUG, f"{type(error).__name__}: {error}"
         logger.exception("the run ended with a bug")
@@ -86,61 +75,20 @@ def _loop(session: Session, record: RunRecord) -> None:
         for text in model.warnings:
             journal.warn(text)
     record.s_found = float(estimate.delta)
-    if settings.from_pushed:
-        record.target = session.target = record.s_found + settings.target
+    origin = record.s_found if settings.from_pushed else 0.0
     session.recorder.add_note(
         "joint", {"axis": estimate.axis_direction.tolist(), "s_after": float(estimate.delta)}
     )
     feeling = Feeling(session.arm, settings.out / "object-log", record.felt)
-    _learn_from_push(session, record, feeling)
-    _attempts(session, record, after, feeling)
-    _judge(record)
-
-
-def _learn_from_push(session: Session, record: RunRecord, feeling: Feeling) -> None:
-    """The push that told the joint also tells how much it resists, and where the side is that was touched."""
-    task, belief, push, s = session.settings.task, record.belief, record.push, record.s_found
-    assert belief is not None
-    assert push is not None
-    assert s is not None
-    if not push.went_through:
-        return
-    folder, positive = session.settings.out / "model-1", s > 0.0
-    belief = _felt(session, feeling, belief, push.executed[PUSH], 0.0, s, folder)
-    if not belief.template.slides and "touch" not in session.settings.without:
-        touched = touched_by_push(
-            belief, session.arm, push.planned.motion.push[-1], s, positive, task.far_off
-        )
-        if touched is not None:
-            geom, offset = touched
-            belief = corrected(belief, geom, offset, positive, folder)
-            session.journal.say(
-                f"the push touched {geom} {task.unit.show(-offset)} from where the model has it"
-            )
-    record.belief = belief
-
-
-def _felt(
-    session: Session,
-    feeling: Feeling,
-    belief: Belief,
-    pushed: Executed,
-    s_from: float,
-    s_to: float,
-    folder: Path,
-) -> Belief:
-    """The belief with what a motion made the arm feel of the part."""
-    felt = feeling.feel(belief, session.executed, pushed, s_from, s_to)
-    if not felt or "torque" in session.settings.without:
-        return belief
-    belief = with_felt(belief, feeling.touched, folder)
-    if belief.felt is not None:
-        effort, damping = ("N", "N·s/m") if belief.template.slides else ("N·m", "N·m·s/rad")
-        session.journal.say(
-            f"felt: friction {belief.felt.friction:.2f} {effort}, damping {belief.felt.damping:.2f} {damping}, "
-            f"{belief.felt.mass_share:.2f} of the mass guessed"
-        )
-    return belief
+    learn_from_push(session, record, feeling)
+    s_now = record.s_found
+    for target in (settings.target, *settings.then):
+        session.target = origin + target
+        record.goals.append(Goal(session.target))
+        after = reach(session, record, feeling, after, s_now)
+        s_now = record.goals[-1].last.measured.s
+        if not _judge(record):
+            return
 
 
 def _push_until_told(
@@ -191,80 +139,28 @@ def _push_until_told(
     raise AssertionError("settings.pushes is at least 1")
 
 
-def _attempts(session: Session, record: RunRecord, view: Observation, feeling: Feeling) -> None:
-    """Manipulate until the measured error is small enough or the attempts are used up."""
-    settings, journal, task = session.settings, session.journal, session.settings.task
-    assert record.belief is not None
-    assert record.s_found is not None
-    s_now = record.s_found
-    for number in range(1, settings.attempts + 1):
-        try:
-            with journal.stage(f"plan {number}") as stage:
-                planned = prepare_manipulation(session, record.belief, number, s_now, view)
-                stage.note = (
-                    f"{planned.result.control_steps} steps, {planned.delivery.trajectory.duration_s:.1f} s, "
-                    f"ends at {task.unit.show(planned.foreseen)}"
-                )
-        except RefusedError as error:
-            if number == 1:
-                raise
-            journal.warn(f"no correction {number}: {error}")
-            return
-        with journal.stage(f"manipulation {number}"):
-            if settings.reactive:
-                planned, executed = carry_out_reactively(session, record.belief, planned, view)
-            else:
-                executed = carry_out_manipulation(session, planned)
-        with journal.stage(f"measure {number}") as stage:
-            view, measured = measure_now(session, record.belief, f"C{number}", planned.foreseen)
-            record.views.append(view)
-            done = DoneManipulation(planned, executed, view, measured, s_now, session.target)
-            record.attempts.append(done)
-            stage.note = f"{task.unit.show(measured.s)}, δ {task.unit.show(done.delta)}"
-        session.recorder.add_note(
-            "state",
-            {"number": number, "s": measured.s, "sigma": measured.sigma, "delta": done.delta},
+def _judge(record: RunRecord) -> bool:
+    """Whether the newest target was reached; the record's reason tells about all of them."""
+    task, told = record.settings.task, []
+    for goal in record.goals:
+        count = len(goal.attempts)
+        told.append(
+            f"{task.part} at {task.unit.show(goal.last.measured.s)}, target {task.unit.show(goal.target)}: "
+            f"δ {task.unit.show(goal.last.delta)} after {count} planned manipulation{'s' if count > 1 else ''}"
         )
-        folder, offset = settings.out / f"model-{number + 1}", measured.s - planned.foreseen
-        if not planned.corrected:  # else the first motion was not all of it
-            record.belief = _felt(session, feeling, record.belief, executed[0], s_now, measured.s, folder)
-        if abs(done.delta) <= task.good_enough or _better_left_alone(
-            record.attempts, task.tolerance, settings.attempts - number
-        ):
-            return
-        s_now, learns = measured.s, "touch" not in settings.without
-        if learns and number < settings.attempts and abs(offset) < task.far_off:
-            positive = planned.request.s_target > planned.request.s_initial
-            record.belief = corrected(record.belief, planned.pushed_geom, offset, positive, folder)
-            journal.say(
-                f"belief corrected: pushed side of {planned.pushed_geom} by {task.unit.show(-offset)}"
-            )
-
-
-def _better_left_alone(attempts: Sequence[DoneManipulation], tolerance: float, left: int) -> bool:
-    """The part is within tolerance, and one more manipulation is likely to end worse.
-
-    Manipulations of one object err alike. While several are left, a bad one is made good by the next; the last one
-    is worth its risk only for an error well above the usual.
-    """
-    now = abs(attempts[-1].delta)
-    usual = sum(abs(done.delta) for done in attempts) / len(attempts)
-    return len(attempts) > 1 and now <= tolerance and now <= (LUCKY if left > 1 else WORTH_A_TRY) * usual
-
-
-def _judge(record: RunRecord) -> None:
-    last, task = record.attempts[-1], record.settings.task
-    text = (
-        f"{task.part} at {task.unit.show(last.measured.s)}, target {task.unit.show(last.s_target)}: "
-        f"δ {task.unit.show(last.delta)} "
-        f"after {len(record.attempts)} planned manipulation{'s' if len(record.attempts) > 1 else ''}"
-    )
-    good = abs(last.delta) <= task.tolerance
+    good = abs(record.goals[-1].last.delta) <= task.tolerance
     record.code = ExitCode.OK if good else ExitCode.DIFFERENCE
-    record.reason = text
+    record.reason = "; then ".join(told)
     if not good:
         limit = task.unit.show(task.tolerance)[1:]
-        record.reason = f"{text}, more than {limit}; look at the report's contact surfaces"
+        record.reason += f", more than {limit}; look at the report's contact surfaces"
+    return good
+
+
+def _reached(record: RunRecord) -> str:
+    """What to say of earlier targets before the reason why a later one was not reached."""
+    done = sum(bool(goal.attempts) for goal in record.goals[:-1])
+    return f"after {done} of {1 + len(record.settings.then)} targets: " if done else ""
 
 
 def _introduce(record: RunRecord, session: Session) -> None:

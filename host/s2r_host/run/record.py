@@ -36,6 +36,24 @@ REPORTED_PACKAGES = (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """One target [m or rad], from the state as found, and the planned manipulations towards it, in order."""
+
+    target: float
+    attempts: list[DoneManipulation] = field(default_factory=list)
+
+    @property
+    def last(self) -> DoneManipulation:
+        """The newest of the manipulations."""
+        return self.attempts[-1]
+
+    @property
+    def delta_r(self) -> float:
+        """δ over the whole way, corrections included."""
+        return self.last.delta / (self.target - self.attempts[0].s_initial)
+
+
 @dataclass
 class RunRecord:
     """Filled stage by stage; whatever is there when a run ends goes into ``run.json`` and the report.
@@ -48,9 +66,9 @@ class RunRecord:
         views: All looks, in order.
         planned_push, push: The first push.
         belief: After the last correction.
-        attempts: Planned manipulations carried out.
         felt: What the arm felt of the part, by the label of the motion.
-        s_found: Joint value measured just before the first planned manipulation [m].
+        s_found: Joint value measured just before the first planned manipulation [m or rad].
+        goals: What was aimed at so far, with the manipulations carried out for it.
         world_commitment: Of the stand-in's sealed world, if it says one.
         code, reason: How the run ended.
     """
@@ -66,35 +84,35 @@ class RunRecord:
     planned_push: PlannedPush | None = None
     push: DonePush | None = None
     belief: Belief | None = None
-    attempts: list[DoneManipulation] = field(default_factory=list)
     felt: dict[str, list[Touch]] = field(default_factory=dict)
     s_found: float | None = None
-    target: float = field(init=False)
+    goals: list[Goal] = field(default_factory=list)
     world_commitment: str | None = None
     code: ExitCode = ExitCode.BUG
     reason: str = "the run did not end"
 
-    def __post_init__(self) -> None:
-        self.target = self.settings.target
+    @property
+    def attempts(self) -> list[DoneManipulation]:
+        """All planned manipulations carried out, in order."""
+        return [done for goal in self.goals for done in goal.attempts]
 
     def as_dict(self) -> dict[str, Any]:
         """What ``run.json`` holds."""
-        last = self.attempts[-1] if self.attempts else None
-        first = self.attempts[0] if self.attempts else None
-        overall = None
-        if last and first:
-            overall = last.delta / (last.s_target - first.s_initial)
+        goals = [goal for goal in self.goals if goal.attempts]
+        newest = goals[-1] if goals else None
+        first = newest.attempts[0] if newest else None
         return {
             "schema_version": SCHEMA_VERSION,
             "task": self.settings.task.name,
             "unit": "m" if self.settings.task.joint_type == "prismatic" else "rad",
             "exit": {"code": int(self.code), "name": self.code.name, "reason": self.reason},
-            "s_target": self.target,
+            "s_target": (self.goals[-1] if self.goals else Goal(self.settings.target)).target,
             "s_initial": first.s_initial if first else self.s_found,
-            "s_final": last.measured.s if last else self.s_found,
-            "s_final_sigma": last.measured.sigma if last else None,
-            "delta": last.delta if last else None,
-            "delta_r": overall,
+            "s_final": newest.last.measured.s if newest else self.s_found,
+            "s_final_sigma": newest.last.measured.sigma if newest else None,
+            "delta": newest.last.delta if newest else None,
+            "delta_r": newest.delta_r if newest else None,
+            "goals": [_goal(goal) for goal in goals],
             "tick_before_plan": first.executed[0].tick_start if first and first.executed else None,
             "attempts": [_attempt(attempt) for attempt in self.attempts],
             "push": _push(self.push) if self.push else None,
@@ -119,6 +137,18 @@ class RunRecord:
         """Write ``run.json``."""
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(self.as_dict(), indent=1, allow_nan=False, default=_last_resort) + "\n")
+
+
+def _goal(goal: Goal) -> dict[str, Any]:
+    return {
+        "s_target": goal.target,
+        "s_initial": goal.attempts[0].s_initial,
+        "s_final": goal.last.measured.s,
+        "s_final_sigma": _finite(goal.last.measured.sigma),
+        "delta": goal.last.delta,
+        "delta_r": goal.delta_r,
+        "attempts": [done.planned.number for done in goal.attempts],
+    }
 
 
 def _attempt(done: DoneManipulation) -> dict[str, Any]:

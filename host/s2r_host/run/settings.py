@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 from s2r_host.motion.lever_proposals import LeverPushSettings
@@ -27,6 +28,7 @@ class RunSettings:
     Attributes:
         target: Wanted joint value [m or rad], 0 = as found in the first view; the task says which way is positive.
         from_pushed: The target counts from where the first push leaves the part instead.
+        then: Further targets, one after the other, each from where the one before left the part; counted like it.
         task: Kind of object.
         out: Run folder; must be new or empty.
         executor, camera: Zenoh endpoints.
@@ -53,6 +55,7 @@ class RunSettings:
     target: float
     out: Path
     task: Task = DRAWER
+    then: tuple[float, ...] = ()
     from_pushed: bool = False
     executor: str = DEFAULT_EXECUTOR
     camera: str = DEFAULT_CAMERA
@@ -81,7 +84,15 @@ class RunSettings:
     region: Region = field(default_factory=Region)
 
     def __post_init__(self) -> None:
-        self.task.check(self.target)
+        for target in (self.target, *self.then):
+            self.task.check(target)
+        show = self.task.unit.show
+        for before, after in pairwise((self.target, *self.then)):
+            if abs(after - before) < self.task.tolerance:
+                raise UsageError(
+                    f"--then {show(after)} is where the target before it leaves the part ({show(before)}, good to "
+                    f"{show(self.task.tolerance)[1:]}); leave it out"
+                )
         for name in ("pushes", "attempts", "ensemble"):
             if getattr(self, name) < 1:
                 raise UsageError(f"--{name} {getattr(self, name)} is not allowed; at least 1")

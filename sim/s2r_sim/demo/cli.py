@@ -29,7 +29,10 @@ if TYPE_CHECKING:
     "--target",
     help="Joint value; 0 = as found, + = out, opening or counter-clockwise  [default: 150mm, -35deg or 30deg].",
 )
-@click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most.")
+@click.option(
+    "--then", "further", multiple=True, help="A further target once the one before is reached, see s2r run."
+)
+@click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most, per target.")
 @click.option("--reactive", is_flag=True, help="The host watches the part while it moves it, see s2r run.")
 @click.option("--clock", type=click.Choice(["lockstep", "real"]), default="lockstep", show_default=True)
 @click.option(
@@ -42,6 +45,7 @@ def demo(
     seed: int,
     kind: str,
     target: str | None,
+    further: tuple[str, ...],
     attempts: int,
     reactive: bool,
     clock: str,
@@ -95,6 +99,7 @@ def demo(
             "run",
             kind,
             f"--target={target or goal.target}",
+            *(f"--then={one}" for one in further),
             "--attempts",
             str(attempts),
             "--acknowledge-contact",
@@ -151,6 +156,8 @@ def _print_verdict(verdict: DemoVerdict, picture: Path, goal: Goal) -> None:
     table.add_row("true joint value", shown(verdict.s_true))
     table.add_row("true δ after the first attempt", shown(verdict.delta_first_true))
     table.add_row("true δ at the end", f"[bold]{shown(verdict.delta_true)}[/]")
+    if len(verdict.deltas_true) > 1:
+        table.add_row("true δ of every target", ", ".join(shown(delta) for delta in verdict.deltas_true))
     table.add_row("true δ_r", "–" if verdict.delta_r_true is None else f"{100 * verdict.delta_r_true:+.1f} %")
     table.add_row("δ as the camera saw it", shown(verdict.delta_measured))
     table.add_row("planned manipulations", str(verdict.attempts))

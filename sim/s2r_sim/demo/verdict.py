@@ -20,13 +20,14 @@ class DemoVerdict:
         seed: Of the hidden world.
         exit_code: The host's.
         reason: The host's, one sentence.
-        s_target: What was asked for.
-        s_initial_true: True value before the first planned manipulation, None if none began.
+        s_target: What was asked for last.
+        s_initial_true: True value before the first planned manipulation towards it, None if none began.
         s_true: True value at the end.
-        delta_first_true: True δ after the first planned manipulation.
+        delta_first_true: True δ after the first planned manipulation towards it.
         delta_true: True δ at the end.
         delta_r_true: δ over the distance that was asked for.
         delta_measured: δ as the host measured it with the camera.
+        deltas_true: True δ of every target that was manipulated towards, in order.
         attempts: Planned manipulations carried out.
         wall_s: The host's wall time.
         commitment: Salted hash of the world, published by the stand-in before the run.
@@ -44,6 +45,7 @@ class DemoVerdict:
     delta_true: float
     delta_r_true: float | None
     delta_measured: float | None
+    deltas_true: tuple[float, ...]
     attempts: int
     wall_s: float
     commitment: str
@@ -71,7 +73,10 @@ def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
     as_found = float(truth.s[0])
     s_true = float(truth.s[-1]) - as_found
     target = float(run["s_target"])
-    begun = [truth.s_at_tick(attempt["tick_start"]) - as_found for attempt in run["attempts"]]
+    at = {a["number"]: truth.s_at_tick(a["tick_start"]) - as_found for a in run["attempts"]}
+    goals = run["goals"]
+    begun = [at[number] for number in goals[-1]["attempts"]] if goals else []
+    left_at = [*(at[goal["attempts"][0]] for goal in goals[1:]), s_true]
     after_first = (begun[1] if len(begun) > 1 else s_true) if begun else None
     return DemoVerdict(
         seed=seed,
@@ -84,6 +89,7 @@ def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
         delta_true=target - s_true,
         delta_r_true=(target - s_true) / (target - begun[0]) if begun else None,
         delta_measured=run["delta"],
+        deltas_true=tuple(goal["s_target"] - s for goal, s in zip(goals, left_at, strict=False)),
         attempts=len(run["attempts"]),
         wall_s=float(run["wall_s"]),
         commitment=published,
@@ -105,7 +111,9 @@ def draw_truth(folder: Path, verdict: DemoVerdict, goal: Goal) -> Path:
     axes.plot(
         truth.t, goal.factor * (truth.s - truth.s[0]), color="#20639b", label="truth, opened after the run"
     )
-    axes.axhline(goal.factor * verdict.s_target, color="#3caea3", linestyle="--", label="target")
+    for k, aimed in enumerate(run["goals"] or [{"s_target": verdict.s_target}]):
+        label = "target" if k == 0 else None
+        axes.axhline(goal.factor * aimed["s_target"], color="#3caea3", linestyle="--", label=label)
     ticks = [attempt["tick_start"] for attempt in run["attempts"][1:]]
     times = [float(truth.t[truth.master_tick.searchsorted(tick)]) for tick in ticks] + [float(truth.t[-1])]
     for k, (t, attempt) in enumerate(zip(times, run["attempts"], strict=False)):

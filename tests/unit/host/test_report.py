@@ -1,6 +1,8 @@
 """The report of a run that ended early still says why, and opens without a network."""
 
 import re
+from types import SimpleNamespace
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -11,9 +13,9 @@ from s2r_host.report.page import write_report
 from s2r_host.report.plots import stages_figure
 from s2r_host.report.style import inline_png, inline_svg
 from s2r_host.run.journal import Journal, Stage
-from s2r_host.run.record import RunRecord
+from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.settings import RunSettings
-from s2r_protocol.exits import ExitCode
+from s2r_protocol.exits import ExitCode, UsageError
 
 
 @pytest.fixture
@@ -53,6 +55,41 @@ def test_run_json_of_a_failed_run_has_reason_and_timings(record):
     assert values["inputs"]["settings"]["target"] == 0.15
     record.write(record.settings.out / "run.json")
     assert (record.settings.out / "run.json").read_text().startswith("{")
+
+
+def test_targets_that_were_not_aimed_at_yet_are_in_the_heading(tmp_path):
+    settings = RunSettings(0.15, tmp_path / "run", then=(0.05,))
+    text = write_report(RunRecord(settings, Journal()), tmp_path / "report.html").read_text()
+    assert "Drawer to +150.0 mm, then +50.0 mm" in text
+
+
+def test_run_json_keeps_targets_of_the_same_value_apart(record):
+    def done(number: int, s_initial: float, s_target: float, s: float) -> Any:
+        planned = SimpleNamespace(number=number)
+        measured = SimpleNamespace(s=s, sigma=1e-4)
+        delta = s_target - s
+        return SimpleNamespace(
+            planned=planned,
+            executed=[],
+            measured=measured,
+            s_initial=s_initial,
+            s_target=s_target,
+            delta=delta,
+        )
+
+    there, back = done(1, 0.03, 0.15, 0.152), done(2, 0.152, 0.05, 0.049)
+    again = [done(3, 0.049, 0.15, 0.146), done(4, 0.146, 0.15, 0.149)]
+    record.goals = [Goal(0.15, [there]), Goal(0.05, [back]), Goal(0.15, again)]
+    assert [done.planned.number for done in record.attempts] == [1, 2, 3, 4]
+    assert [goal.last.planned.number for goal in record.goals] == [1, 2, 4]
+    assert record.goals[2].delta_r == pytest.approx(0.001 / 0.101)
+
+
+def test_a_target_where_the_part_is_left_already_is_refused(tmp_path):
+    with pytest.raises(
+        UsageError, match=r"--then \+152\.00 mm is where the target before it leaves the part"
+    ):
+        RunSettings(0.15, tmp_path / "run", then=(0.152,))
 
 
 def test_figures_are_inlined_whole():

@@ -1,0 +1,101 @@
+"""To one target: plan, manipulate, measure, correct, until it is good enough or better left alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from s2r_host.run.contact import corrected
+from s2r_host.run.feeling import Feeling
+from s2r_host.run.lessons import belief_with_felt
+from s2r_host.run.manipulate import (
+    DoneManipulation,
+    carry_out_manipulation,
+    measure_now,
+    prepare_manipulation,
+)
+from s2r_host.run.observe import Observation
+from s2r_host.run.reactive import carry_out_reactively
+from s2r_host.run.record import RunRecord
+from s2r_host.run.session import Session
+from s2r_protocol.exits import RefusedError
+
+# Over the usual error of this object's manipulations: hardly to be bettered, and likely to be bettered by one more.
+LUCKY, WORTH_A_TRY = 0.5, 1.5
+
+
+def reach(
+    session: Session, record: RunRecord, feeling: Feeling, view: Observation, s_now: float
+) -> Observation:
+    """Manipulate until the session's target is reached well enough or the attempts are used up.
+
+    Args:
+        session: Links and the target.
+        record: Its newest goal gets the manipulations, and it the belief as they teach it.
+        feeling: What the arm feels of the part.
+        view: The newest look.
+        s_now: Where the part is, by that look [m or rad].
+
+    Returns:
+        The look after the last manipulation.
+
+    Raises:
+        RefusedError: No plan for the first manipulation; without one for a correction it is left out.
+    """
+    settings, journal, task = session.settings, session.journal, session.settings.task
+    assert record.belief is not None
+    goal = record.goals[-1]
+    for left in reversed(range(settings.attempts)):
+        number = len(record.attempts) + 1
+        try:
+            with journal.stage(f"plan {number}") as stage:
+                planned = prepare_manipulation(session, record.belief, number, s_now, view)
+                stage.note = (
+                    f"{planned.result.control_steps} steps, {planned.delivery.trajectory.duration_s:.1f} s, "
+                    f"ends at {task.unit.show(planned.foreseen)}"
+                )
+        except RefusedError as error:
+            if not goal.attempts:
+                raise
+            journal.warn(f"no correction {number}: {error}")
+            return view
+        with journal.stage(f"manipulation {number}"):
+            if settings.reactive:
+                planned, executed = carry_out_reactively(session, record.belief, planned, view)
+            else:
+                executed = carry_out_manipulation(session, planned)
+        with journal.stage(f"measure {number}") as stage:
+            view, measured = measure_now(session, record.belief, f"C{number}", planned.foreseen)
+            record.views.append(view)
+            done = DoneManipulation(planned, executed, view, measured, s_now, session.target)
+            goal.attempts.append(done)
+            stage.note = f"{task.unit.show(measured.s)}, δ {task.unit.show(done.delta)}"
+        session.recorder.add_note(
+            "state",
+            {"number": number, "s": measured.s, "sigma": measured.sigma, "delta": done.delta},
+        )
+        folder, offset = settings.out / f"model-{number + 1}", measured.s - planned.foreseen
+        if not planned.corrected:  # else the first motion was not all of it
+            record.belief = belief_with_felt(
+                session, feeling, record.belief, executed[0], s_now, measured.s, folder
+            )
+        if abs(done.delta) <= task.good_enough or _better_left_alone(goal.attempts, task.tolerance, left):
+            return view
+        s_now, learns = measured.s, "touch" not in settings.without
+        if learns and left and abs(offset) < task.far_off:
+            positive = planned.request.s_target > planned.request.s_initial
+            record.belief = corrected(record.belief, planned.pushed_geom, offset, positive, folder)
+            journal.say(
+                f"belief corrected: pushed side of {planned.pushed_geom} by {task.unit.show(-offset)}"
+            )
+    return view
+
+
+def _better_left_alone(attempts: Sequence[DoneManipulation], tolerance: float, left: int) -> bool:
+    """The part is within tolerance, and one more manipulation is likely to end worse.
+
+    Manipulations of one object err alike. While several are left, a bad one is made good by the next; the last one
+    is worth its risk only for an error well above the usual.
+    """
+    now = abs(attempts[-1].delta)
+    usual = sum(abs(done.delta) for done in attempts) / len(attempts)
+    return len(attempts) > 1 and now <= tolerance and now <= (LUCKY if left > 1 else WORTH_A_TRY) * usual
