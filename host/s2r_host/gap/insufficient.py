@@ -49,7 +49,9 @@ def poor_excitation(model: RigidModel, fit: list[Session], problem: Problem) -> 
         if _span(fit, j) < _least_span(model, fit, j):
             return _still(model, fit, j)
         reversals = sum(count_reversals(s, j) for s in fit)
-        if reversals < 2 or _minor_share(fit, j) < ONE_WAY:
+        # Recordings of single strokes reverse between them: there and back in two files.
+        ways = {float(np.sign(s.q[-1, j] - s.q[0, j])) for s in fit}
+        if (reversals < 2 and not {-1.0, 1.0} <= ways) or _minor_share(fit, j) < ONE_WAY:
             return f"cannot tell: joint '{name}' moves one way only; move it both ways at several speeds"
         top = max(float(np.percentile(np.abs(s.v[:, j]), 99)) for s in fit)
         if top < 10.0 * max(float(s.v_eps[j]) for s in fit):

@@ -88,13 +88,13 @@ def band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray
     """
     power_u: np.ndarray | None = None
     power_n: np.ndarray | None = None
-    block = next(b for b in blocks if b.joint == j)
+    block = max((b for b in blocks if b.joint == j), key=lambda b: len(b.picks))
     s = block.session
     rate = 1.0 / (s.dt * float(block.picks[1] - block.picks[0]))
     length = min(256, len(block.picks) // 3)
     f = np.zeros(0)
     for b in blocks:
-        if b.joint == j and b.session in fit:
+        if b.joint == j and b.session in fit and len(b.picks) >= length:  # shorter ones have other frequencies
             f, p = welch(compare(b.session.u[:, j], b.session, j, True)[b.picks], rate, nperseg=length)
             power_u = p if power_u is None else power_u + p
     for x in noise:

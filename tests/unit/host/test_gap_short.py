@@ -15,12 +15,13 @@ MODEL = """<mujoco><worldbody><body name="part">
 QUICK = GapConfig(simulate=False, baselines=False, report=False, next_experiment=False)
 
 
-def pushed(folder, seconds: float, wobble_N: float, side: dict | None = None):
-    """A drawer pushed once; the force gauge is off by slow errors of a given size."""
+def stroke(folder, name: str, seconds: float, wobble_N: float, side: dict | None = None, way: int = 1):
+    """Recording of a drawer pushed once, out or back; the force gauge is off by slow errors of a given size."""
     rng = np.random.default_rng(2)
     t = np.arange(0.0, seconds, 0.005)
     x = t / seconds
     q, dq = 0.1 * (10 * x**3 - 15 * x**4 + 6 * x**5), 0.1 / seconds * 30 * x**2 * (1 - x) ** 2
+    q, dq = (q, dq) if way > 0 else (0.1 - q, -dq)
     slow = sum(np.sin(2 * np.pi * f * t + p) for f, p in ((0.7, 1.0), (1.9, 2.0), (3.1, 0.3)))
     tau = (
         4.0 * np.tanh(dq / 1e-3)
@@ -29,16 +30,25 @@ def pushed(folder, seconds: float, wobble_N: float, side: dict | None = None):
         + wobble_N * slow
         + rng.normal(0, 0.05, len(t))
     )
-    path = folder / "push.csv"
+    path = folder / f"{name}.csv"
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["t", "q.rail", "dq.rail", "tau.rail"])
         writer.writerows(zip(t, q, dq, tau, strict=True))
     path.with_suffix(".yaml").write_text(
-        yaml.safe_dump({"effort": "measured", "input": "effort", **(side or {})})
+        yaml.safe_dump({"effort": "measured", "input": "effort", "session": name, **(side or {})})
     )
+    return path
+
+
+def analysed(folder, paths):
     (folder / "model.xml").write_text(MODEL)
-    return analyse(folder / "model.xml", [path], [], [], QUICK, lambda _: None)
+    return analyse(folder / "model.xml", paths, [], [], QUICK, lambda _: None)
+
+
+def pushed(folder, seconds: float, wobble_N: float, side: dict | None = None):
+    """What is said of one push."""
+    return analysed(folder, [stroke(folder, "push", seconds, wobble_N, side)])
 
 
 def test_a_third_of_a_second_is_too_short_and_said_so(tmp_path):
@@ -53,3 +63,14 @@ def test_a_third_of_a_second_is_too_short_and_said_so(tmp_path):
 def test_errors_of_the_gauge_look_like_physics_unless_its_accuracy_is_declared(tmp_path, declared, verdicts):
     side = {"effort_sigma": {"rail": 0.6}} if declared else {}
     assert pushed(tmp_path, 2.5, 0.4, side).verdict in verdicts
+
+
+def test_strokes_out_and_back_in_files_of_their_own_tell_what_one_stroke_cannot(tmp_path):
+    side = {"effort_sigma": {"rail": 0.3}}
+    lengths = {"out": 3.5, "back": 2.5, "again": 1.0}
+    ways = {"out": 1, "back": -1, "again": 1}
+    paths = [stroke(tmp_path, name, lengths[name], 0.0, side, ways[name]) for name in lengths]
+    one_way = analysed(tmp_path, [paths[0], paths[2]])
+    assert one_way.verdict == "insufficient"
+    assert any("one way only" in note for note in one_way.notes)
+    assert analysed(tmp_path, paths).verdict == "nothing_missing"
