@@ -36,7 +36,6 @@ TASKS = (
     ("fridge", "upper", -1.1),
     ("microwave", "door", -1.4),
     ("dishwasher", "door", 1.2),
-    ("flap_hinged_above", "flap", 1.0),
     ("tap_cross", "tap", 3.0),
     ("door_of_meshes", "door", -1.3),
     ("double_doors", "ldoor", -1.3),
@@ -73,6 +72,7 @@ TASKS = (
     ("toggle", "switch", 0.5),
     ("pedal", "pedal", -0.4),
     ("millimetres", "door", -0.6),
+    ("flap_hinged_above", "flap", 1.0),
 )
 
 
