@@ -94,7 +94,9 @@ def band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray
     length = min(256, len(block.picks) // 3)
     f = np.zeros(0)
     for b in blocks:
-        if b.joint == j and b.session in fit and len(b.picks) >= length:  # shorter ones have other frequencies
+        if (
+            b.joint == j and b.session in fit and len(b.picks) >= length
+        ):  # shorter ones have other frequencies
             f, p = welch(compare(b.session.u[:, j], b.session, j, True)[b.picks], rate, nperseg=length)
             power_u = p if power_u is None else power_u + p
     for x in noise:
