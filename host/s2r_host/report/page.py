@@ -143,6 +143,7 @@ def _attempts(record: RunRecord) -> str:
             (
                 str(planned.number),
                 f"{task.unit.factor * done.s_initial:+.2f}",
+                f"{task.unit.factor * done.s_target:+.2f}",
                 f"{task.unit.factor * planned.foreseen:+.2f}",
                 f"{task.unit.factor * done.measured.s:+.2f} ± {task.unit.factor * done.measured.sigma:.2f}",
                 f"{task.unit.factor * done.delta:+.2f}",
@@ -155,6 +156,7 @@ def _attempts(record: RunRecord) -> str:
     header = (
         "#",
         f"start [{task.unit.name}]",
+        f"target [{task.unit.name}]",
         f"foreseen [{task.unit.name}]",
         f"seen [{task.unit.name}]",
         f"δ [{task.unit.name}]",
