@@ -45,6 +45,7 @@ class PlannedManipulation:
         motions: All of it, in order.
         pushed_geom: What the fingertip presses on at the end.
         corrected: Other motions followed the first one than was planned.
+        stopped: A protection stopped the arm on its way: it did not get to where the plan ends.
     """
 
     number: int
@@ -55,6 +56,7 @@ class PlannedManipulation:
     motions: tuple[Motion, ...]
     pushed_geom: str
     corrected: bool = False
+    stopped: bool = False
 
     @property
     def foreseen(self) -> float:
@@ -229,11 +231,16 @@ def _pushed_geom(session: Session, request: PlanRequest, delivery: Delivery) -> 
     return nearest_to_tip(session.arm, played.q_meas[row], part)[0]
 
 
-def carry_out_manipulation(session: Session, planned: PlannedManipulation) -> tuple[Executed, ...]:
+def carry_out_manipulation(
+    session: Session, planned: PlannedManipulation
+) -> tuple[PlannedManipulation, tuple[Executed, ...]]:
     """Execute the manipulation, the way out and the way home.
 
     Where the part resists more than believed, the executor stops the arm for a collision; it then goes back the way
     it came, and what was reached is measured like any other end.
+
+    Returns:
+        What was played, and what was executed.
 
     Raises:
         ArmStoppedError: A protection stopped the arm for another cause, or outside of the manipulation.
@@ -244,7 +251,8 @@ def carry_out_manipulation(session: Session, planned: PlannedManipulation) -> tu
     except ArmStoppedError as error:
         manipulation = planned.motions[0]
         back_off(session, error, manipulation.trajectory.q, f"{manipulation.label}: backing off")
-    return tuple(session.executed[begun:])
+        planned = replace(planned, stopped=True)
+    return planned, tuple(session.executed[begun:])
 
 
 def measure_now(

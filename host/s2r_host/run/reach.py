@@ -62,7 +62,7 @@ def reach(
             if settings.reactive:
                 planned, executed = carry_out_reactively(session, record.belief, planned, view)
             else:
-                executed = carry_out_manipulation(session, planned)
+                planned, executed = carry_out_manipulation(session, planned)
         with journal.stage(f"measure {number}") as stage:
             view, measured = measure_now(session, record.belief, f"C{number}", planned.foreseen)
             record.views.append(view)
@@ -80,8 +80,14 @@ def reach(
             )
         if abs(done.delta) <= task.good_enough or _better_left_alone(goal.attempts, task.tolerance, left):
             return view
+        if _held_up(goal.attempts, task.good_enough):
+            journal.warn(
+                f"the {task.part} was stopped twice at {task.unit.show(measured.s)}: it seems to be at the end of its "
+                "way, or something is in it; try another target"
+            )
+            return view
         s_now, learns = measured.s, "touch" not in settings.without
-        if learns and left and abs(offset) < task.far_off:
+        if learns and left and not planned.stopped and abs(offset) < task.far_off:
             positive = planned.request.s_target > planned.request.s_initial
             record.belief = corrected(record.belief, planned.pushed_geom, offset, positive, folder)
             journal.say(
@@ -99,3 +105,17 @@ def _better_left_alone(attempts: Sequence[DoneManipulation], tolerance: float, l
     now = abs(attempts[-1].delta)
     usual = sum(abs(done.delta) for done in attempts) / len(attempts)
     return len(attempts) > 1 and now <= tolerance and now <= (LUCKY if left > 1 else WORTH_A_TRY) * usual
+
+
+def _held_up(attempts: Sequence[DoneManipulation], same: float) -> bool:
+    """Two manipulations in a row were stopped on the same way and left the part at the same place."""
+    if len(attempts) < 2:
+        return False
+    one, two = attempts[-2:]
+    same_way = (one.s_target - one.s_initial) * (two.s_target - two.s_initial) > 0.0
+    return (
+        one.planned.stopped
+        and two.planned.stopped
+        and same_way
+        and abs(two.measured.s - one.measured.s) < same
+    )

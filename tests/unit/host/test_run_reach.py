@@ -1,0 +1,42 @@
+"""When corrections end: good enough, better left alone, or held up twice at the same place."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from s2r_host.run.reach import _better_left_alone, _held_up
+
+
+def done(s: float, target: float = 0.5, s_initial: float = 0.0, stopped: bool = False) -> Any:
+    return SimpleNamespace(
+        planned=SimpleNamespace(stopped=stopped),
+        measured=SimpleNamespace(s=s),
+        s_target=target,
+        s_initial=s_initial,
+        delta=target - s,
+    )
+
+
+@pytest.mark.parametrize(
+    ("ends", "left", "alone"),
+    [
+        ([0.47], 2, False),  # the first correction is always worth a try
+        ([0.47, 0.475], 2, False),  # a bad one is made good by the next
+        ([0.47, 0.475], 1, True),  # the last one would risk what is there
+        ([0.47, 0.495], 2, True),  # much better than usual already
+        ([0.3, 0.44], 1, False),  # not within tolerance
+    ],
+)
+def test_a_part_within_tolerance_is_left_alone_where_one_more_try_would_rather_spoil_it(ends, left, alone):
+    assert _better_left_alone([done(s) for s in ends], tolerance=0.05, left=left) == alone
+
+
+def test_a_part_that_is_stopped_twice_at_one_place_is_at_the_end_of_its_way():
+    first, second = done(0.40, stopped=True), done(0.401, s_initial=0.40, stopped=True)
+    assert _held_up([first, second], same=0.01)
+    assert not _held_up([first], same=0.01)
+    assert not _held_up([first, done(0.45, s_initial=0.40, stopped=True)], same=0.01)
+    assert not _held_up([first, done(0.401, s_initial=0.40)], same=0.01)
+    back = done(0.401, target=0.2, s_initial=0.40, stopped=True)
+    assert not _held_up([first, back], same=0.01)
