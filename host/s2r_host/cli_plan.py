@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import json
-import logging
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
 
+from s2r_host.plan_process import PlanOrder, plan_in_process
 from s2r_protocol.exits import S2RError, UsageError
 
 
@@ -68,42 +67,35 @@ def plan(
     """Plan how the arm moves a joint of an object in SCENE to a target value, without moving anything.
 
     Writes plan.csv (t, q.<joint>; every 2 ms), knots.csv, plan.json, trace.csv, strip.png and model/ into --out.
-    Scene and object start at their qpos0. Exit 4 with a reason when there is no plan.
+    Scene and object start at their qpos0. Exit 4 with a reason when there is no plan; plan.json then has it as well.
     """
-    from s2r_host.planning.patience import Patience
-    from s2r_host.planning.settings import PlanSettings
-    from s2r_host.planning.tools import tool_named, write_arm_with_tool
-    from s2r_host.trajectory.plan_scene import PlanTask, plan_scene
-    from s2r_protocol.arms import load_arm
-
-    logging.getLogger("toppra").setLevel(logging.ERROR)
+    if not time_limit_s > 0.0:  # NaN passes click's range
+        raise UsageError(f"--time-limit {time_limit_s} is not allowed: a number of seconds, 1 or more")
+    order = PlanOrder(
+        scene=str(scene),
+        joint=joint,
+        target=repr(target),
+        arm=arm,
+        tool=tool,
+        q0=q0,
+        out=str(out),
+        seed=seed,
+        time_limit_s=repr(time_limit_s),
+        threads=threads,
+        ensemble=ensemble,
+    )
     try:
-        description = load_arm(arm)
-        if tool is not None:
-            description = write_arm_with_tool(description, tool_named(tool), out / "arm")
-        members, doubt_files = _ensemble(ensemble)
-        task = PlanTask(
-            scene=scene,
-            joint=joint,
-            s_target=target,
-            arm=description,
-            out=out,
-            q_initial=_posture(q0, description.joint_names),
-            seed=seed,
-            settings=PlanSettings(threads=threads, ensemble=members),
-            doubt_files=doubt_files,
-        )
         with _progress() as tell:
-            answer = plan_scene(task, Patience(time_limit_s, tell))
+            answer = plan_in_process(order, tell)
     except S2RError as error:
         click.echo(f"s2r plan: {error}", err=True)
-        if as_json:
-            refused = {"success": False, "held": False, "reason": str(error), "seed": seed}
-            saved = out / "plan.json"
-            click.echo(saved.read_text() if saved.is_file() else json.dumps(refused, indent=1))
+        _print(out, as_json)
         sys.exit(int(error.exit_code))
+    except KeyboardInterrupt:
+        _print(out, as_json)
+        raise
+    _print(out, as_json)
     if as_json:
-        click.echo(json.dumps(answer, indent=1))
         return
     unit = answer["unit"]
     click.echo(
@@ -116,38 +108,9 @@ def plan(
     click.echo(f"wrote {out}")
 
 
-_MEMBERS = 3  # of an ensemble whose size nobody told
-_MOST_MEMBERS = 99
-
-
-def _ensemble(values: tuple[str, ...]) -> tuple[int, tuple[Path, ...]]:
-    """Number of members and files with intervals that ``--ensemble`` was given."""
-    numbers = [int(value) for value in values if value.isdigit()]
-    files = tuple(Path(value) for value in values if not value.isdigit())
-    if len(numbers) > 1:
-        raise UsageError(
-            f"--ensemble was given {len(numbers)} numbers of members; give one, and files besides"
-        )
-    members = numbers[0] if numbers else (_MEMBERS if files else 1)
-    if not 1 <= members <= _MOST_MEMBERS:
-        raise UsageError(f"--ensemble {members} is not allowed: 1 to {_MOST_MEMBERS} believable objects")
-    return members, files
-
-
-def _posture(text: str | None, joint_names: tuple[str, ...]):  # noqa: ANN202 - numpy is imported late
-    import numpy as np
-
-    if text is None:
-        return None
-    try:
-        values = [float(part) for part in text.replace(" ", "").split(",")]
-    except ValueError as error:
-        raise UsageError(f"--q0 {text!r}: expected comma-separated numbers [rad]") from error
-    if len(values) != len(joint_names):
-        raise UsageError(
-            f"--q0 has {len(values)} numbers; the arm needs {len(joint_names)}: {', '.join(joint_names)}"
-        )
-    return np.array(values)
+def _print(out: Path, as_json: bool) -> None:
+    if as_json:
+        click.echo((out / "plan.json").read_text(), nl=False)
 
 
 @contextlib.contextmanager

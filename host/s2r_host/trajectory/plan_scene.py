@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from s2r_host.plan_process import PLAN_FILES, WRITING, refusal
 from s2r_host.planning.patience import Patience
 from s2r_host.planning.planner import scene_of
 from s2r_host.planning.scene import Scene
@@ -59,7 +60,7 @@ def plan_scene(task: PlanTask, patience: Patience) -> dict[str, Any]:
         S2RError: The request was refused, or a file cannot be used; the text is the reason.
     """
     task.out.mkdir(parents=True, exist_ok=True)
-    for name in ("plan.csv", "knots.csv", "trace.csv", "strip.png"):
+    for name in PLAN_FILES:
         (task.out / name).unlink(missing_ok=True)  # of an earlier plan, which this one may not replace
     cpu_s, wall_s = time.process_time(), time.perf_counter()
     try:
@@ -80,7 +81,7 @@ def plan_scene(task: PlanTask, patience: Patience) -> dict[str, Any]:
         raise
     answer = _answer(task, request, scene, plan, patience)
     answer["cpu_s"], answer["wall_s"] = _since(cpu_s, wall_s)
-    patience.tell("writing the files")
+    patience.tell(WRITING)
     _write_all(task, request, scene, plan)
     _save(task, answer)
     return answer
@@ -169,18 +170,7 @@ def _leg(leg: Leg) -> dict[str, Any]:
 
 
 def _refusal(task: PlanTask, reason: str, patience: Patience) -> dict[str, Any]:
-    return {
-        "success": False,
-        "held": False,
-        "final": None,
-        "error": None,
-        "control_steps": patience.control_steps,
-        "cpu_s": 0.0,
-        "wall_s": 0.0,
-        "seed": task.seed,
-        "reason": reason,
-        **_task_fields(task),
-    }
+    return {**refusal(reason, task.seed, patience.control_steps), **_task_fields(task)}
 
 
 def _task_fields(task: PlanTask) -> dict[str, Any]:

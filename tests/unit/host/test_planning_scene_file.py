@@ -1,6 +1,7 @@
 """Scenes somebody else wrote: where the arm goes, what stays as it was, and what is refused."""
 
 import json
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -8,10 +9,12 @@ import pytest
 from click.testing import CliRunner
 
 from s2r_host.cli_plan import plan
+from s2r_host.plan_process import PlanOrder
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.free_space import FINE_STEP_RAD, FreeSpace
 from s2r_host.planning.scene import GeomKind, SceneFileError, build_scene
 from s2r_host.planning.settings import PlanSettings
+from s2r_host.trajectory.plan_worker import carried_out
 from s2r_protocol.arms import load_arm
 
 ARM = load_arm("xmate3pro")
@@ -48,10 +51,15 @@ def scene_of(path, joint="tap"):
     return build_scene(ARM, path, joint, PlanSettings(), in_scene=True)
 
 
-def refused(path, *options):
+def refused(path, joint, target, **changes):
+    """Exit code and sentence of ``s2r plan``, without the process that it starts."""
     out = path.parent / "out"
-    result = CliRunner().invoke(plan, ["--scene", str(path), "--out", str(out), "--json", *options])
-    return result.exit_code, result.stderr, out
+    order = PlanOrder(
+        scene=str(path), joint=joint, target=target, arm="xmate3pro", tool=None, q0=None, out=str(out), seed=0,
+        time_limit_s="600", threads=1, ensemble=(),
+    )  # fmt: skip
+    answer = carried_out(replace(order, **changes), lambda doing, steps: None)
+    return answer["exit_code"], answer["refused"], out
 
 
 def test_the_body_that_moves_needs_no_name(scene_file):
@@ -133,20 +141,20 @@ def test_nan_in_the_scene_is_refused_by_field(scene_file):
 
 
 @pytest.mark.parametrize(
-    ("options", "code", "text"),
+    ("joint", "target", "changes", "code", "text"),
     [
-        (["--joint", "tap", "--target", "2.0"], 4, "beyond its range"),
-        (["--joint", "tap", "--target", "0.0"], 4, "nothing to move"),
-        (["--joint", "tap", "--target", "nan"], 4, "not a finite number"),
-        (["--joint", "lid", "--target", "0.5"], 2, "no joint 'lid'; it has tap"),
-        (["--joint", "tap", "--target", "0.5", "--q0", "1,2"], 2, "--q0 has 2 numbers"),
-        (["--joint", "tap", "--target", "0.5", "--arm", "nowhere"], 2, "no arm 'nowhere'"),
+        ("tap", "2.0", {}, 4, "beyond its range"),
+        ("tap", "0.0", {}, 4, "nothing to move"),
+        ("tap", "nan", {}, 4, "not a finite number"),
+        ("lid", "0.5", {}, 2, "no joint 'lid'; it has tap"),
+        ("tap", "0.5", {"q0": "1,2"}, 2, "--q0 has 2 numbers"),
+        ("tap", "0.5", {"arm": "nowhere"}, 2, "no arm 'nowhere'"),
     ],
 )
-def test_absurd_requests_end_with_one_sentence_and_a_code(scene_file, options, code, text):
-    got, stderr, out = refused(scene_file(), *options)
+def test_absurd_requests_end_with_one_sentence_and_a_code(scene_file, joint, target, changes, code, text):
+    got, sentence, out = refused(scene_file(), joint, target, **changes)
     assert got == code
-    assert text in stderr
+    assert text in sentence
     if code == 4:
         answer = json.loads((out / "plan.json").read_text())
         assert answer["success"] is False
@@ -156,14 +164,14 @@ def test_absurd_requests_end_with_one_sentence_and_a_code(scene_file, options, c
 
 def test_an_object_out_of_reach_is_refused_with_both_distances(scene_file):
     text = SCENE.replace("0.6 1.12 0.7", "0.6 3.0 0.7")
-    code, stderr, _ = refused(scene_file(text=text), "--joint", "tap", "--target", "0.5")
+    code, stderr, _ = refused(scene_file(text=text), "tap", "0.5")
     assert code == 4
     assert "out of reach" in stderr
 
 
 def test_a_lid_lighter_in_friction_than_gravity_is_refused(scene_file):
     text = SCENE.replace('axis="0 0 1"', 'axis="1 0 0"')
-    code, stderr, _ = refused(scene_file(friction=0.01, text=text), "--joint", "tap", "--target", "0.5")
+    code, stderr, _ = refused(scene_file(friction=0.01, text=text), "tap", "0.5")
     assert code == 4
     assert "does not stay" in stderr
     assert "friction holds only 0.01 N·m" in stderr
@@ -198,7 +206,7 @@ def test_a_light_part_that_creeps_below_its_friction_is_refused_with_what_to_set
     flap = """<joint name="flap" axis="0 -1 0" range="0 .8" damping=".1" frictionloss=".3"/>
       <geom type="capsule" size=".009" fromto="0 0 .01 -.12 0 .02" mass=".1"/>"""
     path = scene_file(text=ALONE.replace("{part}", flap).replace("{height}", ".25"))
-    code, text, _ = refused(path, "--joint", "flap", "--target", "0.5")
+    code, text, _ = refused(path, "flap", "0.5")
     assert code == 4
     assert "creeps below its 0.30 N·m" in text
     assert 'solreffriction="0.004 1"' in text
@@ -210,7 +218,7 @@ def test_a_part_inside_its_own_scene_is_refused_with_what_it_overlaps(scene_file
       <geom type="capsule" size=".01" fromto="0 -.12 0 0 .12 0" mass=".2"/>"""
     thin = ALONE.replace('size=".02 .12"', 'size=".01 .12"')
     path = scene_file(text=thin.replace("{part}", cross).replace("{height}", ".1"))
-    code, text, _ = refused(path, "--joint", "valve", "--target", "0.5")
+    code, text, _ = refused(path, "valve", "0.5")
     assert code == 4
     assert "overlaps by" in text
     assert "wing" in text
@@ -218,7 +226,7 @@ def test_a_part_inside_its_own_scene_is_refused_with_what_it_overlaps(scene_file
 
 def test_a_range_in_degrees_that_was_meant_as_radians_is_named(scene_file):
     path = scene_file(text=SCENE.replace('range="-80 80"', 'range="-1.5 1.5"'))
-    code, stderr, _ = refused(path, "--joint", "tap", "--target", "1.0")
+    code, stderr, _ = refused(path, "tap", "1.0")
     assert code == 4
     assert "beyond its range [-0.0262, 0.0262] rad" in stderr
     assert '<compiler angle="radian"/>' in stderr
