@@ -81,6 +81,11 @@ class Context:
         """Reversals of direction over all sessions, chatter inside the velocity noise left out."""
         return sum(count_reversals(s, joint) for s in self.sessions)
 
+    def both_ways(self, joint: int) -> bool:
+        """The joint goes there and back: within a session, or in two of single strokes."""
+        ways = {float(np.sign(s.q[-1, joint] - s.q[0, joint])) for s in self.sessions}
+        return self.turns(joint) >= 2 or {-1.0, 1.0} <= ways
+
 
 def count_reversals(s: Session, joint: int) -> int:
     """Changes of direction between clear motions."""

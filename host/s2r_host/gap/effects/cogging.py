@@ -46,7 +46,7 @@ class Cogging(Effect):
         if top <= first:
             return []
         found = [{"order": x, "rub": 0.0} for x in _peaks(ctx, joint, first, top, False)[:SEEDS]]
-        if ctx.turns(joint) >= 2:
+        if ctx.both_ways(joint):
             slow = [2 * np.pi * x / travel for x in RUB_PERIODS]
             found += [
                 {"order": x, "rub": 1.0} for x in slow + _peaks(ctx, joint, first, top, True)[: SEEDS // 2]
