@@ -60,6 +60,14 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     help="Watch the part while it is moved and correct the motion on its way; needs a camera that looks on.",
 )
 @click.option(
+    "--learn-physics",
+    is_flag=True,
+    help="After every third target, ask 's2r gap' what the arm felt of the joint; plan on with what it names.",
+)
+@click.option(
+    "--go-on", is_flag=True, help="After a target that was missed or has no plan, go on to the next one."
+)
+@click.option(
     "--without",
     multiple=True,
     type=click.Choice(["torque", "touch"]),
@@ -87,6 +95,8 @@ def run(
     attempts: int,
     ensemble: int,
     reactive: bool,
+    learn_physics: bool,
+    go_on: bool,
     without: tuple[str, ...],
     acknowledge_contact: bool,
     dry_run: bool,
@@ -119,6 +129,8 @@ def run(
         attempts=attempts,
         ensemble=ensemble,
         reactive=reactive,
+        learn_physics=learn_physics,
+        go_on=go_on,
         without=without,
         acknowledge_contact=acknowledge_contact,
         dry_run=dry_run,

@@ -157,7 +157,7 @@ class Physics:
     def _apply(self, effects: JointEffects) -> None:
         s, v = float(self.data.qpos[self._object_q]), float(self.data.qvel[self._object_v])
         self.model.dof_frictionloss[self._object_v] = effects.friction(self._coulomb, s, v)
-        self.data.qfrc_applied[self._object_v] = effects.detent_force(s)
+        self.data.qfrc_applied[self._object_v] = effects.force(s)
 
     def contacts(self) -> Contacts:
         """What the arm touches now."""

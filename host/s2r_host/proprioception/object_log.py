@@ -100,7 +100,10 @@ def touches(
         followed = _followed(arm, samples.q[rows], part, s_end, most)
         if followed is None:
             continue
-        s, p = followed
+        together = _unbroken(followed[0], NEAR * most)
+        if len(together) * EVERY_S < LEAST_TOUCH_S:
+            continue
+        rows, s, p = rows[together], followed[0][together], followed[1][together]
         force = tip_force(own, samples.part(rows), p)
         effort, sigma = force.along(part.velocity(p))
         window = 2 * round(WINDOW_S / EVERY_S / 2) + 1
@@ -121,6 +124,12 @@ def _stretches(mask: np.ndarray) -> list[np.ndarray]:
     """Rows of every unbroken run of a mask (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     return [np.arange(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _unbroken(s: np.ndarray, step: float) -> np.ndarray:
+    """Rows of the longest stretch of joint values (n,) without a jump: a fingertip has several places on a part."""
+    breaks = np.flatnonzero(np.abs(np.diff(s)) > step) + 1
+    return max(np.split(np.arange(len(s)), breaks), key=len)
 
 
 def _anchored(found: list[Touch], s_end: float) -> list[Touch]:

@@ -22,7 +22,7 @@ from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.session import Session, open_session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.travel import go_to
-from s2r_protocol.exits import ExitCode, S2RError
+from s2r_protocol.exits import ExitCode, RefusedError, S2RError
 
 logger = logging.getLogger(__name__)
 
@@ -82,13 +82,30 @@ def _loop(session: Session, record: RunRecord) -> None:
     feeling = Feeling(session.arm, settings.out / "object-log", record.felt)
     learn_from_push(session, record, feeling)
     s_now = record.s_found
-    for target in (settings.target, *settings.then):
+    targets = (settings.target, *settings.then)
+    for number, target in enumerate(targets, start=1):
         session.target = origin + target
         record.goals.append(Goal(session.target))
-        after = reach(session, record, feeling, after, s_now)
+        if settings.learn_physics:
+            from s2r_host.run.physics import before_target  # loads the gap tool
+
+            before_target(session, record)
+        try:
+            after = reach(session, record, feeling, after, s_now)
+        except RefusedError as error:
+            if not settings.go_on or record.goals[-1].attempts:
+                raise
+            record.code, record.reason = error.exit_code, f"{_reached(record)}{error}"
+            record.goals.pop()
+            journal.warn(f"going on without this target: {error}")
+            continue
         s_now = record.goals[-1].last.measured.s
-        if not _judge(record):
+        if not _judge(record) and not settings.go_on:
             return
+        if settings.learn_physics and number < len(targets):
+            from s2r_host.run.physics import after_target
+
+            after_target(session, record, number)
 
 
 def _push_until_told(

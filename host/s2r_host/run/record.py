@@ -8,7 +8,7 @@ import sys
 from dataclasses import asdict, dataclass, field, is_dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.observe import Observation
 from s2r_host.run.settings import RunSettings
 from s2r_protocol.exits import ExitCode
+
+if TYPE_CHECKING:
+    from s2r_host.run.physics import PhysicsLesson
 
 SCHEMA_VERSION = 1
 REPORTED_PACKAGES = (
@@ -67,6 +70,7 @@ class RunRecord:
         planned_push, push: The first push.
         belief: After the last correction.
         felt: What the arm felt of the part, by the label of the motion.
+        lessons: What the recordings said about physics left out, in order.
         s_found: Joint value measured just before the first planned manipulation [m or rad].
         goals: What was aimed at so far, with the manipulations carried out for it.
         world_commitment: Of the stand-in's sealed world, if it says one.
@@ -85,6 +89,7 @@ class RunRecord:
     push: DonePush | None = None
     belief: Belief | None = None
     felt: dict[str, list[Touch]] = field(default_factory=dict)
+    lessons: list[PhysicsLesson] = field(default_factory=list)
     s_found: float | None = None
     goals: list[Goal] = field(default_factory=list)
     world_commitment: str | None = None
@@ -117,6 +122,7 @@ class RunRecord:
             "attempts": [_attempt(attempt) for attempt in self.attempts],
             "push": _push(self.push) if self.push else None,
             "joint": _joint(self.belief) if self.belief else None,
+            "physics": [lesson.as_json() for lesson in self.lessons],
             "views": [_view(view) for view in self.views],
             "stages": [_rounded(asdict(stage)) for stage in self.journal.stages],
             "wall_s": round(self.journal.elapsed_s, 3),

@@ -40,6 +40,9 @@ class RunSettings:
         attempts: Planned manipulations at most: the first and its corrections.
         ensemble: Believable objects that the planner scores every sequence with, drawn from the estimate's intervals.
         reactive: Watch the part while it is moved, and correct the motion on its way.
+        learn_physics: After every third target, let the gap tool read what the arm felt of the joint, and plan on with
+            what it names.
+        go_on: After a target that was missed or cannot be planned for, go on to the next one.
         without: What the run shall not learn from, of ``TEACHERS``; for measuring what it is worth.
         push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan
             calm while the tip moves the part: braking harder than friction does, it would let the part coast on.
@@ -68,6 +71,8 @@ class RunSettings:
     attempts: int = 3
     ensemble: int = 1
     reactive: bool = False
+    learn_physics: bool = False
+    go_on: bool = False
     without: tuple[str, ...] = ()
     push_speed: float = 0.25
     travel_speed: float = 0.6

@@ -18,6 +18,11 @@ BENCHES: dict[str, Command] = {
     "paper": Command(
         "s2r_sim.paper.cli:paper", "host,sim", "The paper's accuracy table on concealed objects."
     ),
+    "missing": Command(
+        "s2r_sim.missing.cli:missing",
+        "host,sim",
+        "Concealed effects: named, patched, and what that is worth.",
+    ),
 }
 
 

@@ -21,6 +21,7 @@ class JointEffects(Parameters):
         profile_phase_rad: Where it begins.
         detent: Largest force or torque of the notches [N or N·m].
         detent_pitch: From notch to notch [m or rad].
+        pull: Force or torque towards joint value 0 along the whole way, as of a spring that closes a drawer.
     """
 
     stiction: float = Field(default=0.0, ge=0.0)
@@ -30,11 +31,12 @@ class JointEffects(Parameters):
     profile_phase_rad: float = 0.0
     detent: float = Field(default=0.0, ge=0.0)
     detent_pitch: float = Field(default=1.0, gt=0.0)
+    pull: float = Field(default=0.0, ge=0.0)
 
     @property
     def none(self) -> bool:
         """Nothing is added."""
-        return self.stiction == self.profile == self.detent == 0.0
+        return self.stiction == self.profile == self.detent == self.pull == 0.0
 
     def friction(self, coulomb: float, s: float, v: float) -> float:
         """Dry friction [N or N·m] at joint value ``s`` and speed ``v``."""
@@ -46,6 +48,10 @@ class JointEffects(Parameters):
     def detent_force(self, s: float) -> float:
         """Force or torque towards the nearest notch [N or N·m]."""
         return -self.detent * sin(2.0 * pi * s / self.detent_pitch)
+
+    def force(self, s: float) -> float:
+        """All that depends on the joint value alone [N or N·m]."""
+        return self.detent_force(s) - self.pull
 
 
 def draw_effects(rng: np.random.Generator, category: str, coulomb: float) -> JointEffects:

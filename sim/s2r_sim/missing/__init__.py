@@ -1,0 +1,1 @@
+"""Physics left out: one concealed effect per object, and what learning it from recordings is worth."""

@@ -1,0 +1,267 @@
+"""The page: per concealed effect the relative error before and after, and what the gap tool said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_sim.missing.cases import HIDDEN, LEARNING
+from s2r_sim.missing.score import Row, named, paired, relative
+
+PICTURE = "physics-left-out.png"
+COLOURS = ("#8a8a8a", "#e08e45", "#20639b")
+RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One effect over all its objects.
+
+    Attributes:
+        case: Its label.
+        objects: Pairs of runs.
+        first: Median |δ_r| of the targets that the physics is learnt from; None without any.
+        plain, learnt: Of the later targets, without and with what was learnt.
+        moves: Later targets that both runs manipulated towards.
+        difference: Median of learnt minus plain over those, with a 90 % bootstrap interval.
+        said: What the gap tool said after the first three, per object.
+        right, wrong, open: How often that names what is hidden, does not, or says that the data cannot tell.
+    """
+
+    case: str
+    objects: int
+    first: float | None
+    plain: float | None
+    learnt: float | None
+    moves: int
+    difference: tuple[float, float, float] | None
+    said: tuple[str, ...]
+    right: int
+    wrong: int
+    open: int
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return asdict(self)
+
+
+def summaries(rows: Sequence[Row]) -> list[Summary]:
+    """One per effect that has rows, in the order of the cases."""
+    return [_summary(label, rows) for label in HIDDEN if any(row["case"] == label for row in rows)]
+
+
+def _summary(label: str, rows: Sequence[Row]) -> Summary:
+    by = {(row["arm"], row["number"]): row for row in rows if row["case"] == label}
+    learnt = [row for (arm, _), row in by.items() if arm == "learnt"]
+    plain = [row for (arm, _), row in by.items() if arm == "as it is"]
+    pairs = [(row, by["as it is", row["number"]]) for row in learnt if ("as it is", row["number"]) in by]
+    differences = np.concatenate([np.zeros(0), *(paired(one, other) for one, other in pairs)])
+    answers = [row["answers"][0] for row in learnt if row.get("answers")]
+    right = [named(label, answer) for answer in answers]
+    return Summary(
+        case=label,
+        objects=len(pairs),
+        first=_median(np.concatenate([np.zeros(0), *(relative(row, False) for row in [*learnt, *plain])])),
+        plain=_median(np.concatenate([np.zeros(0), *(relative(row, True) for row in plain)])),
+        learnt=_median(np.concatenate([np.zeros(0), *(relative(row, True) for row in learnt)])),
+        moves=len(differences),
+        difference=_interval(differences),
+        said=tuple(_said(answer) for answer in answers),
+        right=right.count(True),
+        wrong=right.count(False),
+        open=right.count(None),
+    )
+
+
+def _median(values: np.ndarray) -> float | None:
+    return float(np.median(values)) if len(values) else None
+
+
+def _interval(values: np.ndarray) -> tuple[float, float, float] | None:
+    if len(values) < 2:
+        return None
+    rng = np.random.default_rng(0)
+    medians = np.median(rng.choice(values, (RESAMPLES, len(values))), axis=1)
+    low, high = np.percentile(medians, [5, 95])
+    return float(np.median(values)), float(low), float(high)
+
+
+def _said(answer: Row) -> str:
+    names = [name + (f" (or {', '.join(also)})" if also else "") for name, also, _ in answer["effects"]]
+    names += answer["parameters_off"]
+    verdict = answer["verdict"].replace("_", " ")
+    return f"{verdict}: {', '.join(names)}" if names else verdict
+
+
+def write_page(rows: Sequence[Row], path: Path, command: str, note: str = "") -> None:
+    """Write the page and, beside it, its picture.
+
+    Args:
+        rows: Of all runs.
+        path: Of the page.
+        command: That wrote it.
+        note: A remark for the reader.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    found = summaries(rows)
+    draw(rows, found, path.parent / PICTURE)
+    path.write_text("\n".join(_lines(rows, found, command, note)) + "\n")
+
+
+def _lines(rows: Sequence[Row], found: Sequence[Summary], command: str, note: str) -> list[str]:
+    told = sum(one.right + one.wrong for one in found)
+    return [
+        "# Physics left out",
+        "",
+        "A drawer, lid or lever with one concealed effect on its joint is moved to three targets, one plan each and no"
+        " correction. Then `s2r gap` reads what the arm felt of the joint, its answer and the lost motion between"
+        " fingertip and part go into the belief, and further targets follow (`s2r run --learn-physics`).",
+        "The same object is moved to the same targets a second time without that.",
+        "**Simulated stand-in objects; the host sees depth frames and joint states, the sealed truth is opened after"
+        " each run.**",
+        "",
+        f"Written by `{command}`.",
+        *([note] if note else []),
+        "",
+        "## Relative error before and after",
+        "",
+        "Medians of |δ_r| from the sealed truth. The difference is paired, target by target, with a 90 % bootstrap"
+        " interval; negative: learning helped.",
+        "",
+        "| hidden | objects | first three targets | later, as it is | later, learnt | better by | paired difference |",
+        "|---|---|---|---|---|---|---|",
+        *(_row(one) for one in found),
+        *_all(rows),
+        "",
+        f"![Relative errors per effect]({PICTURE})",
+        "",
+        "## What was said",
+        "",
+        "After three targets. *Open* is the answer that the data cannot tell, with what to record.",
+        "",
+        f"Named as sealed: {sum(one.right for one in found)} of {told} answers,"
+        f" and {sum(one.open for one in found)} open.",
+        "",
+        "| hidden | names that count | as sealed | otherwise | open | answers |",
+        "|---|---|---|---|---|---|",
+        *(_said_row(one) for one in found),
+        "",
+        "## Every run",
+        "",
+        "| hidden | object | learnt | δ_r of its targets [%] | lost motion found | how it ended |",
+        "|---|---|---|---|---|---|",
+        *(_run(row) for row in rows),
+    ]  # fmt: skip
+
+
+def _all(rows: Sequence[Row]) -> list[str]:
+    """A line over all effects together."""
+    by = {arm: [row for row in rows if row["arm"] == arm] for arm in ("as it is", "learnt")}
+    plain, learnt = (
+        _median(np.concatenate([np.zeros(0), *(relative(row, True) for row in by[arm])]))
+        for arm in ("as it is", "learnt")
+    )
+    first = _median(np.concatenate([np.zeros(0), *(relative(row, False) for row in rows)]))
+    other = {(row["case"], row["number"]): row for row in by["as it is"]}
+    differences = [
+        paired(row, other[row["case"], row["number"]])
+        for row in by["learnt"]
+        if (row["case"], row["number"]) in other
+    ]
+    joined = np.concatenate([np.zeros(0), *differences])
+    return [
+        _cells("**all**", len(differences), first, plain, learnt, _interval(joined)),
+    ]
+
+
+def _row(one: Summary) -> str:
+    return _cells(one.case, one.objects, one.first, one.plain, one.learnt, one.difference)
+
+
+def _cells(
+    label: str, objects: int, first: float | None, plain: float | None, learnt: float | None,
+    difference: tuple[float, float, float] | None,
+) -> str:  # fmt: skip
+    ratio = "–" if not plain or not learnt else f"{plain / learnt:.1f} ×"
+    shown = (
+        "–" if difference is None else "{:+.1f} % ({:+.1f} to {:+.1f})".format(*(100 * d for d in difference))
+    )
+    return f"| {label} | {objects} | {_percent(first)} | {_percent(plain)} | {_percent(learnt)} | {ratio} | {shown} |"
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.1f} %"
+
+
+def _said_row(one: Summary) -> str:
+    names = ", ".join(HIDDEN[one.case].names) or "nothing, or a number that is off"
+    said = "; ".join(one.said) or "–"
+    return f"| {one.case} | {names} | {one.right} | {one.wrong} | {one.open} | {said} |"
+
+
+def _run(row: Row) -> str:
+    moves = {m["target"]: m["delta_r"] for m in row.get("moves", [])}
+    first = [_share(moves.get(k)) for k in range(len(LEARNING))]
+    later = [_share(moves[k]) for k in sorted(moves) if k >= len(LEARNING)]
+    unit = 1e3 if row["case"].startswith("drawer") else float(np.degrees(1.0))
+    name = "mm" if row["case"].startswith("drawer") else "°"
+    lost = [
+        f"{unit * value:+.1f} {name} at {what}"
+        for answer in row.get("answers", [])
+        for what, value in answer["lost_motion"].items()
+    ]
+    ended = (
+        "went through" if row["exit"] in (0, 7) else str(row["reason"]).replace("|", "/").split("\n")[0][:140]
+    )
+    return (
+        f"| {row['case']} | {row['number']} | {'yes' if row['arm'] == 'learnt' else 'no'} | {' '.join(first)}"
+        f" **then** {' '.join(later)} | {'; '.join(lost) or '–'} | {ended} |"
+    )
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:+.1f}"
+
+
+def draw(rows: Sequence[Row], found: Sequence[Summary], path: Path) -> None:
+    """Every |δ_r| as a dot, medians as bars: first three targets, later ones as it is, later ones learnt."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(max(7.0, 1.25 * len(found) + 2.0), 4.4), layout="constrained")
+    groups = (
+        ("first three targets", None, False),
+        ("later, as it is", "as it is", True),
+        ("later, learnt", "learnt", True),
+    )
+    for g, ((label, arm, later), colour) in enumerate(zip(groups, COLOURS, strict=True)):
+        for k, one in enumerate(found):
+            values = [
+                relative(row, later) for row in rows if row["case"] == one.case and arm in (None, row["arm"])
+            ]
+            share = 100 * np.concatenate([np.zeros(0), *values])
+            x = k + 0.27 * (g - 1)
+            spread = np.linspace(-0.08, 0.08, len(share)) if len(share) > 1 else np.zeros(len(share))
+            axes.plot(x + spread, np.maximum(share, 0.05), ".", color=colour, alpha=0.6, ms=5)
+            if len(share):
+                axes.hlines(
+                    np.median(share), x - 0.11, x + 0.11, color=colour, lw=3, label=label if k == 0 else ""
+                )
+    axes.set_yscale("log")
+    axes.set_ylim(0.05, 200)
+    axes.set_yticks([0.1, 1, 10, 100], ["0.1 %", "1 %", "10 %", "100 %"])
+    axes.set_xticks(
+        range(len(found)), [one.case.replace(": ", ":\n").replace(" below ", "\nbelow ") for one in found]
+    )
+    axes.tick_params(axis="x", labelsize=8)
+    axes.set(ylabel="|δ_r|, from the sealed truth", title="One concealed effect per object")
+    axes.grid(axis="y", alpha=0.3)
+    axes.legend(loc="upper right", fontsize=8)
+    figure.savefig(path, dpi=120)
+    plt.close(figure)

@@ -1,0 +1,83 @@
+"""What a run came to, from the sealed truth, and whether the gap tool gave the hidden effect its name."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_sim.missing.cases import HIDDEN, LEARNING
+from s2r_sim.paper.score import sense
+from s2r_sim.paper.trials import Trial
+from s2r_sim.score import read_truth
+from s2r_sim.world import load_world
+
+Row = dict[str, Any]
+SAME = 1e-6
+
+
+def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
+    """The row of one run whose processes have ended.
+
+    ``moves`` has one entry per target that was manipulated towards: the number of the target, true δ [m or rad] and
+    δ_r. ``answers`` has what the gap tool said, in order.
+
+    Raises:
+        TruthFileError, WorldFileError, FileNotFoundError: A file is missing or damaged.
+    """
+    truth = read_truth(folder / "truth.csv")
+    run = json.loads((folder / "run/run.json").read_text())
+    attempts = [entry for entry in run["attempts"] if entry["tick_start"] is not None]
+    begun = [truth.s_at_tick(entry["tick_start"]) for entry in attempts]
+    left_at = [*begun[1:], float(truth.s[-1])]
+    moves, at = [], 0
+    for entry, s_from, s_to in zip(attempts, begun, left_at, strict=True):
+        asked = entry["s_target"] - attempts[0]["s_initial"]
+        at = next(k for k in range(at, len(shares)) if abs(shares[k] * trial.change - asked) < SAME)
+        target = begun[0] + sense(trial, run) * asked
+        moves.append({"target": at, "delta": target - s_to, "delta_r": (target - s_to) / (target - s_from)})
+        at += 1
+    return {
+        "exit": run["exit"]["code"],
+        "reason": run["exit"]["reason"],
+        "wall_s": run["wall_s"],
+        "moves": moves,
+        "answers": [_answer(lesson) for lesson in run["physics"]],
+        "hidden": trial.world.effects.model_dump(),
+        "commitment_holds": load_world(folder / "world.json").commitment == trial.world.commitment,
+    }
+
+
+def _answer(lesson: Row) -> Row:
+    return {
+        "verdict": lesson["verdict"],
+        "effects": [[e["name"], e["could_also_be"], e["probability"]] for e in lesson["effects"]],
+        "parameters_off": [entry["name"] for entry in lesson["parameters_off"]],
+        "carried": lesson["carried"],
+        "lost_motion": lesson["lost_motion"],
+    }
+
+
+def named(label: str, answer: Row) -> bool | None:
+    """Whether an answer names what is hidden; None when the tool said that the data cannot tell."""
+    if answer["verdict"] in ("insufficient", "refused"):
+        return None
+    names = HIDDEN[label].names
+    if not names:
+        return answer["verdict"] in ("nothing_missing", "parameter_off")
+    return any(name in names or set(also) & set(names) for name, also, _ in answer["effects"])
+
+
+def relative(row: Row, later: bool) -> np.ndarray:
+    """|δ_r| of a run's first three targets, or of those after."""
+    first = len(LEARNING)
+    return np.array([abs(m["delta_r"]) for m in row.get("moves", []) if (m["target"] >= first) == later])
+
+
+def paired(learnt: Row, plain: Row) -> np.ndarray:
+    """|δ_r| with what was learnt minus without, of the later targets that both runs have."""
+    one, other = ({m["target"]: abs(m["delta_r"]) for m in row.get("moves", [])} for row in (learnt, plain))
+    return np.array([one[k] - other[k] for k in sorted(set(one) & set(other)) if k >= len(LEARNING)])

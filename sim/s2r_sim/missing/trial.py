@@ -1,0 +1,62 @@
+"""One object's run: sealed world, stand-in, executor and host; target after target, with or without learning."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+from s2r_protocol.cli.peers import PeerFailedError, s2r_command, stand_in_cell
+from s2r_protocol.exits import ExitCode
+from s2r_sim.errors import TruthFileError
+from s2r_sim.missing.cases import LATER, LEARNING, draw_case
+from s2r_sim.missing.score import Row, score_run
+from s2r_sim.paper.trials import Trial
+
+TIMEOUT_S = 2400.0
+ARMS = {"as it is": (), "learnt": ("--learn-physics",)}
+"""What the host is told besides; its first three targets are the same in both."""
+
+
+def run_case(out: Path, label: str, number: int, arm: str, later: int) -> Row:
+    """Run and score one object.
+
+    Args:
+        out: Folder; files go to ``runs/`` in it.
+        label, number: Of the case, see :mod:`s2r_sim.missing.cases`.
+        arm: Key of ``ARMS``.
+        later: Targets after the three from which the physics is learnt.
+    """
+    trial = draw_case(label, number)
+    folder = out / "runs" / f"{label}-{number}-{arm}".replace(": ", "-").replace(" ", "-")
+    shutil.rmtree(folder, ignore_errors=True)  # of an interrupted try
+    folder.mkdir(parents=True)
+    shares = (*LEARNING, *LATER[:later])
+    row: Row = {"case": label, "number": number, "arm": arm, "change": trial.change}
+    try:
+        _play(trial, folder, [share * trial.change for share in shares], ARMS[arm])
+        return {**row, **score_run(trial, folder, shares)}
+    except subprocess.TimeoutExpired:
+        return {**row, "exit": int(ExitCode.UNREACHABLE), "reason": f"no end within {TIMEOUT_S:.0f} s"}
+    except PeerFailedError as error:
+        return {**row, "exit": int(ExitCode.UNREACHABLE), "reason": str(error)}
+    except (TruthFileError, FileNotFoundError) as error:
+        return {**row, "exit": int(ExitCode.BUG), "reason": f"{type(error).__name__}: {error}"}
+
+
+def _play(trial: Trial, folder: Path, targets: list[float], options: tuple[str, ...]) -> None:
+    world = folder / "world.json"
+    trial.world.save(world)
+    first, *further = targets
+    with (
+        stand_in_cell(folder, ("--world", world), stand_in=("--truth", folder / "truth.csv")) as cell,
+        (folder / "host.log").open("w") as log,
+    ):
+        command = s2r_command(
+            "run", trial.kind, f"--target={first!r}", *(f"--then={one!r}" for one in further), "--from", "pushed",
+            "--attempts", "1", "--go-on", "--acknowledge-contact", "--seed", str(trial.number),
+            "--executor", cell.executor, "--camera", cell.camera, "--out", folder / "run", *options,
+        )  # fmt: skip
+        ended = subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, timeout=TIMEOUT_S, check=False)
+    if ended.returncode == ExitCode.INTERRUPTED:
+        raise KeyboardInterrupt

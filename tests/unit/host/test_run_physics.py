@@ -1,0 +1,124 @@
+"""Physics learnt between targets: what the gap tool names is what brakes the part in the next plans."""
+
+import csv
+from pathlib import Path
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+
+from s2r_host.gap.config import GapConfig
+from s2r_host.gap.pipeline import analyse
+from s2r_host.proprioception.object_log import _unbroken
+from s2r_host.run.physics import JointLaw, _offset, _tells, _with_law
+
+FRICTION, SWING, PERIOD = 4.0, 1.5, 0.05
+OBJECT = """<mujoco>
+  <worldbody><body name="object_base"><geom name="base_a" type="box" size=".1 .1 .1"/>
+    <body name="object_part"><joint name="object_joint" type="slide" axis="1 0 0" range="-.2 .2"
+      frictionloss="4" damping="5"/><geom name="part_a" type="box" size=".1 .1 .02" density="1000"/></body>
+  </body></worldbody>
+</mujoco>"""
+
+
+def _friction(s):
+    return FRICTION + SWING * np.sin(2.0 * np.pi * s / PERIOD)
+
+
+def _stroke(path: Path, start: float, end: float, rng) -> Path:
+    """One push from rest to rest, as the object log has it: effort with the gauge's noise."""
+    t = np.arange(0.0, 2.0, 0.005)
+    x = np.clip((t - 0.1) / 1.8, 0.0, 1.0)
+    s = start + (end - start) * (10 * x**3 - 15 * x**4 + 6 * x**5)
+    ds = np.gradient(s, t)
+    dds = np.gradient(ds, t)
+    effort = np.sign(end - start) * _friction(s) + 5.0 * ds + 0.8 * dds
+    effort += np.convolve(rng.normal(0.0, 0.3, len(t)), np.ones(10) / 10.0, "same")
+    rows = slice(30, -30)
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["t", "q.object_joint", "dq.object_joint", "tau.object_joint"])
+        writer.writerows(np.column_stack([t, s, ds, effort])[rows].tolist())
+    side = {
+        "effort": "measured",
+        "effort_sigma": {"object_joint": 0.3},
+        "input": "effort",
+        "session": path.stem,
+    }
+    path.with_suffix(".yaml").write_text(yaml.safe_dump(side))
+    return path
+
+
+@pytest.fixture(scope="module")
+def learnt(tmp_path_factory):
+    """A joint law from three strokes, out, in and out again, of a drawer whose friction changes along the way."""
+    folder = tmp_path_factory.mktemp("physics")
+    model = folder / "object.xml"
+    model.write_text(OBJECT)
+    rng = np.random.default_rng(4)
+    ways = ((-0.04, 0.04), (0.04, -0.035), (-0.035, 0.035))
+    logs = [_stroke(folder / f"manipulation-{k}-1.csv", *way, rng) for k, way in enumerate(ways, start=1)]
+    config = GapConfig(simulate=False, baselines=False, next_experiment=False)
+    analysis = analyse(model, logs, [], [], config, lambda _text: None)
+    assert analysis.twin is not None
+    return SimpleNamespace(analysis=analysis, law=JointLaw(analysis.twin.model, analysis.twin), model=model)
+
+
+def test_friction_along_the_way_is_named_from_three_strokes(learnt):
+    effects = learnt.analysis.decision.effects
+    assert [effect.name for effect in effects] == ["cogging"]
+
+
+@pytest.mark.parametrize("target", [-0.02, 0.0, 0.02])
+@pytest.mark.parametrize("positive", [True, False])
+def test_a_part_is_braked_by_the_friction_where_the_motion_ends(learnt, target, positive):
+    sign = 1.0 if positive else -1.0
+    true = float(np.mean(_friction(np.linspace(target - sign * 0.015, target, 9))))
+    assert learnt.law.braking(target, positive, slides=True) == pytest.approx(true, rel=0.12)
+
+
+def test_friction_alone_pulls_nowhere(learnt):
+    pull, dry = learnt.law.pull(0.01, slides=True)
+    assert abs(pull) < 0.15 * dry
+
+
+def test_the_law_is_written_as_stock_attributes(learnt, tmp_path):
+    model = mujoco.MjModel.from_xml_path(str(_with_law(learnt.model, learnt.law, 2.5, tmp_path / "new.xml")))
+    assert model.dof_frictionloss[0] == pytest.approx(2.5)
+    assert model.dof_damping[0] == pytest.approx(learnt.law.damping)
+    mass = mujoco.MjModel.from_xml_path(str(learnt.model)).body("object_part").mass
+    assert model.body("object_part").mass == pytest.approx(mass)
+
+
+def test_a_spring_that_is_stronger_than_friction_is_told_from_one_that_is_not(learnt):
+    spec = mujoco.MjSpec.from_file(str(learnt.model))
+    spec.joint("object_joint").stiffness, spec.joint("object_joint").springref = [60.0, 0, 0], 0.0
+    sprung = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None))
+    assert sprung.pull(0.05, slides=True) == (pytest.approx(-3.0), pytest.approx(4.0))
+    pull, dry = sprung.pull(0.08, slides=True)
+    assert abs(pull) > dry
+
+
+def _done(foreseen, measured, s_target, stopped=False, corrected=False):
+    planned = SimpleNamespace(foreseen=foreseen, stopped=stopped, corrected=corrected)
+    return SimpleNamespace(
+        planned=planned, measured=SimpleNamespace(s=measured), s_initial=0.0, s_target=s_target
+    )
+
+
+def test_lost_motion_is_read_from_motions_of_one_direction_that_went_through():
+    good = _done(0.1, 0.097, 0.1)
+    assert _tells(good, True, 0.008)
+    assert not _tells(good, False, 0.008)
+    assert not _tells(_done(0.1, 0.097, 0.1, stopped=True), True, 0.008)
+    assert not _tells(_done(0.1, 0.097, 0.1, corrected=True), True, 0.008)
+    assert not _tells(_done(0.1, 0.08, 0.1), True, 0.008)
+    assert _offset([good, _done(0.1, 0.096, 0.1), _done(0.1, 0.09, 0.1)]) == pytest.approx(-0.004)
+
+
+def test_a_fingertip_that_seems_to_jump_is_believed_in_one_place_only():
+    s = np.concatenate([[0.218, 0.214], 0.01 + 0.0005 * np.arange(50), [0.3]])
+    assert _unbroken(s, 0.005).tolist() == list(range(2, 52))
+    assert len(_unbroken(s[2:52], 0.005)) == 50
