@@ -1,0 +1,112 @@
+"""Physics left out: sealed objects with one effect each, figures per effect, a page of them."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
+from s2r_sim.missing.cli import missing
+from s2r_sim.missing.page import PICTURE, summaries, write_page
+from s2r_sim.missing.score import named, paired, relative
+
+GAUGE = {"drawer": 0.3, "laptop": 0.1, "faucet": 0.1}  # what the arm feels, N or N·m
+
+
+@pytest.mark.parametrize("label", HIDDEN)
+def test_every_case_hides_one_effect_that_the_arm_can_feel_and_leaves_the_part_room(label):
+    for number in range(3):
+        trial = draw_case(label, number)
+        effects, thing = trial.world.effects, trial.world.object
+        coulomb = thing.coulomb_N if thing.kind == "drawer" else thing.coulomb
+        sizes = [coulomb * effects.stiction, 0.5 * coulomb * effects.profile, effects.detent, effects.pull]
+        hidden = [size for size in sizes if size > 0.0]
+        if HIDDEN[label].names and "play" not in label:
+            assert len(hidden) == 1
+            assert hidden[0] > 2.0 * GAUGE[thing.kind]
+        else:
+            assert not hidden
+        assert effects.pull < coulomb  # the part stays where it is let go
+        for push in (-0.045, 0.0) if thing.kind == "drawer" else (-0.43, 0.43):
+            for share in (*LEARNING, *LATER):
+                assert 0.0 < thing.q_start + push + share * trial.change < thing.q_max
+
+
+def test_the_same_number_is_the_same_object_and_another_one_is_not():
+    label = "drawer: stiction"
+    assert draw_case(label, 0, "salt") == draw_case(label, 0, "salt")
+    assert draw_case(label, 0, "salt").world != draw_case(label, 1, "salt").world
+    assert draw_case(label, 0).world.commitment != draw_case(label, 0).world.commitment  # the salt is fresh
+
+
+def _answer(verdict, *names, numbers=(), also=()):
+    effects = [[name, list(also), 0.9] for name in names]
+    return {
+        "verdict": verdict, "effects": effects, "parameters_off": list(numbers), "carried": list(names),
+        "lost_motion": {"part_front, growing": 0.002},
+    }  # fmt: skip
+
+
+def test_a_name_counts_as_sealed_a_set_that_holds_it_does_and_no_answer_is_open():
+    assert named("drawer: stiction", _answer("physics_missing", "stribeck"))
+    assert named("drawer: stiction", _answer("physics_missing", "presliding", also=("stribeck",)))
+    assert named("drawer: stiction", _answer("physics_missing", "cogging")) is False
+    assert named("drawer: stiction", _answer("nothing_missing")) is False
+    assert named("drawer: stiction", _answer("insufficient")) is None
+    assert named("drawer: nothing", _answer("parameter_off", numbers=("frictionloss",)))
+    assert named("drawer: nothing", _answer("physics_missing", "stribeck")) is False
+
+
+def _row(label, arm, shares, number=0):
+    moves = [{"target": k, "delta": 0.1 * s, "delta_r": s} for k, s in enumerate(shares)]
+    answers = [_answer("physics_missing", "stribeck")] if arm == "learnt" else []
+    return {
+        "case": label, "number": number, "arm": arm, "change": 0.1, "exit": 7, "reason": "a | b", "moves": moves,
+        "answers": answers,
+    }  # fmt: skip
+
+
+ROWS = [
+    _row("drawer: stiction", "as it is", (0.05, -0.05, 0.05, 0.04, -0.06)),
+    _row("drawer: stiction", "learnt", (0.05, -0.05, 0.05, 0.01, -0.02)),
+    {
+        "case": "laptop: nothing",
+        "number": 0,
+        "arm": "learnt",
+        "change": 0.5,
+        "exit": 4,
+        "reason": "no | plan",
+    },
+]
+
+
+def test_only_later_targets_count_and_they_are_paired():
+    assert relative(ROWS[1], later=False).tolist() == [0.05, 0.05, 0.05]
+    assert relative(ROWS[1], later=True).tolist() == [0.01, 0.02]
+    assert paired(ROWS[1], ROWS[0]) == pytest.approx([-0.03, -0.04])
+
+
+def test_summaries_hold_runs_that_came_to_nothing(tmp_path):
+    stiction, laptop = summaries(ROWS)
+    assert stiction.first == pytest.approx(0.05)
+    assert stiction.plain == pytest.approx(0.05)
+    assert stiction.learnt == pytest.approx(0.015)
+    assert (stiction.right, stiction.wrong, stiction.open) == (1, 0, 0)
+    assert (laptop.objects, laptop.learnt, laptop.right) == (0, None, 0)
+    write_page(ROWS, tmp_path / "page.md", "the command")
+    text = (tmp_path / "page.md").read_text()
+    assert "| drawer: stiction | 1 | 5.0 % | 5.0 % | 1.5 % | 3.3 × |" in text
+    assert "no / plan" in text
+    assert (tmp_path / PICTURE).stat().st_size > 5000
+
+
+def test_the_page_is_written_from_results_alone_and_unknown_cases_are_refused(tmp_path):
+    lines = [json.dumps({"job": [k], "result": row}) for k, row in enumerate(ROWS)]
+    (tmp_path / "results.jsonl").write_text("\n".join(lines) + "\n")
+    done = CliRunner().invoke(missing, ["--out", str(tmp_path), "--page-only", "--json"])
+    assert done.exit_code == 0, done.output
+    assert [one["case"] for one in json.loads(done.stdout)] == ["drawer: stiction", "laptop: nothing"]
+    refused = CliRunner().invoke(missing, ["--out", str(tmp_path), "--cases", "door: magic"])
+    assert "unknown case 'door: magic'" in str(refused.exception or refused.output)
+    assert np.isfinite(summaries(ROWS)[0].difference).all()
