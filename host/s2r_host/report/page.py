@@ -29,6 +29,7 @@ def write_report(record: RunRecord, path: Path) -> Path:
         _attempts(record),
         _state(record),
         _felt(record),
+        _physics(record),
         _joints(record),
         _timing(record),
         _verdicts(record),
@@ -193,6 +194,36 @@ def _felt(record: RunRecord) -> str:
         f"physics may be missing: <code>{escape(command)}</code> in the run's folder.</p>"
     )
     return section(f"What the arm felt of the {record.settings.task.part}", inline_svg(figure) + note)
+
+
+def _physics(record: RunRecord) -> str:
+    """What the gap tool said between the targets, and what the plans after it knew."""
+    if not record.lessons:
+        return ""
+    unit, rows = record.settings.task.unit, []
+    for lesson in record.lessons:
+        named = [f"{effect['name']} ({100 * effect['probability']:.0f} %)" for effect in lesson.effects]
+        named += [
+            f"{one['name']}: {one['from']:.3g} → {one['to']:.3g} {one['unit']}"
+            for one in lesson.parameters_off
+        ]
+        lost = [f"{unit.show(value)} at {what}" for what, value in lesson.lost_motion.items()]
+        rows.append(
+            (
+                str(lesson.after),
+                lesson.verdict.replace("_", " "),
+                ", ".join(named) or "–",
+                ", ".join(lesson.carried) or "–",
+                ", ".join(lesson.not_carried) or "–",
+                ", ".join(lost) or "–",
+                os.path.relpath(lesson.folder / "report.html", record.settings.out),
+            )
+        )
+    header = (
+        "after", "gap says", "what differs from the belief", "the next plans know", "has no form there",
+        "surfaces moved, along the joint", "gap report",
+    )  # fmt: skip
+    return section("Physics learnt between the targets", table(header, rows))
 
 
 def _joints(record: RunRecord) -> str:

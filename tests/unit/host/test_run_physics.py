@@ -12,7 +12,11 @@ import yaml
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.pipeline import analyse
 from s2r_host.proprioception.object_log import _unbroken
-from s2r_host.run.physics import JointLaw, _offset, _tells, _with_law
+from s2r_host.report.page import write_report
+from s2r_host.run.journal import Journal
+from s2r_host.run.physics import JointLaw, PhysicsLesson, _offset, _tells, _with_law
+from s2r_host.run.record import RunRecord
+from s2r_host.run.settings import RunSettings
 
 FRICTION, SWING, PERIOD = 4.0, 1.5, 0.05
 OBJECT = """<mujoco>
@@ -122,3 +126,23 @@ def test_a_fingertip_that_seems_to_jump_is_believed_in_one_place_only():
     s = np.concatenate([[0.218, 0.214], 0.01 + 0.0005 * np.arange(50), [0.3]])
     assert _unbroken(s, 0.005).tolist() == list(range(2, 52))
     assert len(_unbroken(s[2:52], 0.005)) == 50
+
+
+def test_the_report_and_run_json_tell_what_was_learnt(tmp_path):
+    record = RunRecord(RunSettings(0.1, tmp_path / "run", learn_physics=True), Journal())
+    cogging = {"name": "cogging", "probability": 0.98}
+    number = {"name": "frictionloss", "joint": "object_joint", "from": 5.66, "to": 5.26, "unit": "N"}
+    lesson = PhysicsLesson(
+        3, tmp_path / "run/physics-3", "physics_missing", (cogging,), (number,), ("cogging",), (),
+        {"part_handle_bar, growing": -0.003},
+    )  # fmt: skip
+    record.lessons.append(lesson)
+    text = write_report(record, tmp_path / "report.html").read_text()
+    assert "cogging (98 %), frictionloss: 5.66 → 5.26 N" in text
+    assert "-3.00 mm at part_handle_bar, growing" in text
+    said = record.as_dict()["physics"][0]
+    assert (said["verdict"], said["after_manipulations"], said["carried"]) == (
+        "physics_missing",
+        3,
+        ["cogging"],
+    )
