@@ -27,16 +27,17 @@ class LeverPushSettings:
         places: Along the lever, 0 at its root, 1 at its tip.
         below_m: How far the fingertip reaches past the lever's line when it pushes with its side.
         leans: Share of "down" in the finger's axis; the rest points along the push, or from outside to the body.
-        root_m: A lever's axis is believed to be about this far inside of its visible root.
+        root_m: A lever's axis is believed to be at least this far inside of its visible root. Where it is further, the
+            lever turns less than wanted: better than into its stop, for what is asked for later counts from there.
     """
 
-    turn_rad: float = 0.4
-    depth_m: tuple[float, float] = (0.02, 0.06)
+    turn_rad: float = 0.35
+    depth_m: tuple[float, float] = (0.02, 0.05)
     standoff_m: float = 0.035
     places: tuple[float, ...] = (0.9, 0.7, 0.5)
     below_m: float = 0.012
     leans: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
-    root_m: float = 0.03
+    root_m: float = 0.012
 
 
 def lever_proposals(

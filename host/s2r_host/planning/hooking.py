@@ -29,7 +29,9 @@ logger = logging.getLogger(__name__)
 # Searches in turn, each only where the ones before found too little: points looked at, oblique ways into a gap too,
 # places listed. Many points matter between the posts of a short handle; oblique ways cost as much again.
 _SEARCHES = ((30, False, 200), (90, False, 200), (500, True, 600))
-_ROOMY_M = 0.006  # way to the touch; where some hooks have less, it is worth looking at more places
+_ROOMY = (
+    0.5  # of the way to the touch that is wished for; where some hooks have less, more places are looked at
+)
 _FIRST, _RANKED = 24, 40  # places tried first; joint solutions worth a closer look
 _ENOUGH = 6  # hooks at which no further joint solutions are looked for
 
@@ -62,14 +64,16 @@ def find_hooks(
     for points, oblique, listed in _SEARCHES:
         if oblique and ways:
             break
-        places = find_places(scene, world.data, probe, sign, points, oblique=oblique)
+        places = find_places(scene, world.data, probe, sign, points, oblique=oblique, room_m=settings.room_m)
         if not len(places):
             continue
         solver = Postures(scene, world, places, s_target, settings, leave=leave)
-        order = ranked_places(scene, world, places, listed)
+        order = ranked_places(scene, world, places, settings.room_m, listed)
         hooks = _cheapest(scene, world, solver, places, order)
         ways = solver.with_approach(_apart(hooks), settings.hooks) or ways
-        if len(ways) >= settings.hooks and all(np.linalg.norm(way.push_part) >= _ROOMY_M for way in ways):
+        if len(ways) >= settings.hooks and all(
+            np.linalg.norm(way.push_part) >= _ROOMY * settings.room_m for way in ways
+        ):
             break
         why = not_reached(scene, places, solver.failure(len(order), len(hooks), s_target))
     if not ways:
@@ -77,9 +81,9 @@ def find_hooks(
     return ways
 
 
-def ranked_places(scene: Scene, world: FineWorld, places: Places, most: int) -> np.ndarray:
+def ranked_places(scene: Scene, world: FineWorld, places: Places, room_m: float, most: int) -> np.ndarray:
     """Indices of up to ``most`` places that differ from each other, the likeliest first."""
-    return _different(places, np.argsort(_scores(scene, world.data, places), kind="stable"), most)
+    return _different(places, np.argsort(_scores(scene, world.data, places, room_m), kind="stable"), most)
 
 
 def _cheapest(
@@ -110,7 +114,7 @@ def _apart(hooks: list[Hook]) -> list[Hook]:
     return first + later
 
 
-def _scores(scene: Scene, data: mujoco.MjData, places: Places) -> np.ndarray:
+def _scores(scene: Scene, data: mujoco.MjData, places: Places, room_m: float) -> np.ndarray:
     """Cost before any inverse kinematics, (n,): turning, way, tightness, off-centre for slides, short levers."""
     p_now = data.site_xpos[scene.tool_site]
     R_now = data.site_xmat[scene.tool_site].reshape(3, 3)
@@ -123,7 +127,7 @@ def _scores(scene: Scene, data: mujoco.MjData, places: Places) -> np.ndarray:
         leverage = 4.0 * np.linalg.norm(places.p[:, :2] - centre, axis=1)
     else:
         leverage = -8.0 * scene.lever(data, places.p)
-    return turn + 2.0 * way + leverage + tightness(places)
+    return turn + 2.0 * way + leverage + tightness(places, room_m)
 
 
 def _different(places: Places, order: np.ndarray, most: int) -> np.ndarray:

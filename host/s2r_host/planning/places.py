@@ -11,9 +11,11 @@ import numpy as np
 
 from s2r_host.planning.hand_probe import HandProbe, quats_of
 from s2r_host.planning.scene import GeomKind, Scene
+from s2r_host.planning.settings import USUAL_ROOM_M
 
 _PAD_M = (0.018, 0.004)  # the point that should meet the part, this far behind the end of the fingertip
 _BEHIND_M = (0.010, 0.014, 0.018, 0.024)  # how far behind a geom places are looked for
+_FAR_BEHIND_M = (0.030, 0.036)  # and where more room is asked for
 _PUSH_M = (0.003, 0.006, 0.009, 0.012, 0.016, 0.024, 0.034)  # how far along the motion the part is felt for
 _BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out
 _WAY_OUT_M = (
@@ -53,14 +55,23 @@ class Places:
 
 
 def find_places(
-    scene: Scene, data: mujoco.MjData, probe: HandProbe, sign: float, points: int, *, oblique: bool = False
+    scene: Scene,
+    data: mujoco.MjData,
+    probe: HandProbe,
+    sign: float,
+    points: int,
+    *,
+    oblique: bool = False,
+    room_m: float = USUAL_ROOM_M,
 ) -> Places:
     """Places found around the part for motion towards growing (sign 1) or falling s (-1); maybe none.
 
     They are looked for at up to ``points`` points, spread over the faces of the part. With ``oblique`` the hand may
-    come level and slantwise as well, as behind an upright bar close to its door.
+    come level and slantwise as well, as behind an upright bar close to its door. With more than the usual room to the
+    touch, ``room_m``, they are looked for further behind the part, too.
     """
-    p, R, way = _candidates(scene, data, sign, _OBLIQUE if oblique else _ORIENTATIONS, points)
+    behind_m = _BEHIND_M + (_FAR_BEHIND_M if room_m > USUAL_ROOM_M else ())
+    p, R, way = _candidates(scene, data, sign, _OBLIQUE if oblique else _ORIENTATIONS, points, behind_m)
     quat = quats_of(R)
     free = probe.contacts(p, quat) == 0
     p, R, way, quat = p[free], R[free], way[free], quat[free]
@@ -105,22 +116,27 @@ def part_box(scene: Scene, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def tightness(places: Places) -> np.ndarray:
+def tightness(places: Places, room_m: float) -> np.ndarray:
     """Cost of places that leave little room or are far from the touch, (n,), in units of radians of travel.
 
     Room towards the part counts most: a fingertip that comes down within a few millimetres of an edge lands on it
     when the object stands a little nearer than believed, and jams there.
     """
-    near, far = np.maximum(0.012 - places.push_m, 0.0), np.maximum(places.push_m - 0.016, 0.0)
+    near, far = np.maximum(room_m - places.push_m, 0.0), np.maximum(places.push_m - (room_m + 0.004), 0.0)
     return 0.2 * places.blocked + 150.0 * near + 5.0 * far
 
 
 def _candidates(
-    scene: Scene, data: mujoco.MjData, sign: float, orientations: np.ndarray, count: int
+    scene: Scene,
+    data: mujoco.MjData,
+    sign: float,
+    orientations: np.ndarray,
+    count: int,
+    behind_m: tuple[float, ...],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Tool tips, orientations and directions worth a closer look, at ``count`` points behind the part."""
     seen = _only_solid(scene)
-    centres, ways = _points_behind(scene, seen, data, sign)
+    centres, ways = _points_behind(scene, seen, data, sign, behind_m)
     axes = orientations[::_ROLLS, :, 2]
     free = [
         _free_along(seen, data, centre, -axes @ _frame(way).T) > _WAY_OUT_M
@@ -146,7 +162,7 @@ def part_geoms(scene: Scene) -> np.ndarray:
 
 
 def _points_behind(
-    scene: Scene, seen: mujoco.MjModel, data: mujoco.MjData, sign: float
+    scene: Scene, seen: mujoco.MjModel, data: mujoco.MjData, sign: float, behind_m: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points behind the faces of the part's geoms, as it moves, and the part's direction there, two (n, 3).
 
@@ -160,7 +176,7 @@ def _points_behind(
     for geom in geoms:
         starts = _starts(scene, data, geom, sign, per_side, least_lever_m)
         for start, way in zip(*starts, strict=True):
-            found = _in_gap(scene, seen, data, start, way)
+            found = _in_gap(scene, seen, data, start, way, behind_m)
             points.append(found)
             ways.append(np.broadcast_to(way, found.shape))
     all_points, all_ways = np.concatenate(points), np.concatenate(ways)
@@ -205,7 +221,12 @@ def _along(reach_m: float, most: int) -> np.ndarray:
 
 
 def _in_gap(
-    scene: Scene, seen: mujoco.MjModel, data: mujoco.MjData, start: np.ndarray, way: np.ndarray
+    scene: Scene,
+    seen: mujoco.MjModel,
+    data: mujoco.MjData,
+    start: np.ndarray,
+    way: np.ndarray,
+    distances_m: tuple[float, ...],
 ) -> np.ndarray:
     """Points on the line through a start along the motion, between the part ahead and what lies behind, (n, 3)."""
     geom = np.zeros(1, dtype=np.int32)
@@ -217,7 +238,7 @@ def _in_gap(
     surface = start + ahead_m * way
     if gap_m < _NARROW_M:
         return (surface - 0.5 * gap_m * way)[None]
-    room = [back for back in _BEHIND_M if back < gap_m - _BEHIND_M[0]]
+    room = [back for back in distances_m if back < gap_m - distances_m[0]]
     return surface - np.array(room)[:, None] * way
 
 

@@ -40,7 +40,7 @@ class Postures:
         self._places = places
         self._tool = ToolKinematics(scene, settings.joint_margin_rad, settings.threads)
         self._space = FreeSpace(scene, settings.threads, others=world.others)
-        self._tightness = tightness(places)
+        self._tightness = tightness(places, settings.room_m)
         self._part = [_part_pose_at(scene, world, self._s + k * (s_target - self._s)) for k in _SHARES]
         joint = scene.joint_id
         hinge = 0.0 if scene.prismatic else 1.0

@@ -60,7 +60,7 @@ def _carried(
         places = find_places(scene, world.data, probe, float(np.sign(way)), points, oblique=oblique)
         if len(places):
             postures = Postures(scene, world, places, s_target, settings)
-            order = ranked_places(scene, world, places, listed)
+            order = ranked_places(scene, world, places, settings.room_m, listed)
             seeds = near_seeds(scene, world.q, places.p[order]) + far_seeds(scene, world.q, places.p[order])
             counts = postures.carried(order, seeds, states)
         if counts.any():

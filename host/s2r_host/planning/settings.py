@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from s2r_host.planning.doubt import Doubt
 
 
+USUAL_ROOM_M = 0.012
+
+
 class PlanSettingsError(ValueError):
     """A setting is outside its allowed set."""
 
@@ -175,6 +178,7 @@ class PlanSettings:
         retries: Ranked samples tried in the fine model before an action with an unexpected contact is taken.
         backtracks: How often a stage may go back some steps when every action touches something unexpected.
         hooks: Fingertip places on the part, with a free way there, that are prepared before planning.
+        room_m: Way from a place to the touch that is wished for: more where it is less known where the part ends.
         ensemble: Believable objects that every sequence is rolled out with; its reward is their mean. 1: the believed
             one alone.
         doubt: How far the others may be from it.
@@ -202,6 +206,7 @@ class PlanSettings:
     retries: int = 8
     backtracks: int = 6
     hooks: int = 4
+    room_m: float = USUAL_ROOM_M
     ensemble: int = 1
     doubt: Doubt = field(default_factory=Doubt)
     threads: int = 0
@@ -222,6 +227,7 @@ class PlanSettings:
         _require(self.tolerance_m > 0.0, "tolerance_m", self.tolerance_m, "positive")
         _require(self.tolerance_rad > 0.0, "tolerance_rad", self.tolerance_rad, "positive")
         _require(0.0 < self.torque_margin <= 1.0, "torque_margin", self.torque_margin, "within (0, 1]")
+        _require(self.room_m > 0.0, "room_m", self.room_m, "positive")
         _require(self.press_max_N > 0.0, "press_max_N", self.press_max_N, "positive")
         _require(0.0 < self.contact_margin <= 1.0, "contact_margin", self.contact_margin, "within (0, 1]")
         _require(self.ensemble >= 1, "ensemble", self.ensemble, "at least 1")

@@ -6,10 +6,16 @@ from dataclasses import replace
 
 from s2r_host.planning.doubt import Doubt
 from s2r_host.planning.doubt_files import doubt_from_estimate
+from s2r_host.planning.settings import USUAL_ROOM_M
 from s2r_host.run.belief import Belief
 
 TOUCHED_SHARE = 0.25
 """Of the doubt about its place that is left of a side of the part once it has been touched."""
+
+
+UNSEEN_ROOM_M = 0.010
+"""More room for the fingertip to come down beside a hinge's part, on a side that no push has touched yet: the camera
+sees a lever from one side, how thick it is is a guess, and a hand-eye error of millimetres comes on top."""
 
 
 def doubt_about(belief: Belief, *, growing: bool) -> Doubt:
@@ -28,3 +34,9 @@ def doubt_about(belief: Belief, *, growing: bool) -> Doubt:
         if belief.touched(growing):
             doubt = replace(doubt, shift_sigma_m=TOUCHED_SHARE * doubt.shift_sigma_m)
     return doubt
+
+
+def room_about(belief: Belief, *, growing: bool, share: float) -> float:
+    """Way to the touch that a plan should leave for a motion that lets the joint grow, or fall [m]."""
+    known = belief.template.slides or belief.touched(growing)
+    return USUAL_ROOM_M if known else USUAL_ROOM_M + share * UNSEEN_ROOM_M

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from s2r_host.errors import SceneError
 from s2r_host.run.belief import Belief
 from s2r_host.run.contact import corrected, touched_by_push
 from s2r_host.run.feeling import Feeling, with_felt
 from s2r_host.run.first_push import PUSH
+from s2r_host.run.measure_view import state_in
+from s2r_host.run.push_until_told import Told
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Executed, Session
 
 
-def learn_from_push(session: Session, record: RunRecord, feeling: Feeling) -> None:
+def learn_from_push(session: Session, record: RunRecord, feeling: Feeling, told: Told) -> None:
     """The push that told the joint also tells how much it resists, and where the side is that was touched."""
     task, belief, push, s = session.settings.task, record.belief, record.push, record.s_found
     assert belief is not None
@@ -20,8 +23,13 @@ def learn_from_push(session: Session, record: RunRecord, feeling: Feeling) -> No
     assert s is not None
     if not push.went_through:
         return
-    folder, positive = session.settings.out / "model-1", s > 0.0
-    belief = belief_with_felt(session, feeling, belief, push.executed[PUSH], 0.0, s, folder)
+    try:
+        s_before = state_in(belief, told.previous, told.before)
+    except SceneError as error:
+        session.journal.warn(f"the last push teaches nothing about the part's surface: {error}")
+        return
+    folder, positive = session.settings.out / "model-1", s > s_before
+    belief = belief_with_felt(session, feeling, belief, push.executed[PUSH], s_before, s, folder)
     if not belief.template.slides and "touch" not in session.settings.without:
         touched = touched_by_push(
             belief, session.arm, push.planned.motion.push[-1], s, positive, task.far_off

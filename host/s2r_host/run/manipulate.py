@@ -17,8 +17,9 @@ from s2r_host.planning import PlanRequest, PlanResult, PlanSettings, plan_manipu
 from s2r_host.planning.belief import Belief as ObjectBelief
 from s2r_host.run.back_off import back_off
 from s2r_host.run.belief import Belief
-from s2r_host.run.doubts import TOUCHED_SHARE, doubt_about
-from s2r_host.run.measure import Measurement, measure_state
+from s2r_host.run.doubts import TOUCHED_SHARE, doubt_about, room_about
+from s2r_host.run.measure import Measurement
+from s2r_host.run.measure_view import measure_in
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.travel import FREE, LEAVING, timed
@@ -138,7 +139,9 @@ def _prepare_once(
         q_initial=session.status().q_ref,
         seed=settings.seed + 1000 * number + attempt,
         settings=PlanSettings(
-            ensemble=settings.ensemble, doubt=doubt_about(belief, growing=sign > 0.0).scaled(doubt)
+            ensemble=settings.ensemble,
+            doubt=doubt_about(belief, growing=sign > 0.0).scaled(doubt),
+            room_m=room_about(belief, growing=sign > 0.0, share=doubt),
         ),
     )
     result = plan_manipulation(request)
@@ -264,11 +267,7 @@ def measure_now(
         EmptyCloudError, SceneError: The part is not seen.
     """
     view = observe(session, name)
-    (low, high), margin = belief.model.range, 0.03 / belief.template.reach_m
-    measured = measure_state(
-        belief.template, view.capture.frame, view.arm_mask, (low - margin, high + margin), s_expected
-    )
-    return view, measured
+    return view, measure_in(belief, view, s_expected)
 
 
 def _unmodelled(belief: Belief, view: Observation, s: float) -> np.ndarray:

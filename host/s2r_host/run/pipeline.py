@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
 
-import numpy as np
-
-from s2r_host.errors import SceneError
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
-from s2r_host.perception.errors import AbstainError, NothingMovedError
-from s2r_host.perception.estimate import JointEstimate
-from s2r_host.run.belief import build_belief, estimate_part
+from s2r_host.run.belief import build_belief
 from s2r_host.run.feeling import Feeling
-from s2r_host.run.first_push import DonePush, carry_out_push, prepare_push
 from s2r_host.run.journal import Journal
 from s2r_host.run.lessons import learn_from_push
-from s2r_host.run.observe import Observation, observe
+from s2r_host.run.measure_view import state_in
+from s2r_host.run.observe import observe
+from s2r_host.run.push_until_told import push_until_told
 from s2r_host.run.reach import reach
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.session import Session, open_session
@@ -60,28 +55,27 @@ def _loop(session: Session, record: RunRecord) -> None:
     _warm_up(journal)
     _home(session, record)
     with journal.stage("view A") as stage:
-        before = _look(session, record, "A")
+        before = record.add_view(observe(session, "A"))
         stage.note = f"{len(before.scene.p_base)} object points"
-    found = _push_until_told(session, record, before)
-    if found is None:
+    told = push_until_told(session, record, before)
+    if told is None:
         record.code, record.reason = ExitCode.OK, "dry run: the first push is planned, nothing was moved"
         return
-    estimate, after = found
     with journal.stage("build model") as stage:
-        record.belief = build_belief(estimate, settings.out / "model", settings.seed)
+        record.belief = build_belief(told.estimate, settings.out / "model", settings.seed)
         model = record.belief.model
         low, high = (task.unit.show(limit, 0) for limit in model.range)
         stage.note = f"{len(model.pieces)} pieces, range {low} to {high}"
         for text in model.warnings:
             journal.warn(text)
-    record.s_found = float(estimate.delta)
-    origin = record.s_found if settings.from_pushed else 0.0
+    record.zero_view, record.s_found = told.before.name, float(told.estimate.delta)
+    origin = record.s_found if settings.from_pushed else state_in(record.belief, before, told.before)
     session.recorder.add_note(
-        "joint", {"axis": estimate.axis_direction.tolist(), "s_after": float(estimate.delta)}
+        "joint", {"axis": told.estimate.axis_direction.tolist(), "s_after": record.s_found}
     )
     feeling = Feeling(session.arm, settings.out / "object-log", record.felt)
-    learn_from_push(session, record, feeling)
-    s_now = record.s_found
+    learn_from_push(session, record, feeling, told)
+    after, s_now = told.after, record.s_found
     targets = (settings.target, *settings.then)
     for number, target in enumerate(targets, start=1):
         session.target = origin + target
@@ -106,54 +100,6 @@ def _loop(session: Session, record: RunRecord) -> None:
             from s2r_host.run.physics import after_target
 
             after_target(session, record, number)
-
-
-def _push_until_told(
-    session: Session, record: RunRecord, before: Observation
-) -> tuple[JointEstimate, Observation] | None:
-    """Push, look and estimate; where the views do not tell the joint, push again elsewhere. None in a dry run.
-
-    Every estimate compares with the first view: what several pushes moved adds up.
-
-    Raises:
-        AbstainError: The last push told nothing either.
-        NoMotionError: No further push is reachable.
-    """
-    settings, journal, task = session.settings, session.journal, session.settings.task
-    view, skip = before, 0
-    earlier: list[DonePush] = []
-    positive: np.ndarray | None = None
-    for number in range(1, settings.pushes + 1):
-        again = "" if number == 1 else f" {number}"
-        with journal.stage(f"first push{again}: proposals") as stage:
-            planned = record.planned_push = prepare_push(session, view, number, skip, earlier)
-            skip += planned.motion.tried
-            positive = planned.positive if positive is None else positive
-            stage.note = f"proposal {skip} is reachable"
-        if settings.dry_run:
-            return None
-        with journal.stage(f"first push{again}"):
-            record.push = carry_out_push(session, planned)
-        with journal.stage(f"view B{again}") as stage:
-            view = _look(session, record, f"B{number if again else ''}")
-            stage.note = f"{len(view.scene.p_base)} object points"
-        try:
-            with journal.stage(f"estimate joint{again}") as stage:
-                pushed = planned.motion.push_at_part if number == 1 else None
-                estimate = estimate_part(before, view, task, positive, pushed, settings.seed)
-                stage.note = (
-                    f"moved {task.unit.show(estimate.delta)}, {100 * estimate.explained:.0f} % explained"
-                )
-        except (AbstainError, SceneError) as error:
-            if number == settings.pushes:
-                raise
-            journal.warn(f"push {number} does not tell the joint, pushing again: {error}")
-            earlier.append(replace(record.push, moved=not isinstance(error, NothingMovedError)))
-            continue
-        for text in estimate.warnings:
-            journal.warn(text)
-        return estimate, view
-    raise AssertionError("settings.pushes is at least 1")
 
 
 def _judge(record: RunRecord) -> bool:
@@ -198,13 +144,6 @@ def _home(session: Session, record: RunRecord) -> None:
         if abs(session.status().q_ref - q_home).max() < 1e-3:
             stage.note = "already there"
             return
-        view = _look(session, record, "start")
+        view = record.add_view(observe(session, "start"))
         obstacles = [table_obstacle(), cloud_obstacle(view.scene.p_base, view.scene.p_camera)]
         go_to(session, q_home, obstacles, "home")
-
-
-def _look(session: Session, record: RunRecord, name: str) -> Observation:
-    view = observe(session, name)
-    record.views.append(view)
-    record.world_commitment = record.world_commitment or view.capture.world_commitment or None
-    return view

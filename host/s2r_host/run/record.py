@@ -71,6 +71,7 @@ class RunRecord:
         belief: After the last correction.
         felt: What the arm felt of the part, by the label of the motion.
         lessons: What the recordings said about physics left out, in order.
+        zero_view: Name of the view that joint values count from.
         s_found: Joint value measured just before the first planned manipulation [m or rad].
         goals: What was aimed at so far, with the manipulations carried out for it.
         world_commitment: Of the stand-in's sealed world, if it says one.
@@ -90,6 +91,7 @@ class RunRecord:
     belief: Belief | None = None
     felt: dict[str, list[Touch]] = field(default_factory=dict)
     lessons: list[PhysicsLesson] = field(default_factory=list)
+    zero_view: str = "A"
     s_found: float | None = None
     goals: list[Goal] = field(default_factory=list)
     world_commitment: str | None = None
@@ -100,6 +102,12 @@ class RunRecord:
     def attempts(self) -> list[DoneManipulation]:
         """All planned manipulations carried out, in order."""
         return [done for goal in self.goals for done in goal.attempts]
+
+    def add_view(self, view: Observation) -> Observation:
+        """Keep a look, and hand it back."""
+        self.views.append(view)
+        self.world_commitment = self.world_commitment or view.capture.world_commitment or None
+        return view
 
     def as_dict(self) -> dict[str, Any]:
         """What ``run.json`` holds."""
@@ -121,6 +129,7 @@ class RunRecord:
             "tick_before_plan": first.executed[0].tick_start if first and first.executed else None,
             "attempts": [_attempt(attempt) for attempt in self.attempts],
             "push": _push(self.push) if self.push else None,
+            "zero_view": self.zero_view,
             "joint": _joint(self.belief) if self.belief else None,
             "physics": [lesson.as_json() for lesson in self.lessons],
             "views": [_view(view) for view in self.views],

@@ -96,6 +96,8 @@ def _joint_error(trial: Trial, run: Row, moved: float | None) -> Row:
     along = float(said @ direction)
     offset = np.array(run["joint"]["axis_origin_m"]) - origin
     distance = float(np.linalg.norm(offset - (offset @ direction) * direction))
+    if run["zero_view"] != "A":  # the motion seen began later than the true one
+        moved = None
     signed = moved if moved is None or along >= 0.0 else -moved
     return {
         "axis_error_rad": float(np.arccos(min(1.0, abs(along)))),

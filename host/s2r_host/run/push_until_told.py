@@ -1,0 +1,106 @@
+"""Push, look and estimate, until two of the views tell the joint."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from s2r_host.errors import SceneError
+from s2r_host.perception.errors import AbstainError, NothingMovedError
+from s2r_host.perception.estimate import JointEstimate
+from s2r_host.run.belief import estimate_part
+from s2r_host.run.first_push import DonePush, carry_out_push, prepare_push
+from s2r_host.run.observe import Observation, observe
+from s2r_host.run.record import RunRecord
+from s2r_host.run.session import Session
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the pushes came to.
+
+    Attributes:
+        estimate: The joint.
+        before: The view that its values count from: the first one, wherever that and the newest tell the joint.
+        previous: The last view before the last push.
+        after: The newest view.
+    """
+
+    estimate: JointEstimate
+    before: Observation
+    previous: Observation
+    after: Observation
+
+
+def push_until_told(session: Session, record: RunRecord, first: Observation) -> Told | None:
+    """Push, look and estimate; where the views do not tell the joint, push again elsewhere. None in a dry run.
+
+    The first view is compared with the newest: what several pushes moved adds up. Where that is too much to be
+    followed, or the first view hides the part, one of the views in between may tell.
+
+    Raises:
+        AbstainError: The last push told nothing either.
+        NoMotionError: No further push is reachable.
+    """
+    settings, journal, task = session.settings, session.journal, session.settings.task
+    views, skip = [first], 0
+    earlier: list[DonePush] = []
+    positive: np.ndarray | None = None
+    for number in range(1, settings.pushes + 1):
+        again = "" if number == 1 else f" {number}"
+        with journal.stage(f"first push{again}: proposals") as stage:
+            planned = record.planned_push = prepare_push(session, views[-1], number, skip, earlier)
+            skip += planned.motion.tried
+            positive = planned.positive if positive is None else positive
+            stage.note = f"proposal {skip} is reachable"
+        if settings.dry_run:
+            return None
+        with journal.stage(f"first push{again}"):
+            record.push = carry_out_push(session, planned)
+        with journal.stage(f"view B{again}") as stage:
+            views.append(record.add_view(observe(session, f"B{number if again else ''}")))
+            stage.note = f"{len(views[-1].scene.p_base)} object points"
+        try:
+            with journal.stage(f"estimate joint{again}") as stage:
+                before, estimate = _compared(session, views, record.push, positive)
+                seen = f", since view {before.name}" if before is not first else ""
+                stage.note = f"moved {task.unit.show(estimate.delta)}{seen}, {100 * estimate.explained:.0f} % explained"
+        except (AbstainError, SceneError) as error:
+            if number == settings.pushes:
+                raise
+            journal.warn(f"push {number} does not tell the joint, pushing again: {error}")
+            earlier.append(replace(record.push, moved=not isinstance(error, NothingMovedError)))
+            continue
+        for text in estimate.warnings:
+            journal.warn(text)
+        return Told(estimate, before, views[-2], views[-1])
+    raise AssertionError("settings.pushes is at least 1")
+
+
+def _compared(
+    session: Session, views: Sequence[Observation], push: DonePush, positive: np.ndarray | None
+) -> tuple[Observation, JointEstimate]:
+    """The joint by the newest view and an earlier one, and that one.
+
+    Raises:
+        AbstainError, SceneError: No pair tells it; the text is about the first view and the newest.
+    """
+    problem: AbstainError | SceneError | None = None
+    for before in _to_compare_with(views):
+        pushed = push.planned.motion.push_at_part if len(views) == 2 else None
+        try:
+            return before, estimate_part(
+                before, views[-1], session.settings.task, positive, pushed, session.settings.seed
+            )
+        except (AbstainError, SceneError) as error:
+            problem = problem or error
+    assert problem is not None
+    raise problem
+
+
+def _to_compare_with(views: Sequence[Observation]) -> Iterator[Observation]:
+    """The first view, then the others from the last but one backwards."""
+    yield views[0]
+    yield from reversed(views[1:-1])

@@ -1,0 +1,53 @@
+"""Which two views tell the joint."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from s2r_host.perception.errors import AbstainError
+from s2r_host.run import push_until_told
+from s2r_host.run.push_until_told import _compared
+
+SESSION: Any = SimpleNamespace(settings=SimpleNamespace(task=None, seed=0))
+PUSH: Any = SimpleNamespace(planned=SimpleNamespace(motion=SimpleNamespace(push_at_part="the push")))
+
+
+def compared(monkeypatch: pytest.MonkeyPatch, names: str, telling: str) -> tuple[Any, list[tuple[str, Any]]]:
+    """Compare views of these names where only some of them tell the joint together with the newest."""
+    asked: list[tuple[str, Any]] = []
+
+    def estimate(before: Any, after: Any, task: Any, positive: Any, pushed: Any, seed: int) -> str:
+        assert after.name == names[-1]
+        asked.append((before.name, pushed))
+        if before.name not in telling:
+            raise AbstainError(f"{before.name} does not tell")
+        return f"{before.name}{after.name}"
+
+    monkeypatch.setattr(push_until_told, "estimate_part", estimate)
+    views: list[Any] = [SimpleNamespace(name=name) for name in names]
+    return _compared(SESSION, views, PUSH, None), asked
+
+
+def test_the_first_view_counts_as_long_as_it_tells(monkeypatch: pytest.MonkeyPatch) -> None:
+    (before, estimate), asked = compared(monkeypatch, "ABCD", "ABC")
+    assert (before.name, estimate) == ("A", "AD")
+    assert len(asked) == 1
+
+
+def test_later_views_are_asked_from_the_newest_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    (before, _), asked = compared(monkeypatch, "ABCD", "B")
+    assert before.name == "B"
+    assert [name for name, _ in asked] == ["A", "C", "B"]
+
+
+def test_only_a_single_push_says_how_the_part_was_pushed(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert compared(monkeypatch, "AB", "A")[1] == [("A", "the push")]
+    assert compared(monkeypatch, "ABC", "B")[1] == [("A", None), ("B", None)]
+
+
+def test_where_no_pair_tells_the_reason_is_the_first_views(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(AbstainError, match="A does not tell"):
+        compared(monkeypatch, "ABC", "")
