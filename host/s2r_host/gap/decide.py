@@ -8,7 +8,15 @@ import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX
 from s2r_host.gap.consistency import disagreement
-from s2r_host.gap.decision import LEFTOVER_LIMIT, Decision, doubt, explained, leftover, too_much_left
+from s2r_host.gap.decision import (
+    LEFTOVER_LIMIT,
+    Decision,
+    doubt,
+    explained,
+    explained_least_of,
+    leftover,
+    too_much_left,
+)
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.law import LawFinding
 from s2r_host.gap.naming import CEILING, MODEL_ERROR, Z90, Named, brought, named_effect, parameter_table
@@ -18,6 +26,7 @@ from s2r_host.gap.problem import Problem
 from s2r_host.gap.rejected import rejected_at_floor, rejected_list
 from s2r_host.gap.search import MAX_EFFECTS, Search
 from s2r_host.gap.solution import Solution, Term
+from s2r_host.gap.unrepeated import Wander
 from s2r_host.gap.wrong_number import TIGHT, base_matters, with_number
 
 FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
@@ -38,6 +47,8 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
         _add_law(problem, finding, decision)
     for contradiction in problem.contradictions:
         _add_contradiction(problem, contradiction, decision)
+    if decision.verdict in ("nothing_missing", "parameter_off") and problem.wanders:
+        _add_wander(problem, max(problem.wanders, key=lambda w: w.size / w.effort), decision)
     decision.effects.sort(key=_rank)
     if decision.verdict != "unknown" and (moved := other_machine(problem, decision)):
         decision.verdict = "unknown"
@@ -71,7 +82,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     few = 0 < len(solution.terms) <= MAX_EFFECTS and len(problem.joints) <= FEW_JOINTS
     if few and base_matters(search, problem, solution.terms):
         number = with_number(problem, search, solution)
-        if number is not None and _fits_as_well(problem, solution, number[1]):
+        if number is not None and _fits_as_well(problem, search, solution, number[1]):
             looseness, solution = number
             log(f"  + {solution.terms[-1].effect}, a number")
     search.looseness = looseness
@@ -105,12 +116,16 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     return decision
 
 
-def _fits_as_well(problem: Problem, before: Solution, after: Solution) -> bool:
-    """Numbers held tighter must not cost what a single one gains."""
-    left = leftover(problem, after.prediction, after)
-    return left <= max(
-        LEFTOVER_LIMIT * doubt(problem), NO_WORSE * leftover(problem, before.prediction, before)
+def _fits_as_well(problem: Problem, search: Search, before: Solution, after: Solution) -> bool:
+    """Numbers held tighter must not cost what a single one gains, nor turn a name into an unknown effect."""
+    left, was = (leftover(problem, x.prediction, x) for x in (after, before))
+    if left <= LEFTOVER_LIMIT * doubt(problem):
+        return True
+    named, still = (
+        explained(problem, search, x) >= explained_least_of(problem, search, x, size)
+        for x, size in ((before, was), (after, left))
     )
+    return left <= NO_WORSE * was and (still or not named)
 
 
 def _add_law(problem: Problem, finding: LawFinding, decision: Decision, why: str = "") -> None:
@@ -154,6 +169,13 @@ def _add_contradiction(problem: Problem, found: Contradiction, decision: Decisio
     decision.effects = [e for e in decision.effects if e.joint != joint or e.name not in BEHIND_THE_SENSOR]
     decision.verdict = "physics_missing"
     _add_law(problem, found.finding, decision, found.words)
+
+
+def _add_wander(problem: Problem, found: Wander, decision: Decision) -> None:
+    """What passes for noise since no second run repeats it, and is none."""
+    name = problem.ctx.model.joints[found.joint]
+    decision.verdict = "unknown"
+    decision.reasons.append(found.words(name, problem.ctx.model.effort_unit(name)))
 
 
 def _add_drift(problem: Problem, search: Search, decision: Decision) -> None:

@@ -57,7 +57,8 @@ def explained_least_of(problem: Problem, search: Search, solution: Solution, lef
     if problem.floor_source == "repeat":
         beyond = left / problem.floor_doubt - LEFTOVER_LIMIT
         bar = float(np.clip(EXPLAINED_CLOSE + EXPLAINED_SLOPE * beyond, EXPLAINED_CLOSE, EXPLAINED_FAR))
-    bar = 1.0 - (1.0 - bar) / max(len(solution.terms), 1)  # several effects together imitate almost anything
+    # Several effects together imitate almost anything; what completed an arm's description was not searched for.
+    bar = 1.0 - (1.0 - bar) / max(len(solution.terms) - search.completed, 1)
     return min([bar, *(search.effects[t.effect].explained_least for t in solution.terms)])
 
 

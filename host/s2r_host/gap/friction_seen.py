@@ -9,6 +9,7 @@ from s2r_host.gap.rows import Block, compare
 from s2r_host.gap.session import Session
 
 STICK_DOUBT = 0.5
+ONE_WAY = 0.05  # spread of the direction of motion below which a joint goes one way only
 SLOW_LOG_S = 0.01
 BETWEEN_SHARE = 0.25
 
@@ -30,6 +31,8 @@ def _friction_fit(s: Session, j: int) -> np.ndarray:
         r = compare(s.u[:, j], s, j, True) - compare(s.load[:, j], s, j, False)
         columns = [s.sign(j), s.v[:, j], s.a[:, j], s.load[:, j], np.ones(len(s.t))]
         X = np.stack([compare(c, s, j, True) for c in columns], axis=1)
+        if np.std(X[:, 0]) < ONE_WAY:  # dry friction and a constant are one thing then
+            X[:, 0] = 0.0
         s.cache[key] = np.linalg.lstsq(X, r, rcond=None)[0]
     return s.cache[key]
 

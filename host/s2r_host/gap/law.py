@@ -24,6 +24,9 @@ SMALLEST_S = 5e-5
 MAX_MISFIT = 0.3
 LEAST_MISFIT = 2e-6
 LEAST_GAIN = 15.0
+# Lag that the law has to exclude before stamps count as the same [s], by how much worse it fits there; misfit of a law
+# that holds, as a share of the effort's power.
+KNOWN_S, CLEARLY, HOLDS = 3e-4, 2.0, 1e-3
 LEAST_CHANGE = 0.012
 Z90 = 1.645
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise
@@ -105,6 +108,22 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
     ):
         return None
     return LawFinding(name, joint, gain, share, parameters, shape, {f[1]: f[0] for f in found[1:]})
+
+
+def stamps_agree(model: RigidModel, fit: list[Session], joint: int) -> bool:
+    """Does the declared law, recomputed from position and speed, show that effort and motion share their stamps?
+
+    Only for efforts as asked for: shifted by ``KNOWN_S`` either way the law misses them clearly more than in place.
+    """
+    own = [s for s in fit if s.has_u[joint]]
+    rows = [_rows(model, s, joint, False) for s in own]
+    usable = [r for r in rows if r is not None]
+    if not usable or len(usable) < len(rows) or any(s.rec.effort != "commanded" for s in own):
+        return False
+    test = _Test(usable, model)
+    here = sum(m for m, _ in test.base)
+    sides = [sum(m for m, _ in test.misfit(lambda r, x=x: r.late(x))) for x in (-KNOWN_S, KNOWN_S)]
+    return test.relative < HOLDS and min(sides) > CLEARLY * here
 
 
 class _Test:

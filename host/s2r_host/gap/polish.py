@@ -27,6 +27,7 @@ WINDOW_S = 8.0
 EFFECTIVE_S = 0.5  # integrated errors are smooth: one independent sample in this time
 PULL_SHARE = 0.05
 STEPS = 5
+CLOSE = 0.1  # error of the simulated motion, in spans of it, up to which its derivative is worth something
 UNMOVED = ("timing", "edge")  # of the comparison, not of the machine
 CHANGE_PRIOR = 0.1
 FRICTION_EFFECTS = (
@@ -58,7 +59,8 @@ def polish(
 ) -> Solution:  # fmt: skip
     """The solution with its linear coefficients refitted on the simulated motion of the fit rows.
 
-    Gauss-Newton with the admittance as derivative; a step that does not help is halved, and the last one undone.
+    Gauss-Newton with the admittance as derivative; a step that does not help is halved, and the last one undone. A
+    simulation that misses the motion by a tenth of its span is left alone.
 
     Args:
         problem: One joint that drifts freely, see :func:`drifts_freely`.
@@ -80,6 +82,8 @@ def polish(
         return np.nan_to_num(np.concatenate([miss(x, s, r.start, r.stop) for s, r in stretches]), nan=10.0)
 
     best, e = solution, missed(solution)
+    if float(np.sqrt(np.mean(e**2))) > CLOSE * max(float(np.ptp(s.q[:, 0])) for s, _ in stretches):
+        return solution  # a derivative says nothing so far away
     gain = 1.0
     for _ in range(STEPS):
         scale = float(np.mean(e**2)) * EFFECTIVE_S / problem.ctx.sessions[0].dt

@@ -12,15 +12,17 @@ from s2r_host.gap.evidence import Whitener, fit_whitener
 from s2r_host.gap.floor import find_partner, noise_samples, rms_doubt
 from s2r_host.gap.friction_seen import between_level, dry_level, friction_levels, trust
 from s2r_host.gap.kinematics import Contradiction, contradiction
-from s2r_host.gap.law import LawFinding, check_law
+from s2r_host.gap.law import LawFinding, check_law, stamps_agree
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.nuisance import BaseParameter, base_parameters
 from s2r_host.gap.rows import Block, band, compare, least_cut, make_blocks
 from s2r_host.gap.session import Session
+from s2r_host.gap.unrepeated import Wander, wandering
 
 SIGNAL_TO_NOISE = 20.0
 SIGNAL_TO_GUESS = 3.0  # against a leftover, which is noise and model error together
 EDGE_SHARE = 0.5
+TIMING_KNOWN = 0.3  # of the usual doubt, where the control law shows when its effort was logged
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ class Problem:
         weight: Trust in each row: less where dry friction may stick and the sign of motion is a guess.
         effort: Filtered effort rows, same layout, whitened.
         drift: Friction changes of new held-out sessions; ``law`` where the declared control law does not hold;
-            ``contradictions`` where position and speed of a joint do not agree; ``twin`` the second runs.
+            ``contradictions`` where position and speed of a joint do not agree; ``twin`` the second runs;
+            ``wanders`` slow forces that no second run repeats.
     """
 
     ctx: Context
@@ -75,6 +78,7 @@ class Problem:
     law: list[LawFinding] = field(default_factory=list)
     contradictions: list[Contradiction] = field(default_factory=list)
     twin: Twin | None = None
+    wanders: list[Wander] = field(default_factory=list)
     cache: dict = field(default_factory=dict)
 
     def whiten(self, per_session: dict[int, np.ndarray], joint: int) -> np.ndarray:
@@ -166,6 +170,7 @@ def build_problem(
     problem.floor_doubt = max((rms_doubt(noise[j]) for j in joints), default=1.0)
     if source == "repeat":
         problem.twin = _second_runs(model, problem, fit, repeats)
+        problem.wanders = [w for j in joints if (w := wandering(model, j, fit, repeats)) is not None]
     problem.law = [f for j in joints if (f := check_law(model, fit, hold, j)) is not None]
     problem.contradictions = [c for j in joints if (c := contradiction(model, fit, j)) is not None]
     return problem
@@ -228,6 +233,10 @@ def _fill_base(problem: Problem, sessions: list[Session]) -> None:
                 continue
             tops = [float(np.std(s.u[:, j])) for s in sessions if s.has_u[j]]
             deviation = max(0.003 * max(tops), 0.3 * problem.floor[j])
+        if parameter.name == "timing" and stamps_agree(
+            problem.ctx.model, problem.ctx.sessions, problem.ctx.model.index(parameter.place)
+        ):
+            deviation *= TIMING_KNOWN
         if parameter.name == "edge":
             j = problem.ctx.model.index(parameter.place)
             if j not in problem.joints:

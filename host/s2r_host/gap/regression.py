@@ -255,13 +255,29 @@ class Regression:
         p = self.problem
         x, B, y, _ = self.solve(chosen, self.noise_level(chosen))
         left = self.without_drift(y - B @ x, TEMPER, self.added_friction(chosen, x))
-        raw = self.unwhitened(left)
+        raw = self.unwhitened(self.within_doubt(left))
         slack = FLOOR_SLACK_AFTER if chosen else FLOOR_SLACK
         for block in p.blocks:
             for mask in (block.held, ~block.held):
                 if mask.any() and p.rms(raw, block, mask) > slack * p.floor[block.joint]:
                     return False
         return not self.comes_back(chosen)
+
+    def within_doubt(self, left: np.ndarray) -> np.ndarray:
+        """Leftover with the base parameters moved on held-out rows as far as the fitted rows leave them open.
+
+        A held-out motion that is much livelier than the fitted ones asks more of a mass than those could tell. What
+        the noise of the fitted rows leaves of the prior is the prior of the held-out rows.
+        """
+        p = self.problem
+        if not p.B.shape[1] or not p.held.any():
+            return left
+        fitted, held = p.B[~p.held], p.B[p.held]
+        open_still = fitted.T @ fitted / TEMPER + np.diag(1.0 / (p.prior * self.looseness) ** 2)
+        moved = np.linalg.solve(held.T @ held / TEMPER + open_still, held.T @ left[p.held] / TEMPER)
+        left = left.copy()
+        left[p.held] -= held @ moved
+        return left
 
     def quiet(self, chosen: list[Term]) -> set[int]:
         """Joints of an arm that the terms chosen bring to their noise floor, unless all of them are there."""
@@ -331,11 +347,12 @@ class Regression:
             return float(np.mean(v[mask] ** 2)) if mask.any() else float("nan")
 
         raw_left = self.unwhitened(left)
+        predicted = self.unwhitened(self.within_doubt(left))
         return Solution(
             chosen, slots, thetas, covariances, x[:nb], np.sqrt(np.maximum(np.diag(covariance)[:nb], 0.0)), noise,
             (mean2(y0, fit), mean2(left, fit)), (mean2(y0, held), mean2(left, held)),
             (mean2(p.raw, fit), mean2(raw_left, fit)), (mean2(p.raw, held), mean2(raw_left, held)),
-            raw_left, drift, self.unwhitened(raw_drifted), scans,
+            predicted, drift, self.unwhitened(raw_drifted), scans,
         )  # fmt: skip
 
     def unwhitened(self, left: np.ndarray) -> np.ndarray:

@@ -281,8 +281,11 @@ class Search(Regression):
     def _clear(self, best: Scored, slots: list[list[Scored]]) -> bool:
         """Evidence that is no small fraction of the first effect's cannot be the error of its equation.
 
-        Unless that effect is chaotic, which no equation follows closely.
+        Unless that effect is chaotic, which no equation follows closely, or the floor is a guess that holds what the
+        equations leave out.
         """
+        if self.problem.floor_source != "repeat":
+            return False
         if any(self.effects[s[0].term.effect].explained_least < 1.0 for s in slots if s):
             return False
         first = max((s.gain for s in slots[0]), default=0.0) if slots else 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import welch
 
 from s2r_host.gap.filters import zero_phase
+from s2r_host.gap.lost_rows import bridged
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.recording import Recording, resolution
 
@@ -83,6 +84,8 @@ def lowpass(x: np.ndarray, cut_hz: float, dt: float, order: int = 2, before_hz: 
 def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
     """Bring a recording to the work grid and evaluate the nominal model along it."""
     t, dt = _grid(rec)
+    full, doubt = bridged(model, rec)
+    rec = replace(rec, effort_doubt=doubt) if doubt else rec
     n, nv = len(t), len(model.joints)
     q, v, a, u = (np.zeros((n, nv)) for _ in range(4))
     q_raw = np.zeros((n, nv))
@@ -99,13 +102,13 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
         q_lsb[i] = resolution(rec.as_read.channels["q"][joint])
         effort = rec.get("tau", joint)
         if effort is not None:
-            u[:, i] = np.interp(t, rec.t, effort)
+            u[:, i] = np.interp(t, full.t, full.channels["tau"][joint])
             line = line_hz(effort, rec.dt) if rec.rows is None else 0.0
             cut[i] = max(cut[i], min(LINE_MARGIN * line, rec.band_hz, 0.4 / dt))
             motion_cut[i] = max(motion_cut[i], cut[i])
         least = LEAST_MOTION_CUT_HZ if cut[i] <= COMPARE_CUT_HZ else float(cut[i])
         (q[:, i], v[:, i], a[:, i]), motion_cut[i] = _quiet_motion(
-            rec, joint, t, dt, float(motion_cut[i]), least
+            full, joint, t, dt, float(motion_cut[i]), least
         )
         cut[i] = min(cut[i], motion_cut[i])
         v_eps[i] = _speed_noise(v[:, i], dt, float(motion_cut[i]))

@@ -11,6 +11,7 @@ from s2r_host.gap.session import Session
 FRICTION, DAMPING, GAIN, ALL = 0.0, 1.0, 2.0, 3.0
 WORD = {FRICTION: "friction", DAMPING: "damping", GAIN: "gain"}
 PER_KELVIN = (0.005, 0.015, 0.04, 0.08)
+LEAST_S, LEAST_SHARE = 0.5, 0.05  # shortest time constant: seconds, and share of the longest recording
 PER_WARMING = (0.1, 0.4, 1.0, 2.0)  # of the final warming, where no temperature is recorded
 
 
@@ -30,7 +31,9 @@ class ThermalDrift(Effect):
     contains = ("coulomb_friction", "viscous_friction")
 
     def blocked(self, ctx: Context, joint: int) -> str | None:
-        """Needs some length."""
+        """Needs some length, and the same places again when warmer."""
+        if ctx.turns(joint) < 2:
+            return "fewer than two reversals: warming and place cannot be told apart"
         longest = max(float(s.t[-1]) for s in ctx.sessions)
         return None if longest > 5.0 else f"the longest recording lasts {longest:.1f} s"
 
@@ -55,6 +58,11 @@ class ThermalDrift(Effect):
         if self._temperature(ctx, ctx.sessions[0], joint) is not None:
             return {"k": ("log", 0.3)}
         return {"T": ("log", 0.4), "k": ("log", 0.3)}
+
+    def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
+        """What follows the effort at once is no warming."""
+        longest = max(float(s.t[-1]) for s in ctx.sessions)
+        return {"T": (max(LEAST_S, LEAST_SHARE * longest), 10.0 * longest)}
 
     def _temperature(self, ctx: Context, s: Session, joint: int) -> np.ndarray | None:
         return s.channel("temp", ctx.model.joints[joint])
