@@ -39,6 +39,11 @@ from s2r_protocol.exits import UsageError
 @click.option("--page", type=click.Path(path_type=Path, dir_okay=False), help="Where to write the page.")
 @click.option("--page-only", is_flag=True, help="Run nothing; write the page from all results there are.")
 @click.option("--note", default="", help="A remark for the page, e.g. under which conditions it was run.")
+@click.option(
+    "--what-if",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Result of tests/bench/bench_left_out.py, for the page: what an effect could change at all.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def missing(
     cases: str,
@@ -52,6 +57,7 @@ def missing(
     page: Path | None,
     page_only: bool,
     note: str,
+    what_if: Path | None,
     as_json: bool,
 ) -> None:
     """Hide one effect in an object's joint, let the host learn it, and score its next manipulations.
@@ -63,6 +69,7 @@ def missing(
     from s2r_sim.missing.cases import HIDDEN
     from s2r_sim.missing.page import summaries, write_page
     from s2r_sim.missing.trial import ARMS, run_case
+    from s2r_sim.missing.what_if import read_what_if
 
     labels = list(HIDDEN) if cases == "all" else [label.strip() for label in cases.split(",")]
     for label in labels:
@@ -83,8 +90,11 @@ def missing(
     rows = sorted(rows, key=lambda row: (order.index(row["case"]), row["number"], row["arm"]))
     chosen = f" --cases '{cases}'" if cases != "all" else ""
     alone = " --no-control" if no_control else ""
-    command = f"s2r bench missing{chosen} --objects {objects} --first {first} --later {later}{alone} --out DIR"
-    write_page(rows, page or out / "physics-left-out.md", command, note)
+    command = (
+        f"s2r bench missing{chosen} --objects {objects} --first {first} --later {later}{alone} --out DIR"
+    )
+    shifts = read_what_if(what_if) if what_if is not None else []
+    write_page(rows, page or out / "physics-left-out.md", command, note, shifts)
     found = summaries(rows)
     if as_json:
         click.echo(json.dumps([one.as_json() for one in found], indent=1))

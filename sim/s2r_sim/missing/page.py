@@ -11,6 +11,7 @@ import numpy as np
 
 from s2r_sim.missing.cases import HIDDEN, LEARNING
 from s2r_sim.missing.score import Row, named, paired, relative
+from s2r_sim.missing.what_if import what_if
 
 PICTURE = "physics-left-out.png"
 COLOURS = ("#8a8a8a", "#e08e45", "#20639b")
@@ -97,7 +98,9 @@ def _said(answer: Row) -> str:
     return f"{verdict}: {', '.join(names)}" if names else verdict
 
 
-def write_page(rows: Sequence[Row], path: Path, command: str, note: str = "") -> None:
+def write_page(
+    rows: Sequence[Row], path: Path, command: str, note: str = "", shifts: Sequence[Row] = ()
+) -> None:
     """Write the page and, beside it, its picture.
 
     Args:
@@ -105,14 +108,17 @@ def write_page(rows: Sequence[Row], path: Path, command: str, note: str = "") ->
         path: Of the page.
         command: That wrote it.
         note: A remark for the reader.
+        shifts: What each effect could change at all, see :mod:`s2r_sim.missing.what_if`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     found = summaries(rows)
     draw(rows, found, path.parent / PICTURE)
-    path.write_text("\n".join(_lines(rows, found, command, note)) + "\n")
+    path.write_text("\n".join(_lines(rows, found, command, note, shifts)) + "\n")
 
 
-def _lines(rows: Sequence[Row], found: Sequence[Summary], command: str, note: str) -> list[str]:
+def _lines(
+    rows: Sequence[Row], found: Sequence[Summary], command: str, note: str, shifts: Sequence[Row]
+) -> list[str]:
     told = sum(one.right + one.wrong for one in found)
     return [
         "# Physics left out",
@@ -132,8 +138,9 @@ def _lines(rows: Sequence[Row], found: Sequence[Summary], command: str, note: st
         "Medians of |δ_r| from the sealed truth. The difference is paired, target by target, with a 90 % bootstrap"
         " interval; negative: learning helped.",
         "",
-        "| hidden | objects | first three targets | later, as it is | later, learnt | better by | paired difference |",
-        "|---|---|---|---|---|---|---|",
+        "| hidden | objects | first three targets | later, as it is | later, learnt | first ÷ learnt | as it is ÷ learnt |"
+        " paired difference |",
+        "|---|---|---|---|---|---|---|---|",
         *(_row(one) for one in found),
         *_all(rows),
         "",
@@ -150,6 +157,7 @@ def _lines(rows: Sequence[Row], found: Sequence[Summary], command: str, note: st
         "|---|---|---|---|---|---|",
         *(_said_row(one) for one in found),
         "",
+        *([*what_if(shifts), ""] if shifts else []),
         "## Every run",
         "",
         "| hidden | object | learnt | δ_r of its targets [%] | lost motion found | how it ended |",
@@ -186,11 +194,11 @@ def _cells(
     label: str, objects: int, first: float | None, plain: float | None, learnt: float | None,
     difference: tuple[float, float, float] | None,
 ) -> str:  # fmt: skip
-    ratio = "–" if not plain or not learnt else f"{plain / learnt:.1f} ×"
+    ratios = " | ".join("–" if not one or not learnt else f"{one / learnt:.1f} ×" for one in (first, plain))
     shown = (
         "–" if difference is None else "{:+.1f} % ({:+.1f} to {:+.1f})".format(*(100 * d for d in difference))
     )
-    return f"| {label} | {objects} | {_percent(first)} | {_percent(plain)} | {_percent(learnt)} | {ratio} | {shown} |"
+    return f"| {label} | {objects} | {_percent(first)} | {_percent(plain)} | {_percent(learnt)} | {ratios} | {shown} |"
 
 
 def _percent(value: float | None) -> str:
@@ -250,9 +258,8 @@ def draw(rows: Sequence[Row], found: Sequence[Summary], path: Path) -> None:
             spread = np.linspace(-0.08, 0.08, len(share)) if len(share) > 1 else np.zeros(len(share))
             axes.plot(x + spread, np.maximum(share, 0.05), ".", color=colour, alpha=0.6, ms=5)
             if len(share):
-                axes.hlines(
-                    np.median(share), x - 0.11, x + 0.11, color=colour, lw=3, label=label if k == 0 else ""
-                )
+                axes.hlines(np.median(share), x - 0.11, x + 0.11, color=colour, lw=3)
+        axes.plot([], [], color=colour, lw=3, label=label)
     axes.set_yscale("log")
     axes.set_ylim(0.05, 200)
     axes.set_yticks([0.1, 1, 10, 100], ["0.1 %", "1 %", "10 %", "100 %"])

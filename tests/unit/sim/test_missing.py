@@ -96,7 +96,7 @@ def test_summaries_hold_runs_that_came_to_nothing(tmp_path):
     assert (laptop.objects, laptop.learnt, laptop.right) == (0, None, 0)
     write_page(ROWS, tmp_path / "page.md", "the command")
     text = (tmp_path / "page.md").read_text()
-    assert "| drawer: stiction | 1 | 5.0 % | 5.0 % | 1.5 % | 3.3 × |" in text
+    assert "| drawer: stiction | 1 | 5.0 % | 5.0 % | 1.5 % | 3.3 × | 3.3 × |" in text
     assert "no / plan" in text
     assert (tmp_path / PICTURE).stat().st_size > 5000
 
