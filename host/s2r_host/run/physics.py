@@ -71,9 +71,13 @@ class JointLaw:
         )
 
     def resistance(self, s: float, ds: float) -> tuple[float, float]:
-        """(effort taken by what has no stock form, dry friction) at a joint value and speed [N or N·m]."""
+        """(effort taken by what the object file cannot hold, dry friction) at a joint value and speed [N or N·m].
+
+        The file's own gravity is part of it already: only what a found tilt or weight adds counts here.
+        """
         state = StepState(0.0, np.array([s]), np.array([ds]), np.zeros(1), np.zeros(1), np.zeros(1))
-        taken, dry = 0.0, float(self.model.dof_frictionloss[self._dof])
+        taken = _bias(self.model, s) - _bias(self.twin.rigid.model, s)
+        dry = float(self.model.dof_frictionloss[self._dof])
         for term in self.twin.live:
             runtime = catalogue()[term.effect].runtime(
                 self.twin.ctx, max(term.joint, 0), term.shape, term.theta, STEP_S
@@ -183,7 +187,7 @@ def before_target(session: Session, record: RunRecord) -> None:
             f"let go at {unit.show(target)}, the {session.settings.task.part} will move on by itself: it is pulled "
             f"with {pull:+.2f} against a dry friction of {dry:.2f}; it stays only where something holds it"
         )
-    held = 0.0 if slides else HELD * _gravity(Path(belief.growing), target)
+    held = 0.0 if slides else HELD * abs(_bias(mujoco.MjModel.from_xml_path(str(belief.growing)), target))
     folder = session.settings.out / f"physics-{len(record.attempts)}"
     files = {
         positive: _with_law(
@@ -285,14 +289,13 @@ def _with_law(source: Path, law: JointLaw, friction: float, path: Path) -> Path:
     return written
 
 
-def _gravity(mjcf: Path, s: float) -> float:
-    """Effort of gravity on the joint at a value [N or N·m], its size."""
-    model = mujoco.MjModel.from_xml_path(str(mjcf))
+def _bias(model: mujoco.MjModel, s: float) -> float:
+    """Effort that holds the joint against gravity at a value [N or N·m]."""
     data = mujoco.MjData(model)
     joint = model.joint(JOINT)
     data.qpos[joint.qposadr[0]] = s
     mujoco.mj_forward(model, data)
-    return abs(float(data.qfrc_bias[joint.dofadr[0]]))
+    return float(data.qfrc_bias[joint.dofadr[0]])
 
 
 def _told(lesson: PhysicsLesson, session: Session) -> str:

@@ -99,10 +99,22 @@ def test_the_law_is_written_as_stock_attributes(learnt, tmp_path):
 def test_a_spring_that_is_stronger_than_friction_is_told_from_one_that_is_not(learnt):
     spec = mujoco.MjSpec.from_file(str(learnt.model))
     spec.joint("object_joint").stiffness, spec.joint("object_joint").springref = [60.0, 0, 0], 0.0
-    sprung = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None))
+    rigid = SimpleNamespace(model=mujoco.MjModel.from_xml_path(str(learnt.model)))
+    sprung = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid))
     assert sprung.pull(0.05, slides=True) == (pytest.approx(-3.0), pytest.approx(4.0))
     pull, dry = sprung.pull(0.08, slides=True)
     assert abs(pull) > dry
+
+
+def test_a_tilt_that_was_found_pulls_and_brakes_one_way_more_than_the_other(learnt):
+    spec = mujoco.MjSpec.from_file(str(learnt.model))
+    spec.option.gravity = [-2.0, 0.0, -9.6]
+    rigid = SimpleNamespace(model=mujoco.MjModel.from_xml_path(str(learnt.model)))
+    tilted = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid))
+    weight = 2.0 * float(rigid.model.body("object_part").mass[0])
+    assert tilted.pull(0.0, slides=True)[0] == pytest.approx(-weight)
+    assert tilted.braking(0.0, True, slides=True) == pytest.approx(4.0 + weight)
+    assert tilted.braking(0.0, False, slides=True) == pytest.approx(4.0 - weight)
 
 
 def _done(foreseen, measured, s_target, stopped=False, corrected=False):
