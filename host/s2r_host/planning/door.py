@@ -5,10 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from s2r_host.planning.out_of_reach import arm_reach_m
 from s2r_host.planning.scene import GeomKind, Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest
 
 _STAY_S = 0.6  # how long an untouched part is watched
+_MOST_TURNS = 4.0  # of a hinge without limits; a plan of many legs makes about two
+_FROZEN = 1e6  # armature and damping of what shall not move
 
 
 def check_numbers(request: PlanRequest) -> None:
@@ -42,6 +45,7 @@ def check_target(request: PlanRequest, scene: Scene, tolerance: float) -> None:
             f"within the success band of {tolerance:g} {unit}: there is nothing to move"
         )
     if scene.s_range is None:
+        _refuse_absurd_way(request, scene)
         return
     low, high = scene.s_range
     for name, value, slack in (("s_initial", s_initial, tolerance), ("s_target", s_target, 0.0)):
@@ -50,6 +54,23 @@ def check_target(request: PlanRequest, scene: Scene, tolerance: float) -> None:
                 f"joint {request.joint!r}: {name} = {value:.4f} {unit} is beyond its range "
                 f"[{low:.4f}, {high:.4f}] {unit}{_in_degrees(scene, value)}"
             )
+
+
+def _refuse_absurd_way(request: PlanRequest, scene: Scene) -> None:
+    """Refuse ways of a joint without limits that no arm goes along with."""
+    way = abs(request.s_target - request.s_initial)
+    reach_m = arm_reach_m(scene)
+    if scene.prismatic and way > 2.0 * reach_m:
+        raise PlanRefusedError(
+            f"joint {request.joint!r}: s_target = {request.s_target:g} m is {way:g} m away, farther than the arm "
+            f"{scene.arm.name!r} gets from one side of its base to the other, {2.0 * reach_m:.2f} m"
+        )
+    turns = way / (2.0 * np.pi)
+    if not scene.prismatic and turns > _MOST_TURNS:
+        raise PlanRefusedError(
+            f"joint {request.joint!r}: s_target = {request.s_target:g} rad is {turns:.1f} turns away, more than the "
+            f"{_MOST_TURNS:g} that are planned; is it meant in degrees?"
+        )
 
 
 def _in_degrees(scene: Scene, value: float) -> str:
@@ -71,22 +92,30 @@ def check_stays(request: PlanRequest, scene: Scene, tolerance: float) -> None:
     A lid that is lighter in friction than gravity falls back as soon as the arm leaves it, so no target but a stop can
     be held. Watched in the fine model with an arm that touches nothing.
     """
-    if scene.bystanders:
-        return  # what else moves would be in other places by then
+    if is_coupled(scene):
+        return
     for name, s in (("s_initial", request.s_initial), ("s_target", request.s_target)):
         problem = drift(request, scene, tolerance, s)
         if problem is not None:
             raise PlanRefusedError(f"joint {request.joint!r} does not stay at {name} = {s:.4f}: {problem}")
 
 
+def is_coupled(scene: Scene) -> bool:
+    """Whether other things may move along with the joint: they would be in other places than one can tell."""
+    return bool(scene.fine.eq_active0.any() or scene.fine.tendon_limited.any())
+
+
 def drift(request: PlanRequest, scene: Scene, tolerance: float, s: float) -> str | None:
     """Why an untouched part leaves joint value s, or None."""
-    model = scene.without_robot()
+    model = _alone(scene)
     data = mujoco.MjData(model)
+    if request.others is not None:
+        data.qpos[scene.dof :] = request.others
     data.qpos[: scene.dof] = data.ctrl[: scene.dof] = np.asarray(request.q_initial, dtype=float)
     data.qpos[scene.s_qpos] = s
     mujoco.mj_forward(model, data)
-    load = float(data.qfrc_passive[scene.s_dof] - data.qfrc_bias[scene.s_dof])
+    motor = float(data.qfrc_actuator[scene.s_dof])
+    load = motor + float(data.qfrc_passive[scene.s_dof] - data.qfrc_bias[scene.s_dof])
     friction = float(model.dof_frictionloss[scene.s_dof])
     for _ in range(round(_STAY_S / model.opt.timestep)):
         mujoco.mj_step(model, data)
@@ -97,6 +126,8 @@ def drift(request: PlanRequest, scene: Scene, tolerance: float, s: float) -> str
         return None
     moves = f"untouched it moves by {moved:+.4f} {unit} in {_STAY_S:g} s"
     pushed = f"gravity and springs turn or push it with {abs(load):.2f} {force}"
+    if abs(motor) > 0.5 * abs(load):
+        pushed = f"the scene's own actuator, told 0, pushes it with {abs(motor):.2f} {force}"
     if abs(load) > friction:
         return f"{moves}, because {pushed} and its friction holds only {friction:.2f} {force}"
     overlap = _touches_its_surroundings(model, data, scene, s)
@@ -106,6 +137,19 @@ def drift(request: PlanRequest, scene: Scene, tolerance: float, s: float) -> str
         f"{moves}: {pushed}, and dry friction as soft as MuJoCo has it by default creeps below its {friction:.2f} "
         f'{force}; give the joint solreffriction="0.004 1" solimpfriction="0.99 0.999 0.0001"'
     )
+
+
+def _alone(scene: Scene) -> mujoco.MjModel:
+    """The fine model in which nothing but the task's joint moves, and nothing that could is in its way."""
+    model = scene.without_robot()
+    others = np.arange(model.nv) != scene.s_dof
+    others[: scene.dof] = False
+    model.dof_armature[others] = model.dof_damping[others] = _FROZEN
+    for geom in range(model.ngeom):
+        body = model.geom_bodyid[geom]
+        if scene.geom_kind[geom] == GeomKind.WORLD and model.body_weldid[body] != 0:
+            model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
+    return model
 
 
 def _touches_its_surroundings(

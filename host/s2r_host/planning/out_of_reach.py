@@ -26,7 +26,7 @@ def not_reached(scene: Scene, places: Places, failure: str) -> str:
     hand would have to come: a plain front can be pulled from behind or over its edges only.
     """
     nearest_m = float(np.linalg.norm(places.p, axis=1).min())
-    if nearest_m > _NEAR * _reach_m(scene):
+    if nearest_m > _NEAR * arm_reach_m(scene):
         near = f"nearest place {nearest_m:.2f} m from the base"
         return f"out of reach: the arm {scene.arm.name!r} {failure} ({near}); move the object"
     comes = places.R[:, :, 2]
@@ -59,7 +59,7 @@ def refuse_far(scene: Scene, world: FineWorld, name: str) -> None:
     Raises:
         OutOfReachError: The nearest point of the part is farther than the stretched arm.
     """
-    reach_m = _reach_m(scene)
+    reach_m = arm_reach_m(scene)
     geoms = part_geoms(scene)
     if not len(geoms):
         raise OutOfReachError(
@@ -73,7 +73,7 @@ def refuse_far(scene: Scene, world: FineWorld, name: str) -> None:
         )
 
 
-def _reach_m(scene: Scene) -> float:
+def arm_reach_m(scene: Scene) -> float:
     """Length of the stretched arm, an upper bound."""
     source = scene.arm.source
     offsets = [link.origin for link in (*source.joints, *source.mounts)] + [source.tool.origin]

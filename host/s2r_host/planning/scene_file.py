@@ -91,7 +91,8 @@ def read_scene(path: str | Path, joint: str, arm: ArmDescription) -> SceneFile:
         SceneFileError: Unreadable, no such joint, no place for the arm, or another arm than the described one.
     """
     spec = read_spec(path, joint)
-    if joint in arm.joint_names:
+    names = _names_in_scene(spec, arm, path)
+    if joint in names:
         raise SceneFileError(f"scene {path}: joint {joint!r} belongs to arm {arm.name!r}, not to an object")
     _without_looks(spec)
     _with_absolute_files(spec, Path(path))
@@ -104,16 +105,34 @@ def read_scene(path: str | Path, joint: str, arm: ArmDescription) -> SceneFile:
     mujoco.mj_forward(model, data)
     gravity_off = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
     gravity = np.zeros(3) if gravity_off else model.opt.gravity.copy()
-    present = [name for name in arm.joint_names if _id(model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0]
-    had_arm = len(present) == arm.dof
+    had_arm = bool(names)
     if had_arm:
-        X = _pose_of_included_arm(model, data, arm, path)
-        _take_out_arm(spec, model, arm, path, joint)
+        X = _pose_of_included_arm(model, data, arm, names, path)
+        _take_out_arm(spec, model, arm, names, path, joint)
     else:
         X = _pose_of_base(model, data, arm, path)
     moving = model.nv - (arm.dof if had_arm else 0)
     logger.info("scene %s: arm %s at %s", path, "replaced" if had_arm else "placed", np.round(X[:3, 3], 3))
     return SceneFile(spec, X, gravity, had_arm, moving > 1)
+
+
+def _names_in_scene(spec: mujoco.MjSpec, arm: ArmDescription, path: str | Path) -> tuple[str, ...]:
+    """What a scene calls the arm's joints: as the description does, or all with one prefix; empty without an arm.
+
+    Raises:
+        SceneFileError: The scene holds several of it.
+    """
+    joints = [joint.name for joint in spec.joints]
+    taken = set(joints)
+    first = arm.joint_names[0]
+    prefixes = [name.removesuffix(first) for name in joints if name.endswith(first)]
+    arms = [p for p in prefixes if taken.issuperset(p + name for name in arm.joint_names)]
+    if len(arms) > 1:
+        shown = ", ".join(repr(prefix) for prefix in arms)
+        raise SceneFileError(
+            f"scene {path}: it holds {len(arms)} arms {arm.name!r}, with the prefixes {shown}; keep one"
+        )
+    return tuple(arms[0] + name for name in arm.joint_names) if arms else ()
 
 
 def _name_part(spec: mujoco.MjSpec, joint: str) -> None:
@@ -190,7 +209,7 @@ def _pose_of_base(
 
 
 def _pose_of_included_arm(
-    model: mujoco.MjModel, data: mujoco.MjData, arm: ArmDescription, path: str | Path
+    model: mujoco.MjModel, data: mujoco.MjData, arm: ArmDescription, names: tuple[str, ...], path: str | Path
 ) -> np.ndarray:
     """Base pose that puts the described arm's joints where the scene's arm has them.
 
@@ -199,16 +218,17 @@ def _pose_of_included_arm(
     """
     described = mujoco.MjSpec.from_string(arm.mjcf).compile()
     own = mujoco.MjData(described)
-    for name in arm.joint_names:
-        own.qpos[described.joint(name).qposadr[0]] = data.qpos[model.joint(name).qposadr[0]]
+    pairs = tuple(zip(names, arm.joint_names, strict=True))
+    for there, here in pairs:
+        own.qpos[described.joint(here).qposadr[0]] = data.qpos[model.joint(there).qposadr[0]]
     mujoco.mj_kinematics(described, own)
     frames = [
-        (_frame(data, int(model.joint(name).bodyid[0])), _frame(own, int(described.joint(name).bodyid[0])))
-        for name in arm.joint_names
+        (_frame(data, int(model.joint(there).bodyid[0])), _frame(own, int(described.joint(here).bodyid[0])))
+        for there, here in pairs
     ]
     base = described.body(arm.source.base).id
     X = frames[0][0] @ np.linalg.inv(frames[0][1]) @ _frame(own, base)
-    for name, (there, here) in zip(arm.joint_names, frames, strict=True):
+    for name, (there, here) in zip(names, frames, strict=True):
         difference = np.linalg.inv(there) @ X @ np.linalg.inv(_frame(own, base)) @ here
         if np.abs(difference[:3, 3]).max() > 2e-3 or np.abs(difference[:3, :3] - np.eye(3)).max() > 1e-2:
             raise SceneFileError(
@@ -225,10 +245,16 @@ def _frame(data: mujoco.MjData, body: int) -> np.ndarray:
 
 
 def _take_out_arm(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, arm: ArmDescription, path: str | Path, joint: str
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    arm: ArmDescription,
+    names: tuple[str, ...],
+    path: str | Path,
+    joint: str,
 ) -> None:
     """Delete the bodies of the arm from its base on, with everything that refers to them."""
-    root, spec_body = int(model.joint(arm.joint_names[0]).bodyid[0]), spec.joint(arm.joint_names[0]).parent
+    root, spec_body = int(model.joint(names[0]).bodyid[0]), spec.joint(names[0]).parent
+    base = names[0].removesuffix(arm.joint_names[0]) + arm.source.base
     task = int(model.joint(joint).bodyid[0])
     if task in _subtree(model, root):
         raise SceneFileError(f"scene {path}: joint {joint!r} hangs on the arm itself")
@@ -238,7 +264,7 @@ def _take_out_arm(
         name = model.body(parent).name
         others = _subtree(model, parent) - _subtree(model, root) - {parent}
         fixed = parent != 0 and not others and model.body_jntnum[parent] == 0 and name != BASE_NAME
-        if not fixed or (model.body_geomnum[parent] and name != arm.source.base):
+        if not fixed or (model.body_geomnum[parent] and name != base):
             break
         root, spec_body = parent, spec_body.parent
     spec.delete(spec_body)

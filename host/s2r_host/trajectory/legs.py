@@ -9,12 +9,13 @@ fine model is then in. The legs are put together to one motion, and that is repl
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from s2r_host.errors import HostError
-from s2r_host.planning.door import drift
+from s2r_host.planning.door import drift, is_coupled
 from s2r_host.planning.out_of_reach import OutOfReachError
 from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import is_possible, scene_of, world_of
@@ -32,6 +33,7 @@ logger = logging.getLogger(__name__)
 
 _MOST_LEGS = 8
 _MOST_TRIED = 16  # legs planned until the search for a way is given up
+_CALMER_TRIED = 5  # legs planned in search of a calmer plan when a fragile one has been found
 _ATTEMPTS = 3  # seeds tried from one place
 _FAR_M, _FAR_RAD = 0.2, 0.8  # ways on which one place is soon given up
 _STAGES = 2
@@ -119,13 +121,10 @@ def plan_legs(
     logger.info("not from one place: %s", first)
     search = _Search(settings, scene, patience)
     slipped = not isinstance(first, OutOfReachError)
-    legs = search.onward(request, _MOST_LEGS, slipped=slipped)
-    problem = search.problem
-    if legs is not None:
-        try:
-            return _together(request, scene, legs, accept_fragile=accept_fragile)
-        except _NO_PLAN as error:
-            problem = str(error)
+    found = _calmest(search, request, slipped=slipped)
+    if found is not None and (accept_fragile or found.delivery.fragile is None):
+        return found
+    problem = search.problem if found is None else found.delivery.fragile
     if not slipped:
         raise _with_legs(first, problem) from first
     try:  # what a single place has not been asked yet: the expensive stages, or other seeds
@@ -148,40 +147,71 @@ def _with_legs(first: HostError, problem: str | None) -> HostError:
     return type(first)(f"{first}; nor in several legs: {problem}")
 
 
+def _calmest(search: _Search, request: PlanRequest, *, slipped: bool) -> LeggedPlan | None:
+    """The first plan of several legs that stands up to slightly different objects; else the first that holds."""
+    second_best: LeggedPlan | None = None
+    try:
+        for legs in search.onward(request, _MOST_LEGS, slipped=slipped):
+            try:
+                whole = _together(request, search.scene, legs)
+            except _NO_PLAN as error:
+                search.problem = str(error)
+                continue
+            if whole.delivery.fragile is None:
+                return whole
+            logger.info("%d legs: %s", len(legs), whole.delivery.fragile)
+            if whole.delivery.replay.contact_share > request.settings.contact_margin:
+                return second_best or whole  # with the believed object: other legs need the same force
+            if second_best is None:
+                second_best = whole
+                search.only_calm(_CALMER_TRIED)
+    except TimeIsUpError:
+        if second_best is None:
+            raise
+    return second_best
+
+
 class _Search:
     """Depth first: the longest first leg that something can follow."""
 
     def __init__(self, settings: TimeLawSettings | None, scene: Scene, patience: Patience) -> None:
-        self._settings, self._scene, self._patience = settings, scene, patience
-        self._tried = 0
+        self._settings, self.scene, self._patience = settings, scene, patience
+        self._left, self._fragile_too = _MOST_TRIED, True
         self.problem: str | None = None
 
-    def onward(self, request: PlanRequest, most: int, *, slipped: bool) -> list[Leg] | None:
-        """Legs from where a request begins to its target, at least two and at most ``most``, or None."""
+    def only_calm(self, count: int) -> None:
+        """Plan no more than so many further legs, and take none that is fragile."""
+        self._left, self._fragile_too = min(self._left, count), False
+
+    def onward(self, request: PlanRequest, most: int, *, slipped: bool) -> Iterator[list[Leg]]:
+        """Legs from where a request begins to its target, at least two and at most ``most``, one way after another."""
         self._patience.check(f"looking for a stop on the way, s = {request.s_initial:.3f}")
-        world = world_of(request, self._scene)
-        stops = stops_on_the_way(self._scene, world, request.s_target, request.settings, slipped=slipped)
+        world = world_of(request, self.scene)
+        stops = stops_on_the_way(self.scene, world, request.s_target, request.settings, slipped=slipped)
         logger.info("from s = %.3f: stops at %s", request.s_initial, np.round(stops, 3))
         for s_stop in stops:
             leg = self._leg(replace(request, s_target=s_stop, leave=True))
-            if leg is None or leg.left is None:
-                continue
-            rest = replace(request, q_initial=leg.left.q, s_initial=leg.left.s, others=leg.left.others)
-            if abs(request.s_target - rest.s_initial) > abs(request.s_target - request.s_initial):
-                continue
-            further = self._rest(rest, most - 1)
-            if further is not None:
-                return [leg, *further]
-        return None
+            if leg is not None:
+                yield from self._followed(leg, request, most)
+
+    def _followed(self, leg: Leg, request: PlanRequest, most: int) -> Iterator[list[Leg]]:
+        """A leg with what may come after it."""
+        if leg.left is None:
+            return
+        rest = replace(request, q_initial=leg.left.q, s_initial=leg.left.s, others=leg.left.others)
+        if abs(request.s_target - rest.s_initial) > abs(request.s_target - request.s_initial):
+            return
+        for further in self._rest(rest, most - 1):
+            yield [leg, *further]
 
     def _leg(self, request: PlanRequest) -> Leg | None:
         """A leg to a stop and the way out of it, or None."""
-        scene, s_stop = self._scene, request.s_target
+        scene, s_stop = self.scene, request.s_target
         tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
-        if abs(s_stop - request.s_initial) < _LEAST_BANDS * tolerance or self._tried >= _MOST_TRIED:
+        if abs(s_stop - request.s_initial) < _LEAST_BANDS * tolerance or self._left <= 0:
             return None
-        self._tried += 1
-        falls = None if scene.bystanders else drift(request, scene, tolerance, s_stop)
+        self._left -= 1
+        falls = None if is_coupled(scene) else drift(request, scene, tolerance, s_stop)
         if falls is not None:
             self.problem = f"the part does not stay on the way, at s = {s_stop:.4f}: {falls}"
             return None
@@ -196,15 +226,20 @@ class _Search:
             return None
         return Leg(request, result, delivery, left)
 
-    def _rest(self, request: PlanRequest, most: int) -> list[Leg] | None:
-        """The last leg, or several more, or None."""
+    def _rest(self, request: PlanRequest, most: int) -> Iterator[list[Leg]]:
+        """The last leg, or several more."""
         found = self._planned(request)
         if not isinstance(found, HostError):
-            return [Leg(request, *found)]
-        if most < 2:
+            yield [Leg(request, *found)]
+            if found[1].fragile is not None and self._left > 0:
+                self._left -= 1
+                again = self._planned(replace(request, seed=request.seed + SEED_STEP))
+                if not isinstance(again, HostError):
+                    yield [Leg(request, *again)]
+        elif most < 2:
             self.problem = f"more than {_MOST_LEGS} legs would be needed"
-            return None
-        return self.onward(request, most, slipped=not isinstance(found, OutOfReachError))
+        else:
+            yield from self.onward(request, most, slipped=not isinstance(found, OutOfReachError))
 
     def _planned(self, request: PlanRequest) -> tuple[PlanResult, Delivery] | HostError:
         """The plan of a leg, by the cascade's cheap stages, or why there is none."""
@@ -214,9 +249,9 @@ class _Search:
                 _quick(request),
                 self._settings,
                 1,
-                scene=self._scene,
+                scene=self.scene,
                 patience=self._patience,
-                accept_fragile=True,
+                accept_fragile=self._fragile_too,
             )
         except TimeIsUpError:
             raise
@@ -229,7 +264,7 @@ class _Search:
         self.problem = str(error)
 
 
-def _together(request: PlanRequest, scene: Scene, legs: list[Leg], *, accept_fragile: bool) -> LeggedPlan:
+def _together(request: PlanRequest, scene: Scene, legs: list[Leg]) -> LeggedPlan:
     """The legs as one motion, replayed from the start."""
     pause_s = request.settings.hold_s
     placed: list[Leg] = []
@@ -253,8 +288,6 @@ def _together(request: PlanRequest, scene: Scene, legs: list[Leg], *, accept_fra
     delivery = Delivery(whole, played, sum(leg.delivery.corrections for leg in legs), last.followed, speed)
     beliefs = perturbed(request.settings.doubt, scene.axis_at_rest())
     fragile = fragility(delivery, request, scene, beliefs)
-    if fragile is not None and not accept_fragile:
-        raise PlanRefusedError(fragile)
     return LeggedPlan(tuple(placed), replace(delivery, fragile=fragile))
 
 

@@ -104,7 +104,8 @@ def test_things_of_the_scene_still_rest_on_each_other(scene_file):
     assert scene.bystanders
 
 
-def test_an_arm_in_the_scene_is_replaced_where_it_stands(scene_file, tmp_path):
+@pytest.mark.parametrize("prefix", ["", "robot/"])
+def test_an_arm_in_the_scene_is_replaced_where_it_stands(scene_file, tmp_path, prefix):
     spec = mujoco.MjSpec.from_file(str(scene_file()))
     for key in list(spec.keys):
         spec.delete(key)
@@ -113,7 +114,7 @@ def test_an_arm_in_the_scene_is_replaced_where_it_stands(scene_file, tmp_path):
     arm = mujoco.MjSpec.from_string(ARM.mjcf)
     for key in list(arm.keys):
         arm.delete(key)
-    spec.attach(arm, prefix="", frame=spec.worldbody.add_frame(pos=[0.6, 0.5, 0.7], euler=[0, 0, 90]))
+    spec.attach(arm, prefix=prefix, frame=spec.worldbody.add_frame(pos=[0.6, 0.5, 0.7], euler=[0, 0, 90]))
     spec.compile()
     path = tmp_path / "with_arm.xml"
     path.write_text(spec.to_xml())
@@ -121,6 +122,14 @@ def test_an_arm_in_the_scene_is_replaced_where_it_stands(scene_file, tmp_path):
     assert scene.fine.nq == ARM.dof + 1
     world = FineWorld(scene, ARM.q_home, 0.0)
     assert world.data.xpos[scene.fine.body("object/column").id] == pytest.approx([0.62, 0.0, 0.0], abs=1e-6)
+    with pytest.raises(SceneFileError, match=f"joint '{prefix}joint3' belongs to arm 'xmate3pro'"):
+        scene_of(path, f"{prefix}joint3")
+
+
+def test_a_joint_of_the_object_may_be_called_as_one_of_the_arm(scene_file):
+    scene = scene_of(scene_file(text=SCENE.replace('name="tap"', 'name="joint3"')), "joint3")
+    assert scene.joint_name == "object/joint3"
+    assert scene.fine.nq == ARM.dof + 1
 
 
 def test_visual_geoms_are_not_solid(scene_file):
@@ -222,6 +231,31 @@ def test_a_part_inside_its_own_scene_is_refused_with_what_it_overlaps(scene_file
     assert code == 4
     assert "overlaps by" in text
     assert "wing" in text
+
+
+@pytest.mark.parametrize(
+    ("kind", "target", "text"),
+    [
+        ("hinge", "360", "57.3 turns away, more than the 4 that are planned; is it meant in degrees?"),
+        ("slide", "50", "50 m away, farther than the arm 'xmate3pro' gets"),
+    ],
+)
+def test_ways_that_no_arm_goes_along_with_are_refused_without_a_search(scene_file, kind, target, text):
+    lever = SCENE.replace('range="-80 80"', f'type="{kind}"')
+    code, sentence, _ = refused(scene_file(text=lever), "tap", target)
+    assert code == 4
+    assert text in sentence
+
+
+def test_a_joint_that_a_servo_of_the_scene_holds_is_refused_with_that_reason(scene_file):
+    cup = '<body name="cup" pos="1.3 .5 .76"><freejoint/><geom type="box" size=".03 .03 .05"/></body>'
+    text = SCENE.replace('<key qpos="0.5"/>', "").replace(
+        "<keyframe>", '<actuator><position joint="tap" kp="50"/></actuator><keyframe>'
+    )
+    code, sentence, _ = refused(scene_file(text=text, more=cup), "tap", "0.5")
+    assert code == 4
+    assert "does not stay at s_target = 0.5000" in sentence
+    assert "the scene's own actuator, told 0, pushes it with 25.00 N·m" in sentence
 
 
 def test_a_range_in_degrees_that_was_meant_as_radians_is_named(scene_file):

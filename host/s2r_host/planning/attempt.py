@@ -1,0 +1,317 @@
+"""One stage of the cascade: from the start pose to a held target, or to the reason why it is not reached."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from s2r_host.planning.execution import FineWorld, Report
+from s2r_host.planning.hook import Hook
+from s2r_host.planning.lookahead import Lookahead
+from s2r_host.planning.patience import Patience
+from s2r_host.planning.proposals import Route
+from s2r_host.planning.rewards import Task
+from s2r_host.planning.rollouts import ramp
+from s2r_host.planning.sampler import SamplerFactory
+from s2r_host.planning.scene import Scene
+from s2r_host.planning.settings import PlanSettings, Stage
+from s2r_host.planning.task import PlanResult, StepTrace
+
+_STILL_STEPS, _STILL_M = 15, 5e-4  # control steps without motion after which an attempt is given up
+# The same without progress: neither the part nearer to its target nor the fingertip to its place, by so much.
+_IDLE_STEPS, _IDLE_M, _IDLE_BANDS = 25, 0.002, 2.0
+_NEAR_BANDS = 5.0  # success bands around the target within which landing takes its time
+_SLOW_LEAD_IN = 0.4  # of the full speed, where the arm lags into something on its way to the part
+_BACK_STEPS = 3  # how far the first step back goes; the second goes twice as far, and so on
+_USUAL_WAY_RAD = 1.5  # of the arm with the part; a longer one is granted more control steps
+_LANDING_STEPS = 9  # shares of the last action tried until the hold ends on target
+
+
+@dataclass
+class Attempt:
+    """One stage of the cascade, from the start pose to the held target or to a reason for failing."""
+
+    scene: Scene
+    stage: Stage
+    index: int
+    settings: PlanSettings
+    task: Task
+    hook: Hook
+    world: FineWorld
+    seed: int
+    patience: Patience
+    make_sampler: SamplerFactory
+    targets: list[np.ndarray] = field(default_factory=list)
+    trace: list[StepTrace] = field(default_factory=list)
+    env_steps: int = 0
+    reason: str | None = "not run"
+    played: Report = field(default_factory=Report)
+    path: list[tuple[np.ndarray, float]] = field(default_factory=list)
+    touch_step: int | None = None
+    steps_done: int = 0
+    arrived: bool = True  # the fingertip came to its place
+    _rest: float | None = None  # s_target - s after holding the target in force, where that has been tried
+
+    def run(self) -> None:
+        """Plan and execute until the target is held, or give up."""
+        initial = self.world.save()
+        try:
+            self.reason = self._search()
+            if self.reason is None:
+                self.world.restore(initial)
+                self.reason = self._replay()
+        finally:
+            self.world.restore(initial)
+
+    def _search(self) -> str | None:
+        settings = self.settings
+        target = self.world.q
+        self.targets = [target]
+        states = [self.world.save()]
+        if settings.lead_in:
+            problem = self._lead_in(states)
+            if problem is not None:
+                self.arrived = False
+                return problem
+            target = self.targets[-1]
+        ahead = Lookahead(
+            self.scene, self.stage, settings, self.task, self.hook, self.targets[0], (self.seed, self.index),
+            self.make_sampler,
+        )  # fmt: skip
+        first, backtracks = len(states), 0
+        for step in range(self._most_steps()):
+            self.patience.step(f"attempt {self.index + 1}, step {step}, s = {self.world.s:.4f}")
+            ranked, values = ahead.ranked(self.world.data, target)
+            self.env_steps = ahead.env_steps
+            goals = ahead.targets(target, ranked[:, :1])[:, 1]
+            goal, rank, report = self._execute(target, goals, states[-1])
+            self._note(step, float(values[rank]), rank, report)
+            if report.contact is not None or report.press_N > settings.press_max_N:
+                backtracks += 1
+                if backtracks > settings.backtracks:
+                    return _harm(report)
+                keep = max(first, len(states) - _BACK_STEPS * backtracks)
+                del states[keep:], self.targets[keep:]
+                self.world.restore(states[-1])
+                target = self.targets[-1]
+                self._rest = None
+                ahead.sampler.forget()
+                continue
+            landed = self._land(states[-1], target, goal)
+            if landed is not None:
+                self.targets.append(landed)
+                return None
+            target = goal
+            self.targets.append(goal)
+            states.append(self.world.save())
+            ahead.sampler.advance()
+            if self._is_stuck():
+                return f"no progress any more after {step + 1} control steps: s = {self.world.s:.4f}"
+        unit = "m" if self.scene.prismatic else "rad"
+        return (
+            f"the target was not reached in {self._most_steps()} control steps: s = {self.world.s:.4f} {unit}, "
+            f"target {self.task.s_target:.4f} {unit}, fingertip {self.trace[-1].distance_m:.3f} m from its place"
+        )
+
+    def _most_steps(self) -> int:
+        """Control steps after which to give up; more where the arm has a long way to go with the part."""
+        if not self.settings.lead_in:
+            return self.settings.max_steps
+        way_rad = np.abs(np.diff(self.hook.whole_route[self.hook.touch_row :], axis=0)).max(axis=1).sum()
+        return int(np.ceil(self.settings.max_steps * max(1.0, way_rad / _USUAL_WAY_RAD)))
+
+    def _is_stuck(self) -> bool:
+        """Neither part nor fingertip got anywhere lately: the sampler finds nothing better than to stay or fumble."""
+        lately = self.trace[-_STILL_STEPS:]
+        ways = np.ptp([(entry.s, entry.distance_m) for entry in lately], axis=0)
+        if len(lately) == _STILL_STEPS and ways[0] < 0.1 * self.task.tolerance and ways[1] < _STILL_M:
+            return True
+        if not self.settings.lead_in:
+            return False  # free space without a way takes detours
+        left = np.array([(abs(self.task.s_target - entry.s), entry.distance_m) for entry in self.trace])
+        if len(left) <= _IDLE_STEPS or left[-1, 0] < _NEAR_BANDS * self.task.tolerance:
+            return False
+        gained = left[:-_IDLE_STEPS].min(axis=0) - left[-_IDLE_STEPS:].min(axis=0)
+        return bool(gained[0] < _IDLE_BANDS * self.task.tolerance and gained[1] < _IDLE_M)
+
+    def _lead_in(self, states: list[np.ndarray]) -> str | None:
+        """Go through free space to the place behind the part, or say what is in the way.
+
+        The sampler is for contact. Through free space it finds its way too, more slowly and not everywhere.
+        """
+        waypoints = np.concatenate([self.targets[:1], self.hook.whole_route[: self.hook.touch_row]])
+        begin, report = states[0], Report()
+        for share in (1.0, _SLOW_LEAD_IN):
+            del self.targets[1:], states[1:]
+            self.world.restore(begin)
+            report = self._go(waypoints, share * self.settings.action_max_rad, states)
+            if report.contact is None:
+                return None
+        return f"on the way to the part it {_harm(report)}"
+
+    def _go(self, waypoints: np.ndarray, action_rad: float, states: list[np.ndarray]) -> Report:
+        """Follow a polyline (n, dof) [rad] with changes of the joint targets of a given size, up to a contact."""
+        report = Report()
+        for goal in Route(waypoints, action_rad).points[1:]:
+            report = self._play(self.targets[-1], goal)
+            self.targets.append(goal)
+            states.append(self.world.save())
+            if report.contact is not None:
+                break
+        return report
+
+    def _execute(
+        self, target: np.ndarray, goals: np.ndarray, before: np.ndarray
+    ) -> tuple[np.ndarray, int, Report]:
+        """Execute the best-ranked action that the fine model finds harmless; if none is, the least harmful one.
+
+        A contact is worse than pressing, and pressing than a saturated motor, which the timed motion, slower than the
+        plan, may not have.
+        """
+        tried: list[tuple[tuple[bool, bool, bool], int, np.ndarray]] = []
+        for rank, goal in enumerate(goals[: self.settings.retries]):
+            report = self._play(target, goal)
+            harm = (
+                report.contact is not None,
+                report.press_N > self.settings.press_max_N,
+                report.torque_share > self.settings.torque_margin,
+            )
+            if not any(harm):
+                return goal, rank, report
+            tried.append((harm, rank, goal))
+            self.world.restore(before)
+        _, rank, goal = min(tried, key=lambda entry: entry[:2])
+        return goal, rank, self._play(target, goal)
+
+    def _play(self, start: np.ndarray, goal: np.ndarray) -> Report:
+        substeps = round(self.settings.control_dt_s / self.settings.fine_timestep_s)
+        return self.world.play(ramp(np.stack([start, goal])[None], substeps)[0])
+
+    def _land(self, before: np.ndarray, target: np.ndarray, goal: np.ndarray) -> np.ndarray | None:
+        """The share of the action just executed after which standing still ends on target, as a joint target.
+
+        Leaves the world after the whole action when there is none.
+        """
+        after = self.world.save()
+        if self._missing() > 0.25 * abs(self.task.s_target - self.task.s_initial) + 5.0 * self.task.tolerance:
+            self._rest = None
+            return None
+        low = self._held(before, target, target) if self._rest is None else self._rest
+        high = self._rest = self._held(before, target, goal)
+        landed: np.ndarray | None = None
+        if min(abs(low), abs(high)) < 0.8 * self.task.tolerance:
+            landed = goal if abs(high) < abs(low) else target
+        elif low * high <= 0.0:
+            landed = self._between(before, target, goal, low, high)
+        self.world.restore(after)
+        return landed
+
+    def _between(
+        self, before: np.ndarray, target: np.ndarray, goal: np.ndarray, low: float, high: float
+    ) -> np.ndarray | None:
+        """The joint target between two, after which the rests ``low`` and ``high`` have other signs, that lands.
+
+        Regula falsi with the Illinois rule: an end that stays put counts half. Halving where a rest is infinite.
+        """
+        near, far = 0.0, 1.0
+        for _ in range(_LANDING_STEPS):
+            finite = np.isfinite(low) and np.isfinite(high)
+            middle = near + (far - near) * (low / (low - high) if finite else 0.5)
+            candidate = target + middle * (goal - target)
+            missing = self._held(before, target, candidate)
+            if abs(missing) < 0.5 * self.task.tolerance:
+                return candidate
+            if missing * low > 0.0:
+                near, low, high = middle, missing, 0.5 * high
+            else:
+                far, high, low = middle, missing, 0.5 * low
+        return None
+
+    def _missing(self) -> float:
+        return abs(self.task.s_target - self.world.s)
+
+    def _held(self, before: np.ndarray, target: np.ndarray, goal: np.ndarray) -> float:
+        """Signed rest ``s_target - s`` after going to ``goal`` and holding it; infinite if that touches anything."""
+        self.world.restore(before)
+        report = self._play(target, goal).merged(self._hold(goal))
+        return np.inf if report.contact is not None else self.task.s_target - self.world.s
+
+    def _hold(self, goal: np.ndarray) -> Report:
+        substeps = round(self.settings.hold_s / self.settings.fine_timestep_s)
+        return self.world.play(np.broadcast_to(goal, (substeps, len(goal))))
+
+    def _replay(self) -> str | None:
+        """Play the whole plan again from the start and check what the delivery promises."""
+        self.played, self.path, self.touch_step = Report(), [(self.world.q, self.world.s)], None
+        hold_steps = round(self.settings.hold_s / self.settings.control_dt_s)
+        self.targets += [self.targets[-1]] * hold_steps
+        for step, (start, goal) in enumerate(zip(self.targets[:-1], self.targets[1:], strict=True)):
+            report = self._play(start, goal)
+            self.played = self.played.merged(report)
+            self.path.append((self.world.q, self.world.s))
+            if report.touched and self.touch_step is None:
+                self.touch_step = step + 1
+        if self.played.contact is not None or self.played.press_N > self.settings.press_max_N:
+            return _harm(self.played)
+        late = [abs(self.task.s_target - s) for _, s in self.path[-(hold_steps // 2) :]]
+        # A lid on a soft friction creeps a little: it may pass the target during the hold, not leave it.
+        if max(late) >= 2.0 * self.task.tolerance or late[-1] >= self.task.tolerance:
+            return f"the target is not held: s = {self.world.s:.4f} at the end of the hold"
+        return None
+
+    def _note(self, step: int, predicted: float, rank: int, report: Report) -> None:
+        data, body = self.world.data, self.scene.part_body
+        tip = data.site_xpos[self.scene.tool_site] - data.xpos[body]
+        distance_m = float(self.hook.distance(data.xmat[body].reshape(3, 3).T @ tip))
+        self.steps_done = step + 1
+        self.trace.append(
+            StepTrace(
+                self.index,
+                step,
+                self.world.s,
+                distance_m,
+                predicted,
+                rank,
+                report.torque_share,
+                report.contact,
+            )
+        )
+
+    def result(self, attempts: list[Attempt]) -> PlanResult:
+        """This attempt as the answer, with the costs of all of them."""
+        path = self.path or [(self.targets[0], self.task.s_initial)]
+        s = np.array([value for _, value in path])
+        hold_steps = round(self.settings.hold_s / self.settings.control_dt_s)
+        return PlanResult(
+            success=self.reason is None,
+            q_cmd=np.array(self.targets),
+            q_meas=np.array([q for q, _ in path]),
+            s=s,
+            control_dt_s=self.settings.control_dt_s,
+            s_initial=self.task.s_initial,
+            s_target=self.task.s_target,
+            final=float(s[-1]),
+            error=self.task.s_target - float(s[-1]),
+            reason=self.reason or "held on target",
+            touch_step=self.touch_step,
+            hold_step=max(len(self.targets) - 1 - hold_steps, 0),
+            stage=self.index,
+            control_steps=sum(a.steps_done for a in attempts),
+            env_steps=sum(a.env_steps for a in attempts),
+            cpu_s=0.0,
+            wall_s=0.0,
+            places_cpu_s=0.0,
+            torque_share=self.played.torque_share,
+            hook=self.hook,
+            p_part=self.hook.p_part,
+            route=self.hook.whole_route,
+            route_touch=self.hook.touch_row,
+            trace=tuple(entry for a in attempts for entry in a.trace),
+        )
+
+
+def _harm(report: Report) -> str:
+    if report.contact is not None:
+        return f"touches something unexpected: {report.contact}"
+    return f"presses on the part with {report.press_N:.0f} N across its motion"
