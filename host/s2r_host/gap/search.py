@@ -314,7 +314,15 @@ class Search(Regression):
             if tighter < 0.8 * noise:
                 noise = tighter
                 scored, _ = self.scan(chosen, noise)
-        return scored, noise
+        return self._refuted_last(scored), noise
+
+    @staticmethod
+    def _refuted_last(scored: list[Scored]) -> list[Scored]:
+        """What predicts the held-out effort worse than nothing is no explanation, however well it fits."""
+        for s in scored:
+            if s.holdout_gain < NO_LOSS:
+                s.score, s.gain = s.score - max(s.gain, 0.0), min(s.gain, 0.0)
+        return sorted(scored, key=lambda s: -s.score)
 
     def _replace(
         self, chosen: list[Term], slots: list[list[Scored]]
