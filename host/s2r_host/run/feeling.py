@@ -20,6 +20,7 @@ from s2r_host.run.belief import JOINT, Belief, holding_friction
 from s2r_host.run.object_file import with_numbers
 from s2r_host.run.session import Executed
 
+SESSION = "run"  # its motions follow within minutes: friction has no reason to change from one to the next
 SEARCH_M, SEARCH_RAD = 0.2, 0.8  # beyond what a part was moved it is not looked for
 
 
@@ -87,7 +88,7 @@ class Feeling:
             return []
         for label, push in self._pushes.items():
             felt = touches(own, self.arm, push.samples, push.part, push.s_to, push.most)
-            write_log(felt, JOINT, self.folder, label.replace(" ", "-"), label)
+            write_log(felt, JOINT, self.folder, label.replace(" ", "-"), SESSION)
             self.by_motion[label] = felt
         return self.by_motion[pushed.label]
 
