@@ -19,6 +19,7 @@ from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.hand_probe import HandProbe
 from s2r_host.planning.hook import Hook
 from s2r_host.planning.out_of_reach import OutOfReachError, hull_hint, not_reached, refuse_far
+from s2r_host.planning.patience import Patience
 from s2r_host.planning.places import Places, find_places, part_box, tightness
 from s2r_host.planning.postures import Postures, far_seeds, near_seeds
 from s2r_host.planning.scene import Scene
@@ -44,6 +45,7 @@ def find_hooks(
     settings: PlanSettings,
     *,
     leave: bool = False,
+    patience: Patience | None = None,
 ) -> list[Hook]:
     """Places for the fingertip to move the part from its present state to ``s_target``, best first, at least one.
 
@@ -51,7 +53,9 @@ def find_hooks(
 
     Raises:
         OutOfReachError: There is no free place behind the part, or the arm reaches none of them.
+        TimeIsUpError: The time limit has passed.
     """
+    patience = patience or Patience()
     name = Path(object_mjcf).name
     refuse_far(scene, world, name)
     probe = HandProbe(scene, world.data, settings.threads)
@@ -64,12 +68,14 @@ def find_hooks(
     for points, oblique, listed in _SEARCHES:
         if oblique and ways:
             break
+        patience.check(f"looking for places for the fingertip at {points} points")
         places = find_places(scene, world.data, probe, sign, points, oblique=oblique, room_m=settings.room_m)
         if not len(places):
             continue
         solver = Postures(scene, world, places, s_target, settings, leave=leave)
         order = ranked_places(scene, world, places, settings.room_m, listed)
         hooks = _cheapest(scene, world, solver, places, order)
+        patience.check(f"looking for a free way to {len(hooks)} postures")
         ways = solver.with_approach(_apart(hooks), settings.hooks) or ways
         if len(ways) >= settings.hooks and all(
             np.linalg.norm(way.push_part) >= _ROOMY * settings.room_m for way in ways

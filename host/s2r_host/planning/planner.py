@@ -72,9 +72,10 @@ def plan_manipulation(
     tolerance = settings.tolerance_m if scene.prismatic else settings.tolerance_rad
     world = world_of(request, scene)
     _check_possible(request, scene, world, tolerance)
-    patience.check("looking for places for the fingertip")
     before_places = time.process_time()
-    hooks = find_hooks(scene, world, request.object_mjcf, request.s_target, settings, leave=request.leave)
+    hooks = find_hooks(
+        scene, world, request.object_mjcf, request.s_target, settings, leave=request.leave, patience=patience
+    )
     places_cpu_s = time.process_time() - before_places
     task = Task(request.s_initial, request.s_target, tolerance, scene.prismatic)
     attempts: list[Attempt] = []

@@ -7,6 +7,7 @@ import numpy as np
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.hand_probe import HandProbe
 from s2r_host.planning.hooking import ranked_places
+from s2r_host.planning.patience import Patience
 from s2r_host.planning.places import find_places
 from s2r_host.planning.postures import Postures, far_seeds, near_seeds
 from s2r_host.planning.scene import Scene
@@ -21,7 +22,13 @@ _TRUSTED = 0.6  # of the way, where a plan all the way has failed though the arm
 
 
 def stops_on_the_way(
-    scene: Scene, world: FineWorld, s_target: float, settings: PlanSettings, *, slipped: bool = False
+    scene: Scene,
+    world: FineWorld,
+    s_target: float,
+    settings: PlanSettings,
+    *,
+    slipped: bool = False,
+    patience: Patience | None = None,
 ) -> list[float]:
     """States between the present one and the target that one place could carry the part to and leave it at.
 
@@ -29,7 +36,7 @@ def stops_on_the_way(
     the part stays there and a plan holds is for others to find out. ``slipped``: a plan all the way has failed though
     the arm could go along; then no stop near the target is worth trying.
     """
-    states, counts = _carried(scene, world, s_target, settings)
+    states, counts = _carried(scene, world, s_target, settings, patience or Patience())
     if slipped:
         counts[round(_TRUSTED * len(counts)) :] = 0
     if not counts.any():
@@ -47,7 +54,7 @@ def _nearest(counts: np.ndarray, row: float) -> int:
 
 
 def _carried(
-    scene: Scene, world: FineWorld, s_target: float, settings: PlanSettings
+    scene: Scene, world: FineWorld, s_target: float, settings: PlanSettings, patience: Patience
 ) -> tuple[np.ndarray, np.ndarray]:
     """States on the way, the target left out, (n,), and how many postures at places get each of them there, (n,)."""
     way = s_target - world.s
@@ -57,6 +64,7 @@ def _carried(
     probe = HandProbe(scene, world.data, settings.threads)
     counts = np.zeros(len(states), dtype=int)
     for points, oblique, listed in _SEARCHES:
+        patience.check(f"looking for places to go on from, s = {world.s:.3f}")
         places = find_places(scene, world.data, probe, float(np.sign(way)), points, oblique=oblique)
         if len(places):
             postures = Postures(scene, world, places, s_target, settings)

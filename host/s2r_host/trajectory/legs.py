@@ -185,9 +185,10 @@ class _Search:
 
     def onward(self, request: PlanRequest, most: int, *, slipped: bool) -> Iterator[list[Leg]]:
         """Legs from where a request begins to its target, at least two and at most ``most``, one way after another."""
-        self._patience.check(f"looking for a stop on the way, s = {request.s_initial:.3f}")
         world = world_of(request, self.scene)
-        stops = stops_on_the_way(self.scene, world, request.s_target, request.settings, slipped=slipped)
+        stops = stops_on_the_way(
+            self.scene, world, request.s_target, request.settings, slipped=slipped, patience=self._patience
+        )
         logger.info("from s = %.3f: stops at %s", request.s_initial, np.round(stops, 3))
         for s_stop in stops:
             leg = self._leg(replace(request, s_target=s_stop, leave=True))
