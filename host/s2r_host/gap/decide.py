@@ -232,6 +232,8 @@ def _common_share(level: np.ndarray, change: np.ndarray, covariance: np.ndarray)
 def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
     decision = Decision("nothing_missing", solution)
     for i, term in enumerate(solution.terms):
+        if len(solution.theta[i]) and not np.any(solution.theta[i]):
+            continue  # its sign came out wrong: it has no size
         slot = solution.slots[i] if i < len(solution.slots) else []
         named = named_effect(problem, search, solution, i, slot)
         if term.effect.startswith(PREFIX) or is_parameter(problem, term, solution.theta[i], slot):

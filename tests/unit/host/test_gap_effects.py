@@ -1,5 +1,7 @@
 """Every effect of the catalogue: its regressor recovers its own strength, and its simulator form agrees."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -165,3 +167,23 @@ def test_two_seeds_of_one_effect_are_distinguishable(ctx):
     effect = catalogue()["cogging"]
     orders = [shape["order"] for shape in effect.shapes(ctx, 0)]
     assert min(abs(o - 23.0) for o in orders) < 1.0
+
+
+def test_an_effort_scale_beyond_what_a_gear_is_off_by_is_refused(ctx):
+    scale = catalogue()["effort_scale"]
+    assert scale.size_prior(ctx, 0, {}, np.array([0.3])) == 0.0
+    for theta in (-0.9, 1.5):
+        assert scale.size_prior(ctx, 0, {}, np.array([theta])) < -100.0
+
+
+def test_a_single_stroke_cannot_show_warming(ctx):
+    """Along one stroke warming and place are the same thing."""
+    thermal, s = catalogue()["thermal_drift"], ctx.sessions[0]
+    assert thermal.blocked(ctx, 0) is None
+    one_way = replace(s, v=np.abs(s.v) + 1.0)
+    assert "reversals" in thermal.blocked(Context(ctx.model, [one_way]), 0)
+
+
+def test_what_follows_the_effort_at_once_is_no_warming(ctx):
+    low, _ = catalogue()["thermal_drift"].bounds(ctx, 0)["T"]
+    assert low >= 0.4

@@ -16,7 +16,7 @@ from s2r_host.gap.rig import write_model
 from s2r_host.gap.search import Search
 from s2r_host.gap.seeds import fill_residuals
 from s2r_host.gap.session import make_session
-from s2r_host.gap.solution import Term
+from s2r_host.gap.solution import Scored, Term
 
 DT, FRICTION, DAMPING = 0.004, 0.3, 0.2
 NOISE = 0.02
@@ -124,3 +124,12 @@ def test_a_small_delay_is_named_although_other_numbers_could_make_up_for_it(mode
     said = decide(problem, search)
     assert said.verdict == "physics_missing"
     assert said.effects[0].name in ("actuator_delay", "bandwidth", "clock_skew")
+
+
+def test_what_predicts_worse_than_nothing_comes_last_and_gains_nothing():
+    fits_only = Scored(Term("actuator_delay", 0), 50.0, 160.0, -0.7, np.zeros(0))
+    predicts = Scored(Term("stribeck", 0), 40.0, 150.0, 0.45, np.zeros(0))
+    first, last = Search._refuted_last([fits_only, predicts])
+    assert first is predicts
+    assert last.gain == 0.0
+    assert first.gain == 150.0
