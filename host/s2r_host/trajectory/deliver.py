@@ -65,6 +65,7 @@ def plan_trajectory(
     patience: Patience | None = None,
     accept_fragile: bool = False,
     only_fragile: bool = False,
+    only_found: bool = False,
 ) -> tuple[PlanResult, Delivery]:
     """Plan and deliver; a plan that cannot be delivered is planned again with another seed.
 
@@ -77,6 +78,7 @@ def plan_trajectory(
         accept_fragile: When no attempt survives the slightly different objects, take the first that was held with
             the believed one; ``Delivery.fragile`` then says what it fails with.
         only_fragile: Plan again where a motion was fragile only; a first attempt without any ends it.
+        only_found: Plan again where a plan was found that could not be delivered; an attempt without any ends it.
 
     Raises:
         PlanRefusedError: The request is absurd, or no attempt led to a delivery; the text has the last reason.
@@ -85,10 +87,12 @@ def plan_trajectory(
     scene, patience = scene or scene_of(request), patience or Patience()
     second_best: tuple[PlanResult, Delivery] | None = None
     for attempt in range(attempts):
+        found = False
         try:
             result = plan_manipulation(
                 replace(request, seed=request.seed + SEED_STEP * attempt), scene, patience
             )
+            found = result.success
             delivery = deliver(
                 request, result, settings, scene=scene, patience=patience, accept_fragile=accept_fragile
             )
@@ -97,7 +101,7 @@ def plan_trajectory(
             second_best = second_best or (result, delivery)
         except (PlanRefusedError, TrajectoryError, TimeIsUpError) as error:
             logger.info("attempt %d of %d: %s", attempt + 1, attempts, error)
-            hopeless = only_fragile and second_best is None
+            hopeless = (only_fragile and second_best is None) or (only_found and not found)
             last = attempt == attempts - 1 or hopeless or isinstance(error, TimeIsUpError)
             if last and second_best is None:
                 raise

@@ -99,7 +99,9 @@ def plan_legs(
     scene, patience = scene or scene_of(request), patience or Patience()
     far = abs(request.s_target - request.s_initial) > (_FAR_M if scene.prismatic else _FAR_RAD)
 
-    def from_one_place(task: PlanRequest, attempts: int, *, only_fragile: bool = False) -> LeggedPlan:
+    def from_one_place(
+        task: PlanRequest, attempts: int, *, only_fragile: bool = False, only_found: bool = False
+    ) -> LeggedPlan:
         result, delivery = plan_trajectory(
             task,
             settings,
@@ -108,6 +110,7 @@ def plan_legs(
             patience=patience,
             accept_fragile=accept_fragile,
             only_fragile=only_fragile,
+            only_found=only_found,
         )
         leg = Leg(task, result, delivery, end_s=delivery.trajectory.duration_s)
         return LeggedPlan((leg,), delivery)
@@ -129,8 +132,9 @@ def plan_legs(
         raise _with_legs(first, problem) from first
     try:  # what a single place has not been asked yet: the expensive stages, or other seeds
         if far:
-            return from_one_place(request, _ATTEMPTS)
-        return from_one_place(replace(request, seed=request.seed + SEED_STEP), _ATTEMPTS - 1)
+            return from_one_place(request, _ATTEMPTS, only_found=True)
+        again = replace(request, seed=request.seed + SEED_STEP)
+        return from_one_place(again, _ATTEMPTS - 1, only_found=True)
     except _NO_PLAN as error:
         raise _with_legs(error, problem) from error
 
