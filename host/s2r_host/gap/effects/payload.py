@@ -65,6 +65,7 @@ class Payload(Effect):
         parent = spec.body(ctx.model.body_name(body))
         extra = parent.add_body(name="gap_payload", pos=shape["reach"] * arm(ctx.model, body))
         extra.mass, extra.inertia, extra.explicitinertial = float(theta[0]), np.full(3, 1e-8), 1
+        extra.ipos = np.zeros(3)  # not given, MuJoCo takes the place twice, and writes no weight to the file
         return True
 
 
