@@ -182,7 +182,9 @@ def before_target(session: Session, record: RunRecord) -> None:
     belief, target, unit = record.belief, session.target, session.settings.task.unit
     slides = belief.template.slides
     pull, dry = law.pull(target, slides)
-    if abs(pull) > dry:
+    near = BRAKING_M if slides else BRAKING_RAD
+    stayed = any(abs(done.measured.s - target) < near for done in record.attempts)
+    if abs(pull) > dry and not stayed:
         session.journal.warn(
             f"let go at {unit.show(target)}, the {session.settings.task.part} will move on by itself: it is pulled "
             f"with {pull:+.2f} against a dry friction of {dry:.2f}; it stays only where something holds it"
