@@ -91,7 +91,7 @@ def plan(
         click.echo(f"s2r plan: {error}", err=True)
         _print(out, as_json)
         sys.exit(int(error.exit_code))
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, RuntimeError):
         _print(out, as_json)
         raise
     _print(out, as_json)

@@ -110,8 +110,6 @@ def carried_out(name: str, joint: str, target: str, out: Path, limit_s: float) -
     wall_s = time.perf_counter() - started_s
     saved = folder / "plan.json"
     answer = json.loads(saved.read_text()) if saved.is_file() else {}
-    if saved.is_file() and ended.returncode != 2 and json.loads(ended.stdout) != answer:
-        raise RuntimeError(f"{name}: what was printed is not {saved}")
     planned = ended.returncode == 0
     files = ("plan.csv", "knots.csv", "trace.csv", "strip.png", "model/scene.xml")
     row = {
@@ -121,7 +119,7 @@ def carried_out(name: str, joint: str, target: str, out: Path, limit_s: float) -
         "reason": answer.get("fragile") or "planned" if planned else answer.get("reason", ended.stderr),
         "files": all((folder / file).exists() == planned for file in files),
         "legs": len(answer["legs"]) if planned else 0,
-        "verified": True,
+        "verified": ended.stdout == (saved.read_text() if saved.is_file() else ""),
     }
     if "Traceback" in ended.stderr:
         row["reason"], row["verified"] = ended.stderr[-300:], False
@@ -130,7 +128,7 @@ def carried_out(name: str, joint: str, target: str, out: Path, limit_s: float) -
             ARM, scene, answer["s_initial"], answer["target"], ARM.q_home, joint, in_scene=True,
             settings=PlanSettings(threads=1),
         )  # fmt: skip
-        row["verified"] = bool(verify(motion_in(folder), request, scene_of(request)).good)
+        row["verified"] &= bool(verify(motion_in(folder), request, scene_of(request)).good)
     return row
 
 

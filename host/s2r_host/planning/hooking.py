@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 
 # Searches in turn, each only where the ones before found too little: points looked at, oblique ways into a gap too,
 # places listed. Many points matter between the posts of a short handle; oblique ways cost as much again.
-_SEARCHES = ((30, False, 200), (90, False, 200), (500, True, 600))
+_SEARCHES = ((30, "usual", 200), (90, "usual", 200), (500, "oblique", 600), (200, "upward", 200))
 _ROOMY = (
     0.5  # of the way to the touch that is wished for; where some hooks have less, more places are looked at
 )
@@ -65,11 +65,11 @@ def find_hooks(
         "is there a gap behind the handle?"
     )
     ways: list[Hook] = []
-    for points, oblique, listed in _SEARCHES:
-        if oblique and ways:
+    for points, coming, listed in _SEARCHES:
+        if coming != "usual" and ways:
             break
         patience.check(f"looking for places for the fingertip at {points} points")
-        places = find_places(scene, world.data, probe, sign, points, oblique=oblique, room_m=settings.room_m)
+        places = find_places(scene, world.data, probe, sign, points, ways=coming, room_m=settings.room_m)
         if not len(places):
             continue
         solver = Postures(scene, world, places, s_target, settings, leave=leave)

@@ -61,17 +61,18 @@ def find_places(
     sign: float,
     points: int,
     *,
-    oblique: bool = False,
+    ways: str = "usual",
     room_m: float = USUAL_ROOM_M,
 ) -> Places:
     """Places found around the part for motion towards growing (sign 1) or falling s (-1); maybe none.
 
-    They are looked for at up to ``points`` points, spread over the faces of the part. With ``oblique`` the hand may
-    come level and slantwise as well, as behind an upright bar close to its door. With more than the usual room to the
-    touch, ``room_m``, they are looked for further behind the part, too.
+    They are looked for at up to ``points`` points, spread over the faces of the part. The hand may come in ``ways``:
+    "usual", level and from above; "oblique", slantwise as well, as behind an upright bar close to its door; "upward",
+    from below, as to what is overhead. With more than the usual room to the touch, ``room_m``, they are looked for
+    further behind the part, too.
     """
     behind_m = _BEHIND_M + (_FAR_BEHIND_M if room_m > USUAL_ROOM_M else ())
-    p, R, way = _candidates(scene, data, sign, _OBLIQUE if oblique else _ORIENTATIONS, points, behind_m)
+    p, R, way = _candidates(scene, data, sign, _ORIENTATIONS[ways], points, behind_m)
     quat = quats_of(R)
     free = probe.contacts(p, quat) == 0
     p, R, way, quat = p[free], R[free], way[free], quat[free]
@@ -269,15 +270,15 @@ def _frame(way: np.ndarray) -> np.ndarray:
     return np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _orientation_table(oblique: bool) -> np.ndarray:
-    """Tool orientations in the frame ahead-aside-up: axes that do not point up, thin or wide side on, (n, 3, 3)."""
+def _orientation_table(down_shares: tuple[float, ...], *, slanting_too: bool) -> np.ndarray:
+    """Tool orientations in the frame ahead-aside-up, thin or wide side on, (n, 3, 3)."""
     rotations = []
     for ahead in (-1.0, -0.5, -0.25, 0.0, 0.5, 1.0):
         for aside in (-1.0, 0.0, 1.0):
-            for down in (0.0, 0.35, 1.0) if oblique else (0.0, 1.0):
+            for down in down_shares:
                 axis = np.array([ahead, aside, -down])
                 slanting = down < 1.0 and aside != 0.0 and ahead != 0.0
-                if np.linalg.norm(axis) < 0.9 or (slanting and not oblique):
+                if np.linalg.norm(axis) < 0.9 or (slanting and not slanting_too):
                     continue
                 z = axis / np.linalg.norm(axis)
                 x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
@@ -301,4 +302,8 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
 
 
 _ROLLS = 2  # orientations per axis in the table, next to each other
-_ORIENTATIONS, _OBLIQUE = _orientation_table(oblique=False), _orientation_table(oblique=True)
+_ORIENTATIONS = {
+    "usual": _orientation_table((0.0, 1.0), slanting_too=False),
+    "oblique": _orientation_table((0.0, 0.35, 1.0), slanting_too=True),
+    "upward": _orientation_table((-0.5, -1.0), slanting_too=True),
+}

@@ -14,7 +14,7 @@ from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
 
 # Points looked at, oblique ways into a gap too, places listed; the second search where the first finds nothing.
-_SEARCHES = ((90, False, 200), (500, True, 600))
+_SEARCHES = ((90, "usual", 200), (500, "oblique", 600))
 _STEP_M, _STEP_RAD, _STEPS = 0.025, 0.08, (4, 40)  # between states looked at; least and most of them
 _SOME = 0.2  # of the most places that reach any state: fewer are left for when nothing else helps
 _SHORTER = (1.0, 0.75, 0.5, 0.3)  # of the farthest state, in the order in which they are worth trying
@@ -63,9 +63,9 @@ def _carried(
     states = world.s + way * np.arange(1, count) / count
     probe = HandProbe(scene, world.data, settings.threads)
     counts = np.zeros(len(states), dtype=int)
-    for points, oblique, listed in _SEARCHES:
+    for points, coming, listed in _SEARCHES:
         patience.check(f"looking for places to go on from, s = {world.s:.3f}")
-        places = find_places(scene, world.data, probe, float(np.sign(way)), points, oblique=oblique)
+        places = find_places(scene, world.data, probe, float(np.sign(way)), points, ways=coming)
         if len(places):
             postures = Postures(scene, world, places, s_target, settings)
             order = ranked_places(scene, world, places, settings.room_m, listed)

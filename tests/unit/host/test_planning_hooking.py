@@ -88,7 +88,8 @@ def test_behind_an_upright_bar_close_to_its_door_the_hand_comes_obliquely(world_
     probe = HandProbe(world.scene, world.data, 1)
 
     def in_the_gap(oblique):
-        places = find_places(world.scene, world.data, probe, -1.0, 500 if oblique else 90, oblique=oblique)
+        points, ways = (500, "oblique") if oblique else (90, "usual")
+        places = find_places(world.scene, world.data, probe, -1.0, points, ways=ways)
         x = (places.p - world.data.xpos[world.scene.part_body])[:, 0]
         return int(((x > -0.05) & (x < -0.01)).sum())
 
@@ -166,3 +167,16 @@ def test_proposals_head_back_to_the_route_from_beside_it():
     route = Route(np.array([[0.0, 0.0], [0.4, 0.0]]), 0.05)
     first = route.proposals(np.array([0.1, 0.2]), 4, (1.0,))[0, 0]
     assert first == pytest.approx([0.05, -0.05])
+
+
+OVERHEAD = """<mujoco><compiler angle="radian"/><worldbody><body pos=".1 .1 1.1">
+  <geom type="box" size=".2 .2 .01" pos="0 0 .05"/>
+  <body><joint name="lever" axis="0 0 1" range="-1 1" damping=".2" frictionloss=".4"/>
+    <geom type="capsule" size=".012" fromto="0 0 0 .15 0 0" mass=".2"/></body></body></worldbody></mujoco>"""
+
+
+def test_to_what_is_overhead_the_hand_comes_from_below(world_of):
+    world = world_of(OVERHEAD, "lever")
+    hooks = find_hooks(world.scene, world, "object.xml", 0.6, PlanSettings())
+    axis = [(world.data.xmat[world.scene.part_body].reshape(3, 3) @ hook.R_part_tool)[2, 2] for hook in hooks]
+    assert min(axis) > 0.2
