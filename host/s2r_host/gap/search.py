@@ -363,7 +363,11 @@ class Search(Regression):
             gains = [self.gain_of(chosen, i, noise) for i in range(self.completed)]
             if not gains or min(gains) > MIN_GAIN:
                 for i, gain in enumerate(gains):
-                    slots[i][0].gain = gain
+                    change = (
+                        gain - slots[i][0].gain
+                    )  # rivals for the place were weighed beside the same company
+                    for s in slots[i]:
+                        s.gain += change
                 return chosen, slots
             weakest = int(np.argmin(gains))
             self.log(f"  - {chosen[weakest].effect} on {self._joint(chosen[weakest])}")

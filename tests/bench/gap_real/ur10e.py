@@ -86,10 +86,12 @@ def _judge_free(a: dict) -> list[Check]:
 
 
 def _judge_loaded(a: dict) -> list[Check]:
-    first = a["effects"][0]["name"] if a["effects"] else "none"
-    e = effect(a, "payload")
-    mass = e["parameters"]["mass"]["value"] if e else None
+    """A payload counts in either list of the answer."""
+    named = [(e["name"], e["parameters"].get("mass")) for e in a["effects"]]
+    named += [(p["name"], {"value": p["to"]}) for p in a["parameters_off"]]
+    first = named[0][0] if named else "none"
+    mass = next((m["value"] for n, m in named if n in ("payload", "payload_mass") and m), None)
     return [
-        Check("payload named first", first, first == "payload"),
+        Check("payload named first", first, first in ("payload", "payload_mass")),
         within("mass 2.805 kg within 5 %", mass, 0.95 * 2.805, 1.05 * 2.805, "kg"),
     ]

@@ -133,3 +133,24 @@ def test_what_predicts_worse_than_nothing_comes_last_and_gains_nothing():
     assert first is predicts
     assert last.gain == 0.0
     assert first.gain == 150.0
+
+
+def test_rivals_for_a_place_keep_their_distance_when_its_gain_is_weighed_anew():
+    class Later(Search):
+        completed = 1
+
+        def __init__(self):
+            pass
+
+        def noise_level(self, terms):
+            return 1.0
+
+        def gain_of(self, chosen, i, noise):
+            return 60.0
+
+    own, rival = (
+        Scored(Term(n, 0), g, g, 0.4, np.zeros(0))
+        for n, g in (("coulomb_friction", 900.0), ("stribeck", 893.0))
+    )
+    _, slots = Later()._prune_completed([own.term], [[own, rival]])
+    assert [s.gain for s in slots[0]] == [60.0, 53.0]
