@@ -42,6 +42,8 @@ class Belief:
             at the side of the part that such motions push, see :mod:`s2r_host.run.contact`.
         shifts: What was corrected -> how far along or about the axis it was moved from the built model [m or rad].
         felt: Mass and friction of the part as the arm felt them; None before it felt anything.
+        braking: Lowest and highest factor on the dry friction at the next target, where a lesson about physics left
+            out says them (:mod:`s2r_host.run.physics`).
     """
 
     estimate: JointEstimate
@@ -51,6 +53,7 @@ class Belief:
     growing: Path
     shifts: dict[str, float]
     felt: ObjectNumbers | None = None
+    braking: tuple[float, float] | None = None
 
     def path(self, positive: bool) -> Path:
         """The object file for motions that let the joint grow (``positive``) or fall."""

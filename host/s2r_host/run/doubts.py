@@ -21,13 +21,14 @@ sees a lever from one side, how thick it is is a guess, and a hand-eye error of 
 def doubt_about(belief: Belief, *, growing: bool) -> Doubt:
     """Intervals for a motion that lets the joint grow, or fall.
 
-    A resistance that was felt is known as well as any. A hinge holds its part against gravity wherever it was found,
+    A resistance that was felt is known as well as any, and where physics was learnt as well as that explains what was
+    felt. A hinge holds its part against gravity wherever it was found,
     so it cannot have less friction than believed.
     """
     usual = Doubt()
     doubt = doubt_from_estimate(belief.estimate.intervals90, belief.model.physics, usual)
     if belief.felt is not None:
-        doubt = replace(doubt, joint_friction=usual.joint_friction)
+        doubt = replace(doubt, joint_friction=belief.braking or usual.joint_friction)
     if not belief.template.slides:
         low, high = doubt.joint_friction
         doubt = replace(doubt, joint_friction=(max(low, 1.0), high))

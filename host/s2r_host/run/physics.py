@@ -26,6 +26,7 @@ from s2r_host.gap.effects.base import StepState
 from s2r_host.gap.pipeline import Analysis, analyse
 from s2r_host.gap.replay import Twin
 from s2r_host.gap.report import write_report
+from s2r_host.planning.doubt import Z90
 from s2r_host.run.belief import JOINT, Belief
 from s2r_host.run.contact import corrected
 from s2r_host.run.manipulate import DoneManipulation
@@ -39,6 +40,7 @@ BRAKING_M, BRAKING_RAD = 0.015, 0.08  # the stretch before a target in which a p
 SPEED_M_S, SPEED_RAD_S = 0.05, 0.25  # of a part on that stretch, about
 SAMPLES = 9
 LEAST_SHARE, HELD = 0.1, 1.05  # of the dry friction believed; of the gravity that a hinge was seen to hold
+DOUBT_RANGE = (0.05, 0.5)  # share of the dry friction that stays in doubt, for an ensemble
 STEP_S = 1e-3
 TRANSMISSION = frozenset({"backlash", "joint_elasticity", "joint_play", "flexible_part", "contact_slip"})
 DRIVE = frozenset({"actuator_delay", "bandwidth", "clock_skew", "encoder_offset", "encoder_eccentricity",
@@ -123,6 +125,7 @@ class PhysicsLesson:
         lost_motion: What the fingertip pushed on -> how much less far than foreseen the part went [m or rad].
         notes: Sentences for people.
         law: The joint as then known; None: as before.
+        noise: Effort that it leaves unexplained, root mean square [N or N·m].
     """
 
     after: int
@@ -135,6 +138,7 @@ class PhysicsLesson:
     lost_motion: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     law: JointLaw | None = None
+    noise: float = 0.0
 
     def as_json(self) -> dict[str, Any]:
         """Plain values for run.json."""
@@ -176,9 +180,10 @@ def after_target(session: Session, record: RunRecord, number: int) -> None:
 
 def before_target(session: Session, record: RunRecord) -> None:
     """Let the believed object resist as the newest lesson says it does where the session's target is."""
-    law = next((lesson.law for lesson in reversed(record.lessons) if lesson.law is not None), None)
-    if law is None or record.belief is None:
+    lesson = next((one for one in reversed(record.lessons) if one.law is not None), None)
+    if lesson is None or lesson.law is None or record.belief is None:
         return
+    law = lesson.law
     belief, target, unit = record.belief, session.target, session.settings.task.unit
     slides = belief.template.slides
     pull, dry = law.pull(target, slides)
@@ -198,7 +203,11 @@ def before_target(session: Session, record: RunRecord) -> None:
         )
         for positive in (False, True)
     }  # fmt: skip
-    record.belief = replace(belief, falling=files[False], growing=files[True])
+    least = min(law.braking(target, positive, slides) for positive in (False, True))
+    share = float(np.clip(Z90 * lesson.noise / max(least, 1e-9), *DOUBT_RANGE))
+    record.belief = replace(
+        belief, falling=files[False], growing=files[True], braking=(1.0 - share, 1.0 + share)
+    )
 
 
 def _asked(session: Session, record: RunRecord, folder: Path) -> PhysicsLesson:
@@ -238,6 +247,7 @@ def _lesson(folder: Path, analysis: Analysis, answer: dict[str, Any]) -> Physics
         not_carried=not_carried,
         notes=tuple(note for note in answer["notes"] if note.startswith("cannot tell")),
         law=JointLaw(analysis.twin.model, analysis.twin) if told and analysis.twin is not None else None,
+        noise=float(answer["floor"].get("tau_rmse") or 0.0),
     )
 
 

@@ -3,6 +3,7 @@
 import csv
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,11 +12,15 @@ import yaml
 
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.pipeline import analyse
+from s2r_host.model.belief import prior
 from s2r_host.proprioception.object_log import _unbroken
+from s2r_host.proprioception.object_numbers import ObjectNumbers
 from s2r_host.report.page import write_report
+from s2r_host.run.belief import Belief
+from s2r_host.run.doubts import doubt_about
 from s2r_host.run.journal import Journal
-from s2r_host.run.physics import JointLaw, PhysicsLesson, _offset, _tells, _with_law
-from s2r_host.run.record import RunRecord
+from s2r_host.run.physics import JointLaw, PhysicsLesson, _offset, _tells, _with_law, before_target
+from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.settings import RunSettings
 
 FRICTION, SWING, PERIOD = 4.0, 1.5, 0.05
@@ -158,3 +163,53 @@ def test_the_report_and_run_json_tell_what_was_learnt(tmp_path):
         3,
         ["cogging"],
     )
+
+
+def _believed(model: Path) -> Any:
+    intervals = SimpleNamespace(delta=(-0.001, 0.001), axis_angle_rad=0.01, axis_offset_m=0.0)
+    return Belief(
+        estimate=SimpleNamespace(intervals90=intervals),  # pyright: ignore[reportArgumentType]
+        model=SimpleNamespace(physics=prior("prismatic")),  # pyright: ignore[reportArgumentType]
+        template=SimpleNamespace(slides=True),  # pyright: ignore[reportArgumentType]
+        falling=model,
+        growing=model,
+        shifts={},
+        felt=ObjectNumbers(1.0, 4.0, 5.0, (0.1, 0.1, 0.1), 0.1, 4.0),
+    )
+
+
+def test_the_next_plans_and_their_ensemble_know_what_was_learnt(learnt, tmp_path):
+    settings = RunSettings(0.1, tmp_path / "run", learn_physics=True)
+    session: Any = SimpleNamespace(settings=settings, target=0.0125, journal=Journal())
+    record = RunRecord(settings, Journal())
+    record.belief = _believed(learnt.model)
+    before_target(session, record)
+    assert record.belief.growing == learnt.model  # nothing learnt, nothing changed
+    record.lessons.append(PhysicsLesson(3, tmp_path, "physics_missing", law=learnt.law, noise=0.2))
+    before_target(session, record)
+    for positive in (True, False):
+        model = mujoco.MjModel.from_xml_path(str(record.belief.path(positive)))
+        assert model.dof_frictionloss[0] == pytest.approx(
+            learnt.law.braking(0.0125, positive, slides=True), rel=1e-4
+        )
+    low, high = doubt_about(record.belief, growing=True).joint_friction
+    assert 0.8 < low < 1.0 < high < 1.2
+    assert not session.journal.warnings
+
+
+def test_a_part_that_something_pulls_away_is_warned_of_unless_it_stayed_there_before(learnt, tmp_path):
+    spec = mujoco.MjSpec.from_file(str(learnt.model))
+    spec.joint("object_joint").stiffness, spec.joint("object_joint").springref = [60.0, 0, 0], 0.0
+    rigid = SimpleNamespace(model=mujoco.MjModel.from_xml_path(str(learnt.model)))
+    law = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid))  # pyright: ignore[reportArgumentType]
+    settings = RunSettings(0.1, tmp_path / "run", learn_physics=True)
+    session: Any = SimpleNamespace(settings=settings, target=0.09, journal=Journal())
+    record = RunRecord(settings, Journal())
+    record.belief = _believed(learnt.model)
+    record.lessons.append(PhysicsLesson(3, tmp_path, "physics_missing", law=law))
+    before_target(session, record)
+    assert "pulled with -5.40 against a dry friction of 4.00" in session.journal.warnings[0]
+    record.goals.append(Goal(0.09, [_done(0.09, 0.085, 0.09)]))  # pyright: ignore[reportArgumentType]
+    session.journal = Journal()
+    before_target(session, record)
+    assert not session.journal.warnings
