@@ -83,8 +83,16 @@ def _together(
 
 
 def _attach_quietly(spec: mujoco.MjSpec, thing: mujoco.MjSpec, frame: mujoco.MjsFrame) -> None:
-    """Attach a scene. What MuJoCo warns about are options of the scene that the planner sets itself."""
-    thing.memory, thing.njmax, thing.nconmax = spec.memory, spec.njmax, spec.nconmax
+    """Attach a scene. MuJoCo would warn, and write a log, about options of it that the planner sets itself."""
+    for name in ("memory", "njmax", "nconmax", "nkey", "nuserdata"):
+        setattr(thing, name, getattr(spec, name))
+    looks = [name for name in dir(spec.visual) if not name.startswith("_")]
+    groups = [(spec.option, thing.option)]
+    groups += [(getattr(spec.visual, name), getattr(thing.visual, name)) for name in looks]
+    for ours, theirs in groups:
+        for name in dir(ours):
+            if not name.startswith("_"):
+                setattr(theirs, name, getattr(ours, name))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         spec.attach(thing, prefix=OBJECT_PREFIX, frame=frame)
