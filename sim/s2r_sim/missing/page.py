@@ -138,8 +138,8 @@ def _lines(
         "Medians of |δ_r| from the sealed truth. The difference is paired, target by target, with a 90 % bootstrap"
         " interval; negative: learning helped.",
         "",
-        "| hidden | objects | first three targets | later, as it is | later, learnt | first ÷ learnt | as it is ÷ learnt |"
-        " paired difference |",
+        "| hidden | objects | first three targets | later, as it is | later, learnt | first ÷ learnt"
+        " | as it is ÷ learnt | paired difference |",
         "|---|---|---|---|---|---|---|---|",
         *(_row(one) for one in found),
         *_all(rows),

@@ -109,4 +109,6 @@ def test_the_page_is_written_from_results_alone_and_unknown_cases_are_refused(tm
     assert [one["case"] for one in json.loads(done.stdout)] == ["drawer: stiction", "laptop: nothing"]
     refused = CliRunner().invoke(missing, ["--out", str(tmp_path), "--cases", "door: magic"])
     assert "unknown case 'door: magic'" in str(refused.exception or refused.output)
-    assert np.isfinite(summaries(ROWS)[0].difference).all()
+    difference = summaries(ROWS)[0].difference
+    assert difference is not None
+    assert np.isfinite(difference).all()
