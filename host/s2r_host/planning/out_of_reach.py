@@ -19,6 +19,10 @@ class OutOfReachError(HostError, RefusedError):
     """The arm cannot get its fingertip to where the part could be pushed."""
 
 
+class NeverInReachError(OutOfReachError):
+    """It will not from any place of the part, nor at any state of it."""
+
+
 def not_reached(scene: Scene, places: Places, failure: str) -> str:
     """Why the arm gets at none of the places and what would help, for the middle of a sentence.
 
@@ -57,17 +61,17 @@ def refuse_far(scene: Scene, world: FineWorld, name: str) -> None:
     """Refuse a part that no posture of the arm comes near.
 
     Raises:
-        OutOfReachError: The nearest point of the part is farther than the stretched arm.
+        NeverInReachError: Nothing solid to push, or its nearest point is farther than the stretched arm.
     """
     reach_m = arm_reach_m(scene)
     geoms = part_geoms(scene)
     if not len(geoms):
-        raise OutOfReachError(
+        raise NeverInReachError(
             f"object {name}: the part that joint {scene.joint!r} moves has no solid geom to push"
         )
     away = np.linalg.norm(world.data.geom_xpos[geoms], axis=1) - scene.fine.geom_rbound[geoms]
     if away.min() > reach_m:
-        raise OutOfReachError(
+        raise NeverInReachError(
             f"object {name}: out of reach: the part is {away.min():.2f} m or more from the base of arm "
             f"{scene.arm.name!r}, which reaches {reach_m:.2f} m at most; move the object"
         )

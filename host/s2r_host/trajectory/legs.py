@@ -16,7 +16,7 @@ import numpy as np
 
 from s2r_host.errors import HostError
 from s2r_host.planning.door import drift, is_coupled
-from s2r_host.planning.out_of_reach import OutOfReachError
+from s2r_host.planning.out_of_reach import NeverInReachError, OutOfReachError
 from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import is_possible, scene_of, world_of
 from s2r_host.planning.reach import stops_on_the_way
@@ -117,6 +117,8 @@ def plan_legs(
 
     try:
         return from_one_place(_quick(request) if far else request, _ATTEMPTS, only_fragile=True)
+    except NeverInReachError:
+        raise
     except _NO_PLAN as error:
         if not is_possible(request, scene):
             raise

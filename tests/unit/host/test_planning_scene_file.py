@@ -247,6 +247,13 @@ def test_ways_that_no_arm_goes_along_with_are_refused_without_a_search(scene_fil
     assert text in sentence
 
 
+def test_a_part_of_visual_geoms_alone_is_refused(scene_file):
+    text = SCENE.replace('<geom type="capsule"', '<geom type="capsule" contype="0" conaffinity="0"')
+    code, sentence, _ = refused(scene_file(text=text), "tap", "0.5")
+    assert code == 4
+    assert sentence.endswith("the part that joint 'tap' moves has no solid geom to push")
+
+
 def test_a_joint_that_a_servo_of_the_scene_holds_is_refused_with_that_reason(scene_file):
     cup = '<body name="cup" pos="1.3 .5 .76"><freejoint/><geom type="box" size=".03 .03 .05"/></body>'
     text = SCENE.replace('<key qpos="0.5"/>', "").replace(
