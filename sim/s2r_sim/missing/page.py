@@ -24,7 +24,7 @@ class Summary:
 
     Attributes:
         case: Its label.
-        objects: Pairs of runs.
+        objects: How many.
         first: Median |δ_r| of the targets that the physics is learnt from; None without any.
         plain, learnt: Of the later targets, without and with what was learnt.
         moves: Later targets that both runs manipulated towards.
@@ -65,7 +65,7 @@ def _summary(label: str, rows: Sequence[Row]) -> Summary:
     right = [named(label, answer) for answer in answers]
     return Summary(
         case=label,
-        objects=len(pairs),
+        objects=len({number for _, number in by}),
         first=_median(np.concatenate([np.zeros(0), *(relative(row, False) for row in [*learnt, *plain])])),
         plain=_median(np.concatenate([np.zeros(0), *(relative(row, True) for row in plain)])),
         learnt=_median(np.concatenate([np.zeros(0), *(relative(row, True) for row in learnt)])),
@@ -181,9 +181,9 @@ def _all(rows: Sequence[Row]) -> list[str]:
         if (row["case"], row["number"]) in other
     ]
     joined = np.concatenate([np.zeros(0), *differences])
-    return [
-        _cells("**all**", len(differences), first, plain, learnt, _interval(joined)),
-    ]
+    objects = len({(row["case"], row["number"]) for row in rows})
+    # Without pairs the two medians are of different objects: they must not be divided.
+    return [_cells("**all**", objects, first, plain if len(joined) else None, learnt, _interval(joined))]
 
 
 def _row(one: Summary) -> str:

@@ -93,7 +93,7 @@ def test_summaries_hold_runs_that_came_to_nothing(tmp_path):
     assert stiction.plain == pytest.approx(0.05)
     assert stiction.learnt == pytest.approx(0.015)
     assert (stiction.right, stiction.wrong, stiction.open) == (1, 0, 0)
-    assert (laptop.objects, laptop.learnt, laptop.right) == (0, None, 0)
+    assert (laptop.objects, laptop.learnt, laptop.right) == (1, None, 0)
     write_page(ROWS, tmp_path / "page.md", "the command")
     text = (tmp_path / "page.md").read_text()
     assert "| drawer: stiction | 1 | 5.0 % | 5.0 % | 1.5 % | 3.3 × | 3.3 × |" in text
