@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -46,6 +46,7 @@ class LeverCandidate:
         outward: Level unit vector from the body's axis to its tip, (3,).
         above_deck_m: How high its lowest point is over the deck.
         radial: How much of its level direction leads straight away from the body's axis, 0 to 1.
+        rooted: It stands on a foot of its own, away from the body.
     """
 
     p: np.ndarray
@@ -57,6 +58,17 @@ class LeverCandidate:
     outward: np.ndarray
     above_deck_m: float
     radial: float
+    rooted: bool
+
+    def turned_round(self) -> LeverCandidate:
+        """The same piece with its root where its tip is believed to be."""
+        return replace(
+            self,
+            p_root=self.p_tip,
+            p_tip=self.p_root,
+            outward=-self.outward,
+            towards_user=-self.towards_user,
+        )
 
     @property
     def direction(self) -> np.ndarray:
@@ -237,6 +249,7 @@ def _candidate(p: np.ndarray, axis: np.ndarray, deck_m: float, above: np.ndarray
         outward=_level(tip - root if own else tip - np.append(axis, 0.0)),
         above_deck_m=float(p[:, 2].min()) - deck_m,
         radial=abs(float(level @ out)) / max(1e-9, length * float(np.linalg.norm(out))),
+        rooted=own,
     )
 
 

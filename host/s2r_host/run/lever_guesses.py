@@ -7,7 +7,7 @@ that looks like this moves along that line, times how likely each push so far wo
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -34,11 +34,17 @@ SEEN_BY_NETWORK = 0.25
 BELIEVED = 0.4  # belief that a point belongs to the part, from which on it is taken for a piece of it
 LEAST_POINTS = 100
 
+# How often the end that was taken for the tip is the one that the piece turns about, in views of drawn faucets that
+# nothing is reported of: where the piece leads down, where a piece on a foot of its own is level, and else.
+LEADS_DOWN_M, LEVEL_M = -0.015, 0.005
+WRONG_END_DOWN, WRONG_END_LEVEL, WRONG_END = 0.75, 0.25, 0.03
+
 ABOUT_M = 0.04  # a push that touched this near to a piece was about it
 SAME_M = 0.025  # two pushes that touched closer than this touched the same place
 SAME_WAY = 0.7  # cosine
 # How likely a push ends like this, about a piece and along its line, if that piece and line are right.
 HELD_OUT = 0.25  # it may have been at its stop
+HELD_OUT_TWICE = 0.03  # both ways
 MISSED = 0.5  # nothing in the way, and nothing moved
 MOVED = 3.0  # over what is to be expected of anything else
 
@@ -67,6 +73,7 @@ class Guess:
     Attributes:
         p: Its points [m], (n, 3).
         line: Unit direction along which, either way, it gives way, (3,).
+        p_free, p_held: Its free end, which is pushed, and the one it turns about [m], (3,); None where unknown.
         weight: Against other guesses; not normalised.
         proposals: Ways to push it, best first, without those that were tried.
     """
@@ -75,6 +82,14 @@ class Guess:
     line: np.ndarray
     weight: float
     proposals: Iterator[PushProposal]
+    p_free: np.ndarray | None = None
+    p_held: np.ndarray | None = None
+
+    def at_free_end(self, p: np.ndarray) -> bool:
+        """Whether a point (3,) is nearer to the free end than to the other."""
+        if self.p_free is None or self.p_held is None:
+            return True
+        return bool(np.linalg.norm(p - self.p_free) <= np.linalg.norm(p - self.p_held))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +121,7 @@ def lever_guesses(
     guesses += _about_the_rest(scene, levers, found, settings.network_push)
     weights = [guess.weight * _evidence(guess, guesses, tried) for guess in guesses]
     return [
-        Guess(guesses[k].p, guesses[k].line, weights[k], _untried(guesses[k], tried))
+        replace(guesses[k], weight=weights[k], proposals=_untried(guesses[k], tried))
         for k in np.argsort(weights, kind="stable")[::-1]
     ]
 
@@ -134,13 +149,24 @@ def belief_about(found: Affordance, p: np.ndarray) -> tuple[float, np.ndarray]:
 def _about_lever(
     levers: Sequence[LeverCandidate], k: int, found: Affordance, settings: LeverPushSettings
 ) -> Iterator[Guess]:
-    """A straight piece may turn about an upright axis, or swing beside the body."""
+    """A straight piece may turn about an upright axis, or swing beside the body; about either end."""
     lever = levers[k]
     belief, believed = belief_about(found, lever.p)
     odds = float(np.exp(np.dot(IS_LEVER, lever_features(levers, k, belief))))
     swings = float(1.0 / (1.0 + np.exp(-np.dot(SWINGS, swing_features(lever, believed)))))
-    for line, chance in ((lever.level_line, 1.0 - swings), (lever.upright_line, swings)):
-        yield Guess(lever.p, line, odds * chance, lever_proposals(lever, line, settings))
+    wrong = wrong_end(lever)
+    for one, share in ((lever, 1.0 - wrong), (lever.turned_round(), wrong)):
+        for line, chance in ((one.level_line, 1.0 - swings), (one.upright_line, swings)):
+            pushes = lever_proposals(one, line, settings)
+            yield Guess(lever.p, line, odds * share * chance, pushes, one.p_tip, one.p_root)
+
+
+def wrong_end(lever: LeverCandidate) -> float:
+    """Chance that the piece turns about the end that was taken for its tip."""
+    rise_m = float(lever.p_tip[2] - lever.p_root[2])
+    if not lever.rooted:
+        return WRONG_END_DOWN if rise_m < LEADS_DOWN_M else WRONG_END
+    return WRONG_END_LEVEL if rise_m < LEVEL_M else WRONG_END
 
 
 def _about_the_rest(
@@ -163,21 +189,32 @@ def _about_the_rest(
 def _evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) -> float:
     """How likely all pushes so far end as they did if the guess is right, against if it is wrong."""
     factor = 1.0
+    held_ways: list[np.ndarray] = []
     for push in tried:
         gap = {id(one.p): float(np.linalg.norm(one.p - push.p_contact, axis=1).min()) for one in guesses}
         about = gap[id(guess.p)] < ABOUT_M and gap[id(guess.p)] <= min(gap.values()) + 1e-9
         along = abs(float(guess.line @ push.direction)) > SAME_WAY
         if about and push.moved:
             factor *= MOVED
-        elif about and along:
-            factor *= HELD_OUT if push.held_out else MISSED
+        elif about and along and guess.at_free_end(push.p_contact):
+            if push.held_out:
+                held_ways.append(push.direction)
+            else:
+                factor *= MISSED
+    if held_ways:
+        both = any(way @ held_ways[0] < 0.0 for way in held_ways)
+        factor *= HELD_OUT_TWICE if both else HELD_OUT
     return factor
 
 
 def _untried(guess: Guess, tried: Sequence[Tried]) -> Iterator[PushProposal]:
     """Without what was tried in vain: the same place the same way, or a way in which the piece held out."""
     near = cKDTree(guess.p)
-    held = [one for one in tried if one.held_out and near.query(one.p_contact)[0] < ABOUT_M]
+    held = [
+        one
+        for one in tried
+        if one.held_out and near.query(one.p_contact)[0] < ABOUT_M and guess.at_free_end(one.p_contact)
+    ]
     for push in guess.proposals:
         again = any(
             push.direction @ one.direction > SAME_WAY

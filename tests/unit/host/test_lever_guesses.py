@@ -52,13 +52,35 @@ def test_the_lever_is_pushed_level_and_across_before_anything_else(view):
     assert abs(push.direction @ UP) < 0.05
 
 
-def test_a_lever_that_held_out_is_never_pushed_the_same_way_again(view):
+def test_an_end_of_a_lever_that_held_out_is_never_pushed_the_same_way_again(view):
     scene, lever = view
     first = first_push(guesses(scene))
     ranked = guesses(scene, [Tried(first.p_contact, first.direction, held_out=True, moved=False)])
-    again = [push for guess in ranked for push in guess.proposals if about_lever(push, lever)]
+    again = [
+        push
+        for guess in ranked
+        if guess.at_free_end(first.p_contact)
+        for push in guess.proposals
+        if about_lever(push, lever)
+    ]
     assert again
     assert all(push.direction @ first.direction < 0.7 for push in again)
+
+
+def test_a_lever_whose_tip_held_out_may_turn_about_its_tip(view):
+    scene, lever = view
+    first = first_push(guesses(scene))
+    before, after = (
+        next(
+            guess.weight
+            for guess in guesses(scene, tried)
+            if guess.p_free is not None
+            and about_lever(first, [guess.p_free, guess.p_held])
+            and not guess.at_free_end(first.p_contact)
+        )
+        for tried in ([], [Tried(first.p_contact, first.direction, held_out=True, moved=False)])
+    )
+    assert after == before > 0.0
 
 
 def test_a_lever_that_held_out_both_ways_falls_behind_the_spout(view):
