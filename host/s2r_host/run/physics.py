@@ -40,6 +40,7 @@ BRAKING_M, BRAKING_RAD = 0.015, 0.08  # the stretch before a target in which a p
 SPEED_M_S, SPEED_RAD_S = 0.05, 0.25  # of a part on that stretch, about
 SAMPLES = 9
 LEAST_SHARE, HELD = 0.1, 1.05  # of the dry friction believed; of the gravity that a hinge was seen to hold
+USUAL_M, USUAL_RAD = 0.0005, 0.005  # one standard deviation between motions of one kind
 DOUBT_RANGE = (0.05, 0.5)  # share of the dry friction that stays in doubt, for an ensemble
 STEP_S = 1e-3
 TRANSMISSION = frozenset({"backlash", "joint_elasticity", "joint_play", "flexible_part", "contact_slip"})
@@ -260,18 +261,22 @@ def _with_lost_motion(session: Session, record: RunRecord, folder: Path) -> tupl
     found: dict[str, float] = {}
     if "touch" in settings.without:
         return belief, found
+    ways: dict[bool, tuple[str, list[float]]] = {}
     for positive in (True, False):
         done = [
             one for one in ends if one.planned.number > since and _tells(one, positive, settings.task.far_off)
         ]
         if settings.attempts > 1:
             done = done[-1:]  # corrections between them have moved the surface since
-        if not done:
-            continue
-        geom, _ = Counter(one.planned.pushed_geom for one in done).most_common(1)[0]
-        offset = _offset([one for one in done if one.planned.pushed_geom == geom])
-        belief = corrected(belief, geom, offset, positive, folder)
-        found[f"{geom}, {'growing' if positive else 'falling'}"] = -offset if positive else offset
+        if done:
+            geom, _ = Counter(one.planned.pushed_geom for one in done).most_common(1)[0]
+            ways[positive] = geom, [_offset(one) for one in done if one.planned.pushed_geom == geom]
+    usual = USUAL_M if belief.template.slides else USUAL_RAD
+    shifts = believable([offsets for _, offsets in ways.values()], usual)
+    for (positive, (geom, _)), offset in zip(ways.items(), shifts, strict=True):
+        if offset:
+            belief = corrected(belief, geom, offset, positive, folder)
+            found[f"{geom}, {'growing' if positive else 'falling'}"] = -offset if positive else offset
     return belief, found
 
 
@@ -282,9 +287,28 @@ def _tells(done: DoneManipulation, positive: bool, far_off: float) -> bool:
     return abs(done.measured.s - planned.foreseen) < far_off
 
 
-def _offset(done: Sequence[DoneManipulation]) -> float:
-    """Median of measured minus foreseen joint value [m or rad]."""
-    return float(np.median([one.measured.s - one.planned.foreseen for one in done]))
+def _offset(done: DoneManipulation) -> float:
+    """Measured minus foreseen joint value [m or rad]."""
+    return done.measured.s - done.planned.foreseen
+
+
+def believable(ways: Sequence[Sequence[float]], usual: float) -> list[float]:
+    """The mean offset of each way, less what chance alone would make of it.
+
+    Motions that repeat badly teach little: a mean m of n with variance v each is taken as m (1 - v / (n m²)), nothing
+    where that is negative (James and Stein's estimator, positive part). The variance is pooled over the ways.
+
+    Args:
+        ways: Offsets seen, per direction.
+        usual: How well motions repeat on other objects, one standard deviation; counts as one observation.
+    """
+    squares = sum(float(np.sum((np.array(one) - np.mean(one)) ** 2)) for one in ways)
+    variance = (squares + usual**2) / (sum(len(one) - 1 for one in ways) + 1)
+    found = []
+    for one in ways:
+        mean = float(np.mean(one))
+        found.append(mean * max(0.0, 1.0 - variance / (len(one) * mean**2)) if mean else 0.0)
+    return found
 
 
 def _with_law(source: Path, law: JointLaw, friction: float, path: Path) -> Path:

@@ -19,7 +19,15 @@ from s2r_host.report.page import write_report
 from s2r_host.run.belief import Belief
 from s2r_host.run.doubts import doubt_about
 from s2r_host.run.journal import Journal
-from s2r_host.run.physics import JointLaw, PhysicsLesson, _offset, _tells, _with_law, before_target
+from s2r_host.run.physics import (
+    JointLaw,
+    PhysicsLesson,
+    _offset,
+    _tells,
+    _with_law,
+    before_target,
+    believable,
+)
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.settings import RunSettings
 
@@ -136,7 +144,17 @@ def test_lost_motion_is_read_from_motions_of_one_direction_that_went_through():
     assert not _tells(_done(0.1, 0.097, 0.1, stopped=True), True, 0.008)
     assert not _tells(_done(0.1, 0.097, 0.1, corrected=True), True, 0.008)
     assert not _tells(_done(0.1, 0.08, 0.1), True, 0.008)
-    assert _offset([good, _done(0.1, 0.096, 0.1), _done(0.1, 0.09, 0.1)]) == pytest.approx(-0.004)
+    assert _offset(good) == pytest.approx(-0.003)
+
+
+def test_motions_that_repeat_badly_teach_little():
+    steady, lone = believable([[-0.0012, -0.0014], [0.0017]], 0.0005)
+    assert steady == pytest.approx(-0.0013, rel=0.06)
+    assert lone == pytest.approx(0.0017, rel=0.06)
+    wild, small = believable([[-0.0001, 0.0030], [0.0004]], 0.0005)
+    assert 0.0 < wild < 0.6 * 0.00145
+    assert small == 0.0
+    assert believable([[0.0]], 0.0005) == [0.0]
 
 
 def test_a_fingertip_that_seems_to_jump_is_believed_in_one_place_only():
