@@ -187,3 +187,10 @@ def test_a_single_stroke_cannot_show_warming(ctx):
 def test_what_follows_the_effort_at_once_is_no_warming(ctx):
     low, _ = catalogue()["thermal_drift"].bounds(ctx, 0)["T"]
     assert low >= 0.4
+
+
+def test_friction_by_load_needs_a_joint_that_is_moved_both_ways(ctx):
+    by_load, s = catalogue()["load_dependent_friction"], ctx.sessions[0]
+    assert by_load.blocked(ctx, 0) is None
+    pulled = replace(s, q=np.linspace(0.0, 1.0, len(s.t))[:, None], v=np.ones_like(s.v))
+    assert "one way" in by_load.blocked(Context(ctx.model, [pulled]), 0)

@@ -19,7 +19,9 @@ class LoadDependentFriction(Effect):
     confusable = ("effort_scale", "coulomb_friction", "payload")
 
     def blocked(self, ctx: Context, joint: int) -> str | None:
-        """The load has to vary."""
+        """The load has to vary, and to be moved both ways: one way, friction that follows a load is more of it."""
+        if not ctx.both_ways(joint):
+            return "the joint moves one way: friction by load cannot be told from the load"
         load = np.concatenate([np.abs(s.load[:, joint]) for s in ctx.sessions])
         return None if np.std(load) > 0.1 * np.mean(load) else "the load hardly changes"
 
