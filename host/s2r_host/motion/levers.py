@@ -16,6 +16,8 @@ DECK_BAND_M = 0.008
 DECK_CELLS = 60  # of level surface that make a deck
 DECK_SHARE = 0.6  # of the widest level surface, so that the top of a thick body is none
 DECK_WIDTH_CELLS = 8  # no spout is as wide
+DECK_LENGTH_M = 0.12  # no knob is as long
+HIGHER_CELLS, NEAR_CELLS, STANDING_CELLS = 3, 3, 15  # what stands on a deck, so much higher and so near
 THIN_DECK_M = 0.02
 COLUMN_CELL_M = 0.008
 COLUMN_BEHIND_M = 0.012  # the axis of a column lies so far behind the face that the camera sees
@@ -118,11 +120,11 @@ def find_levers(scene: Scene) -> list[LeverCandidate]:
         SceneError: Nothing thin stands out from the object.
     """
     p = scene.p_base
-    deck_m = _deck_height(p)
+    deck_m = deck_height(p)
     above = p[p[:, 2] > deck_m + DECK_BAND_M]
     if len(above) < LEAST_POINTS:
         raise SceneError("no lever in view: nothing stands up from the object's deck")
-    axis = _column(above, deck_m, scene.p_camera)
+    axis = column(above, deck_m, scene.p_camera)
     outside = above[np.linalg.norm(above[:, :2] - axis, axis=1) > COLUMN_RADIUS_M]
     found = [
         c
@@ -138,28 +140,41 @@ def find_levers(scene: Scene) -> list[LeverCandidate]:
     return sorted(found, key=lambda c: c.doubt)
 
 
-def _deck_height(p: np.ndarray) -> float:
+def deck_height(p: np.ndarray) -> float:
     """Top of the plate or block the object stands on: the highest of the widest level surfaces, wider than a spout."""
     cells = np.floor(p / CELL_M).astype(int)
     low = cells.min(axis=0)
     cells = np.unique(cells - low, axis=0)
     top = np.full(cells[:, :2].max(axis=0) + 1, -1)
     np.maximum.at(top, tuple(cells[:, :2].T), cells[:, 2])
-    wide = [
-        int(
-            ndimage.binary_opening(
-                (top >= 0) & (np.abs(top - level) <= 1), np.ones((DECK_WIDTH_CELLS,) * 2)
-            ).sum()
-        )
-        for level in range(int(top.max()) + 1)
-    ]
+    wide = [_deck_cells(top, level) for level in range(int(top.max()) + 1)]
     enough = np.flatnonzero(np.array(wide) >= max(DECK_CELLS, DECK_SHARE * max(wide)))
     if len(enough):
         return max(THIN_DECK_M, float((low[2] + enough[-1] + 1) * CELL_M))
     return THIN_DECK_M
 
 
-def _column(p: np.ndarray, deck_m: float, p_camera: np.ndarray) -> np.ndarray:
+def _deck_cells(top: np.ndarray, level: int) -> int:
+    """How many cells of a level may be a deck: not as narrow as a spout; long, or with something standing on it.
+
+    Args:
+        top: Highest occupied cell over each place (x, y); -1 where there is none.
+        level: Of the deck's top.
+    """
+    labels = np.zeros(top.shape, np.int32)
+    flat = ndimage.binary_opening((top >= 0) & (np.abs(top - level) <= 1), np.ones((DECK_WIDTH_CELLS,) * 2))
+    count = ndimage.label(flat, output=labels)
+    higher, total = top > level + HIGHER_CELLS, 0
+    for k in range(1, int(count) + 1):
+        cells = np.argwhere(labels == k)
+        spread = cells @ np.linalg.eigh(np.cov(cells.T))[1][:, 1]
+        around = ndimage.binary_dilation(labels == k, iterations=NEAR_CELLS)
+        stands = int((around & higher).sum()) >= STANDING_CELLS
+        total += len(cells) if stands or np.ptp(spread) * CELL_M > DECK_LENGTH_M else 0
+    return total
+
+
+def column(p: np.ndarray, deck_m: float, p_camera: np.ndarray) -> np.ndarray:
     """Where the body's upright axis stands (2,): where the surface rises highest from the deck without a break."""
     cells = np.floor(np.column_stack([p[:, :2] / COLUMN_CELL_M, (p[:, 2:] - deck_m) / CELL_M])).astype(int)
     low = cells[:, :2].min(axis=0)

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from s2r_host.errors import SceneError
+from s2r_host.motion.knobs import Knob, find_knobs
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
 from s2r_host.motion.levers import LeverCandidate, find_levers, pieces
 from s2r_host.motion.push_proposals import PushProposal
@@ -33,6 +35,8 @@ SWINGS = (-2.75, 7.73, 0.38, -4.43)  # 1, steepness, the network's line, radial
 SEEN_BY_NETWORK = 0.25
 BELIEVED = 0.4  # belief that a point belongs to the part, from which on it is taken for a piece of it
 LEAST_POINTS = 100
+KNOB_DEPTH_M = 0.014  # least way of the fingertip: the spoke of a knob is short
+KNOB = 1.5  # odds of a knob with spokes that the network fully believes in, against one it does not at all
 
 # How often the end that was taken for the tip is the one that the piece turns about, in views of drawn faucets that
 # nothing is reported of: where the piece leads down, where a piece on a foot of its own is level, and else.
@@ -76,6 +80,7 @@ class Guess:
         p_free, p_held: Its free end, which is pushed, and the one it turns about [m], (3,); None where unknown.
         weight: Against other guesses; not normalised.
         proposals: Ways to push it, best first, without those that were tried.
+        turns: It is a knob: ``line`` is one of the many along which it gives way.
     """
 
     p: np.ndarray
@@ -84,6 +89,7 @@ class Guess:
     proposals: Iterator[PushProposal]
     p_free: np.ndarray | None = None
     p_held: np.ndarray | None = None
+    turns: bool = False
 
     def at_free_end(self, p: np.ndarray) -> bool:
         """Whether a point (3,) is nearer to the free end than to the other."""
@@ -118,7 +124,11 @@ def lever_guesses(
     guesses = [
         guess for k in range(len(levers)) for guess in _about_lever(levers, k, found, settings.lever_push)
     ]
-    guesses += _about_the_rest(scene, levers, found, settings.network_push)
+    knobs = find_knobs(scene)
+    guesses += [_about_knob(knob, found, settings.lever_push) for knob in knobs]
+    guesses += _about_the_rest(
+        scene, [*(one.p for one in levers), *(one.p for one in knobs)], found, settings.network_push
+    )
     weights = [guess.weight * _evidence(guess, guesses, tried) for guess in guesses]
     return [
         replace(guesses[k], weight=weights[k], proposals=_untried(guesses[k], tried))
@@ -161,6 +171,14 @@ def _about_lever(
             yield Guess(lever.p, line, odds * share * chance, pushes, one.p_tip, one.p_root)
 
 
+def _about_knob(knob: Knob, found: Affordance, settings: LeverPushSettings) -> Guess:
+    """A knob is turned by any of its spokes, first by the ones that stand out most; its axis is known."""
+    belief, _ = belief_about(found, knob.p)
+    exact = replace(settings, root_m=0.0, depth_m=(KNOB_DEPTH_M, settings.depth_m[1]))
+    pushes = chain.from_iterable(lever_proposals(spoke, spoke.level_line, exact) for spoke in knob.spokes)
+    return Guess(knob.p, knob.spokes[0].level_line, KNOB * belief, pushes, turns=True)
+
+
 def wrong_end(lever: LeverCandidate) -> float:
     """Chance that the piece turns about the end that was taken for its tip."""
     rise_m = float(lever.p_tip[2] - lever.p_root[2])
@@ -170,13 +188,13 @@ def wrong_end(lever: LeverCandidate) -> float:
 
 
 def _about_the_rest(
-    scene: Scene, levers: Sequence[LeverCandidate], found: Affordance, settings: NetworkPushSettings
+    scene: Scene, known: Sequence[np.ndarray], found: Affordance, settings: NetworkPushSettings
 ) -> Iterator[Guess]:
-    """Pieces that do not look like levers, but that the network believes to move."""
+    """Pieces that do not look like levers or knobs, but that the network believes to move."""
     p = scene.p_base
     rest = found.part[cKDTree(found.cloud.points).query(p)[1]] >= BELIEVED
-    for lever in levers:
-        rest &= cKDTree(lever.p).query(p)[0] > 0.0
+    for piece in known:
+        rest &= cKDTree(piece).query(p)[0] > 0.0
     pushes = list(proposals_of(found, settings))
     for piece in pieces(p[rest], LEAST_POINTS):
         near = cKDTree(piece)
@@ -193,7 +211,7 @@ def _evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) ->
     for push in tried:
         gap = {id(one.p): float(np.linalg.norm(one.p - push.p_contact, axis=1).min()) for one in guesses}
         about = gap[id(guess.p)] < ABOUT_M and gap[id(guess.p)] <= min(gap.values()) + 1e-9
-        along = abs(float(guess.line @ push.direction)) > SAME_WAY
+        along = guess.turns or abs(float(guess.line @ push.direction)) > SAME_WAY
         if about and push.moved:
             factor *= MOVED
         elif about and along and guess.at_free_end(push.p_contact):

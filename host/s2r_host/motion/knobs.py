@@ -1,0 +1,138 @@
+"""Finding what may be a knob with spokes: a compact piece on the deck that stands apart from the faucet's body.
+
+Cross and star knobs turn about an upright axis through their middle; a fingertip turns them by the side of a spoke.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from s2r_host.motion.levers import (
+    COLUMN_RADIUS_M,
+    DECK_BAND_M,
+    LEAST_POINTS,
+    LeverCandidate,
+    column,
+    deck_height,
+    pieces,
+)
+from s2r_host.motion.scene import Scene
+
+LEAST_KNOB_POINTS = 100
+RADIUS_M = (0.02, 0.065)
+COMPACT = 0.55  # width over length of its outline from above
+MOST_HEIGHT_M = 0.09  # of its top over the deck
+RIM_M = 0.014  # below the top, where its outline is looked at
+BINS, SMOOTH = 36, 1.0  # of the outline's radius over the angle
+SPOKE = 0.8  # of the largest radius, from which on a peak of the outline is a spoke
+ROUND = 0.88  # smallest over largest radius of an outline without spokes
+APART_BINS = 4  # two spokes are further apart
+OUTER = 0.55  # of a spoke's length, from which on its width is measured
+WIDTH_M = (0.008, 0.03)
+
+
+@dataclass(frozen=True, eq=False)
+class Knob:
+    """A piece that may turn about an upright axis through its middle, base frame.
+
+    Attributes:
+        p: Its points [m], (n, 3).
+        spokes: From the axis to their tips, the longest first; at least one.
+    """
+
+    p: np.ndarray
+    spokes: tuple[LeverCandidate, ...]
+
+
+def find_knobs(scene: Scene) -> list[Knob]:
+    """What may be a knob, the one with most points first; maybe none."""
+    p = scene.p_base
+    deck_m = deck_height(p)
+    above = p[p[:, 2] > deck_m + DECK_BAND_M]
+    if len(above) < LEAST_POINTS:
+        return []
+    axis = column(above, deck_m, scene.p_camera)
+    outside = above[np.linalg.norm(above[:, :2] - axis, axis=1) > COLUMN_RADIUS_M]
+    found = []
+    for piece in pieces(outside, LEAST_KNOB_POINTS):
+        spokes = _spokes(piece, deck_m)
+        if spokes:
+            found.append(Knob(piece, spokes))
+    return found
+
+
+def _spokes(p: np.ndarray, deck_m: float) -> tuple[LeverCandidate, ...]:
+    """Spokes of a piece (n, 3), the longest first; none where it is no knob."""
+    top_m = float(np.percentile(p[:, 2], 98.0))
+    rim = p[p[:, 2] > top_m - RIM_M]
+    if top_m - deck_m > MOST_HEIGHT_M or len(rim) < LEAST_KNOB_POINTS:
+        return ()
+    axes = np.linalg.eigh(np.cov(rim[:, :2].T))[1]
+    low, high = np.percentile(rim[:, :2] @ axes, [1.0, 99.0], axis=0)
+    width, length = sorted((high - low).tolist())
+    if not 2.0 * RADIUS_M[0] < length < 2.0 * RADIUS_M[1] or width < COMPACT * length:
+        return ()
+    centre = axes @ (0.5 * (low + high))
+    offset = rim[:, :2] - centre
+    radius = np.linalg.norm(offset, axis=1)
+    outline = _outline(np.arctan2(offset[:, 1], offset[:, 0]), radius)
+    if outline.min() > ROUND * outline.max():
+        return ()
+    height_m = float(np.median(rim[:, 2]))
+    found = []
+    for k in _peaks(outline):
+        angle = 2.0 * np.pi * (k + 0.5) / BINS - np.pi
+        found.append(_spoke(rim, centre, angle, float(outline[k]), height_m, float(p[:, 2].min()) - deck_m))
+    return tuple(found)
+
+
+def _outline(angle: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Radius of the outline over the angle [m], (BINS,)."""
+    bins = np.minimum(((angle + np.pi) / (2.0 * np.pi) * BINS).astype(int), BINS - 1)
+    outline = np.array(
+        [np.percentile(radius[bins == k], 95.0) if (bins == k).sum() >= 3 else 0.0 for k in range(BINS)]
+    )
+    return ndimage.gaussian_filter1d(outline, SMOOTH, mode="wrap")
+
+
+def _peaks(outline: np.ndarray) -> list[int]:
+    """Bins of the spokes' tips, the longest first, apart from each other."""
+    chosen: list[int] = []
+    for k in np.argsort(-outline, kind="stable"):
+        if outline[k] < SPOKE * outline.max():
+            break
+        peak = outline[k] >= max(outline[k - 1], outline[(k + 1) % BINS])
+        apart = all(min(abs(k - c), BINS - abs(k - c)) > APART_BINS for c in chosen)
+        if peak and apart:
+            chosen.append(int(k))
+    return chosen
+
+
+def _spoke(
+    rim: np.ndarray, centre: np.ndarray, angle: float, radius: float, height_m: float, above_deck_m: float
+) -> LeverCandidate:
+    """A lever from the knob's axis to the tip of a spoke."""
+    out, aside = (
+        np.array([np.cos(angle), np.sin(angle)]),
+        np.array([-np.sin(angle), np.cos(angle)]),
+    )
+    offset = rim[:, :2] - centre
+    outer = (offset @ out > OUTER * radius) & (np.abs(offset @ aside) < WIDTH_M[1])
+    across = offset[outer] @ aside
+    width = 3.46 * float(across.std()) if outer.sum() > 5 else WIDTH_M[0]
+    tip = centre + radius * out + (float(np.median(across)) if outer.sum() > 5 else 0.0) * aside
+    return LeverCandidate(
+        p=rim[outer] if outer.any() else rim,
+        p_root=np.append(centre, height_m),
+        p_tip=np.append(tip, height_m),
+        width_m=float(np.clip(width, *WIDTH_M)),
+        bend=0.0,
+        towards_user=0.0,
+        outward=np.append(out, 0.0),
+        above_deck_m=above_deck_m,
+        radial=0.0,
+        rooted=True,
+    )
