@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from s2r_host.errors import SceneError
 from s2r_host.perception.errors import AbstainError, NothingMovedError
 from s2r_host.perception.estimate import JointEstimate
+from s2r_host.perception.motion import Push
 from s2r_host.run.belief import estimate_part
 from s2r_host.run.first_push import DonePush, carry_out_push, prepare_push
 from s2r_host.run.observe import Observation, observe
@@ -46,6 +47,7 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
     """
     settings, journal, task = session.settings, session.journal, session.settings.task
     views, skip = [first], 0
+    pushes: list[DonePush] = []
     earlier: list[DonePush] = []
     positive: np.ndarray | None = None
     for number in range(1, settings.pushes + 1):
@@ -59,12 +61,13 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
             return None
         with journal.stage(f"first push{again}"):
             record.push = carry_out_push(session, planned)
+            pushes.append(record.push)
         with journal.stage(f"view B{again}") as stage:
             views.append(record.add_view(observe(session, f"B{number if again else ''}")))
             stage.note = f"{len(views[-1].scene.p_base)} object points"
         try:
             with journal.stage(f"estimate joint{again}") as stage:
-                before, estimate = _compared(session, views, record.push, positive)
+                before, estimate = _compared(session, views, pushes, positive)
                 seen = f", since view {before.name}" if before is not first else ""
                 stage.note = f"moved {task.unit.show(estimate.delta)}{seen}, {100 * estimate.explained:.0f} % explained"
         except (AbstainError, SceneError) as error:
@@ -80,19 +83,25 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
 
 
 def _compared(
-    session: Session, views: Sequence[Observation], push: DonePush, positive: np.ndarray | None
+    session: Session, views: Sequence[Observation], pushes: Sequence[DonePush], positive: np.ndarray | None
 ) -> tuple[Observation, JointEstimate]:
     """The joint by the newest view and an earlier one, and that one.
+
+    Args:
+        session: Task and seed.
+        views: All of them.
+        pushes: The ones between them.
+        positive: As :func:`s2r_host.run.belief.estimate_part` takes it.
 
     Raises:
         AbstainError, SceneError: No pair tells it; the text is about the first view and the newest.
     """
     problem: AbstainError | SceneError | None = None
-    for before in _to_compare_with(views):
-        pushed = push.planned.motion.push_at_part if len(views) == 2 else None
+    for k in (0, *range(len(views) - 2, 0, -1)):  # the first view, then the others, the newest first
+        pushed = _only_push(pushes[k:])
         try:
-            return before, estimate_part(
-                before, views[-1], session.settings.task, positive, pushed, session.settings.seed
+            return views[k], estimate_part(
+                views[k], views[-1], session.settings.task, positive, pushed, session.settings.seed
             )
         except (AbstainError, SceneError) as error:
             problem = problem or error
@@ -100,7 +109,9 @@ def _compared(
     raise problem
 
 
-def _to_compare_with(views: Sequence[Observation]) -> Iterator[Observation]:
-    """The first view, then the others from the last but one backwards."""
-    yield views[0]
-    yield from reversed(views[1:-1])
+def _only_push(pushes: Sequence[DonePush]) -> Push | None:
+    """What was done to the part, if all pushes but one were held out; what several have done is not known."""
+    if len(pushes) == 1:
+        return pushes[0].planned.motion.push_at_part
+    through = [push for push in pushes if push.went_through]
+    return through[0].planned.motion.push_at_part if len(through) == 1 else None

@@ -12,11 +12,21 @@ from s2r_host.run import push_until_told
 from s2r_host.run.push_until_told import _compared
 
 SESSION: Any = SimpleNamespace(settings=SimpleNamespace(task=None, seed=0))
-PUSH: Any = SimpleNamespace(planned=SimpleNamespace(motion=SimpleNamespace(push_at_part="the push")))
 
 
-def compared(monkeypatch: pytest.MonkeyPatch, names: str, telling: str) -> tuple[Any, list[tuple[str, Any]]]:
-    """Compare views of these names where only some of them tell the joint together with the newest."""
+def push(name: str, went_through: bool = True) -> Any:
+    """A push of that name."""
+    motion = SimpleNamespace(push_at_part=name)
+    return SimpleNamespace(planned=SimpleNamespace(motion=motion), went_through=went_through)
+
+
+def compared(
+    monkeypatch: pytest.MonkeyPatch, names: str, telling: str, through: str = ""
+) -> tuple[Any, list[tuple[str, Any]]]:
+    """Compare views of these names where only some of them tell the joint together with the newest.
+
+    Pushes are named after the views that they lead to; ``through``: those that nothing stopped.
+    """
     asked: list[tuple[str, Any]] = []
 
     def estimate(before: Any, after: Any, task: Any, positive: Any, pushed: Any, seed: int) -> str:
@@ -28,7 +38,8 @@ def compared(monkeypatch: pytest.MonkeyPatch, names: str, telling: str) -> tuple
 
     monkeypatch.setattr(push_until_told, "estimate_part", estimate)
     views: list[Any] = [SimpleNamespace(name=name) for name in names]
-    return _compared(SESSION, views, PUSH, None), asked
+    pushes = [push(name, name in through) for name in names[1:]]
+    return _compared(SESSION, views, pushes, None), asked
 
 
 def test_the_first_view_counts_as_long_as_it_tells(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -44,8 +55,13 @@ def test_later_views_are_asked_from_the_newest_on(monkeypatch: pytest.MonkeyPatc
 
 
 def test_only_a_single_push_says_how_the_part_was_pushed(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert compared(monkeypatch, "AB", "A")[1] == [("A", "the push")]
-    assert compared(monkeypatch, "ABC", "B")[1] == [("A", None), ("B", None)]
+    assert compared(monkeypatch, "AB", "A")[1] == [("A", "B")]
+    assert compared(monkeypatch, "ABC", "B", "BC")[1] == [("A", None), ("B", "C")]
+
+
+def test_pushes_that_were_held_out_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert compared(monkeypatch, "ABCD", "A", "C")[1] == [("A", "C")]
+    assert compared(monkeypatch, "ABCD", "A", "")[1] == [("A", None)]
 
 
 def test_where_no_pair_tells_the_reason_is_the_first_views(monkeypatch: pytest.MonkeyPatch) -> None:
