@@ -14,6 +14,7 @@ from s2r_host.planning.scene import GeomKind, Scene
 from s2r_host.planning.settings import USUAL_ROOM_M
 
 _PAD_M = (0.018, 0.004)  # the point that should meet the part, this far behind the end of the fingertip
+_DEEP_PAD_M = (0.018, 0.012)  # the same where the part may end earlier than believed
 _BEHIND_M = (0.010, 0.014, 0.018, 0.024)  # how far behind a geom places are looked for
 _FAR_BEHIND_M = (0.030, 0.036)  # and where more room is asked for
 _PUSH_M = (0.003, 0.006, 0.009, 0.012, 0.016, 0.024, 0.034)  # how far along the motion the part is felt for
@@ -69,10 +70,10 @@ def find_places(
     They are looked for at up to ``points`` points, spread over the faces of the part. The hand may come in ``ways``:
     "usual", level and from above; "oblique", slantwise as well, as behind an upright bar close to its door; "upward",
     from below, as to what is overhead. With more than the usual room to the touch, ``room_m``, they are looked for
-    further behind the part, too.
+    further behind the part, too, and none that only grazes it.
     """
-    behind_m = _BEHIND_M + (_FAR_BEHIND_M if room_m > USUAL_ROOM_M else ())
-    p, R, way = _candidates(scene, data, sign, _ORIENTATIONS[ways], points, behind_m)
+    roomy = room_m > USUAL_ROOM_M
+    p, R, way = _candidates(scene, data, sign, _ORIENTATIONS[ways], points, roomy=roomy)
     quat = quats_of(R)
     free = probe.contacts(p, quat) == 0
     p, R, way, quat = p[free], R[free], way[free], quat[free]
@@ -133,10 +134,12 @@ def _candidates(
     sign: float,
     orientations: np.ndarray,
     count: int,
-    behind_m: tuple[float, ...],
+    *,
+    roomy: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Tool tips, orientations and directions worth a closer look, at ``count`` points behind the part."""
     seen = _only_solid(scene)
+    behind_m = (*_BEHIND_M, *_FAR_BEHIND_M) if roomy else _BEHIND_M
     centres, ways = _points_behind(scene, seen, data, sign, behind_m)
     axes = orientations[::_ROLLS, :, 2]
     free = [
@@ -148,7 +151,7 @@ def _candidates(
     tips, rotations, directions = [], [], []
     for index in chosen:
         R = _frame(ways[index]) @ orientations[np.repeat(free[index], _ROLLS)]
-        for pad in _PAD_M:
+        for pad in _DEEP_PAD_M if roomy else _PAD_M:
             tips.append(centres[index] + pad * R[:, :, 2])
             rotations.append(R)
             directions.append(np.broadcast_to(ways[index], (len(R), 3)))

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 from s2r_host.planning.doubt import Doubt
 
-
 USUAL_ROOM_M = 0.012
 
 

@@ -17,6 +17,8 @@ UNSEEN_ROOM_M = 0.010
 """More room for the fingertip to come down beside a hinge's part, on a side that no push has touched yet: the camera
 sees a lever from one side, how thick it is is a guess, and a hand-eye error of millimetres comes on top."""
 
+LEAST_ROOMY_SHARE = 0.5  # of the usual doubt, below which a try makes do with the usual room
+
 
 def doubt_about(belief: Belief, *, growing: bool) -> Doubt:
     """Intervals for a motion that lets the joint grow, or fall.
@@ -40,4 +42,4 @@ def doubt_about(belief: Belief, *, growing: bool) -> Doubt:
 def room_about(belief: Belief, *, growing: bool, share: float) -> float:
     """Way to the touch that a plan should leave for a motion that lets the joint grow, or fall [m]."""
     known = belief.template.slides or belief.touched(growing)
-    return USUAL_ROOM_M if known else USUAL_ROOM_M + share * UNSEEN_ROOM_M
+    return USUAL_ROOM_M if known or share < LEAST_ROOMY_SHARE else USUAL_ROOM_M + share * UNSEEN_ROOM_M
