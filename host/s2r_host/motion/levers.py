@@ -163,12 +163,12 @@ def _deck_cells(top: np.ndarray, level: int) -> int:
     """
     labels = np.zeros(top.shape, np.int32)
     flat = ndimage.binary_opening((top >= 0) & (np.abs(top - level) <= 1), np.ones((DECK_WIDTH_CELLS,) * 2))
-    count = ndimage.label(flat, output=labels)
+    ndimage.label(flat, output=labels)
     higher, total = top > level + HIGHER_CELLS, 0
-    for k in range(1, int(count) + 1):
+    for k in range(1, int(labels.max()) + 1):
         cells = np.argwhere(labels == k)
         spread = cells @ np.linalg.eigh(np.cov(cells.T))[1][:, 1]
-        around = ndimage.binary_dilation(labels == k, iterations=NEAR_CELLS)
+        around = np.asarray(ndimage.binary_dilation(labels == k, iterations=NEAR_CELLS), bool)
         stands = int((around & higher).sum()) >= STANDING_CELLS
         total += len(cells) if stands or np.ptp(spread) * CELL_M > DECK_LENGTH_M else 0
     return total

@@ -68,7 +68,7 @@ def test_an_end_of_a_lever_that_held_out_is_never_pushed_the_same_way_again(view
 
 
 def test_a_lever_whose_tip_held_out_may_turn_about_its_tip(view):
-    scene, lever = view
+    scene, _ = view
     first = first_push(guesses(scene))
     before, after = (
         next(
