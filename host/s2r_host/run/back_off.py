@@ -11,7 +11,8 @@ from s2r_protocol.faults import Cause
 
 ON_THE_WAY_RAD = 0.05  # largest joint's distance from the way in
 STEP_RAD = 0.03
-MOST_TRIES = 3
+MOST_TRIES, LEAST_TRIES = 8, 3  # each frees a little of what is squeezed; so many may gain nothing
+GAIN_RAD = 1e-3
 
 
 def back_off(session: Session, error: ArmStoppedError, way_in: np.ndarray, label: str) -> None:
@@ -31,9 +32,13 @@ def back_off(session: Session, error: ArmStoppedError, way_in: np.ndarray, label
     """
     if not session.settings.acknowledge_contact:
         raise error
+    left, in_vain = np.inf, 0
     for _ in range(MOST_TRIES):
         session.link.wait_at_rest()
         off = np.abs(way_in - session.status().q_ref).max(axis=1)
+        in_vain, left = (0 if off[0] < left - GAIN_RAD else in_vain + 1), min(left, float(off[0]))
+        if in_vain == LEAST_TRIES:
+            break
         if error.cause != Cause.COLLISION or off.min() > ON_THE_WAY_RAD:
             raise error
         session.journal.warn(f"contact that does not give way, backing off: {error}")

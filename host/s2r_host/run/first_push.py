@@ -108,7 +108,8 @@ def carry_out_push(session: Session, planned: PlannedPush) -> DonePush:
     """Approach, push, back, home.
 
     A push may meet something that does not give way: the spout instead of the lever. The executor then stops the arm;
-    the stop is acknowledged and the arm goes back the way it came, away from the contact.
+    the stop is acknowledged and the arm goes back the way it came, away from the contact and all the way to where it
+    began: what was met may stand where the way home was to lead.
 
     Raises:
         ArmStoppedError: Stopped for another cause, or elsewhere than on the way into contact.
@@ -119,7 +120,9 @@ def carry_out_push(session: Session, planned: PlannedPush) -> DonePush:
     except ArmStoppedError as error:
         went_through = False
         back_off(session, error, planned.motion.push, f"{planned.motions[PUSH].label}: backing off")
-        session.move(planned.motions[-1:])
+        way = np.vstack([session.status().q_ref, planned.motion.approach[-2::-1]])
+        label = planned.motions[-1].label
+        session.move([timed(session, way, label, session.settings.travel_speed, FREE)])
     return DonePush(planned, tuple(session.executed[begun:]), went_through)
 
 

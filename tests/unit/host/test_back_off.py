@@ -16,8 +16,8 @@ from s2r_protocol.faults import Cause
 class Cell:
     """Just enough of a session; ``did`` is what was asked of it, in order."""
 
-    def __init__(self, q_now, jams=0):
-        self.did, self.moved, self._q, self.jams = [], [], q_now, jams
+    def __init__(self, q_now, jams=0, gain=0.0):
+        self.did, self.moved, self._q, self.jams, self.gain = [], [], q_now, jams, gain
         self.arm = ArmModel(load_arm("xmate3pro"))
         self.settings = SimpleNamespace(push_speed=0.25, acknowledge_contact=True)
         self.journal = SimpleNamespace(warn=lambda text: self.did.append("warn"))
@@ -47,6 +47,7 @@ class Cell:
         self.moved += motions
         if self.jams:
             self.jams -= 1
+            self._q = self._q - self.gain
             raise ArmStoppedError("met something again", Cause.COLLISION)
 
 
@@ -105,3 +106,9 @@ def test_a_fingertip_that_stays_jammed_is_left_to_an_operator():
     with pytest.raises(ArmStoppedError, match="again"):
         back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
     assert cell.did.count("move") == 3
+
+
+def test_a_fingertip_that_comes_free_by_and_by_gets_more_tries():
+    cell = Cell(WAY[12], jams=5, gain=0.01 * (WAY[1] - WAY[0]) / np.abs(WAY[1] - WAY[0]).max())
+    back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
+    assert cell.did.count("move") == 6
