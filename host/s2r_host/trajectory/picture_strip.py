@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import mujoco
 import numpy as np
-from matplotlib.figure import Figure
 
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.scene import GeomKind, Scene
@@ -18,6 +18,7 @@ _LIGHT = np.array([0.35, 0.45, 0.82])
 _PART, _FINGER = np.array([0.93, 0.55, 0.20]), np.array([0.15, 0.35, 0.80])
 _SKY = np.array([0.93, 0.95, 0.97])
 _FRAMES = 6
+_TITLE_PX, _GAP_PX, _TEXT_PX = 24, 8, 10
 
 
 def save_picture_strip(
@@ -35,8 +36,9 @@ def save_picture_strip(
     """
     world = FineWorld(scene, q_initial, s_initial)
     model = _visible(scene)
-    rows = len(begins_s)
-    figure = Figure(figsize=(3.0 * _FRAMES, 3.0 * rows), layout="constrained")
+    strip = np.full(
+        (len(begins_s) * (_TITLE_PX + _HEIGHT), _FRAMES * (_WIDTH + _GAP_PX) - _GAP_PX, 3), 255, np.uint8
+    )
     origin, vectors = _camera(scene, world.data, played)
     ends_s = (*begins_s[1:], np.inf)
     for leg, (begin_s, end_s) in enumerate(zip(begins_s, ends_s, strict=True)):
@@ -45,15 +47,29 @@ def save_picture_strip(
             world.data.qpos[: scene.dof] = played.q_meas[row]
             world.data.qpos[scene.s_qpos] = played.s[row]
             mujoco.mj_kinematics(scene.fine, world.data)
-            axes = figure.add_subplot(rows, _FRAMES, leg * _FRAMES + k + 1)
-            axes.imshow(_shaded(scene, model, world.data, origin, vectors), interpolation="nearest")
             unit = "m" if scene.prismatic else "rad"
             held = "" if t <= trajectory.duration_s else " (held)"
-            which = f"leg {leg + 1}: " if rows > 1 else ""
-            axes.set_title(f"{which}t = {t:.2f} s{held},  s = {played.s[row]:+.3f} {unit}", fontsize=8)
-            axes.set_axis_off()
-    figure.savefig(path, dpi=110)
+            which = f"leg {leg + 1}: " if len(begins_s) > 1 else ""
+            title = f"{which}t = {t:.2f} s{held},  s = {played.s[row]:+.3f} {unit}"
+            frame = strip[leg * (_TITLE_PX + _HEIGHT) :, k * (_WIDTH + _GAP_PX) :][
+                : _TITLE_PX + _HEIGHT, :_WIDTH
+            ]
+            frame[_TITLE_PX:] = np.round(255.0 * _shaded(scene, model, world.data, origin, vectors))
+            _write_title(frame, title)
+    path.write_bytes(cv2.imencode(".png", strip[..., ::-1])[1].tobytes())  # OpenCV's colours are blue first
     return path
+
+
+def _write_title(frame: np.ndarray, title: str) -> None:
+    """Write a line of black text above a picture, centred."""
+    font, thickness = cv2.FONT_HERSHEY_SIMPLEX, 1
+    scale = cv2.getFontScaleFromHeight(font, _TEXT_PX, thickness)
+    (width, _), _ = cv2.getTextSize(title, font, scale, thickness)
+    scale *= min(1.0, frame.shape[1] / width)
+    left = max(0, (frame.shape[1] - min(width, frame.shape[1])) // 2)
+    drawn = np.ascontiguousarray(frame[:_TITLE_PX])
+    cv2.putText(drawn, title, (left, _TITLE_PX - 8), font, scale, (0, 0, 0), thickness, cv2.LINE_AA)
+    frame[:_TITLE_PX] = drawn
 
 
 def _moments(played: Replay, begin_s: float, end_s: float) -> np.ndarray:

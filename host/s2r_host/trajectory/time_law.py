@@ -13,14 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import toppra
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
-from toppra.constraint import JointAccelerationConstraint, JointTorqueConstraint, JointVelocityConstraint
 
 from s2r_host.trajectory.path import length_at, smooth_path
 from s2r_host.trajectory.torque import STANDARD_GRAVITY, InverseDynamics, torque_stretch
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError, check_positions
+from s2r_host.trajectory.without_plots import toppra
 from s2r_protocol.arms import ArmDescription
 
 # TOPP-RA reports every step of its solver at warning level when a grid point is nearly singular.
@@ -155,9 +154,9 @@ def _fastest(
     velocity = np.append(settings.share * limits.dq_max, settings.contact_speed_m_s)
     acceleration = np.append(settings.share * limits.ddq_max, settings.contact_acceleration_m_s2)
     constraints = [
-        JointVelocityConstraint(_both_sides(velocity)),
-        JointAccelerationConstraint(_both_sides(acceleration)),
-        JointTorqueConstraint(_with_way(dynamics), _both_sides(tau), np.zeros(arm.dof + 1)),
+        toppra.constraint.JointVelocityConstraint(_both_sides(velocity)),
+        toppra.constraint.JointAccelerationConstraint(_both_sides(acceleration)),
+        toppra.constraint.JointTorqueConstraint(_with_way(dynamics), _both_sides(tau), np.zeros(arm.dof + 1)),
     ]
     extended = toppra.SplineInterpolator(grid, np.column_stack([joints, way]), bc_type="natural")
     instance = toppra.algorithm.TOPPRA(constraints, extended, gridpoints=grid, solver_wrapper="seidel")
