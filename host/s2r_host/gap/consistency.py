@@ -1,4 +1,4 @@
-"""Do the parts of a named effect agree? What imitates the sum of them rarely has their ratio."""
+"""Does an explanation agree with itself? What imitates an effect rarely has the ratio of its parts."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from s2r_host.gap.search import Search
 from s2r_host.gap.solution import Solution
 
 WRONG_SHARE, CLEAR = 0.35, 2.0  # of a part; deviations, by noise three times as strong as seen
+FAR = 5.0  # deviations of a number of the model; right names ask for 4.0 at most in the tuning sets
+MAY_MOVE = ("timing", "edge", "effort_offset")  # of the comparison, not of the machine
 
 
 def disagreement(problem: Problem, search: Search, solution: Solution) -> str | None:
@@ -34,3 +36,18 @@ def disagreement(problem: Problem, search: Search, solution: Solution) -> str | 
                 f"says (one deviation {deviation:.2f})"
             )
     return None
+
+
+def stretched(problem: Problem, solution: Solution) -> str | None:
+    """A sentence when the named effects hold only with a number of the model so far off that it would be news."""
+    far = [
+        (abs(x) / d, p)
+        for p, x, d in zip(problem.base, solution.base, problem.prior, strict=True)
+        if p.name not in MAY_MOVE
+    ]
+    if not far:
+        return None
+    most, number = max(far, key=lambda x: x[0])
+    if most < FAR:
+        return None
+    return f"{number.name} of {number.place} would have to be off by {most:.1f} times what nominal values usually are"

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX
-from s2r_host.gap.consistency import disagreement
+from s2r_host.gap.consistency import disagreement, stretched
 from s2r_host.gap.decision import (
     LEFTOVER_LIMIT,
     Decision,
@@ -23,11 +23,11 @@ from s2r_host.gap.naming import CEILING, MODEL_ERROR, Z90, Named, brought, named
 from s2r_host.gap.other_machine import other_machine
 from s2r_host.gap.parameters_off import base_entries, is_parameter, off_entries, off_entry, parameters_only
 from s2r_host.gap.problem import Problem
-from s2r_host.gap.rejected import rejected_at_floor, rejected_list
+from s2r_host.gap.rejected import rejected_list
 from s2r_host.gap.search import MAX_EFFECTS, Search
 from s2r_host.gap.solution import Solution, Term
 from s2r_host.gap.unrepeated import Wander
-from s2r_host.gap.wrong_number import TIGHT, base_matters, with_number
+from s2r_host.gap.wrong_number import TIGHT, Looseness, base_matters, with_number
 
 FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
 NO_WORSE = 1.3
@@ -67,9 +67,10 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     """What the plant's equation says: effort recorded against effort needed."""
     search.looseness = TIGHT
     if search.at_floor([]):
+        # A load of a hundredth of the mass stays below the floor in the sum, and is certain all the same.
         log("the nominal model reaches the noise floor")
-        solution = search.finish([], [], [])
-        return Decision("nothing_missing", solution, rejected=rejected_at_floor(problem, search))
+        search.looseness = 1.0
+        return parameters_only(problem, search)
     search.looseness = 1.0
     numbers_do = search.at_floor([])
     if numbers_do and not search.stands_out([], []):
@@ -78,7 +79,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         if not too_much_left(problem, search, decision):
             return decision
     solution = search.run(look=numbers_do)
-    looseness = 1.0
+    looseness: Looseness = 1.0
     few = 0 < len(solution.terms) <= MAX_EFFECTS and len(problem.joints) <= FEW_JOINTS
     if few and base_matters(search, problem, solution.terms):
         number = with_number(problem, search, solution)
@@ -99,6 +100,9 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
             decision = parameters_only(problem, search)
         return decision
     odd = disagreement(problem, search, solution)
+    remains = decision.leftover > LEFTOVER_LIMIT * doubt(problem)
+    if odd is None and remains and decision.effects and len(problem.joints) <= FEW_JOINTS:
+        odd = stretched(problem, solution)
     if odd is not None:
         decision.reasons.append(odd)
     if odd is not None or too_much_left(problem, search, decision):
@@ -162,6 +166,8 @@ def _add_contradiction(problem: Problem, found: Contradiction, decision: Decisio
     """What position and speed of one joint say against each other: a transmission between them, or no name at all."""
     joint = problem.ctx.model.joints[found.joint]
     decision.reasons.append(found.words)
+    if found.finding is None and _play_between(found, decision):
+        return
     if found.finding is None:
         decision.verdict = "unknown"
         decision.contradictions.append(found)
@@ -169,6 +175,16 @@ def _add_contradiction(problem: Problem, found: Contradiction, decision: Decisio
     decision.effects = [e for e in decision.effects if e.joint != joint or e.name not in BEHIND_THE_SENSOR]
     decision.verdict = "physics_missing"
     _add_law(problem, found.finding, decision, found.words)
+
+
+def _play_between(found: Contradiction, decision: Decision) -> bool:
+    """Does the plant's equation name play on this joint, wide enough for its sensors on both sides to disagree so?"""
+    return decision.verdict == "physics_missing" and any(
+        e.name == "backlash"
+        and e.term.joint == found.joint
+        and found.size < e.parameters["half_width"]["value"]
+        for e in decision.effects
+    )
 
 
 def _add_wander(problem: Problem, found: Wander, decision: Decision) -> None:

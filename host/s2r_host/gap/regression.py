@@ -68,7 +68,7 @@ class Regression:
         skip: frozenset[str] = frozenset(),
     ) -> None:
         self.problem = problem
-        self.looseness = 1.0
+        self.looseness: float | np.ndarray = 1.0  # of the base parameters' priors, alike or one by one
         self.effects: dict[str, Effect] = {n: e for n, e in catalogue().items() if n not in skip}
         self.effects |= base_terms(problem.base)
         self._columns: dict[Term, Stored] = {}

@@ -27,6 +27,11 @@ CONTAINER_CHARGE = 5.0
 CONTAINER_SHARE = 0.002
 FURTHER_SHARE = 0.3
 FURTHER_GAIN = 0.004
+AHEAD, AHEAD_SHARE = 5.0, 0.1  # log odds before the next name; held-out misfit it takes
+HAND_IN_HAND, HAND_IN_HAND_SHARE = (
+    4,
+    0.6,
+)  # first effects tried in pairs; held-out misfit the second has to take
 
 
 def _share(term: Term, without: dict[int, float], misfit: dict[int, float]) -> float:
@@ -47,7 +52,7 @@ class Search(Regression):
         super().__init__(problem, skip)
         self.log = log
         self._shapes: dict[tuple[str, int], list[Term]] = {}
-        self._scanned: dict[tuple[tuple[Term, ...], float], tuple[list[Scored], float]] = {}
+        self._scanned: dict[tuple[tuple[Term, ...], bytes], tuple[list[Scored], float]] = {}
         self.completed = 0
 
     def forget(self) -> None:
@@ -265,8 +270,17 @@ class Search(Regression):
             scored, _ = self._scan_profiled(chosen)
             if len(chosen) == self.completed:
                 scans = scored
-            if not scored or not (self._clear(scored[0], own) or self._worth_it(scored[0], own)):
-                break
+            worth = bool(scored) and (self._clear(scored[0], own) or self._worth_it(scored[0], own))
+            if not worth and scored and not own:
+                worth = self._explains_what_comes_back(chosen, scored)
+            if not worth:
+                pair = [] if own or not scored else self._hand_in_hand(chosen, scored)
+                if not pair:
+                    break
+                for term in pair:
+                    self.log(f"  + {term.effect} on {self._joint(term)}, together")
+                chosen, slots = self._replace([*chosen, *pair], [*slots, [], []])
+                continue
             self.log(
                 f"  + {scored[0].term.effect} on {self._joint(scored[0].term)}: gain {scored[0].gain:.0f}"
             )
@@ -277,6 +291,22 @@ class Search(Regression):
         if len(chosen) > self.completed > 0:
             chosen, slots = self._prune_completed(chosen, slots)
         return self.finish(self.settled(chosen), slots, scans)
+
+    def _hand_in_hand(self, chosen: list[Term], scored: list[Scored]) -> list[Term]:
+        """Two effects of which neither predicts well without the other (a catch beside friction); empty if none do.
+
+        A joint that catches and rubs is fitted by either alone: the one asks for a pull far from the catch, the other
+        for friction as strong as the catch. Both predict worse than nothing there, and both together well.
+        """
+        refuted = sorted((s for s in scored if s.refuted > MIN_GAIN), key=lambda s: -s.refuted)[:HAND_IN_HAND]
+        best: tuple[float, list[Term]] = (0.0, [])
+        for first in refuted:
+            second = next(iter(self._scan_profiled([*chosen, first.term])[0]), None)
+            if second is None or second.term.effect.startswith(PREFIX):
+                continue
+            if second.gain > MIN_GAIN and second.holdout_gain > HAND_IN_HAND_SHARE:
+                best = max(best, (first.refuted + second.gain, [first.term, second.term]), key=lambda x: x[0])
+        return best[1]
 
     def _clear(self, best: Scored, slots: list[list[Scored]]) -> bool:
         """Evidence that is no small fraction of the first effect's cannot be the error of its equation.
@@ -291,6 +321,14 @@ class Search(Regression):
         first = max((s.gain for s in slots[0]), default=0.0) if slots else 0.0
         return best.gain > max(CLEAR_GAIN, CLEAR_SHARE * first) and best.holdout_gain > NO_LOSS
 
+    def _explains_what_comes_back(self, chosen: list[Term], scored: list[Scored]) -> bool:
+        """What comes back in a second run is there: a name then has to beat the other names, not nothing at all."""
+        best = scored[0]
+        second = max((s.gain for s in scored[1:]), default=0.0)
+        if best.gain < max(second, 0.0) + AHEAD or best.holdout_gain < AHEAD_SHARE:
+            return False
+        return self.comes_back(chosen) and not self.comes_back([*chosen, best.term])
+
     @staticmethod
     def _worth_it(best: Scored, slots: list[list[Scored]]) -> bool:
         """A first effect needs evidence; a further one must also take a good part of what is left."""
@@ -301,7 +339,7 @@ class Search(Regression):
 
     def _scan_profiled(self, chosen: list[Term]) -> tuple[list[Scored], float]:
         """Scan twice: the noise level is that of the best explanation, not of the gap. Kept for the same set."""
-        key = (tuple(chosen), self.looseness)
+        key = (tuple(chosen), np.asarray(self.looseness, dtype=float).tobytes())
         if key not in self._scanned:
             self._scanned[key] = self._scan_twice(chosen)
         return self._scanned[key]
@@ -321,7 +359,8 @@ class Search(Regression):
         """What predicts the held-out effort worse than nothing is no explanation, however well it fits."""
         for s in scored:
             if s.holdout_gain < NO_LOSS:
-                s.score, s.gain = s.score - max(s.gain, 0.0), min(s.gain, 0.0)
+                s.refuted = max(s.gain, 0.0)
+                s.score, s.gain = s.score - s.refuted, min(s.gain, 0.0)
         return sorted(scored, key=lambda s: -s.score)
 
     def _replace(

@@ -30,6 +30,7 @@ class Scored:
         gain: Score minus the score without the term.
         holdout_gain: Share of the held-out misfit (unwhitened) the term removes.
         theta: Coefficients of its columns.
+        refuted: Gain it had before the held-out rows spoke against it; zero where they did not.
     """
 
     term: Term
@@ -37,6 +38,7 @@ class Scored:
     gain: float
     holdout_gain: float
     theta: np.ndarray
+    refuted: float = 0.0
 
 
 @dataclass

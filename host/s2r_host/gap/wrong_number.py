@@ -57,20 +57,32 @@ def base_matters(search: Search, problem: Problem, terms: list[Term] | None = No
     )
 
 
-Try = tuple[float, float, float, list[tuple[float, Term]]]  # looseness, its evidence, without a term, terms
+Looseness = float | np.ndarray
+Try = tuple[
+    Looseness, float, float, list[tuple[float, Term]]
+]  # looseness, its evidence, without a term, terms
+
+
+def places_held(problem: Problem) -> np.ndarray:
+    """Looseness of each base parameter when sizes may err and places may not, shape (parameters,).
+
+    A centre of mass that errs in each coordinate on its own can turn about the joint, and then stands for every
+    turned zero; a size cannot.
+    """
+    return np.array([TIGHT if p.name.startswith("com_") else 1.0 for p in problem.base])
 
 
 def tries_of(problem: Problem, search: Search, terms: list[Term]) -> list[Try]:
     """Wrong numbers on top of some terms, the other numbers held at each looseness."""
     found: list[Try] = []
-    for looseness in LOOSENESS:
+    for looseness in (*LOOSENESS, places_held(problem)):
         search.looseness = looseness
         found.append((looseness, *_weigh_numbers(problem, search, terms)))
     search.looseness = 1.0
     return found
 
 
-def one_cause(tries: list[Try], least: float) -> list[tuple[float, float, list[Scored]]]:
+def one_cause(tries: list[Try], least: float) -> list[tuple[float, Looseness, list[Scored]]]:
     """Single wrong numbers that pay: evidence, looseness, everything weighed for the place.
 
     One cause goes before several numbers that moved a little each, as long as it is not much the worse explanation.
@@ -83,7 +95,7 @@ def one_cause(tries: list[Try], least: float) -> list[tuple[float, float, list[S
     ]
 
 
-def with_number(problem: Problem, search: Search, solution: Solution) -> tuple[float, Solution] | None:
+def with_number(problem: Problem, search: Search, solution: Solution) -> tuple[Looseness, Solution] | None:
     """The solution with one wrong number more, and the looseness it was found at; None when none stands out."""
     one = one_cause(tries_of(problem, search, solution.terms), ONE_CAUSE_MORE)
     if not one:

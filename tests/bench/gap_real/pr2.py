@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .case import Case, Check, effect, named, shared_data, within, write_recording
+from .case import Case, Check, named, shared_data, within, write_recording
 
 XML = """<mujoco model="cabinet">
   <option gravity="0 0 0"/>
@@ -43,13 +43,18 @@ def cases(folder: Path) -> list[Case]:
 
 
 def _judge(a: dict, peak_deg: float, peak: float) -> list[Check]:
-    e = effect(a, "detent")
+    """The strongest pull is what the catch and everything else named beside it ask for where the catch is strongest."""
+    values = {e["name"]: {k: v["value"] for k, v in e["parameters"].items()} for e in a["effects"]}
     where = force = None
-    if e:
-        p = {k: v["value"] for k, v in e["parameters"].items()}
-        where, force = float(np.rad2deg(p["position"] + p["width"])), p["peak"]
+    if "detent" in values:
+        catch = values["detent"]
+        where = catch["position"] + catch["width"]
+        force = catch["peak"] + values.get("coulomb_friction", {}).get("level", 0.0)
+        if "spring_return" in values:
+            force += values["spring_return"]["stiffness"] * (where - values["spring_return"]["rest"])
+    degrees = None if where is None else float(np.rad2deg(where))
     return [
         named(a, "latch", "detent"),
-        within(f"strongest pull at {peak_deg:.0f}° within 2°", where, peak_deg - 2, peak_deg + 2, "°"),
+        within(f"strongest pull at {peak_deg:.0f}° within 2°", degrees, peak_deg - 2, peak_deg + 2, "°"),
         within(f"{peak:.2f} N·m within 15 %", force, 0.85 * peak, 1.15 * peak, "N·m"),
     ]

@@ -10,6 +10,7 @@ from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
 from s2r_host.gap.session import Session
 
 STEP = 1e-3
+FARTHEST_rad, IMPOSSIBLE = 0.3, -1e3  # of a disc; log odds
 
 
 class EncoderEccentricity(Effect):
@@ -52,6 +53,10 @@ class EncoderEccentricity(Effect):
         v[:, joint] += STEP * n * np.cos(x) * s.v[:, joint]
         a[:, joint] += STEP * n * (np.cos(x) * s.a[:, joint] - n * np.sin(x) * s.v[:, joint] ** 2)
         return (ctx.model.inverse(q, v, a) - s.load) / STEP
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """Against what no disc runs out by: without gravity any force along the way asks for whole turns of error."""
+        return 0.0 if float(np.hypot(*theta)) < FARTHEST_rad else IMPOSSIBLE
 
     def part(
         self, ctx: Context, s: Session, joint: int, shape: Shape, theta: np.ndarray
