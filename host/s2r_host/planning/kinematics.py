@@ -43,6 +43,11 @@ class ToolKinematics:
         """Jacobian of the tool at q, (6, dof): linear velocity over angular velocity, base frame."""
         return self._all(np.atleast_2d(q))[2][0]
 
+    def tips(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tool positions (n, 3) [m] and Jacobians of their velocity (n, 3, dof), base frame, at q (n, dof)."""
+        p, _, jacobian = self._all(q)
+        return p, jacobian[:, :3]
+
     def solve(self, p_world: np.ndarray, R_world_tool: np.ndarray, q_start: np.ndarray) -> np.ndarray | None:
         """Joint positions near ``q_start`` that reach a tool pose, or None."""
         q, found = self.solve_many(p_world[None], R_world_tool[None], np.asarray(q_start)[None])

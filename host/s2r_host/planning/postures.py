@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.planning.approach import find_approach
+from s2r_host.planning.effort import Resistance, efforts
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.free_space import FINE_STEP_RAD, FreeSpace
 from s2r_host.planning.hook import FUNNEL_M, Hook
@@ -20,6 +21,10 @@ _SEARCHED = 6  # hooks without a straight way for which one is searched
 _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the part's way, where the arm has to follow it
 _FOLLOW = (1.0, 0.0, 0.5)  # shares of a hinge's turn that the tool makes with it, tried in turn
 _LARGEST_TURN_RAD = 1.5  # of one joint between them; more is a flip
+_EASY, _EFFORT = (
+    0.15,
+    10.0,
+)  # share of a joint's torque limit that costs nothing; cost of all of it beyond [rad]
 
 
 class Postures:
@@ -46,6 +51,8 @@ class Postures:
         hinge = 0.0 if scene.prismatic else 1.0
         self._axis_world = hinge * world.data.xaxis[joint]
         self._axis_part = hinge * scene.fine.jnt_axis[joint]
+        states = [self._s + k * (s_target - self._s) for k in _SHARES]
+        self._resistance = Resistance(scene, world, states, float(np.sign(s_target - self._s)))
         self._reached = self._free = self._followed = 0
 
     def hooks(self, order: np.ndarray, seeds: list[np.ndarray]) -> list[tuple[float, Hook]]:
@@ -68,7 +75,10 @@ class Postures:
             return []
         blocked = self._space.blocked_share(self._q, above[rows], self._s, count=6)
         travel = np.abs(q[rows] - self._q).max(axis=1) + 0.5 * np.abs(route[-1] - q)[rows].max(axis=1)
-        costs = travel + self._tightness[index[rows]] + 4.0 * blocked
+        effort = efforts(self._tool, self._resistance, route[2:, rows], self._scene.arm.limits.tau_max)
+        costs = (
+            travel + self._tightness[index[rows]] + 4.0 * blocked + _EFFORT * np.maximum(effort - _EASY, 0.0)
+        )
         return [
             (
                 float(cost),
