@@ -105,6 +105,8 @@ def plan(
     )
     if answer["fragile"]:
         click.echo(f"warning: {answer['fragile']}", err=True)
+    if answer["creeps"]:
+        click.echo(f"warning: {answer['creeps']}", err=True)
     click.echo(f"wrote {out}")
 
 

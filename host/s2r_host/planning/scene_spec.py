@@ -19,6 +19,8 @@ ROBOT_BIT, WORLD_BIT = 1, 2
 # A scene keeps its own contact bits; the arm meets everything solid in it through one bit that scenes leave free.
 SCENE_ROBOT_BIT = 1 << 29
 ROBOT_CONTACTS = "robot_contacts"  # the sensor that counts them
+# Dry friction that holds what it can hold, in a model stepped by 2 ms; the last two are MuJoCo's own.
+FIRM_SOLREF, FIRM_SOLIMP = (0.004, 1.0), (0.99, 0.999, 0.0001, 0.5, 2.0)
 # MuJoCo's contact sensor: bits of what it gives, and the reduction to one wrench in the world frame.
 _FOUND, _FORCE, _POSITION, _NET_FORCE = 1, 2, 16, 3
 
@@ -161,8 +163,7 @@ def _harden_friction(joint: mujoco.MjsJoint) -> None:
     """
     default_ref, default_imp = [0.02, 1.0], [0.9, 0.95, 0.001, 0.5, 2.0]
     if np.allclose(joint.solref_friction, default_ref) and np.allclose(joint.solimp_friction, default_imp):
-        joint.solref_friction = [0.004, 1.0]
-        joint.solimp_friction = [0.99, 0.999, 0.0001, 0.5, 2.0]
+        joint.solref_friction, joint.solimp_friction = [*FIRM_SOLREF], [*FIRM_SOLIMP]
 
 
 def _meet_robot(scene: mujoco.MjSpec) -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_host.planning.belief import Belief
+from s2r_host.planning.door import drift, is_coupled
 from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import plan_manipulation, scene_of
 from s2r_host.planning.scene import Scene
@@ -76,7 +77,7 @@ def plan_trajectory(
         scene: The request's scene, if it has been built already.
         patience: A limit on the time, and who is told about progress.
         accept_fragile: When no attempt survives the slightly different objects, take the first that was held with
-            the believed one; ``Delivery.fragile`` then says what it fails with.
+            the believed one, or one that needs less contact torque; ``Delivery.fragile`` then says what it fails with.
         only_fragile: Plan again where a motion was fragile only; a first attempt without any ends it.
         only_found: Plan again where a plan was found that could not be delivered; an attempt without any ends it.
 
@@ -98,7 +99,10 @@ def plan_trajectory(
             )
             if delivery.fragile is None:
                 return result, delivery
-            second_best = second_best or (result, delivery)
+            if second_best is None or _calmer(delivery, second_best[1], request):
+                second_best = result, delivery
+            if _is_settled(delivery, request, scene, perturbed(request.settings.doubt, scene.axis_at_rest())):
+                break
         except (PlanRefusedError, TrajectoryError, TimeIsUpError) as error:
             logger.info("attempt %d of %d: %s", attempt + 1, attempts, error)
             hopeless = (only_fragile and second_best is None) or (only_found and not found)
@@ -135,7 +139,8 @@ def deliver(
             the ends of the request's doubt.
         scene: The request's scene, if it has been built already.
         patience: A limit on the time, and who is told about progress.
-        accept_fragile: Rather than refuse, take the first motion that is held with the believed object.
+        accept_fragile: Rather than refuse, take the first motion that is held with the believed object, or the one
+            with the least contact torque where that is too much with the first.
 
     Raises:
         PlanRefusedError: No attempt passed; the text has the reason of the last one.
@@ -158,12 +163,29 @@ def deliver(
             fragile = fragility(delivery, request, scene, perturbations)
             if fragile is None:
                 return delivery
-            problem = fragile
-            second_best = second_best or replace(delivery, fragile=fragile)
+            problem, delivery = fragile, replace(delivery, fragile=fragile)
+            if second_best is None or _calmer(delivery, second_best, request):
+                second_best = delivery
+            if accept_fragile and _is_settled(delivery, request, scene, perturbations):
+                break
         logger.info("timed along the plan's %s at speed %.1f: %s", followed, speed, problem)
     if second_best is not None and accept_fragile:
         return second_best
     raise PlanRefusedError(problem)
+
+
+def _calmer(delivery: Delivery, other: Delivery, request: PlanRequest) -> bool:
+    """Whether a fragile motion is to be preferred to an earlier one, by what contact takes with the believed object."""
+    share, other_share = delivery.replay.contact_share, other.replay.contact_share
+    return other_share > request.settings.contact_margin and share < other_share
+
+
+def _is_settled(
+    delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...]
+) -> bool:
+    """Whether no other motion is less fragile: contact takes little, and it is the part that does not stay."""
+    hard = delivery.replay.contact_share > request.settings.contact_margin
+    return not hard and cannot_stay(request, scene, perturbations)
 
 
 def fragility(
@@ -189,8 +211,27 @@ def fragility(
             share = f"{played.contact_share:.0%} of a joint's torque limit"
             return f"fragile: with the {perturbation} contact takes {share}"
         if abs(played.error) > _FRAGILE * tolerance:
+            falls = _falls_with(request, scene, perturbation)
+            if falls is not None:
+                return (
+                    f"fragile, as any plan would be: with the {perturbation} the part does not stay at its target: "
+                    f"{falls}"
+                )
             return f"fragile: with the {perturbation} it ends {played.error:+.4f} from the target"
     return None
+
+
+def cannot_stay(request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...]) -> bool:
+    """Whether one of the slightly different parts would leave the target untouched: any plan is fragile then."""
+    return any(_falls_with(request, scene, perturbation) is not None for perturbation in perturbations)
+
+
+def _falls_with(request: PlanRequest, scene: Scene, perturbation: Belief) -> str | None:
+    """Why a slightly different part would leave the target untouched, or None."""
+    if is_coupled(scene):
+        return None
+    tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
+    return drift(request, perturbation.applied(scene), tolerance, request.s_target)
 
 
 def _paths(request: PlanRequest, result: PlanResult) -> list[tuple[str, np.ndarray, int, float]]:

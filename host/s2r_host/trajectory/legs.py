@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_host.errors import HostError
-from s2r_host.planning.door import drift, is_coupled
+from s2r_host.planning.door import creeping, drift, is_coupled
 from s2r_host.planning.out_of_reach import NeverInReachError, OutOfReachError
 from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import is_possible, scene_of, world_of
 from s2r_host.planning.reach import stops_on_the_way
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
-from s2r_host.trajectory.deliver import SEED_STEP, Delivery, fragility, plan_trajectory
+from s2r_host.trajectory.deliver import SEED_STEP, Delivery, cannot_stay, fragility, plan_trajectory
 from s2r_host.trajectory.perturb import perturbed
 from s2r_host.trajectory.retreat import Retreat, retreat
 from s2r_host.trajectory.time_law import TimeLawSettings
@@ -97,6 +97,26 @@ def plan_legs(
         SceneFileError, TimeIsUpError: As the planner says.
     """
     scene, patience = scene or scene_of(request), patience or Patience()
+    try:
+        return _planned(request, settings, scene, patience, accept_fragile=accept_fragile)
+    except NeverInReachError:
+        raise
+    except _NO_PLAN as error:
+        creeps = creeping(request, scene) if is_possible(request, scene) else None
+        if creeps is None:
+            raise
+        raise type(error)(f"{error}; {creeps}") from error
+
+
+def _planned(
+    request: PlanRequest,
+    settings: TimeLawSettings | None,
+    scene: Scene,
+    patience: Patience,
+    *,
+    accept_fragile: bool,
+) -> LeggedPlan:
+    """From one place, and where that does not do from several."""
     far = abs(request.s_target - request.s_initial) > (_FAR_M if scene.prismatic else _FAR_RAD)
 
     def from_one_place(
@@ -170,6 +190,10 @@ def _calmest(search: _Search, request: PlanRequest, *, slipped: bool) -> LeggedP
                 return second_best or whole  # with the believed object: other legs need the same force
             if second_best is None:
                 second_best = whole
+                if cannot_stay(
+                    request, search.scene, perturbed(request.settings.doubt, search.scene.axis_at_rest())
+                ):
+                    return whole
                 search.only_calm(_CALMER_TRIED)
     except TimeIsUpError:
         if second_best is None:

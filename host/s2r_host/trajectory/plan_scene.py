@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from s2r_host.plan_process import PLAN_FILES, WRITING, refusal
+from s2r_host.planning.door import creeping
 from s2r_host.planning.patience import Patience
 from s2r_host.planning.planner import scene_of
 from s2r_host.planning.scene import Scene
@@ -147,6 +148,7 @@ def _answer(
         "torque_share": played.torque_share,
         "press_N": played.press_N,
         "fragile": delivery.fragile,
+        "creeps": creeping(request, scene),
         "ensemble": request.settings.ensemble,
         "doubt": request.settings.doubt.as_json(),
         "X_scene_base": scene.X_scene_base.tolist(),
