@@ -61,7 +61,7 @@ class SceneFile:
 
 
 def read_spec(path: str | Path, joint: str) -> mujoco.MjSpec:
-    """An MJCF file with a slide or hinge of the given name; keyframes dropped.
+    """An MJCF file with a slide or hinge of the given name; keyframes and sensors dropped.
 
     Raises:
         SceneFileError: The file cannot be read or has no such joint.
@@ -78,8 +78,9 @@ def read_spec(path: str | Path, joint: str) -> mujoco.MjSpec:
         raise SceneFileError(f"object file {path}: no joint {joint!r}; it has {named}")
     if spec.joint(joint).type not in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE):
         raise SceneFileError(f"object file {path}: joint {joint!r} is neither a slide nor a hinge")
-    for key in list(spec.keys):
-        spec.delete(key)
+    for unused in (spec.keys, spec.sensors):  # sensors move nothing; the planner reads its own by their order
+        for thing in list(unused):
+            spec.delete(thing)
     _name_part(spec, joint)
     return spec
 

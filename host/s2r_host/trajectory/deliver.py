@@ -101,7 +101,7 @@ def plan_trajectory(
                 return result, delivery
             if second_best is None or _calmer(delivery, second_best[1], request):
                 second_best = result, delivery
-            if _is_settled(delivery, request, scene, perturbed(request.settings.doubt, scene.axis_at_rest())):
+            if _is_settled(delivery, request, scene):
                 break
         except (PlanRefusedError, TrajectoryError, TimeIsUpError) as error:
             logger.info("attempt %d of %d: %s", attempt + 1, attempts, error)
@@ -181,7 +181,10 @@ def _calmer(delivery: Delivery, other: Delivery, request: PlanRequest) -> bool:
 
 
 def _is_settled(
-    delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...]
+    delivery: Delivery,
+    request: PlanRequest,
+    scene: Scene,
+    perturbations: tuple[Belief, ...] | None = None,
 ) -> bool:
     """Whether no other motion is less fragile: contact takes little, and it is the part that does not stay."""
     hard = delivery.replay.contact_share > request.settings.contact_margin
@@ -221,8 +224,13 @@ def fragility(
     return None
 
 
-def cannot_stay(request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...]) -> bool:
-    """Whether one of the slightly different parts would leave the target untouched: any plan is fragile then."""
+def cannot_stay(request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...] | None = None) -> bool:
+    """Whether a slightly different part would leave the target untouched: any plan is fragile then.
+
+    ``perturbations``: as for :func:`deliver`.
+    """
+    if perturbations is None:
+        perturbations = perturbed(request.settings.doubt, scene.axis_at_rest())
     return any(_falls_with(request, scene, perturbation) is not None for perturbation in perturbations)
 
 

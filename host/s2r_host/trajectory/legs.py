@@ -190,9 +190,7 @@ def _calmest(search: _Search, request: PlanRequest, *, slipped: bool) -> LeggedP
                 return second_best or whole  # with the believed object: other legs need the same force
             if second_best is None:
                 second_best = whole
-                if cannot_stay(
-                    request, search.scene, perturbed(request.settings.doubt, search.scene.axis_at_rest())
-                ):
+                if cannot_stay(request, search.scene):
                     return whole
                 search.only_calm(_CALMER_TRIED)
     except TimeIsUpError:

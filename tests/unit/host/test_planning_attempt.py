@@ -72,6 +72,9 @@ def test_a_place_that_the_arm_does_not_get_to_is_dropped_for_the_next_in_the_sam
 
 
 REQUEST: Any = SimpleNamespace(settings=PlanSettings())
+FALLING: Any = SimpleNamespace(
+    settings=PlanSettings()
+)  # some slightly different part does not stay at its target
 
 
 class Search:
@@ -103,6 +106,7 @@ def worth(monkeypatch):
         )
 
     monkeypatch.setattr(legs, "_together", together)
+    monkeypatch.setattr(legs, "cannot_stay", lambda request, _scene: request is FALLING)
 
 
 @pytest.mark.parametrize(
@@ -120,6 +124,13 @@ def test_the_calmest_legs_are_delivered_else_the_first_that_hold(worth, names, c
     whole: Any = legs._calmest(search, REQUEST, slipped=False)
     assert whole.name == chosen
     assert (search.calm is not None) == ("first" in names and names[0] != "calm")
+
+
+def test_no_calmer_legs_are_looked_for_where_the_part_would_not_stay_anyway(worth):
+    search: Any = Search("first", "calm")
+    whole: Any = legs._calmest(search, FALLING, slipped=False)
+    assert whole.name == "first"
+    assert search.calm is None
 
 
 def test_without_legs_that_hold_the_reason_or_the_clock_remains(worth):
