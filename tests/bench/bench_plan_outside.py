@@ -62,6 +62,27 @@ TASKS = (
     ("with_arm", "tap", "0.6", (0,), ""),
     ("with_prefixed_arm", "tap", "0.6", (0,), ""),
     ("with_arm", "joint3", "0.6", (2,), "belongs to arm"),
+    # Further habits: nested as in collections of objects, frames, replicate, attach, masks, couplings, units.
+    ("robosuite_cabinet", "drawer_joint", "-0.15", (0,), ""),
+    ("partnet_box", "joint_0", "-0.6", (0, 4), ""),
+    ("framed", "crank", "0.6", (0,), ""),
+    ("replicated", "lever_1", "0.6", (0,), ""),
+    ("replicated", "lever", "0.6", (2,), "no joint 'lever'"),
+    ("attached", "left/slide", "0.08", (0,), ""),
+    ("scaled_mesh", "paddle", "0.6", (0,), ""),
+    ("mimic", "left", "0.5", (0, 4), ""),
+    ("limits_said", "said", "1.1", (0,), ""),
+    ("limits_said", "said", "50", (4,), "beyond its range"),
+    ("limits_said", "endless", "1.2", (0,), ""),
+    ("limits_unsaid", "tap", "0.5", (2,), "limited"),
+    ("y_up", "handle", "0.6", (0,), ""),
+    ("menagerie_like", "door", "-0.8", (0,), ""),
+    ("masks", "swing", "0.5", (0, 4), ""),
+    ("unfixed", "drawer", "0.1", (0, 4), ""),
+    ("centimetres", "door", "0.8", (4,), "out of reach"),
+    ("as_urdf", "hinge", "0.8", (2,), "arm_base"),
+    ("weightless", "Klappe größer", "0.6", (0,), ""),
+    ("with_two_arms", "tap", "0.6", (2,), "keep one"),
 )
 
 
@@ -73,8 +94,12 @@ def main() -> None:
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("ignore", UserWarning)  # MuJoCo's about attached scenes
-    for prefix in ("", "robot/"):
-        scene_with_arm(chosen.out, prefix)
+    for name, prefixes in (
+        ("with_arm", ("",)),
+        ("with_prefixed_arm", ("robot/",)),
+        ("with_two_arms", ("l/", "r/")),
+    ):
+        scene_with_arms(chosen.out / f"{name}.xml", prefixes)
     results = chosen.out / "results.jsonl"
     lines = results.read_text().splitlines() if results.is_file() else []
     known = {row["task"]: row for row in map(json.loads, lines)}
@@ -132,28 +157,28 @@ def carried_out(name: str, joint: str, target: str, out: Path, limit_s: float) -
     return row
 
 
-def scene_with_arm(out: Path, prefix: str) -> None:
+def scene_with_arms(path: Path, prefixes: tuple[str, ...]) -> None:
     """A tap on a bench and the arm itself, turned by 90 degrees, with a key frame and a motor of its own."""
     spec = mujoco.MjSpec.from_string("""<mujoco><compiler angle="radian"/><worldbody>
       <geom type="box" size=".5 .8 .05" pos=".6 .4 -.05"/><body pos=".3 .6 0">
       <geom type="cylinder" size=".02 .1" pos="0 0 .1"/><body pos="0 0 .22">
       <joint name="tap" axis="0 0 1" range="-1.4 1.4" damping=".2" frictionloss=".2"/>
       <geom type="capsule" size=".009" fromto="0 -.02 0 0 -.12 0" mass=".2"/></body></body></worldbody></mujoco>""")
-    arm = mujoco.MjSpec.from_string(ARM.mjcf)
-    for key in list(arm.keys):
-        arm.delete(key)
-    spec.attach(
-        arm, prefix=prefix, frame=spec.worldbody.add_frame(pos=[0.3, 0.0, 0.0], euler=[0, 0, np.pi / 2])
-    )
-    for name in ARM.joint_names:
-        motor = spec.add_actuator(
-            name=f"motor_{name}", target=prefix + name, trntype=mujoco.mjtTrn.mjTRN_JOINT
-        )
-        motor.set_to_position(kp=100.0)
+    for row, prefix in enumerate(prefixes):
+        arm = mujoco.MjSpec.from_string(ARM.mjcf)
+        for key in list(arm.keys):
+            arm.delete(key)
+        frame = spec.worldbody.add_frame(pos=[0.3 - 1.5 * row, 0.0, 0.0], euler=[0, 0, np.pi / 2])
+        spec.attach(arm, prefix=prefix, frame=frame)
+        for name in ARM.joint_names:
+            motor = spec.add_actuator(
+                name=f"motor_{prefix}{name}", target=prefix + name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+            )
+            motor.set_to_position(kp=100.0)
     model = spec.compile()
     spec.add_key(name="home", qpos=np.zeros(model.nq))
     spec.compile()
-    (out / f"with_{'prefixed_' if prefix else ''}arm.xml").write_text(spec.to_xml())
+    path.write_text(spec.to_xml())
 
 
 if __name__ == "__main__":
