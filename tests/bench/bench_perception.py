@@ -52,8 +52,8 @@ def true_motion(pair: Pair) -> JointMotion:
 def frames(pair: Pair) -> tuple[DepthFrame, DepthFrame]:
     """What the host gets."""
     return (
-        DepthFrame(pair.depth_before, pair.K, pair.X_base_camera, None),
-        DepthFrame(pair.depth_after, pair.K, pair.X_base_camera, None),
+        DepthFrame(pair.depth_before, pair.K, pair.X_base_camera, pair.colour_before),
+        DepthFrame(pair.depth_after, pair.K, pair.X_base_camera, pair.colour_after),
     )
 
 

@@ -70,6 +70,19 @@ class ArmModel:
         return [pin.SE3(data.oMg[i]) for i in range(self.shapes.ngeoms)]
 
     @cached_property
+    def X_wrist_tool(self) -> pin.SE3:
+        """The tool frame as seen from the last joint, which carries it."""
+        return pin.SE3(self.model.frames[self.tool_id].placement)
+
+    @cached_property
+    def hand_shapes(self) -> frozenset[int]:
+        """Shapes that the last joint carries, as it does the tool frame."""
+        wrist = self.model.frames[self.tool_id].parentJoint
+        return frozenset(
+            i for i, shape in enumerate(self.shapes.geometryObjects) if shape.parentJoint == wrist
+        )
+
+    @cached_property
     def tip_shapes(self) -> frozenset[int]:
         """Shapes of the fingertip: those within 4 cm of the tool frame, the only ones meant to touch."""
         q = pin.neutral(self.model)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -97,6 +98,28 @@ class CollisionChecker:
             if result.isCollision():
                 return f"{self._names[pair.first]} against {self._names[pair.second]}"
         return "unknown pair"
+
+    def hand_touching(self, X_base_tool: np.ndarray) -> str | None:
+        """What the hand alone would touch with the tool frame at a pose (4, 4), whatever the arm behind it does."""
+        X_base_wrist = pin.SE3(X_base_tool[:3, :3], X_base_tool[:3, 3]) * self.arm.X_wrist_tool.inverse()
+        shapes = self._geometry.geometryObjects
+        for pair, request in zip(self._geometry.collisionPairs, self._data.collisionRequests, strict=True):
+            if pair.first not in self.arm.hand_shapes or pair.second < self.arm.shapes.ngeoms:
+                continue
+            hand, other = shapes[pair.first], shapes[pair.second]
+            at_hand, at_other = X_base_wrist * hand.placement, other.placement
+            result = coal.CollisionResult()
+            coal.collide(
+                hand.geometry,
+                coal.Transform3s(at_hand.rotation, at_hand.translation),
+                other.geometry,
+                coal.Transform3s(at_other.rotation, at_other.translation),
+                request,
+                result,
+            )
+            if result.isCollision():
+                return f"{self._names[pair.first]} against {self._names[pair.second]}"
+        return None
 
     def line_is_free(self, q_from: np.ndarray, q_to: np.ndarray) -> bool:
         """Whether the straight joint-space line is free; no point of the arm moves over 1 cm between checks."""

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from s2r_host.errors import NoMotionError
 from s2r_host.motion.arm_model import ArmModel
-from s2r_host.motion.cartesian import straight_line
+from s2r_host.motion.cartesian import SPACING_M, straight_line
 from s2r_host.motion.collision import Clearance, CollisionChecker
 from s2r_host.motion.front import Front
 from s2r_host.motion.inverse import InverseKinematics, seeds_around
@@ -124,6 +124,9 @@ def plan_push(
         if tried >= max_tried:
             break
         tried += 1
+        if (reason := _hand_hits(free, pushing, proposal)) is not None:
+            _count(reasons, reason)
+            continue
         found = _realise(arm, ik, free, pushing, proposal, seeds, reasons)
         if found is None:
             continue
@@ -142,6 +145,27 @@ def plan_push(
         f"none of {tried} push proposals can be carried out ({counted or 'no point of the front qualifies'}); "
         "move the object closer to the middle of the arm's workspace"
     )
+
+
+def _hand_hits(free: CollisionChecker, pushing: CollisionChecker, proposal: PushProposal) -> str | None:
+    """Why the hand alone has no room for a push: a hundred times quicker to see than with the arm behind it."""
+    X = proposal.X_base_tool.copy()
+    if (pair := free.hand_touching(X)) is not None:
+        return f"stand-off not free ({pair})"
+    p_start = X[:3, 3].copy()
+    count = max(1, int(np.ceil(np.linalg.norm(proposal.p_end - p_start) / SPACING_M)))
+    for k in range(1, count + 1):
+        X[:3, 3] = p_start + (proposal.p_end - p_start) * k / count
+        _give_way(pushing, proposal, X[:3, 3])
+        if (pair := pushing.hand_touching(X)) is not None:
+            return f"push not free ({pair})"
+    return None
+
+
+def _give_way(pushing: CollisionChecker, proposal: PushProposal, p_tip: np.ndarray) -> None:
+    """The pushed part gives way as the tip advances."""
+    advance = max(0.0, float((p_tip - proposal.p_contact) @ proposal.direction))
+    pushing.place(PART, advance * proposal.direction)
 
 
 def _realise(
@@ -173,10 +197,9 @@ def _realise(
 def _first_hit(
     arm: ArmModel, pushing: CollisionChecker, proposal: PushProposal, path: np.ndarray
 ) -> str | None:
-    """What the arm would touch during the push, the pushed part giving way as the tip advances."""
+    """What the arm would touch during the push."""
     for q in path:
-        advance = max(0.0, float((arm.tool_pose(q)[:3, 3] - proposal.p_contact) @ proposal.direction))
-        pushing.place(PART, advance * proposal.direction)
+        _give_way(pushing, proposal, arm.tool_pose(q)[:3, 3])
         if (pair := pushing.touching(q)) is not None:
             return pair
     return None

@@ -246,7 +246,7 @@ def search(
     motions, cost = hyp.scan(found, scene, *probes)
     anchors = np.concatenate([probes[0].points[:100], probes[1].points[:100]])
     starts = [motion for motion, _ in hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)]
-    wishes = Wishes(shape.fronts(), up, *shape.levers)
+    wishes = Wishes(shape.fronts(), up, *shape.levers, columns=tuple(shape.columns))
     ranked = rank(starts, scene, wishes, rng)
     turns = bool(ranked) and ranked[0].motion.joint_type == "revolute"
     if wishes.thin and turns and _carries(ranked[0], scene, rng):

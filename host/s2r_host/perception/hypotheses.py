@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from s2r_host.perception.change import Change
 from s2r_host.perception.evidence import Probe, Scene, score, thinned
 from s2r_host.perception.levers import (
+    Column,
     Lever,
     bisector_pivots,
     columns,
@@ -27,6 +28,7 @@ from s2r_host.perception.planes import Plane, crossing_line, find_planes
 Array = NDArray[np.floating]
 
 FEW_POINTS = 70
+SMALL_M = 0.25  # diagonal of what left and appeared, up to which it may turn about a round body
 SLIDES_M = np.concatenate([np.arange(0.008, 0.1, 0.008), np.arange(0.1, 0.42, 0.016)])
 TURNS_RAD = np.radians(np.concatenate([np.arange(4, 40, 4.0), np.arange(40, 125, 8.0)]))
 
@@ -52,6 +54,7 @@ class Structure:
         low, high: Box around the moved points [m], shape (3,).
         levers: Lines of a thin part before and after the motion, if it is thin.
         thin_axes: Candidate axes of a thin part.
+        columns: Of round bodies that stayed, beside a small part.
     """
 
     moved: list[Plane]
@@ -61,6 +64,7 @@ class Structure:
     high: Array
     levers: tuple[Lever | None, Lever | None]
     thin_axes: list[Axis]
+    columns: list[Column]
 
     def fronts(self) -> Array:
         """Normals of the large moved or arrived planes, shape (n, 3)."""
@@ -89,13 +93,15 @@ def structure(scene: Scene, rng: np.random.Generator, up: Array | None = None) -
         low=low,
         high=high,
         levers=lines,
-        thin_axes=_thin_axes(scene, lines, (left_points, came_points), up) if lines != (None, None) else [],
+        thin_axes=_thin_axes(lines, (left_points, came_points), up) if lines != (None, None) else [],
+        columns=_columns(scene, lines, (left_points, came_points), up),
     )
 
 
 def axes(shape: Structure) -> list[Axis]:
     """All candidate axes, duplicates within 4 degrees and 15 mm removed."""
     found = _slides(shape) + _crossings(shape) + _edges(shape)
+    found += [Axis("revolute", one.centre, one.direction, "round body") for one in shape.columns]
     found += shape.thin_axes + _pivots(shape)
     return _distinct(found)
 
@@ -215,17 +221,32 @@ def _pivots(shape: Structure) -> list[Axis]:
     return found
 
 
-def _thin_axes(
+def _columns(
     scene: Scene, lines: tuple[Lever | None, Lever | None], points: tuple[Array, Array], up: Array | None
-) -> list[Axis]:
-    """Axes of a lever: where its two lines cross, where it is carried over, and the round body it sits on."""
-    a, b = lines
-    middles = [np.median(p, axis=0) for p in points if len(p)]
-    p_a, p_b = middles[0], middles[-1]
+) -> list[Column]:
+    """What a small part may turn about: levers, knobs and taps sit on a round body."""
     moved = np.concatenate(points)
+    if not len(moved) or np.linalg.norm(np.ptp(np.percentile(moved, [2, 98], axis=0), axis=0)) > SMALL_M:
+        return []
+    directions = lever_directions(*lines, *_middles(points), up)
+    return [one for direction in directions for one in columns(scene, direction, moved)]
+
+
+def _middles(points: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Of what left and of what appeared [m], (3,) each; of the one that was seen where the other was not."""
+    middles = [np.median(p, axis=0) for p in points if len(p)]
+    return middles[0], middles[-1]
+
+
+def _thin_axes(
+    lines: tuple[Lever | None, Lever | None], points: tuple[Array, Array], up: Array | None
+) -> list[Axis]:
+    """Axes of a lever: where its two lines cross, and where it is carried over."""
+    a, b = lines
+    p_a, p_b = _middles(points)
     found = []
     for direction in lever_directions(a, b, p_a, p_b, up):
-        pivots = [(p, "round body") for p in columns(scene, direction, moved)]
+        pivots: list[tuple[Array, str]] = []
         if a is not None and b is not None:
             pivots += [(p, "lines of a lever") for p in line_pivots(a, b, direction)]
         for line in (a, b):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from s2r_host.perception.change import Change
+from s2r_host.perception.edges import Edges, edges_of
 from s2r_host.perception.evidence import THICKEST_M, Scene
 from s2r_host.perception.motion import JointMotion, perpendicular_basis, rotation, unit
 from s2r_host.perception.view import Seen, View, agreement
@@ -17,8 +18,7 @@ from s2r_host.perception.wishes import Wishes
 Array = NDArray[np.floating]
 
 SOFT_M = 0.002  # scale of the soft-L1 loss on surfaces
-EDGE_SOFT_M = 0.004  # edges of a stereo image are ragged by several pixels
-EDGE_WEIGHT = 0.5
+MOST_EDGES = 600
 CORRELATED_POINTS = 30.0  # neighbouring pixels share their matching window, hence their error
 # A plate that shows its other face afterwards: its thickness is one more unknown, known beforehand to be about this.
 PLATE_M, PLATE_SIGMA_M = 0.010, 0.006
@@ -33,11 +33,10 @@ class Side:
     normals: Array
     normal_ok: NDArray[np.bool_]
     sigma_m: Array
-    edge_points: Array
+    edges: Edges
     target: View
     target_label: NDArray[np.uint8]
-    target_edges: Array
-    target_edge_across: Array  # direction in the image plane normal to the edge, unit
+    target_edges: Edges
     edge_tree: cKDTree | None
     oriented: bool
 
@@ -63,8 +62,7 @@ class Refined:
 
 def sides(scene: Scene, rng: np.random.Generator, most: int = 2500) -> tuple[Side, Side]:
     """Prepare both directions: candidate part points (everything near that is not surely static)."""
-    edges_before = _edges(scene.before, scene.changes.before, scene.candidate_before)
-    edges_after = _edges(scene.after, scene.changes.after, scene.candidate_after)
+    edges_before, edges_after = edges_of(scene)
     box = _moved_box(scene)
     forward = _side(
         scene.before, scene.changes.before, scene.candidate_before, box, scene.after,
@@ -250,20 +248,20 @@ def _surface_rows(
 
 def _edge_rows(side: Side, T: Array, D: Array, gate_m: float) -> tuple[Array, Array, Array]:
     empty = np.zeros((0, len(D))), np.zeros(0), np.zeros(0)
-    if len(side.edge_points) == 0 or side.edge_tree is None:
+    if len(side.edges.points) == 0 or side.edge_tree is None:
         return empty
-    p = side.edge_points @ T[:3, :3].T + T[:3, 3]
-    distance, index = side.edge_tree.query(p, distance_upper_bound=2.0 * gate_m)
-    use = np.isfinite(distance)
+    p = side.edges.points @ T[:3, :3].T + T[:3, 3]
+    target = side.target_edges
+    index = target.matched(side.edge_tree, p, side.edges.across @ T[:3, :3].T, 2.0 * gate_m)
+    use = index >= 0
     if not use.any():
         return empty
-    index = index[use]
-    m = side.target_edge_across[index]
-    r = np.einsum("ni,ni->n", p[use] - side.target_edges[index], m)
-    q = np.concatenate([side.edge_points[use], np.ones((int(use.sum()), 1))], axis=1)
+    m = target.across[index[use]]
+    r = np.einsum("ni,ni->n", p[use] - target.points[index[use]], m)
+    q = np.concatenate([side.edges.points[use], np.ones((int(use.sum()), 1))], axis=1)
     J = np.einsum("kij,nj,ni->nk", D[:, :3, :], q, m)
-    # Scaled to the surface rows: an edge pixel tells (2 mm / 4 mm)² as much, at most.
-    w = EDGE_WEIGHT * (SOFT_M / EDGE_SOFT_M) ** 2 / np.sqrt(1.0 + (r / EDGE_SOFT_M) ** 2)
+    # Scaled to the surface rows: (2 mm / its own softness)² as much.
+    w = target.weight * (SOFT_M / target.soft_m) ** 2 / np.sqrt(1.0 + (r / target.soft_m) ** 2)
     return J, r, w
 
 
@@ -278,33 +276,15 @@ def _moved_box(scene: Scene) -> tuple[Array, Array]:
 def _side(
     view: View, label: NDArray[np.uint8], candidate: NDArray[np.bool_], box: tuple[Array, Array],
     target: View, target_label: NDArray[np.uint8],
-    edges: tuple[Array, Array], target_edges: tuple[Array, Array], rng: np.random.Generator, most: int,
+    edges: Edges, target_edges: Edges, rng: np.random.Generator, most: int,
 ) -> Side:  # fmt: skip
     inside = ((view.points > box[0]) & (view.points < box[1])).all(axis=1)
     sure = np.flatnonzero((label == Change.MOVED) & candidate & view.normal_ok)
     maybe = np.flatnonzero((label == Change.UNKNOWN) & candidate & inside & view.normal_ok)
     chosen = np.concatenate([rng.permutation(sure)[:most], rng.permutation(maybe)[: most // 2]])
-    p, _ = edges
-    p_in = p[((p > box[0]) & (p < box[1])).all(axis=1)]
-    q, across = target_edges
+    near = np.flatnonzero(((edges.points > box[0]) & (edges.points < box[1])).all(axis=1))
     return Side(
         view.points[chosen], view.normals[chosen], view.normal_ok[chosen], view.sigma_m[chosen],
-        p_in[rng.permutation(len(p_in))[:600]], target, target_label, q, across,
-        cKDTree(q) if len(q) >= 20 else None, view.oriented and target.oriented,
+        edges.of(rng.permutation(near)[:MOST_EDGES]), target, target_label, target_edges, target_edges.tree(),
+        view.oriented and target.oriented,
     )  # fmt: skip
-
-
-def _edges(view: View, label: NDArray[np.uint8], candidate: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Occluding-edge points that are not static, and the direction across the edge as the camera sees it."""
-    index = np.flatnonzero(view.edge & (label != Change.STATIC) & candidate)
-    if len(index) < 20 or view.p_camera is None:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    p = view.points[index]
-    _, neighbour = cKDTree(p).query(p, k=min(9, len(p)))
-    centred = p[neighbour] - p[neighbour].mean(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))
-    straight = values[:, 1] < 0.25 * values[:, 2]
-    across = np.cross(vectors[:, :, 2], p - view.p_camera)
-    length = np.linalg.norm(across, axis=1)
-    keep = straight & (length > 1e-6)
-    return p[keep], across[keep] / length[keep, None]

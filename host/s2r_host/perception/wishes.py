@@ -1,5 +1,5 @@
 """What is known of joints before looking: slides run square to fronts, hinges are upright or level, levers meet
-their axis.
+their axis, which is that of the round body they sit on.
 
 Each wish is a residual in units of its standard deviation. It holds only for a motion that is near it
 already; a lid that is tilted for good is left alone.
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_host.perception.levers import Lever
+from s2r_host.perception.levers import Column, Lever
 from s2r_host.perception.motion import JointMotion, perpendicular_basis
 
 Array = NDArray[np.floating]
@@ -25,6 +25,8 @@ UPRIGHT_SIGMA_RAD = np.radians(2.0)
 UPRIGHT_CAPTURE_RAD = np.radians(15.0)
 LEVER_SIGMA_M = 0.005
 LEVER_CAPTURE_M = 0.012
+COLUMN_SIGMA_M = 0.003
+COLUMN_CAPTURE_M, COLUMN_CAPTURE_RAD = 0.02, np.radians(15.0)
 SQUARE_SIGMA_RAD = np.radians(5.0)
 SQUARE_CAPTURE_RAD = np.radians(25.0)
 
@@ -37,12 +39,14 @@ class Wishes:
         fronts: Unit normals of the large flat faces of the part, shape (n, 3): drawers run square to one of them.
         up: Unit vector against gravity; None if the frame does not tell.
         before, after: Lines of a thin part in both views, if it is thin.
+        columns: Of round bodies that stayed, beside a small part.
     """
 
     fronts: Array
     up: Array | None = None
     before: Lever | None = None
     after: Lever | None = None
+    columns: tuple[Column, ...] = ()
 
     @property
     def thin(self) -> bool:
@@ -53,7 +57,7 @@ class Wishes:
         """The wishes that hold for motions near this one."""
         if motion.joint_type == "prismatic":
             return self._square_to_front(motion)
-        return self._upright_or_level(motion) + self._through_lever(motion)
+        return self._upright_or_level(motion) + self._through_lever(motion) + self._about_column(motion)
 
     def _square_to_front(self, motion: JointMotion) -> list[Wish]:
         cosine = self.fronts @ motion.direction
@@ -84,6 +88,29 @@ class Wishes:
             if level and sine > np.cos(SQUARE_CAPTURE_RAD):
                 found.append(_across(line.direction, SQUARE_SIGMA_RAD))
         return found
+
+    def _about_column(self, motion: JointMotion) -> list[Wish]:
+        """To be the axis of the nearest surely round body, if one is near and runs the same way."""
+        near = [
+            (gap, k)
+            for k, one in enumerate(self.columns)
+            if one.sure
+            and abs(float(motion.direction @ one.direction)) > np.cos(COLUMN_CAPTURE_RAD)
+            and (gap := float(np.linalg.norm(_offset(motion, one.centre)))) < COLUMN_CAPTURE_M
+        ]
+        if not near:
+            return []
+        column = self.columns[min(near)[1]]
+        return [
+            lambda m, axis=axis: float(_offset(m, column.centre) @ axis) / COLUMN_SIGMA_M
+            for axis in perpendicular_basis(column.direction)
+        ]
+
+
+def _offset(motion: JointMotion, p: Array) -> Array:
+    """From the joint's axis to a point, square to the axis [m], (3,)."""
+    gap = p - motion.origin
+    return gap - float(gap @ motion.direction) * motion.direction
 
 
 def _across(axis: Array, sigma_rad: float) -> Wish:

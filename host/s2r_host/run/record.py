@@ -122,7 +122,7 @@ class RunRecord:
             "s_target": (self.goals[-1] if self.goals else Goal(self.settings.target)).target,
             "s_initial": first.s_initial if first else self.s_found,
             "s_final": newest.last.measured.s if newest else self.s_found,
-            "s_final_sigma": newest.last.measured.sigma if newest else None,
+            "s_final_sigma": _finite(newest.last.measured.sigma) if newest else None,
             "delta": newest.last.delta if newest else None,
             "delta_r": newest.delta_r if newest else None,
             "goals": [_goal(goal) for goal in goals],

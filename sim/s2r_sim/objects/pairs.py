@@ -36,7 +36,7 @@ class Pair:
         spec: The object.
         joint: Its joint as found.
         depth_before, depth_after: Noisy depth [m], 0 = no return, shape (height, width), float32.
-        colour_before: RGB of the first view, shape (height, width, 3), uint8.
+        colour_before, colour_after: RGB, shape (height, width, 3), uint8.
         part_before, part_after: Pixels of the moving part, by exact ray casting, shape (height, width).
         K: Pinhole matrix.
         X_base_camera: Pose of the camera, shape (4, 4).
@@ -50,6 +50,7 @@ class Pair:
     depth_before: np.ndarray
     depth_after: np.ndarray
     colour_before: np.ndarray
+    colour_after: np.ndarray
     part_before: np.ndarray
     part_after: np.ndarray
     K: np.ndarray
@@ -92,13 +93,15 @@ def draw_pair(
     qpos_a, qpos_b = qpos_at(model, q), qpos_at(model, q + delta)
     view_a = camera.capture(qpos_a)
     depth_a = view_a.depth_m if noise else camera.exact_depth(qpos_a).astype(np.float32)
-    depth_b = camera.capture(qpos_b).depth_m if noise else camera.exact_depth(qpos_b).astype(np.float32)
+    view_b = camera.capture(qpos_b)
+    depth_b = view_b.depth_m if noise else camera.exact_depth(qpos_b).astype(np.float32)
     return Pair(
         spec,
         joint_truth(model, spec),
         depth_a,
         depth_b,
         view_a.colour,
+        view_b.colour,
         camera.exact_sight(qpos_a).body == part,
         camera.exact_sight(qpos_b).body == part,
         camera.rig.K,

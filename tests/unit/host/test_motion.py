@@ -125,6 +125,21 @@ def test_only_the_tip_may_touch_when_asked(arm, home):
     assert not strict.is_free(home)
 
 
+def test_the_hand_alone_touches_what_the_whole_arm_does_with_it(arm, home):
+    X = arm.tool_pose(home)
+    rng = np.random.default_rng(0)
+    seen = set()
+    for _ in range(40):
+        p = X[:3, 3] + X[:3, :3] @ rng.uniform((-0.1, -0.1, -0.15), (0.1, 0.1, 0.05))
+        checker = CollisionChecker(arm, [cloud_obstacle(p[None], P_CAMERA)])
+        whole, hand = checker.touching(home), checker.hand_touching(X)
+        assert hand is None or whole is not None
+        if whole is None or whole.startswith(("gripper", "finger")):
+            assert (hand is None) == (whole is None)
+        seen.add(hand is None)
+    assert seen == {True, False}
+
+
 def test_motion_around_a_wall_is_free_at_every_centimetre(arm, home):
     wall = rectangle([0.25, 0.0, 0.0], np.array([0.3, 0, 0]), np.array([0, 0, 0.42]), 0.01)
     checker = CollisionChecker(arm, [table_obstacle(), cloud_obstacle(wall)])

@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from s2r_host.perception.levers import bisector_pivots, lever, lever_directions, line_pivots
+from s2r_host.perception.levers import (
+    Column,
+    _is_round,
+    bisector_pivots,
+    lever,
+    lever_directions,
+    line_pivots,
+)
 from s2r_host.perception.motion import JointMotion, line_distance, rotation
 from s2r_host.perception.ranking import _along_lever
 from s2r_host.perception.wishes import Wishes
@@ -104,3 +111,37 @@ def test_a_hinge_along_its_lever_is_not_believed_and_a_rising_lever_is_no_such_t
     assert _along_lever(rising, wishes) == 0.0
     lid = Wishes(np.zeros((0, 3)), UP, replace(lines[0], length_m=0.3), None)
     assert _along_lever(along, lid) == 0.0  # lids hang along their longest edge
+
+
+def walls(radius, arc, count=200):
+    """Points of an upright wall about the origin, seen from above, and their normals."""
+    angle = np.linspace(-0.5 * arc, 0.5 * arc, count)
+    out = np.column_stack([np.cos(angle), np.sin(angle)])
+    return radius * out, out
+
+
+def test_a_column_is_round_a_corner_and_a_strip_are_not():
+    assert _is_round(*walls(0.02, np.radians(100)))
+    assert not _is_round(*walls(0.02, np.radians(30)))
+    flat = np.column_stack([np.full(200, 0.02), np.linspace(-0.03, 0.03, 200)])
+    assert not _is_round(flat, np.tile([1.0, 0.0], (200, 1)))
+
+
+def test_a_round_body_among_many_other_walls_is_not_believed():
+    q, m = walls(0.02, np.radians(100))
+    rng = np.random.default_rng(0)
+    angle = rng.uniform(0, 2 * np.pi, 1500)
+    other = rng.uniform(-0.03, 0.03, (1500, 2))
+    assert not _is_round(
+        np.vstack([q, other]), np.vstack([m, np.column_stack([np.cos(angle), np.sin(angle)])])
+    )
+
+
+def test_a_hinge_is_drawn_to_the_nearest_sure_column():
+    columns = (Column(PIVOT, UP, sure=True), Column(np.add(PIVOT, (0.004, 0.0, 0.0)), UP, sure=False))
+    wishes = Wishes(np.zeros((0, 3)), None, columns=columns)
+    near = JointMotion("revolute", np.add(PIVOT, (0.009, 0.0, 0.5)), UP, 0.3)
+    pulled = np.array([wish(near) for wish in wishes.active(near)])
+    assert np.linalg.norm(pulled) == pytest.approx(3.0)
+    assert wishes.active(replace(near, origin=np.add(PIVOT, (0.05, 0.0, 0.0)))) == []
+    assert wishes.active(replace(near, direction=np.array([1.0, 0.0, 0.0]))) == []
