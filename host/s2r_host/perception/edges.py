@@ -1,4 +1,4 @@
-"""Where things end in both views: outlines in colour, depth edges where there is no colour."""
+"""Where things end in both views: outlines in colour of small parts, depth edges of all else."""
 
 from __future__ import annotations
 
@@ -93,17 +93,18 @@ class Edges:
 def edges_of(scene: Scene) -> tuple[Edges, Edges]:
     """Edges of what did not surely stay, in the first and in the second view.
 
-    Outlines are taken only where both views have colour: a depth edge lies elsewhere than the outline it stands for.
+    Outlines are taken where both views have colour (a depth edge lies elsewhere than the outline it stands for) and the
+    part is small. A plate's outline is that of another of its edges once it has turned, and its faces tell more.
     """
     sides = (
         (scene.before, scene.changes.before, scene.candidate_before),
         (scene.after, scene.changes.after, scene.candidate_after),
     )
-    before, after = (_outlines(*side) for side in sides)
-    if before is not None and after is not None:
-        return before.without(after), after.without(before)
-    before, after = (_depth_edges(*side) for side in sides)
-    return before, after
+    if scene.small():
+        before, after = (_outlines(*side) for side in sides)
+        if before is not None and after is not None:
+            return before.without(after), after.without(before)
+    return _depth_edges(*sides[0]), _depth_edges(*sides[1])
 
 
 def _outlines(view: View, label: Label, candidate: Mask) -> Edges | None:

@@ -28,6 +28,7 @@ COST_THROUGH = 0.5  # it cannot pass through another one in that plane on its wa
 COST_INSIDE = 0.65  # behind a surface that did not change, so perhaps inside a solid
 COST_FOREIGN = 0.6  # per point of a patch that the motion does not explain at all: a hand, a cable, a shadow
 PATCH_M = 0.05
+SMALL_M = 0.25  # diagonal of where a small part was and is
 COST_ON_SURFACE = 0.35  # at the rim of the tolerance band; 0 at its centre
 COST_BACK = 0.2  # behind a new surface that faces the other way: the far face of a plate that turned over
 THICKEST_M = 0.03  # of a plate that shows one face before and the other after
@@ -66,6 +67,20 @@ class Scene:
     def moved_after(self) -> NDArray[np.int64]:
         """Indices of surely moved points of the second view inside the region."""
         return np.flatnonzero((self.changes.after == Change.MOVED) & self.candidate_after)
+
+    def moved_points(self) -> Array:
+        """Surely moved points of both views [m], (n, 3)."""
+        return np.concatenate(
+            [self.before.points[self.moved_before()], self.after.points[self.moved_after()]]
+        )
+
+    def small(self) -> bool:
+        """Whether what moved is no larger than a tap's handle: no lid, no door, no drawer's front."""
+        p = self.moved_points()
+        if not len(p):
+            return False
+        low, high = np.percentile(p, [2, 98], axis=0)
+        return bool(np.linalg.norm(high - low) < SMALL_M)
 
 
 def probe(view: View, index: NDArray[np.int64], most: int, rng: np.random.Generator) -> Probe:

@@ -28,7 +28,6 @@ from s2r_host.perception.planes import Plane, crossing_line, find_planes
 Array = NDArray[np.floating]
 
 FEW_POINTS = 70
-SMALL_M = 0.25  # diagonal of what left and appeared, up to which it may turn about a round body
 SLIDES_M = np.concatenate([np.arange(0.008, 0.1, 0.008), np.arange(0.1, 0.42, 0.016)])
 TURNS_RAD = np.radians(np.concatenate([np.arange(4, 40, 4.0), np.arange(40, 125, 8.0)]))
 
@@ -76,8 +75,7 @@ class Structure:
 def structure(scene: Scene, rng: np.random.Generator, up: Array | None = None) -> Structure:
     """Find the planes that suggest axes."""
     a, b = scene.moved_before(), scene.moved_after()
-    moved_points = np.concatenate([scene.before.points[a], scene.after.points[b]])
-    low, high = np.percentile(moved_points, [2, 98], axis=0)
+    low, high = np.percentile(scene.moved_points(), [2, 98], axis=0)
     margin = 0.15
     box_before = _inside(scene.before.points, low - margin, high + margin) & scene.before.normal_ok
     box_after = _inside(scene.after.points, low - margin, high + margin) & scene.after.normal_ok
@@ -225,11 +223,10 @@ def _columns(
     scene: Scene, lines: tuple[Lever | None, Lever | None], points: tuple[Array, Array], up: Array | None
 ) -> list[Column]:
     """What a small part may turn about: levers, knobs and taps sit on a round body."""
-    moved = np.concatenate(points)
-    if not len(moved) or np.linalg.norm(np.ptp(np.percentile(moved, [2, 98], axis=0), axis=0)) > SMALL_M:
+    if not scene.small():
         return []
     directions = lever_directions(*lines, *_middles(points), up)
-    return [one for direction in directions for one in columns(scene, direction, moved)]
+    return [one for direction in directions for one in columns(scene, direction, scene.moved_points())]
 
 
 def _middles(points: tuple[Array, Array]) -> tuple[Array, Array]:
