@@ -74,7 +74,7 @@ LAPTOP = Task(
 )  # fmt: skip
 FAUCET = Task(
     "faucet", "revolute", "lever", "counter-clockwise, or towards the arm", DEGREE, (-math.pi, math.pi),
-    tolerance=math.radians(3.0), good_enough=math.radians(1.0), far_off=math.radians(10.0), moving=2e-3,
+    tolerance=math.radians(3.0), good_enough=math.radians(0.7), far_off=math.radians(10.0), moving=2e-3,
 )  # fmt: skip
 TASKS = {task.name: task for task in (DRAWER, LAPTOP, FAUCET)}
 
