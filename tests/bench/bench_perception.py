@@ -18,6 +18,7 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,20 +50,22 @@ def true_motion(pair: Pair) -> JointMotion:
     ).positive()
 
 
-def frames(pair: Pair) -> tuple[DepthFrame, DepthFrame]:
+def frames(pair: Pair, colour: bool = True) -> tuple[DepthFrame, DepthFrame]:
     """What the host gets."""
+    before, after = (pair.colour_before, pair.colour_after) if colour else (None, None)
     return (
-        DepthFrame(pair.depth_before, pair.K, pair.X_base_camera, pair.colour_before),
-        DepthFrame(pair.depth_after, pair.K, pair.X_base_camera, pair.colour_after),
+        DepthFrame(pair.depth_before, pair.K, pair.X_base_camera, before),
+        DepthFrame(pair.depth_after, pair.K, pair.X_base_camera, after),
     )
 
 
-def measure(kind: str, split: int, seed: int) -> dict[str, Any]:
+def measure(sight: str, kind: str, split: int, seed: int) -> dict[str, Any]:
     """Draw one pair and judge the answer."""
-    return {"kind": kind, "seed": seed} | assess(draw_pair(kind, Split(split), seed))
+    pair = draw_pair(kind, Split(split), seed, noise=sight != "exact")
+    return {"kind": kind, "seed": seed} | assess(pair, colour=sight != "depth")
 
 
-def assess(pair: Pair) -> dict[str, Any]:
+def assess(pair: Pair, colour: bool = True) -> dict[str, Any]:
     """Truth, answer and errors as plain values."""
     truth = true_motion(pair)
     row: dict[str, Any] = {
@@ -75,7 +78,7 @@ def assess(pair: Pair) -> dict[str, Any]:
     }
     start = time.process_time()
     try:
-        found = estimate_joint(*frames(pair))
+        found = estimate_joint(*frames(pair, colour))
     except AbstainError as error:
         return row | {"abstained": str(error), "cpu_s": time.process_time() - start}
     row |= {
@@ -183,6 +186,12 @@ def main() -> None:
     parser.add_argument("--split", default="validation", choices=[s.name.lower() for s in Split])
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--count", type=int, default=30, help="pairs per kind")
+    parser.add_argument(
+        "--sight",
+        default="stereo",
+        choices=["stereo", "depth", "exact"],
+        help="stereo depth with colour, stereo depth alone, or exact depth with colour (one folder each)",
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--json", action="store_true", help="print the rows instead of tables")
@@ -190,7 +199,7 @@ def main() -> None:
     split = Split[args.split.upper()]
     seeds = range(args.first, args.first + args.count)
     jobs = [(kind, int(split), seed) for seed in seeds for kind in args.kinds.split(",")]
-    rows = run_jobs(measure, jobs, args.out / "rows.jsonl", args.jobs, "pairs")
+    rows = run_jobs(partial(measure, args.sight), jobs, args.out / "rows.jsonl", args.jobs, "pairs")
     if args.json:
         print(json.dumps(rows, indent=1))
     else:
