@@ -104,6 +104,20 @@ def test_a_planner_that_crashes_in_its_native_part_is_a_bug_and_leaves_an_answer
     assert str(error) == "bug in the planner: it ended with signal SIGABRT at: attempt 1, step 3"
 
 
+def test_a_planner_that_has_just_ended_is_taken_leave_of_once(tmp_path):
+    child = plan_process._Child(order(tmp_path), lambda doing: None, planner(""))
+    child.start()
+    process = child._process
+    assert process is not None
+    stat = Path(f"/proc/{process.pid}/stat")
+    until = time.monotonic() + 30.0
+    while stat.read_text().rpartition(")")[2].split()[0] != "Z" and time.monotonic() < until:
+        time.sleep(0.01)
+    assert child.end() > 0.0
+    assert process.returncode == 0
+    assert child.end() > 0.0
+
+
 def test_a_bug_that_the_planner_tells_is_in_the_answer(tmp_path):
     error, _ = refused(tmp_path, "say(bug='ValueError: 3')")
     assert str(error) == "bug in the planner: ValueError: 3"
