@@ -48,6 +48,38 @@ def pushes(kinds: str, split: str, objects: int, pushes: int, jobs: int, ray: st
     click.echo(f"{len(rows)} objects, {done} pushes, {100 * good / max(done, 1):.1f} % useful, in {out}")
 
 
+@data.command()
+@click.option("--kinds", default="chest,laptop,faucet,door,lid,dial", show_default=True)
+@click.option(
+    "--split", type=click.Choice(["train", "validation", "test"]), default="train", show_default=True
+)
+@click.option("--objects", default=40, show_default=True, help="Per kind.")
+@click.option("--jobs", default=1, show_default=True, help="Processes.")
+@click.option(
+    "--ray", metavar="ADDRESS", help="Run the jobs on this Ray cluster, 'local' for one on this machine."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
+)
+def pairs(kinds: str, split: str, objects: int, jobs: int, ray: str | None, out: Path) -> None:
+    """Noisy views of objects before and after their part moved, for 's2r train model'."""
+    from s2r_sim.batch import run_jobs
+    from s2r_sim.objects.catalogue import kind_named
+    from s2r_sim.objects.pair_data import pair_object
+    from s2r_sim.objects.splits import Split
+
+    if min(objects, jobs) < 1:
+        raise UsageError(f"--objects {objects}, --jobs {jobs}: each must be 1 or more")
+    names = [name.strip() for name in kinds.split(",")]
+    for name in names:
+        kind_named(name)
+    out.mkdir(parents=True, exist_ok=True)
+    number = int(Split[split.upper()])
+    todo = [(name, number, seed, str(out)) for seed in range(objects) for name in names]
+    rows = run_jobs(pair_object, todo, out / f"{split}.jsonl", jobs, "objects", ray)
+    click.echo(f"{len(rows)} objects, {sum(row['pairs'] for row in rows)} pairs, in {out}")
+
+
 @data.command("import")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--part", help="Name or meaning of the part that moves; needed if there are several.")

@@ -84,8 +84,9 @@ def draw_pair(
     entry = kind_named(kind)
     rng = split_rng(kind, split, seed)
     spec = entry.draw(rng)
-    q, delta = _draw_motion(rng, spec, PUSH_M if entry.slides else PUSH_RAD, least_share)
-    spec = _at(spec, q)
+    least = max(least_share * spec.q_max, PUSH_M if entry.slides else PUSH_RAD)
+    q, delta = draw_motion(rng, spec, least)
+    spec = at_joint_value(spec, q)
     model = table_scene(spec).compile()
     camera_truth, azimuth, elevation, distance = place_camera(rng, model, q)
     points, part = part_points(model, q), model.body(PART_BODY).id
@@ -156,17 +157,15 @@ def part_points(model: mujoco.MjModel, q: float) -> np.ndarray:
     return np.concatenate(corners)
 
 
-def _draw_motion(
-    rng: np.random.Generator, spec: ObjectSpec, push: float, least_share: float
-) -> tuple[float, float]:
-    """Joint value before, and the motion; both ends within the range."""
-    low = max(least_share * spec.q_max, push)
-    amount = float(rng.uniform(low, max(MOST_SHARE * spec.q_max, low * 1.01)))
+def draw_motion(rng: np.random.Generator, spec: ObjectSpec, least: float) -> tuple[float, float]:
+    """Joint value before, and the motion of ``least`` or more [m or rad]; both ends within the range."""
+    amount = float(rng.uniform(least, max(MOST_SHARE * spec.q_max, least * 1.01)))
     q = float(rng.uniform(0, spec.q_max - amount))
     return (q, amount) if rng.uniform() < 0.5 else (q + amount, -amount)
 
 
-def _at(spec: ObjectSpec, q: float) -> ObjectSpec:
+def at_joint_value(spec: ObjectSpec, q: float) -> ObjectSpec:
+    """The object found at the joint value ``q`` [m or rad]."""
     field = "opening_m" if "opening_m" in type(spec).model_fields else "q_start"
     return spec.model_copy(update={field: q})
 

@@ -1,0 +1,92 @@
+"""``s2r data pairs``: depth views of one object with its part in two or three places, and the joint between them.
+
+One ``.npz`` per object: ``depth`` [0.1 mm] (states, height, width) uint16, 0 = no return; ``part`` pixels of the moving
+part by exact ray casting, packed bits of the same shape; ``q`` joint values [m or rad] (states,); ``least`` smallest
+motion that a first push is asked for; ``K``, ``T_base_camera``; ``slides``, ``axis_origin`` [m], ``axis_direction``
+(with the sense of growing joint values), arm base frame; ``spokes``: after 1/spokes of a turn the part looks the same;
+and ``kind``, ``seed``, ``split``.
+
+The camera is that of `s2r_sim.objects.pairs`, stereo matching included, with the same focal length but a narrower
+image: it looks at the part anyway, and a pixel costs what it costs. Any two of the states make a pair, so that three
+views give three pairs. Both together bring a pair from 0.8 to 1.3 s of CPU down to about 0.4 s.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_sim.camera.camera import DepthCamera
+from s2r_sim.camera.intrinsics import StereoRig
+from s2r_sim.objects.catalogue import KINDS, ObjectSpec
+from s2r_sim.objects.naming import PART_BODY
+from s2r_sim.objects.pairs import (
+    LEAST_SHARE,
+    MOST_SHARE,
+    PUSH_M,
+    PUSH_RAD,
+    at_joint_value,
+    draw_motion,
+    place_camera,
+)
+from s2r_sim.objects.scene import joint_truth, qpos_at, table_scene
+from s2r_sim.objects.splits import Split, split_rng
+
+UNIT_M = 1e-4
+SMALL, LARGE = (480, 400), (672, 480)  # width, height [px]
+SMALL_KINDS = ("faucet", "dial")
+TRIES = 30
+
+
+def pair_object(kind: str, split: int, seed: int, folder: str) -> dict[str, Any]:
+    """Draw object, camera and states, look at each, write the file; counts for the progress log."""
+    entry = KINDS[kind]
+    rng = split_rng(kind, Split(split), seed)
+    spec = entry.draw(rng)
+    least = max(LEAST_SHARE * spec.q_max, PUSH_M if entry.slides else PUSH_RAD)
+    q = draw_states(rng, spec, least)
+    spec = at_joint_value(spec, float(q[0]))
+    model = table_scene(spec).compile()
+    width, height = SMALL if kind in SMALL_KINDS else LARGE
+    camera = DepthCamera(
+        model, place_camera(rng, model, float(q[0]))[0], StereoRig(width=width, height=height)
+    )
+    part = model.body(PART_BODY).id
+    poses = [qpos_at(model, float(value)) for value in q]
+    depth = np.stack([camera.capture(pose).depth_m for pose in poses])
+    seen = np.stack([camera.exact_sight(pose).body == part for pose in poses])
+    joint = joint_truth(model, spec)
+    path = Path(folder) / f"{kind}-{Split(split).name.lower()}-{seed:05d}.npz"
+    np.savez_compressed(
+        path,
+        depth=np.clip(np.rint(depth / UNIT_M), 0, np.iinfo(np.uint16).max).astype(np.uint16),
+        part=np.packbits(seen, axis=-1),
+        q=q,
+        least=least,
+        K=camera.rig.K,
+        T_base_camera=camera.X_base_camera,
+        slides=joint.joint_type == "prismatic",
+        axis_origin=np.array(joint.origin_m),
+        axis_direction=np.array(joint.direction),
+        spokes=getattr(spec, "spokes", 1),
+        kind=kind,
+        split=split,
+        seed=seed,
+    )
+    return {"file": path.name, "states": len(q), "pairs": len(q) * (len(q) - 1) // 2}
+
+
+def draw_states(rng: np.random.Generator, spec: ObjectSpec, least: float) -> np.ndarray:
+    """Joint values: two as `s2r_sim.objects.pairs` draws them, and if there is room a third, (2,) or (3,).
+
+    Any two differ by ``least`` or more [m or rad]; the third lies within half of the range of one of the others.
+    """
+    q, amount = draw_motion(rng, spec, least)
+    states = [q, q + amount]
+    for value in rng.uniform(0, spec.q_max, TRIES):
+        gap = np.abs(np.array(states) - value)
+        if gap.min() >= least and gap.min() <= MOST_SHARE * spec.q_max:
+            return np.array([*states, float(value)])
+    return np.array(states)

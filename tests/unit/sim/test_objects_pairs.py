@@ -1,0 +1,76 @@
+"""Before/after views for training: what is stored is the object as it is, and jobs go on where they stopped."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from s2r_sim.cli_data import data
+from s2r_sim.objects.pair_data import UNIT_M, draw_states, pair_object
+from s2r_sim.objects.splits import Split, draw_object
+
+
+@pytest.fixture(scope="module")
+def laptop(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pairs")
+    row = pair_object("laptop", int(Split.TRAIN), 4, str(folder))
+    with np.load(folder / row["file"]) as archive:
+        return row, {name: archive[name] for name in archive.files}
+
+
+def test_every_state_has_a_view_and_its_part(laptop):
+    row, content = laptop
+    states = len(content["q"])
+    assert row["states"] == states
+    assert row["pairs"] == states * (states - 1) // 2
+    assert content["depth"].shape == (states, 480, 672)
+    part = np.unpackbits(content["part"], axis=-1).astype(bool)
+    assert part.shape == content["depth"].shape
+    assert (part.sum(axis=(1, 2)) > 200).all()
+
+
+def test_turned_about_the_stored_joint_the_part_lands_where_it_is_seen(laptop):
+    _, content = laptop
+    clouds = []
+    for depth, part in zip(content["depth"], np.unpackbits(content["part"], axis=-1), strict=True):
+        v, u = np.nonzero(part & (depth > 0))
+        z = depth[v, u] * UNIT_M
+        K, X = content["K"], content["T_base_camera"]
+        p = np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=1)
+        clouds.append(p @ X[:3, :3].T + X[:3, 3])
+    axis, origin = content["axis_direction"], content["axis_origin"]
+    reach = []
+    for p, q in zip(clouds, content["q"], strict=True):  # in the frame of joint value 0
+        c, s = np.cos(-q), np.sin(-q)
+        k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+        R = np.eye(3) + s * k + (1 - c) * (k @ k)
+        reach.append(np.percentile((p - origin) @ R.T, [5, 95], axis=0))
+    across = np.ptp(np.array(reach), axis=0)
+    assert across.max() < 0.02
+    assert np.abs(np.ptp(content["q"])) > 0.2
+
+
+@pytest.mark.parametrize("kind", ["chest", "laptop", "faucet", "dial"])
+def test_states_lie_within_the_range_and_apart(kind):
+    three = 0
+    for seed in range(40):
+        spec = draw_object(kind, Split.TRAIN, seed)
+        least = max(0.08 * spec.q_max, 0.03 if kind == "chest" else np.deg2rad(15))
+        q = draw_states(np.random.default_rng(seed), spec, least)
+        assert (q >= -1e-9).all()
+        assert (q <= spec.q_max + 1e-9).all()
+        gap = np.abs(q[:, None] - q[None])[np.triu_indices(len(q), 1)]
+        assert gap.min() >= least - 1e-9
+        three += len(q) == 3
+    assert three > 20
+
+
+def test_command_makes_files_and_does_nothing_twice(tmp_path):
+    args = ["pairs", "--kinds", "dial", "--objects", "2", "--split", "validation", "--out", str(tmp_path)]
+    first = CliRunner().invoke(data, args)
+    assert first.exit_code == 0, first.output
+    files = sorted(tmp_path.glob("dial-validation-*.npz"))
+    assert len(files) == 2
+    written = [file.stat().st_mtime_ns for file in files]
+    again = CliRunner().invoke(data, args)
+    assert again.output.splitlines()[-1] == first.output.splitlines()[-1]
+    assert [file.stat().st_mtime_ns for file in files] == written
