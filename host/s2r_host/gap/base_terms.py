@@ -10,6 +10,7 @@ from s2r_host.gap.session import Session
 
 PREFIX = "parameter:"
 SKIPPED = ("timing", "edge", "damping", "frictionloss")  # friction has effects of its own name
+LEAST_ARM = 0.02  # of the body's size: a centre nearer to the origin has no direction
 
 
 class BaseTerm(Effect):
@@ -40,6 +41,50 @@ class BaseTerm(Effect):
             gradient[i] = m.size
             found[m.name] = Value(m.nominal + float(theta[i]) * m.size, m.unit, tuple(gradient))
         return found
+
+    def moves(self, theta: np.ndarray) -> np.ndarray:
+        """Change of every member in its own unit of size, shape (members,)."""
+        return theta
+
+
+class CentreDistance(BaseTerm):
+    """A centre of mass nearer to the body's origin than stated, or further: its direction stays.
+
+    A centre that leaves its direction turns about the joint; on one joint that is a turned zero, which has names of its
+    own. One number here, whatever frame the body's coordinates are written in.
+    """
+
+    def __init__(self, name: str, members: list[BaseParameter]) -> None:
+        super().__init__(name, members)
+        nominal = np.array([m.nominal for m in members])
+        self.direction = nominal / float(np.linalg.norm(nominal))
+
+    def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
+        """Required effort per unit of size along the centre's direction."""
+        return Columns(
+            [np.sum([d * m.column(s) for d, m in zip(self.direction, self.members, strict=True)], axis=0)]
+        )
+
+    def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
+        """Coordinates, which move together."""
+        return {
+            m.name: Value(m.nominal + float(theta[0]) * d * m.size, m.unit, (d * m.size,))
+            for d, m in zip(self.direction, self.members, strict=True)
+        }
+
+    def moves(self, theta: np.ndarray) -> np.ndarray:
+        """Along the direction."""
+        return float(theta[0]) * self.direction
+
+
+def with_directions_held(terms: dict[str, BaseTerm]) -> dict[str, BaseTerm]:
+    """The same explanations with centres of mass that keep their direction, where they have one."""
+    return {
+        name: CentreDistance(name, term.members)
+        if name.startswith(f"{PREFIX}com") and any(abs(m.nominal) > LEAST_ARM * m.size for m in term.members)
+        else term
+        for name, term in terms.items()
+    }
 
 
 def base_terms(parameters: list[BaseParameter]) -> dict[str, BaseTerm]:

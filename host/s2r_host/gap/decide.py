@@ -26,11 +26,13 @@ from s2r_host.gap.problem import Problem
 from s2r_host.gap.rejected import rejected_list
 from s2r_host.gap.search import MAX_EFFECTS, Search
 from s2r_host.gap.solution import Solution, Term
+from s2r_host.gap.trust import search_under_both
 from s2r_host.gap.unrepeated import Wander
 from s2r_host.gap.wrong_number import TIGHT, Looseness, base_matters, with_number
 
 FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
 NO_WORSE = 1.3
+SAME_CAUSE = 8.0  # log odds
 DRIFT_ODDS, DRIFT_COMMON, DRIFT_LEAST, DRIFT_ERROR = 18.0, 0.7, 0.02, 0.05
 # What a position read behind a compliant gear looks like to the plant's equation.
 BEHIND_THE_SENSOR = (
@@ -78,8 +80,12 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         decision = parameters_only(problem, search)
         if not too_much_left(problem, search, decision):
             return decision
-    solution = search.run(look=numbers_do)
     looseness: Looseness = 1.0
+    if len(problem.joints) > FEW_JOINTS:
+        solution = search.run(look=numbers_do)
+    else:
+        looseness, solution = search_under_both(search, look=numbers_do)
+        search.looseness = 1.0
     few = 0 < len(solution.terms) <= MAX_EFFECTS and len(problem.joints) <= FEW_JOINTS
     if few and base_matters(search, problem, solution.terms):
         number = with_number(problem, search, solution)
@@ -146,6 +152,7 @@ def _add_law(problem: Problem, finding: LawFinding, decision: Decision, why: str
         return
     if any(e.name == finding.name and e.joint == joint for e in decision.effects):
         return
+    decision.effects = [e for e in decision.effects if e.joint != joint or not _same_cause(e, finding.name)]
     weights = {finding.name: 1.0} | {
         n: float(np.exp(max(g - finding.gain, -60.0))) for n, g in finding.rivals.items()
     }
@@ -160,6 +167,12 @@ def _add_law(problem: Problem, finding: LawFinding, decision: Decision, why: str
     decision.law.append(finding)
     if decision.verdict in ("nothing_missing", "parameter_off"):
         decision.verdict = "physics_missing"
+
+
+def _same_cause(named: Named, other: str) -> bool:
+    """Does the other name explain as well what this one was named for? Then late stamps are no delay beside."""
+    own = named.log_odds.get(named.name, np.inf)
+    return named.log_odds.get(other, -np.inf) > own - SAME_CAUSE
 
 
 def _add_contradiction(problem: Problem, found: Contradiction, decision: Decision) -> None:

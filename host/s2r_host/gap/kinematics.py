@@ -24,6 +24,13 @@ CLEAR = 2.0  # disagreement in noise levels that is no accident; clean recording
 NAMED_SHARE = 0.8  # part of the disagreement that a name has to explain; noise follows nothing (0.2)
 FOREIGN = 3.0  # a current that leaks into the sensor may not leave so many times less
 SIGN_SHARE = 0.25  # further part that play has to explain beyond a spring
+# While the gap is crossed the motor is anywhere between its flanks: rows around a change of the load's sign.
+CROSSING_S = (0.05, 0.1)
+SETTLED_SHARE, SETTLED_LEAST = (
+    0.95,
+    0.6,
+)  # of the disagreement explained elsewhere; of the rows that are elsewhere
+BOTH_FLANKS = 0.1  # of the time on the lesser one, or the width stays open
 FROZEN_ROWS, FROZEN_STEPS, FROZEN_MOST = 1, 6.0, 0.3
 MARGIN_S = 0.2
 SPRING_DAMPING = 0.05
@@ -82,6 +89,8 @@ class _Track:
         gap: Position minus integrated speed, shape (time,).
         honest: What scale, lag and filter of the speed would make, shape (time, 3).
         windup: Effort behind the gear and its sign, shape (time, 2).
+        settled: Rows at which that effort has not just changed its sign, shape (time,).
+        lesser: Share of the time in which it has the rarer sign.
         leak: Recorded effort and its square, shape (time, 2), or None without an effort.
         noise: What the sensors explain of ``gap``.
     """
@@ -90,6 +99,8 @@ class _Track:
     gap: np.ndarray
     honest: np.ndarray
     windup: np.ndarray
+    settled: np.ndarray
+    lesser: float
     leak: np.ndarray | None
     noise: float
 
@@ -125,7 +136,18 @@ def _track(model: RigidModel, s: Session, joint: int) -> _Track | None:
         u = np.interp(grid, s.t, s.u[:, joint])
         leak = np.stack([band(u), band(u**2)], axis=1)
     windup = np.stack([band(link), band(turn)], axis=1)
-    return _Track(grid[margin:-margin], band(even(q - way)), honest, windup, leak, noise)
+    settled = _settled(link, dt)[margin:-margin]
+    lesser = min(float(np.mean(link > 0)), float(np.mean(link < 0)))
+    return _Track(grid[margin:-margin], band(even(q - way)), honest, windup, settled, lesser, leak, noise)
+
+
+def _settled(link: np.ndarray, dt: float) -> np.ndarray:
+    """Rows at which the load has not just changed its sign nor is about to, shape (time,)."""
+    before, after = (int(np.ceil(x / dt)) for x in CROSSING_S)
+    settled = np.ones(len(link), dtype=bool)
+    for change in np.flatnonzero(np.diff(np.sign(link)) != 0):
+        settled[max(0, change - before) : change + after + 1] = False
+    return settled
 
 
 def _without_filter(x: _Track) -> np.ndarray:
@@ -187,24 +209,19 @@ def _transmission(
     leaks = [x.leak for x in tracks if x.leak is not None]
     best = max(spring.share, play.share)
     if best < NAMED_SHARE:
-        return None
+        return _crossed(model, fit, tracks, W, y, effective, joint)
     if len(leaks) == len(tracks):
         leaked = _regress(np.concatenate(leaks), y, effective)
         if 1.0 - best > FOREIGN * (1.0 - leaked.share):
             return None
     name = model.joints[joint]
-    unit, effort = model.unit(name), model.effort_unit(name)
+    effort = f"{model.effort_unit(name)}/{model.unit(name)}"
     inertia = float(np.mean(np.concatenate([s.mass[:, joint] for s in fit])))
     motor = float(model.model.dof_armature[joint]) / inertia
     more = (play.share - spring.share) / max(1.0 - spring.share, 1e-12)
     odds = 0.5 * effective * float(np.log((1.0 - spring.share + 1e-9) / (1.0 - play.share + 1e-9)))
     if more > SIGN_SHARE and play.beta[1] < 0:
-        width, half = float(-play.beta[1]), Z90 * float(play.deviation[1])
-        shape = {"w": width, "motor": motor, "f": PLAY_HZ, "zeta": PLAY_DAMPING}
-        return LawFinding(
-            "backlash", joint, odds, play.share, {"half_width": _value(width, half, unit)}, shape,
-            {"joint_elasticity": 0.0},
-        )  # fmt: skip
+        return _play(model, fit, joint, play, odds, True)
     if spring.beta[0] >= 0:
         return None
     k = -1.0 / float(spring.beta[0])
@@ -212,10 +229,37 @@ def _transmission(
     link = np.concatenate([s.load[:, joint] for s in fit])
     one_sided = min(float(np.mean(link > 0)), float(np.mean(link < 0))) < 0.01  # the gap is never crossed
     f = float(np.sqrt(k / max((1.0 - motor) * inertia, 1e-12))) / (2.0 * np.pi)
-    table = {"stiffness": _value(k, half, f"{effort}/{unit}")}
+    table = {"stiffness": _value(k, half, effort)}
     shape = {"f": f, "zeta": SPRING_DAMPING, "motor": motor}
     odds = 0.7 if one_sided else 6.0
     return LawFinding("joint_elasticity", joint, odds, spring.share, table, shape, {"backlash": 0.0})
+
+
+def _crossed(
+    model: RigidModel, fit: list[Session], tracks: list[_Track], W: np.ndarray, y: np.ndarray, effective: float,
+    joint: int,
+) -> LawFinding | None:  # fmt: skip
+    """Play that takes time to cross: the windup is that of two flanks except around changes of the load's sign."""
+    settled = np.concatenate([x.settled for x in tracks])
+    if settled.all() or np.mean(settled) < SETTLED_LEAST:
+        return None
+    play = _regress(W[settled], y[settled], effective)
+    if play.share < SETTLED_SHARE or play.beta[1] >= 0:
+        return None
+    odds = -0.5 * effective * float(np.log(1.0 - play.share + 1e-9))
+    return _play(model, fit, joint, play, odds, min(x.lesser for x in tracks) > BOTH_FLANKS)
+
+
+def _play(
+    model: RigidModel, fit: list[Session], joint: int, play: _Regression, odds: float, identifiable: bool
+) -> LawFinding:
+    name = model.joints[joint]
+    inertia = float(np.mean(np.concatenate([s.mass[:, joint] for s in fit])))
+    motor = float(model.model.dof_armature[joint]) / inertia
+    width, half = float(-play.beta[1]), Z90 * float(play.deviation[1])
+    table = {"half_width": _value(width, half, model.unit(name)) | {"identifiable": identifiable}}
+    shape = {"w": width, "motor": motor, "f": PLAY_HZ, "zeta": PLAY_DAMPING}
+    return LawFinding("backlash", joint, odds, play.share, table, shape, {"joint_elasticity": 0.0})
 
 
 @dataclass(frozen=True)

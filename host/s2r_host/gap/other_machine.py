@@ -27,6 +27,15 @@ def other_machine(problem: Problem, decision: Decision) -> str | None:
                 f"the centre of mass of '{name}' would have to move by {shift:.3g} m from {arm:.3g} m off the joint: "
                 "is this recording of another machine?"
             )
+        for p in decision.parameters_off:
+            ratio = (
+                p["to"] / p["from"] if p["name"] == "mass" and p.get("body") == name and p["from"] else 1.0
+            )
+            if few and decision.effects and not 1.0 / FAR_SCALE < ratio < FAR_SCALE:
+                return (
+                    f"the mass of '{name}' would have to be {ratio:.2g} times what the model says, and more beside: "
+                    "is this recording of another machine?"
+                )
     moved: dict[str, float] = {}
     for p in decision.parameters_off:  # of a kind that several bodies have, the one that moved most counts
         kind = p["name"].split("_")[0]

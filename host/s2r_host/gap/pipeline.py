@@ -235,7 +235,7 @@ def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
     for t in list(terms):
         effect = a.search.effects[t.effect]
         if t.effect.startswith(PREFIX) and isinstance(effect, BaseTerm):
-            base += [(m, float(x)) for m, x in zip(effect.members, t.theta, strict=True)]
+            base += [(m, float(x)) for m, x in zip(effect.members, effect.moves(t.theta), strict=True)]
             terms.remove(t)
     merged: dict[int, tuple] = {}
     for p, x in base:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from s2r_host.gap.base_terms import base_terms
+from s2r_host.gap.base_terms import base_terms, with_directions_held
 from s2r_host.gap.complete import LinkGroup
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Effect
@@ -22,6 +22,7 @@ FLOOR_SLACK_AFTER = 1.4
 COMMON_CORRELATION, COMMON_POWER = 0.35, 0.55
 LEAST_ROWS = 60
 GRAMS_KEPT = 400
+FEW_JOINTS = 2  # up to here a turned centre of mass and a turned zero are the same
 QUIET = 1.12  # noise floors; a joint of an arm with no more than that is not searched
 # Friction whose size a new session changes together with the dry and viscous one.
 SHAPED_FRICTION = ("stribeck", "presliding", "load_dependent_friction", "asymmetric_friction")
@@ -70,7 +71,10 @@ class Regression:
         self.problem = problem
         self.looseness: float | np.ndarray = 1.0  # of the base parameters' priors, alike or one by one
         self.effects: dict[str, Effect] = {n: e for n, e in catalogue().items() if n not in skip}
-        self.effects |= base_terms(problem.base)
+        numbers = base_terms(problem.base)
+        self.effects |= (
+            with_directions_held(numbers) if len(problem.ctx.model.joints) <= FEW_JOINTS else numbers
+        )
         self._columns: dict[Term, Stored] = {}
         self._grams: dict[tuple[Term, ...], Gram] = {}
         self.rows_of = {

@@ -204,10 +204,10 @@ class Search(Regression):
                 polished.append(again if again is not None else (value, term))
             else:
                 polished.append((value, term))
-        without_held, raw_without = self._predict(chosen, noise)
+        without_held, raw_without = self.predict(chosen, noise)
         scored = []
         for value, term in polished:
-            held, raw = self._predict([*chosen, term], noise)
+            held, raw = self.predict([*chosen, term], noise)
             score = value + held
             share = _share(term, raw_without, raw)
             scored.append(Scored(term, score, score - without - without_held, share, np.zeros(0)))
@@ -228,7 +228,7 @@ class Search(Regression):
                 charge = max(CONTAINER_CHARGE, CONTAINER_SHARE * max(inner))
                 s.score, s.gain = s.score - charge, s.gain - charge
 
-    def _predict(self, terms: list[Term], noise: float) -> tuple[float, dict[int, float]]:
+    def predict(self, terms: list[Term], noise: float) -> tuple[float, dict[int, float]]:
         """Log likelihood of the held-out rows under coefficients fitted elsewhere, and their misfit.
 
         The misfit is squared, in noise floors, per joint: a newton metre is little on a shoulder and much on a wrist.
@@ -420,7 +420,7 @@ class Search(Regression):
         base = self.marginal(others, fit, noise)
         w, prior = self.weigh(base, fit, chosen[i])
         gain = w.log_evidence(noise, prior) + 0.5 * base.rss / noise
-        return gain + self._predict(chosen, noise)[0] - self._predict(others, noise)[0]
+        return gain + self.predict(chosen, noise)[0] - self.predict(others, noise)[0]
 
     def _joint(self, term: Term) -> str:
         return "the model" if term.joint < 0 else self.problem.ctx.model.joints[term.joint]

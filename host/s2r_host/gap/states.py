@@ -82,6 +82,7 @@ def deflection(
     joint: int,
     inertia: np.ndarray,
     load: np.ndarray,
+    slope: np.ndarray,
     k: np.ndarray,
     d: np.ndarray,
     gap: np.ndarray,
@@ -89,13 +90,15 @@ def deflection(
     """Transmitted effort of a link that hangs on a motor whose motion was recorded.
 
     Link minus motor angle δ obeys M δ̈ = T - L with T = -k dz(δ) - d δ̇ in contact; dz is the dead zone of half
-    width ``gap``. L is the load the link would put on a rigid transmission.
+    width ``gap``. L is the load the link would put on a rigid transmission, plus its change with δ: gravity pulls where
+    the link is.
 
     Args:
         s: Session.
         joint: Joint index.
         inertia: Link inertia, shape (time, shapes).
         load: Rigid load of the link, shape (time, shapes).
+        slope: Change of that load with the link's position, shape (time,).
         k, d, gap: Stiffness, damping, half width, shape (shapes,).
 
     Returns:
@@ -112,11 +115,11 @@ def deflection(
     rate = np.zeros(shapes)
     out = np.empty((n, shapes))
     for i in range(n):
-        per_mass, pull = h / inertia[i], load[i]
+        per_mass, pull, turn = h / inertia[i], load[i], slope[i]
         for _ in range(parts):
             over = delta - np.minimum(np.maximum(delta, -gap), gap)
             effort = -k * over - d * rate * (over != 0.0)
-            rate = rate + (effort - pull) * per_mass
+            rate = rate + (effort - pull - turn * delta) * per_mass
             delta = delta + h * rate
         over = delta - np.minimum(np.maximum(delta, -gap), gap)
         out[i] = -k * over - d * rate * (over != 0.0)

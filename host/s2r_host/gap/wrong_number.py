@@ -25,7 +25,7 @@ LOOSENESS = (TIGHT, 0.3, 1.0)
 ONE_CAUSE, ONE_CAUSE_MORE, ALONE_SLACK = 4.0, 12.0, 6.0  # log odds
 
 
-def _evidence(search: Search, problem: Problem, terms: list[Term], prior: np.ndarray, noise: float) -> float:
+def evidence(search: Search, problem: Problem, terms: list[Term], prior: np.ndarray, noise: float) -> float:
     """Log evidence of the fit rows under a prior for the base parameters."""
     fit = ~problem.held
     y, parts = problem.y[fit], [problem.B[fit]]
@@ -52,8 +52,8 @@ def base_matters(search: Search, problem: Problem, terms: list[Term] | None = No
     tight = np.where(free, problem.prior * TIGHT, problem.prior)
     noise = search.noise_level(terms or [])
     return (
-        _evidence(search, problem, terms or [], problem.prior, noise)
-        > _evidence(search, problem, terms or [], tight, noise) + 5.0
+        evidence(search, problem, terms or [], problem.prior, noise)
+        > evidence(search, problem, terms or [], tight, noise) + 5.0
     )
 
 

@@ -24,12 +24,7 @@ class EncoderOffset(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Derivative of the load by this joint's position, on all joints."""
-        key = ("offset", joint)
-        if key not in s.cache:
-            q = s.q.copy()
-            q[:, joint] += STEP
-            s.cache[key] = (ctx.model.inverse(q, s.v, s.a) - s.load) / STEP
-        return Columns([s.cache[key]])
+        return Columns([load_slope(ctx, s, joint)])
 
     def applies(self, ctx: Context, joint: int) -> bool:
         """The load must depend on the position."""
@@ -47,6 +42,16 @@ class EncoderOffset(Effect):
         """Recorded = true - offset."""
         offset = float(theta[0])
         return lambda q: q - offset
+
+
+def load_slope(ctx: Context, s: Session, joint: int) -> np.ndarray:
+    """Change of the load with the position of a joint along the recorded motion, shape (time, joint)."""
+    key = ("offset", joint)
+    if key not in s.cache:
+        q = s.q.copy()
+        q[:, joint] += STEP
+        s.cache[key] = (ctx.model.inverse(q, s.v, s.a) - s.load) / STEP
+    return s.cache[key]
 
 
 EFFECT = EncoderOffset()

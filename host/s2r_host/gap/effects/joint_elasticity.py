@@ -6,12 +6,14 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.encoder_offset import load_slope
 from s2r_host.gap.session import Session
 from s2r_host.gap.states import deflection, filtered
 
 FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
 DAMPING = (0.02, 0.08, 0.25)
 MOTOR_SHARES = (0.0, 0.15, 0.4)
+PASSES = 2
 
 
 class JointElasticity(Effect):
@@ -46,7 +48,12 @@ class JointElasticity(Effect):
         w = 2 * np.pi * shape["f"]
         # Held at the motor, T follows the link's rigid load through a second-order filter of unit gain.
         damping = 2 * shape["zeta"] * w
-        T = filtered([damping, w * w], [1.0, damping, w * w], load - load[0], s.dt) + load[0]
+        stiffness = max(mean_inertia(ctx, joint) - motor, 1e-12) * w * w
+        slope, felt = load_slope(ctx, s, joint)[:, joint], load
+        for _ in range(PASSES):  # gravity pulls where the link is, not where the motor is
+            windup = (filtered([w * w], [1.0, damping, w * w], felt - felt[0], s.dt) + felt[0]) / stiffness
+            felt = load - slope * windup
+        T = filtered([damping, w * w], [1.0, damping, w * w], felt - felt[0], s.dt) + felt[0]
         return Columns([], fixed=T - load)
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
@@ -100,7 +107,8 @@ def transmitted(ctx: Context, s: Session, joint: int, triples: np.ndarray, gap: 
     load = (L - at_motor)[:, None] - motor[None, :] * a[:, None]
     link = J - motor
     w = 2 * np.pi * triples[:, 0]
-    T = deflection(s, joint, inertia, load, link * w**2, 2 * triples[:, 1] * w * link, gap)
+    slope = load_slope(ctx, s, joint)[:, joint]
+    T = deflection(s, joint, inertia, load, slope, link * w**2, 2 * triples[:, 1] * w * link, gap)
     return T - load
 
 
