@@ -248,7 +248,7 @@ def _richer(
         plain = search.best_shape(term.key, base, fit, TEMPER, refine=False)
         if plain is None:
             continue
-        reference = plain[0] + search._predict([*others, term], TEMPER)[0]
+        reference = plain[0] + search.predict([*others, term], TEMPER)[0]
         for name in RICHER:
             key = (name, term.joint)
             effect = search.effects.get(name)
@@ -257,7 +257,7 @@ def _richer(
             best = search.best_shape(key, base, fit, TEMPER, refine=True)
             if best is None or _only_the_edge(p.ctx, best[1]):
                 continue
-            score = best[0] + search._predict([*others, best[1]], TEMPER)[0]
+            score = best[0] + search.predict([*others, best[1]], TEMPER)[0]
             gain = slots[i][0].gain if slots[i][0].term == term else 0.0
             share = _held_share(search, others, best[1])
             slots[i].append(Scored(best[1], score, gain + score - reference, share, np.zeros(0)))
