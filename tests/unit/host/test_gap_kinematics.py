@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from s2r_host.gap import kinematics
 from s2r_host.gap.kinematics import contradiction
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.recording import Controller, Recording
@@ -17,16 +18,17 @@ def model(tmp_path_factory):
     return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
 
 
-def motion():
+def motion(pace=1.0):
     t = np.arange(0, 16, DT)
-    q = 0.6 * np.sin(2.1 * t) + 0.25 * np.sin(7.3 * t + 0.4) + 0.1 * np.sin(13.0 * t)
+    x = pace * t
+    q = 0.6 * np.sin(2.1 * x) + 0.25 * np.sin(7.3 * x + 0.4) + 0.1 * np.sin(13.0 * x)
     return t, q, np.gradient(q, DT)
 
 
-def recorded(model, seen=lambda t, q, u: q, speed=lambda dq: dq, frozen=()):
+def recorded(model, seen=lambda t, q, u: q, speed=lambda dq: dq, frozen=(), pace=1.0):
     """A motion, its speed and the effort the model needs for it; ``seen`` bends the position that is recorded."""
     rng = np.random.default_rng(3)
-    t, q, dq = motion()
+    t, q, dq = motion(pace)
     u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0]
     bent = np.round((seen(t, q, u) + 0.3 * LSB * rng.normal(size=len(t))) / LSB) * LSB
     for start in frozen:
@@ -89,6 +91,32 @@ def test_a_gap_before_the_encoder_is_backlash_with_its_width(model):
     assert said.finding is not None
     assert said.finding.name == "backlash"
     assert said.finding.parameters["half_width"]["value"] == pytest.approx(4e-3, rel=0.15)
+
+
+def crossing(t, q, u, half=4e-3, late_s=0.07):
+    """A motor that needs ``late_s`` to get from one flank to the other, and swings about in between."""
+    windup = half * np.tanh(u / (0.02 * np.std(u)))
+    for i in np.flatnonzero(np.diff(np.sign(u)) != 0):
+        n = min(round(late_s / DT), len(u) - i - 1)
+        share = np.arange(n) / n
+        after = windup[i + n]
+        windup[i : i + n] = after * (2.0 * share - 1.0) + half * np.sin(2 * np.pi * share)
+    return q - windup
+
+
+def test_play_is_named_although_the_motor_takes_time_to_cross_it(model, monkeypatch):
+    s = recorded(model, seen=crossing, pace=0.7)
+    said = contradiction(model, [s], 0)
+    assert said is not None
+    assert said.finding is not None
+    assert said.finding.name == "backlash"
+    width = said.finding.parameters["half_width"]
+    assert width["identifiable"]
+    assert width["value"] == pytest.approx(4e-3, rel=0.15)
+    monkeypatch.setattr(kinematics, "SETTLED_SHARE", 2.0)
+    unsettled = contradiction(model, [s], 0)
+    assert unsettled is not None
+    assert unsettled.finding is None
 
 
 def test_a_slow_log_is_not_asked(model):

@@ -1,0 +1,103 @@
+"""How far the model's numbers are trusted, which way a centre of mass may err, and what belongs to another machine."""
+
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from s2r_host.gap import trust
+from s2r_host.gap.base_terms import PREFIX, CentreDistance, base_terms, with_directions_held
+from s2r_host.gap.nuisance import BaseParameter
+from s2r_host.gap.other_machine import other_machine
+from s2r_host.gap.solution import Term
+from s2r_host.gap.states import deflection
+
+
+def number(name, nominal, column):
+    return BaseParameter(name, "link", False, nominal, 0.5, "m", 0.03, lambda s: column, lambda spec, x: None)
+
+
+def centre(x, z):
+    return [number("com_x", x, np.array([1.0, 0.0])), number("com_z", z, np.array([0.0, 1.0]))]
+
+
+def test_a_centre_of_mass_that_is_off_keeps_its_direction():
+    held = with_directions_held(base_terms(centre(0.3, 0.4)))[f"{PREFIX}com@link"]
+    assert isinstance(held, CentreDistance)
+    (column,) = held.columns(None, None, -1, {}).linear  # pyright: ignore[reportArgumentType]
+    assert column == pytest.approx([0.6, 0.8])
+    moved = held.parameters(None, -1, {}, np.array([0.1]))  # pyright: ignore[reportArgumentType]
+    assert moved["com_x"].value / moved["com_z"].value == pytest.approx(0.3 / 0.4)
+    assert held.moves(np.array([0.1])) == pytest.approx([0.06, 0.08])
+
+
+def test_a_centre_at_the_origin_has_no_direction_to_keep():
+    free = with_directions_held(base_terms(centre(0.0, 1e-4)))[f"{PREFIX}com@link"]
+    assert not isinstance(free, CentreDistance)
+
+
+class Searched:
+    """Answers one explanation with wide and one with narrow trust in the numbers; counts the searches."""
+
+    def __init__(self, moved):
+        self.looseness, self.completed, self.asked = 0.0, 0, []
+        self.problem = SimpleNamespace(
+            base=[SimpleNamespace(name="mass"), SimpleNamespace(name="timing")], prior=np.array([0.03, 0.5])
+        )
+        self.moved = moved
+
+    def run(self, look=False):
+        self.asked.append(self.looseness)
+        names = (
+            ("asymmetric_friction",) if self.looseness == trust.WIDE else ("coulomb_friction", "cable_spring")
+        )
+        terms = [Term(n, 0) for n in names]
+        return SimpleNamespace(terms=terms, base=np.array([self.moved * 0.03, 2.0]), noise=3.0)
+
+    def log(self, said):
+        del said
+
+
+@pytest.mark.parametrize(
+    ("lead", "looseness"), [(30.0, trust.NARROW), (3.0, trust.WIDE), (-30.0, trust.WIDE)]
+)
+def test_the_evidence_says_how_far_numbers_are_trusted(monkeypatch, lead, looseness):
+    search = Searched(moved=-2.0)
+    monkeypatch.setattr(trust, "worth", lambda s, x, loose, noise: lead if loose == trust.NARROW else 0.0)
+    found, solution = trust.search_under_both(search, look=False)  # pyright: ignore[reportArgumentType]
+    assert found == looseness == search.looseness
+    assert len(solution.terms) == (2 if looseness == trust.NARROW else 1)
+
+
+def test_where_no_number_moved_nothing_hides_in_them():
+    search = Searched(moved=0.3)  # the timing moved, but is of the comparison and not of the machine
+    assert trust.search_under_both(search, look=False)[0] == trust.WIDE  # pyright: ignore[reportArgumentType]
+    assert search.asked == [trust.WIDE]
+
+
+def test_behind_a_spring_gravity_pulls_where_the_link_is():
+    rows, load, slope, k = 4000, 5.0, 40.0, 400.0
+    s = SimpleNamespace(dt=0.001)
+    held = deflection(
+        s, 0, np.full((rows, 1), 0.1), np.full((rows, 1), load), np.full(rows, slope), np.array([k]),  # pyright: ignore[reportArgumentType]
+        np.array([5.0]), np.zeros(1),
+    )  # fmt: skip
+    # Sagged by x, the link weighs load - slope x and the spring holds k x.
+    assert held[-1, 0] == pytest.approx(k * load / (k + slope), rel=1e-3)
+
+
+LINK = """<mujoco><worldbody><body name="link"><joint name="joint" axis="0 1 0"/>
+  <inertial mass="4" pos="0.3 0 0" diaginertia="0.01 0.01 0.01"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(("to", "effects", "other"), [(0.8, 1, True), (3.6, 1, False), (0.8, 0, False)])
+def test_a_mass_far_off_beside_an_effect_is_another_machine(to, effects, other):
+    model = SimpleNamespace(
+        model=mujoco.MjModel.from_xml_string(LINK), joints=["joint"], jointed_bodies=lambda: [1],
+        body_name=lambda body: "link",
+    )  # fmt: skip
+    mass = {"name": "mass", "body": "link", "from": 4.0, "to": to}
+    decision = SimpleNamespace(parameters_off=[mass], effects=[SimpleNamespace(name="cogging")] * effects)
+    said = other_machine(SimpleNamespace(ctx=SimpleNamespace(model=model)), decision)  # pyright: ignore[reportArgumentType]
+    assert (said is not None) == other
