@@ -60,19 +60,21 @@ class DonePush:
         planned, executed: What was meant and what was sent.
         went_through: Nothing stopped it on the way.
         moved: Something moved, as far as the views tell that were taken before and after it.
+        sure: That is told by colours; noise in depth looks like a little motion, too.
     """
 
     planned: PlannedPush
     executed: tuple[Executed, ...]
     went_through: bool
     moved: bool = True
+    sure: bool = False
 
     @property
     def tried(self) -> Tried:
         """What it says about the object where it told no joint."""
         proposal = self.planned.motion.proposal
-        gave_way = self.went_through and self.moved  # noise between two views looks like a little motion, too
-        return Tried(proposal.p_contact, proposal.direction, not self.went_through, gave_way)
+        gave_way = self.moved and (self.sure or self.went_through)
+        return Tried(proposal.p_contact, proposal.direction, not self.went_through, gave_way, self.sure)
 
 
 def prepare_push(

@@ -50,7 +50,7 @@ SAME_WAY = 0.7  # cosine
 HELD_OUT = 0.25  # it may have been at its stop
 HELD_OUT_TWICE = 0.03  # both ways
 MISSED = 0.5  # nothing in the way, and nothing moved
-MOVED = 3.0  # over what is to be expected of anything else
+MOVED, SEEN_MOVED = 3.0, 10.0  # over what is to be expected of anything else; by depth alone, and by colours
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +61,15 @@ class Tried:
         p_contact: Where the tip touched [m], (3,).
         direction: Unit direction of the push, (3,).
         held_out: It was stopped by what it met.
-        moved: It gave way: nothing stopped the push, and the views before and after it differ.
+        moved: It gave way, as far as the views tell that were taken before and after the push.
+        sure: That is told by colours.
     """
 
     p_contact: np.ndarray
     direction: np.ndarray
     held_out: bool
     moved: bool
+    sure: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +215,7 @@ def _evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) ->
         about = gap[id(guess.p)] < ABOUT_M and gap[id(guess.p)] <= min(gap.values()) + 1e-9
         along = guess.turns or abs(float(guess.line @ push.direction)) > SAME_WAY
         if about and push.moved:
-            factor *= MOVED
+            factor *= SEEN_MOVED if push.sure else MOVED
         elif about and along and guess.at_free_end(push.p_contact):
             if push.held_out:
                 held_ways.append(push.direction)

@@ -13,7 +13,7 @@ from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.motion import Push
 from s2r_host.run.belief import estimate_part
 from s2r_host.run.first_push import DonePush, carry_out_push, prepare_push
-from s2r_host.run.observe import Observation, observe
+from s2r_host.run.observe import Observation, observe, seen_to_move
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
 
@@ -48,12 +48,11 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
     settings, journal, task = session.settings, session.journal, session.settings.task
     views, skip = [first], 0
     pushes: list[DonePush] = []
-    earlier: list[DonePush] = []
     positive: np.ndarray | None = None
     for number in range(1, settings.pushes + 1):
         again = "" if number == 1 else f" {number}"
         with journal.stage(f"first push{again}: proposals") as stage:
-            planned = record.planned_push = prepare_push(session, views[-1], number, skip, earlier)
+            planned = record.planned_push = prepare_push(session, views[-1], number, skip, pushes)
             skip += planned.motion.tried
             positive = planned.positive if positive is None else positive
             stage.note = f"proposal {skip} is reachable"
@@ -65,6 +64,9 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
         with journal.stage(f"view B{again}") as stage:
             views.append(record.add_view(observe(session, f"B{number if again else ''}")))
             stage.note = f"{len(views[-1].scene.p_base)} object points"
+        moved = seen_to_move(*views[-2:])
+        if moved is not None:
+            pushes[-1] = replace(pushes[-1], moved=moved, sure=True)
         try:
             with journal.stage(f"estimate joint{again}") as stage:
                 before, estimate = _compared(session, views, pushes, positive)
@@ -74,7 +76,8 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
             if number == settings.pushes:
                 raise
             journal.warn(f"push {number} does not tell the joint, pushing again: {error}")
-            earlier.append(replace(record.push, moved=not isinstance(error, NothingMovedError)))
+            if moved is None:
+                pushes[-1] = replace(pushes[-1], moved=not isinstance(error, NothingMovedError))
             continue
         for text in estimate.warnings:
             journal.warn(text)
@@ -110,8 +113,8 @@ def _compared(
 
 
 def _only_push(pushes: Sequence[DonePush]) -> Push | None:
-    """What was done to the part, if all pushes but one were held out; what several have done is not known."""
+    """What was done to the part, if one push alone moved it; what several have done is not known."""
     if len(pushes) == 1:
         return pushes[0].planned.motion.push_at_part
-    through = [push for push in pushes if push.went_through]
-    return through[0].planned.motion.push_at_part if len(through) == 1 else None
+    moving = [push for push in pushes if (push.moved if push.sure else push.went_through)]
+    return moving[0].planned.motion.push_at_part if len(moving) == 1 else None

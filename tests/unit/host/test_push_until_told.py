@@ -14,18 +14,22 @@ from s2r_host.run.push_until_told import _compared
 SESSION: Any = SimpleNamespace(settings=SimpleNamespace(task=None, seed=0))
 
 
-def push(name: str, went_through: bool = True) -> Any:
-    """A push of that name."""
+def push(name: str, went_through: bool = True, moved: bool | None = None) -> Any:
+    """A push of that name; ``moved``: as colours tell, if they do."""
     motion = SimpleNamespace(push_at_part=name)
-    return SimpleNamespace(planned=SimpleNamespace(motion=motion), went_through=went_through)
+    planned = SimpleNamespace(motion=motion)
+    return SimpleNamespace(
+        planned=planned, went_through=went_through, moved=moved is not False, sure=moved is not None
+    )
 
 
 def compared(
-    monkeypatch: pytest.MonkeyPatch, names: str, telling: str, through: str = ""
+    monkeypatch: pytest.MonkeyPatch, names: str, telling: str, through: str = "", moving: str | None = None
 ) -> tuple[Any, list[tuple[str, Any]]]:
     """Compare views of these names where only some of them tell the joint together with the newest.
 
-    Pushes are named after the views that they lead to; ``through``: those that nothing stopped.
+    Pushes are named after the views that they lead to; ``through``: those that nothing stopped; ``moving``: those
+    that are seen to have moved something, where that is seen.
     """
     asked: list[tuple[str, Any]] = []
 
@@ -38,7 +42,7 @@ def compared(
 
     monkeypatch.setattr(push_until_told, "estimate_part", estimate)
     views: list[Any] = [SimpleNamespace(name=name) for name in names]
-    pushes = [push(name, name in through) for name in names[1:]]
+    pushes = [push(name, name in through, None if moving is None else name in moving) for name in names[1:]]
     return _compared(SESSION, views, pushes, None), asked
 
 
@@ -62,6 +66,11 @@ def test_only_a_single_push_says_how_the_part_was_pushed(monkeypatch: pytest.Mon
 def test_pushes_that_were_held_out_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
     assert compared(monkeypatch, "ABCD", "A", "C")[1] == [("A", "C")]
     assert compared(monkeypatch, "ABCD", "A", "")[1] == [("A", None)]
+
+
+def test_what_is_seen_to_move_counts_more_than_what_held_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert compared(monkeypatch, "ABCD", "A", "BC", moving="D")[1] == [("A", "D")]
+    assert compared(monkeypatch, "ABCD", "A", "C", moving="BD")[1] == [("A", None)]
 
 
 def test_where_no_pair_tells_the_reason_is_the_first_views(monkeypatch: pytest.MonkeyPatch) -> None:

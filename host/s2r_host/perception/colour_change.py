@@ -1,0 +1,40 @@
+"""Whether anything moved between two looks from one place, by colour.
+
+Depth of a stereo camera differs a little every time, at rims by more than a small motion moves them. Colours do not:
+where nothing moves they stay, and the rim of what moves by a few pixels changes them.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.frames import DepthFrame
+
+Mask = NDArray[np.bool_]
+
+SMOOTH_PX = 1.0
+FAINT, CLEAR = 6.0, 25.0  # 8-bit levels, after smoothing
+# On 44 pairs of looks at drawn faucets that stayed, around the thing 116 pixels at most changed faintly and 7 clearly;
+# levers that turned by 2 degrees or more changed 240 and more faintly, or 60 and more clearly.
+LEAST_FAINT, LEAST_CLEAR = 180, 20
+
+
+def colour_moved(before: DepthFrame, after: DepthFrame, where: Mask) -> bool | None:
+    """Whether something moved; None where colours cannot tell: there are none, or the camera stands elsewhere.
+
+    Args:
+        before, after: Two looks.
+        where: Pixels to compare, shape (h, w), without the robot.
+    """
+    if before.colour is None or after.colour is None or before.colour.shape != after.colour.shape:
+        return None
+    if not np.allclose(before.K, after.K) or not np.allclose(before.X_base_camera, after.X_base_camera):
+        return None
+    change = np.abs(_smooth(before.colour) - _smooth(after.colour)).max(axis=2)[where]
+    return bool((change > FAINT).sum() >= LEAST_FAINT or (change > CLEAR).sum() >= LEAST_CLEAR)
+
+
+def _smooth(colour: NDArray[np.uint8]) -> NDArray[np.float32]:
+    return np.asarray(cv2.GaussianBlur(colour.astype(np.float32), (0, 0), SMOOTH_PX), np.float32)
