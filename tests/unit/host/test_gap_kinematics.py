@@ -100,7 +100,7 @@ def crossing(t, q, u, half=4e-3, late_s=0.07):
         n = min(round(late_s / DT), len(u) - i - 1)
         share = np.arange(n) / n
         after = windup[i + n]
-        windup[i : i + n] = after * (2.0 * share - 1.0) + half * np.sin(2 * np.pi * share)
+        windup[i : i + n] = after * (2.0 * share - 1.0) + 2.5 * half * np.sin(2 * np.pi * share)
     return q - windup
 
 
