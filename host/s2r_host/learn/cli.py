@@ -27,7 +27,6 @@ def train() -> None:
 @click.option("--seed", type=int, default=0, show_default=True)
 def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> None:
     """Where to push: actionability, proposals and likelihood of a useful push."""
-    import torch
     from rich.console import Console
     from rich.progress import Progress
 
@@ -36,15 +35,9 @@ def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int
     from s2r_host.learn.plot import plot_metrics
     from s2r_host.learn.train import TrainSettings, train_affordance
 
-    if device == "auto":
-        device = "cuda" if torch.cuda.is_available() else "cpu"
-    if device == "cuda" and not torch.cuda.is_available():
-        raise UsageError("--device cuda: torch sees no CUDA device here; use --device cpu")
-    settings = TrainSettings(device=device, seed=seed)
+    settings = TrainSettings(device=_device(device), seed=seed)
     if epochs is not None:
-        if epochs < 1:
-            raise UsageError(f"--epochs {epochs} must be 1 or more")
-        settings = replace(settings, epochs=epochs)
+        settings = replace(settings, epochs=_at_least_one(epochs))
     with Progress(console=Console(stderr=True)) as progress:
         state = train_affordance(data, out, settings, progress)
     plot_metrics(state["metrics"], out / "metrics.png")
@@ -64,3 +57,61 @@ def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int
         f"{state['epoch']} epochs on {state['objects']} objects, {state['pushes']} pushes; validation AUC"
         f" {last['validation_auc']:.3f}; ONNX differs by {worst:.1g}; in {out}"
     )
+
+
+@train.command()
+@click.option(
+    "--data", type=click.Path(path_type=Path, exists=True), required=True, help="From 's2r data pairs'."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
+)
+@click.option("--epochs", type=int, help="Passes over the data [default: 24].")
+@click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
+@click.option("--seed", type=int, default=0, show_default=True)
+def model(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> None:
+    """What moved, about what and how far: votes of the points of two views."""
+    from rich.console import Console
+    from rich.progress import Progress
+    from safetensors.torch import load_file
+
+    from s2r_host.learn.checkpoint import WEIGHTS
+    from s2r_host.learn.export import export_pair
+    from s2r_host.learn.pair_network import PairNetwork
+    from s2r_host.learn.plot import plot_pair_metrics
+    from s2r_host.learn.train_model import ModelSettings, train_model
+
+    settings = ModelSettings(device=_device(device), seed=seed)
+    if epochs is not None:
+        settings = replace(settings, epochs=_at_least_one(epochs))
+    with Progress(console=Console(stderr=True)) as progress:
+        state = train_model(data, out, settings, progress)
+    plot_pair_metrics(state["metrics"], out / "metrics.png")
+    network = PairNetwork()
+    network.load_state_dict(load_file(out / WEIGHTS))
+    about = {name: value for name, value in state.items() if name != "metrics"}
+    last = state["metrics"][-1]
+    about |= {name: value for name, value in last.items() if name.startswith("validation_")}
+    about["command"] = f"s2r train model --data {data} --out {out} --epochs {settings.epochs} --seed {seed}"
+    worst = export_pair(network, out, about)
+    click.echo(
+        f"{state['epoch']} epochs on {state['pairs']} pairs of {state['objects']} objects; validation: type right"
+        f" {100 * last['validation_type_right']:.0f} %, axis {last['validation_axis_deg']:.1f} degrees (median), line"
+        f" {last['validation_line_mm']:.0f} mm; ONNX differs by {worst:.1g}; in {out}"
+    )
+
+
+def _device(name: str) -> str:
+    import torch
+
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    if name == "cuda" and not torch.cuda.is_available():
+        raise UsageError("--device cuda: torch sees no CUDA device here; use --device cpu")
+    return name
+
+
+def _at_least_one(epochs: int) -> int:
+    if epochs < 1:
+        raise UsageError(f"--epochs {epochs} must be 1 or more")
+    return epochs

@@ -1,4 +1,4 @@
-"""ONNX graphs of the push network, compared with torch on the spot."""
+"""ONNX graphs of the networks, compared with torch on the spot."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ import torch
 from torch import Tensor, nn
 
 from s2r_host.learn.network import FEATURE, IN, NOISE, PushNetwork
+from s2r_host.learn.pair_loss import INPUTS as PAIR_INPUTS
+from s2r_host.learn.pair_network import PairNetwork
 from s2r_host.learn.push_loss import ENCODER_INPUTS
+from s2r_host.perception import pair_cloud
 from s2r_host.perception.errors import InputError
 from s2r_host.perception.object_cloud import COARSE, NEIGHBOURS, POINTS
 
@@ -22,6 +25,7 @@ logger = logging.getLogger(__name__)
 
 MOST_DIFFERENCE = 1e-4
 OPSET = 18
+PAIR = "pair.onnx"
 ENCODER, PROPOSAL, CRITIC, ABOUT = "encoder.onnx", "proposal.onnx", "critic.onnx", "about.json"
 
 
@@ -77,12 +81,54 @@ def export(network: PushNetwork, folder: Path, about: dict[str, Any]) -> float:
     )
     worst = 0.0
     for module, inputs, names, outputs, file in graphs:
-        _write(module, inputs, names, outputs, folder / file, many=file != ENCODER)
-        worst = max(worst, _difference(module, inputs, folder / file))
+        write_graph(module, inputs, names, outputs, folder / file, many=file != ENCODER)
+        worst = max(worst, graph_difference(module, inputs, folder / file))
+    write_about(folder, about, worst)
+    return worst
+
+
+def export_pair(network: PairNetwork, folder: Path, about: dict[str, Any]) -> float:
+    """Write the graph of the pair network and a description; the largest difference from torch.
+
+    Raises:
+        InputError: ONNX Runtime computes something else.
+    """
+    network = network.cpu().eval()
+    folder.mkdir(parents=True, exist_ok=True)
+    cloud = example_pair(torch.Generator().manual_seed(0))
+    write_graph(network, cloud, PAIR_INPUTS, ("votes",), folder / PAIR, many=False)
+    worst = graph_difference(network, cloud, folder / PAIR)
+    write_about(folder, about, worst)
+    return worst
+
+
+def write_about(folder: Path, about: dict[str, Any], worst: float) -> None:
+    """Describe the graphs of a folder.
+
+    Raises:
+        InputError: ONNX Runtime computes something else than torch.
+    """
     if worst > MOST_DIFFERENCE:
         raise InputError(f"ONNX Runtime differs from torch by {worst:.2g}, limit {MOST_DIFFERENCE:g}")
     (folder / ABOUT).write_text(json.dumps(about | {"onnx_difference": worst}, indent=1) + "\n")
-    return worst
+
+
+def example_pair(generator: torch.Generator) -> tuple[Tensor, ...]:
+    """Random inputs of the pair network with the right shapes."""
+
+    def index(high: int, *shape: int) -> Tensor:
+        return torch.randint(high, (1, 2, *shape), generator=generator)
+
+    points, coarse, neighbours = pair_cloud.POINTS, pair_cloud.COARSE, pair_cloud.NEIGHBOURS
+    return (
+        torch.randn(1, 2, points, pair_cloud.FEATURES, generator=generator),
+        index(points, coarse[0], neighbours),
+        index(coarse[0], coarse[1], neighbours),
+        index(coarse[1], coarse[0], 3),
+        index(coarse[0], points, 3),
+        torch.rand(1, 2, coarse[0], 3, generator=generator),
+        torch.rand(1, 2, points, 3, generator=generator),
+    )
 
 
 def example_inputs(generator: torch.Generator) -> tuple[Tensor, ...]:
@@ -102,7 +148,7 @@ def example_inputs(generator: torch.Generator) -> tuple[Tensor, ...]:
     )
 
 
-def _write(
+def write_graph(
     module: nn.Module,
     inputs: tuple[Tensor, ...],
     names: tuple[str, ...],
@@ -110,6 +156,7 @@ def _write(
     path: Path,
     many: bool,
 ) -> None:
+    """Write one graph; ``many``: the first axis of every input is a free number of pushes."""
     pushes = torch.export.Dim("pushes", min=1)
     shapes = tuple({0: pushes} for _ in inputs) if many else None
     torch.onnx.export(
@@ -119,7 +166,8 @@ def _write(
     onnx.checker.check_model(onnx.load(str(path)))
 
 
-def _difference(module: nn.Module, inputs: tuple[Tensor, ...], path: Path) -> float:
+def graph_difference(module: nn.Module, inputs: tuple[Tensor, ...], path: Path) -> float:
+    """Largest difference between a graph on ONNX Runtime and its module."""
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     feeds = {node.name: tensor.numpy() for node, tensor in zip(session.get_inputs(), inputs, strict=True)}
     with torch.no_grad():

@@ -10,11 +10,10 @@ gathers and small matrix products.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import torch
 from torch import Tensor, nn
 
+from s2r_host.learn.blocks import mlp, pool, spread
 from s2r_host.perception.object_cloud import COARSE, FEATURES
 
 IN, WIDTH, HIDDEN, NOISE = FEATURES, 80, 80, 3
@@ -27,17 +26,17 @@ class PushNetwork(nn.Module):
 
     def __init__(self, width: int = WIDTH) -> None:
         super().__init__()
-        self.lift = _mlp(IN, width // 2, width // 2)
-        self.down1 = _mlp(width // 2 + 3, width, width)
-        self.down2 = _mlp(width + 3, 2 * width, 2 * width)
-        self.whole = _mlp(2 * width, 2 * width, 2 * width)
-        self.up1 = _mlp(4 * width + width, 2 * width, width)
-        self.up0 = _mlp(width + width // 2 + IN, width, HIDDEN)
-        self.part = nn.Sequential(_mlp(HIDDEN, width), nn.Linear(width, 1))
-        self.line = nn.Sequential(_mlp(HIDDEN, width), nn.Linear(width, LINE))
-        self.actionability = nn.Sequential(_mlp(FEATURE, width), nn.Linear(width, 1))
-        self.proposal = nn.Sequential(_mlp(FEATURE + NOISE, width, width), nn.Linear(width, 3))
-        self.critic = nn.Sequential(_mlp(FEATURE + 5, 2 * width, width), nn.Linear(width, 1))
+        self.lift = mlp(IN, width // 2, width // 2)
+        self.down1 = mlp(width // 2 + 3, width, width)
+        self.down2 = mlp(width + 3, 2 * width, 2 * width)
+        self.whole = mlp(2 * width, 2 * width, 2 * width)
+        self.up1 = mlp(4 * width + width, 2 * width, width)
+        self.up0 = mlp(width + width // 2 + IN, width, HIDDEN)
+        self.part = nn.Sequential(mlp(HIDDEN, width), nn.Linear(width, 1))
+        self.line = nn.Sequential(mlp(HIDDEN, width), nn.Linear(width, LINE))
+        self.actionability = nn.Sequential(mlp(FEATURE, width), nn.Linear(width, 1))
+        self.proposal = nn.Sequential(mlp(FEATURE + NOISE, width, width), nn.Linear(width, 3))
+        self.critic = nn.Sequential(mlp(FEATURE + 5, 2 * width, width), nn.Linear(width, 1))
 
     def encode(
         self,
@@ -53,11 +52,11 @@ class PushNetwork(nn.Module):
         p0 = x[..., :3]
         p1, p2 = p0[:, : COARSE[0]], p0[:, : COARSE[1]]
         f0 = self.lift(x)
-        f1 = self._pool(self.down1, f0, p0, p1, down1)
-        f2 = self._pool(self.down2, f1, p1, p2, down2)
+        f1 = pool(self.down1, f0, p0, p1, down1)
+        f2 = pool(self.down2, f1, p1, p2, down2)
         whole = self.whole(f2).amax(dim=1, keepdim=True).expand(-1, f2.shape[1], -1)
-        g1 = self.up1(torch.cat([_spread(torch.cat([f2, whole], -1), up1, weight1), f1], -1))
-        hidden = self.up0(torch.cat([_spread(g1, up0, weight0), f0, x], -1))
+        g1 = self.up1(torch.cat([spread(torch.cat([f2, whole], -1), up1, weight1), f1], -1))
+        hidden = self.up0(torch.cat([spread(g1, up0, weight0), f0, x], -1))
         return torch.cat([hidden, x[..., 3:6], self.line(hidden), self.part(hidden)], -1)
 
     def act(self, feature: Tensor) -> Tensor:
@@ -73,12 +72,6 @@ class PushNetwork(nn.Module):
         inward = -(feature[..., HIDDEN : HIDDEN + 3] * direction).sum(-1, keepdim=True)
         along = (line_of(feature) * squares(direction)).sum(-1, keepdim=True)
         return self.critic(torch.cat([feature, direction, inward, along], -1)).squeeze(-1)
-
-    @staticmethod
-    def _pool(layer: nn.Module, f: Tensor, p: Tensor, centre: Tensor, index: Tensor) -> Tensor:
-        near = _take(torch.cat([f, p], -1), index)
-        offset = near[..., -3:] - centre.unsqueeze(2)
-        return layer(torch.cat([near[..., :-3], offset], -1)).amax(dim=2)
 
 
 def line_of(feature: Tensor) -> Tensor:
@@ -100,22 +93,3 @@ def outer(direction: Tensor) -> Tensor:
 def squares(direction: Tensor) -> Tensor:
     """Such that ``(outer(u) * squares(d)).sum(-1)`` is the squared cosine between u and d."""
     return outer(direction) * direction.new_tensor([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-
-
-def _mlp(*sizes: int) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    for a, b in pairwise(sizes):
-        layers += [nn.Linear(a, b), nn.LayerNorm(b), nn.GELU()]
-    return nn.Sequential(*layers)
-
-
-def _take(f: Tensor, index: Tensor) -> Tensor:
-    """Rows of f (B, N, C) at index (B, M, K): (B, M, K, C)."""
-    b, m, k = index.shape
-    flat = index.reshape(b, m * k, 1).expand(-1, -1, f.shape[-1])
-    return torch.gather(f, 1, flat).reshape(b, m, k, f.shape[-1])
-
-
-def _spread(f: Tensor, index: Tensor, weight: Tensor) -> Tensor:
-    """Coarse features to finer points by their three nearest."""
-    return (_take(f, index) * weight.unsqueeze(-1)).sum(dim=2)

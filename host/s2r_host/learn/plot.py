@@ -7,7 +7,7 @@ from typing import Any
 
 
 def plot_metrics(metrics: list[dict[str, Any]], path: Path) -> None:
-    """One line per loss, and the validation AUC."""
+    """One line per loss of the push network, and the validation AUC."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -29,6 +29,38 @@ def plot_metrics(metrics: list[dict[str, Any]], path: Path) -> None:
     right.axhline(0.5, color="#999", linestyle=":")
     right.set(xlabel="epoch", ylabel="AUC", ylim=(0.4, 1.0), title="telling apart, unseen objects")
     for axes in (left, right):
+        axes.grid(alpha=0.3)
+        axes.legend()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def plot_pair_metrics(metrics: list[dict[str, Any]], path: Path) -> None:
+    """Losses of the pair network, and how far its joints are off on unseen objects."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    epoch = [row["epoch"] for row in metrics]
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(14, 4), layout="constrained")
+    for k, name in enumerate(("part", "type", "direction", "line", "state")):
+        left.plot(epoch, [row[name] for row in metrics], color=f"C{k}", label=name)
+        left.plot(epoch, [row[f"validation_{name}"] for row in metrics], "--", color=f"C{k}")
+    left.set(xlabel="epoch", ylabel="loss", title="losses (dashed: unseen objects)")
+    units = {
+        "axis_deg": "axis [degrees]",
+        "line_mm": "line [mm]",
+        "turn_deg": "turn [degrees]",
+        "slide_mm": "slide [mm]",
+    }
+    for name, label in units.items():
+        middle.plot(epoch, [row[f"validation_{name}"] for row in metrics], label=label)
+    middle.set(xlabel="epoch", ylabel="median error", yscale="log", title="joint, unseen objects")
+    right.plot(epoch, [row["validation_type_right"] for row in metrics], label="type right")
+    right.plot(epoch, [row["validation_iou"] for row in metrics], label="part, IoU")
+    right.set(xlabel="epoch", ylim=(0.0, 1.02), title="type and part, unseen objects")
+    for axes in (left, middle, right):
         axes.grid(alpha=0.3)
         axes.legend()
     figure.savefig(path, dpi=110)

@@ -73,7 +73,7 @@ def losses(network: PushNetwork, data: dict[str, Tensor]) -> tuple[Tensor, dict[
     error = (line_of(feature) - outer(data["motion"])).square().sum(-1)
     terms = {
         "critic": functional.binary_cross_entropy_with_logits(logit, good),
-        "part": _balanced(part_of(feature), part),
+        "part": balanced(part_of(feature), part),
         "line": (error * part).sum() / part.sum().clamp(min=1),
         "proposal": ((1 - cosine) * good).sum() / good.sum().clamp(min=1),
         "actionability": functional.binary_cross_entropy_with_logits(network.act(at.detach()), target),
@@ -82,7 +82,7 @@ def losses(network: PushNetwork, data: dict[str, Tensor]) -> tuple[Tensor, dict[
     return total, {name: term.item() for name, term in terms.items()}, logit
 
 
-def _balanced(logit: Tensor, truth: Tensor) -> Tensor:
+def balanced(logit: Tensor, truth: Tensor) -> Tensor:
     """Cross-entropy with the square root of the imbalance evened out, per cloud."""
     share = truth.mean(dim=1, keepdim=True).clamp(0.005, 0.995)
     weight = truth * ((1 - share) / share).sqrt() + (1 - truth) * (share / (1 - share)).sqrt()

@@ -73,9 +73,8 @@ def train_affordance(data: Path, out: Path, settings: TrainSettings, progress: P
     task = progress.add_task("training", total=settings.epochs, completed=state["epoch"])
     for epoch in range(state["epoch"], settings.epochs):
         start = time.perf_counter()
-        rate = settings.rate * (0.01 + 0.99 * 0.5 * (1 + np.cos(np.pi * epoch / settings.epochs)))
         for group in optimiser.param_groups:
-            group["lr"] = rate
+            group["lr"] = cosine_rate(settings.rate, epoch, settings.epochs)
         row = {"epoch": epoch + 1} | _epoch(network, average, optimiser, fit, settings, epoch)
         figures, calibration = evaluate(average, check, settings)
         row |= {f"validation_{name}": value for name, value in figures.items()}
@@ -105,13 +104,13 @@ def _epoch(
     for first in range(0, len(order), settings.batch):
         views = (fit[i] for i in order[first : first + settings.batch])
         chosen = [view[rng.integers(len(view))] for view in views]
-        data = _on(settings.device, batch(chosen, settings.pushes, rng, vary=True))
+        data = on_device(settings.device, batch(chosen, settings.pushes, rng, vary=True))
         total, parts, _ = losses(network, data)
         optimiser.zero_grad()
         total.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
         optimiser.step()
-        _follow(
+        follow(
             average,
             network,
             min(settings.averaging, 1 - 1 / (1 + steps + epoch * len(order) / settings.batch)),
@@ -122,7 +121,13 @@ def _epoch(
     return {name: value / steps for name, value in sums.items()}
 
 
-def _follow(average: PushNetwork, network: PushNetwork, decay: float) -> None:
+def cosine_rate(largest: float, epoch: int, epochs: int) -> float:
+    """Learning rate of an epoch: from ``largest`` down to a hundredth of it."""
+    return largest * float(0.01 + 0.99 * 0.5 * (1 + np.cos(np.pi * epoch / epochs)))
+
+
+def follow(average: torch.nn.Module, network: torch.nn.Module, decay: float) -> None:
+    """Move the running average of the weights on."""
     with torch.no_grad():
         for mean, weight in zip(average.parameters(), network.parameters(), strict=True):
             mean.lerp_(weight, 1 - decay)
@@ -138,7 +143,7 @@ def evaluate(
     sums: dict[str, float] = {}
     with torch.no_grad():
         for sample in samples:
-            data = _on(settings.device, batch([sample], settings.pushes, rng, vary=False))
+            data = on_device(settings.device, batch([sample], settings.pushes, rng, vary=False))
             _, parts, logit = losses(network, data)
             for name, value in parts.items():
                 sums[name] = sums.get(name, 0.0) + value / len(samples)
@@ -156,7 +161,8 @@ def evaluate(
     return figures | sums, calibration
 
 
-def _on(device: str, data: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+def on_device(device: str, data: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """The same tensors there."""
     return {name: tensor.to(device) for name, tensor in data.items()}
 
 

@@ -68,7 +68,7 @@ class Pyramid:
     """Neighbourhoods of the network's three levels; level 0 is the cloud, the others its first points.
 
     Attributes:
-        down: Indices of the neighbours of each coarser point one level below, shapes (COARSE[i], NEIGHBOURS).
+        down: Indices of the neighbours of each coarser point one level below, shapes (coarse[i], neighbours).
         up: Indices of the three nearest coarser points of each finer one, shapes (finer, 3).
         weight: Their weights, rows sum to 1, shapes as ``up``.
     """
@@ -138,13 +138,13 @@ def local_shape(points: Array, normals: Array) -> Array:
     return np.stack(columns, axis=1)
 
 
-def pyramid(points: Array) -> Pyramid:
+def pyramid(points: Array, coarse: tuple[int, int] = COARSE, neighbours: int = NEIGHBOURS) -> Pyramid:
     """Neighbourhoods of a cloud in random order (its first points stand for the whole)."""
-    levels = [points, points[: COARSE[0]], points[: COARSE[1]]]
+    levels = [points, points[: coarse[0]], points[: coarse[1]]]
     trees = [cKDTree(level) for level in levels]
     down, up, weight = [], [], []
     for fine in (0, 1):
-        _, neighbour = trees[fine].query(levels[fine + 1], k=NEIGHBOURS)
+        _, neighbour = trees[fine].query(levels[fine + 1], k=neighbours)
         down.append(np.asarray(neighbour, dtype=np.int64))
         distance, nearest = trees[fine + 1].query(levels[fine], k=3)
         inverse = 1.0 / (np.asarray(distance) + 1e-4)

@@ -1,0 +1,234 @@
+"""Before/after views as ``s2r data pairs`` writes them, turned into labelled points once and kept beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.change import compare, measured_noise_scale, without_specks
+from s2r_host.perception.errors import InputError, NothingMovedError
+from s2r_host.perception.evidence import Scene
+from s2r_host.perception.frames import DepthFrame
+from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.pair_cloud import PairPool, Pool, pool
+from s2r_host.perception.view import DepthView
+
+FOLDER = "points"
+VERSION = 1  # of what is kept; raise it when the preparation of views or pools changes
+UNIT_M = 1e-4
+FEWEST = 30  # points of the part among those of both views; with fewer there is nothing to learn
+NOISE_MARGIN = 0.15  # as `estimate.prepare` has it
+_NEEDED = (
+    "depth",
+    "part",
+    "q",
+    "K",
+    "T_base_camera",
+    "slides",
+    "axis_origin",
+    "axis_direction",
+    "spokes",
+    "kind",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PairSample:
+    """One pair of views of one object, compact; `pools` and `part` unfold it.
+
+    Attributes:
+        place: Points of both views about ``centre`` [0.1 mm], int16, shape (n, 3).
+        normal: Normals times 127, int8, shape (n, 3).
+        flag: Change label + 4 edge + 8 normal fits + 16 belongs to the part, uint8, shape (n,).
+        before: How many of the points belong to the first view.
+        centre: [m], shape (3,).
+        motion: Of the part, delta >= 0.
+        other: The turn the other way that equal spokes make as good, or None.
+        kind: Kind of object.
+    """
+
+    place: NDArray[np.int16]
+    normal: NDArray[np.int8]
+    flag: NDArray[np.uint8]
+    before: int
+    centre: NDArray[np.floating]
+    motion: JointMotion
+    other: JointMotion | None
+    kind: str
+
+    def pools(self) -> PairPool:
+        """What `pair_cloud.sample` draws from."""
+        points = self.centre + UNIT_M * self.place.astype(np.float32)
+        normals = self.normal.astype(np.float32) / 127
+        change, edge, ok = self.flag & 3, (self.flag & 4) > 0, (self.flag & 8) > 0
+        cut = (slice(None, self.before), slice(self.before, None))
+        views = [
+            Pool(points[k], normals[k], change[k], edge[k], ok[k], np.arange(len(change[k]))) for k in cut
+        ]
+        return PairPool(views[0], views[1], self.centre)
+
+    def part(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Points of the pools that truly belong to the moving part."""
+        part = (self.flag & 16) > 0
+        return part[: self.before], part[self.before :]
+
+
+def pair_files(folder: Path, split: str) -> list[Path]:
+    """The files of one split, sorted.
+
+    Raises:
+        InputError: There are none.
+    """
+    files = sorted(folder.glob(f"*-{split}-*.npz"))
+    if not files:
+        raise InputError(
+            f"no pairs of split {split!r} in {folder}; make some: s2r data pairs --split {split} --out {folder}"
+        )
+    return files
+
+
+def load_pairs(file: Path) -> list[PairSample]:
+    """All pairs of an object; from the points kept beside its file if they are there, else they are made now.
+
+    Raises:
+        InputError: The file lacks something, as files of other versions do.
+    """
+    kept = file.parent / FOLDER / file.name
+    if kept.exists() and kept.stat().st_mtime >= file.stat().st_mtime:
+        samples = _read(kept)
+        if samples is not None:
+            return samples
+    with np.load(file) as archive:
+        missing = [name for name in _NEEDED if name not in archive]
+        if missing:
+            raise InputError(f"{file} has no {', '.join(missing)}; make it anew with 's2r data pairs'")
+        content = {name: archive[name] for name in archive.files}
+    samples = _prepare(content)
+    _write(kept, samples)
+    return samples
+
+
+def _prepare(content: dict[str, NDArray[np.generic]]) -> list[PairSample]:
+    K, X = np.asarray(content["K"], float), np.asarray(content["T_base_camera"], float)
+    frames = [DepthFrame(UNIT_M * d.astype(np.float32), K, X) for d in content["depth"]]
+    views = [DepthView(frame) for frame in frames]
+    scale = measured_noise_scale(views[0], views[1])
+    if abs(scale - 1.0) > NOISE_MARGIN:
+        views = [DepthView(frame, noise_scale=scale) for frame in frames]
+    part = np.unpackbits(content["part"], axis=-1)[..., : _columns(content)].astype(bool)
+    q, spokes, samples = np.asarray(content["q"], float), int(content["spokes"]), []
+    for k, (i, j) in enumerate(combinations(range(len(views)), 2)):
+        motion = JointMotion(
+            "prismatic" if bool(content["slides"]) else "revolute",
+            np.asarray(content["axis_origin"], float),
+            np.asarray(content["axis_direction"], float),
+            float(q[j] - q[i]),
+        ).positive()
+        sample = _sample(
+            (views[i], views[j]), (part[i], part[j]), motion, spokes, np.random.default_rng([k, 11])
+        )
+        if sample is not None:
+            samples.append(replace(sample, kind=str(content["kind"])))
+    return samples
+
+
+def _columns(content: dict[str, NDArray[np.generic]]) -> int:
+    """Columns of the images; packed bits are filled up to whole bytes."""
+    return int(content["depth"].shape[-1])
+
+
+def _sample(
+    views: tuple[DepthView, DepthView],
+    part: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+    motion: JointMotion,
+    spokes: int,
+    rng: np.random.Generator,
+) -> PairSample | None:
+    """None if nothing of the motion is in sight."""
+    a, b = views
+    everywhere = np.ones(len(a.points), dtype=bool), np.ones(len(b.points), dtype=bool)
+    scene = Scene(a, b, without_specks(a, b, compare(a, b)), *everywhere)
+    try:
+        pools = pool(scene, rng)
+    except NothingMovedError:
+        return None
+    both = (pools.before, pools.after)
+    belongs = [p.ravel()[v.flat[some.index]] for v, p, some in zip(views, part, both, strict=True)]
+    if sum(int(mine.sum()) for mine in belongs) < FEWEST:
+        return None
+    points, normals = (
+        np.concatenate([getattr(some, name) for some in both]) for name in ("points", "normals")
+    )
+    flag = np.concatenate(
+        [
+            some.change + 4 * some.edge + 8 * some.normal_ok + 16 * mine
+            for some, mine in zip(both, belongs, strict=True)
+        ]
+    )
+    place = np.clip(np.rint((points - pools.centre) / UNIT_M), -32767, 32767)
+    return PairSample(
+        place.astype(np.int16),
+        np.rint(127 * normals).astype(np.int8),
+        flag.astype(np.uint8),
+        len(pools.before.points),
+        pools.centre,
+        motion,
+        _other(motion, spokes),
+        "",
+    )
+
+
+def _other(motion: JointMotion, spokes: int) -> JointMotion | None:
+    if motion.joint_type == "prismatic" or spokes < 2:
+        return None
+    spacing = 2 * np.pi / spokes
+    delta = motion.delta % spacing
+    return replace(motion, direction=-motion.direction, delta=spacing - delta)
+
+
+def _write(path: Path, samples: list[PairSample]) -> None:
+    path.parent.mkdir(exist_ok=True)
+    arrays: dict[str, NDArray[np.generic]] = {"version": np.array(VERSION), "count": np.array(len(samples))}
+    for k, sample in enumerate(samples):
+        arrays |= {f"{name}{k}": getattr(sample, name) for name in ("place", "normal", "flag", "centre")}
+        arrays[f"before{k}"] = np.array(sample.before)
+        motions = [m for m in (sample.motion, sample.other) if m is not None]
+        arrays[f"motion{k}"] = np.array([[*m.origin, *m.direction, m.delta] for m in motions])
+        arrays[f"name{k}"] = np.array([sample.motion.joint_type, sample.kind])
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+    part.replace(path)
+
+
+def _read(path: Path) -> list[PairSample] | None:
+    """None if another version wrote it."""
+    with np.load(path) as archive:
+        if int(archive["version"]) != VERSION:
+            return None
+        samples = []
+        for k in range(int(archive["count"])):
+            joint_type, kind = (str(name) for name in archive[f"name{k}"])
+            motions = [
+                JointMotion(
+                    "prismatic" if joint_type == "prismatic" else "revolute", m[:3], m[3:6], float(m[6])
+                )
+                for m in archive[f"motion{k}"]
+            ]
+            samples.append(
+                PairSample(
+                    archive[f"place{k}"],
+                    archive[f"normal{k}"],
+                    archive[f"flag{k}"],
+                    int(archive[f"before{k}"]),
+                    archive[f"centre{k}"],
+                    motions[0],
+                    motions[1] if len(motions) > 1 else None,
+                    kind,
+                )
+            )
+    return samples

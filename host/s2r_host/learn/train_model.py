@@ -1,0 +1,169 @@
+"""Fit the pair network: CPU or CUDA, resumable at every epoch, metrics kept and plotted."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from rich.progress import Progress
+
+from s2r_host.learn import checkpoint
+from s2r_host.learn.pair_files import PairSample, load_pairs, pair_files
+from s2r_host.learn.pair_loss import batch, losses
+from s2r_host.learn.pair_network import PairNetwork
+from s2r_host.learn.push_files import data_hash
+from s2r_host.learn.train import cosine_rate, follow, on_device
+from s2r_host.perception.pair_cloud import sample
+from s2r_host.perception.pair_votes import Votes, errors
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ModelSettings:
+    """How to fit.
+
+    Attributes:
+        epochs: Passes over the training pairs.
+        batch: Pairs per step.
+        rate: Largest learning rate; it falls to a hundredth along a cosine.
+        weight_decay: Of AdamW.
+        averaging: What is used is the exponential average of the weights with this decay per step.
+        device: "cpu" or "cuda".
+        seed: Of weights, order, points and poses.
+    """
+
+    epochs: int = 24
+    batch: int = 4
+    rate: float = 1.5e-3
+    weight_decay: float = 1e-2
+    averaging: float = 0.995
+    device: str = "cpu"
+    seed: int = 0
+
+
+def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progress) -> dict[str, Any]:
+    """Fit or go on fitting; the final state with its metrics per epoch.
+
+    Raises:
+        InputError: No data, or ``out`` holds a run on other data.
+    """
+    torch.manual_seed(settings.seed)
+    files = pair_files(data, "train")
+    digest = data_hash(files)
+    fit = _load(files, progress, "reading training pairs")
+    check = _load(pair_files(data, "validation"), progress, "reading validation pairs")
+    network = PairNetwork().to(settings.device)
+    average = copy.deepcopy(network).requires_grad_(False)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=settings.weight_decay)
+    state = checkpoint.resume(out, network, average, optimiser, digest)
+    if state is None:
+        state = {
+            "epoch": 0,
+            "settings": asdict(settings),
+            "objects": len(files),
+            "pairs": len(fit),
+            "metrics": [],
+        }
+        state |= {"data_sha256": digest, "parameters": sum(p.numel() for p in network.parameters())}
+        state["kinds"] = {kind: sum(s.kind == kind for s in fit) for kind in sorted({s.kind for s in fit})}
+    task = progress.add_task("training", total=settings.epochs, completed=state["epoch"])
+    for epoch in range(state["epoch"], settings.epochs):
+        start = time.perf_counter()
+        for group in optimiser.param_groups:
+            group["lr"] = cosine_rate(settings.rate, epoch, settings.epochs)
+        row = {"epoch": epoch + 1} | _epoch(network, average, optimiser, fit, settings, epoch)
+        row |= {f"validation_{name}": value for name, value in evaluate(average, check, settings).items()}
+        row["seconds"] = round(time.perf_counter() - start, 2)
+        state["metrics"].append(row)
+        state["epoch"] = epoch + 1
+        checkpoint.save(out, network, average, optimiser, state, digest)
+        progress.advance(task)
+        logger.info("epoch %d: %s", epoch + 1, row)
+    return state
+
+
+def _epoch(
+    network: PairNetwork,
+    average: PairNetwork,
+    optimiser: torch.optim.Optimizer,
+    fit: list[PairSample],
+    settings: ModelSettings,
+    epoch: int,
+) -> dict[str, float]:
+    """One pass; mean losses."""
+    network.train()
+    rng = np.random.default_rng([settings.seed, epoch])
+    order = rng.permutation(len(fit))
+    steps, sums = 0, dict[str, float]()
+    for first in range(0, len(order), settings.batch):
+        chosen = [fit[i] for i in order[first : first + settings.batch]]
+        total, parts, _ = losses(network, on_device(settings.device, batch(chosen, rng, vary=True)))
+        optimiser.zero_grad()
+        total.backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        optimiser.step()
+        done = steps + epoch * len(order) / settings.batch
+        follow(average, network, min(settings.averaging, 1 - 1 / (1 + done)))
+        steps += 1
+        for name, value in parts.items():
+            sums[name] = sums.get(name, 0.0) + value
+    return {name: value / steps for name, value in sums.items()}
+
+
+def evaluate(network: PairNetwork, samples: list[PairSample], settings: ModelSettings) -> dict[str, float]:
+    """On unseen objects: mean losses; type, part and joint as one pass over one sample of points gives them.
+
+    Medians are over the pairs whose type is right; ``iou`` of the part over the points of both views.
+    """
+    network.eval()
+    sums: dict[str, float] = {}
+    right, iou, silent = [], [], 0
+    axis, line, turn, slide = [], [], [], []
+    with torch.no_grad():
+        for k, one in enumerate(samples):
+            data = on_device(settings.device, batch([one], np.random.default_rng([99, k]), vary=False))
+            _, parts, out = losses(network, data)
+            for name, value in parts.items():
+                sums[name] = sums.get(name, 0.0) + value / len(samples)
+            # The same points again: `batch` draws them first.
+            cloud = sample(one.pools(), np.random.default_rng([99, k]))
+            votes = Votes(cloud.points.reshape(-1, 3), out[0].flatten(0, 1).cpu().numpy())
+            found = votes.opinion()
+            if found is None:
+                silent += 1
+                continue
+            true = data["part"].flatten().cpu().numpy() > 0.5
+            iou.append(float((true & (found.part > 0.5)).sum() / max((true | (found.part > 0.5)).sum(), 1)))
+            best = found.best()
+            right.append(best.joint_type == one.motion.joint_type)
+            if not right[-1]:
+                continue
+            angle, gap, delta = errors(best, one.motion, one.centre)
+            axis.append(np.degrees(angle))
+            if best.joint_type == "revolute":
+                line.append(1e3 * gap)
+                turn.append(np.degrees(abs(delta)))
+            else:
+                slide.append(1e3 * abs(delta))
+    medians = {"axis_deg": axis, "line_mm": line, "turn_deg": turn, "slide_mm": slide}
+    figures = {name: float(np.median(values)) if values else float("nan") for name, values in medians.items()}
+    figures |= {"axis_p90_deg": float(np.percentile(axis, 90)) if axis else float("nan")}
+    share = {"type": right, "iou": iou}
+    figures |= {
+        f"{name}_right" if name == "type" else name: float(np.mean(values)) if values else 0.0
+        for name, values in share.items()
+    }
+    return figures | {"silent": silent / len(samples)} | sums
+
+
+def _load(files: list[Path], progress: Progress, label: str) -> list[PairSample]:
+    samples = [one for file in progress.track(files, description=label) for one in load_pairs(file)]
+    logger.info("%s: %d of %d files", label, len(samples), len(files))
+    return samples

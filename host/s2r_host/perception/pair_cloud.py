@@ -1,0 +1,149 @@
+"""The points of two views around what changed between them, as the pair network sees them.
+
+Everything here is numpy, so that training and use prepare their input by the same code. Whether a point left, stayed or
+was out of sight of the other view comes from `change.compare`: free space tells that better than nearness of points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_host.perception.change import Change
+from s2r_host.perception.evidence import Scene
+from s2r_host.perception.verdict import require_motion
+from s2r_host.perception.view import View
+
+Array = NDArray[np.floating]
+Index = NDArray[np.int64]
+
+POINTS = 512  # per view
+COARSE = (128, 32)  # points of the two coarser levels, per view
+NEIGHBOURS = 12
+FEATURES = 10
+MARGIN_M = 0.15  # around what moved; as much as the search for planes looks at
+POOLED = {Change.MOVED: 1536, Change.UNKNOWN: 768, Change.STATIC: 1024}  # most points kept of a view
+SHARES = {
+    Change.MOVED: 0.45,
+    Change.UNKNOWN: 0.25,
+    Change.STATIC: 0.3,
+}  # of a sample, where there are as many
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Points of one view near what changed, from which samples are drawn.
+
+    Attributes:
+        points: [m], frame of the views, shape (n, 3).
+        normals: Unit, towards the camera, shape (n, 3).
+        change: `Change` labels, uint8, shape (n,).
+        edge, normal_ok: See `view.View`, shape (n,).
+        index: Into the points of the view, shape (n,).
+    """
+
+    points: Array
+    normals: Array
+    change: NDArray[np.uint8]
+    edge: NDArray[np.bool_]
+    normal_ok: NDArray[np.bool_]
+    index: Index
+
+
+@dataclass(frozen=True, eq=False)
+class PairPool:
+    """Both views' points and the middle of what moved [m], shape (3,)."""
+
+    before: Pool
+    after: Pool
+    centre: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PairCloud:
+    """A sample of both views; the first axis is (before, after), P = `POINTS`, in random order.
+
+    Attributes:
+        points: [m], shape (2, P, 3).
+        normals: Shape (2, P, 3).
+        flags: Edge, normal fits, moved, static, as 0 or 1, shape (2, P, 4).
+        chosen: Which points of the pools, shape (2, P).
+        centre: See `PairPool`, shape (3,).
+    """
+
+    points: Array
+    normals: Array
+    flags: NDArray[np.float32]
+    chosen: Index
+    centre: Array
+
+    def features(self) -> NDArray[np.float32]:
+        """Input of the network: centred points [dm], normals, flags; (2, P, `FEATURES`)."""
+        x = np.concatenate([10 * (self.points - self.centre), self.normals], axis=2)
+        return np.concatenate([x.astype(np.float32), self.flags], axis=2)
+
+
+def pool(scene: Scene, rng: np.random.Generator) -> PairPool:
+    """Points near what changed between two views.
+
+    Raises:
+        NothingMovedError: Hardly anything did.
+    """
+    require_motion(scene)
+    low, high = np.percentile(scene.moved_points(), [2, 98], axis=0)
+    box = low - MARGIN_M, high + MARGIN_M
+    return PairPool(
+        _near(scene.before, scene.changes.before, scene.candidate_before, box, rng),
+        _near(scene.after, scene.changes.after, scene.candidate_after, box, rng),
+        0.5 * (low + high),
+    )
+
+
+def sample(pools: PairPool, rng: np.random.Generator) -> PairCloud:
+    """`POINTS` points of each view: of each label its share, and what one lacks the others give."""
+    views = (pools.before, pools.after)
+    chosen = np.stack([_draw(view.change, rng) for view in views])
+    points, normals, flags = [], [], []
+    for view, at in zip(views, chosen, strict=True):
+        points.append(view.points[at])
+        normals.append(view.normals[at])
+        change = view.change[at]
+        columns = (view.edge[at], view.normal_ok[at], change == Change.MOVED, change == Change.STATIC)
+        flags.append(np.stack(columns, axis=1))
+    return PairCloud(
+        np.stack(points), np.stack(normals), np.stack(flags).astype(np.float32), chosen, pools.centre
+    )
+
+
+def _near(
+    view: View,
+    change: NDArray[np.uint8],
+    candidate: NDArray[np.bool_],
+    box: tuple[Array, Array],
+    rng: np.random.Generator,
+) -> Pool:
+    inside = candidate & np.all((view.points >= box[0]) & (view.points <= box[1]), axis=1)
+    kept = []
+    for label, most in POOLED.items():
+        index = np.flatnonzero(inside & (change == label))
+        kept.append(index if len(index) <= most else rng.choice(index, most, replace=False))
+    at = np.concatenate(kept)
+    return Pool(
+        view.points[at], view.normals[at], change[at], view.edge[at], view.normal_ok[at], at.astype(np.int64)
+    )
+
+
+def _draw(change: NDArray[np.uint8], rng: np.random.Generator) -> Index:
+    order = [rng.permutation(np.flatnonzero(change == label)) for label in SHARES]
+    count = [
+        min(len(index), round(POINTS * SHARES[label])) for label, index in zip(SHARES, order, strict=True)
+    ]
+    for k, index in enumerate(order):
+        count[k] = min(len(index), count[k] + POINTS - sum(count))
+    at = np.concatenate([index[:n] for index, n in zip(order, count, strict=True)])
+    if len(at) < POINTS:
+        # A view that shows hardly anything there: points come twice.
+        at = np.concatenate([at, rng.choice(at, POINTS - len(at))])
+    return rng.permutation(at)
