@@ -117,7 +117,7 @@ def estimate_joint(
     extra_axes: Sequence[hyp.Axis] = (),
     joint_type: JointType | None = None,
     up: Array | None = UP,
-    pushed: Push | None = None,
+    pushed: Sequence[Push] = (),
     seed: int = 0,
 ) -> JointEstimate:
     """Estimate type, axis and motion of the one part that moved.
@@ -131,7 +131,8 @@ def estimate_joint(
         extra_axes: More candidate axes, e.g. the modes of a network.
         joint_type: Consider only this family (a user who knows it is a drawer may say so).
         up: Unit vector against gravity in the frame of the views, None if unknown: most hinges are upright or level.
-        pushed: Where and which way the part was pushed, if one push lies between the views: it did not go against it.
+        pushed: Where and which way the part was pushed between the views, as far as all of that is known: it did not go
+            against every one of them.
         seed: Of the sampling.
 
     Raises:
@@ -173,25 +174,28 @@ def estimate_joint(
 
 
 def _one_way(
-    found: Search, scene: Scene, probes: tuple[Probe, Probe], pushed: Push | None, rng: np.random.Generator
+    found: Search, scene: Scene, probes: tuple[Probe, Probe], pushed: Sequence[Push], rng: np.random.Generator
 ) -> list[Hypothesis]:
-    """The hypotheses, best first, without what goes against the push; equal spokes leave open which way they went.
+    """The hypotheses, best first, without what goes against the pushes; equal spokes leave open which way they went.
 
     Raises:
-        AbstainError: Two turns explain the views alike and no push tells them apart, or all motions go against it.
+        AbstainError: Two turns explain the views alike and no push tells them apart, or all motions go against them.
     """
+
+    def agrees(motion: JointMotion) -> bool:
+        return not pushed or any(push.agrees(motion) for push in pushed)
+
     ranked = found.ranked
-    other = other_turn(ranked[0].motion, scene, probes)
-    if pushed is None:
-        if other is not None:
-            refuse_two_turns(ranked[0].motion, other)
-        return ranked
-    if other is not None and not pushed.agrees(ranked[0].motion):
-        ranked = rank([other], scene, found.wishes, rng)
-    ranked = [h for h in ranked if pushed.agrees(h.motion)]
+    best, other = ranked[0].motion, other_turn(ranked[0].motion, scene, probes)
+    if other is not None:
+        if agrees(best) and agrees(other):
+            refuse_two_turns(best, other)
+        if not agrees(best):
+            ranked = rank([other], scene, found.wishes, rng)
+    ranked = [h for h in ranked if agrees(h.motion)]
     if not ranked:
         raise AbstainError(
-            "every motion that explains the views goes against the push between them; did something else move?"
+            "every motion that explains the views goes against what was pushed between them; did something else move?"
         )
     return ranked
 

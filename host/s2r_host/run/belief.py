@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,7 +84,7 @@ def estimate_part(
     after: Observation,
     task: Task,
     positive: np.ndarray | None,
-    pushed: Push | None,
+    pushed: Sequence[Push],
     seed: int,
 ) -> JointEstimate:
     """The joint of a part that was pushed, signed so that it grows the way the task calls positive.
@@ -93,7 +94,7 @@ def estimate_part(
         task: What kind of joint is expected.
         positive: Unit vector along (slide) or about (hinge) which it grows, as far as the first view tells, (3,);
             None if it does not: then hinges grow counter-clockwise seen from above, level ones towards the arm.
-        pushed: What was done between the views, if that was one push.
+        pushed: What was done between the views, as far as all of it is known.
         seed: Of the estimator.
 
     Raises:

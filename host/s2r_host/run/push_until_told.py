@@ -101,7 +101,7 @@ def _compared(
     """
     problem: AbstainError | SceneError | None = None
     for k in (0, *range(len(views) - 2, 0, -1)):  # the first view, then the others, the newest first
-        pushed = _only_push(pushes[k:])
+        pushed = _moving(pushes[k:])
         try:
             return views[k], estimate_part(
                 views[k], views[-1], session.settings.task, positive, pushed, session.settings.seed
@@ -112,9 +112,11 @@ def _compared(
     raise problem
 
 
-def _only_push(pushes: Sequence[DonePush]) -> Push | None:
-    """What was done to the part, if one push alone moved it; what several have done is not known."""
-    if len(pushes) == 1:
-        return pushes[0].planned.motion.push_at_part
-    moving = [push for push in pushes if (push.moved if push.sure else push.went_through)]
-    return moving[0].planned.motion.push_at_part if len(moving) == 1 else None
+def _moving(pushes: Sequence[DonePush]) -> list[Push]:
+    """What moved the part, as far as all of that is known: a push that was held out may have moved it, too."""
+    if len(pushes) == 1 or all(push.sure for push in pushes):
+        moving = [push for push in pushes if push.moved or len(pushes) == 1]
+    else:
+        moving = [push for push in pushes if push.went_through]
+        moving = moving if len(moving) == 1 else []
+    return [push.planned.motion.push_at_part for push in moving]

@@ -77,7 +77,7 @@ def test_a_push_between_the_views_tells_which_way_equal_spokes_went(turn_deg):
     hinge = pair.motion
     p = hinge.origin + np.array([0.06, 0.0, 0.0])
     way = np.sign(hinge.delta) * np.cross(hinge.direction, p - hinge.origin)
-    found = estimate_joint(pair.before, pair.after, pushed=Push(p, way / np.linalg.norm(way)))
+    found = estimate_joint(pair.before, pair.after, pushed=[Push(p, way / np.linalg.norm(way))])
     signed = found.delta * np.sign(found.axis_direction @ hinge.direction)
     assert np.degrees(abs(signed - hinge.delta)) < 1.0
 
@@ -87,4 +87,4 @@ def test_a_motion_against_the_push_is_not_believed():
     p = pair.motion.origin + np.array([0.0, 0.0, 0.1])
     way = -np.sign(pair.motion.delta) * np.cross(pair.motion.direction, p - pair.motion.origin)
     with pytest.raises(AbstainError):
-        estimate_joint(pair.before, pair.after, pushed=Push(p, way / np.linalg.norm(way)))
+        estimate_joint(pair.before, pair.after, pushed=[Push(p, way / np.linalg.norm(way))])

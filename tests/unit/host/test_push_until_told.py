@@ -59,18 +59,19 @@ def test_later_views_are_asked_from_the_newest_on(monkeypatch: pytest.MonkeyPatc
 
 
 def test_only_a_single_push_says_how_the_part_was_pushed(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert compared(monkeypatch, "AB", "A")[1] == [("A", "B")]
-    assert compared(monkeypatch, "ABC", "B", "BC")[1] == [("A", None), ("B", "C")]
+    assert compared(monkeypatch, "AB", "A")[1] == [("A", ["B"])]
+    assert compared(monkeypatch, "ABC", "B", "BC")[1] == [("A", []), ("B", ["C"])]
 
 
 def test_pushes_that_were_held_out_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert compared(monkeypatch, "ABCD", "A", "C")[1] == [("A", "C")]
-    assert compared(monkeypatch, "ABCD", "A", "")[1] == [("A", None)]
+    assert compared(monkeypatch, "ABCD", "A", "C")[1] == [("A", ["C"])]
+    assert compared(monkeypatch, "ABCD", "A", "")[1] == [("A", [])]
 
 
 def test_what_is_seen_to_move_counts_more_than_what_held_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert compared(monkeypatch, "ABCD", "A", "BC", moving="D")[1] == [("A", "D")]
-    assert compared(monkeypatch, "ABCD", "A", "C", moving="BD")[1] == [("A", None)]
+    assert compared(monkeypatch, "ABCD", "A", "BC", moving="D")[1] == [("A", ["D"])]
+    assert compared(monkeypatch, "ABCD", "A", "C", moving="BD")[1] == [("A", ["B", "D"])]
+    assert compared(monkeypatch, "ABC", "A", "BC", moving="")[1] == [("A", [])]
 
 
 def test_where_no_pair_tells_the_reason_is_the_first_views(monkeypatch: pytest.MonkeyPatch) -> None:
