@@ -9,6 +9,15 @@ Objects are procedural (s2r_sim.objects), views come from the stand-in's active-
 180 degrees. The transport error is the mean distance between corners of the part moved on from the second
 view by the estimated and by the true joint, over 0.10 m or 45 degrees. Results are kept as JSON lines; a run
 that was interrupted goes on where it stopped.
+
+Several routes on the same pairs, one line each (weights from `s2r train model`):
+
+    python tests/bench/bench_perception.py --split test --first 200 --count 30 --weights runs/model \\
+        --route geometry,network,combined,no-interaction --out runs/perception-routes
+
+geometry: what `estimate_joint` does by itself. network: the pair network's votes alone. combined: its axes join
+the geometric hypotheses. no-interaction: the network given the first view twice, as in the ablation of Sim2Real²
+without interaction.
 """
 
 from __future__ import annotations
@@ -18,14 +27,26 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from s2r_host.perception import AbstainError, DepthFrame, JointMotion, estimate_joint
+from s2r_host.perception import (
+    AbstainError,
+    BadViewError,
+    DepthFrame,
+    JointEstimate,
+    JointMotion,
+    estimate_joint,
+)
+from s2r_host.perception.change import compare
+from s2r_host.perception.estimate import prepare
+from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import line_distance
+from s2r_host.perception.pair_network import PairNetworkRuntime
+from s2r_host.perception.view import DepthView
 from s2r_sim.batch import run_jobs
 from s2r_sim.objects.pairs import Pair, draw_pair
 from s2r_sim.objects.splits import Split
@@ -40,6 +61,7 @@ CATEGORIES = {
 }
 COMMANDED = {"prismatic": 0.10, "revolute": np.radians(45)}
 SEEN_PX = 150
+ROUTES = ("geometry", "network", "combined", "no-interaction")
 
 
 def true_motion(pair: Pair) -> JointMotion:
@@ -65,10 +87,63 @@ def measure(sight: str, kind: str, split: int, seed: int) -> dict[str, Any]:
     return {"kind": kind, "seed": seed} | assess(pair, colour=sight != "depth")
 
 
-def assess(pair: Pair, colour: bool = True) -> dict[str, Any]:
-    """Truth, answer and errors as plain values."""
+def measure_routes(
+    sight: str, weights: str | None, routes: tuple[str, ...], kind: str, split: int, seed: int
+) -> dict[str, Any]:
+    """Draw one pair and judge the answer of each route; a row per route."""
+    pair = draw_pair(kind, Split(split), seed, noise=sight != "exact")
+    views = frames(pair, colour=sight != "depth")
+    rows = {}
+    for route in routes:
+        start = time.process_time()
+        try:
+            found = answer(route, *views, weights, seed)
+        except (AbstainError, BadViewError) as error:
+            rows[route] = about(pair) | {"abstained": str(error), "cpu_s": time.process_time() - start}
+            continue
+        cpu_s = time.process_time() - start
+        judged = judge(found, pair) if isinstance(found, JointMotion) else judge_estimate(found, pair)
+        rows[route] = about(pair) | judged | {"cpu_s": cpu_s}
+    return {"kind": kind, "seed": seed, "routes": rows}
+
+
+def answer(
+    route: str, before: DepthFrame, after: DepthFrame, weights: str | None, seed: int
+) -> JointEstimate | JointMotion:
+    """What one route says of two views.
+
+    Raises:
+        AbstainError: Nothing.
+        BadViewError: That it can not be asked.
+    """
+    if route == "geometry":
+        return estimate_joint(before, after)
+    network, rng = runtime(weights), np.random.default_rng([seed, 5])
+    if route == "combined":
+        return estimate_joint(before, after, extra_axes=network.axes_between(before, after, rng))
+    if route == "network":
+        scene, _ = prepare(before, after, None, None, None, rng)
+    else:
+        # Not by `prepare`, which refuses the same view twice: what would the network make of it?
+        view = DepthView(before)
+        every = np.ones(len(view.points), dtype=bool)
+        scene = Scene(view, view, compare(view, view), every, every)
+    opinion = network.look(scene, rng)
+    if opinion is None:
+        raise AbstainError("hardly a point is believed to have moved with a part")
+    return opinion.poll.best()
+
+
+@cache
+def runtime(weights: str | None) -> PairNetworkRuntime:
+    """The pair network, once per process."""
+    return PairNetworkRuntime() if weights is None else PairNetworkRuntime(Path(weights))
+
+
+def about(pair: Pair) -> dict[str, Any]:
+    """Truth and circumstances as plain values."""
     truth = true_motion(pair)
-    row: dict[str, Any] = {
+    return {
         "type_true": truth.joint_type,
         "delta_true": truth.delta,
         "azimuth_deg": np.degrees(pair.azimuth_rad),
@@ -76,15 +151,38 @@ def assess(pair: Pair, colour: bool = True) -> dict[str, Any]:
         "distance_m": pair.distance_m,
         "part_px": [int(pair.part_before.sum()), int(pair.part_after.sum())],
     }
-    start = time.process_time()
+
+
+def assess(pair: Pair, colour: bool = True) -> dict[str, Any]:
+    """Truth, answer and errors as plain values."""
+    row, start = about(pair), time.process_time()
     try:
         found = estimate_joint(*frames(pair, colour))
     except AbstainError as error:
         return row | {"abstained": str(error), "cpu_s": time.process_time() - start}
-    row |= {
-        "type": found.joint_type,
-        "cpu_s": time.process_time() - start,
-        "delta": found.delta,
+    return row | {"cpu_s": time.process_time() - start} | judge_estimate(found, pair)
+
+
+def judge(found: JointMotion, pair: Pair) -> dict[str, Any]:
+    """Errors of a bare motion."""
+    truth = true_motion(pair)
+    row: dict[str, Any] = {"type": found.joint_type, "delta": found.delta}
+    if found.joint_type != truth.joint_type:
+        return row
+    axis_deg, line_mm = axis_errors(found, truth, pair)
+    return row | {
+        "axis_deg": axis_deg,
+        "line_mm": line_mm,
+        "delta_error": found.delta - truth.delta,
+        "transport_mm": transport_mm(found, truth, pair),
+        "covered": {},
+    }
+
+
+def judge_estimate(found: JointEstimate, pair: Pair) -> dict[str, Any]:
+    """Errors of an estimate, with its intervals and its other hypotheses."""
+    truth = true_motion(pair)
+    row = judge(found.motion, pair) | {
         "residual_mm": 1e3 * found.residual_m,
         "explained": found.explained,
         "hypotheses": [
@@ -92,21 +190,16 @@ def assess(pair: Pair, colour: bool = True) -> dict[str, Any]:
             for h in found.hypotheses
         ],
     }
-    if found.joint_type != truth.joint_type:
+    if "axis_deg" not in row:
         return row
-    axis_deg, line_mm = axis_errors(found.motion, truth, pair)
     iv = found.intervals90
     covered = {
-        "axis": axis_deg < np.degrees(iv.axis_angle_rad),
+        "axis": row["axis_deg"] < np.degrees(iv.axis_angle_rad),
         "delta": iv.delta[0] <= truth.delta <= iv.delta[1],
     }
     if truth.joint_type == "revolute":
-        covered["line"] = line_mm < 1e3 * iv.axis_offset_m
+        covered["line"] = row["line_mm"] < 1e3 * iv.axis_offset_m
     return row | {
-        "axis_deg": axis_deg,
-        "line_mm": line_mm,
-        "delta_error": found.delta - truth.delta,
-        "transport_mm": transport_mm(found.motion, truth, pair),
         "covered": {name: bool(value) for name, value in covered.items()},
         "interval": [np.degrees(iv.axis_angle_rad), 1e3 * iv.axis_offset_m, iv.delta[1] - iv.delta[0]],
     }
@@ -133,7 +226,7 @@ def transport_mm(found: JointMotion, truth: JointMotion, pair: Pair) -> float:
 
 
 def print_tables(rows: list[dict[str, Any]]) -> None:
-    """One line per category and metric: median / 90th percentile over the answered pairs of the right type."""
+    """One line per category (and route): median / 90th percentile over the answered pairs of the right type."""
     head = (
         "category", "n", "hidden", "abstained", "type right", "axis [°]", "line [mm]", "state",
         "transport [mm]", "cover axis / line / state", "CPU [s]",
@@ -141,10 +234,17 @@ def print_tables(rows: list[dict[str, Any]]) -> None:
     print(f"| {' | '.join(head)} |")
     print("|---|---|---|---|---|---|---|---|---|---|---|")
     for kind in dict.fromkeys(row["kind"] for row in rows):
-        print(_summary(kind, [row for row in rows if row["kind"] == kind]))
+        of_kind = [row for row in rows if row["kind"] == kind]
+        if "routes" not in of_kind[0]:
+            print(_summary(CATEGORIES.get(kind, kind), of_kind))
+            continue
+        for route in of_kind[0]["routes"]:
+            print(
+                _summary(f"{CATEGORIES.get(kind, kind)}, {route}", [row["routes"][route] for row in of_kind])
+            )
 
 
-def _summary(kind: str, rows: list[dict[str, Any]]) -> str:
+def _summary(name: str, rows: list[dict[str, Any]]) -> str:
     hidden = sum(min(row["part_px"]) < SEEN_PX for row in rows)
     answered = [row for row in rows if "type" in row]
     good = [row for row in answered if "axis_deg" in row]
@@ -162,7 +262,7 @@ def _summary(kind: str, rows: list[dict[str, Any]]) -> str:
         return f"{100 * np.mean(values):.0f}" if values else "–"
 
     cells = [
-        CATEGORIES.get(kind, kind),
+        name,
         str(len(rows)),
         str(hidden),
         str(len(rows) - len(answered)),
@@ -192,6 +292,13 @@ def main() -> None:
         choices=["stereo", "depth", "exact"],
         help="stereo depth with colour, stereo depth alone, or exact depth with colour (one folder each)",
     )
+    parser.add_argument(
+        "--route",
+        help="geometry, network, combined, no-interaction: some of them, comma-separated, on the same pairs",
+    )
+    parser.add_argument(
+        "--weights", type=Path, help="folder of a trained pair network (default: the shipped one)"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--json", action="store_true", help="print the rows instead of tables")
@@ -199,7 +306,15 @@ def main() -> None:
     split = Split[args.split.upper()]
     seeds = range(args.first, args.first + args.count)
     jobs = [(kind, int(split), seed) for seed in seeds for kind in args.kinds.split(",")]
-    rows = run_jobs(partial(measure, args.sight), jobs, args.out / "rows.jsonl", args.jobs, "pairs")
+    if args.route is None:
+        work, file = partial(measure, args.sight), "rows.jsonl"
+    else:
+        routes = tuple(args.route.split(","))
+        if unknown := set(routes) - set(ROUTES):
+            parser.error(f"unknown route {', '.join(sorted(unknown))}; known are {', '.join(ROUTES)}")
+        weights = None if args.weights is None else str(args.weights)
+        work, file = partial(measure_routes, args.sight, weights, routes), "routes.jsonl"
+    rows = run_jobs(work, jobs, args.out / file, args.jobs, "pairs")
     if args.json:
         print(json.dumps(rows, indent=1))
     else:

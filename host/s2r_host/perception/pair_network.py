@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.errors import InputError
+from s2r_host.perception.estimate import Region, prepare
 from s2r_host.perception.evidence import Scene
+from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.hypotheses import Axis
 from s2r_host.perception.object_cloud import pyramid
 from s2r_host.perception.pair_cloud import COARSE, NEIGHBOURS, PairCloud, PairPool, pool, sample
@@ -98,8 +100,25 @@ class PairNetworkRuntime:
         alone = (one.opinion() for one in votes)
         return PairOpinion(poll, tuple(one for one in alone if one is not None))
 
-    def axes(self, scene: Scene, rng: np.random.Generator) -> list[Axis]:
-        """Candidate axes for `estimate.estimate_joint`; none where the network has no opinion."""
+    def axes_between(
+        self,
+        before: DepthFrame,
+        after: DepthFrame,
+        rng: np.random.Generator,
+        region: Region | None = None,
+    ) -> list[Axis]:
+        """Candidate axes for `estimate.estimate_joint`; none where the network has no opinion.
+
+        Args:
+            before, after: The views, z up.
+            rng: As for `look`.
+            region: Box in which to look for motion.
+
+        Raises:
+            NothingMovedError: Hardly anything changed between the views.
+            BadViewError: The views are no usable pair.
+        """
+        scene, _ = prepare(before, after, region, None, None, rng)
         opinion = self.look(scene, rng)
         return [] if opinion is None else opinion.axes()
 
