@@ -94,10 +94,11 @@ def model(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> 
     about |= {name: value for name, value in last.items() if name.startswith("validation_")}
     about["command"] = f"s2r train model --data {data} --out {out} --epochs {settings.epochs} --seed {seed}"
     worst = export_pair(network, out, about)
+    axis = last.get("validation_axis_deg", float("nan"))
     click.echo(
-        f"{state['epoch']} epochs on {state['pairs']} pairs of {state['objects']} objects; validation: type right"
-        f" {100 * last['validation_type_right']:.0f} %, axis {last['validation_axis_deg']:.1f} degrees (median), line"
-        f" {last['validation_line_mm']:.0f} mm; ONNX differs by {worst:.1g}; in {out}"
+        f"{state['epoch']} epochs on {state['pairs']} pairs of {state['objects']} objects; unseen objects: type right"
+        f" {100 * last['validation_type_right']:.0f} %, axis {axis:.1f} degrees off (median), part's IoU"
+        f" {last['validation_iou']:.2f}; ONNX differs by {worst:.1g}; in {out}"
     )
 
 

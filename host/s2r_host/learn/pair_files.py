@@ -18,7 +18,7 @@ from s2r_host.perception.pair_cloud import PairPool, Pool, pool
 from s2r_host.perception.view import DepthView
 
 FOLDER = "points"
-VERSION = 1  # of what is kept; raise it when the preparation of views or pools changes
+VERSION = 2  # of what is kept; raise it when the preparation of views or pools changes
 UNIT_M = 1e-4
 FEWEST = 30  # points of the part among those of both views; with fewer there is nothing to learn
 NOISE_MARGIN = 0.15  # as `estimate.prepare` has it
@@ -46,6 +46,7 @@ class PairSample:
         flag: Change label + 4 edge + 8 normal fits + 16 belongs to the part, uint8, shape (n,).
         before: How many of the points belong to the first view.
         centre: [m], shape (3,).
+        heading: Of the camera, see `PairPool` [rad].
         motion: Of the part, delta >= 0.
         other: The turn the other way that equal spokes make as good, or None.
         kind: Kind of object.
@@ -56,6 +57,7 @@ class PairSample:
     flag: NDArray[np.uint8]
     before: int
     centre: NDArray[np.floating]
+    heading: float
     motion: JointMotion
     other: JointMotion | None
     kind: str
@@ -69,7 +71,7 @@ class PairSample:
         views = [
             Pool(points[k], normals[k], change[k], edge[k], ok[k], np.arange(len(change[k]))) for k in cut
         ]
-        return PairPool(views[0], views[1], self.centre)
+        return PairPool(views[0], views[1], self.centre, self.heading)
 
     def part(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Points of the pools that truly belong to the moving part."""
@@ -176,6 +178,7 @@ def _sample(
         flag.astype(np.uint8),
         len(pools.before.points),
         pools.centre,
+        pools.heading,
         motion,
         _other(motion, spokes),
         "",
@@ -196,6 +199,7 @@ def _write(path: Path, samples: list[PairSample]) -> None:
     for k, sample in enumerate(samples):
         arrays |= {f"{name}{k}": getattr(sample, name) for name in ("place", "normal", "flag", "centre")}
         arrays[f"before{k}"] = np.array(sample.before)
+        arrays[f"heading{k}"] = np.array(sample.heading)
         motions = [m for m in (sample.motion, sample.other) if m is not None]
         arrays[f"motion{k}"] = np.array([[*m.origin, *m.direction, m.delta] for m in motions])
         arrays[f"name{k}"] = np.array([sample.motion.joint_type, sample.kind])
@@ -226,6 +230,7 @@ def _read(path: Path) -> list[PairSample] | None:
                     archive[f"flag{k}"],
                     int(archive[f"before{k}"]),
                     archive[f"centre{k}"],
+                    float(archive[f"heading{k}"]),
                     motions[0],
                     motions[1] if len(motions) > 1 else None,
                     kind,

@@ -12,10 +12,10 @@ from torch.nn import functional
 
 from s2r_host.learn.pair_files import PairSample
 from s2r_host.learn.pair_network import PairNetwork
-from s2r_host.learn.push_loss import balanced, random_pose
+from s2r_host.learn.push_loss import balanced
 from s2r_host.perception.motion import JointMotion
-from s2r_host.perception.pair_cloud import PairCloud, sample
-from s2r_host.perception.pair_network import neighbourhoods
+from s2r_host.perception.pair_cloud import PairCloud, facing, sample
+from s2r_host.perception.pair_network import TURNED_RAD, neighbourhoods
 from s2r_host.perception.pair_votes import (
     PART,
     SLIDE_DIRECTION,
@@ -39,7 +39,7 @@ DIRECTION_BETA, LINE_BETA_DM, STATE_BETA = (
 
 
 def batch(samples: list[PairSample], rng: np.random.Generator, vary: bool) -> dict[str, Tensor]:
-    """Draw points of each pair and stack them; optionally turned about the vertical, mirrored, another size, reversed.
+    """Draw points of each pair and stack them; in the network's frame; optionally turned, mirrored, resized, reversed.
 
     Returns:
         The network's inputs; ``part`` (B, 2, P); ``votes`` (B, 2, 2, P, VOTES), first axis after the batch: the motion
@@ -50,8 +50,9 @@ def batch(samples: list[PairSample], rng: np.random.Generator, vary: bool) -> di
         cloud = sample(one.pools(), rng)
         part = np.stack([mine[at] for mine, at in zip(one.part(), cloud.chosen, strict=True)])
         motions = [one.motion, one.other if one.other is not None else one.motion]
-        if vary:
-            cloud, part, motions = varied(cloud, part, motions, rng)
+        cloud, part, motions = varied(
+            cloud, part, motions, *(_pose(rng) if vary else (0.0, False, 1.0, False))
+        )
         values = (
             cloud.features(),
             *neighbourhoods(cloud),
@@ -64,12 +65,27 @@ def batch(samples: list[PairSample], rng: np.random.Generator, vary: bool) -> di
     return {name: torch.from_numpy(np.stack(value)) for name, value in parts.items()}
 
 
+def _pose(rng: np.random.Generator) -> tuple[float, bool, float, bool]:
+    """Turn [rad], mirror image, size, views exchanged: things know none of them."""
+    return (
+        rng.uniform(-TURNED_RAD, TURNED_RAD),
+        rng.uniform() < 0.5,
+        float(np.exp(rng.uniform(*np.log(SIZES)))),
+        rng.uniform() < 0.5,
+    )
+
+
 def varied(
-    cloud: PairCloud, part: NDArray[np.bool_], motions: list[JointMotion], rng: np.random.Generator
+    cloud: PairCloud,
+    part: NDArray[np.bool_],
+    motions: list[JointMotion],
+    turn_rad: float,
+    mirror: bool,
+    size: float,
+    back: bool,
 ) -> tuple[PairCloud, NDArray[np.bool_], list[JointMotion]]:
-    """The same pair in another pose and size, and half of the time with the views exchanged."""
-    R, size = random_pose(rng).astype(float), float(np.exp(rng.uniform(*np.log(SIZES))))
-    back = rng.uniform() < 0.5
+    """The same pair in the frame that faces its camera, in another pose and size, ``back``: its views exchanged."""
+    R = np.diag([1.0, -1.0 if mirror else 1.0, 1.0]) @ facing(cloud.heading + turn_rad)
     order = [1, 0] if back else [0, 1]
     turned = [_moved(motion, cloud.centre, R, size, -1.0 if back else 1.0) for motion in motions]
     new = PairCloud(
@@ -78,6 +94,7 @@ def varied(
         cloud.flags[order],
         cloud.chosen[order],
         cloud.centre,
+        0.0,
     )
     return new, part[order], turned
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 
 def plot_metrics(metrics: list[dict[str, Any]], path: Path) -> None:
     """One line per loss of the push network, and the validation AUC."""
@@ -55,7 +57,7 @@ def plot_pair_metrics(metrics: list[dict[str, Any]], path: Path) -> None:
         "slide_mm": "slide [mm]",
     }
     for name, label in units.items():
-        middle.plot(epoch, [row[f"validation_{name}"] for row in metrics], label=label)
+        middle.plot(epoch, [row.get(f"validation_{name}", np.nan) for row in metrics], label=label)
     middle.set(xlabel="epoch", ylabel="median error", yscale="log", title="joint, unseen objects")
     right.plot(epoch, [row["validation_type_right"] for row in metrics], label="type right")
     right.plot(epoch, [row["validation_iou"] for row in metrics], label="part, IoU")

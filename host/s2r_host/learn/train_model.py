@@ -19,8 +19,8 @@ from s2r_host.learn.pair_loss import batch, losses
 from s2r_host.learn.pair_network import PairNetwork
 from s2r_host.learn.push_files import data_hash
 from s2r_host.learn.train import cosine_rate, follow, on_device
-from s2r_host.perception.pair_cloud import sample
-from s2r_host.perception.pair_votes import Votes, errors
+from s2r_host.perception.pair_cloud import facing, sample
+from s2r_host.perception.pair_votes import Votes, errors, turned_back
 
 logger = logging.getLogger(__name__)
 
@@ -120,7 +120,8 @@ def _epoch(
 def evaluate(network: PairNetwork, samples: list[PairSample], settings: ModelSettings) -> dict[str, float]:
     """On unseen objects: mean losses; type, part and joint as one pass over one sample of points gives them.
 
-    Medians are over the pairs whose type is right; ``iou`` of the part over the points of both views.
+    Medians are over the pairs whose type is right, and left out where there are none; ``iou`` is that of the part over
+    the points of both views, ``silent`` the share of pairs without an opinion.
     """
     network.eval()
     sums: dict[str, float] = {}
@@ -134,7 +135,8 @@ def evaluate(network: PairNetwork, samples: list[PairSample], settings: ModelSet
                 sums[name] = sums.get(name, 0.0) + value / len(samples)
             # The same points again: `batch` draws them first.
             cloud = sample(one.pools(), np.random.default_rng([99, k]))
-            votes = Votes(cloud.points.reshape(-1, 3), out[0].flatten(0, 1).cpu().numpy())
+            output = turned_back(out[0].flatten(0, 1).cpu().numpy(), facing(cloud.heading))
+            votes = Votes(cloud.points.reshape(-1, 3), output)
             found = votes.opinion()
             if found is None:
                 silent += 1
@@ -153,17 +155,15 @@ def evaluate(network: PairNetwork, samples: list[PairSample], settings: ModelSet
             else:
                 slide.append(1e3 * abs(delta))
     medians = {"axis_deg": axis, "line_mm": line, "turn_deg": turn, "slide_mm": slide}
-    figures = {name: float(np.median(values)) if values else float("nan") for name, values in medians.items()}
-    figures |= {"axis_p90_deg": float(np.percentile(axis, 90)) if axis else float("nan")}
-    share = {"type": right, "iou": iou}
-    figures |= {
-        f"{name}_right" if name == "type" else name: float(np.mean(values)) if values else 0.0
-        for name, values in share.items()
-    }
+    figures = {name: float(np.median(values)) for name, values in medians.items() if values}
+    if axis:
+        figures["axis_p90_deg"] = float(np.percentile(axis, 90))
+    means = {"type_right": right, "iou": iou}
+    figures |= {name: float(np.mean(values)) if values else 0.0 for name, values in means.items()}
     return figures | {"silent": silent / len(samples)} | sums
 
 
 def _load(files: list[Path], progress: Progress, label: str) -> list[PairSample]:
     samples = [one for file in progress.track(files, description=label) for one in load_pairs(file)]
-    logger.info("%s: %d of %d files", label, len(samples), len(files))
+    logger.info("%s: %d pairs of %d objects", label, len(samples), len(files))
     return samples

@@ -54,11 +54,18 @@ class Pool:
 
 @dataclass(frozen=True, eq=False)
 class PairPool:
-    """Both views' points and the middle of what moved [m], shape (3,)."""
+    """Both views' points.
+
+    Attributes:
+        before, after: One pool each.
+        centre: Middle of what moved [m], shape (3,).
+        heading: Where the first camera stands seen from there, about the vertical, 0 along x [rad].
+    """
 
     before: Pool
     after: Pool
     centre: Array
+    heading: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +77,7 @@ class PairCloud:
         normals: Shape (2, P, 3).
         flags: Edge, normal fits, moved, static, as 0 or 1, shape (2, P, 4).
         chosen: Which points of the pools, shape (2, P).
-        centre: See `PairPool`, shape (3,).
+        centre, heading: See `PairPool`.
     """
 
     points: Array
@@ -78,6 +85,7 @@ class PairCloud:
     flags: NDArray[np.float32]
     chosen: Index
     centre: Array
+    heading: float
 
     def features(self) -> NDArray[np.float32]:
         """Input of the network: centred points [dm], normals, flags; (2, P, `FEATURES`)."""
@@ -98,7 +106,25 @@ def pool(scene: Scene, rng: np.random.Generator) -> PairPool:
         _near(scene.before, scene.changes.before, scene.candidate_before, box, rng),
         _near(scene.after, scene.changes.after, scene.candidate_after, box, rng),
         0.5 * (low + high),
+        heading(scene.before.p_camera, 0.5 * (low + high)),
     )
+
+
+def heading(p_camera: Array | None, centre: Array) -> float:
+    """See `PairPool`; 0 where no camera is known."""
+    if p_camera is None:
+        return 0.0
+    return float(np.arctan2(p_camera[1] - centre[1], p_camera[0] - centre[0]))
+
+
+def facing(angle: float) -> Array:
+    """Rotation (3, 3) about the vertical that brings a camera at heading ``angle`` [rad] to the x axis.
+
+    The network sees pairs in this frame: fronts of things mostly look towards the camera, and what need not be learnt
+    for every heading is learnt from fewer pairs.
+    """
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def sample(pools: PairPool, rng: np.random.Generator) -> PairCloud:
@@ -113,7 +139,12 @@ def sample(pools: PairPool, rng: np.random.Generator) -> PairCloud:
         columns = (view.edge[at], view.normal_ok[at], change == Change.MOVED, change == Change.STATIC)
         flags.append(np.stack(columns, axis=1))
     return PairCloud(
-        np.stack(points), np.stack(normals), np.stack(flags).astype(np.float32), chosen, pools.centre
+        np.stack(points),
+        np.stack(normals),
+        np.stack(flags).astype(np.float32),
+        chosen,
+        pools.centre,
+        pools.heading,
     )
 
 

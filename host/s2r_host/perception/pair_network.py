@@ -1,6 +1,6 @@
 """The trained pair network at work: votes of the points of two views, on ONNX Runtime.
 
-The pair is looked at several times, with other points and turned about the vertical at random; all votes make one poll
+The pair is looked at several times, with other points and turned a little about the vertical; all votes make one poll
 (`pair_votes`). The poll's motion of either family, and those of the single passes, can join the hypotheses of
 `estimate.estimate_joint` as ``extra_axes``.
 """
@@ -22,14 +22,15 @@ from s2r_host.perception.evidence import Scene
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.hypotheses import Axis
 from s2r_host.perception.object_cloud import pyramid
-from s2r_host.perception.pair_cloud import COARSE, NEIGHBOURS, PairCloud, PairPool, pool, sample
-from s2r_host.perception.pair_votes import SLIDE_DIRECTION, TURN_DIRECTION, TURN_OFFSET, Opinion, Votes
+from s2r_host.perception.pair_cloud import COARSE, NEIGHBOURS, PairCloud, PairPool, facing, pool, sample
+from s2r_host.perception.pair_votes import Opinion, Votes, turned_back
 
 Array = NDArray[np.floating]
 
 WEIGHTS = Path(__file__).parent / "weights" / "pair"
 GRAPH, ABOUT = "pair.onnx", "about.json"
 PASSES = 4
+TURNED_RAD = np.radians(15)  # about the frame that faces the camera, at random
 LEAST_BELIEF = 0.02  # in a family, below which its axes are not worth a look
 
 
@@ -123,14 +124,9 @@ class PairNetworkRuntime:
         return [] if opinion is None else opinion.axes()
 
     def _pass(self, cloud: PairCloud, rng: np.random.Generator) -> Votes:
-        angle = rng.uniform(0, 2 * np.pi)
-        c, s = np.cos(angle), np.sin(angle)
-        R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        R = facing(cloud.heading + rng.uniform(-TURNED_RAD, TURNED_RAD))
         (found,) = self._session.run(None, dict(zip(self._names, _inputs(cloud, R), strict=True)))
-        output = np.asarray(found[0], dtype=float).reshape(-1, found.shape[-1])
-        for column in (TURN_DIRECTION, TURN_OFFSET, SLIDE_DIRECTION):
-            output[:, column] = output[:, column] @ R
-        return Votes(cloud.points.reshape(-1, 3), output)
+        return Votes(cloud.points.reshape(-1, 3), turned_back(found[0].reshape(-1, found.shape[-1]), R))
 
     @cached_property
     def _names(self) -> list[str]:

@@ -124,6 +124,14 @@ def true_votes(points: Array, motion: JointMotion) -> NDArray[np.float32]:
     return vote
 
 
+def turned_back(output: Array, R: Array) -> Array:
+    """Votes (n, `VOTES`) of a cloud that was turned by R (3, 3), in the frame of the views."""
+    output = np.array(output, dtype=float)
+    for column in (TURN_DIRECTION, TURN_OFFSET, SLIDE_DIRECTION):
+        output[:, column] = output[:, column] @ R
+    return output
+
+
 def geometric_median(x: Array, weight: Array) -> Array:
     """The point with the least weighted sum of distances to rows of x (n, d), by Weiszfeld's iteration, shape (d,)."""
     middle = np.average(x, axis=0, weights=weight)

@@ -11,8 +11,8 @@ from s2r_host.perception.change import Change
 from s2r_host.perception.errors import InputError, NothingMovedError
 from s2r_host.perception.estimate import prepare
 from s2r_host.perception.evidence import Scene
-from s2r_host.perception.motion import JointMotion, rotation
-from s2r_host.perception.pair_cloud import FEATURES, POINTS, SHARES, pool, sample
+from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.pair_cloud import FEATURES, POINTS, SHARES, facing, pool, sample
 from s2r_host.perception.pair_network import PairNetworkRuntime, PairOpinion
 from s2r_host.perception.pair_votes import PART, VOTES, Votes, errors, true_votes
 
@@ -219,27 +219,22 @@ def learn():
 @pytest.mark.parametrize("back", [False, True])
 @pytest.mark.parametrize("mirror", [False, True])
 @pytest.mark.parametrize("motion", MOTIONS, ids=["turn", "slide"])
-def test_a_varied_pair_still_moves_as_it_says(learn, cloud, motion, mirror, back, monkeypatch):
-    from s2r_host.learn import pair_loss
+def test_a_varied_pair_still_moves_as_it_says(learn, cloud, motion, mirror, back):
+    from s2r_host.learn.pair_loss import varied
 
-    R = rotation(np.array([0.0, 0.0, 1.0]), 1.1) @ np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
-    monkeypatch.setattr(pair_loss, "random_pose", lambda _: R)
     X = motion.transform()
     p = cloud.points[0]
     moved = replace(cloud, points=np.stack([p, p @ X[:3, :3].T + X[:3, 3]]))
-    rng = next(r for r in map(np.random.default_rng, range(100)) if _swaps(r) == back)
-    new, _, (turned,) = pair_loss.varied(moved, np.zeros((2, POINTS), bool), [motion], rng)
+    new, _, (turned,) = varied(moved, np.zeros((2, POINTS), bool), [motion], 0.2, mirror, 1.1, back)
     T = turned.transform()
     np.testing.assert_allclose(new.points[0] @ T[:3, :3].T + T[:3, 3], new.points[1], atol=1e-9)
 
 
-def _swaps(rng):
-    """Whether `varied` will exchange the views with this generator; leaves it as it was."""
-    state = rng.bit_generator.state
-    rng.uniform()  # the size
-    swaps = rng.uniform() < 0.5
-    rng.bit_generator.state = state
-    return swaps
+def test_the_network_sees_pairs_from_its_camera(scene, cloud):
+    to_camera = facing(cloud.heading) @ (scene.before.p_camera - cloud.centre)
+    assert to_camera[0] > 0.3
+    assert to_camera[1] == pytest.approx(0.0, abs=1e-9)
+    assert to_camera[2] == pytest.approx(scene.before.p_camera[2] - cloud.centre[2])
 
 
 def test_loss_takes_the_nearer_of_two_turns_and_is_least_at_the_truth(learn, pair_folder):
