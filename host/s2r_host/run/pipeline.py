@@ -52,7 +52,6 @@ def run_task(settings: RunSettings, journal: Journal, arguments: tuple[str, ...]
 
 def _loop(session: Session, record: RunRecord) -> None:
     settings, journal, task = session.settings, session.journal, session.settings.task
-    _warm_up(journal)
     _home(session, record)
     with journal.stage("view A") as stage:
         before = record.add_view(observe(session, "A"))
@@ -130,12 +129,6 @@ def _introduce(record: RunRecord, session: Session) -> None:
     arm = session.arm.arm
     record.identity = session.link.identity
     record.arm_name, record.model_hash, record.limit_hash = arm.name, arm.model_hash, arm.limit_hash
-
-
-def _warm_up(journal: Journal) -> None:
-    """Import the heavy libraries now: an import holds the interpreter for a second, a heartbeat may not wait."""
-    with journal.stage("load libraries"):
-        import toppra  # noqa: F401
 
 
 def _home(session: Session, record: RunRecord) -> None:
