@@ -49,6 +49,9 @@ _ALLOWED_IN: dict[int, set[ExecutorState]] = {
 _ANSWER_WITHIN_S = 2.0
 _STOP_WITHIN_S = 0.5
 _POLL_S = 0.001
+_RECORDS_EVERY = (
+    5  # rounds of the watch loop: handing over few ticks at a time costs more than what is done with them
+)
 _KEPT_REJECTIONS = 64
 _KEPT_PLANS = 4  # the running one, one that waits for its splice point, and those they have replaced
 
@@ -113,6 +116,7 @@ class FrontEnd:
         self._timing = TickTiming()
         self._stepped = config.clock == "lockstep"
         self._stalls = StallWatch()
+        self._rounds = 0
 
     # -- asking -------------------------------------------------------------------------------------
 
@@ -485,10 +489,17 @@ class FrontEnd:
             )
             self._stop_if_moving(Cause.HOST_LOST)
         events = self._core.events()
+        self._note_rejections(events)
+        self._rounds += 1
+        if len(events) or self._rounds % _RECORDS_EVERY == 0:
+            self._take_records(events)
+        return events
+
+    def _take_records(self, events: np.ndarray) -> None:
+        """Pass on what the core wrote down: to the recorder, the timing and the black box."""
         records = self._core.records()
         if len(records):
             self._timing.add(records)
-        self._note_rejections(events)
         if self._black_box is not None:
             self._black_box.add(records, events)
         dropped = self._core.records_dropped
@@ -498,7 +509,6 @@ class FrontEnd:
             self._dropped_said = dropped
         if len(events) or len(records):
             self._recorder.feed(records, events, self._lease.holder)
-        return events
 
     def _stop_if_moving(self, cause: Cause) -> None:
         core = self._core.snapshot()
@@ -516,6 +526,7 @@ class FrontEnd:
 
     def close(self) -> None:
         """Finish what is being written."""
+        self._take_records(self._core.events())
         if self._black_box is not None:
             self._black_box.close()
 
