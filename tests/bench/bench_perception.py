@@ -12,7 +12,7 @@ that was interrupted goes on where it stopped.
 
 Several routes on the same pairs, one line each (weights from `s2r train model`):
 
-    python tests/bench/bench_perception.py --split test --first 200 --count 30 --weights runs/model \\
+    python tests/bench/bench_perception.py --split test --first 300 --count 30 --weights runs/model \\
         --route geometry,network,combined,no-interaction --out runs/perception-routes
 
 geometry: what `estimate_joint` does by itself. network: the pair network's votes alone. combined: its axes join
@@ -296,9 +296,7 @@ def main() -> None:
         "--route",
         help="geometry, network, combined, no-interaction: some of them, comma-separated, on the same pairs",
     )
-    parser.add_argument(
-        "--weights", type=Path, help="folder of a trained pair network (default: the shipped one)"
-    )
+    parser.add_argument("--weights", type=Path, help="folder of a trained pair network")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--json", action="store_true", help="print the rows instead of tables")
