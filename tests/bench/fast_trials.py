@@ -1,6 +1,9 @@
-"""Trials of ``s2r bench paper`` in one process: a tenth of their time, for working on the host.
+"""Trials of ``s2r bench paper`` in one process: half of their time, for working on the host and for ablations.
 
-    python tests/bench/fast_trials.py --out DIR KIND FIRST-LAST [--attempts 5]
+    python tests/bench/fast_trials.py --out DIR KIND FIRST-LAST [--attempts 5] [--run-options '--without torque']
+
+``DIR/results.jsonl`` is that of ``s2r bench paper``, so ``--compare LABEL=DIR`` and ``s2r bench ablations`` read it. An
+interrupted run goes on where it was.
 
 The host's own code runs unchanged against the stand-in's plant and camera, but no executor, bus or wire stands between:
 plans are not admitted, set-points are the quintic knots' values, and a contact stops the arm by the same torque
@@ -10,21 +13,26 @@ threshold as the executor's and at once. What counts is measured with ``s2r benc
 from __future__ import annotations
 
 import argparse
-import json
 import pickle
+import shlex
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from click.core import ParameterSource
 from rich.console import Console
 from scipy.interpolate import BPoly
 
 import s2r_host.run.feeling
 import s2r_host.run.pipeline
+from s2r_host.cli import run as run_command
 from s2r_host.errors import ArmStoppedError
 from s2r_host.link import Capture, ExecutorIdentity, Verdict
 from s2r_host.log.tables import Joints
@@ -40,6 +48,7 @@ from s2r_protocol.arms import load_arm
 from s2r_protocol.can.drive import DriveCommand
 from s2r_protocol.exits import ExitCode
 from s2r_protocol.faults import Cause, ExecutorState
+from s2r_sim.batch import run_jobs
 from s2r_sim.camera.camera import DepthCamera
 from s2r_sim.paper.score import Row, score_trial
 from s2r_sim.paper.trials import Trial, draw_trial
@@ -195,8 +204,35 @@ def samples_in(recording: bytes) -> Samples | None:
     return samples_of(Joints((), TICK_NS * np.arange(len(rows)), rows[:, 0], rows[:, 1], rows[:, 2]))
 
 
-def run_trial(out: Path, kind: str, number: int, attempts: int, pushes: int) -> Row:
-    """One trial, its files in ``out/trials/KIND-NUMBER`` (world, truth, run.json, what the host saw)."""
+def settings_of(run_options: str) -> dict[str, Any]:
+    """Settings that options of ``s2r run`` ask for, read by that command itself.
+
+    Raises:
+        ValueError: An option that means nothing in one process, or needs a clock.
+    """
+    given = run_command.make_context("s2r run", ["drawer", "--target=0", *shlex.split(run_options)])
+    chosen = {
+        name: value
+        for name, value in given.params.items()
+        if name not in ("object_kind", "target")
+        and given.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    }
+    known = {entry.name for entry in fields(RunSettings)} - {"out", "executor", "camera", "tls", "reactive"}
+    if strange := chosen.keys() - known:
+        raise ValueError(f"--run-options: {sorted(strange)[0]} cannot be tried here; take 's2r bench paper'")
+    return chosen
+
+
+def run_trial(out: Path, chosen: dict[str, Any], kind: str, number: int, attempts: int) -> Row:
+    """One trial, its files in ``out/trials/KIND-NUMBER`` (world, truth, run.json, what the host saw).
+
+    Args:
+        out: Folder.
+        chosen: Settings of the run that are not its defaults.
+        kind, number: Of the trial.
+        attempts: Planned manipulations at most.
+    """
+    before_s = time.process_time()
     trial = draw_trial(kind, number)
     folder = out / "trials" / f"{kind}-{number:03d}"
     shutil.rmtree(folder, ignore_errors=True)
@@ -216,7 +252,7 @@ def run_trial(out: Path, kind: str, number: int, attempts: int, pushes: int) -> 
     s2r_host.run.feeling.samples_in = samples_in
     settings = RunSettings(
         target=trial.change, task=TASKS[kind], from_pushed=True, out=folder / "run", seed=number,
-        attempts=attempts, pushes=pushes, acknowledge_contact=True, settle_s=0.0,
+        attempts=attempts, acknowledge_contact=True, settle_s=0.0, **chosen,
     )  # fmt: skip
     with (folder / "host.log").open("w") as log:
         record = s2r_host.run.pipeline.run_task(settings, Journal(Console(file=log, width=200)))
@@ -226,7 +262,10 @@ def run_trial(out: Path, kind: str, number: int, attempts: int, pushes: int) -> 
     views = {view.name: view for view in record.views}
     with (folder / "views.pickle").open("wb") as file:  # to look at what went wrong
         pickle.dump({"views": views, "belief": record.belief, "push": record.push}, file)
-    return {"kind": kind, "number": number, **score_trial(trial, folder, trial.world.commitment)}
+    row = {"kind": kind, "number": number, **score_trial(trial, folder, trial.world.commitment)}
+    row["cpu_s"] = round(time.process_time() - before_s, 1)
+    print(_told(row), flush=True)
+    return row
 
 
 def main() -> None:
@@ -237,20 +276,13 @@ def main() -> None:
     parser.add_argument("numbers", help="FIRST-LAST or N,N,N")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--attempts", type=int, default=5)
-    parser.add_argument("--pushes", type=int, default=6)
+    parser.add_argument("--run-options", default="", help="further options of s2r run")
     options = parser.parse_args()
     first, dash, last = options.numbers.partition("-")
     numbers = range(int(first), int(last) + 1) if dash else [int(n) for n in options.numbers.split(",")]
-    options.out.mkdir(parents=True, exist_ok=True)
-    results = options.out / "results.jsonl"
-    done = {(r["kind"], r["number"]) for r in map(json.loads, results.open())} if results.exists() else set()
-    for number in numbers:
-        if (options.kind, number) in done:
-            continue
-        row = run_trial(options.out, options.kind, number, options.attempts, options.pushes)
-        with results.open("a") as file:
-            file.write(json.dumps(row) + "\n")
-        print(_told(row), flush=True)
+    work = partial(run_trial, options.out, settings_of(options.run_options))
+    todo = [(options.kind, number, options.attempts) for number in numbers]
+    run_jobs(work, todo, options.out / "results.jsonl", 1, options.kind)
 
 
 def _told(row: Row) -> str:

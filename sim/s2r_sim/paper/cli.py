@@ -27,6 +27,12 @@ from s2r_protocol.exits import UsageError
     "--run-options", default="", help="Further options of s2r run, as '--reactive --without torque'."
 )
 @click.option(
+    "--pace",
+    default=0.0,
+    show_default=True,
+    help="Simulated over real seconds, 0: no limit; --reactive is to be measured with 1.",
+)
+@click.option(
     "--compare",
     multiple=True,
     metavar="LABEL=DIR",
@@ -51,6 +57,7 @@ def paper(
     first: int,
     attempts: int,
     run_options: str,
+    pace: float,
     compare: tuple[str, ...],
     jobs: int,
     ray: str | None,
@@ -80,7 +87,7 @@ def paper(
         rows = [row for row in results_in(out / "results.jsonl") if row["kind"] in names]
     else:
         rows = run_jobs(
-            partial(run_trial, out, tuple(shlex.split(run_options))),
+            partial(run_trial, out, tuple(shlex.split(run_options)), pace),
             todo,
             out / "results.jsonl",
             jobs,
@@ -89,6 +96,7 @@ def paper(
         )
     options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
     options += f" --run-options '{run_options}'" if run_options else ""
+    options += f" --pace {pace:g}" if pace else ""
     command = f"s2r bench paper {options} --out DIR"
     write_page(rows, page or out / "results.md", command, attempts, note, _others(compare))
     merits = {key: [asdict(merit(rows, name, key)) for name in names] for key in ("delta", "delta_first")}

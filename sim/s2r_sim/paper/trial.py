@@ -17,7 +17,7 @@ TIMEOUT_S = 1200.0
 MOST_TRIES = 3
 
 
-def run_trial(out: Path, options: tuple[str, ...], kind: str, number: int, attempts: int) -> Row:
+def run_trial(out: Path, options: tuple[str, ...], pace: float, kind: str, number: int, attempts: int) -> Row:
     """Run and score one manipulation.
 
     A trial in which a process did not answer in time, as on a machine with too much to do, is begun anew: that says
@@ -26,6 +26,7 @@ def run_trial(out: Path, options: tuple[str, ...], kind: str, number: int, attem
     Args:
         out: Folder; the trial's files go to ``trials/<kind>-<number>`` in it.
         options: Further options of ``s2r run``.
+        pace: Simulated over real seconds; 0 is as fast as the machine allows.
         kind, number: Of the trial.
         attempts: Planned manipulations at most.
     """
@@ -34,7 +35,7 @@ def run_trial(out: Path, options: tuple[str, ...], kind: str, number: int, attem
     row: Row = {}
     for tries in range(1, MOST_TRIES + 1):
         before_s = _children_cpu_s()
-        row = {"kind": kind, "number": number, "tries": tries, **_try(trial, attempts, options, folder)}
+        row = {"kind": kind, "number": number, "tries": tries, **_try(trial, attempts, options, pace, folder)}
         row["cpu_s"] = round(_children_cpu_s() - before_s, 1)
         row["stored_bytes"] = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
         if row["exit"] != ExitCode.UNREACHABLE:
@@ -48,14 +49,16 @@ def _children_cpu_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _try(trial: Trial, attempts: int, options: tuple[str, ...], folder: Path) -> Row:
+def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, folder: Path) -> Row:
     shutil.rmtree(folder, ignore_errors=True)  # of an interrupted try
     folder.mkdir(parents=True)
     world = folder / "world.json"
     trial.world.save(world)
     try:
         with (
-            stand_in_cell(folder, ("--world", world), stand_in=("--truth", folder / "truth.csv")) as cell,
+            stand_in_cell(
+                folder, ("--world", world), pace=pace, stand_in=("--truth", folder / "truth.csv")
+            ) as cell,
             (folder / "host.log").open("w") as log,
         ):
             command = s2r_command(
