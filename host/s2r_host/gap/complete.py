@@ -108,7 +108,7 @@ def complete(search: Search) -> tuple[list[Term], list[list[Scored]]]:
     parts = _without_links(search, parts, gains)
     terms = [x.term for x in parts]
     for x in parts:
-        search.log(f"  + {x.term.effect} on {search._joint(x.term)}: gain {gains[x.term.key]:.0f}")
+        search.log(f"  + {x.term.effect} on {search.joint_name(x.term)}: gain {gains[x.term.key]:.0f}")
     slots = []
     for i, x in enumerate(parts):
         others = [t for k, t in enumerate(terms) if k != i]
@@ -130,7 +130,7 @@ def _without_links(search: Search, parts: list[_Part], gains: dict[tuple[str, in
     best = next((s for s in scored if not s.term.effect.startswith(PREFIX)), None)
     if best is None or best.gain < gains[(LINKS, -1)]:
         return parts
-    search.log(f"  {best.term.effect} on {search._joint(best.term)} explains as much as all links")
+    search.log(f"  {best.term.effect} on {search.joint_name(best.term)} explains as much as all links")
     return others
 
 
@@ -263,7 +263,7 @@ def _richer(
             slots[i].append(Scored(best[1], score, gain + score - reference, share, np.zeros(0)))
         best_one = max(slots[i], key=lambda s: s.gain)
         if best_one.gain > slots[i][0].gain + LEAST_GAIN:
-            search.log(f"    {best_one.term.effect} takes the place of Coulomb on {search._joint(term)}")
+            search.log(f"    {best_one.term.effect} takes the place of Coulomb on {search.joint_name(term)}")
             terms[i] = best_one.term
         else:  # a lead too small to name a richer friction is no lead
             for s in slots[i][1:]:

@@ -12,7 +12,8 @@ from s2r_host.gap.model import RigidModel
 from s2r_host.gap.problem import build_problem
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.replay import Live, build_twin
-from s2r_host.gap.search import Search, _share
+from s2r_host.gap.scan import share_taken
+from s2r_host.gap.search import Search
 from s2r_host.gap.session import make_session
 from s2r_host.gap.solution import Term
 from s2r_host.gap.where import locate, with_named
@@ -102,8 +103,8 @@ def test_a_joint_at_its_noise_is_not_searched(rubbing):
 
 def test_the_share_of_a_term_counts_on_its_own_joint():
     without, with_it = {0: 1e4, 1: 10.0}, {0: 1e4, 1: 4.0}
-    assert _share(Term("cogging", 1), without, with_it) == pytest.approx(0.6)
-    assert _share(Term("payload", -1), without, with_it) == pytest.approx(0.6)
+    assert share_taken(Term("cogging", 1), without, with_it) == pytest.approx(0.6)
+    assert share_taken(Term("payload", -1), without, with_it) == pytest.approx(0.6)
 
 
 def test_motors_that_turn_together_are_felt_by_both(model):

@@ -11,6 +11,7 @@ from s2r_host.gap.session import Session
 
 REACH = (0.5, 1.0, 1.5, 2.0)
 FAR_REACH = (3.0, 5.0)  # what an arm holds may hang well beyond its last body
+NODES = (0.0, 1.0, 2.0)  # reaches at which a load is evaluated; a quadratic goes through three
 
 
 class Payload(Effect):
@@ -37,15 +38,11 @@ class Payload(Effect):
         return {"reach": ("log", 0.2)}
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
-        """Load per added kilogram."""
-        body = int(shape["body"])
-        p = shape["reach"] * arm(ctx.model, body)
-        m = max(0.05 * float(ctx.model.model.body_mass[body]), 1e-4)
-        key = ("payload", body, round(shape["reach"], 6))
-        if key not in s.cache:
-            v = ctx.model.variant(lambda model: add_mass(model, body, m, p))
-            s.cache[key] = (ctx.model.inverse(s.q, s.v, s.a, v) - s.load) / m
-        return Columns([s.cache[key]], (True,))
+        """Load per added kilogram: weight and centre of mass go with the reach, inertia with its square."""
+        body, reach = int(shape["body"]), shape["reach"]
+        near, middle, far = (_per_kilogram(ctx, s, body, x) for x in NODES)
+        weights = ((reach - 1.0) * (reach - 2.0) / 2.0, reach * (2.0 - reach), reach * (reach - 1.0) / 2.0)
+        return Columns([weights[0] * near + weights[1] * middle + weights[2] * far], (True,))
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """Against a wrong number of the nominal model."""
@@ -67,6 +64,17 @@ class Payload(Effect):
         extra.mass, extra.inertia, extra.explicitinertial = float(theta[0]), np.full(3, 1e-8), 1
         extra.ipos = np.zeros(3)  # not given, MuJoCo takes the place twice, and writes no weight to the file
         return True
+
+
+def _per_kilogram(ctx: Context, s: Session, body: int, reach: float) -> np.ndarray:
+    """Change of the load per kilogram added at a reach along a body's arm, shape (time, joint)."""
+    key = ("payload", body, reach)
+    if key not in s.cache:
+        m = max(0.05 * float(ctx.model.model.body_mass[body]), 1e-4)
+        p = reach * arm(ctx.model, body)
+        v = ctx.model.variant(lambda model: add_mass(model, body, m, p))
+        s.cache[key] = (ctx.model.inverse(s.q, s.v, s.a, v) - s.load) / m
+    return s.cache[key]
 
 
 def leaves(model: RigidModel) -> list[int]:
