@@ -17,7 +17,8 @@ from s2r_host.planning.planner import scene_of
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
 from s2r_host.planning.task import PlanRequest
-from s2r_host.trajectory.legs import Leg, LeggedPlan, plan_legs
+from s2r_host.trajectory.legs import plan_legs
+from s2r_host.trajectory.legs_joined import Leg, LeggedPlan
 from s2r_host.trajectory.picture_strip import save_picture_strip
 from s2r_host.trajectory.plan_files import write_knots_csv, write_model, write_plan_csv, write_trace_csv
 from s2r_host.trajectory.verify import trace_of

@@ -13,7 +13,7 @@ from s2r_host.planning.patience import TimeIsUpError
 from s2r_host.planning.rewards import Task
 from s2r_host.planning.settings import PlanSettings
 from s2r_host.planning.task import PlanRefusedError, StepTrace
-from s2r_host.trajectory import legs
+from s2r_host.trajectory import legs_search
 
 
 def attempt_with(s, distance_m, settings=None):
@@ -105,8 +105,8 @@ def worth(monkeypatch):
             delivery=SimpleNamespace(fragile=fragile, replay=SimpleNamespace(contact_share=share)),
         )
 
-    monkeypatch.setattr(legs, "_together", together)
-    monkeypatch.setattr(legs, "cannot_stay", lambda request, _scene: request is FALLING)
+    monkeypatch.setattr(legs_search, "together", together)
+    monkeypatch.setattr(legs_search, "cannot_stay", lambda request, _scene: request is FALLING)
 
 
 @pytest.mark.parametrize(
@@ -121,14 +121,14 @@ def worth(monkeypatch):
 )
 def test_the_calmest_legs_are_delivered_else_the_first_that_hold(worth, names, chosen):
     search: Any = Search(*names)
-    whole: Any = legs._calmest(search, REQUEST, slipped=False)
+    whole: Any = legs_search.calmest(search, REQUEST, slipped=False)
     assert whole.name == chosen
     assert (search.calm is not None) == ("first" in names and names[0] != "calm")
 
 
 def test_no_calmer_legs_are_looked_for_where_the_part_would_not_stay_anyway(worth):
     search: Any = Search("first", "calm")
-    whole: Any = legs._calmest(search, FALLING, slipped=False)
+    whole: Any = legs_search.calmest(search, FALLING, slipped=False)
     assert whole.name == "first"
     assert search.calm is None
 
@@ -136,7 +136,7 @@ def test_no_calmer_legs_are_looked_for_where_the_part_would_not_stay_anyway(wort
 def test_without_legs_that_hold_the_reason_or_the_clock_remains(worth):
     search: Any = Search("lost")
     late: Any = Search("late")
-    assert legs._calmest(search, REQUEST, slipped=False) is None
+    assert legs_search.calmest(search, REQUEST, slipped=False) is None
     assert search.problem == "the legs together: lost"
     with pytest.raises(TimeIsUpError):
-        legs._calmest(late, REQUEST, slipped=False)
+        legs_search.calmest(late, REQUEST, slipped=False)
