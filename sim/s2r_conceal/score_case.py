@@ -101,8 +101,8 @@ def score_case(
         named=names,
         top1=names[:1] != () and names[0] in true_names if scored else None,
         top1_or_class=_any_alike(names[:1], effects) if scored else None,
-        in_set=_in_set(names, entries, true_names) if scored else None,
-        set_size=_set_size(names, entries) if scored and names else None,
+        in_set=bool(_first_set(names, entries, gap) & set(true_names)) if scored else None,
+        set_size=len(_first_set(names, entries, gap)) if scored and names else None,
         joint_right=_joint_right(gap, entries, effects) if missing else None,
         iou=_iou(gap, entries, effects, tracks) if missing else None,
         false_alarm=_false_alarm(answered, names) if truth["group"] == "clean" else None,
@@ -146,17 +146,13 @@ def _any_alike(names: tuple[str, ...], effects: list[dict[str, Any]]) -> bool:
     return any(_alike(n, e) for n in names for e in effects)
 
 
-def _first_set(names: tuple[str, ...], entries: list[dict[str, Any]]) -> set[str]:
-    also = entries[0].get("could_also_be") or [] if entries else []
-    return {*names[:1], *map(str, also)}
-
-
-def _in_set(names: tuple[str, ...], entries: list[dict[str, Any]], true_names: tuple[str, ...]) -> bool:
-    return bool(_first_set(names, entries) & set(true_names))
-
-
-def _set_size(names: tuple[str, ...], entries: list[dict[str, Any]]) -> int:
-    return len(_first_set(names, entries))
+def _first_set(names: tuple[str, ...], entries: list[dict[str, Any]], gap: dict[str, Any]) -> set[str]:
+    """The first name and what else it could be, wherever it stands: among the effects or the parameters."""
+    if not names:
+        return set()
+    words = EITHER_LIST.get(names[0], ())
+    first = entries[:1] or [p for p in gap.get("parameters_off") or [] if p.get("name") in words][:1]
+    return {names[0], *(str(n) for e in first for n in e.get("could_also_be") or [])}
 
 
 def _joint_right(gap: dict[str, Any], entries: list[dict[str, Any]], effects: list[dict[str, Any]]) -> bool:

@@ -1,15 +1,15 @@
 """Concealed recordings: how often `s2r gap` finds, invents or rightly refuses.
 
     python tests/bench/bench_gap_concealed.py run --out DIR [--rig one_joint] [--cases single=120,...] [--seed N]
-    python tests/bench/bench_gap_concealed.py calibrate DIR/score
+    python tests/bench/bench_gap_concealed.py calibrate DIR/score [DIR/score ...]
     python tests/bench/bench_gap_concealed.py shuffled DIR/score
     python tests/bench/bench_gap_concealed.py ablate DIR/score
 
 ``run`` draws a set, runs the tool over it and scores it, in that order; without ``--seed`` the seed is random and
 stands only in the key file. It may be stopped and started again. Commit before drawing: the commit is written beside
 the table. Without ``--full`` the tool gives names, places and parameters only, without forward simulations,
-baselines, next experiments and reports, at a few seconds per case. ``calibrate`` reads the temperature and the
-ceiling of the stated probabilities from a scored tuning set; ``shuffled`` scores the same verdicts with the true
+baselines, next experiments and reports, at a few seconds per case. ``calibrate`` reads the temperatures and the
+ceiling of the stated probabilities from scored tuning sets; ``shuffled`` scores the same verdicts with the true
 names dealt out anew: the accuracy must fall to chance; ``ablate`` runs the single cases of three floors and more
 that were named rightly once more without the true effect in the catalogue: the answer must turn to "unknown" at the
 same joint. Budget: 60 s per case for one joint and 20 s of data, on two cores.
@@ -22,6 +22,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+
+from s2r_host.gap.naming import ALIKE_HEAT, CEILING, HEAT, alike
 
 S2R = [sys.executable, "-c", "from s2r_protocol.cli.root import main; main()"]
 TOOL = ("host/s2r_host/gap", "sim/s2r_conceal")
@@ -67,29 +69,47 @@ def named_cases(score: Path) -> list[dict]:
     return [c for c in cases if c["top1"] is not None and c["named"]]
 
 
+Row = tuple[
+    np.ndarray, np.ndarray, bool
+]  # log odds, best first; which are declared like the best; is it right?
+
+
 def calibrate(arguments: argparse.Namespace) -> None:
-    """Temperature by maximum likelihood over a grid, ceiling as the share right among the sure ones."""
-    score: Path = arguments.score
-    verdicts = score.parent / "set" / "verdicts"
-    rows = []
+    """Temperatures by maximum likelihood over a grid, ceiling as the share right among the sure ones."""
+    rows: list[Row] = [row for score in arguments.scores for row in stated(score)]
+    print(f"{len(rows)} named cases, {np.mean([right for _, _, right in rows]):.3f} right")
+    best = max(
+        (likelihood(rows, heat, alike, top), heat, alike, top)
+        for heat in (0.0, 0.001, 0.003, 0.01, 0.02, 0.04, 0.08, 0.15)
+        for alike in (0.0, 1.0, 2.0, 4.0, 8.0)
+        for top in (0.85, 0.9, 0.93, 0.96, 0.97, 0.98, 0.99)
+    )
+    print(
+        f"HEAT, ALIKE_HEAT, CEILING = {best[1]:g}, {best[2]:g}, {best[3]:g}  (mean log likelihood {best[0]:.4f})"
+    )
+    used = likelihood(rows, HEAT, ALIKE_HEAT, CEILING)
+    print(f"in use {HEAT:g}, {ALIKE_HEAT:g}, {CEILING:g}  (mean log likelihood {used:.4f})")
+
+
+def stated(score: Path) -> list[Row]:
+    """Log odds of every first name of a scored set."""
+    verdicts, rows = score.parent / "set" / "verdicts", []
     for case in named_cases(score):
         gap = json.loads((verdicts / f"{case['case']}.json").read_text(encoding="utf-8"))["gap"]
-        odds = gap["effects"][0]["log_odds"] if gap["effects"] else {}
-        if odds and gap["effects"][0]["name"] == case["named"][0]:
-            rows.append((np.array(sorted(odds.values(), reverse=True)), bool(case["top1"])))
-    print(f"{len(rows)} named cases, {np.mean([right for _, right in rows]):.3f} right")
-    best = max(
-        ((likelihood(rows, heat, top), heat, top) for heat in (0.0, 0.003, 0.01, 0.02, 0.04, 0.08, 0.15)
-         for top in (0.85, 0.9, 0.93, 0.96, 0.98, 0.99)),
-    )  # fmt: skip
-    print(f"HEAT, CEILING = {best[1]:g}, {best[2]:g}  (mean log likelihood {best[0]:.4f})")
+        first = gap["effects"][0] if gap["effects"] else {"log_odds": {}}
+        if first["log_odds"] and first["name"] == case["named"][0]:
+            names = sorted(first["log_odds"], key=lambda n: -first["log_odds"][n])
+            odds = np.array([first["log_odds"][n] for n in names])
+            rows.append((odds, np.array([alike(names[0], n) for n in names]), bool(case["top1"])))
+    return rows
 
 
-def likelihood(rows: list[tuple[np.ndarray, bool]], heat: float, ceiling: float) -> float:
+def likelihood(rows: list[Row], heat: float, alike_heat: float, ceiling: float) -> float:
     """Mean log likelihood of 'the first name is right' under one setting."""
     total = 0.0
-    for odds, right in rows:
-        weights = np.exp(np.maximum((odds - odds[0]) / (1.0 + heat * max(odds[0], 0.0)), -60.0))
+    for odds, like, right in rows:
+        cooled = 1.0 + heat * max(odds[0], 0.0) + alike_heat * like
+        weights = np.exp(np.maximum((odds - odds[0]) / cooled, -60.0))
         p = float(np.clip(ceiling / weights.sum(), 1e-3, 1 - 1e-3))
         total += np.log(p if right else 1.0 - p)
     return total / max(len(rows), 1)
@@ -152,10 +172,12 @@ def main() -> None:
     one.add_argument("--config", type=Path, default=None)
     one.add_argument("--full", action="store_true", help="with forward simulation, baselines, reports")
     one.set_defaults(run=run)
-    for name, function in (("calibrate", calibrate), ("shuffled", shuffled)):
-        two = sub.add_parser(name)
-        two.add_argument("score", type=Path)
-        two.set_defaults(run=function)
+    two = sub.add_parser("calibrate")
+    two.add_argument("scores", type=Path, nargs="+")
+    two.set_defaults(run=calibrate)
+    two = sub.add_parser("shuffled")
+    two.add_argument("score", type=Path)
+    two.set_defaults(run=shuffled)
     three = sub.add_parser("ablate")
     three.add_argument("score", type=Path)
     three.add_argument("--most", type=int, default=None, help="at most so many cases")

@@ -14,6 +14,12 @@ SLOW_LOG_S = 0.01
 BETWEEN_SHARE = 0.25
 
 
+def nominal_friction_of(model: RigidModel, name: str, joint: int) -> float:
+    """Dry or viscous friction the model gives a joint: N·m or N, or per unit of speed."""
+    m = model.model
+    return float(m.dof_frictionloss[joint] if name == "coulomb_friction" else m.dof_damping[joint])
+
+
 def dry_level(s: Session, j: int) -> float:
     """Size of the friction step in a recording, by plain regression [N·m or N]."""
     return abs(float(_friction_fit(s, j)[0]))

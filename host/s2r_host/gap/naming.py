@@ -13,12 +13,15 @@ from s2r_host.gap.search import Search
 from s2r_host.gap.solution import Scored, Solution, Term
 
 HEAT, CEILING = 0.001, 0.97
+ALIKE_HEAT = 2.0  # between effects that are declared alike
+SET_LEAST = 0.01  # probability from which a rival belongs to the set
 CLEAR_DEVIATIONS = 5.0  # of a size, before what it belongs to is named beside
 EQUIVALENT = (
     ("gravity_tilt", "encoder_offset"),
     ("actuator_delay", "bandwidth"),
     ("presliding", "hysteresis"),
     ("payload", "spring_return"),
+    ("payload", "effort_scale"),
     ("cable_spring", "spring_return"),
 )
 
@@ -57,7 +60,7 @@ def named_effect(problem: Problem, search: Search, solution: Solution, i: int, s
     probabilities = slot_probabilities(search, slot)
     own = probabilities.get(term.key, CEILING)
     others = sorted(((p, k) for k, p in probabilities.items() if k != term.key), reverse=True)
-    also = [k[0] for p, k in others if p > 0.05 and k[0] != term.effect and not k[0].startswith(PREFIX)]
+    also = [k[0] for p, k in others if p > SET_LEAST and k[0] != term.effect and not k[0].startswith(PREFIX)]
     for group in EQUIVALENT:
         if term.effect in group:
             also += [n for n in group if n != term.effect and n not in also and _close(slot, n)]
@@ -117,6 +120,7 @@ def slot_probabilities(search: Search, slot: list[Scored]) -> dict[tuple[str, in
 
     The models behind two explanations err in proportion to the gap, so the difference of their log odds counts
     less the larger the gap is; not so for an explanation that contains the winner, where only the extra part errs.
+    Between effects that are declared alike it counts less still: a true drive is neither a pure delay nor a pure lag.
     ``CEILING`` is what the tuning set says of a first name without rivals.
     """
     if not slot:
@@ -128,9 +132,15 @@ def slot_probabilities(search: Search, slot: list[Scored]) -> dict[tuple[str, in
     weights = {("", 0): float(np.exp(max(-top, -60.0)))}
     for key, gain in scores.items():
         contains = winner[0] in search.effects[key[0]].contains
-        weights[key] = float(np.exp(max((gain - top) / (1.0 if contains else heat), -60.0)))
+        cooled = 1.0 if contains else heat + (ALIKE_HEAT if alike(winner[0], key[0]) else 0.0)
+        weights[key] = float(np.exp(max((gain - top) / cooled, -60.0)))
     total = sum(weights.values())
     return {k: CEILING * w / total for k, w in weights.items() if k[0]}
+
+
+def alike(one: str, other: str) -> bool:
+    """Are two effects declared to look alike?"""
+    return one != other and any(one in group and other in group for group in EQUIVALENT)
 
 
 def _close(slot: list[Scored], name: str, margin: float = 8.0) -> bool:

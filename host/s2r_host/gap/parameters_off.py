@@ -6,6 +6,7 @@ import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.decision import Decision, explained, leftover
+from s2r_host.gap.friction_seen import nominal_friction_of
 from s2r_host.gap.naming import Z90, Named, named_effect
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.rejected import rejected_at_floor
@@ -17,7 +18,6 @@ from s2r_host.gap.wrong_number import (
     LIKE_PARAMETERS,
     ONE_CAUSE,
     TIGHT,
-    nominal_friction_of,
     one_cause,
     tries_of,
     turned_not_shifted,
@@ -39,17 +39,13 @@ def is_parameter(problem: Problem, term: Term, theta: np.ndarray, slot: list[Sco
     So is a small addition to friction or damping the model already has, and mass, motor inertia or effort scale where
     a number of the model explains the place as well.
     """
-    m = problem.ctx.model.model
     if term.effect in AS_PARAMETER:
         own = next((s.gain for s in slot if s.term.key == term.key), np.inf)
         rival = max((s.gain for s in slot if s.term.effect.startswith(PREFIX)), default=-np.inf)
         return own - rival < max(ALIKE_GAIN, ALIKE_SHARE * own)
-    if term.effect == "coulomb_friction":
-        nominal = float(m.dof_frictionloss[term.joint])
-    elif term.effect == "viscous_friction":
-        nominal = float(m.dof_damping[term.joint])
-    else:
+    if term.effect not in FRICTION:
         return False
+    nominal = nominal_friction_of(problem.ctx.model, term.effect, term.joint)
     return nominal > 0 and abs(float(theta[0])) < SMALL_CHANGE * nominal
 
 
@@ -94,7 +90,12 @@ def parameters_only(problem: Problem, search: Search) -> Decision:
 
 
 def off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
-    """Entries of ``parameters_off`` for an explanation that is a wrong number."""
+    """Entries of ``parameters_off`` for an explanation that is a wrong number, with what else it could be."""
+    also = {"could_also_be": named.could_also_be} if named.could_also_be else {}
+    return [entry | also for entry in _off_entries(problem, search, named)]
+
+
+def _off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
     effect = search.effects[named.term.effect]
     found = []
     if isinstance(effect, BaseTerm):
@@ -119,7 +120,7 @@ def off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
         if named.name == "payload":
             place = problem.ctx.model.body_name(int(dict(named.term.shape)["body"]))
         return [off_entry(label, place, named.name != "payload", nominal, p)]
-    nominal = nominal_friction_of(problem, named.name, named.term.joint)
+    nominal = nominal_friction_of(problem.ctx.model, named.name, named.term.joint)
     shifted = p | {"value": nominal + p["value"], "interval90": [nominal + x for x in p["interval90"]]}
     label = "frictionloss" if named.name == "coulomb_friction" else "damping"
     return [off_entry(label, named.joint, True, nominal, shifted)]

@@ -8,16 +8,16 @@ import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX
 from s2r_host.gap.complete import complete
+from s2r_host.gap.friction_seen import nominal_friction_of
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.scan import NO_LOSS, Scan
 from s2r_host.gap.solution import Scored, Solution, Term
 
 MIN_GAIN = 12.0
 CLEAR_GAIN, CLEAR_SHARE = 20.0, 0.05  # evidence, its share of the first effect's
-# Effects that are no more than one number.
-NUMBERS = (
-    "payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset", "coulomb_friction", "viscous_friction",
-)  # fmt: skip
+# Effects that are no more than one number; friction is one where the model has some of its kind.
+NUMBERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
+FRICTION = ("coulomb_friction", "viscous_friction")
 MAX_EFFECTS = 3
 FURTHER_SHARE = 0.3
 FURTHER_GAIN = 0.004
@@ -81,9 +81,13 @@ class Search(Scan):
         """
         scored, _ = self.scan_profiled(chosen)
         best = next((s for s in scored if not s.term.effect.startswith(PREFIX)), None)
-        if best is None or best.term.effect in NUMBERS:
-            return False
-        return self._clear(best, slots)
+        return best is not None and not self._a_number(best.term) and self._clear(best, slots)
+
+    def _a_number(self, term: Term) -> bool:
+        """Is the effect no more than a number of the model that is off? Friction is, where the model has some."""
+        if term.effect in FRICTION:
+            return nominal_friction_of(self.problem.ctx.model, term.effect, term.joint) > 0
+        return term.effect in NUMBERS
 
     @staticmethod
     def _worth_it(best: Scored, slots: list[list[Scored]]) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.evidence import Marginal
+from s2r_host.gap.friction_seen import nominal_friction_of
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.regression import TEMPER
 from s2r_host.gap.search import Search
@@ -151,7 +152,7 @@ def _weigh_numbers(
         for j in problem.joints if effect.scope == "joint" else [-1]:
             if (name, j) in taken or not effect.applies(problem.ctx, j):
                 continue
-            if friction and nominal_friction_of(problem, name, j) <= 0:
+            if friction and nominal_friction_of(problem.ctx.model, name, j) <= 0:
                 continue
             found = search.best_shape((name, j), base, fit, noise, refine=name in LIKE_PARAMETERS)
             if found is not None:
@@ -173,9 +174,3 @@ def turned_not_shifted(slot: list[Scored]) -> list[Scored]:
     if not turned or turned[0].gain < slot[0].gain - max(ALIKE_GAIN, ALIKE_SHARE * slot[0].gain):
         return slot
     return [*turned, *(s for s in slot if s not in turned and not s.term.effect.startswith(f"{PREFIX}com"))]
-
-
-def nominal_friction_of(problem: Problem, name: str, joint: int) -> float:
-    """Dry or viscous friction the model gives a joint: N·m or N, or per unit of speed."""
-    m = problem.ctx.model.model
-    return float(m.dof_frictionloss[joint] if name == "coulomb_friction" else m.dof_damping[joint])

@@ -233,3 +233,17 @@ def test_a_rate_comes_with_the_interval_its_count_allows():
     assert (low, high) == pytest.approx((0.7864, 0.9565), abs=1e-4)
     assert wilson(0.0, 12)[0] == 0.0
     assert wilson(0.0, 12)[1] == pytest.approx(0.2425, abs=1e-3)
+
+
+def test_a_wrong_number_holds_its_set_where_it_stands():
+    truth = _truth(effects=[_effect("payload")])
+    off = {"name": "effort_scale", "joint": "elbow", "from": 1.0, "to": 0.97}
+    bare = _score(truth, _named(verdict="parameter_off", parameters_off=[off]))
+    assert (bare.top1, bare.in_set, bare.set_size) == (False, False, 1)
+    also = _score(
+        truth, _named(verdict="parameter_off", parameters_off=[off | {"could_also_be": ["payload"]}])
+    )
+    assert (also.top1, also.in_set, also.set_size) == (False, True, 2)
+    other = {"name": "mass", "body": "link", "could_also_be": ["backlash"]}  # a second entry adds nothing
+    both = _score(truth, _named(verdict="parameter_off", parameters_off=[off, other]))
+    assert (both.in_set, both.set_size) == (False, 1)

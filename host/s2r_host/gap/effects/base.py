@@ -13,6 +13,7 @@ from s2r_host.gap.model import RigidModel
 from s2r_host.gap.session import Session
 
 Shape = Mapping[str, float]
+USUAL_TURN, FAR_TURN = 0.1, 8.0  # rad, log odds
 
 
 @dataclass(frozen=True)
@@ -200,6 +201,14 @@ class Effect:
 def small_is_odd(share: float) -> float:
     """Log odds for physics as small as the error of a nominal value."""
     return -4.0 if abs(share) < 0.06 else 0.0
+
+
+def turned(angle: float, width: float) -> float:
+    """Log odds of a zero turned by so much [rad], where ``width`` is the usual error of such a zero.
+
+    On one joint a tilted base and a shifted encoder fit alike: what decides is which of them errs by so much.
+    """
+    return float(np.log(USUAL_TURN / width)) - min(FAR_TURN, 0.5 * (angle / width) ** 2)
 
 
 def column_force(theta: np.ndarray, basis: Callable[[StepState], tuple[float, ...]]) -> Runtime:

@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, turned
 from s2r_host.gap.session import Session
 
 STEP = 1e-3
+ZERO = 0.15  # rad to which a zero is set: half a tooth of a spline of 25 is 0.13
 
 
 class EncoderOffset(Effect):
@@ -31,6 +32,11 @@ class EncoderOffset(Effect):
         s = ctx.sessions[0]
         column = self.columns(ctx, s, joint, {}).linear[0]
         return float(np.max(np.abs(column))) > 1e-6 * max(1.0, float(np.max(np.abs(s.load))))
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """A zero may be off by a tooth."""
+        rotary = ctx.model.unit(ctx.model.joints[joint]) == "rad"
+        return turned(float(theta[0]), ZERO) if rotary else 0.0
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Recorded minus true position."""

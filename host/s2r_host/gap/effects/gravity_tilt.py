@@ -5,10 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, turned
 from s2r_host.gap.session import Session
 
 STEP = 1e-2
+LEVEL = 0.05  # rad to which a base is put up
 
 
 class GravityTilt(Effect):
@@ -29,6 +30,10 @@ class GravityTilt(Effect):
         """Derivative of the load by the two tilt angles; a direction without influence is left out."""
         both = [self._column(ctx, s, axis) for axis in range(2)]
         return Columns([both[axis] for axis in self._axes(ctx)])
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """A base is put up level to a few degrees."""
+        return turned(float(np.linalg.norm(theta)), LEVEL)
 
     def _axes(self, ctx: Context) -> list[int]:
         s = ctx.sessions[0]

@@ -1,0 +1,67 @@
+"""What belongs in one answer set, how probable each of two alike is, and which friction is no more than a number."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from s2r_host.gap.effects import encoder_offset, gravity_tilt
+from s2r_host.gap.effects.effort_scale import EFFECT as SCALE
+from s2r_host.gap.naming import CEILING, Named, slot_probabilities
+from s2r_host.gap.parameters_off import off_entries
+from s2r_host.gap.search import Search
+from s2r_host.gap.solution import Scored, Term
+
+ROTARY = SimpleNamespace(model=SimpleNamespace(joints=["elbow"], unit=lambda joint: "rad"))
+
+
+def slot(*gains):
+    return [Scored(Term(name, 0), gain, gain, 0.5, np.zeros(0)) for name, gain in gains]
+
+
+def probabilities(*gains):
+    search = SimpleNamespace(effects={name: SimpleNamespace(contains=()) for name, _ in gains})
+    found = slot_probabilities(search, slot(*gains))  # pyright: ignore[reportArgumentType]
+    return {key[0]: p for key, p in found.items()}
+
+
+def test_a_lead_over_an_effect_declared_alike_counts_less():
+    alike = probabilities(("actuator_delay", 32.0), ("bandwidth", 30.0))["actuator_delay"]
+    other = probabilities(("actuator_delay", 32.0), ("cogging", 30.0))["actuator_delay"]
+    assert 0.5 * CEILING < alike < 0.7
+    assert other > 0.8
+    even = probabilities(("gravity_tilt", 32.0), ("encoder_offset", 32.0))
+    assert even["gravity_tilt"] == pytest.approx(even["encoder_offset"])
+
+
+@pytest.mark.parametrize(("angle", "tilted"), [(0.01, True), (0.04, True), (0.15, False), (-0.3, False)])
+def test_a_base_is_level_to_degrees_and_a_zero_is_off_by_a_tooth(angle, tilted):
+    theta = np.array([angle])
+    tilt = gravity_tilt.EFFECT.size_prior(ROTARY, -1, {}, theta)  # pyright: ignore[reportArgumentType]
+    zero = encoder_offset.EFFECT.size_prior(ROTARY, 0, {}, theta)  # pyright: ignore[reportArgumentType]
+    assert (tilt > zero) is tilted
+    assert abs(tilt - zero) < 8.0  # so near that the set holds both
+
+
+@pytest.mark.parametrize(("damping", "number"), [(0.0, False), (0.3, True)])
+def test_friction_is_a_number_only_where_the_model_has_some(damping, number):
+    model = SimpleNamespace(dof_damping=np.array([damping]), dof_frictionloss=np.array([0.2]))
+    search = SimpleNamespace(problem=SimpleNamespace(ctx=SimpleNamespace(model=SimpleNamespace(model=model))))
+    assert Search._a_number(search, Term("viscous_friction", 0)) is number  # pyright: ignore[reportArgumentType]
+    assert Search._a_number(search, Term("coulomb_friction", 0))  # pyright: ignore[reportArgumentType]
+    assert not Search._a_number(search, Term("stribeck", 0))  # pyright: ignore[reportArgumentType]
+
+
+def test_a_wrong_number_says_what_else_it_could_be():
+    table = {"scale": {"value": 0.97, "unit": "1", "interval90": [0.95, 0.99], "identifiable": True}}
+    search = SimpleNamespace(effects={"effort_scale": SCALE})
+
+    def entry(also):
+        named = Named(
+            Term("effort_scale", 0), "effort_scale", "elbow", 0.9, also, "", table, np.array([0.03])
+        )
+        return off_entries(SimpleNamespace(), search, named)[0]  # pyright: ignore[reportArgumentType]
+
+    assert entry(["payload"])["could_also_be"] == ["payload"]
+    assert entry(["payload"])["to"] == 0.97
+    assert "could_also_be" not in entry([])
