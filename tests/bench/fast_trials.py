@@ -250,10 +250,10 @@ def run_trial(out: Path, chosen: dict[str, Any], kind: str, number: int, attempt
 
     s2r_host.run.pipeline.open_session = direct
     s2r_host.run.feeling.samples_in = samples_in
+    usual = {"seed": number, "attempts": attempts, "acknowledge_contact": True, "settle_s": 0.0}
     settings = RunSettings(
-        target=trial.change, task=TASKS[kind], from_pushed=True, out=folder / "run", seed=number,
-        attempts=attempts, acknowledge_contact=True, settle_s=0.0, **chosen,
-    )  # fmt: skip
+        target=trial.change, task=TASKS[kind], from_pushed=True, out=folder / "run", **(usual | chosen)
+    )
     with (folder / "host.log").open("w") as log:
         record = s2r_host.run.pipeline.run_task(settings, Journal(Console(file=log, width=200)))
     truth.close()

@@ -18,6 +18,11 @@ BENCHES: dict[str, Command] = {
     "paper": Command(
         "s2r_sim.paper.cli:paper", "host,sim", "The paper's accuracy table on concealed objects."
     ),
+    "ablations": Command(
+        "s2r_sim.paper.cli_ablations:ablations",
+        "host,sim",
+        "The same trials with other options, pair by pair.",
+    ),
     "missing": Command(
         "s2r_sim.missing.cli:missing",
         "host,sim",

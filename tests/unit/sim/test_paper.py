@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from s2r_sim.paper.ablations import ablations
+from s2r_sim.paper.ablations import ablations, interval, uncorrected
 from s2r_sim.paper.cli import paper
+from s2r_sim.paper.cli_ablations import ablations as ablation_command
 from s2r_sim.paper.page import PICTURE, write_page
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import failed_stage
@@ -88,10 +89,55 @@ def test_ablations_compare_shared_trials_and_count_failures_as_misses():
         {**row, "delta_first": None if row["number"] == 1 else 3 * (row["delta"] or 0.1)} for row in ROWS[:3]
     ]
     text = "\n".join(ablations(ROWS, ["drawer", "faucet"], {"without torque": worse}))
-    assert "| drawer | as it is | 3 | 1 (33 %" in text
-    assert "| drawer | without torque | 3 | 0 (0 %" in text
-    assert "+80.0 %" in text  # 5 -> 15, 20 -> 100, 45 -> 135
+    # First: 5, 20, 45 % against 15, 100 (no manipulation), 135 %.
+    assert "| without torque | drawer | 3 | 1 → 0 | 2 → 1 | 23.3 → 83.3 % | 20.0 → 100.0 % | +60.0 %" in text
+    assert "+80.0 %" in text
+    assert "| without torque | drawer | 3 | 1 → 1 | 2 → 2 |" in text  # last: the same
     assert "faucet" not in text
+
+
+def test_several_kinds_are_told_together_too_and_what_correcting_is_worth():
+    rows = [{**row, "kind": kind} for kind in ("drawer", "laptop") for row in ROWS]
+    first = [{**row, "delta_first": 0.09} for row in rows]
+    pairs = uncorrected(first, KINDS)
+    assert [(one.kind, len(one.ours)) for one in pairs] == [("drawer", 5), ("laptop", 5), ("all", 10)]
+    assert pairs[0].differences("delta") == pytest.approx([0.85, 0.7, 0.45, -1.1, -0.1])
+    assert not pairs[0].differences("delta_first").any()
+
+
+def test_the_interval_of_differences_holds_them_and_is_narrow_for_equal_ones():
+    middle, low, high = interval(np.array([-1.0, 0.0, 1.0, 2.0]), "mean")
+    assert low < middle == 0.5 < high
+    assert interval(np.full(5, 0.2), "median") == pytest.approx((0.2, 0.2, 0.2))
+
+
+def test_the_page_of_ablations_has_tables_picture_remarks_and_every_trial(tmp_path):
+    for name, rows in (("base", ROWS), ("other", [{**row, "delta_first": 0.09} for row in ROWS])):
+        (tmp_path / name).mkdir()
+        lines = [json.dumps({"job": [row["kind"], row["number"], 5], "result": row}) for row in rows]
+        (tmp_path / name / "results.jsonl").write_text("\n".join(lines))
+    remarks = tmp_path / "remarks.md"
+    remarks.write_text("## What it says\n")
+    page, pair = tmp_path / "page" / "ablations.md", f"no eyes={tmp_path / 'base'},{tmp_path / 'other'}"
+    result = CliRunner().invoke(
+        ablation_command, ["--pair", pair, "--page", str(page), "--remarks", str(remarks)]
+    )
+    assert result.exit_code == 0, result.output
+    text = page.read_text()
+    assert "## What it says" in text
+    assert "| no eyes | drawer | 5 |" in text
+    assert "| without correction | drawer | 5 |" in text
+    assert "| no eyes | drawer | 4 | –, – | +90.0 %, – |" in text
+    assert page.with_name("ablations.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("pair", "complaint"),
+    [("x=/nowhere,/nowhere", "give LABEL=BASE,DIR"), ("x=/nowhere", "give LABEL=BASE,DIR")],
+)
+def test_campaigns_that_are_not_there_cannot_be_compared(tmp_path, pair, complaint):
+    result = CliRunner().invoke(ablation_command, ["--pair", pair, "--page", str(tmp_path / "p.md")])
+    assert complaint in str(result.exception)
 
 
 def test_campaigns_to_compare_with_must_be_there(tmp_path):
