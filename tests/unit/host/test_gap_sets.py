@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.effects import encoder_offset, gravity_tilt
+from s2r_host.gap.effects.backlash import EFFECT as BACKLASH
 from s2r_host.gap.effects.effort_scale import EFFECT as SCALE
 from s2r_host.gap.naming import CEILING, Named, slot_probabilities
 from s2r_host.gap.parameters_off import off_entries
@@ -65,3 +66,17 @@ def test_a_wrong_number_says_what_else_it_could_be():
     assert entry(["payload"])["could_also_be"] == ["payload"]
     assert entry(["payload"])["to"] == 0.97
     assert "could_also_be" not in entry([])
+
+
+@pytest.mark.parametrize(("step", "narrowest"), [(5e-6, 2e-4), (2e-4, 1.2e-3), (2e-5, 4e-4)])
+def test_play_is_sought_as_narrow_as_the_encoder_resolves(step, narrowest):
+    """A radian to either side; at least 0.01 % of the travel, at most 0.06 % of it."""
+    session = SimpleNamespace(q_lsb=np.array([step]), mass=np.ones((3, 1)))
+    model = SimpleNamespace(model=SimpleNamespace(dof_armature=np.array([0.2])))
+    ctx = SimpleNamespace(
+        sessions=[session], model=model, span=lambda joint: (-1.0, 1.0), turns=lambda joint: 0
+    )
+    widths = sorted({s["w"] for s in BACKLASH.shapes(ctx, 0)})  # pyright: ignore[reportArgumentType]
+    assert widths[0] == pytest.approx(narrowest)
+    assert widths[-1] == pytest.approx(0.1)
+    assert max(np.diff(np.log(widths))) < 0.2

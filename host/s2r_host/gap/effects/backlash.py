@@ -16,6 +16,11 @@ from s2r_host.gap.session import Session
 from s2r_host.gap.states import stop_operator
 
 LOG_STEP = 0.06
+NARROWEST, WIDEST = (0.0001, 0.0006), 0.05  # half widths tried, as shares of the travel
+RESOLVED, WIDTH_RATIO = (
+    20.0,
+    0.193,
+)  # encoder steps in a half width that shows; logarithm of the next by the last
 LOOSE_SHARES = (0.25, 0.4, 0.55, 0.7, 0.85)  # free part of the travel between both friction forces
 LOOSE_ODDS = -3.0  # a joint whose load is friction alone is the rarer machine
 
@@ -39,10 +44,13 @@ class Backlash(Effect):
         return None if both > 0.005 else "the load never changes sign: the gap is never crossed"
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
-        """Half widths from the encoder step to 6 % of the travel."""
+        """Half widths up to 5 % of the travel, from 0.06 % of it, or from 0.01 % where the encoder resolves that."""
         low, high = ctx.span(joint)
-        widths = (high - low) * np.geomspace(0.0006, 0.05, 24)
-        least = 4.0 * max(float(s.q_lsb[joint]) for s in ctx.sessions)
+        step = max(float(s.q_lsb[joint]) for s in ctx.sessions)
+        narrowest = float(np.clip(RESOLVED * step / (high - low), *NARROWEST))
+        count = 1 + int(np.ceil(np.log(WIDEST / narrowest) / WIDTH_RATIO))
+        widths = (high - low) * np.geomspace(narrowest, WIDEST, count)
+        least = 4.0 * step
         reaches = [r for r in (high - low) * np.geomspace(0.002, 0.3, 16) if r > least]
         loose = [
             {"reach": float(r), "loose": x} for r in reaches for x in LOOSE_SHARES if ctx.turns(joint) >= 2
