@@ -49,7 +49,8 @@ def find_hooks(
 ) -> list[Hook]:
     """Places for the fingertip to move the part from its present state to ``s_target``, best first, at least one.
 
-    With ``leave`` the fingertip must be free to let go there.
+    With ``leave`` the fingertip must be free to let go there. Where no place leaves the robot the distance that the
+    settings want, those are taken that it fits at.
 
     Raises:
         OutOfReachError: There is no free place behind the part, or the arm reaches none of them.
@@ -58,6 +59,28 @@ def find_hooks(
     patience = patience or Patience()
     name = Path(object_mjcf).name
     refuse_far(scene, world, name)
+    if settings.apart_m > 0.0:
+        try:
+            return _hooks_apart(
+                scene, world, name, s_target, settings, settings.apart_m, patience, leave=leave
+            )
+        except OutOfReachError as error:
+            logger.info("not with %.0f mm around the robot: %s", 1e3 * settings.apart_m, error)
+    return _hooks_apart(scene, world, name, s_target, settings, 0.0, patience, leave=leave)
+
+
+def _hooks_apart(
+    scene: Scene,
+    world: FineWorld,
+    name: str,
+    s_target: float,
+    settings: PlanSettings,
+    apart_m: float,
+    patience: Patience,
+    *,
+    leave: bool,
+) -> list[Hook]:
+    """Places that leave the robot, the fingertip excepted, some distance to everything, best first, at least one."""
     probe = HandProbe(scene, world.data, settings.threads)
     sign = float(np.sign(s_target - world.s))
     why = (
@@ -69,10 +92,12 @@ def find_hooks(
         if coming != "usual" and ways:
             break
         patience.check(f"looking for places for the fingertip at {points} points")
-        places = find_places(scene, world.data, probe, sign, points, ways=coming, room_m=settings.room_m)
+        places = find_places(
+            scene, world.data, probe, sign, points, ways=coming, room_m=settings.room_m, deep=settings.deep
+        )
         if not len(places):
             continue
-        solver = Postures(scene, world, places, s_target, settings, leave=leave)
+        solver = Postures(scene, world, places, s_target, settings, leave=leave, apart_m=apart_m)
         order = ranked_places(scene, world, places, settings.room_m, listed)
         hooks = _cheapest(scene, world, solver, places, order)
         patience.check(f"looking for a free way to {len(hooks)} postures")

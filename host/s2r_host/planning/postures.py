@@ -39,12 +39,14 @@ class Postures:
         settings: PlanSettings,
         *,
         leave: bool = False,
+        apart_m: float = 0.0,
     ) -> None:
+        """Args: ``leave``, also free to let go at the target; ``apart_m``, what is nearer to the robot is touched."""
         self._leave, self._world = leave, world
         self._scene, self._q, self._s, self._s_target = scene, world.q, world.s, s_target
         self._places = places
         self._tool = ToolKinematics(scene, settings.joint_margin_rad, settings.threads)
-        self._space = FreeSpace(scene, settings.threads, others=world.others)
+        self._space = FreeSpace(scene, settings.threads, apart_m, world.others)
         self._tightness = tightness(places, settings.room_m)
         self._part = [_part_pose_at(scene, world, self._s + k * (s_target - self._s)) for k in _SHARES]
         joint = scene.joint_id

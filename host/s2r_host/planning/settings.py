@@ -178,6 +178,10 @@ class PlanSettings:
         backtracks: How often a stage may go back some steps when every action touches something unexpected.
         hooks: Fingertip places on the part, with a free way there, that are prepared before planning.
         room_m: Way from a place to the touch that is wished for: more where it is less known where the part ends.
+        deep: The fingertip reaches past the point it is to push by no less than its own thickness: where the part may
+            end earlier than believed, what grazes its edge slips over it.
+        apart_m: Distance that the robot keeps from everything at a place, on its way there and on with the part, the
+            fingertip excepted, where any place leaves so much. 0: it is enough to touch nothing.
         ensemble: Believable objects that every sequence is rolled out with; its reward is their mean. 1: the believed
             one alone.
         doubt: How far the others may be from it.
@@ -206,6 +210,8 @@ class PlanSettings:
     backtracks: int = 6
     hooks: int = 4
     room_m: float = USUAL_ROOM_M
+    deep: bool = False
+    apart_m: float = 0.0
     ensemble: int = 1
     doubt: Doubt = field(default_factory=Doubt)
     threads: int = 0
@@ -227,6 +233,7 @@ class PlanSettings:
         _require(self.tolerance_rad > 0.0, "tolerance_rad", self.tolerance_rad, "positive")
         _require(0.0 < self.torque_margin <= 1.0, "torque_margin", self.torque_margin, "within (0, 1]")
         _require(self.room_m > 0.0, "room_m", self.room_m, "positive")
+        _require(self.apart_m >= 0.0, "apart_m", self.apart_m, "zero or more")
         _require(self.press_max_N > 0.0, "press_max_N", self.press_max_N, "positive")
         _require(0.0 < self.contact_margin <= 1.0, "contact_margin", self.contact_margin, "within (0, 1]")
         _require(self.ensemble >= 1, "ensemble", self.ensemble, "at least 1")

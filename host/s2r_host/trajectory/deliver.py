@@ -18,7 +18,7 @@ from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import plan_manipulation, scene_of
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
-from s2r_host.trajectory.perturb import perturbed
+from s2r_host.trajectory.perturb import farthest_m, perturbed
 from s2r_host.trajectory.shift import shift_with_part
 from s2r_host.trajectory.time_law import TimeLawSettings, time_law
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
@@ -47,6 +47,7 @@ class Delivery:
         speed: Share of the time law's full speed.
         fragile: With which slightly different object the motion fails, or that the contact is so hard that the executor
             may take it for a collision, in words; None: neither.
+        hits: That object is touched by something else than the fingertip.
     """
 
     trajectory: Trajectory
@@ -55,6 +56,7 @@ class Delivery:
     followed: str
     speed: float
     fragile: str | None = None
+    hits: bool = False
 
 
 def plan_trajectory(
@@ -69,6 +71,9 @@ def plan_trajectory(
     only_found: bool = False,
 ) -> tuple[PlanResult, Delivery]:
     """Plan and deliver; a plan that cannot be delivered is planned again with another seed.
+
+    After a motion that hits a slightly different object, the robot keeps as far from everything as that object may be
+    displaced, see :func:`apart`.
 
     Args:
         request: The task.
@@ -89,10 +94,10 @@ def plan_trajectory(
     second_best: tuple[PlanResult, Delivery] | None = None
     for attempt in range(attempts):
         found = False
+        hit = second_best is not None and second_best[1].hits
+        task = replace(apart(request) if hit else request, seed=request.seed + SEED_STEP * attempt)
         try:
-            result = plan_manipulation(
-                replace(request, seed=request.seed + SEED_STEP * attempt), scene, patience
-            )
+            result = plan_manipulation(task, scene, patience)
             found = result.success
             delivery = deliver(
                 request, result, settings, scene=scene, patience=patience, accept_fragile=accept_fragile
@@ -160,10 +165,10 @@ def deliver(
         timed = replace(settings, speed=settings.speed * speed)
         delivery, problem = _corrected(request, result, scene, path, touch, timed, followed)
         if delivery is not None:
-            fragile = fragility(delivery, request, scene, perturbations)
-            if fragile is None:
+            delivery = judged(delivery, request, scene, perturbations)
+            if delivery.fragile is None:
                 return delivery
-            problem, delivery = fragile, replace(delivery, fragile=fragile)
+            problem = delivery.fragile
             if second_best is None or _calmer(delivery, second_best, request):
                 second_best = delivery
             if accept_fragile and _is_settled(delivery, request, scene, perturbations):
@@ -172,6 +177,12 @@ def deliver(
     if second_best is not None and accept_fragile:
         return second_best
     raise PlanRefusedError(problem)
+
+
+def apart(request: PlanRequest) -> PlanRequest:
+    """The same task with the robot as far from everything as the object may be displaced, where there is room."""
+    far_m = farthest_m(request.settings.doubt)
+    return replace(request, settings=replace(request.settings, apart_m=far_m))
 
 
 def _calmer(delivery: Delivery, other: Delivery, request: PlanRequest) -> bool:
@@ -191,37 +202,45 @@ def _is_settled(
     return not hard and cannot_stay(request, scene, perturbations)
 
 
-def fragility(
+def judged(
     delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...]
-) -> str | None:
-    """Why the motion may end in a protection stop, or which slightly different object it loses, in words, or None."""
+) -> Delivery:
+    """The motion with what is found to be fragile about it."""
+    fragile, hits = _fragility(delivery, request, scene, perturbations)
+    return replace(delivery, fragile=fragile, hits=hits)
+
+
+def _fragility(
+    delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...]
+) -> tuple[str | None, bool]:
+    """Why the motion may end in a protection stop, or which slightly different object it loses; whether it hits it."""
     tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
     share, margin = delivery.replay.contact_share, request.settings.contact_margin
     if share > margin:
         return (
             f"fragile: contact takes {share:.0%} of a joint's torque limit, more than {margin:.0%}; "
             "the executor takes half of it for a collision"
-        )
+        ), False
     for perturbation in perturbations:
         played = replay(delivery.trajectory, request, perturbation.applied(scene))
         if played.contact is not None:
-            return f"fragile: with the {perturbation} it touches {played.contact}"
+            return f"fragile: with the {perturbation} it touches {played.contact}", True
         if played.press_N > _FRAGILE_PRESS * request.settings.press_max_N:
             return (
                 f"fragile: with the {perturbation} it presses across the motion with {played.press_N:.0f} N"
-            )
+            ), False
         if played.contact_share > _FRAGILE_CONTACT * request.settings.contact_margin:
             share = f"{played.contact_share:.0%} of a joint's torque limit"
-            return f"fragile: with the {perturbation} contact takes {share}"
+            return f"fragile: with the {perturbation} contact takes {share}", False
         if abs(played.error) > _FRAGILE * tolerance:
             falls = _falls_with(request, scene, perturbation)
             if falls is not None:
                 return (
                     f"fragile, as any plan would be: with the {perturbation} the part does not stay at its target: "
                     f"{falls}"
-                )
-            return f"fragile: with the {perturbation} it ends {played.error:+.4f} from the target"
-    return None
+                ), False
+            return f"fragile: with the {perturbation} it ends {played.error:+.4f} from the target", False
+    return None, False
 
 
 def cannot_stay(request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...] | None = None) -> bool:

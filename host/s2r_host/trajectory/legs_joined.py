@@ -8,7 +8,7 @@ import numpy as np
 
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
-from s2r_host.trajectory.deliver import Delivery, fragility
+from s2r_host.trajectory.deliver import Delivery, judged
 from s2r_host.trajectory.perturb import perturbed
 from s2r_host.trajectory.retreat import Retreat
 from s2r_host.trajectory.trajectory import Trajectory
@@ -75,8 +75,7 @@ def together(request: PlanRequest, scene: Scene, legs: list[Leg]) -> LeggedPlan:
     speed = min(leg.delivery.speed for leg in legs)
     delivery = Delivery(whole, played, sum(leg.delivery.corrections for leg in legs), last.followed, speed)
     beliefs = perturbed(request.settings.doubt, scene.axis_at_rest())
-    fragile = fragility(delivery, request, scene, beliefs)
-    return LeggedPlan(tuple(placed), replace(delivery, fragile=fragile))
+    return LeggedPlan(tuple(placed), judged(delivery, request, scene, beliefs))
 
 
 def _one_after_another(motions: list[Trajectory], pause_s: float) -> Trajectory:

@@ -16,7 +16,7 @@ from s2r_host.planning.planner import world_of
 from s2r_host.planning.reach import stops_on_the_way
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
-from s2r_host.trajectory.deliver import SEED_STEP, Delivery, cannot_stay, plan_trajectory
+from s2r_host.trajectory.deliver import SEED_STEP, Delivery, apart, cannot_stay, plan_trajectory
 from s2r_host.trajectory.legs_joined import Leg, LeggedPlan, together
 from s2r_host.trajectory.retreat import retreat
 from s2r_host.trajectory.time_law import TimeLawSettings
@@ -56,7 +56,7 @@ def calmest(search: LegSearch, request: PlanRequest, *, slipped: bool) -> Legged
                 second_best = whole
                 if cannot_stay(request, search.scene):
                     return whole
-                search.only_calm(_CALMER_TRIED)
+                search.only_calm(_CALMER_TRIED, apart=whole.delivery.hits)
     except TimeIsUpError:
         if second_best is None:
             raise
@@ -68,12 +68,12 @@ class LegSearch:
 
     def __init__(self, settings: TimeLawSettings | None, scene: Scene, patience: Patience) -> None:
         self._settings, self.scene, self._patience = settings, scene, patience
-        self._left, self._fragile_too = _MOST_TRIED, True
+        self._left, self._fragile_too, self._apart = _MOST_TRIED, True, False
         self.problem: str | None = None
 
-    def only_calm(self, count: int) -> None:
-        """Plan no more than so many further legs, and take none that is fragile."""
-        self._left, self._fragile_too = min(self._left, count), False
+    def only_calm(self, count: int, *, apart: bool) -> None:
+        """Plan no more than so many further legs, none that is fragile; ``apart``: with room around the robot."""
+        self._left, self._fragile_too, self._apart = min(self._left, count), False, apart
 
     def onward(self, request: PlanRequest, most: int, *, slipped: bool) -> Iterator[list[Leg]]:
         """Legs from where a request begins to its target, at least two and at most ``most``, one way after another."""
@@ -83,9 +83,15 @@ class LegSearch:
         )
         logger.info("from s = %.3f: stops at %s", request.s_initial, np.round(stops, 3))
         for s_stop in stops:
-            leg = self._leg(replace(request, s_target=s_stop, leave=True))
-            if leg is not None:
-                yield from self._followed(leg, request, most)
+            task = replace(request, s_target=s_stop, leave=True)
+            leg = self._leg(task)
+            if leg is None:
+                continue
+            yield from self._followed(leg, request, most)
+            if leg.delivery.hits and self._apart:
+                again = self._leg(task)
+                if again is not None:
+                    yield from self._followed(again, request, most)
 
     def _followed(self, leg: Leg, request: PlanRequest, most: int) -> Iterator[list[Leg]]:
         """A leg with what may come after it."""
@@ -139,7 +145,7 @@ class LegSearch:
         self._patience.check(f"a leg from s = {request.s_initial:.3f} to {request.s_target:.3f}")
         try:
             return plan_trajectory(
-                cheaply(request),
+                cheaply(apart(request) if self._apart else request),
                 self._settings,
                 1,
                 scene=self.scene,

@@ -66,5 +66,10 @@ def _vector(values: np.ndarray) -> tuple[float, float, float]:
     return x, y, z
 
 
+def farthest_m(doubt: Doubt) -> float:
+    """How far the farthest of these objects is displaced [m]."""
+    return _FARTHER * doubt.shift_sigma_m
+
+
 PERTURBATIONS = perturbed(Doubt())
 """For errors of calibration and perception of 1 to 2 mm; friction and damping are typed in, not measured."""

@@ -83,7 +83,7 @@ class Search:
     def __init__(self, *names):
         self.names, self.scene, self.problem, self.calm = names, None, None, None
 
-    def only_calm(self, count):
+    def only_calm(self, count, *, apart):
         self.calm = count
 
     def onward(self, *_, **__):
@@ -102,7 +102,9 @@ def worth(monkeypatch):
         fragile = None if names == ["calm"] else f"fragile: {names[0]}"
         return SimpleNamespace(
             name=names[0],
-            delivery=SimpleNamespace(fragile=fragile, replay=SimpleNamespace(contact_share=share)),
+            delivery=SimpleNamespace(
+                fragile=fragile, hits=False, replay=SimpleNamespace(contact_share=share)
+            ),
         )
 
     monkeypatch.setattr(legs_search, "together", together)
