@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_sim.paper.ablations import FIRST, LAST, LEAST, WITHOUT_CORRECTION, Pairs, interval, tables
+from s2r_sim.paper.ablations import FIRST, LAST, LEAST, Pairs, interval, tables
 
 PICTURE = "ablations.png"
 _COLOURS = {"drawer": "#20639b", "laptop": "#e08e45", "faucet": "#3a8f5c", "all": "#222222"}
@@ -62,7 +62,7 @@ def _trials(comparisons: Sequence[Sequence[Pairs]]) -> list[str]:
     ]
     for pairs in comparisons:
         for one in pairs:
-            if one.kind == "all" or one.label == WITHOUT_CORRECTION:
+            if one.kind == "all" or one.only_last:
                 continue
             for ours, changed in zip(one.ours, one.changed, strict=True):
                 shown = [
@@ -90,7 +90,7 @@ def draw(comparisons: Sequence[Sequence[Pairs]], path: Path) -> None:
     titles = (("after the first manipulation", FIRST), ("after the last manipulation", LAST))
     for axes, (title, key) in zip(panels, titles, strict=True):
         for place, pairs in enumerate(comparisons):
-            if key == FIRST and pairs[0].label == WITHOUT_CORRECTION:
+            if key == FIRST and pairs[0].only_last:
                 continue  # the same by definition
             for k, one in enumerate(pairs):
                 y = place + _ROW * (k - 0.5 * (len(pairs) - 1))

@@ -34,6 +34,11 @@ class Pairs:
     ours: list[Row]
     changed: list[Row]
 
+    @property
+    def only_last(self) -> bool:
+        """Whether the two are the same up to the first manipulation by definition."""
+        return self.label.startswith(WITHOUT_CORRECTION)
+
     def differences(self, key: str) -> np.ndarray:
         """|δ_r| of the changed system less that of the system as it is, (n,)."""
         return relative(self.changed, key) - relative(self.ours, key)
@@ -53,10 +58,10 @@ def pairs_of(rows: Sequence[Row], others: Sequence[Row], label: str, kinds: Sequ
     return found
 
 
-def uncorrected(rows: Sequence[Row], kinds: Sequence[str]) -> list[Pairs]:
-    """The campaign as it is against its own first manipulations: what correcting is worth."""
+def uncorrected(rows: Sequence[Row], kinds: Sequence[str], name: str) -> list[Pairs]:
+    """A campaign, of some name, against its own first manipulations: what correcting is worth."""
     alone = [{**row, LAST: row.get(FIRST)} for row in rows]
-    return pairs_of(rows, alone, WITHOUT_CORRECTION, kinds)
+    return pairs_of(rows, alone, f"{WITHOUT_CORRECTION} ({name})", kinds)
 
 
 def ablations(rows: Sequence[Row], kinds: Sequence[str], others: Mapping[str, Sequence[Row]]) -> list[str]:
@@ -72,8 +77,7 @@ def ablations(rows: Sequence[Row], kinds: Sequence[str], others: Mapping[str, Se
 
 def tables(comparisons: Sequence[Sequence[Pairs]]) -> list[str]:
     """The tables for several option sets, each with its pairs by kind."""
-    told = [[one for one in pairs if one.label != WITHOUT_CORRECTION] for pairs in comparisons]
-    told = [pairs for pairs in told if pairs]
+    told = [pairs for pairs in comparisons if not pairs[0].only_last]
     return [
         "Cells with an arrow: the system as it is → with the option set, on the trials that both campaigns hold. "
         "|δ_r| of a trial without a manipulation counts as 100 %. "

@@ -29,14 +29,15 @@ from s2r_protocol.exits import UsageError
 def ablations(pairs: tuple[str, ...], page: Path, remarks: Path | None) -> None:
     """Compare campaigns of 's2r bench paper' or tests/bench/fast_trials.py on the trials that they share.
 
-    What correcting is worth is read off the first one's own first and last manipulations.
+    What correcting is worth is read off every BASE's own first and last manipulations.
     """
     from s2r_sim.batch import results_in
     from s2r_sim.paper.ablation_page import write_page
-    from s2r_sim.paper.ablations import FIRST, pairs_of, relative, uncorrected
+    from s2r_sim.paper.ablations import FIRST, Pairs, pairs_of, relative, uncorrected
     from s2r_sim.paper.trials import KINDS
 
-    comparisons = []
+    comparisons: list[list[Pairs]] = []
+    corrected: dict[Path, list[Pairs]] = {}
     for entry in pairs:
         label, _, folders = entry.partition("=")
         files = [Path(folder) / "results.jsonl" for folder in folders.split(",")]
@@ -46,9 +47,9 @@ def ablations(pairs: tuple[str, ...], page: Path, remarks: Path | None) -> None:
         found = pairs_of(rows, results_in(files[1]), label, KINDS)
         if not found:
             raise UsageError(f"--pair {entry!r}: the two campaigns share no trial")
-        if not comparisons:
-            comparisons.append(uncorrected(rows, KINDS))
+        corrected.setdefault(files[0], uncorrected(rows, KINDS, files[0].parent.name))
         comparisons.append(found)
+    comparisons = [*corrected.values(), *comparisons]
     told = " ".join(f"--pair '{entry.partition('=')[0]}=BASE,DIR'" for entry in pairs)
     text = remarks.read_text() if remarks is not None else ""
     write_page(comparisons, page, f"s2r bench ablations {told} --page docs/ablations.md", text)

@@ -99,7 +99,8 @@ def test_ablations_compare_shared_trials_and_count_failures_as_misses():
 def test_several_kinds_are_told_together_too_and_what_correcting_is_worth():
     rows = [{**row, "kind": kind} for kind in ("drawer", "laptop") for row in ROWS]
     first = [{**row, "delta_first": 0.09} for row in rows]
-    pairs = uncorrected(first, KINDS)
+    pairs = uncorrected(first, KINDS, "plain")
+    assert {one.label for one in pairs} == {"without correction (plain)"}
     assert [(one.kind, len(one.ours)) for one in pairs] == [("drawer", 5), ("laptop", 5), ("all", 10)]
     assert pairs[0].differences("delta") == pytest.approx([0.85, 0.7, 0.45, -1.1, -0.1])
     assert not pairs[0].differences("delta_first").any()
@@ -126,7 +127,7 @@ def test_the_page_of_ablations_has_tables_picture_remarks_and_every_trial(tmp_pa
     text = page.read_text()
     assert "## What it says" in text
     assert "| no eyes | drawer | 5 |" in text
-    assert "| without correction | drawer | 5 |" in text
+    assert "| without correction (base) | drawer | 5 |" in text
     assert "| no eyes | drawer | 4 | –, – | +90.0 %, – |" in text
     assert page.with_name("ablations.png").stat().st_size > 5000
 
