@@ -1,16 +1,20 @@
 """A lever: a straight bar that stands out from its hub. Its sides matter, for they are what gets pushed.
 
 Cameras show one or two sides of a bar, fattened at the edges by the matching window. The flat pieces that suit lids and
-fronts make of it a broad thin plate with splinters around it; a box along its line is nearer to what a fingertip meets.
+fronts make of it a broad thin plate with splinters around it; a prism along its line is nearer to what a fingertip
+meets. What its cross-section is say its faces and its outlines in both views (:mod:`s2r_host.model.section`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_host.model.pieces import Piece, box
-from s2r_host.model.points import ObservedObject
+from s2r_host.model.pieces import Piece, box, hull
+from s2r_host.model.points import Look, ObservedObject
+from s2r_host.model.section import Section, SectionLook, fit_section
 
 Array = NDArray[np.floating]
 
@@ -18,16 +22,20 @@ HUB_M = 0.03  # about the axis, where hub and column are
 LINE_M = 0.022  # points this near to the line are the bar's
 LEAST_SHARE = 0.6  # of the points outside of the hub
 LEAST_LENGTH_M, MOST_WIDTH_M = 0.045, 0.055
-LEAST_SLENDER = 2.0  # length over width
+LEAST_SLENDER = 1.5  # length beside the hub over width
 FAT_M = 0.0025  # by which an outline is too wide on each side
 TRIM = 2.0  # percent of the points beyond either side, which are stray
-THINNEST_M, THICKEST_M = 0.008, 0.028
+LEAST_ACROSS = 0.3  # sine between bar and axis: along the axis nothing is pushed
+END_M, WITHIN_M = 0.005, 0.03  # points so far from its ends, and so near to its line, are of its sides
+ALONG = 0.35  # cosine; outlines that face more along the bar are those of its ends
+LEAST_SEEN, LEAST_EDGE = 20, 8  # points
+CORNERS = 12  # of the prism that stands for a rod
 FIT_STEPS = 6
 LEAST_POINTS = 150
 
 
 def bar_pieces(seen: ObservedObject, p_axis: Array, axis: Array) -> list[Piece] | None:
-    """A box for the bar and one for its hub, or None where the part is no bar.
+    """A prism for the bar and a block for its hub, or None where the part is no bar.
 
     Args:
         seen: The part, in the pose of the first view.
@@ -35,31 +43,97 @@ def bar_pieces(seen: ObservedObject, p_axis: Array, axis: Array) -> list[Piece] 
     """
     if seen.p_camera is None:
         return None
-    offset = seen.part - p_axis
-    radius = np.linalg.norm(offset - np.outer(offset @ axis, axis), axis=1)
+    radius = _radius(seen.part, p_axis, axis)
     out = seen.part[radius > HUB_M]
     fit = _line(out)
     if fit is None:
         return None
     centre, along, near = fit
-    view = centre - seen.p_camera
-    depth = view - (view @ along) * along
-    depth /= np.linalg.norm(depth)
-    X = np.eye(4)
-    X[:3, :3], X[:3, 3] = np.column_stack([along, np.cross(depth, along), depth]), centre
-    local = (out[near] - centre) @ X[:3, :3]
-    low, high = np.percentile(local, [TRIM, 100.0 - TRIM], axis=0)
-    width = max(float(high[1] - low[1]) - 2.0 * FAT_M, THINNEST_M)
-    length = float(high[0] - low[0])
-    if length < LEAST_LENGTH_M or width > MOST_WIDTH_M or length < LEAST_SLENDER * width:
+    way = np.cross(axis, along)
+    if np.linalg.norm(way) < LEAST_ACROSS:
         return None
-    middle = 0.5 * (low[1] + high[1])
-    front = float(np.percentile(local[np.abs(local[:, 1] - middle) < 0.25 * width][:, 2], 20.0))
-    back = max(float(high[2]) - FAT_M, front + float(np.clip(width, THINNEST_M, THICKEST_M)))
-    ends = np.percentile(local[:, 0], [1.0, 99.0])
-    sides = middle - 0.5 * width, middle + 0.5 * width
-    bar = box("bar", "part", X, np.array([ends[0], sides[0], front]), np.array([ends[1], sides[1], back]))
-    return [bar, *_hub(seen.part[radius <= HUB_M], p_axis, axis)]
+    way /= np.linalg.norm(way)
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = np.column_stack([along, way, np.cross(along, way)]), centre
+    low, high = np.percentile((out[near] - centre) @ along, [1.0, 99.0])
+    length = float(high - low)
+    looks = [_in_section(look, X, (low, high), p_axis, axis) for look in seen.looks]
+    looks = [look for look in looks if look is not None]
+    if length < LEAST_LENGTH_M or not looks:
+        return None
+    section = fit_section(looks)
+    width = 2.0 * float(section.half.max())
+    if _spread_m(looks) > MOST_WIDTH_M or length < LEAST_SLENDER * width:
+        return None
+    return [_prism(section, X, float(low), float(high)), *_hub(seen.part[radius <= HUB_M], p_axis, axis)]
+
+
+def _radius(p: Array, p_axis: Array, axis: Array) -> Array:
+    """Distance of points (n, 3) from the axis [m], (n,)."""
+    return np.linalg.norm(np.cross(p - p_axis, axis), axis=1)
+
+
+def _in_section(
+    look: Look, X: Array, span: tuple[float, float], p_axis: Array, axis: Array
+) -> SectionLook | None:
+    """A look in the bar's frame X (4, 4), without its ends and its hub; None where it shows next to nothing."""
+
+    def local(p: Array) -> Array:
+        return (p - X[:3, 3]) @ X[:3, :3]
+
+    def of_bar(p: Array) -> NDArray[np.bool_]:
+        q = local(p)
+        inside = (q[:, 0] > span[0] + END_M) & (q[:, 0] < span[1] - END_M)
+        return inside & (np.linalg.norm(q[:, 1:], axis=1) < WITHIN_M) & (_radius(p, p_axis, axis) > HUB_M)
+
+    surface = local(look.p[of_bar(look.p)])
+    if len(surface) < LEAST_SEEN:
+        return None
+    towards = local(look.p_camera[None])[0, 1:]
+    towards /= np.linalg.norm(towards)
+    aside = np.array([-towards[1], towards[0]])
+    if look.outline is None:
+        return SectionLook(surface, towards, _rims(surface, aside), sharp=False)
+    keep = of_bar(look.outline.points)
+    p, across = local(look.outline.points[keep]), look.outline.across[keep] @ X[:3, :3]
+    sides = [(np.abs(across[:, 0]) < ALONG) & (sign * (across[:, 1:] @ aside) > 0.0) for sign in (1.0, -1.0)]
+    edges = tuple((p[side], across[side]) for side in sides if side.sum() >= LEAST_EDGE)
+    return SectionLook(surface, towards, edges, sharp=True)
+
+
+def _rims(surface: Array, aside: Array) -> tuple[tuple[Array, Array], ...]:
+    """Both edges of a look without colours: the ends of its depth, less what the matching window adds to them."""
+    edges = []
+    for normal in (aside, -aside):
+        end = float(np.percentile(surface[:, 1:] @ normal, 100.0 - TRIM)) - FAT_M
+        edges.append((np.r_[0.0, end * normal][None], np.r_[0.0, normal][None]))
+    return tuple(edges)
+
+
+def _spread_m(looks: Sequence[SectionLook]) -> float:
+    """How wide the widest look shows the bar [m]."""
+    widths = []
+    for look in looks:
+        across = look.surface[:, 1:] @ np.array([-look.towards[1], look.towards[0]])
+        widths.append(float(np.ptp(np.percentile(across, [TRIM, 100.0 - TRIM]))) - 2.0 * FAT_M)
+    return max(widths)
+
+
+def _prism(section: Section, X: Array, low: float, high: float) -> Piece:
+    """The solid with that cross-section from one along-coordinate to another, frame X (4, 4)."""
+    along = np.r_[1.0, section.slope] / np.linalg.norm(np.r_[1.0, section.slope])
+    way = np.array([0.0, 1.0, 0.0]) - along[1] * along
+    way /= np.linalg.norm(way)
+    turned = np.column_stack([along, way, np.cross(along, way)])
+    Y = X.copy()
+    Y[:3, :3] = X[:3, :3] @ turned
+    Y[:3, 3] += X[:3, :3] @ np.r_[0.0, section.centre]
+    if not section.circle:
+        return box("bar", "part", Y, np.r_[low, -section.half], np.r_[high, section.half])
+    angle = 2.0 * np.pi * (np.arange(CORNERS) + 0.5) / CORNERS
+    ring = section.half[0] / np.cos(np.pi / CORNERS) * np.column_stack([np.cos(angle), np.sin(angle)])
+    corners = np.concatenate([np.column_stack([np.full(CORNERS, end), ring]) for end in (low, high)])
+    return hull("bar", "part", corners @ Y[:3, :3].T + Y[:3, 3])
 
 
 def _line(p: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:

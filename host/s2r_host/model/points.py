@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.model.errors import ModelError
+from s2r_host.perception.edges import Edges, outlines_of
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.planes import find_planes
 from s2r_host.perception.view import Seen, View
@@ -18,6 +19,21 @@ Array = NDArray[np.floating]
 SUPPORT_CLEARANCE_M = 0.006
 UPRIGHT_COS = 0.985
 EMPTY_M = 0.002  # before a seen surface, besides its noise, from which on space counts as empty
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What one view shows of the part, in the pose of the first view.
+
+    Attributes:
+        p: Points [m], (n, 3).
+        p_camera: Where the camera stands, seen from the part, (3,).
+        outline: Its outlines in colour; None without colour.
+    """
+
+    p: Array
+    p_camera: Array
+    outline: Edges | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +47,7 @@ class ObservedObject:
         support_height: Height of the supporting plane along ``up`` [m].
         p_camera: Where the first view's camera stood, shape (3,), or None.
         empty: Per body: which of some points (n, 3), pose of the first view, a camera saw to be empty.
+        looks: What each view with a camera shows of the part.
     """
 
     part: Array
@@ -43,6 +60,7 @@ class ObservedObject:
     empty: Mapping[str, Callable[[Array], NDArray[np.bool_]]] = field(
         default_factory=lambda: {"base": _unknown, "part": _unknown}
     )
+    looks: tuple[Look, ...] = ()
 
 
 def _unknown(p: Array) -> NDArray[np.bool_]:
@@ -83,7 +101,20 @@ def observe(estimate: JointEstimate, rng: np.random.Generator, reach_m: float = 
         "base": lambda p: _through(a, p) | _through(b, p),
         "part": lambda p: _through(a, p) | _through(b, p @ X[:3, :3].T + X[:3, 3]),
     }
-    return ObservedObject(part, normals, rest[above], rest_normals[above], up, height, a.p_camera, empty)
+    looks = (*_look(a, in_a, np.eye(4)), *_look(b, in_b, X_back))
+    return ObservedObject(
+        part, normals, rest[above], rest_normals[above], up, height, a.p_camera, empty, looks
+    )
+
+
+def _look(view: View, mask: NDArray[np.bool_], X: Array) -> Iterator[Look]:
+    """The part in a view, carried by X (4, 4); nothing where no camera is known."""
+    if view.p_camera is None:
+        return
+    found = outlines_of(view, mask)
+    if found is not None:
+        found = Edges(found.points @ X[:3, :3].T + X[:3, 3], found.across @ X[:3, :3].T, found.sharp)
+    yield Look(view.points[mask] @ X[:3, :3].T + X[:3, 3], X[:3, :3] @ view.p_camera + X[:3, 3], found)
 
 
 def _through(view: View, p: Array) -> NDArray[np.bool_]:

@@ -101,18 +101,20 @@ def edges_of(scene: Scene) -> tuple[Edges, Edges]:
         (scene.after, scene.changes.after, scene.candidate_after),
     )
     if scene.small():
-        before, after = (_outlines(*side) for side in sides)
+        before, after = (
+            outlines_of(view, (label != Change.STATIC) & candidate) for view, label, candidate in sides
+        )
         if before is not None and after is not None:
             return before.without(after), after.without(before)
     return _depth_edges(*sides[0]), _depth_edges(*sides[1])
 
 
-def _outlines(view: View, label: Label, candidate: Mask) -> Edges | None:
-    """Outlines in colour; None without colour."""
+def outlines_of(view: View, chosen: Mask) -> Edges | None:
+    """Outlines in colour of some of a view's points (n,); None without colour."""
     if not isinstance(view, DepthView) or view.colour is None:
         return None
     wanted = np.zeros(view.shape[0] * view.shape[1], bool)
-    wanted[view.flat[(label != Change.STATIC) & candidate]] = True
+    wanted[view.flat[chosen]] = True
     found = outline(view.depth, view.colour, view.K, wanted.reshape(view.shape))
     across = np.cross(found.outward_C[:, [1, 0, 2]] * (-1.0, 1.0, 0.0), found.p_C)
     across *= np.sign(np.einsum("ni,ni->n", across, found.outward_C))[:, None]

@@ -64,16 +64,18 @@ def find_places(
     *,
     ways: str = "usual",
     room_m: float = USUAL_ROOM_M,
+    deep: bool = False,
 ) -> Places:
     """Places found around the part for motion towards growing (sign 1) or falling s (-1); maybe none.
 
     They are looked for at up to ``points`` points, spread over the faces of the part. The hand may come in ``ways``:
     "usual", level and from above; "oblique", slantwise as well, as behind an upright bar close to its door; "upward",
     from below, as to what is overhead. With more than the usual room to the touch, ``room_m``, they are looked for
-    further behind the part, too, and none that only grazes it.
+    further behind the part, too. ``deep``: none that only grazes it.
     """
-    roomy = room_m > USUAL_ROOM_M
-    p, R, way = _candidates(scene, data, sign, _ORIENTATIONS[ways], points, roomy=roomy)
+    behind_m = (*_BEHIND_M, *_FAR_BEHIND_M) if room_m > USUAL_ROOM_M else _BEHIND_M
+    pads = _DEEP_PAD_M if deep else _PAD_M
+    p, R, way = _candidates(scene, data, sign, _ORIENTATIONS[ways], points, behind_m, pads)
     quat = quats_of(R)
     free = probe.contacts(p, quat) == 0
     p, R, way, quat = p[free], R[free], way[free], quat[free]
@@ -134,12 +136,14 @@ def _candidates(
     sign: float,
     orientations: np.ndarray,
     count: int,
-    *,
-    roomy: bool,
+    behind_m: tuple[float, ...],
+    pads: tuple[float, ...],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tool tips, orientations and directions worth a closer look, at ``count`` points behind the part."""
+    """Tool tips, orientations and directions worth a closer look, at ``count`` points behind the part.
+
+    The point that should meet the part is ``pads`` behind the end of the fingertip, that ``behind_m`` behind the part.
+    """
     seen = _only_solid(scene)
-    behind_m = (*_BEHIND_M, *_FAR_BEHIND_M) if roomy else _BEHIND_M
     centres, ways = _points_behind(scene, seen, data, sign, behind_m)
     axes = orientations[::_ROLLS, :, 2]
     free = [
@@ -151,7 +155,7 @@ def _candidates(
     tips, rotations, directions = [], [], []
     for index in chosen:
         R = _frame(ways[index]) @ orientations[np.repeat(free[index], _ROLLS)]
-        for pad in _DEEP_PAD_M if roomy else _PAD_M:
+        for pad in pads:
             tips.append(centres[index] + pad * R[:, :, 2])
             rotations.append(R)
             directions.append(np.broadcast_to(ways[index], (len(R), 3)))

@@ -39,6 +39,11 @@ def doubt_about(belief: Belief, *, growing: bool) -> Doubt:
     return doubt
 
 
+def deep_about(belief: Belief, share: float) -> bool:
+    """Whether a plan should leave out what only grazes the part: where its edges are is known by sight alone."""
+    return not belief.template.slides and share >= LEAST_ROOMY_SHARE
+
+
 def room_about(belief: Belief, *, growing: bool, share: float) -> float:
     """Way to the touch that a plan should leave for a motion that lets the joint grow, or fall [m]."""
     known = belief.template.slides or belief.touched(growing)

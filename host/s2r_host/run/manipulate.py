@@ -17,7 +17,7 @@ from s2r_host.planning import PlanRequest, PlanResult, PlanSettings, plan_manipu
 from s2r_host.planning.belief import Belief as ObjectBelief
 from s2r_host.run.back_off import back_off
 from s2r_host.run.belief import Belief
-from s2r_host.run.doubts import TOUCHED_SHARE, doubt_about, room_about
+from s2r_host.run.doubts import TOUCHED_SHARE, deep_about, doubt_about, room_about
 from s2r_host.run.measure import Measurement
 from s2r_host.run.measure_view import measure_in
 from s2r_host.run.observe import Observation, observe
@@ -142,12 +142,14 @@ def _prepare_once(
             ensemble=settings.ensemble,
             doubt=doubt_about(belief, growing=sign > 0.0).scaled(doubt),
             room_m=room_about(belief, growing=sign > 0.0, share=doubt),
+            deep=deep_about(belief, doubt),
         ),
     )
     result = plan_manipulation(request)
     if not result.success:
         raise TargetError(result.reason)
-    doubts = tuple(_doubt(one, doubt, belief, request) for one in PERTURBATIONS)
+    pushed_at = session.arm.tool_pose(result.q_meas[-1])[:3, 3]
+    doubts = tuple(_doubt(one, doubt, belief, request, pushed_at) for one in PERTURBATIONS)
     delivery = deliver(request, result, TimeLawSettings(speed=settings.plan_speed), doubts)
     played = delivery.replay
     touched = int(np.argmax(np.abs(played.s - s_initial) > settings.task.moving))
@@ -202,10 +204,14 @@ def way_home(
     )
 
 
-def _doubt(one: ObjectBelief, share: float, belief: Belief, request: PlanRequest) -> ObjectBelief:
+def _doubt(
+    one: ObjectBelief, share: float, belief: Belief, request: PlanRequest, pushed_at: np.ndarray
+) -> ObjectBelief:
     """A perturbation with a share of its displacement and of its (logarithmic) change of resistance.
 
-    Of a hinge's side that has been touched the place is known but for fractions of a millimetre.
+    Of a hinge's side that has been touched the place is known along its motion, which at ``pushed_at`` (3,) is what
+    counts, but for fractions of a millimetre. Across the motion it is as little known as before: a fingertip that
+    just reaches the side may miss it.
     A slide may end higher or lower than believed, because its axis is known to some angle only: what a fingertip
     hooks over an edge must survive that. A hinge holds its part against gravity wherever it was found, so it cannot
     have much less friction than believed.
@@ -217,7 +223,8 @@ def _doubt(one: ObjectBelief, share: float, belief: Belief, request: PlanRequest
     else:
         resistance = max(resistance, 1.0)
         if belief.touched(request.s_target > request.s_initial):
-            x, y, z = TOUCHED_SHARE * x, TOUCHED_SHARE * y, TOUCHED_SHARE * z
+            way = belief.direction_at(pushed_at)
+            x, y, z = np.array([x, y, z]) - (1.0 - TOUCHED_SHARE) * float(way @ (x, y, z)) * way
     resistance = resistance**share
     return replace(
         one, shift_m=(share * x, share * y, share * z), damping=resistance, joint_friction=resistance

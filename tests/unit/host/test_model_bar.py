@@ -1,10 +1,10 @@
-"""Levers become a box along their line; what is no lever does not."""
+"""Levers become a prism along their line; what is no lever does not."""
 
 import numpy as np
 import pytest
 
 from s2r_host.model.bar import bar_pieces
-from s2r_host.model.points import ObservedObject
+from s2r_host.model.points import Look, ObservedObject
 
 AXIS = np.array([0.0, 0.0, 1.0])
 P_AXIS = np.array([0.55, 0.05, 0.0])
@@ -27,8 +27,10 @@ def seen(low, high, rng, count=6000):
 
 
 def observed(part) -> ObservedObject:
+    """One view without colour: the sides that it hides are guessed."""
     empty = np.zeros((0, 3))
-    return ObservedObject(part, np.zeros_like(part), empty, empty, AXIS, 0.0, CAMERA)
+    looks = (Look(part, CAMERA, None),)
+    return ObservedObject(part, np.zeros_like(part), empty, empty, AXIS, 0.0, CAMERA, looks=looks)
 
 
 @pytest.mark.parametrize("turn_deg", [0, 35, 90, 150, 220, 300])
@@ -74,3 +76,8 @@ def test_without_a_camera_nothing_is_known_of_hidden_sides():
     part = observed(seen(LOW, HIGH, np.random.default_rng(0)))
     blind = ObservedObject(part.part, part.part_normals, part.rest, part.rest_normals, AXIS, 0.0, None)
     assert bar_pieces(blind, P_AXIS, AXIS) is None
+
+
+def test_a_lever_along_its_axis_is_left_to_plates():
+    part = seen(LOW, HIGH, np.random.default_rng(0))
+    assert bar_pieces(observed(part), P_AXIS, np.array([1.0, 0.0, 0.0])) is None
