@@ -20,6 +20,7 @@ from s2r_host.gap.solution import Solution, Term
 
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise: what the equations of an effect leave out
 Z90 = 1.645
+LEAST_DROP = 0.2  # log odds that tell one shape from the next
 LEAST_CURVATURE = 0.05  # of a direction of shapes, against what each shape has alone
 
 
@@ -134,10 +135,11 @@ def curvature(
         drop = top - 0.5 * (value(h) + value(-h))
         if abs(drop) < 1e-9:  # finer than the grid of the hidden state: the grid is the resolution
             return float(2.0 * h / np.sqrt(2.0 * 3.0)), False
-        if 0.2 < drop < 3.0:
+        if LEAST_DROP < drop < 3.0:
             return h / np.sqrt(2.0 * drop), h > 0.5 * size
         h = h * 0.5 if drop >= 3.0 else h * 1.6
         if h > 0.9 * scale and law == "log":
             return h, True
-    drop = max(top - 0.5 * (value(h) + value(-h)), 1e-6)
-    return float(h / np.sqrt(2.0 * drop)), False
+    # Evidence that jumps (impacts are chaotic) never falls by a middling amount: the jump is the resolution.
+    drop = max(top - 0.5 * (value(h) + value(-h)), LEAST_DROP)
+    return float(h / np.sqrt(2.0 * drop)), h > 0.5 * size

@@ -53,3 +53,10 @@ def test_the_width_of_one_shape_comes_from_its_profile():
 
 def test_a_shape_that_changes_nothing_measurable_is_flat():
     assert curvature(lambda h: -1e-5 * h**2, 0.0, 0.2, 1.0, "log", 1.0)[1]
+
+
+def test_evidence_that_jumps_is_as_wide_as_the_jump_and_no_wider():
+    """Flat to 0.1 either way, then a cliff: a width far beyond it would carry a positive shape below zero."""
+    deviation, flat = curvature(lambda h: -1e-5 if abs(h) < 0.1 else -100.0, 0.0, 0.2, 1.0, "log", 1.0)
+    assert 0.005 < deviation < 0.2
+    assert not flat
