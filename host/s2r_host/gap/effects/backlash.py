@@ -88,13 +88,8 @@ class Backlash(Effect):
         store: dict[tuple, np.ndarray] = s.cache.setdefault(("backlash", joint), {})
         wanted = node(shape)
         if wanted not in store:
-            near = [
-                tuple(wanted[i] + (i == k) * d for i in range(4))
-                for k in range(4)
-                for d in (-8, -4, -2, -1, 1, 2, 4, 8)
-            ]
-            seeds = [node(x) for x in self.shapes(ctx, joint) if "w" in x] if not store else near
-            batch = [x for x in dict.fromkeys([*seeds, wanted]) if x not in store and 0 <= x[1] <= 18]
+            seeds = [node(x) for x in self.shapes(ctx, joint) if "w" in x] if not store else []
+            batch = [x for x in dict.fromkeys([*seeds, wanted]) if x not in store]
             values = np.array([denode(x) for x in batch])
             T = transmitted(ctx, s, joint, values[:, [2, 3, 1]], values[:, 0])
             for i, name in enumerate(batch):
