@@ -26,7 +26,7 @@ from s2r_host.gap.problem import Problem
 from s2r_host.gap.rejected import rejected_list
 from s2r_host.gap.search import MAX_EFFECTS, Search
 from s2r_host.gap.solution import Solution, Term
-from s2r_host.gap.trust import search_under_both
+from s2r_host.gap.trust import hides, search_under_both
 from s2r_host.gap.unrepeated import Wander
 from s2r_host.gap.wrong_number import TIGHT, Looseness, base_matters, with_number
 
@@ -75,7 +75,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         return parameters_only(problem, search)
     search.looseness = 1.0
     numbers_do = search.at_floor([])
-    if numbers_do and not search.stands_out([], []):
+    if numbers_do and not search.stands_out([], []) and not hides(search):
         log("small changes of base parameters reach the noise floor")
         decision = parameters_only(problem, search)
         if not too_much_left(problem, search, decision):

@@ -52,7 +52,7 @@ class Search(Scan):
             scored, _ = self.scan_profiled(chosen)
             if len(chosen) == self.completed:
                 scans = scored
-            worth = bool(scored) and (self._clear(scored[0], own) or self._worth_it(scored[0], own))
+            worth = bool(scored) and (self.clear(scored[0], own) or self._worth_it(scored[0], own))
             if not worth and scored and not own:
                 worth = self._explains_what_comes_back(chosen, scored)
             if not worth:
@@ -81,10 +81,12 @@ class Search(Scan):
         """
         scored, _ = self.scan_profiled(chosen)
         best = next((s for s in scored if not s.term.effect.startswith(PREFIX)), None)
-        return best is not None and not self._a_number(best.term) and self._clear(best, slots)
+        return best is not None and not self.a_number(best.term) and self.clear(best, slots)
 
-    def _a_number(self, term: Term) -> bool:
+    def a_number(self, term: Term) -> bool:
         """Is the effect no more than a number of the model that is off? Friction is, where the model has some."""
+        if term.effect.startswith(PREFIX):
+            return True
         if term.effect in FRICTION:
             return nominal_friction_of(self.problem.ctx.model, term.effect, term.joint) > 0
         return term.effect in NUMBERS
@@ -97,7 +99,7 @@ class Search(Scan):
         first = max((s.gain for s in slots[0]), default=0.0)
         return best.gain > max(MIN_GAIN, FURTHER_GAIN * first) and best.holdout_gain > FURTHER_SHARE
 
-    def _clear(self, best: Scored, slots: list[list[Scored]]) -> bool:
+    def clear(self, best: Scored, slots: list[list[Scored]]) -> bool:
         """Evidence that is no small fraction of the first effect's cannot be the error of its equation.
 
         Unless that effect is chaotic, which no equation follows closely, or the floor is a guess that holds what the

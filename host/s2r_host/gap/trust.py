@@ -12,12 +12,13 @@ import numpy as np
 
 from s2r_host.gap.consistency import MAY_MOVE
 from s2r_host.gap.regression import TEMPER
-from s2r_host.gap.search import Search
+from s2r_host.gap.search import CLEAR_GAIN, Search
 from s2r_host.gap.solution import Solution
 from s2r_host.gap.wrong_number import evidence
 
 WIDE, NARROW = 1.0, 0.3  # of the usual prior
 AHEAD = 5.0  # log odds by which the narrower trust has to lead
+FEW_JOINTS = 2
 MOVED = 0.6  # of the wide prior's deviation: where no number moved so far, nothing hides in them
 
 
@@ -38,6 +39,31 @@ def search_under_both(search: Search, look: bool) -> tuple[float, Solution]:
             return NARROW, narrow
     search.looseness, search.completed = WIDE, completed
     return WIDE, wide
+
+
+def hides(search: Search) -> bool:
+    """Do numbers that reach the noise floor together hide an effect? Then it is clear where they are held narrowly.
+
+    It has to come before every single number there, and to be worth more than all of them moving a little.
+    """
+    problem, before = search.problem, search.looseness
+    if len(problem.joints) > FEW_JOINTS or not _moved(search, search.finish([], [], [])):
+        return False
+    search.looseness = NARROW
+    scored, noise = search.scan_profiled([])
+    best = scored[0] if scored else None
+    found = best is not None and not search.a_number(best.term) and search.clear(best, [])
+    if found:
+        assert best is not None
+        lead = best.gain
+        for looseness, sign in ((NARROW, 1.0), (WIDE, -1.0)):
+            search.looseness = looseness
+            lead += sign * (
+                evidence(search, problem, [], problem.prior * looseness, noise) + search.predict([], noise)[0]
+            )
+        found = lead > CLEAR_GAIN
+    search.looseness = before
+    return found
 
 
 def _moved(search: Search, solution: Solution) -> bool:

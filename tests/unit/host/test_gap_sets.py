@@ -48,9 +48,9 @@ def test_a_base_is_level_to_degrees_and_a_zero_is_off_by_a_tooth(angle, tilted):
 def test_friction_is_a_number_only_where_the_model_has_some(damping, number):
     model = SimpleNamespace(dof_damping=np.array([damping]), dof_frictionloss=np.array([0.2]))
     search = SimpleNamespace(problem=SimpleNamespace(ctx=SimpleNamespace(model=SimpleNamespace(model=model))))
-    assert Search._a_number(search, Term("viscous_friction", 0)) is number  # pyright: ignore[reportArgumentType]
-    assert Search._a_number(search, Term("coulomb_friction", 0))  # pyright: ignore[reportArgumentType]
-    assert not Search._a_number(search, Term("stribeck", 0))  # pyright: ignore[reportArgumentType]
+    assert Search.a_number(search, Term("viscous_friction", 0)) is number  # pyright: ignore[reportArgumentType]
+    assert Search.a_number(search, Term("coulomb_friction", 0))  # pyright: ignore[reportArgumentType]
+    assert not Search.a_number(search, Term("stribeck", 0))  # pyright: ignore[reportArgumentType]
 
 
 def test_a_wrong_number_says_what_else_it_could_be():

@@ -101,3 +101,50 @@ def test_a_mass_far_off_beside_an_effect_is_another_machine(to, effects, other):
     decision = SimpleNamespace(parameters_off=[mass], effects=[SimpleNamespace(name="cogging")] * effects)
     said = other_machine(SimpleNamespace(ctx=SimpleNamespace(model=model)), decision)  # pyright: ignore[reportArgumentType]
     assert (said is not None) == other
+
+
+class Hiding:
+    """Numbers that moved by so many deviations, and what leads the catalogue where they are held narrowly."""
+
+    def __init__(self, moved, best, gain=50.0):
+        self.looseness = trust.WIDE
+        self.problem = SimpleNamespace(
+            base=[SimpleNamespace(name="mass")], prior=np.array([0.03]), joints=[0], ctx=None
+        )
+        self.moved, self.best, self.gain, self.scanned = moved, best, gain, []
+
+    def finish(self, *_):
+        return SimpleNamespace(base=np.array([self.moved * 0.03]))
+
+    def scan_profiled(self, _):
+        self.scanned.append(self.looseness)
+        return [SimpleNamespace(term=Term(self.best, 0), gain=self.gain)], 3.0
+
+    def a_number(self, term):
+        return term.effect.startswith(PREFIX)
+
+    def clear(self, best, slots):
+        return best.gain > trust.CLEAR_GAIN
+
+    def predict(self, terms, noise):
+        return 0.0, {}
+
+
+@pytest.mark.parametrize(
+    ("moved", "best", "cost", "hidden"),
+    [
+        (1.5, "spring_return", 10.0, True),
+        (1.5, "spring_return", 45.0, False),
+        (1.5, f"{PREFIX}mass@link", 10.0, False),
+        (0.3, "spring_return", 10.0, False),
+    ],
+)
+def test_numbers_that_moved_far_hide_an_effect_that_is_worth_more(monkeypatch, moved, best, cost, hidden):
+    """Held narrowly the numbers explain ``cost`` log odds less; the effect has to win back more than that."""
+    monkeypatch.setattr(
+        trust, "evidence", lambda search, *_: -cost if search.looseness == trust.NARROW else 0.0
+    )
+    search = Hiding(moved, best)
+    assert trust.hides(search) is hidden  # pyright: ignore[reportArgumentType]
+    assert search.looseness == trust.WIDE
+    assert search.scanned == ([trust.NARROW] if moved > trust.MOVED else [])
