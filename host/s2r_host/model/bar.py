@@ -29,6 +29,7 @@ LEAST_ACROSS = 0.3  # sine between bar and axis: along the axis nothing is pushe
 END_M, WITHIN_M = 0.005, 0.03  # points so far from its ends, and so near to its line, are of its sides
 ALONG = 0.35  # cosine; outlines that face more along the bar are those of its ends
 LEAST_SEEN, LEAST_EDGE = 20, 8  # points
+LONGEST_HIDDEN_M, ROOT_STEP_M = 0.06, 0.004  # of a bar, between its hub and where it is seen to have moved
 CORNERS = 12  # of the prism that stands for a rod
 FIT_STEPS = 6
 LEAST_POINTS = 150
@@ -49,6 +50,7 @@ def bar_pieces(seen: ObservedObject, p_axis: Array, axis: Array) -> list[Piece] 
     if fit is None:
         return None
     centre, along, near = fit
+    along = along if along @ (centre - p_axis) > 0.0 else -along
     way = np.cross(axis, along)
     if np.linalg.norm(way) < LEAST_ACROSS:
         return None
@@ -65,7 +67,8 @@ def bar_pieces(seen: ObservedObject, p_axis: Array, axis: Array) -> list[Piece] 
     width = 2.0 * float(section.half.max())
     if _spread_m(looks) > MOST_WIDTH_M or length < LEAST_SLENDER * width:
         return None
-    return [_prism(section, X, float(low), float(high)), *_hub(seen.part[radius <= HUB_M], p_axis, axis)]
+    low = min(float(low), _root(seen, section, X, float(low), p_axis, axis))
+    return [_prism(section, X, low, float(high)), *_hub(seen.part[radius <= HUB_M], p_axis, axis)]
 
 
 def _radius(p: Array, p_axis: Array, axis: Array) -> Array:
@@ -108,6 +111,20 @@ def _rims(surface: Array, aside: Array) -> tuple[tuple[Array, Array], ...]:
         end = float(np.percentile(surface[:, 1:] @ normal, 100.0 - TRIM)) - FAT_M
         edges.append((np.r_[0.0, end * normal][None], np.r_[0.0, normal][None]))
     return tuple(edges)
+
+
+def _root(seen: ObservedObject, section: Section, X: Array, low: float, p_axis: Array, axis: Array) -> float:
+    """Where the bar begins, at or before ``low``: at its hub, unless a camera saw through the place in between.
+
+    Near the axis a lever hardly leaves its place, so what is there is taken for a thing that stayed.
+    """
+    t = np.arange(low, low - LONGEST_HIDDEN_M, -ROOT_STEP_M)
+    line = np.column_stack([t, section.centre + t[:, None] * section.slope])
+    p = line @ X[:3, :3].T + X[:3, 3]
+    stop = (_radius(p, p_axis, axis) < HUB_M) | seen.empty["part"](p)
+    if not stop.any() or seen.empty["part"](p[int(np.argmax(stop))][None])[0]:
+        return low
+    return float(t[int(np.argmax(stop))])
 
 
 def _spread_m(looks: Sequence[SectionLook]) -> float:

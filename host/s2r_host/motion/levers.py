@@ -30,6 +30,8 @@ RISE_M = 0.01  # by which a lever's tip is higher than its middle, where that te
 UPRIGHT, ON_DECK_M = 0.8, 0.02  # sine of a line that stands upright; this low it stands on the deck
 LEAST_POINTS = 60
 LEAST_LENGTH_M = 0.035
+# What sticks out of the column by less than that, but by so much and no further away from it, is a short lever.
+LEAST_STUB_M, AT_COLUMN_M = 0.015, 0.010
 MOST_WIDTH_M = 0.06
 STRAIGHT = 0.1  # spread across over spread along of what is taken for straight
 LINES, LINE_TRIES, LINE_RADIUS_M = 3, 200, 0.016
@@ -126,18 +128,23 @@ def find_levers(scene: Scene) -> list[LeverCandidate]:
         raise SceneError("no lever in view: nothing stands up from the object's deck")
     axis = column(above, deck_m, scene.p_camera)
     outside = above[np.linalg.norm(above[:, :2] - axis, axis=1) > COLUMN_RADIUS_M]
-    found = [
-        c
-        for piece in pieces(outside)
-        for part in _straight(piece)
-        if (c := _candidate(part, axis, deck_m, above)) is not None
-    ]
+    found = [candidate for piece in pieces(outside) for candidate in _candidates(piece, axis, deck_m, above)]
     if not found:
         raise SceneError(
             f"no lever in view: no straight piece of at least {1e2 * LEAST_LENGTH_M:.0f} cm stands out from the body "
             f"at ({axis[0]:.2f}, {axis[1]:.2f}) m"
         )
     return sorted(found, key=lambda c: c.doubt)
+
+
+def _candidates(
+    piece: np.ndarray, axis: np.ndarray, deck_m: float, above: np.ndarray
+) -> list[LeverCandidate]:
+    """The straight parts of a piece (n, 3); without any, all of it if it sticks out of the column."""
+    straight = [_candidate(part, axis, deck_m, above) for part in _straight(piece)]
+    found = [candidate for candidate in straight if candidate is not None]
+    stub = None if found else _stub(piece, axis, deck_m)
+    return found if stub is None else [stub]
 
 
 def deck_height(p: np.ndarray) -> float:
@@ -162,11 +169,16 @@ def _deck_cells(top: np.ndarray, level: int) -> int:
         level: Of the deck's top.
     """
     labels = np.zeros(top.shape, np.int32)
-    flat = ndimage.binary_opening((top >= 0) & (np.abs(top - level) <= 1), np.ones((DECK_WIDTH_CELLS,) * 2))
-    ndimage.label(flat, output=labels)
+    # What stands on a deck covers some of it.
+    wide = np.asarray(
+        ndimage.binary_opening(top >= max(0, level - 1), np.ones((DECK_WIDTH_CELLS,) * 2)), bool
+    )
+    ndimage.label(wide & (top >= 0) & (np.abs(top - level) <= 1), output=labels)
     higher, total = top > level + HIGHER_CELLS, 0
     for k in range(1, int(labels.max()) + 1):
         cells = np.argwhere(labels == k)
+        if len(cells) < DECK_WIDTH_CELLS:
+            continue
         spread = cells @ np.linalg.eigh(np.cov(cells.T))[1][:, 1]
         around = np.asarray(ndimage.binary_dilation(labels == k, iterations=NEAR_CELLS), bool)
         stands = int((around & higher).sum()) >= STANDING_CELLS
@@ -265,6 +277,34 @@ def _candidate(p: np.ndarray, axis: np.ndarray, deck_m: float, above: np.ndarray
         above_deck_m=float(p[:, 2].min()) - deck_m,
         radial=abs(float(level @ out)) / max(1e-9, length * float(np.linalg.norm(out))),
         rooted=own,
+    )
+
+
+def _stub(p: np.ndarray, axis: np.ndarray, deck_m: float) -> LeverCandidate | None:
+    """A piece (n, 3) that sticks out of the column a little: it leads straight away from the body's axis."""
+    offset = p[:, :2] - axis
+    away_m = np.linalg.norm(offset, axis=1)
+    level = offset.mean(axis=0)
+    level /= max(float(np.linalg.norm(level)), 1e-9)
+    t, aside = offset @ level, offset @ np.array([-level[1], level[0]])
+    low, high = np.percentile(t, [2, 98])
+    width = 3.46 * float(aside.std())
+    if away_m.min() > COLUMN_RADIUS_M + AT_COLUMN_M or high - low < LEAST_STUB_M or width > MOST_WIDTH_M:
+        return None
+    rise, height = np.polyfit(t, p[:, 2], 1)
+    root, tip = (np.append(axis + at * level, height + rise * at) for at in (0.0, high))
+    to_arm = -tip[:2] / np.linalg.norm(tip[:2])
+    return LeverCandidate(
+        p=p,
+        p_root=root,
+        p_tip=tip,
+        width_m=width,
+        bend=float((width / high) ** 2),
+        towards_user=float(level @ to_arm),
+        outward=np.append(level, 0.0),
+        above_deck_m=float(p[:, 2].min()) - deck_m,
+        radial=1.0,
+        rooted=False,
     )
 
 

@@ -28,6 +28,7 @@ from s2r_host.perception.levers import line_within
 from s2r_host.perception.motion import JointMotion, JointType, Push, line_distance
 from s2r_host.perception.ranking import Hypothesis, explained_share, rank
 from s2r_host.perception.refine import sides
+from s2r_host.perception.sampled import sampled
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
 from s2r_host.perception.segment import Parts, segment
 from s2r_host.perception.symmetry import other_turn, refuse_two_turns
@@ -251,7 +252,8 @@ def search(
     anchors = np.concatenate([probes[0].points[:100], probes[1].points[:100]])
     starts = [motion for motion, _ in hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)]
     wishes = Wishes(shape.fronts(), up, *shape.levers, columns=tuple(shape.columns))
-    ranked = rank(starts, scene, wishes, rng)
+    near = sampled(starts, shape.columns, scene, rng) if scene.small() and joint_type != "prismatic" else []
+    ranked = rank(starts, scene, wishes, rng, near=near)
     turns = bool(ranked) and ranked[0].motion.joint_type == "revolute"
     if wishes.thin and turns and _carries(ranked[0], scene, rng):
         wishes = _of_whole_lever(ranked[0].motion, scene, wishes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from s2r_host.perception.wishes import Wishes
 Array = NDArray[np.floating]
 
 EVIDENCE_SCALE = 0.02  # cost difference that makes a hypothesis e times less likely
+NEAR_GATE_M = 0.008
 LEAST_JUDGED = 0.35  # of the moved points; a motion that hides nearly all of them explains nothing
 COST_ASKEW, ASKEW_RAD = 0.08, np.radians(15)  # one joint in fifty: e to the power of -4
 COST_ALONG, ACROSS_COS, ALONG_COS = 0.15, 0.68, 0.88  # levers rise by up to 43 degrees
@@ -34,11 +36,21 @@ class Hypothesis:
 
 
 def rank(
-    starts: list[JointMotion], scene: Scene, wishes: Wishes, rng: np.random.Generator
+    starts: list[JointMotion],
+    scene: Scene,
+    wishes: Wishes,
+    rng: np.random.Generator,
+    *,
+    near: Sequence[JointMotion] = (),
 ) -> list[Hypothesis]:
-    """Refine all starts, judge them with finer evidence and priors, best first."""
+    """Refine all starts, judge them with finer evidence and priors, best first.
+
+    ``near``: further ones that are within a centimetre of where they should be.
+    """
     both = sides(scene, rng)
-    refined = [r for r in (refine(start, both, wishes=wishes) for start in starts) if r is not None]
+    found = [refine(start, both, wishes=wishes) for start in starts]
+    found += [refine(start, both, first_gate_m=NEAR_GATE_M, wishes=wishes) for start in near]
+    refined = [one for one in found if one is not None]
     refined = [r for r in refined if _sensible(r.motion)]
     probes = (
         probe(scene.before, scene.moved_before(), 1200, rng),

@@ -7,13 +7,9 @@ from collections.abc import Sequence
 from s2r_host.run.contact import corrected
 from s2r_host.run.feeling import Feeling
 from s2r_host.run.lessons import belief_with_felt
-from s2r_host.run.manipulate import (
-    DoneManipulation,
-    carry_out_manipulation,
-    measure_now,
-    prepare_manipulation,
-)
+from s2r_host.run.manipulate import DoneManipulation, carry_out_manipulation, measure_now
 from s2r_host.run.observe import Observation
+from s2r_host.run.planned import prepare_manipulation
 from s2r_host.run.reactive import carry_out_reactively
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session

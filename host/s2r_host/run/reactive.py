@@ -13,8 +13,8 @@ from s2r_host.planning.planner import scene_of
 from s2r_host.run.back_off import back_off
 from s2r_host.run.belief import Belief
 from s2r_host.run.live_joint import LiveJoint
-from s2r_host.run.manipulate import ManipulationEnd, PlannedManipulation, way_home
 from s2r_host.run.observe import Observation
+from s2r_host.run.planned import ManipulationEnd, PlannedManipulation, way_home
 from s2r_host.run.session import Executed, Motion, Sent, Session
 from s2r_host.trajectory import Trajectory
 from s2r_host.trajectory.reactive import ReactivePlanner, ReactiveSettings

@@ -5,7 +5,7 @@ import pytest
 
 from s2r_host.errors import SceneError
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
-from s2r_host.motion.levers import find_levers
+from s2r_host.motion.levers import deck_height, find_levers
 from s2r_host.motion.scene import Scene, observed_scene
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.synthetic import Box, beam, faucet_view, look_at, pair
@@ -29,6 +29,31 @@ def test_the_lever_is_the_likeliest_candidate(degrees):
     assert lever.direction[:2] @ out[:2] > np.cos(np.radians(15.0))
     assert lever.p_tip[2] == pytest.approx(0.21, abs=0.02)
     assert lever.outward @ out > np.cos(np.radians(15.0))
+
+
+@pytest.mark.parametrize("degrees", [60, 90, 120])
+def test_a_lever_that_hardly_sticks_out_of_the_column_leads_straight_away_from_it(degrees):
+    view = faucet_view(np.random.default_rng(0), np.radians(degrees), lever_m=0.07)
+    out = (view.p_tip - view.p_root)[:2] / 0.07
+    stubs = [lever for lever in find_levers(observed_scene(view.frame)) if lever.direction[:2] @ out > 0.9]
+    assert stubs
+    assert np.linalg.norm(stubs[0].p_tip - view.p_tip) < 0.02
+    assert np.linalg.norm(stubs[0].p_root - view.p_root) < 0.03
+
+
+def test_a_deck_is_found_under_what_stands_on_it():
+    """A block 9 cm deep with a row of three round feet: no free square of 5 cm is left of its top."""
+    x, y = np.meshgrid(np.arange(0.55, 0.64, 0.002), np.arange(-0.15, 0.15, 0.002))
+    top = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.10)])
+    posts = []
+    for middle in (-0.1, 0.0, 0.1):
+        from_post = np.linalg.norm(top[:, :2] - (0.595, middle), axis=1)
+        posts += [np.column_stack([top[from_post < 0.028][:, :2], np.full((from_post < 0.028).sum(), 0.15)])]
+        top = top[from_post >= 0.028]
+    wall = np.column_stack(
+        [np.full(4000, 0.55), *np.random.default_rng(0).uniform((-0.15, 0), (0.15, 0.1), (4000, 2)).T]
+    )
+    assert deck_height(np.concatenate([top, *posts, wall])) == pytest.approx(0.10, abs=0.012)
 
 
 def test_a_lever_is_pushed_across_its_line_from_free_space():

@@ -1,5 +1,7 @@
 """Levers become a prism along their line; what is no lever does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,3 +83,19 @@ def test_without_a_camera_nothing_is_known_of_hidden_sides():
 def test_a_lever_along_its_axis_is_left_to_plates():
     part = seen(LOW, HIGH, np.random.default_rng(0))
     assert bar_pieces(observed(part), P_AXIS, np.array([1.0, 0.0, 0.0])) is None
+
+
+def test_a_bar_reaches_its_hub_where_no_camera_saw_through():
+    rng = np.random.default_rng(0)
+    outer = seen(np.add(LOW, (0.065, 0.0, 0.0)), HIGH, rng)
+    begins = [_begin(observed(outer), empty) for empty in (False, True)]
+    assert begins[0] < 0.035
+    assert begins[1] > 0.055
+
+
+def _begin(part, empty):
+    """Where the bar begins, from its axis [m], if a camera saw nothing, or through everything, near the hub."""
+    part = replace(part, empty={"part": lambda p: np.full(len(p), empty), "base": part.empty["base"]})
+    bar = bar_pieces(part, P_AXIS, AXIS)[0]
+    corners = bar.vertices @ bar.X_base_piece[:3, :3].T + bar.X_base_piece[:3, 3] - P_AXIS
+    return np.linalg.norm(corners[:, :2], axis=1).min()

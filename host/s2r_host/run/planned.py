@@ -1,0 +1,282 @@
+"""A manipulation before it begins: planned through contact, timed, its way out proven."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from s2r_host.errors import TargetError
+from s2r_host.motion.escape import Escape, plan_escape
+from s2r_host.motion.nearest import nearest_to_tip
+from s2r_host.motion.object_shapes import object_obstacles
+from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
+from s2r_host.planning import PlanRequest, PlanResult, PlanSettings, plan_manipulation
+from s2r_host.planning.belief import Belief as ObjectBelief
+from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.planner import scene_of
+from s2r_host.planning.reach import stops_on_the_way
+from s2r_host.run.belief import Belief
+from s2r_host.run.doubts import TOUCHED_SHARE, deep_about, doubt_about, room_about
+from s2r_host.run.observe import Observation
+from s2r_host.run.session import Motion, Session
+from s2r_host.run.travel import FREE, LEAVING, timed
+from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
+from s2r_host.trajectory.perturb import PERTURBATIONS
+from s2r_protocol.exits import RefusedError
+
+logger = logging.getLogger(__name__)
+
+DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25)  # share of the usual doubt about the object, one per try
+# A correction is worth less than what a daring one can spoil: the part is nearly where it should be.
+CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
+STOP_DOUBT, MOST_STOPS = 0.5, 3  # of a plan that ends on the way
+OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedManipulation:
+    """A manipulation that may be carried out.
+
+    Attributes:
+        number: Counts from 1.
+        request, result, delivery: The task, the plan, the timed and replayed trajectory.
+        escape: The way out of contact and home.
+        motions: All of it, in order.
+        pushed_geom: What the fingertip presses on at the end.
+        yields: How much less far the model's arm, whose servos give way under the contact, moved the part than one that
+            gets to where it is sent [m or rad].
+        corrected: Other motions followed the first one than was planned.
+        stopped: A protection stopped the arm on its way: it did not get to where the plan ends.
+    """
+
+    number: int
+    request: PlanRequest
+    result: PlanResult
+    delivery: Delivery
+    escape: Escape
+    motions: tuple[Motion, ...]
+    pushed_geom: str
+    yields: float = 0.0
+    corrected: bool = False
+    stopped: bool = False
+
+    @property
+    def foreseen(self) -> float:
+        """Joint value at the end, as the model has it for an arm that gets to where it is sent [m or rad]."""
+        return self.delivery.replay.final + self.yields
+
+
+def prepare_manipulation(
+    session: Session, belief: Belief, number: int, s_initial: float, view: Observation
+) -> PlannedManipulation:
+    """Plan, time law, replay, way out; on failure again with other chance, then with less doubt about the object.
+
+    Where no place behind the part carries it all the way, a plan to a state on the way is better than none: the next
+    manipulation goes on from there, from another place.
+
+    Raises:
+        TargetError: No try succeeded; the text has the first one's reason.
+        PeerUnreachableError: The executor fell silent.
+    """
+    task = session.settings.task
+    reasons: list[str] = []
+    far = abs(session.target - s_initial) > task.far_off  # then it is no correction: there is little to spoil
+    for k, doubt in enumerate(DOUBTS if number == 1 or far else CORRECTION_DOUBTS):
+        try:
+            return _prepare_once(session, belief, number, s_initial, session.target, view, k, doubt)
+        except RefusedError as error:
+            reasons.append(str(error))
+            logger.info("try %d to plan manipulation %d: %s", k + 1, number, error)
+    for k, stop in enumerate(_stops(session, belief, s_initial) if far else ()):
+        try:
+            planned = _prepare_once(
+                session, belief, number, s_initial, stop, view, len(DOUBTS) + k, STOP_DOUBT
+            )
+        except RefusedError as error:
+            logger.info("to stop at %.4f on the way: %s", stop, error)
+        else:
+            session.journal.warn(
+                f"no plan takes the {task.part} all the way ({reasons[0]}); first to {task.unit.show(stop)}"
+            )
+            return planned
+    raise TargetError(
+        f"no plan takes the {task.part} from {task.unit.show(s_initial)} to {task.unit.show(session.target)} "
+        f"({len(reasons)} tries): {reasons[0]}; try another target or placement"
+    )
+
+
+def _stops(session: Session, belief: Belief, s_initial: float) -> list[float]:
+    """States on the way to the target that one place could carry the part to, the first ones worth trying."""
+    request = _request(session, belief, 0, s_initial, session.target, 0, STOP_DOUBT)
+    scene = scene_of(request)
+    world = FineWorld(scene, np.asarray(request.q_initial), s_initial)
+    try:
+        found = stops_on_the_way(scene, world, session.target, request.settings, slipped=True)
+    except RefusedError as error:
+        logger.info("states on the way to the target: %s", error)
+        return []
+    least = session.settings.task.far_off
+    return [stop for stop in found if abs(stop - s_initial) > least][:MOST_STOPS]
+
+
+def _prepare_once(
+    session: Session,
+    belief: Belief,
+    number: int,
+    s_initial: float,
+    s_target: float,
+    view: Observation,
+    attempt: int,
+    doubt: float,
+) -> PlannedManipulation:
+    settings = session.settings
+    request = _request(session, belief, number, s_initial, s_target, attempt, doubt)
+    result = plan_manipulation(request)
+    if not result.success:
+        raise TargetError(result.reason)
+    pushed_at = session.arm.tool_pose(result.q_meas[-1])[:3, 3]
+    doubts = tuple(_doubt(one, doubt, belief, request, pushed_at) for one in PERTURBATIONS)
+    yields = _yields(session, belief, result)
+    sent = replace(request, s_target=request.s_target - yields)
+    delivery = deliver(sent, result, TimeLawSettings(speed=settings.plan_speed), doubts)
+    played = delivery.replay
+    touched = int(np.argmax(np.abs(played.s - s_initial) > settings.task.moving))
+    end = ManipulationEnd(delivery.trajectory.q[-1], played.final, played.q_meas[:touched])
+    escape, home = way_home(session, belief, request, number, view, end)
+    motions = (Motion(delivery.trajectory, f"manipulation {number}"), *home)
+    geom = _pushed_geom(session, request, delivery)
+    return PlannedManipulation(number, request, result, delivery, escape, motions, geom, yields)
+
+
+def _request(
+    session: Session,
+    belief: Belief,
+    number: int,
+    s_initial: float,
+    s_target: float,
+    attempt: int,
+    doubt: float,
+) -> PlanRequest:
+    """The task for the planner, with a share of the usual doubt about the object."""
+    growing = s_target > s_initial
+    return PlanRequest(
+        arm=session.arm.arm,
+        object_mjcf=belief.path(growing),
+        s_initial=s_initial,
+        s_target=s_target,
+        q_initial=session.status().q_ref,
+        seed=session.settings.seed + 1000 * number + attempt,
+        settings=PlanSettings(
+            ensemble=session.settings.ensemble,
+            doubt=doubt_about(belief, growing=growing).scaled(doubt),
+            room_m=room_about(belief, growing=growing, share=doubt),
+            deep=deep_about(belief, doubt),
+        ),
+    )
+
+
+def _yields(session: Session, belief: Belief, result: PlanResult) -> float:
+    """How much further the part goes with an arm that gets to where it is sent than in the model [m or rad].
+
+    The model's servos are springs: pushing with 10 N they stay a milliradian behind, and the fingertip one or two
+    millimetres. A drive with an integral part does not.
+    """
+    sent, reached = (session.arm.tool_pose(q[-1])[:3, 3] for q in (result.q_cmd, result.q_meas))
+    velocity = belief.template.velocity(reached[None])[0]
+    return float((sent - reached) @ velocity / (velocity @ velocity))
+
+
+@dataclass(frozen=True, eq=False)
+class ManipulationEnd:
+    """Where a manipulation leaves the arm: posture (dof,) [rad], the joint's value, the way in (n, dof) [rad]."""
+
+    q: np.ndarray
+    s: float
+    way_in: np.ndarray
+
+
+def way_home(
+    session: Session,
+    belief: Belief,
+    request: PlanRequest,
+    number: int,
+    view: Observation,
+    end: ManipulationEnd,
+) -> tuple[Escape, tuple[Motion, ...]]:
+    """Out of contact and home from the end of a manipulation.
+
+    Raises:
+        NoMotionError: Every direction is blocked.
+    """
+    settings = session.settings
+    near = [*object_obstacles(Path(request.object_mjcf), end.s), table_obstacle()]
+    far = [*near, cloud_obstacle(_unmodelled(belief, view, request.s_initial), name="surroundings")]
+    sign = float(np.sign(request.s_target - request.s_initial))
+    escape = plan_escape(
+        session.arm,
+        near,
+        far,
+        end.q,
+        session.arm.arm.q_home,
+        sign * belief.direction_at(session.arm.tool_pose(end.q)[:3, 3]),
+        session.rng,
+        way_in=end.way_in,
+        carried=belief.carried(request.s_initial, end.s),
+    )
+    return escape, (
+        timed(session, escape.out, f"manipulation {number}: out of contact", settings.push_speed, LEAVING),
+        timed(session, escape.home, f"manipulation {number}: home", settings.travel_speed, FREE),
+    )
+
+
+def _doubt(
+    one: ObjectBelief, share: float, belief: Belief, request: PlanRequest, pushed_at: np.ndarray
+) -> ObjectBelief:
+    """A perturbation with a share of its displacement and of its (logarithmic) change of resistance.
+
+    Of a hinge's side that has been touched the place is known along its motion, which at ``pushed_at`` (3,) is what
+    counts, but for fractions of a millimetre. Across the motion it is as little known as before: a fingertip that
+    just reaches the side may miss it.
+    A slide may end higher or lower than believed, because its axis is known to some angle only: what a fingertip
+    hooks over an edge must survive that. A hinge holds its part against gravity wherever it was found, so it cannot
+    have much less friction than believed.
+    """
+    (x, y, z), resistance = one.shift_m, one.damping
+    if belief.template.slides:
+        angle_rad = belief.estimate.intervals90.axis_angle_rad
+        z += 0.5 * np.sign(z) * angle_rad * abs(request.s_target - request.s_initial)
+    else:
+        resistance = max(resistance, 1.0)
+        if belief.touched(request.s_target > request.s_initial):
+            way = belief.direction_at(pushed_at)
+            x, y, z = np.array([x, y, z]) - (1.0 - TOUCHED_SHARE) * float(way @ (x, y, z)) * way
+    resistance = resistance**share
+    return replace(
+        one, shift_m=(share * x, share * y, share * z), damping=resistance, joint_friction=resistance
+    )
+
+
+def _pushed_geom(session: Session, request: PlanRequest, delivery: Delivery) -> str:
+    """What the fingertip is nearest to when it moves the part for the last time in the replay."""
+    played = delivery.replay
+    moving = np.flatnonzero(np.abs(np.diff(played.s)) > session.settings.task.moving)
+    row = int(moving[-1]) if len(moving) else len(played.s) - 1
+    shapes = object_obstacles(Path(request.object_mjcf), float(played.s[row]))
+    part = [shape for shape in shapes if shape.name.startswith("part_")]
+    return nearest_to_tip(session.arm, played.q_meas[row], part)[0]
+
+
+def _unmodelled(belief: Belief, view: Observation, s: float) -> np.ndarray:
+    """Observed points that belong to no piece of the model at joint value s: other things on the table, (n, 3)."""
+    p = view.scene.p_base
+    near = np.zeros(len(p), bool)
+    moved = belief.template.pose(s)
+    for piece in belief.model.pieces:
+        X = moved @ piece.X_base_piece if piece.body == "part" else piece.X_base_piece
+        local = (p - X[:3, 3]) @ X[:3, :3]
+        low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
+        near |= np.all((local > low - OWN_REACH_M) & (local < high + OWN_REACH_M), axis=1)
+    return p[~near]
