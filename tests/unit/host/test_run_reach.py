@@ -25,6 +25,7 @@ def done(s: float, target: float = 0.5, s_initial: float = 0.0, stopped: bool = 
         ([0.47, 0.475], 2, False),  # a bad one is made good by the next
         ([0.47, 0.475], 1, True),  # the last one would risk what is there
         ([0.47, 0.495], 2, True),  # much better than usual already
+        ([0.1, 0.475], 2, False),  # better than one that went astray is no merit
         ([0.3, 0.44], 1, False),  # not within tolerance
     ],
 )
