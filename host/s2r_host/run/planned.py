@@ -109,7 +109,13 @@ def prepare_manipulation(
 
 
 def _stops(session: Session, belief: Belief, s_initial: float) -> list[float]:
-    """States on the way to the target that one place could carry the part to, the first ones worth trying."""
+    """States on the way to the target that one place could carry the part to, the first ones worth trying.
+
+    None for a slide, which one place carries as far as it goes, or towards a target that is out of the part's range.
+    """
+    low, high = belief.model.range
+    if belief.template.slides or not low <= session.target <= high:
+        return []
     request = _request(session, belief, 0, s_initial, session.target, 0, STOP_DOUBT)
     scene = scene_of(request)
     world = FineWorld(scene, np.asarray(request.q_initial), s_initial)
