@@ -11,7 +11,9 @@ ROOT = Path(__file__).resolve().parents[2]
 TOOLS = ("linux.uml", "candump", "bash")
 
 
-@pytest.mark.timeout(900)  # 80 s alone: the guest has one slow processor, and beside other tests it waits for its turn
+@pytest.mark.timeout(
+    900
+)  # 80 s alone: the guest has one slow processor, and beside other tests it waits for its turn
 def test_both_packings_hold_every_claim_on_a_kernel_can_bus(tmp_path):
     missing = [tool for tool in TOOLS if shutil.which(tool, path="/usr/bin:/bin:/usr/sbin:/sbin") is None]
     if missing:
