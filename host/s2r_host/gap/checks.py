@@ -15,7 +15,8 @@ from s2r_host.gap.session import Session
 RANGE_SLACK = 0.25
 MAX_TURNS_RAD = 200.0
 LAW_SHAPE, LAW_SCALE = 0.8, 5.0  # a law this far off in size, followed this well in shape
-LEAST_OWN, LEAST_TURNED = 0.5, 0.85
+LEAST_TURNED = 0.85  # R² under positions read as degrees, and how many times less it leaves over
+TURNED_BETTER = 5.0
 LEAST_TURN = 2.0 * np.pi  # a motion worth a log spans more degrees than this many radians
 
 
@@ -131,23 +132,32 @@ def check_units(model: RigidModel, s: Session) -> None:
             continue
         parts = law_parts(model, s, j)
         if parts is not None:
-            _check_law_scale(s, joint, model.unit(joint), parts.kp + parts.kd + parts.rest, s.u[:, j])
+            ahead = s.channel("tau_ff", joint)
+            ahead = np.zeros(len(s.t)) if ahead is None else ahead
+            feedback = parts.kp + parts.kd + parts.rest - ahead
+            _check_law_scale(s, joint, model.unit(joint), feedback, ahead, s.u[:, j])
         if model.unit(joint) == "rad" and float(np.ptp(s.q[:, j])) > LEAST_TURN:
-            own = _fit(s, j, j)
-            if own < LEAST_OWN and (turned := _fit_in_degrees(model, s, j)) > LEAST_TURNED:
+            own, turned = _fit(s, j, j), _fit_in_degrees(model, s, j)
+            if turned > LEAST_TURNED and 1.0 - own > TURNED_BETTER * (1.0 - turned):
                 raise GapRecordingError(
                     f"{s.rec.name}: the effort of '{joint}' fits the model when its positions are read as degrees "
                     f"(R² {turned:.2f} against {own:.2f}); declare 'q: deg' under 'units' in the side file"
                 )
 
 
-def _check_law_scale(s: Session, joint: str, unit: str, asked: np.ndarray, u: np.ndarray) -> None:
-    """Refuse a law that asks for many times the recorded effort while following its shape."""
-    shapes = np.stack([asked, np.ones(len(u)), np.linspace(-1.0, 1.0, len(u))], axis=1)
-    beta, *_ = np.linalg.lstsq(shapes, u, rcond=None)
-    left = u - shapes @ beta
-    r2 = 1.0 - float(left @ left) / max(float(np.sum((u - u.mean()) ** 2)), 1e-30)
-    slope = float(beta[0])
+def _check_law_scale(
+    s: Session, joint: str, unit: str, feedback: np.ndarray, ahead: np.ndarray, u: np.ndarray
+) -> None:
+    """Refuse a feedback that asks for many times the recorded effort while following its shape.
+
+    What is fed forward is an effort and keeps its unit whatever the positions are in; it is taken out first.
+    """
+    others = np.stack([ahead, np.ones(len(u)), np.linspace(-1.0, 1.0, len(u))], axis=1)
+    both = np.stack([feedback, u], axis=1)
+    both = both - others @ np.linalg.lstsq(others, both, rcond=None)[0]
+    power = np.maximum(np.sum(both**2, axis=0), 1e-30)
+    along = float(both[:, 0] @ both[:, 1])
+    slope, r2 = along / power[0], along**2 / (power[0] * power[1])
     if r2 > LAW_SHAPE and slope > 0 and not 1.0 / LAW_SCALE < slope < LAW_SCALE:
         degrees = unit == "rad" and abs(slope * 180.0 / np.pi - 1.0) < 0.3
         hint = "positions look like degrees: declare it" if degrees else "check gains and units"

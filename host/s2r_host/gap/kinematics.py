@@ -20,6 +20,7 @@ from s2r_host.gap.session import Session, resolution
 SLOWEST_S = 0.011  # slower logs cannot integrate their speed
 DRIFT_HZ, NOISE_HZ = 0.5, 10.0
 WALK_S = 0.3  # time over which the noise of a speed adds up under the drift filter
+PEAK = 5.0  # largest disagreement, in noise levels, beside which a position that stands still is no accident
 CLEAR = 2.0  # disagreement in noise levels that is no accident; clean recordings reach 0.5
 NAMED_SHARE = 0.8  # part of the disagreement that a name has to explain; noise follows nothing (0.2)
 FOREIGN = 3.0  # a current that leaks into the sensor may not leave so many times less
@@ -68,7 +69,9 @@ def contradiction(model: RigidModel, fit: list[Session], joint: int) -> Contradi
     size = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
     noise = max(x.noise for x in tracks)
     unit = model.unit(name)
-    if size > noise and all(frozen := [_frozen(s, name) for s in fit]):
+    # Short stops vanish in the mean and stand out alone.
+    stands_out = size > noise or min(float(np.max(np.abs(x))) for x in left) > PEAK * noise
+    if stands_out and all(frozen := [_frozen(s, name) for s in fit]):
         words = f"the position of '{name}' stands still {len(frozen[0])} times while its speed does not"
         return Contradiction(joint, size, noise, None, frozen[0], words)
     if size < CLEAR * noise and _follows_something(tracks, fit[0].rec.dt) < NAMED_SHARE:

@@ -25,7 +25,7 @@ def motion(pace=1.0):
     return t, q, np.gradient(q, DT)
 
 
-def recorded(model, seen=lambda t, q, u: q, speed=lambda dq: dq, frozen=(), pace=1.0):
+def recorded(model, seen=lambda t, q, u: q, speed=lambda dq: dq, frozen=(), still=12, pace=1.0):
     """A motion, its speed and the effort the model needs for it; ``seen`` bends the position that is recorded."""
     rng = np.random.default_rng(3)
     t, q, dq = motion(pace)
@@ -33,7 +33,7 @@ def recorded(model, seen=lambda t, q, u: q, speed=lambda dq: dq, frozen=(), pace
     bent = np.round((seen(t, q, u) + 0.3 * LSB * rng.normal(size=len(t))) / LSB) * LSB
     for start in frozen:
         i = round(start / DT)
-        bent[i : i + 12] = bent[i]
+        bent[i : i + still] = bent[i]
     noisy = speed(dq) + 1e-3 * rng.normal(size=len(t))
     channels = {"q": {"elbow": bent}, "dq": {"elbow": noisy}, "tau": {"elbow": u}}
     rec = Recording("r", t, channels, Controller("none"), "commanded", "effort", "a", "", ())
@@ -59,6 +59,20 @@ def test_a_position_that_freezes_has_no_name_but_a_time(model):
     said = contradiction(model, [recorded(model, frozen=starts)], 0)
     assert said is not None
     assert said.finding is None
+    assert [a for a, _ in said.intervals] == pytest.approx(starts, abs=0.02)
+
+
+def test_short_stops_that_vanish_in_the_mean_are_seen_by_their_peaks(model):
+    t, _, dq = motion()
+    slow = t[(np.abs(dq) > 0.5) & (np.abs(dq) < 1.0)]
+    starts = [float(slow[np.searchsorted(slow, x)]) for x in (3.0, 11.0)]
+    stopped = recorded(model, frozen=starts, still=3)
+    track = kinematics._track(model, stopped, 0)
+    assert track is not None
+    assert np.std(kinematics._without_filter(track)) < track.noise
+
+    said = contradiction(model, [stopped], 0)
+    assert said is not None
     assert [a for a, _ in said.intervals] == pytest.approx(starts, abs=0.02)
 
 

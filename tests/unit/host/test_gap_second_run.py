@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from s2r_host.gap import checks
 from s2r_host.gap.checks import check_units
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.model import RigidModel
@@ -21,19 +22,24 @@ def model(tmp_path_factory):
     return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
 
 
-def recorded(model, index, phase, hidden=0.0, unit=1.0):
-    """A motion and the effort the model needs, slow noise of 0.05 N·m and a hidden force tied to the clock."""
+def recorded(model, index, phase, hidden=0.0, unit=1.0, ahead=0.0, dry=0.0):
+    """A motion and the effort the model needs, slow noise of 0.05 N·m and a hidden force tied to the clock.
+
+    A share ``ahead`` of the effort is fed forward, the rest is what the controller asks for; ``dry`` is friction [N·m].
+    """
     rng = np.random.default_rng(index)
     t = np.arange(0, 20, DT)
     q = 0.6 * np.sin(1.7 * t + phase) + 0.2 * np.sin(5.3 * t + 2.0 * phase)
     dq = np.gradient(q, DT)
-    noise = lfilter([0.2], [1.0, -0.96], rng.normal(size=len(t)))
+    noise = np.asarray(lfilter([0.2], [1.0, -0.96], rng.normal(size=len(t))))
     u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0]
     u = u + 0.05 * noise / np.std(noise) + hidden * np.sin(2.0 * np.pi * 1.37 * t)
-    q_cmd, dq_cmd = q + u / KP, dq
+    u = u + dry * np.sign(dq)
+    q_cmd, dq_cmd = q + (1.0 - ahead) * u / KP, dq
     channels = {
         "q": {"elbow": unit * q}, "dq": {"elbow": unit * dq}, "tau": {"elbow": u},
         "q_cmd": {"elbow": unit * q_cmd}, "dq_cmd": {"elbow": unit * dq_cmd},
+        "tau_ff": {"elbow": ahead * u},
     }  # fmt: skip
     law = Controller("pd", {"elbow": KP}, {"elbow": KD}, {}, 250.0)
     return make_session(
@@ -66,5 +72,19 @@ def test_positions_in_degrees_are_refused_by_what_the_controller_would_ask_for(m
         check_units(model, recorded(model, 0, 0.0, unit=180.0 / np.pi))
 
 
-def test_positions_in_radians_pass(model):
-    check_units(model, recorded(model, 0, 0.0))
+def test_degrees_are_seen_beside_an_effort_that_is_fed_forward(model):
+    with pytest.raises(GapRecordingError, match="degrees"):
+        check_units(model, recorded(model, 0, 0.0, unit=180.0 / np.pi, ahead=0.9))
+
+
+def test_degrees_are_seen_by_the_load_where_friction_hides_half_of_it(model):
+    turned = recorded(model, 0, 0.0, unit=180.0 / np.pi, dry=1.5)
+    turned.rec.controller.kp.clear()  # no law to hold against
+    assert 0.5 < checks._fit(turned, 0, 0) < 0.9
+    with pytest.raises(GapRecordingError, match="read as degrees"):
+        check_units(model, turned)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 0.9, 1.0])
+def test_positions_in_radians_pass(model, ahead):
+    check_units(model, recorded(model, 0, 0.0, ahead=ahead))
