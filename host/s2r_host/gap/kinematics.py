@@ -13,6 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from s2r_host.gap.filters import zero_phase
+from s2r_host.gap.frozen import frozen, late_rows
 from s2r_host.gap.law import LawFinding
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.session import Session, resolution
@@ -32,7 +33,6 @@ SETTLED_SHARE, SETTLED_LEAST = (
     0.6,
 )  # of the disagreement explained elsewhere; of the rows that are elsewhere
 BOTH_FLANKS = 0.1  # of the time on the lesser one, or the width stays open
-FROZEN_ROWS, FROZEN_STEPS, FROZEN_MOST = 1, 6.0, 0.3
 MARGIN_S = 0.2
 SPRING_DAMPING = 0.05
 PLAY_HZ, PLAY_DAMPING = 20.0, 0.4
@@ -63,6 +63,8 @@ def contradiction(model: RigidModel, fit: list[Session], joint: int) -> Contradi
     """Does the recorded speed of a joint contradict its recorded position in every fit recording?"""
     name = model.joints[joint]
     tracks = [x for s in fit if (x := _track(model, s, joint)) is not None]
+    if all(s.rec.as_read.dt > SLOWEST_S for s in fit):
+        return _stuck(model, fit, joint)
     if not tracks or len(tracks) < len(fit):
         return None
     left = [_without_filter(x) for x in tracks]
@@ -71,9 +73,8 @@ def contradiction(model: RigidModel, fit: list[Session], joint: int) -> Contradi
     unit = model.unit(name)
     # Short stops vanish in the mean and stand out alone.
     stands_out = size > noise or min(float(np.max(np.abs(x))) for x in left) > PEAK * noise
-    if stands_out and all(frozen := [_frozen(s, name) for s in fit]):
-        words = f"the position of '{name}' stands still {len(frozen[0])} times while its speed does not"
-        return Contradiction(joint, size, noise, None, frozen[0], words)
+    if stands_out and all(stops := [frozen(s.rec, name) for s in fit]):
+        return Contradiction(joint, size, noise, None, stops[0], _stops(name, len(stops[0])))
     if size < CLEAR * noise and _follows_something(tracks, fit[0].rec.dt) < NAMED_SHARE:
         return None
     finding = _transmission(model, fit, tracks, joint)
@@ -81,6 +82,23 @@ def contradiction(model: RigidModel, fit: list[Session], joint: int) -> Contradi
         joint, size, noise, finding, _above(tracks[0].t + fit[0].rec.start_s, left[0], max(3.0 * noise, size)),
         f"position and speed of '{name}' contradict each other by {size:.2g} {unit} (noise {noise:.2g} {unit})",
     )  # fmt: skip
+
+
+def _stops(name: str, count: int) -> str:
+    return f"the position of '{name}' stands still {count} times while its speed does not"
+
+
+def _stuck(model: RigidModel, fit: list[Session], joint: int) -> Contradiction | None:
+    """Does the position of a joint stand still at single rows of every slow fit recording while its speed does not?"""
+    name = model.joints[joint]
+    late = [late_rows(s.rec.as_read, name) for s in fit]
+    if any(x is None for x in late):
+        return None
+    first = late[0]
+    assert first is not None
+    return Contradiction(
+        joint, first.size, first.noise, None, first.intervals, _stops(name, len(first.intervals))
+    )
 
 
 @dataclass(frozen=True)
@@ -156,28 +174,6 @@ def _settled(link: np.ndarray, dt: float) -> np.ndarray:
 def _without_filter(x: _Track) -> np.ndarray:
     """The disagreement without what a scale, a lag or a filter of the speed would make."""
     return x.gap - x.honest @ np.linalg.lstsq(x.honest, x.gap, rcond=None)[0]
-
-
-def _frozen(s: Session, name: str) -> list[list[float]]:
-    """Intervals in which the position repeats itself although the speed says that it cannot, and then catches up."""
-    q, dq, t = s.rec.get("q", name), s.rec.get("dq", name), s.rec.t
-    assert q is not None
-    assert dq is not None
-    step = resolution(q)
-    found: list[list[float]] = []
-    start = 0
-    for i in range(1, len(q) + 1):
-        if i < len(q) and q[i] == q[start]:
-            continue
-        way = abs(float(np.sum(0.5 * (dq[start + 1 : i] + dq[start : i - 1]) * np.diff(t[start:i]))))
-        jump = abs(float(q[i] - q[start])) if i < len(q) else 0.0
-        if i - start > FROZEN_ROWS and way > FROZEN_STEPS * step and jump > 0.5 * way:
-            found.append([float(t[start]) + s.rec.start_s, float(t[i - 1]) + s.rec.start_s])
-        start = i
-    still = sum(b - a for a, b in found)
-    return (
-        found if len(found) >= 2 and still < FROZEN_MOST * float(t[-1]) else []
-    )  # a slow sensor always steps
 
 
 def _above(t: np.ndarray, x: np.ndarray, limit: float) -> list[list[float]]:

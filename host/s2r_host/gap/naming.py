@@ -12,7 +12,7 @@ from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 from s2r_host.gap.solution import Scored, Solution, Term
 
-HEAT, CEILING = 0.001, 0.97
+HEAT, CEILING = 0.001, 0.98
 ALIKE_HEAT = 2.0  # between effects that are declared alike
 SET_LEAST = 0.01  # probability from which a rival belongs to the set
 CLEAR_DEVIATIONS = 5.0  # of a size, before what it belongs to is named beside

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from s2r_host.gap import kinematics
+from s2r_host.gap.frozen import late_rows
 from s2r_host.gap.kinematics import contradiction
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.recording import Controller, Recording
@@ -74,6 +75,34 @@ def test_short_stops_that_vanish_in_the_mean_are_seen_by_their_peaks(model):
     said = contradiction(model, [stopped], 0)
     assert said is not None
     assert [a for a, _ in said.intervals] == pytest.approx(starts, abs=0.02)
+
+
+def slow_log(frozen=(), hole=None):
+    """Rows 50 ms apart of a motion; the sensor stops 40 ms before each row ``frozen``; ``hole`` is lost."""
+    rng = np.random.default_rng(5)
+    t, q, dq = motion()
+    rows = np.arange(0, len(t), 12)
+    seen = q[rows] + 0.3 * LSB * rng.normal(size=len(rows))
+    for k in frozen:
+        seen[k] = q[rows[k] - 10]
+    kept = np.ones(len(rows), bool)
+    if hole is not None:
+        kept[hole] = False
+    channels = {"q": {"elbow": np.round(seen / LSB)[kept] * LSB}, "dq": {"elbow": dq[rows][kept]}}
+    return Recording("slow", t[rows][kept], channels, Controller("none"), "commanded", "effort", "a", "", ())
+
+
+def test_rows_of_a_slow_log_at_which_the_sensor_had_stopped_are_late():
+    moving = np.flatnonzero(np.abs(motion()[2][::12]) > 1.5)
+    rows = [int(moving[np.searchsorted(moving, k)]) for k in (60, 150, 240)]
+    said = late_rows(slow_log(rows), "elbow")
+    assert said is not None
+    assert [a for a, _ in said.intervals] == pytest.approx([0.048 * k for k in rows])
+
+
+@pytest.mark.parametrize("hole", [None, slice(100, 112)])
+def test_a_slow_log_of_honest_sensors_has_no_late_rows(hole):
+    assert late_rows(slow_log(hole=hole), "elbow") is None
 
 
 def test_an_effort_that_leaks_into_the_position_has_no_name(model):
