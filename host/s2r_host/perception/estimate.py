@@ -26,8 +26,9 @@ from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.intervals import Intervals, intervals90
 from s2r_host.perception.levers import line_within
 from s2r_host.perception.motion import JointMotion, JointType, Push, line_distance
-from s2r_host.perception.ranking import Hypothesis, explained_share, rank
+from s2r_host.perception.ranking import Hypothesis, explained_by, rank
 from s2r_host.perception.refine import sides
+from s2r_host.perception.revealed import with_revealed_level
 from s2r_host.perception.sampled import sampled
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
 from s2r_host.perception.segment import Parts, segment
@@ -45,6 +46,8 @@ Region = tuple[float, float, float, float, float, float]
 REFINED_HYPOTHESES = 15
 LEAST_CARRIED = 0.7  # of the moved points; a motion that explains fewer tells badly what is the part's
 AGAIN = 8  # of them that are refined again once the whole lever is known
+EDGE_ON_JUDGED = 0.7  # of the moved points; fewer can be judged where a plate is seen edge-on
+EDGE_ON_USED = 1200  # surface points in the refinement, of the 5000 or so of a lid seen well
 HUB_M = 0.03  # about the axis, where a lever's hub is
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -142,8 +145,9 @@ def estimate_joint(
     """
     rng = np.random.default_rng(seed)
     scene, warnings = prepare(before, after, region, ignore_mask_before, ignore_mask_after, rng)
-    view_a, view_b, changes = scene.before, scene.after, scene.changes
     require_motion(scene)
+    scene = with_revealed_level(scene, up, rng)
+    view_a, view_b, changes = scene.before, scene.after, scene.changes
     found = search(scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up)
     if not found.ranked:
         check_same_camera(view_a, view_b, changes, np.ones(len(view_a.points), dtype=bool), rng)
@@ -154,13 +158,19 @@ def estimate_joint(
     ranked, wishes = _one_way(found, scene, fine, pushed, rng), found.wishes
     best = ranked[0]
     parts = segment(scene, best.motion)
-    explained = explained_share(best.refined, scene, rng)
+    explained = explained_by(best.refined, scene, rng)
     check_same_camera(view_a, view_b, changes, ~parts.before, rng)
     check_second_part(best.motion, found.motions, scene, sides(scene, rng), fine, rng)
-    warnings += judge(ranked, scene, parts, explained, wishes.thin)
+    warnings += judge(ranked, scene, parts, explained.share, wishes.thin)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
     noise_m = float(np.median(view_a.sigma_m[parts.before])) if parts.before.any() else 0.0015
-    intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, noise_m, wishes.thin)
+    few = explained.judged < EDGE_ON_JUDGED or best.refined.used < EDGE_ON_USED
+    edge_on = not scene.small() and few and best.motion.joint_type == "revolute"
+    if edge_on:
+        warnings.append(
+            "one of the views shows little but the edge of the part, so the hinge is less certain"
+        )
+    intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, noise_m, wishes.thin, edge_on)
     require_narrow(intervals, best.motion)
     motion = _with_origin_near(best.motion, centre)
     logger.info(
@@ -170,7 +180,8 @@ def estimate_joint(
     return JointEstimate(
         motion.joint_type, motion.origin, motion.direction, motion.delta,
         "rad" if motion.joint_type == "revolute" else "m",
-        intervals, best.refined.residual_m, view_a, view_b, parts, tuple(ranked), explained, tuple(warnings),
+        intervals, best.refined.residual_m, view_a, view_b, parts, tuple(ranked), explained.share,
+        tuple(warnings),
     )  # fmt: skip
 
 
@@ -263,7 +274,7 @@ def search(
 
 def _carries(best: Hypothesis, scene: Scene, rng: np.random.Generator) -> bool:
     """Whether a motion is good enough to tell which points are the part's."""
-    return explained_share(best.refined, scene, rng) > LEAST_CARRIED
+    return explained_by(best.refined, scene, rng).share > LEAST_CARRIED
 
 
 def _of_whole_lever(motion: JointMotion, scene: Scene, wishes: Wishes) -> Wishes:

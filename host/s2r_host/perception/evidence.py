@@ -31,6 +31,7 @@ PATCH_M = 0.05
 SMALL_M = 0.25  # diagonal of where a small part was and is
 COST_ON_SURFACE = 0.35  # at the rim of the tolerance band; 0 at its centre
 COST_BACK = 0.2  # behind a new surface that faces the other way: the far face of a plate that turned over
+OTHER_FACE_COS = 0.5  # below it two surfaces are not the same face of a part
 THICKEST_M = 0.03  # of a plate that shows one face before and the other after
 
 
@@ -192,6 +193,29 @@ def turned_away(X: Array, part: Probe, view: View) -> NDArray[np.bool_]:
     away = np.einsum("ni,ni->n", part.normals @ X[:3, :3].T, view.p_camera - p) < 0
     seen = view.look(p, part.sigma_m, 0.001).seen
     return part.normal_ok & away & ((seen == Seen.HIDDEN) | (seen == Seen.NO_RETURN) | (seen == Seen.OUT))
+
+
+def behind_itself(X: Array, part: Probe, view: View, label: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Points that the part itself hides once carried over, or of which the view has no return, shape (points,).
+
+    The part hides what faces away from the camera then, and what lies within a plate's thickness behind a surface that
+    came with the part, unless it is that surface by its normal. That such points are not seen says nothing for or
+    against the motion ``X`` (4, 4).
+    """
+    if view.p_camera is None or not part.oriented:
+        return np.zeros(len(part.points), dtype=bool)
+    p = part.points @ X[:3, :3].T + X[:3, 3]
+    n = part.normals @ X[:3, :3].T
+    found = view.look(p, part.sigma_m, 0.001)
+    index = np.maximum(found.index, 0)
+    no_return = (found.seen == Seen.NO_RETURN) | (found.seen == Seen.OUT)
+    hidden = found.seen == Seen.HIDDEN
+    away = part.normal_ok & (np.einsum("ni,ni->n", n, view.p_camera - p) < 0)
+    depth = -np.einsum("ni,ni->n", p - view.points[index], view.normals[index])
+    same = part.normal_ok & (np.einsum("ni,ni->n", n, view.normals[index]) > OTHER_FACE_COS)
+    within = (label[index] == Change.MOVED) & view.normal_ok[index] & ~same
+    within &= (depth > 0) & (depth < THICKEST_M)
+    return no_return | (hidden & (away | within))
 
 
 def score(motions: list[JointMotion], scene: Scene, before: Probe, after: Probe, extra_m: float) -> Array:

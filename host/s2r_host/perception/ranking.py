@@ -8,7 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry, probe, score, turned_away
+from s2r_host.perception.evidence import (
+    COST_ON_SURFACE,
+    Probe,
+    Scene,
+    behind_itself,
+    carry,
+    probe,
+    score,
+    turned_away,
+)
 from s2r_host.perception.motion import JointMotion, line_distance
 from s2r_host.perception.refine import Refined, refine, sides
 from s2r_host.perception.wishes import Wishes
@@ -113,30 +122,50 @@ def _askew(motion: JointMotion, up: Array | None) -> float:
 
 
 def _fitting_points(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> Array:
-    """Surely moved points, in the pose of the first view, that land on a matching surface (n, 3)."""
+    """Surely moved points, in the pose of the first view, that land on a matching surface (n, 3).
+
+    Of parts larger than a lever also those that the part hides then: a lid seen edge-on shows little near its hinge.
+    """
     X = motion.transform()
     X_back = np.linalg.inv(X)
+    small = scene.small()
     found = []
-    if len(probes[0].points):
-        cost = carry(X[None], probes[0], scene.after, scene.changes.after, 0.001)[0]
-        found.append(probes[0].points[cost <= COST_ON_SURFACE])
-    if len(probes[1].points):
-        cost = carry(X_back[None], probes[1], scene.before, scene.changes.before, 0.001)[0]
-        found.append((probes[1].points @ X_back[:3, :3].T + X_back[:3, 3])[cost <= COST_ON_SURFACE])
+    for T, part, view, label, to_first in (
+        (X, probes[0], scene.after, scene.changes.after, np.eye(4)),
+        (X_back, probes[1], scene.before, scene.changes.before, X_back),
+    ):
+        if len(part.points):
+            fits = carry(T[None], part, view, label, 0.001)[0] <= COST_ON_SURFACE
+            fits |= False if small else behind_itself(T, part, view, label)
+            found.append(part.points[fits] @ to_first[:3, :3].T + to_first[:3, 3])
     return np.concatenate(found)
 
 
-def explained_share(best: Refined, scene: Scene, rng: np.random.Generator) -> float:
-    """Share of surely moved points whose cost is that of a matching surface.
+@dataclass(frozen=True)
+class Explained:
+    """How much of what surely moved a motion explains.
 
-    Of a plate that turned over, points turned away from the camera are left out, unless hardly any others are left.
+    Attributes:
+        share: Points whose cost is that of a matching surface, among those that can be judged.
+        judged: Share of the points that can be judged.
+    """
+
+    share: float
+    judged: float
+
+
+def explained_by(best: Refined, scene: Scene, rng: np.random.Generator) -> Explained:
+    """How much of what surely moved lands on a matching surface.
+
+    Of parts larger than a lever, points that the part itself hides (`behind_itself`) are left out, unless hardly any
+    others are left.
     """
     probes = (
         probe(scene.before, scene.moved_before(), 1500, rng),
         probe(scene.after, scene.moved_after(), 1500, rng),
     )
     count = len(probes[0].points) + len(probes[1].points)
-    X, fits, away = best.motion.transform(), 0, 0
+    X, fits, away, small = best.motion.transform(), 0, 0, scene.small()
     for T, part, view, label in (
         (X, probes[0], scene.after, scene.changes.after),
         (np.linalg.inv(X), probes[1], scene.before, scene.changes.before),
@@ -144,6 +173,9 @@ def explained_share(best: Refined, scene: Scene, rng: np.random.Generator) -> fl
         if len(part.points):
             fitting = carry(T[None], part, view, label, 0.001)[0] <= COST_ON_SURFACE
             fits += int(fitting.sum())
-            if best.plate_m is not None:
+            if not small:
+                away += int((behind_itself(T, part, view, label) & ~fitting).sum())
+            elif best.plate_m is not None:
                 away += int((turned_away(T, part, view) & ~fitting).sum())
-    return fits / max(count - away, LEAST_JUDGED * count, 1)
+    judged = max(count - away, LEAST_JUDGED * count, 1)
+    return Explained(fits / judged, judged / max(count, 1))

@@ -19,7 +19,6 @@ LEAST_TRAVEL_M = 0.010  # of the fastest point of the part
 MOST_TILT_RAD = np.radians(15)
 LEAST_EXPLAINED = 0.5  # with hands on the object 0.5-0.75; a plate taken for its own mirror image 0.3-0.48
 LEAST_MOVED_M2 = 1e-4
-LEAST_PLATE_M = 0.001  # thinner: the faces were taken for one
 # Half of a lever's pixels lie on rims and carry no surface.
 THIN_EXPLAINED, THIN_EVIDENCE = 0.33, 0.45
 
@@ -75,7 +74,7 @@ def judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: float
             f" limit {MOST_RESIDUAL_M * 1e3:.0f} mm; is the part rigid and the camera calibrated?"
         )
     plate = best.refined.plate_m
-    if plate is not None and not LEAST_PLATE_M < plate < THICKEST_M:
+    if plate is not None and plate >= THICKEST_M:
         raise AbstainError(
             "the part shows one face before and the other after, and its thickness cannot be told from them"
             f" ({plate * 1e3:.0f} mm fits best); push so that one face stays in sight, or look from another side"
