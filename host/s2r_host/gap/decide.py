@@ -20,7 +20,7 @@ from s2r_host.gap.decision import (
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.law import LawFinding
 from s2r_host.gap.naming import CEILING, MODEL_ERROR, Z90, Named, brought, named_effect, parameter_table
-from s2r_host.gap.other_machine import other_machine
+from s2r_host.gap.other_machine import all_numbers_elsewhere, other_machine
 from s2r_host.gap.parameters_off import base_entries, is_parameter, off_entries, off_entry, parameters_only
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.rejected import rejected_list
@@ -52,9 +52,11 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
     if decision.verdict in ("nothing_missing", "parameter_off") and problem.wanders:
         _add_wander(problem, max(problem.wanders, key=lambda w: w.size / w.effort), decision)
     decision.effects.sort(key=_rank)
-    if decision.verdict != "unknown" and (moved := other_machine(problem, decision)):
-        decision.verdict = "unknown"
-        decision.reasons.append(moved)
+    if decision.verdict != "unknown":
+        moved = other_machine(problem, decision) or all_numbers_elsewhere(problem, search)
+        if moved:
+            decision.verdict = "unknown"
+            decision.reasons.append(moved)
     if decision.verdict == "unknown":
         decision.effects = []
     return decision

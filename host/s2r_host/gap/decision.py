@@ -36,8 +36,12 @@ class Decision:
 
 
 def too_much_left(problem: Problem, search: Search, decision: Decision) -> bool:
-    """Does the best explanation leave so much that its name would be a guess?"""
-    if decision.leftover <= LEFTOVER_LIMIT * doubt(problem):
+    """Does the best explanation leave so much that its name would be a guess?
+
+    So it does where the leftover stands above the floor, or comes back in the second run and hence is no noise.
+    """
+    above = decision.leftover > LEFTOVER_LIMIT * doubt(problem)
+    if not above and not search.comes_back(decision.solution.terms):
         return False
     return decision.explained < explained_least_of(problem, search, decision.solution, decision.leftover)
 

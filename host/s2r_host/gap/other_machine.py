@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_host.gap.decision import Decision
+from s2r_host.gap.decision import LEFTOVER_LIMIT, Decision, doubt, leftover
 from s2r_host.gap.problem import Problem
+from s2r_host.gap.search import Search
 
 OTHER_MACHINE, FEW_JOINTS = 0.4, 2
 FAR_RIGID, FAR_FRICTION, FAR_KINDS, FAR_SCALE = 0.08, 0.3, 4, 2.0
+
+# With its numbers set free, a rigid body explains another machine's recording to the floor: gap over effort (rms) from
+# which that is asked, numbers by so many of their usual errors, floors left over at the usual trust, relative change.
+FREED_SHARE, FREED, FREED_BEFORE, FREED_MOVED = 0.5, 30.0, 10.0, 0.3
+WEIGHT, INERTIA, FRICTION = ("mass", "com"), ("inertia", "armature"), ("damping", "frictionloss")
 
 
 def other_machine(problem: Problem, decision: Decision) -> str | None:
@@ -50,6 +56,45 @@ def other_machine(problem: Problem, decision: Decision) -> str | None:
         if len(decision.effects) > 1 and not 1.0 / FAR_SCALE < scale < FAR_SCALE:
             return f"efforts {scale:.2g} times the recorded ones and more beside: is this recording of another machine?"
     return None
+
+
+def all_numbers_elsewhere(problem: Problem, search: Search) -> str | None:
+    """A sentence when a rigid body explains everything, but with weight, inertia and friction of another machine.
+
+    No effect of the catalogue changes all three; springs and scales that imitate them leave more over.
+    """
+    if len(problem.ctx.model.joints) > FEW_JOINTS:
+        return None
+    shares = []
+    for j in problem.joints:
+        blocks = [b for b in problem.blocks if b.joint == j]
+        gap = np.concatenate([problem.raw[b.rows] for b in blocks])
+        effort = np.concatenate([b.session.u[b.picks, j] for b in blocks])
+        shares.append(float(np.sqrt(np.mean(gap**2) / max(float(np.mean(effort**2)), 1e-30))))
+    if max(shares, default=0.0) < FREED_SHARE:
+        return None
+    usual = search.finish([], [], [])
+    before = search.looseness
+    search.looseness = FREED
+    freed = search.finish([], [], [])
+    search.looseness = before
+    if leftover(problem, usual.prediction, usual) < FREED_BEFORE:
+        return None
+    if leftover(problem, freed.prediction, freed) > LEFTOVER_LIMIT * doubt(problem):
+        return None
+    moved = {
+        kinds: max(
+            (abs(float(x)) for p, x in zip(problem.base, freed.base, strict=True) if p.name.startswith(kinds)),
+            default=0.0,
+        )
+        for kinds in (WEIGHT, INERTIA, FRICTION)
+    }
+    if min(moved.values()) < FREED_MOVED:
+        return None
+    return (
+        "a rigid joint explains all of it, but with weight, inertia and friction all far from the model's: is this "
+        "recording of another machine?"
+    )
 
 
 def _moved(p: dict) -> float:
