@@ -11,9 +11,10 @@ from s2r_host.gap.search import Search
 OTHER_MACHINE, FEW_JOINTS = 0.4, 2
 FAR_RIGID, FAR_FRICTION, FAR_KINDS, FAR_SCALE = 0.08, 0.3, 4, 2.0
 
-# With its numbers set free, a rigid body explains another machine's recording to the floor: gap over effort (rms) from
-# which that is asked, numbers by so many of their usual errors, floors left over at the usual trust, relative change.
-FREED_SHARE, FREED, FREED_BEFORE, FREED_MOVED = 0.5, 30.0, 10.0, 0.3
+# Set free, the numbers of a rigid body explain another machine's recording to the floor: gap over effort (rms) from
+# which that is asked, usual errors by which the numbers may be off, relative change that is far.
+FREED_SHARE, FREED, FREED_MOVED = 0.5, 30.0, 0.3
+CLEAR = 2.0  # deviations by which a friction has to be far; a weak one is hardly seen
 WEIGHT, INERTIA, FRICTION = ("mass", "com"), ("inertia", "armature"), ("damping", "frictionloss")
 
 
@@ -73,22 +74,20 @@ def all_numbers_elsewhere(problem: Problem, search: Search) -> str | None:
         shares.append(float(np.sqrt(np.mean(gap**2) / max(float(np.mean(effort**2)), 1e-30))))
     if max(shares, default=0.0) < FREED_SHARE:
         return None
-    usual = search.finish([], [], [])
     before = search.looseness
+    usual = search.finish([], [], [])
     search.looseness = FREED
     freed = search.finish([], [], [])
     search.looseness = before
-    if leftover(problem, usual.prediction, usual) < FREED_BEFORE:
+    enough = LEFTOVER_LIMIT * doubt(problem)
+    if not leftover(problem, freed.prediction, freed) < enough < leftover(problem, usual.prediction, usual):
         return None
-    if leftover(problem, freed.prediction, freed) > LEFTOVER_LIMIT * doubt(problem):
-        return None
-    moved = {
-        kinds: max(
-            (abs(float(x)) for p, x in zip(problem.base, freed.base, strict=True) if p.name.startswith(kinds)),
-            default=0.0,
-        )
-        for kinds in (WEIGHT, INERTIA, FRICTION)
-    }
+    moved = dict.fromkeys((WEIGHT, INERTIA, FRICTION), 0.0)
+    for p, x, deviation in zip(problem.base, freed.base, freed.base_deviation, strict=True):
+        for kinds in moved:
+            if p.name.startswith(kinds):
+                sure = abs(float(x)) - (CLEAR * float(deviation) if kinds == FRICTION else 0.0)
+                moved[kinds] = max(moved[kinds], sure)
     if min(moved.values()) < FREED_MOVED:
         return None
     return (
