@@ -27,6 +27,22 @@ def test_a_lid_that_turned_its_other_face_to_the_camera_is_answered_with_a_warni
     assert any("one face before and the other after" in text for text in found.warnings)
 
 
+@pytest.mark.parametrize("seed", [301, 303])
+def test_a_lid_of_which_one_view_shows_the_edge_is_answered_the_right_way_round(seed: int):
+    # 303: the lid, turned the other way, would come to lie in the table behind it.
+    pair = draw_pair("laptop", Split.VALIDATION, seed)
+    found = estimate_joint(
+        DepthFrame(pair.depth_before, pair.K, pair.X_base_camera),
+        DepthFrame(pair.depth_after, pair.K, pair.X_base_camera),
+    )
+    true_direction = np.sign(pair.delta) * np.array(pair.joint.direction)
+    assert np.arccos(found.axis_direction @ true_direction) < found.intervals90.axis_angle_rad
+    assert found.intervals90.delta[0] < abs(pair.delta) < found.intervals90.delta[1]
+    hinge = line_distance(np.array(pair.joint.origin_m), true_direction, found.axis_origin_m[None])[0]
+    assert hinge < found.intervals90.axis_offset_m
+    assert any("little but the edge" in text for text in found.warnings)
+
+
 def test_a_lid_seen_edge_on_afterwards_is_not_answered():
     pair = scenes.laptop_pair(np.random.default_rng(1), turn_rad=1.0)
     with pytest.raises(AbstainError, match="no single rigid motion"):
