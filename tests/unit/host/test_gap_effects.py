@@ -176,6 +176,13 @@ def test_an_effort_scale_beyond_what_a_gear_is_off_by_is_refused(ctx):
         assert scale.size_prior(ctx, 0, {}, np.array([theta])) < -100.0
 
 
+@pytest.mark.parametrize(("hardens", "bend"), [(0.0, []), (1.0, [0.0, 0.0])])
+def test_a_loop_whose_spring_vanishes_is_no_cable(ctx, hardens, bend):
+    cable, shape = catalogue()["cable_spring"], {"width": 0.1, "hardens": hardens}
+    for stiffness, odds in ((0.0, -8.0), (1.0, 0.0)):
+        assert cable.size_prior(ctx, 0, shape, np.array([stiffness, 0.2, 0.5, *bend])) == odds
+
+
 def test_a_single_stroke_cannot_show_warming(ctx):
     """Along one stroke warming and place are the same thing."""
     thermal, s = catalogue()["thermal_drift"], ctx.sessions[0]

@@ -11,6 +11,7 @@ from s2r_host.gap.session import Session
 from s2r_host.gap.states import bristle
 
 HARDENS = 1.0
+SLACK, NO_SPRING = 0.1, -8.0  # spring over the travel in heights of the loop, log odds
 
 
 class CableSpring(Effect):
@@ -43,6 +44,14 @@ class CableSpring(Effect):
             return Columns(found, positive)
         x = q - self._middle(ctx, joint)
         return Columns([*found, x**2, x**3], (*positive, False, True))
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """What bends returns: a loop whose spring vanishes beside it is hysteresis and no cable."""
+        q = np.linspace(*ctx.span(joint), 50)
+        x = q - self._middle(ctx, joint)
+        square, cube = (theta[3], theta[4]) if shape["hardens"] else (0.0, 0.0)
+        spring = float(np.ptp(theta[0] * q + square * x**2 + cube * x**3))
+        return NO_SPRING if spring < SLACK * 2.0 * float(theta[2]) else 0.0
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Spring and loop height."""
