@@ -34,7 +34,7 @@ LEAST_PLATE_M = 0.003  # hardly a lid is thinner: the fit of its thickness went 
 UNLIKELY_PLATE = 2.5
 TURNED_SHIFT_M = 0.004
 # A plate that one of the views shows by its edge alone: the rim's depth is smeared, which turns the plate. Validation
-# laptops 1 to 300; the shift is divided by 2 sin(angle / 2) like that of tilted plates.
+# laptops 0 to 60 and 300 to 313; the shift is divided by 2 sin(angle / 2) like that of tilted plates.
 EDGE_ON_TURN_RAD = np.radians(1.2)
 EDGE_ON_TILT_RAD = np.radians(0.7)
 EDGE_ON_SHIFT_M = 0.005
@@ -93,7 +93,8 @@ def intervals90(
     if kind == "revolute":
         shift2 = float(np.trace(covariance[2:4, 2:4]) / 2) + (THIN_SHIFT_M if thin else FLOOR_SHIFT_M) ** 2
         shift2 += (PLATE_SHIFT_PER_NOISE * noise_m * lever) ** 2
-        shift2 += (unsure * TURNED_SHIFT_M) ** 2 if best.plate_m is not None else 0.0
+        if best.plate_m is not None:  # a thickness off by e puts the hinge e / (2 sin(angle / 2)) off
+            shift2 += (unsure * TURNED_SHIFT_M * max(lever, 1.0)) ** 2
         if edge_on:
             shift2 += (EDGE_ON_SHIFT_M * lever) ** 2
             delta2 += EDGE_ON_TURN_RAD**2
