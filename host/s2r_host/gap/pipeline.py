@@ -13,10 +13,11 @@ from s2r_host.gap import insufficient
 from s2r_host.gap.align import control_lag
 from s2r_host.gap.checks import check_efforts, check_joints, check_units
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.decide import BEHIND_THE_SENSOR, decide, restate
+from s2r_host.gap.decide import decide, restate
 from s2r_host.gap.decision import Decision
 from s2r_host.gap.forward import Errors, evaluate
 from s2r_host.gap.model import RigidModel
+from s2r_host.gap.other_equations import BEHIND_THE_SENSOR
 from s2r_host.gap.polish import drifts_freely, friction_change, polish
 from s2r_host.gap.problem import Problem, build_problem
 from s2r_host.gap.recording import read_recording
