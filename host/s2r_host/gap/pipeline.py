@@ -20,7 +20,7 @@ from s2r_host.gap.model import RigidModel
 from s2r_host.gap.other_equations import BEHIND_THE_SENSOR
 from s2r_host.gap.polish import drifts_freely, friction_change, polish
 from s2r_host.gap.problem import Problem, build_problem
-from s2r_host.gap.recording import read_recording
+from s2r_host.gap.recording_files import read_recording
 from s2r_host.gap.replay import Live, Twin, build_twin, has_loop, run
 from s2r_host.gap.search import Search
 from s2r_host.gap.seeds import fill_residuals, sharpen_sign

@@ -8,7 +8,7 @@ from s2r_host.gap.config import GapConfig
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.nuisance import base_parameters
 from s2r_host.gap.pipeline import analyse
-from s2r_host.gap.recording import read_recording
+from s2r_host.gap.recording_files import read_recording
 from s2r_host.gap.session import make_session
 
 XML = """<mujoco><option timestep="0.001" integrator="implicitfast"/><worldbody><body name="cart">

@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from s2r_host.gap.errors import GapRecordingError
-from s2r_host.gap.recording import read_recording
+from s2r_host.gap.recording_files import read_recording
 
 T = np.arange(0, 1, 0.01)
 
