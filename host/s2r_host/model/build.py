@@ -16,6 +16,7 @@ from s2r_host.model.errors import ModelError
 from s2r_host.model.pieces import Piece
 from s2r_host.model.plates import base_pieces, part_pieces
 from s2r_host.model.points import ObservedObject, observe
+from s2r_host.model.swept import without_swept
 from s2r_host.model.write import write_mjcf, write_urdf
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.motion import JointMotion, JointType
@@ -96,7 +97,9 @@ def build_model(
     else:
         bar = _bar(estimate, seen)
         part, warnings = (bar, []) if bar is not None else part_pieces(seen, rng, cpu_limit_s)
-        base, more = base_pieces(seen, estimate.axis_origin_m, estimate.axis_direction, rng, cpu_limit_s)
+        sure = [piece for piece in bar or [] if piece.name == "bar"]
+        stayed = without_swept(seen, sure, estimate.motion)
+        base, more = base_pieces(stayed, estimate.axis_origin_m, estimate.axis_direction, rng, cpu_limit_s)
         pieces, warnings = part + base, warnings + more
         joint_range = _wide_range(estimate)
     if not any(piece.body == "part" for piece in pieces):

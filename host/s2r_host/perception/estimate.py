@@ -33,7 +33,7 @@ from s2r_host.perception.sampled import sampled
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
 from s2r_host.perception.segment import Parts, segment
 from s2r_host.perception.symmetry import other_turn, refuse_two_turns
-from s2r_host.perception.verdict import judge, require_motion, require_narrow
+from s2r_host.perception.verdict import judge, require_motion, require_narrow, require_standing
 from s2r_host.perception.view import CloudView, DepthView, View
 from s2r_host.perception.wishes import Wishes
 
@@ -172,6 +172,7 @@ def estimate_joint(
         )
     intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, noise_m, wishes.thin, edge_on)
     require_narrow(intervals, best.motion)
+    require_standing(best.motion, parts, scene, up)
     motion = _with_origin_near(best.motion, centre)
     logger.info(
         "joint %s, delta %.4f, residual %.2f mm, cost %.3f of %d hypotheses",

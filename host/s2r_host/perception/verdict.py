@@ -11,7 +11,10 @@ from s2r_host.perception.intervals import Intervals
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.ranking import Hypothesis
 from s2r_host.perception.segment import Parts
+from s2r_host.perception.standing import solid_m
 from s2r_host.perception.view import CloudView, DepthView, View
+
+Array = NDArray[np.floating]
 
 FAMILY_MARGIN = 0.02  # cost; below it revolute and prismatic are not told apart
 MOST_RESIDUAL_M = 0.003
@@ -100,6 +103,20 @@ def judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: float
             f"only {100 * explained:.0f} % of the moved points fit the joint; something else moved too"
         )
     return warnings
+
+
+def require_standing(motion: JointMotion, parts: Parts, scene: Scene, up: Array | None) -> None:
+    """Refuse a lever's hinge that hangs in the air: the true one was not among the candidates.
+
+    Raises:
+        AbstainError: The cameras saw through all of its axis beside the part.
+    """
+    if motion.joint_type == "prismatic" or not scene.small() or not parts.before.any():
+        return
+    if solid_m(motion, scene.before.points[parts.before], scene, up) == 0.0:
+        raise AbstainError(
+            "the hinge that explains the views best would hang in the air; push further or look from another side"
+        )
 
 
 def require_narrow(intervals: Intervals, motion: JointMotion) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from s2r_host.errors import SceneError
 from s2r_host.model.build import ObjectModel, build_model
 from s2r_host.model.write import write_mjcf
-from s2r_host.perception.estimate import JointEstimate, estimate_joint
+from s2r_host.perception.estimate import JointEstimate, Region, estimate_joint
 from s2r_host.perception.motion import JointMotion, Push
 from s2r_host.proprioception.object_numbers import ObjectNumbers
 from s2r_host.run.measure import PartTemplate, part_template
@@ -23,6 +23,7 @@ from s2r_host.run.task import Task
 
 UPRIGHT_AXIS = 0.5
 LEAST_ALIGNED = 0.8  # cosine between the axis seen and the one the first view promised
+AROUND_M = 0.1  # beyond the object's points, in which its part may have moved
 USUAL_PLATE_M = 0.006
 HOLDING = 1.25  # friction over the gravity that it holds
 RANGE_SAMPLES = 41
@@ -104,6 +105,7 @@ def estimate_part(
     estimate = estimate_joint(
         before.capture.frame,
         after.capture.frame,
+        region=_around(before, after),
         ignore_mask_before=before.arm_mask,
         ignore_mask_after=after.arm_mask,
         joint_type=task.joint_type,
@@ -119,6 +121,13 @@ def estimate_part(
             f"a {task.name} has it; that is no {task.name}, or something else moved"
         )
     return estimate if along > 0.0 else estimate.reversed()
+
+
+def _around(before: Observation, after: Observation) -> Region:
+    """The box about what both views took for the object; what changes elsewhere are ghosts on a far table."""
+    p = np.concatenate([before.scene.p_base, after.scene.p_base])
+    low, high = p.min(axis=0) - AROUND_M, p.max(axis=0) + AROUND_M
+    return low[0], high[0], low[1], high[1], low[2], high[2]
 
 
 def _grows_usually(axis: np.ndarray) -> bool:

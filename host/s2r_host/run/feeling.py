@@ -97,6 +97,11 @@ class Feeling:
         """All that was felt of the part so far."""
         return [touch for felt in self.by_motion.values() for touch in felt]
 
+    def forget_part(self) -> None:
+        """What was felt of a part that turned out to be hinged elsewhere; what the arm taught of itself stays."""
+        self._pushes.clear()
+        self.by_motion.clear()
+
     def _learn_arm(self, executed: Sequence[Executed]) -> None:
         for one in executed:
             if one.free_from < 1.0 and one.recording is not None and one.seq not in self._heard:

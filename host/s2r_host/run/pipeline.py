@@ -68,7 +68,13 @@ def _loop(session: Session, record: RunRecord) -> None:
         for text in model.warnings:
             journal.warn(text)
     record.zero_view, record.s_found = told.before.name, float(told.estimate.delta)
-    origin = record.s_found if settings.from_pushed else state_in(record.belief, before, told.before)
+    record.told_by_push, record.push_seen_from = told.estimate, told.before.name
+    record.found_view = told.after.name
+    record.origin_view, record.origin = (
+        (told.after.name, record.s_found)
+        if settings.from_pushed
+        else (before.name, state_in(record.belief, before, told.before))
+    )
     session.recorder.add_note(
         "joint", {"axis": told.estimate.axis_direction.tolist(), "s_after": record.s_found}
     )
@@ -77,7 +83,7 @@ def _loop(session: Session, record: RunRecord) -> None:
     after, s_now = told.after, record.s_found
     targets = (settings.target, *settings.then)
     for number, target in enumerate(targets, start=1):
-        session.target = origin + target
+        session.target = record.origin + target
         record.goals.append(Goal(session.target))
         if settings.learn_physics:
             from s2r_host.run.physics import before_target  # loads the gap tool

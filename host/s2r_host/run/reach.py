@@ -13,6 +13,7 @@ from s2r_host.run.planned import prepare_manipulation
 from s2r_host.run.reactive import carry_out_reactively
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
+from s2r_host.run.tell_again import tell_again
 from s2r_protocol.exits import RefusedError
 
 # Over the usual error of this object's manipulations: hardly to be bettered, and likely to be bettered by one more.
@@ -70,19 +71,24 @@ def reach(
             {"number": number, "s": measured.s, "sigma": measured.sigma, "delta": done.delta},
         )
         folder, offset = settings.out / f"model-{number + 1}", measured.s - planned.foreseen
+        anew = tell_again(session, record, view)
+        if anew:
+            feeling.forget_part()
+            goal = record.goals[-1]
+            done = goal.last
         if not planned.corrected:  # else the first motion was not all of it
             record.belief = belief_with_felt(
-                session, feeling, record.belief, executed[0], s_now, measured.s, folder
+                session, feeling, record.belief, executed[0], done.s_initial, done.measured.s, folder
             )
         if abs(done.delta) <= task.good_enough or _better_left_alone(goal.attempts, task.tolerance, left):
             return view
         if _held_up(goal.attempts, task.good_enough):
             journal.warn(
-                f"the {task.part} was stopped twice at {task.unit.show(measured.s)}: it seems to be at the end of its "
-                "way, or something is in it; try another target"
+                f"the {task.part} was stopped twice at {task.unit.show(done.measured.s)}: it seems to be at the end "
+                "of its way, or something is in it; try another target"
             )
             return view
-        s_now, learns = measured.s, "touch" not in settings.without
+        s_now, learns = done.measured.s, "touch" not in settings.without and not anew
         if learns and left and not planned.stopped and abs(offset) < task.far_off:
             positive = planned.request.s_target > planned.request.s_initial
             record.belief = corrected(record.belief, planned.pushed_geom, offset, positive, folder)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from s2r_host.link import ExecutorIdentity
+from s2r_host.perception.estimate import JointEstimate
 from s2r_host.proprioception.object_log import Touch
 from s2r_host.run.belief import Belief
 from s2r_host.run.first_push import DonePush, PlannedPush
@@ -71,7 +72,10 @@ class RunRecord:
         belief: After the last correction.
         felt: What the arm felt of the part, by the label of the motion.
         lessons: What the recordings said about physics left out, in order.
-        zero_view: Name of the view that joint values count from.
+        told_by_push, push_seen_from: The joint as the pushes told it, and the name of the view before its motion.
+        zero_view, origin_view, found_view: Names of the view that joint values count from, of that with the state from
+            which targets count, and of the newest one before the first planned manipulation.
+        origin: Joint value from which targets count [m or rad].
         s_found: Joint value measured just before the first planned manipulation [m or rad].
         goals: What was aimed at so far, with the manipulations carried out for it.
         world_commitment: Of the stand-in's sealed world, if it says one.
@@ -91,7 +95,12 @@ class RunRecord:
     belief: Belief | None = None
     felt: dict[str, list[Touch]] = field(default_factory=dict)
     lessons: list[PhysicsLesson] = field(default_factory=list)
+    told_by_push: JointEstimate | None = None
+    push_seen_from: str = "A"
     zero_view: str = "A"
+    origin_view: str = "A"
+    found_view: str = "A"
+    origin: float = 0.0
     s_found: float | None = None
     goals: list[Goal] = field(default_factory=list)
     world_commitment: str | None = None
@@ -108,6 +117,10 @@ class RunRecord:
         self.views.append(view)
         self.world_commitment = self.world_commitment or view.capture.world_commitment or None
         return view
+
+    def view(self, name: str) -> Observation:
+        """The look of that name."""
+        return next(view for view in self.views if view.name == name)
 
     def as_dict(self) -> dict[str, Any]:
         """What ``run.json`` holds."""
@@ -130,6 +143,8 @@ class RunRecord:
             "attempts": [_attempt(attempt) for attempt in self.attempts],
             "push": _push(self.push) if self.push else None,
             "zero_view": self.zero_view,
+            "joint_by_push": _told(self.told_by_push) if self.told_by_push else None,
+            "push_seen_from": self.push_seen_from,
             "joint": _joint(self.belief) if self.belief else None,
             "physics": [lesson.as_json() for lesson in self.lessons],
             "views": [_view(view) for view in self.views],
@@ -208,8 +223,7 @@ def _push(done: DonePush) -> dict[str, Any]:
     }
 
 
-def _joint(belief: Belief) -> dict[str, Any]:
-    estimate, model = belief.estimate, belief.model
+def _told(estimate: JointEstimate) -> dict[str, Any]:
     return {
         "joint_type": estimate.joint_type,
         "axis_origin_m": estimate.axis_origin_m,
@@ -219,6 +233,13 @@ def _joint(belief: Belief) -> dict[str, Any]:
         "intervals90": _plain(estimate.intervals90),
         "residual_m": estimate.residual_m,
         "explained": estimate.explained,
+    }
+
+
+def _joint(belief: Belief) -> dict[str, Any]:
+    model = belief.model
+    return {
+        **_told(belief.estimate),
         "model_mjcf": model.mjcf_path,
         "model_urdf": model.urdf_path,
         "believed_mjcf": {"growing": belief.growing, "falling": belief.falling},

@@ -89,18 +89,18 @@ def _true_joint(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
 
 def _joint_error(trial: Trial, run: Row, moved: float | None) -> Row:
     """Errors of the estimated joint: axis [rad], distance of the lines [m] (hinges), motion seen [m or rad]."""
-    if run["joint"] is None:
+    if run["joint_by_push"] is None:
         return {"axis_error_rad": None, "axis_offset_m": None, "push_error": None}
     origin, direction = _true_joint(trial)
-    said = np.array(run["joint"]["axis_direction"])
+    said = np.array(run["joint_by_push"]["axis_direction"])
     along = float(said @ direction)
-    offset = np.array(run["joint"]["axis_origin_m"]) - origin
+    offset = np.array(run["joint_by_push"]["axis_origin_m"]) - origin
     distance = float(np.linalg.norm(offset - (offset @ direction) * direction))
-    if run["zero_view"] != "A":  # the motion seen began later than the true one
+    if run["push_seen_from"] != "A":  # the motion seen began later than the true one
         moved = None
     signed = moved if moved is None or along >= 0.0 else -moved
     return {
         "axis_error_rad": float(np.arccos(min(1.0, abs(along)))),
         "axis_offset_m": None if trial.kind == "drawer" else distance,
-        "push_error": None if signed is None else run["joint"]["delta"] - signed,
+        "push_error": None if signed is None else run["joint_by_push"]["delta"] - signed,
     }

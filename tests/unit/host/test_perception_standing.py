@@ -1,0 +1,63 @@
+"""A hinge stands on something."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from s2r_host.perception import synthetic
+from s2r_host.perception.change import compare
+from s2r_host.perception.errors import AbstainError
+from s2r_host.perception.evidence import Scene
+from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.segment import segment
+from s2r_host.perception.standing import solid_m
+from s2r_host.perception.synthetic import Box, beam, look_at
+from s2r_host.perception.verdict import require_standing
+from s2r_host.perception.view import DepthView
+
+PIVOT, UP = np.array([0.6, 0.0, 0.18]), np.array([0.0, 0.0, 1.0])
+K, SHAPE = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]]), (360, 640)
+TURN = JointMotion("revolute", PIVOT, UP, np.radians(25.0))
+IN_AIR = JointMotion("revolute", PIVOT + np.array([-0.07, -0.03, 0.0]), UP, np.radians(25.0))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A lever of 11 cm on a column, turned by 25° about it."""
+    table = np.eye(4)
+    table[:3, 3] = (0.7, 0.0, -0.01)
+    static = [
+        Box(table, np.array([1.2, 1.2, 0.02])),
+        beam(np.array([0.6, 0.0, 0.0]), PIVOT - 0.01 * UP, 0.04, 0.04),
+    ]
+    lever = [beam(PIVOT, PIVOT + np.array([-0.05, -0.1, 0.01]), 0.02, 0.014)]
+    camera = look_at(np.array([0.0, -0.35, 0.6]), PIVOT)
+    made = synthetic.pair(static, lever, TURN, K, SHAPE, camera, np.random.default_rng(3))
+    before, after = DepthView(made.before), DepthView(made.after)
+    everywhere = np.ones(len(before.points), bool), np.ones(len(after.points), bool)
+    return Scene(before, after, compare(before, after), *everywhere)
+
+
+def test_more_of_the_axis_is_solid_the_nearer_it_is_to_the_column(scene):
+    part = scene.before.points[segment(scene, TURN).before]
+    shifts = [np.array([-0.07, -0.03, 0.0]) * share for share in (0.0, 0.5, 1.0)]
+    solid = [
+        solid_m(JointMotion("revolute", PIVOT + shift, UP, TURN.delta), part, scene, UP) for shift in shifts
+    ]
+    assert solid[0] > 0.028
+    assert all(one >= two for one, two in pairwise(solid))
+    assert solid[2] == 0.0
+
+
+def test_the_sense_of_the_axis_does_not_matter(scene):
+    part = scene.before.points[segment(scene, TURN).before]
+    down = JointMotion("revolute", PIVOT, -UP, -TURN.delta)
+    assert solid_m(down, part, scene, UP) == pytest.approx(solid_m(TURN, part, scene, UP))
+
+
+def test_a_hinge_in_the_air_is_refused_and_one_on_the_column_is_not(scene):
+    parts = segment(scene, TURN)
+    require_standing(TURN, parts, scene, UP)
+    with pytest.raises(AbstainError, match="hang in the air"):
+        require_standing(IN_AIR, parts, scene, UP)
