@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from s2r_host.run.contact import corrected
 from s2r_host.run.feeling import Feeling
 from s2r_host.run.lessons import belief_with_felt
@@ -13,11 +15,13 @@ from s2r_host.run.planned import prepare_manipulation
 from s2r_host.run.reactive import carry_out_reactively
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
+from s2r_host.run.task import Task
 from s2r_host.run.tell_again import tell_again
 from s2r_protocol.exits import RefusedError
 
 # Over the usual error of this object's manipulations: hardly to be bettered, and likely to be bettered by one more.
 LUCKY, WORTH_A_TRY = 0.5, 1.5
+UNSURE = 2.5  # standard errors of the measurement, below which a difference may be its own
 
 
 def reach(
@@ -80,7 +84,7 @@ def reach(
             record.belief = belief_with_felt(
                 session, feeling, record.belief, executed[0], done.s_initial, done.measured.s, folder
             )
-        if abs(done.delta) <= task.good_enough or _better_left_alone(goal.attempts, task.tolerance, left):
+        if _there(done, task) or _better_left_alone(goal.attempts, task.tolerance, left):
             return view
         if _held_up(goal.attempts, task.good_enough):
             journal.warn(
@@ -96,6 +100,16 @@ def reach(
                 f"belief corrected: pushed side of {planned.pushed_geom} by {task.unit.show(-offset)}"
             )
     return view
+
+
+def _there(done: DoneManipulation, task: Task) -> bool:
+    """The part is where it should be, or no measurement of this view tells that it is not.
+
+    A lid seen edge-on is measured to a degree. Corrections of less than that chase the measurement's own error.
+    """
+    sigma = done.measured.sigma
+    told = UNSURE * sigma if np.isfinite(sigma) else 0.0
+    return abs(done.delta) <= max(task.good_enough, min(told, task.tolerance))
 
 
 def _better_left_alone(attempts: Sequence[DoneManipulation], tolerance: float, left: int) -> bool:

@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from s2r_host.run.reach import _better_left_alone, _held_up
+from s2r_host.run.reach import _better_left_alone, _held_up, _there
+from s2r_host.run.task import TASKS
 
 
 def done(s: float, target: float = 0.5, s_initial: float = 0.0, stopped: bool = False) -> Any:
@@ -41,3 +42,20 @@ def test_a_part_that_is_stopped_twice_at_one_place_is_at_the_end_of_its_way():
     assert not _held_up([first, done(0.401, s_initial=0.40)], same=0.01)
     back = done(0.401, target=0.2, s_initial=0.40, stopped=True)
     assert not _held_up([first, back], same=0.01)
+
+
+@pytest.mark.parametrize(
+    ("off", "sigma", "there"),
+    [
+        (0.5, 0.0, True),  # in shares of what is good enough
+        (1.5, 0.1, False),
+        (1.5, 0.7, True),  # the measurement cannot tell
+        (1.5, float("inf"), False),  # nothing is known of its error
+        (100.0, 50.0, False),  # beyond tolerance it has to be tried, however unsure
+    ],
+)
+def test_no_correction_is_smaller_than_what_the_measurement_tells(off, sigma, there):
+    task = TASKS["laptop"]
+    manipulation = done(0.5 - off * task.good_enough)
+    manipulation.measured.sigma = sigma * task.good_enough
+    assert _there(manipulation, task) == there
