@@ -35,6 +35,7 @@ SETTLED_SHARE, SETTLED_LEAST = (
 BOTH_FLANKS = 0.1  # of the time on the lesser one, or the width stays open
 MARGIN_S = 0.2
 SPRING_DAMPING = 0.05
+SPRING_ERROR = 0.02  # of a stiffness, beyond noise: what the load behind the gear is known to
 PLAY_HZ, PLAY_DAMPING = 20.0, 0.4
 Z90 = 1.645
 
@@ -224,7 +225,7 @@ def _transmission(
     if spring.beta[0] >= 0:
         return None
     k = -1.0 / float(spring.beta[0])
-    half = Z90 * float(spring.deviation[0]) * k**2
+    half = Z90 * float(np.hypot(float(spring.deviation[0]) * k**2, SPRING_ERROR * k))
     link = np.concatenate([s.load[:, joint] for s in fit])
     one_sided = min(float(np.mean(link > 0)), float(np.mean(link < 0))) < 0.01  # the gap is never crossed
     f = float(np.sqrt(k / max((1.0 - motor) * inertia, 1e-12))) / (2.0 * np.pi)

@@ -14,6 +14,7 @@ class Bandwidth(Effect):
     """T d(applied)/dt = u - applied."""
 
     name = "bandwidth"
+    model_error = {"time_constant": 0.08}  # noqa: RUF012
     equation = "T d(applied)/dt = u - applied"
     signature = "lag of the effort with amplitude roll-off"
     separating_motion = "a chirp of the commanded effort beyond 1/(2 pi T)"

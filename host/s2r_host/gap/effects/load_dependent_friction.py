@@ -12,7 +12,7 @@ class LoadDependentFriction(Effect):
     """tau = mu |load| sgn(dq)."""
 
     name = "load_dependent_friction"
-    model_error = {"coefficient": 0.08}  # noqa: RUF012
+    model_error = {"coefficient": 0.12}  # noqa: RUF012
     equation = "tau = mu |load| sgn(dq)"
     signature = "the step at a reversal grows with gravity and acceleration torque"
     separating_motion = "the same speed at several poses or payloads"

@@ -14,7 +14,7 @@ class Saturation(Effect):
     """applied = clip(u, ±limit (1 - max(0, sgn(u) dq) / v0))."""
 
     name = "saturation"
-    model_error = {"no_load_speed": 0.05}  # noqa: RUF012
+    model_error = {"limit": 0.03, "no_load_speed": 0.05}  # noqa: RUF012
     equation = "applied = clip(u, ±limit (1 - max(0, sgn(u) dq)/v0))"
     signature = "residual only while the effort is high, on one side of a limit"
     separating_motion = "the same motion at growing amplitude"

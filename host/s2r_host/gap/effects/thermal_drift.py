@@ -24,6 +24,7 @@ class ThermalDrift(Effect):
     """
 
     name = "thermal_drift"
+    model_error = {"per_kelvin": 0.08}  # noqa: RUF012
     equation = "tau = c x {sgn dq | dq | load}, or all friction times exp(-k x), T dx/dt = heat - x"
     signature = "one regressor whose coefficient drifts over the recording"
     separating_motion = "repeat the first motion at the end"
