@@ -26,7 +26,8 @@ class LeverPushSettings:
         standoff_m: Free way before the touch.
         places: Along the lever, 0 at its root, 1 at its tip.
         below_m: How far the fingertip reaches past the lever's line when it pushes with its side.
-        leans: Share of "down" in the finger's axis; the rest points along the push, or from outside to the body.
+        leans: Share of "down" in the finger's axis; the rest points along the push, from outside to the body, or
+            outwards: the only way to reach what leads away from the arm.
         root_m: A lever's axis is believed to be at least this far inside of its visible root. Where it is further, the
             lever turns less than wanted: better than into its stop, for what is asked for later counts from there.
     """
@@ -52,7 +53,7 @@ def lever_proposals(
     """
     settings = settings or LeverPushSettings()
     for place, lean, direction in product(settings.places, settings.leans, (line, -line)):
-        for level in (direction, -lever.outward):
+        for level in (direction, -lever.outward, lever.outward):
             z = lean * DOWN + (1.0 - lean) * level
             length = float(np.linalg.norm(z))
             if length > SHORTEST and z[2] < LEAST_DOWN * length:

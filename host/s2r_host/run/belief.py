@@ -23,6 +23,7 @@ from s2r_host.run.task import Task
 
 UPRIGHT_AXIS = 0.5
 LEAST_ALIGNED = 0.8  # cosine between the axis seen and the one the first view promised
+LARGEST_M = 0.8  # an object's points are not further from their middle
 AROUND_M = 0.1  # beyond the object's points, in which its part may have moved
 USUAL_PLATE_M = 0.006
 HOLDING = 1.25  # friction over the gravity that it holds
@@ -126,6 +127,7 @@ def estimate_part(
 def _around(before: Observation, after: Observation) -> Region:
     """The box about what both views took for the object; what changes elsewhere are ghosts on a far table."""
     p = np.concatenate([before.scene.p_base, after.scene.p_base])
+    p = p[np.linalg.norm(p - np.median(p, axis=0), axis=1) < LARGEST_M]
     low, high = p.min(axis=0) - AROUND_M, p.max(axis=0) + AROUND_M
     return low[0], high[0], low[1], high[1], low[2], high[2]
 
