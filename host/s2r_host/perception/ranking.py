@@ -31,11 +31,7 @@ LEAST_JUDGED = 0.35  # of the moved points; a motion that hides nearly all of th
 COST_ASKEW, ASKEW_RAD = 0.08, np.radians(15)  # one joint in fifty: e to the power of -4
 COST_ALONG, ACROSS_COS, ALONG_COS = 0.15, 0.68, 0.88  # levers rise by up to 43 degrees
 LONGEST_LEVER_M = 0.2
-COST_IN_AIR, SOLID_M, AIR_M = (
-    0.15,
-    0.028,
-    0.012,
-)  # beside a lever; on development faucets a true hinge has 28 mm
+COST_IN_AIR, SOLID_M, AIR_M = 0.15, 0.028, 0.012  # of a lever's axis; true ones of drawn faucets have 28 mm
 COST_SLIDING_LEVER = 0.04  # one thin part in ten slides
 
 
