@@ -116,11 +116,13 @@ def _better_left_alone(attempts: Sequence[DoneManipulation], tolerance: float, l
     """The part is within tolerance, and one more manipulation is likely to end worse.
 
     Manipulations of one object err alike. While several are left, a bad one is made good by the next; the last one
-    is worth its risk only for an error well above the usual. One that went far astray is no measure of the next.
+    is worth its risk only for an error well above the usual. One that went far astray, or was stopped on its way, is no
+    measure of the next.
     """
     now = abs(attempts[-1].delta)
-    usual = sum(min(abs(done.delta), tolerance) for done in attempts) / len(attempts)
-    return len(attempts) > 1 and now <= tolerance and now <= (LUCKY if left > 1 else WORTH_A_TRY) * usual
+    ends = [min(abs(done.delta), tolerance) for done in attempts if not done.planned.stopped]
+    usual = sum(ends) / max(len(ends), 1)
+    return len(ends) > 1 and now <= tolerance and now <= (LUCKY if left > 1 else WORTH_A_TRY) * usual
 
 
 def _held_up(attempts: Sequence[DoneManipulation], same: float) -> bool:

@@ -34,6 +34,12 @@ def test_a_part_within_tolerance_is_left_alone_where_one_more_try_would_rather_s
     assert _better_left_alone([done(s) for s in ends], tolerance=0.05, left=left) == alone
 
 
+def test_a_manipulation_that_was_stopped_is_no_measure_of_the_next():
+    stopped = done(0.0, stopped=True)
+    assert not _better_left_alone([stopped, stopped, done(0.48)], tolerance=0.05, left=2)
+    assert _better_left_alone([stopped, done(0.46), done(0.49)], tolerance=0.05, left=2)
+
+
 def test_a_part_that_is_stopped_twice_at_one_place_is_at_the_end_of_its_way():
     first, second = done(0.40, stopped=True), done(0.401, s_initial=0.40, stopped=True)
     assert _held_up([first, second], same=0.01)
