@@ -21,7 +21,8 @@ from s2r_protocol.exits import RefusedError
 
 # Over the usual error of this object's manipulations: hardly to be bettered, and likely to be bettered by one more.
 LUCKY, WORTH_A_TRY = 0.5, 1.5
-UNSURE = 2.5  # standard errors of the measurement, below which a difference may be its own
+# Standard errors of the measurement, and times what is good enough, below both of which a difference may be its own.
+UNSURE, NEARLY = 2.5, 1.5
 
 
 def reach(
@@ -109,7 +110,7 @@ def _there(done: DoneManipulation, task: Task) -> bool:
     """
     sigma = done.measured.sigma
     told = UNSURE * sigma if np.isfinite(sigma) else 0.0
-    return abs(done.delta) <= max(task.good_enough, min(told, task.tolerance))
+    return abs(done.delta) <= max(task.good_enough, min(told, NEARLY * task.good_enough))
 
 
 def _better_left_alone(attempts: Sequence[DoneManipulation], tolerance: float, left: int) -> bool:
