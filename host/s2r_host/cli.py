@@ -20,7 +20,8 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @click.option(
     "--target",
     required=True,
-    help="Joint value: 0 = as found, + = out of the cabinet or opening. 0.15, 150mm; -30deg, -0.52rad.",
+    help="Joint value: 0 = as found, + = out of the cabinet or opening. 0.15, 150mm; -30deg, -0.52rad; or 'ask': "
+    "read from standard input once the joint is known.",
 )
 @click.option(
     "--then",
@@ -115,7 +116,7 @@ def run(
 
     folder = out or Path("runs") / time.strftime("%Y%m%d-%H%M%S")
     settings = RunSettings(
-        target=parse_target(target, TASKS[object_kind]),
+        target=None if target == "ask" else parse_target(target, TASKS[object_kind]),
         then=tuple(parse_target(one, TASKS[object_kind]) for one in further),
         task=TASKS[object_kind],
         from_pushed=origin == "pushed",

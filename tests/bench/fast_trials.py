@@ -40,6 +40,7 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.proprioception.samples import Samples, samples_of
 from s2r_host.run.journal import Journal
+from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import TASKS
@@ -50,7 +51,7 @@ from s2r_protocol.exits import ExitCode
 from s2r_protocol.faults import Cause, ExecutorState
 from s2r_sim.batch import run_jobs
 from s2r_sim.camera.camera import DepthCamera
-from s2r_sim.paper.score import Row, score_trial
+from s2r_sim.paper.score import Row, score_trial, sense
 from s2r_sim.paper.trials import Trial, draw_trial
 from s2r_sim.physics import build_world
 from s2r_sim.plant import Plant
@@ -250,19 +251,27 @@ def run_trial(out: Path, chosen: dict[str, Any], kind: str, number: int, attempt
 
     s2r_host.run.pipeline.open_session = direct
     s2r_host.run.feeling.samples_in = samples_in
+    change = trial.change
+
+    def answer(record: RunRecord) -> float:
+        nonlocal change
+        change = trial.asked(plant.physics.object_value, sense(trial, record.as_dict()))
+        return change
+
     usual = {"seed": number, "attempts": attempts, "acknowledge_contact": True, "settle_s": 0.0}
     settings = RunSettings(
-        target=trial.change, task=TASKS[kind], from_pushed=True, out=folder / "run", **(usual | chosen)
+        target=None, task=TASKS[kind], from_pushed=True, out=folder / "run", **(usual | chosen)
     )
     with (folder / "host.log").open("w") as log:
-        record = s2r_host.run.pipeline.run_task(settings, Journal(Console(file=log, width=200)))
+        journal = Journal(Console(file=log, width=200))
+        record = s2r_host.run.pipeline.run_task(settings, journal, ask=answer)
     truth.close()
     if record.code == ExitCode.BUG:
         print(f"  bug: {record.reason}")
     views = {view.name: view for view in record.views}
     with (folder / "views.pickle").open("wb") as file:  # to look at what went wrong
         pickle.dump({"views": views, "belief": record.belief, "push": record.push}, file)
-    row = {"kind": kind, "number": number, **score_trial(trial, folder, trial.world.commitment)}
+    row = {"kind": kind, "number": number, **score_trial(trial, folder, change)}
     row["cpu_s"] = round(time.process_time() - before_s, 1)
     print(_told(row), flush=True)
     return row

@@ -52,11 +52,9 @@ def _head(record: RunRecord) -> str:
 
 def _targets(record: RunRecord) -> str:
     """Targets aimed at, from the state as found; those of the command line where none was yet."""
-    asked = (record.settings.target, *record.settings.then)
-    return ", then ".join(
-        record.settings.task.unit.show(target, 1)
-        for target in ([goal.target for goal in record.goals] or asked)
-    )
+    asked = [goal.target for goal in record.goals] or [record.settings.target, *record.settings.then]
+    show = record.settings.task.unit.show
+    return ", then ".join("a target not told yet" if target is None else show(target, 1) for target in asked)
 
 
 def _numbers(record: RunRecord) -> str:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
+from s2r_host.run.ask import ask_operator
 from s2r_host.run.belief import build_belief
 from s2r_host.run.feeling import Feeling
 from s2r_host.run.journal import Journal
@@ -22,10 +24,20 @@ from s2r_protocol.exits import ExitCode, RefusedError, S2RError
 logger = logging.getLogger(__name__)
 
 
-def run_task(settings: RunSettings, journal: Journal, arguments: tuple[str, ...] = ()) -> RunRecord:
+def run_task(
+    settings: RunSettings,
+    journal: Journal,
+    arguments: tuple[str, ...] = (),
+    ask: Callable[[RunRecord], float] = ask_operator,
+) -> RunRecord:
     """Run the whole loop. Never raises for what can go wrong on the way: the record says how it ended.
 
     Files in ``settings.out``: ``run.mcap`` and ``run.json``; the report is the caller's.
+
+    Args:
+        settings, journal: Of the run.
+        arguments: Command line, for the record.
+        ask: Tells the first target [m or rad], counted as ``settings.target``, where the settings leave it open.
     """
     record = RunRecord(settings, journal, arguments)
     try:
@@ -34,7 +46,7 @@ def run_task(settings: RunSettings, journal: Journal, arguments: tuple[str, ...]
             _introduce(record, session)
             stage.note = f"{record.arm_name} at {settings.executor}"
         with session:
-            _loop(session, record)
+            _loop(session, record, ask)
     except KeyboardInterrupt:
         record.code, record.reason = (
             ExitCode.INTERRUPTED,
@@ -50,7 +62,7 @@ def run_task(settings: RunSettings, journal: Journal, arguments: tuple[str, ...]
     return record
 
 
-def _loop(session: Session, record: RunRecord) -> None:
+def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]) -> None:
     settings, journal, task = session.settings, session.journal, session.settings.task
     _home(session, record)
     with journal.stage("view A") as stage:
@@ -81,7 +93,11 @@ def _loop(session: Session, record: RunRecord) -> None:
     feeling = Feeling(session.arm, settings.out / "object-log", record.felt)
     learn_from_push(session, record, feeling, told)
     after, s_now = told.after, record.s_found
-    targets = (settings.target, *settings.then)
+    first = settings.target
+    if first is None:
+        record.write(settings.out / "run.json")  # what is believed so far, for whoever is asked
+        first = ask(record)
+    targets = (first, *settings.then)
     for number, target in enumerate(targets, start=1):
         session.target = record.origin + target
         record.goals.append(Goal(session.target))

@@ -132,7 +132,7 @@ class RunRecord:
             "task": self.settings.task.name,
             "unit": "m" if self.settings.task.joint_type == "prismatic" else "rad",
             "exit": {"code": int(self.code), "name": self.code.name, "reason": self.reason},
-            "s_target": (self.goals[-1] if self.goals else Goal(self.settings.target)).target,
+            "s_target": self.goals[-1].target if self.goals else self.settings.target,
             "s_initial": first.s_initial if first else self.s_found,
             "s_final": newest.last.measured.s if newest else self.s_found,
             "s_final_sigma": _finite(newest.last.measured.sigma) if newest else None,
@@ -164,9 +164,13 @@ class RunRecord:
         }
 
     def write(self, path: Path) -> None:
-        """Write ``run.json``."""
+        """Write ``run.json``; whoever reads it meanwhile finds all of it or nothing."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(self.as_dict(), indent=1, allow_nan=False, default=_last_resort) + "\n")
+        unfinished = path.with_suffix(".part")
+        unfinished.write_text(
+            json.dumps(self.as_dict(), indent=1, allow_nan=False, default=_last_resort) + "\n"
+        )
+        unfinished.replace(path)
 
 
 def _goal(goal: Goal) -> dict[str, Any]:

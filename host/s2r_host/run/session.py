@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -87,10 +88,9 @@ class Session:
     recorder: RunRecorder
     rng: np.random.Generator
     executed: list[Executed] = field(default_factory=list)
-    target: float = field(init=False)  # joint value [m or rad], 0 = as found in the first view
-
-    def __post_init__(self) -> None:
-        self.target = self.settings.target
+    target: float = (
+        math.nan
+    )  # joint value in force [m or rad], counted as the belief's; told before it is planned for
 
     def look(self, name: str) -> Capture:
         """Take a picture and keep it."""
@@ -215,7 +215,7 @@ def open_session(settings: RunSettings, journal: Journal) -> Session:
     settings.out.mkdir(parents=True, exist_ok=True)
     facts = {
         "seed": str(settings.seed),
-        "target": repr(settings.target),
+        "target": "asked for" if settings.target is None else repr(settings.target),
         "software": link.identity.software,
     }
     recorder = RunRecorder(settings.out / "run.mcap", f"/{keys.base}", arm.joint_names, arm, facts)

@@ -27,6 +27,7 @@ class RunSettings:
 
     Attributes:
         target: Wanted joint value [m or rad], 0 = as found in the first view; the task says which way is positive.
+            None: asked for once the joint is known.
         from_pushed: The target counts from where the first push leaves the part instead.
         then: Further targets, one after the other, each from where the one before left the part; counted like it.
         task: Kind of object.
@@ -55,7 +56,7 @@ class RunSettings:
         region: Where the object is looked for.
     """
 
-    target: float
+    target: float | None
     out: Path
     task: Task = DRAWER
     then: tuple[float, ...] = ()
@@ -89,10 +90,11 @@ class RunSettings:
     region: Region = field(default_factory=Region)
 
     def __post_init__(self) -> None:
-        for target in (self.target, *self.then):
+        known = self.then if self.target is None else (self.target, *self.then)
+        for target in known:
             self.task.check(target)
         show = self.task.unit.show
-        for before, after in pairwise((self.target, *self.then)):
+        for before, after in pairwise(known):
             if abs(after - before) < self.task.tolerance:
                 raise UsageError(
                     f"--then {show(after)} is where the target before it leaves the part ({show(before)}, good to "

@@ -20,11 +20,16 @@ Row = dict[str, Any]
 MOVING_RAD_S = 2e-3
 
 
-def score_trial(trial: Trial, folder: Path, commitment: str) -> Row:
+def score_trial(trial: Trial, folder: Path, change: float) -> Row:
     """The row of one trial whose processes have ended.
 
     Joint values are the sealed ones [m or rad]; ``delta`` is what was asked for minus what was done after the last
     planned manipulation, ``delta_first`` after the first, both None if none was begun.
+
+    Args:
+        trial: With the world.
+        folder: Its files.
+        change: What was asked for, counted as the host's joint.
 
     Raises:
         TruthFileError, WorldFileError: A file is missing or damaged.
@@ -35,7 +40,7 @@ def score_trial(trial: Trial, folder: Path, commitment: str) -> Row:
         truth.s_at_tick(entry["tick_start"]) for entry in run["attempts"] if entry["tick_start"] is not None
     ]
     row: Row = {
-        "change": trial.change,
+        "change": change,
         "exit": run["exit"]["code"],
         "reason": run["exit"]["reason"],
         "stage": failed_stage(run),
@@ -48,11 +53,11 @@ def score_trial(trial: Trial, folder: Path, commitment: str) -> Row:
         "delta": None,
         "delta_first": None,
         "delta_measured": run["delta"],
-        "commitment_holds": load_world(folder / "world.json").commitment == commitment,
+        "commitment_holds": load_world(folder / "world.json").commitment == trial.world.commitment,
         **_joint_error(trial, run, begun[0] - float(truth.s[0]) if begun else None),
     }
     if begun:
-        target = begun[0] + sense(trial, run) * trial.change
+        target = begun[0] + sense(trial, run) * change
         row["s_pushed"] = begun[0]
         row["delta"] = target - float(truth.s[-1])
         row["delta_first"] = target - (begun[1] if len(begun) > 1 else float(truth.s[-1]))

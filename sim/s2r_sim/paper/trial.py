@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import resource
 import shutil
 import subprocess
+import time
 from pathlib import Path
+from typing import TextIO
 
 from s2r_protocol.cli.peers import PeerFailedError, s2r_command, stand_in_cell
 from s2r_protocol.exits import ExitCode
 from s2r_sim.errors import TruthFileError
-from s2r_sim.paper.score import Row, score_trial
+from s2r_sim.paper.score import Row, score_trial, sense
 from s2r_sim.paper.trials import Trial, draw_trial
+from s2r_sim.score import read_truth
 
 TIMEOUT_S = 1200.0
 MOST_TRIES = 3
+POLL_S = 0.2
 
 
 def run_trial(out: Path, options: tuple[str, ...], pace: float, kind: str, number: int, attempts: int) -> Row:
@@ -62,22 +67,47 @@ def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, fol
             (folder / "host.log").open("w") as log,
         ):
             command = s2r_command(
-                "run", trial.kind, f"--target={trial.change!r}", "--from", "pushed", "--attempts", str(attempts),
+                "run", trial.kind, "--target", "ask", "--from", "pushed", "--attempts", str(attempts),
                 "--acknowledge-contact", "--seed", str(trial.number), "--executor", cell.executor,
                 "--camera", cell.camera, "--out", folder / "run", *options,
             )  # fmt: skip
-            ended = subprocess.run(
-                command, stdout=log, stderr=subprocess.STDOUT, timeout=TIMEOUT_S, check=False
-            )
-        if ended.returncode == ExitCode.INTERRUPTED:
+            change, code = _run_and_answer(command, log, trial, folder)
+        if code == ExitCode.INTERRUPTED:
             raise KeyboardInterrupt
-        return score_trial(trial, folder, trial.world.commitment)
+        return score_trial(trial, folder, change)
     except subprocess.TimeoutExpired:
         return _no_result(trial.change, f"no end within {TIMEOUT_S:.0f} s", ExitCode.UNREACHABLE)
     except PeerFailedError as error:
         return _no_result(trial.change, str(error), ExitCode.UNREACHABLE)
     except (TruthFileError, FileNotFoundError) as error:
         return _no_result(trial.change, f"{type(error).__name__}: {error}", ExitCode.BUG)
+
+
+def _run_and_answer(command: list[str], log: TextIO, trial: Trial, folder: Path) -> tuple[float, int]:
+    """Run the host and tell it the target when it asks, as an operator would who sees where the part stands.
+
+    Returns:
+        What was asked for, counted as the host's joint [m or rad], as drawn if the host never asked; exit status.
+
+    Raises:
+        subprocess.TimeoutExpired: The run took too long; it was killed.
+    """
+    until_s, change = time.monotonic() + TIMEOUT_S, trial.change
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT) as host:
+        try:
+            believed = folder / "run/run.json"  # written before the host asks, or when it has ended
+            while host.poll() is None and not believed.exists():
+                if time.monotonic() > until_s:
+                    raise subprocess.TimeoutExpired(command, TIMEOUT_S)
+                time.sleep(POLL_S)
+            if believed.exists() and (run := json.loads(believed.read_text()))["joint"] is not None:
+                s = float(read_truth(folder / "truth.csv").s[-1])
+                change = trial.asked(s, sense(trial, run))
+            host.communicate(f"{change!r}\n".encode(), timeout=max(0.0, until_s - time.monotonic()))
+        except BaseException:
+            host.kill()
+            raise
+    return change, host.returncode
 
 
 def _no_result(change: float, reason: str, code: ExitCode) -> Row:

@@ -16,6 +16,11 @@ from s2r_sim.world import WorldSpec, draw_world
 KINDS = ("drawer", "laptop", "faucet")
 FIRST_WORLD = 100_000  # worlds of smaller seeds were looked at during development
 _SALT = 8
+_MARGINS = {
+    "drawer": 0.01,
+    "laptop": math.radians(3),
+    "faucet": math.radians(3),
+}  # kept from the stops [m or rad]
 
 
 @dataclass(frozen=True)
@@ -26,7 +31,7 @@ class Trial:
         kind: Of object.
         number: Of the trial.
         world: All that is hidden.
-        change: How far the part is to be moved from where the first push leaves it [m or rad].
+        change: How far the part is to be moved from where the pushes leave it [m or rad]; see :meth:`asked`.
     """
 
     kind: str
@@ -34,11 +39,32 @@ class Trial:
     world: WorldSpec
     change: float
 
+    def asked(self, s: float, sense: float) -> float:
+        """The change to ask for: as drawn where that stays within the joint's limits.
+
+        Where pushes took the part nearer to a stop than the draw allows for, as far the other way; where that does not
+        fit either, to the stop that is further away. Margins are kept from both.
+
+        Args:
+            s: The true joint as the pushes left it [m or rad].
+            sense: 1 if the host's joint grows as the true one, -1 if it is the other way round.
+
+        Returns:
+            Counted as the host's joint [m or rad].
+        """
+        margin = _MARGINS[self.kind]
+        low, high = margin - s, self.world.object.q_max - margin - s
+        for change in (self.change, -self.change):
+            if low <= sense * change <= high:
+                return change
+        return sense * (high if high > -low else low)
+
 
 def draw_trial(kind: str, number: int, salt: str | None = None) -> Trial:
     """The trial of that number: place, size, physics, state as found and direction are random.
 
-    The change keeps within the joint's limits wherever a usual first push (45 mm in, 25° either way) leaves the part.
+    The change keeps within the joint's limits wherever a usual first push (45 mm in, 25° either way) leaves the part;
+    for other pushes there is :meth:`Trial.asked`.
     """
     rng = np.random.default_rng([_SALT, KINDS.index(kind), number])
     world = draw_world(FIRST_WORLD + number, kind, salt)

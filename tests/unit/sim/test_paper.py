@@ -31,6 +31,22 @@ def test_every_trial_stays_within_the_limits_wherever_the_push_leaves_the_part(k
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_what_is_asked_stays_within_the_limits_wherever_any_push_leaves_the_part(kind, sense):
+    turned = 0
+    for number in range(40):
+        trial = draw_trial(kind, number)
+        q_max = trial.world.object.q_max
+        for s in np.linspace(0.02, 0.98, 9) * q_max:
+            change = trial.asked(s, sense)
+            assert 0.0 < s + sense * change < q_max, (kind, number, s)
+            fits = 0.06 * q_max < s + sense * trial.change < 0.94 * q_max
+            assert change == trial.change or not fits
+            turned += change != trial.change
+    assert 0 < turned < 40 * 9
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_both_directions_are_asked_for_and_the_same_number_is_the_same_trial(kind):
     signs = {math.copysign(1.0, draw_trial(kind, number).change) for number in range(20)}
     assert signs == {1.0, -1.0}
