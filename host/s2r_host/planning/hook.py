@@ -44,11 +44,22 @@ class Hook:
     follow: float
 
     @cached_property
-    def _directions(self) -> tuple[float, np.ndarray, np.ndarray, float]:
-        """Way to the touch [m], unit vectors along it and out along the tool, (3,), and their product."""
+    def _frame(self) -> tuple[np.ndarray, float, float, float]:
+        """Axes in the part's frame as columns, (3, 3): the push, the rest of the way out along the tool, across both.
+
+        Also the length of the push [m], and the shares of the first two axes in the way out.
+        """
         push_m = float(np.linalg.norm(self.push_part))
         ahead, away = self.push_part / push_m, -self.R_part_tool[:, 2]
-        return push_m, ahead, away, float(ahead @ away)
+        across = np.linalg.qr(np.column_stack([ahead, away]), mode="complete")[0][:, 1:]
+        return np.column_stack([ahead, across]), push_m, float(away @ ahead), float(away @ across[:, 0])
+
+    @cached_property
+    def push_as_part_moves(self) -> np.ndarray:
+        """Times (1, cos s, sin s) where the push points with the part at s, in the part's frame at s = 0, (3, 3)."""
+        ahead, axis = self._frame[0][:, 0], self.axis_part
+        still = (ahead @ axis) * axis if axis.any() else ahead
+        return np.column_stack([still, ahead - still, np.cross(axis, ahead)])
 
     @cached_property
     def _grip_wxyz(self) -> np.ndarray:
@@ -71,16 +82,14 @@ class Hook:
         can back out: beside the place the fingertip is wanted higher. Straight distance has a minimum in front of
         the handle, where a third of the plans got stuck.
         """
-        push_m, ahead, away, level = self._directions
-        offset = p_tip_part - self.p_part
-        forward = offset @ ahead
-        along = np.minimum(np.maximum(forward, 0.0), push_m)
-        # What is left of the offset without its share along the push, by its square: this runs for every rollout.
-        height = offset @ away - along * level
-        squared = np.einsum("...i,...i->...", offset, offset) + along * (along - 2.0 * forward)
-        beside = np.sqrt(np.maximum(squared - height**2, 0.0))
+        axes, push_m, level, rise = self._frame
+        place = (p_tip_part - self.p_part) @ axes
+        x, y, z = place[..., 0], place[..., 1], place[..., 2]
+        x = x - np.minimum(np.maximum(x, 0.0), push_m)
+        height = level * x + rise * y
+        beside = np.sqrt((rise * x - level * y) ** 2 + z**2)
         wanted = np.minimum(FUNNEL_M, _FUNNEL_SLOPE * beside)
-        return np.hypot(beside, height - wanted)
+        return np.sqrt(beside**2 + (height - wanted) ** 2)
 
     def turn(self, quat_part_wxyz: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Angle [rad] between the tool's orientation in the part (..., 4) and the wanted one at joint value s (...)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_host.planning.noise import coloured_noise, on_knots
+from s2r_host.planning.noise import coloured_noise
 from s2r_host.planning.settings import IcemSettings
 
 
@@ -19,9 +19,10 @@ class Icem:
     def __init__(self, settings: IcemSettings, action_max: np.ndarray, rng: np.random.Generator) -> None:
         """Args: settings; ``action_max`` (dof,), half range per action; ``rng``, the only source of chance."""
         self.settings = settings
-        self.action_max = np.asarray(action_max, dtype=float)
         self._rng = rng
-        self._shape = (settings.horizon, len(self.action_max))
+        self._shape = (settings.horizon, len(action_max))
+        self._high = np.tile(np.asarray(action_max, dtype=float), (settings.horizon, 1))
+        self._low = -self._high
         self._mean = np.zeros(self._shape)
         self._sigma = np.zeros(self._shape)
         self._elites = np.zeros((0, *self._shape))
@@ -45,7 +46,7 @@ class Icem:
 
     def begin(self) -> None:
         """Start a control step: widen the distribution again; forget this step's samples."""
-        self._sigma = np.broadcast_to(self.settings.sigma * self.action_max, self._shape).copy()
+        self._sigma = self.settings.sigma * self._high
         if not self.settings.warm_start:
             self._mean = np.zeros(self._shape)
         self._elites = np.zeros((0, *self._shape))
@@ -64,9 +65,8 @@ class Icem:
         """
         s = self.settings
         count = self.population(self._iteration)
-        knots = s.knots or s.horizon
-        noise = coloured_noise(self._rng, (count, knots, self._shape[1]), s.noise_beta)
-        fresh = self._mean + self._sigma * (on_knots(noise, s.horizon) if s.knots else noise)
+        noise = coloured_noise(self._rng, (count, *self._shape), s.noise_beta, s.knots)
+        fresh = self._mean + self._sigma * noise
         groups = [fresh]
         if self._iteration == 0 and s.shift_elites:
             groups.append(self._inherited)
@@ -77,8 +77,8 @@ class Icem:
         if self._iteration == s.iterations - 1 and s.mean_in_last:
             groups.append(self._mean[None])
         samples = np.concatenate(groups)
-        np.maximum(samples, -self.action_max, out=samples)
-        return np.minimum(samples, self.action_max, out=samples)
+        np.maximum(samples, self._low, out=samples)
+        return np.minimum(samples, self._high, out=samples)
 
     def update(self, samples: np.ndarray, rewards: np.ndarray) -> None:
         """Fit the distribution to the best samples.
@@ -106,7 +106,7 @@ class Icem:
         samples, values = samples[order], values[order]
         if self.settings.execute_best:
             return samples, values
-        mean = np.clip(self._mean, -self.action_max, self.action_max)
+        mean = np.clip(self._mean, self._low, self._high)
         return np.concatenate([mean[None], samples]), np.concatenate([values[:1], values])
 
     def advance(self) -> None:

@@ -31,9 +31,9 @@ class Lookahead:
     ) -> None:
         """Args: the models and settings; place; where the route to it begins, (dof,) [rad]; seed; sampler."""
         limits = scene.arm.limits
-        self.low = limits.q_min + settings.joint_margin_rad
-        self.high = limits.q_max - settings.joint_margin_rad
         self.sampler = make_sampler(settings, stage, scene.dof, np.random.default_rng([*chance]))
+        self._low = np.tile(limits.q_min + settings.joint_margin_rad, (self.sampler.horizon, 1))
+        self._high = np.tile(limits.q_max - settings.joint_margin_rad, (self.sampler.horizon, 1))
         self.task = task  # may be replaced between control steps
         self._settings, self._hook = settings, hook
         self._route = Route(np.concatenate([q_start[None], hook.whole_route]), settings.action_max_rad)
@@ -73,10 +73,9 @@ class Lookahead:
         """
         count, steps, dof = actions.shape
         found = np.empty((count, steps + 1, dof))
-        found[:, 0] = target
+        found[:, 0], found[:, 1:] = target, actions
+        np.cumsum(found, axis=1, out=found)
         following = found[:, 1:]
-        np.cumsum(actions, axis=1, out=following)
-        following += target
-        np.maximum(following, self.low, out=following)
-        np.minimum(following, self.high, out=following)
+        np.maximum(following, self._low[:steps], out=following)
+        np.minimum(following, self._high[:steps], out=following)
         return found

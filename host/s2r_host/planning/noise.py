@@ -7,56 +7,52 @@ import functools
 import numpy as np
 
 
-def coloured_noise(rng: np.random.Generator, shape: tuple[int, int, int], beta: float) -> np.ndarray:
+def coloured_noise(
+    rng: np.random.Generator, shape: tuple[int, int, int], beta: float, knots: int | None = None
+) -> np.ndarray:
     """Gaussian noise of unit variance, coloured along time (Timmer and König, Astron. Astrophys. 300, 1995).
 
     Args:
         rng: Source of randomness.
         shape: (samples, time, dof).
         beta: Exponent of the power spectrum; 0 is white, 1 pink, 2 a random walk.
+        knots: Draw it on so many knots and join them by straight lines; None: one value per time.
 
     Returns:
         Array of the given shape. The zero frequency gets the power of the lowest one, so a sample may be a
         constant push: that is what makes coloured noise reach farther than white noise of the same variance.
     """
     samples, length, dof = shape
-    if length == 1:
-        return rng.standard_normal(shape)
-    amplitude, deviation = _spectrum(length, beta)
-    real = rng.standard_normal((samples, dof, len(amplitude)))
-    imaginary = rng.standard_normal((samples, dof, len(amplitude)))
-    imaginary[..., 0] = 0.0
-    real[..., 0] *= np.sqrt(2.0)
-    if length % 2 == 0:
-        imaginary[..., -1] = 0.0
-        real[..., -1] *= np.sqrt(2.0)
-    spectrum = amplitude * (real + 1j * imaginary)
-    return np.swapaxes(np.fft.irfft(spectrum, n=length, axis=-1), 1, 2) / deviation
+    colours = _colours(knots or length, beta, length)
+    white = rng.standard_normal((samples * dof, len(colours)))
+    return (white @ colours).reshape(samples, dof, length).swapaxes(1, 2)
 
 
 @functools.cache
-def _spectrum(length: int, beta: float) -> tuple[np.ndarray, float]:
-    """Amplitude of every frequency, and the standard deviation of the sum."""
-    frequency = np.fft.rfftfreq(length)
+def _colours(count: int, beta: float, length: int) -> np.ndarray:
+    """What white noise is multiplied with: ``count`` coloured values, stretched to ``length``, (count, length)."""
+    if count == 1:
+        return np.ones((1, length))
+    frequency = np.fft.rfftfreq(count)
     frequency[0] = frequency[1]
-    amplitude = frequency ** (-beta / 2.0)
-    # Variance of the inverse transform: every bin but the real ones counts twice.
-    counts = np.full(len(frequency), 2.0)
-    counts[0] = 1.0
-    if length % 2 == 0:
-        counts[-1] = 1.0
-    return amplitude, float(np.sqrt(2.0 * np.sum(counts * amplitude**2)) / length)
+    # One white number for every cosine and sine: frequency zero has no sine, nor has the highest of an even count.
+    cosines, sines = np.arange(len(frequency)), np.arange(1, (count + 1) // 2)
+    waves = np.zeros((count, len(frequency)), dtype=complex)
+    waves[cosines, cosines] = 1.0
+    waves[len(cosines) + sines - 1, sines] = 1.0j
+    # The inverse transform counts every frequency twice but those two.
+    waves[0] *= np.sqrt(2.0)
+    if count % 2 == 0:
+        waves[cosines[-1]] *= np.sqrt(2.0)
+    colours = np.fft.irfft(waves * frequency ** (-beta / 2.0), n=count)
+    colours /= np.sqrt((colours**2).sum(axis=0).mean())
+    return on_knots(colours[..., None], length)[..., 0] if length != count else colours
 
 
 def on_knots(values: np.ndarray, horizon: int) -> np.ndarray:
     """Stretch knot values, shape (samples, knots, dof), linearly over ``horizon`` steps: (samples, horizon, dof)."""
-    left, share = _between(values.shape[1], horizon)
-    return (1.0 - share) * values[:, left] + share * values[:, left + 1]
-
-
-@functools.cache
-def _between(knots: int, horizon: int) -> tuple[np.ndarray, np.ndarray]:
-    """The knot before every step, (horizon,), and the share of the way to the next one, (1, horizon, 1)."""
+    knots = values.shape[1]
     place = np.linspace(0.0, knots - 1.0, horizon)
     left = np.minimum(place.astype(int), knots - 2)
-    return left, (place - left)[None, :, None]
+    share = (place - left)[None, :, None]
+    return (1.0 - share) * values[:, left] + share * values[:, left + 1]

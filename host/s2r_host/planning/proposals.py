@@ -23,7 +23,7 @@ class Route:
         self._action_max = action_max
 
     def proposals(self, target: np.ndarray, horizon: int, speeds: tuple[float, ...]) -> np.ndarray:
-        """Sequences from a joint target on along the route, (speeds, horizon, dof).
+        """Sequences from a joint target on along the route, (speeds, horizon, dof), at speeds of at most 1.
 
         Each heads for the route's points ahead of the nearest one; an action never exceeds its bound.
         """
@@ -31,14 +31,13 @@ class Route:
             return np.zeros((0, horizon, len(target)))
         nearest = int(((self.points - target) ** 2).sum(axis=1).argmin())
         last = len(self.points) - 1
-        ahead = np.minimum(nearest + np.outer(speeds, np.arange(1, horizon + 1)), last)
+        ahead = np.minimum(nearest + np.array(speeds)[:, None] * np.arange(1, horizon + 1), last)
         left = np.minimum(ahead.astype(int), max(last - 1, 0))
         right = np.minimum(left + 1, last)
         share = (ahead - left)[..., None]
         goals = (1.0 - share) * self.points[left] + share * self.points[right]
-        actions = np.empty_like(goals)
-        now = np.broadcast_to(target, goals[:, 0].shape)
-        for step in range(horizon):
-            actions[:, step] = np.clip(goals[:, step] - now, -self._action_max, self._action_max)
-            now = now + actions[:, step]
+        # Nothing gets further than the largest actions lead; from there on the route's own pieces are short enough.
+        farthest = self._action_max * np.arange(1.0, horizon + 1.0)[:, None]
+        actions = np.clip(goals - target, -farthest, farthest)
+        actions[:, 1:] -= actions[:, :-1].copy()
         return actions

@@ -107,7 +107,7 @@ def r_reg(dq: np.ndarray, ddq: np.ndarray, weights: RewardWeights) -> np.ndarray
     the acceleration is the change of speed over a control step.
     """
     joints = joint_weights(weights, dq.shape[-1])
-    return -(weights.speed * np.abs(dq) + weights.acceleration * np.abs(ddq)) @ joints
+    return -(np.abs(dq) @ (weights.speed * joints) + np.abs(ddq) @ (weights.acceleration * joints))
 
 
 def r_calm(ds: np.ndarray, task: Task, weights: RewardWeights) -> np.ndarray:
@@ -134,7 +134,8 @@ def r_load(load: np.ndarray, weights: RewardWeights) -> np.ndarray:
     The rollout model does not saturate torques (with limits in it, a long time step makes the arm lag), so nothing
     else keeps a plan from pressing with more than the motors have, which the fine model then cannot follow.
     """
-    return -weights.load * np.maximum(np.abs(load) - weights.load_free, 0.0).sum(axis=-1)
+    # A product with ones: the sum over an axis as short as this takes three times as long.
+    return -weights.load * (np.maximum(np.abs(load) - weights.load_free, 0.0) @ np.ones(load.shape[-1]))
 
 
 @functools.cache

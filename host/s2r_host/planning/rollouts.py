@@ -45,12 +45,15 @@ class Rollouts:
         mujoco.mj_kinematics(scene.fine, at_zero)
         self._R_world_part = at_zero.xmat[scene.part_body].reshape(3, 3)
         self._axis_part = scene.fine.jnt_axis[scene.joint_id]
-        self._cross_axis = np.cross(self._axis_part, np.eye(3))  # row vector times this: axis x vector
         self._control_dt_s = settings.control_dt_s
         self._substeps = round(settings.control_dt_s / stage.timestep_s)
         model = scene.rollout_model(stage)
         if not scene.on_table and any(belief.moves_joint for belief in beliefs):
             let_part_pass(model, scene)
+        # A row of sensors times this: the force of all finger shapes together, in the part's frame at s = 0.
+        self._force_of = np.zeros((model.nsensordata, 3))
+        for finger in range(_FIRST_FINGER, model.nsensordata, _PER_FINGER):
+            self._force_of[finger + 1 : finger + _PER_FINGER] = self._R_world_part
         self._batch = mujoco.batch.Batch(model, nsim=capacity * self.members, nthread=settings.threads)
         self._shifts = np.array([b.shift_m for b in beliefs]).reshape(-1, 3)
         self._along = np.array([b.along for b in beliefs])
@@ -108,12 +111,8 @@ class Rollouts:
         gone = s - s_initial
         if abs(gone) < _MOVED:
             return np.full(self.members, s)
-        push, lever = hook.push_part / np.linalg.norm(hook.push_part), 1.0
+        push, lever = hook.push_as_part_moves @ (1.0, np.cos(s), np.sin(s)), 1.0
         if not self._scene.prismatic:
-            push = push + (np.cos(s) - 1.0) * (push - (push @ self._axis_part) * self._axis_part)
-            push = push + np.sin(s) * np.cross(
-                self._axis_part, hook.push_part / np.linalg.norm(hook.push_part)
-            )
             arm = hook.p_part - self._scene.fine.jnt_pos[self._scene.joint_id]
             lever = max(_LEAST_LEVER_M, float(np.linalg.norm(np.cross(self._axis_part, arm))))
         ahead = np.sign(gone) * (self._shifts @ (self._R_world_part @ push)) / lever + self._along
@@ -123,15 +122,15 @@ class Rollouts:
         scene, n, dof = self._scene, self._substeps, self._scene.dof
         # Sensors and contacts describe the state before a substep: one substep behind qpos.
         qpos, ends, sensors = record["qpos"], record["qvel"][:, n - 1 :: n], record["sensordata"]
-        s, q, dq = qpos[:, n - 1 :: n, scene.s_qpos], qpos[:, n - 1 :: n, :dof], ends[..., :dof]
-        ddq = np.empty(dq.shape)
-        np.subtract(dq[:, 1:], dq[:, :-1], out=ddq[:, 1:])
-        np.subtract(dq[:, 0], qvel[:dof], out=ddq[:, 0])
+        s, q, dq = qpos[:, n - 1 :: n, scene.s_qpos], qpos[:, n - 1 :: n, :dof], ends[..., :dof].copy()
+        ddq = dq.copy()
+        ddq[:, 1:] -= dq[:, :-1]
+        ddq[:, 0] -= qvel[:dof]
         ddq /= self._control_dt_s
         touches = sensors[..., _FIRST_FINGER]
         for finger in range(_FIRST_FINGER + _PER_FINGER, sensors.shape[2], _PER_FINGER):
             touches = touches + sensors[..., finger]
-        press_N = self._press(sensors, touches, qpos[:, :, scene.s_qpos], hook)
+        press_N = self._press(sensors, touches, qpos[..., scene.s_qpos], hook)
         # Where the next control step begins, or the last substep: the sensors lag.
         tool = sensors[:, _after(n, sensors.shape[1]), :_ROBOT_CONTACTS]
         load = targets[:, 1:] - q
@@ -145,7 +144,7 @@ class Rollouts:
             ds=ends[..., scene.s_dof],
             touches=_any_within(touches > 0, n),
             collides=_any_within(sensors[..., _ROBOT_CONTACTS] > touches, n),
-            press_N=press_N.reshape(len(s), -1, n).max(axis=2),
+            press_N=functools.reduce(np.maximum, (press_N[:, k::n] for k in range(n))),
             dq=dq,
             ddq=ddq,
             load=load,
@@ -153,33 +152,28 @@ class Rollouts:
 
     def _press(self, sensors: np.ndarray, touches: np.ndarray, s: np.ndarray, hook: Hook) -> np.ndarray:
         """Size of the fingertip's force across the part's motion [N], (rollout, substep); zero where none touches."""
-        press_N = np.zeros(touches.size)
+        press_N = np.zeros(touches.shape)
         at = np.flatnonzero(touches)
-        if not len(at):
-            return press_N.reshape(touches.shape)
-        rows = sensors.reshape(touches.size, -1)[at]
-        force_N = np.zeros((len(rows), 3))
-        for finger in range(_FIRST_FINGER, rows.shape[1], _PER_FINGER):
-            force_N += rows[:, finger + 1 : finger + _PER_FINGER]
-        force_N = force_N @ self._R_world_part
+        force_N = sensors.reshape(touches.size, -1).take(at, axis=0) @ self._force_of
+        push_N, cosine_N, sine_N = (force_N @ hook.push_as_part_moves).T
         if not self._scene.prismatic:
-            # The part has turned by s about its axis: turn the force back into the part's frame.
-            angle = s.ravel()[at]
-            along = (force_N @ self._axis_part)[:, None] * self._axis_part
-            crossed = force_N @ self._cross_axis
-            force_N = along + np.cos(angle)[:, None] * (force_N - along) - np.sin(angle)[:, None] * crossed
-        motion = hook.push_part / np.linalg.norm(hook.push_part)
-        across = np.einsum("ni,ni->n", force_N, force_N) - (force_N @ motion) ** 2
-        press_N[at] = np.sqrt(np.maximum(across, 0.0))
-        return press_N.reshape(touches.shape)
+            angle = s.reshape(-1)[at]
+            push_N = push_N + np.cos(angle) * cosine_N + np.sin(angle) * sine_N
+        across = np.vecdot(force_N, force_N) - push_N**2
+        press_N.reshape(-1)[at] = np.sqrt(np.maximum(across, 0.0))
+        return press_N
 
 
 def ramp(targets: np.ndarray, substeps: int) -> np.ndarray:
     """Joint targets at every substep: straight lines between control steps, (rollout, steps * substeps, dof)."""
-    share = (np.arange(substeps) + 1.0) / substeps
-    start, end = targets[:, :-1, None], targets[:, 1:, None]
-    values = start + share[None, None, :, None] * (end - start)
-    return np.ascontiguousarray(values.reshape(len(targets), -1, targets.shape[2]))
+    return _lines(targets.shape[1] - 1, substeps) @ targets
+
+
+@functools.cache
+def _lines(steps: int, substeps: int) -> np.ndarray:
+    """Weights of the control steps at every substep of straight lines between them, (steps * substeps, steps + 1)."""
+    step = np.arange(1, steps * substeps + 1) / substeps
+    return np.maximum(1.0 - np.abs(step[:, None] - np.arange(steps + 1)), 0.0)
 
 
 @functools.cache
