@@ -19,6 +19,10 @@ _SALT = 68
 _LEAST_CHANGE = {"drawer": 0.08, "laptop": math.radians(25), "faucet": math.radians(18)}
 _PLACES = 97  # numbers are this far apart: further draws of the same case, until one has room to move
 
+MATTERS = 0.01
+"""Shift of the end, as a share of the change asked for, from which on an effect matters to a fingertip."""
+PART = {"drawer": "drawer", "laptop": "lid", "faucet": "lever"}
+"""Names of the kinds in ``tests/bench/bench_left_out.py``."""
 LEARNING = (1.0, 0.1, 0.9)
 """Targets from which the physics is learnt, in shares of the change, from where the first push leaves the part."""
 LATER = (0.0, 1.0, 0.2, 0.85, 0.05, 0.95, 0.15, 0.9, 0.1, 1.0)
@@ -34,12 +38,14 @@ class Hidden:
         effect: What is hidden.
         names: Answers of the gap tool that count as its name; empty: nothing is hidden.
         change: What an object gets: object parameters and joint effects.
+        like: The row of ``tests/bench/bench_left_out.py`` that is nearest to it; None: that bench has none.
     """
 
     kind: str
     effect: str
     names: tuple[str, ...]
     change: Callable[[np.random.Generator, Any], tuple[dict[str, Any], JointEffects]]
+    like: str | None = None
 
     @property
     def label(self) -> str:
@@ -98,15 +104,15 @@ HIDDEN = {
     hidden.label: hidden
     for hidden in (
         Hidden("drawer", "nothing", (), _nothing),
-        Hidden("drawer", "friction profile", ("cogging",), _profile),
-        Hidden("drawer", "stiction", ("stribeck",), _stiction),
-        Hidden("drawer", "closing spring below friction", _CONSTANT, _pull),
+        Hidden("drawer", "friction profile", ("cogging",), _profile, "profile 1 to 3"),
+        Hidden("drawer", "stiction", ("stribeck",), _stiction, "stiction + 100 %"),
+        Hidden("drawer", "closing spring below friction", _CONSTANT, _pull, "pull back 0.6"),
         Hidden("drawer", "rail play", ("joint_play", "backlash"), _rail_play),
         Hidden("laptop", "nothing", (), _nothing),
-        Hidden("laptop", "friction profile", ("cogging",), _profile),
+        Hidden("laptop", "friction profile", ("cogging",), _profile, "profile 1 to 3"),
         Hidden("faucet", "nothing", (), _nothing),
-        Hidden("faucet", "detent", ("cogging", "detent"), _detent),
-        Hidden("faucet", "stiction", ("stribeck",), _stiction),
+        Hidden("faucet", "detent", ("cogging", "detent"), _detent, "detent 0.7"),
+        Hidden("faucet", "stiction", ("stribeck",), _stiction, "stiction + 100 %"),
     )
 }
 

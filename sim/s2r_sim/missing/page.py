@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from s2r_sim.missing.cases import HIDDEN, LEARNING
+from s2r_sim.missing.cases import HIDDEN, LEARNING, MATTERS, PART
 from s2r_sim.missing.score import Row, named, paired, relative
-from s2r_sim.missing.what_if import what_if
+from s2r_sim.missing.what_if import largest_shift, what_if
 
 PICTURE = "physics-left-out.png"
 COLOURS = ("#8a8a8a", "#e08e45", "#20639b")
@@ -137,12 +137,13 @@ def _lines(
         "",
         "Medians of |δ_r| from the sealed truth. The difference is paired, target by target, with a 90 % bootstrap"
         " interval; negative: learning helped.",
+        *_matters_told(shifts),
         "",
-        "| hidden | objects | first three targets | later, as it is | later, learnt | first ÷ learnt"
+        "| hidden | matters | objects | first three targets | later, as it is | later, learnt | first ÷ learnt"
         " | as it is ÷ learnt | paired difference |",
-        "|---|---|---|---|---|---|---|---|",
-        *(_row(one) for one in found),
-        *_all(rows),
+        "|---|---|---|---|---|---|---|---|---|",
+        *(_row(one, matters(one.case, shifts)) for one in found),
+        *_together(rows, shifts),
         "",
         f"![Relative errors per effect]({PICTURE})",
         "",
@@ -166,8 +167,37 @@ def _lines(
     ]  # fmt: skip
 
 
-def _all(rows: Sequence[Row]) -> list[str]:
-    """A line over all effects together."""
+def matters(label: str, shifts: Sequence[Row]) -> bool | None:
+    """Whether an effect changes where a planned motion leaves the part, by the bench alone; None: it does not say."""
+    like, kind = HIDDEN[label].like, PART[HIDDEN[label].kind]
+    shift = largest_shift(shifts, like, kind) if like is not None else None
+    return None if shift is None else shift >= MATTERS
+
+
+def _matters_told(shifts: Sequence[Row]) -> list[str]:
+    if not shifts:
+        return []
+    return [
+        f"*Matters*: in the bench below, which knows no result of this page, the effect nearest to it shifts the end by"
+        f" {100 * MATTERS:.0f} % or more. What changes the end by less cannot let the error fall to half."
+    ]
+
+
+def _together(rows: Sequence[Row], shifts: Sequence[Row]) -> list[str]:
+    """Lines over the effects that matter, those that do not, nothing hidden, and all."""
+    told = {label: matters(label, shifts) for label in HIDDEN}
+    groups = (
+        ("what matters", [label for label in HIDDEN if told[label]]),
+        ("what does not", [label for label in HIDDEN if told[label] is False]),
+        ("nothing hidden", [label for label in HIDDEN if not HIDDEN[label].names]),
+        ("all", list(HIDDEN)),
+    )
+    chosen = ((name, [row for row in rows if row["case"] in labels]) for name, labels in groups)
+    return [_group(name, some) for name, some in chosen if some]
+
+
+def _group(name: str, rows: Sequence[Row]) -> str:
+    """A line over several effects together."""
     by = {arm: [row for row in rows if row["arm"] == arm] for arm in ("as it is", "learnt")}
     plain, learnt = (
         _median(np.concatenate([np.zeros(0), *(relative(row, True) for row in by[arm])]))
@@ -183,22 +213,25 @@ def _all(rows: Sequence[Row]) -> list[str]:
     joined = np.concatenate([np.zeros(0), *differences])
     objects = len({(row["case"], row["number"]) for row in rows})
     # Without pairs the two medians are of different objects: they must not be divided.
-    return [_cells("**all**", objects, first, plain if len(joined) else None, learnt, _interval(joined))]
+    name = f"**{name}**"
+    return _cells(name, "", objects, first, plain if len(joined) else None, learnt, _interval(joined))
 
 
-def _row(one: Summary) -> str:
-    return _cells(one.case, one.objects, one.first, one.plain, one.learnt, one.difference)
+def _row(one: Summary, matter: bool | None) -> str:
+    said = "–" if matter is None else ("yes" if matter else "no")
+    return _cells(one.case, said, one.objects, one.first, one.plain, one.learnt, one.difference)
 
 
 def _cells(
-    label: str, objects: int, first: float | None, plain: float | None, learnt: float | None,
+    label: str, matter: str, objects: int, first: float | None, plain: float | None, learnt: float | None,
     difference: tuple[float, float, float] | None,
 ) -> str:  # fmt: skip
     ratios = " | ".join("–" if not one or not learnt else f"{one / learnt:.1f} ×" for one in (first, plain))
     shown = (
         "–" if difference is None else "{:+.1f} % ({:+.1f} to {:+.1f})".format(*(100 * d for d in difference))
     )
-    return f"| {label} | {objects} | {_percent(first)} | {_percent(plain)} | {_percent(learnt)} | {ratios} | {shown} |"
+    cells = f"| {label} | {matter} | {objects} | {_percent(first)} | {_percent(plain)} | {_percent(learnt)} |"
+    return f"{cells} {ratios} | {shown} |"
 
 
 def _percent(value: float | None) -> str:

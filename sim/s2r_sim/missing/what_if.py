@@ -25,6 +25,18 @@ def read_what_if(path: Path) -> list[dict[str, Any]]:
         raise UsageError(f"--what-if {path} is no result of tests/bench/bench_left_out.py: {error}") from None
 
 
+def largest_shift(rows: Sequence[dict[str, Any]], effect: str, kind: str) -> float | None:
+    """Largest shift of the end by an effect, in shares of the change asked for; None where there is no such row.
+
+    Args:
+        rows: As read.
+        effect: Of the bench.
+        kind: Key of ``KINDS``.
+    """
+    shifts = [abs(row["shift_r"]) for row in rows if row["effect"] == effect and kind in row["case"]]
+    return max(shifts, default=None)
+
+
 def what_if(rows: Sequence[dict[str, Any]]) -> list[str]:
     """A Markdown section: the largest shift of the end per effect and kind of part."""
     effects = list(dict.fromkeys(row["effect"] for row in rows if row["effect"] != "nothing"))
@@ -43,9 +55,7 @@ def what_if(rows: Sequence[dict[str, Any]]) -> list[str]:
         "|---|" + "---|" * len(KINDS),
     ]
     for effect in effects:
-        cells = []
-        for kind in KINDS:
-            shifts = [abs(row["shift_r"]) for row in rows if row["effect"] == effect and kind in row["case"]]
-            cells.append(f"{100 * max(shifts):.1f} %" if shifts else "–")
+        found = [largest_shift(rows, effect, kind) for kind in KINDS]
+        cells = ["–" if shift is None else f"{100 * shift:.1f} %" for shift in found]
         lines.append(f"| {effect} | {' | '.join(cells)} |")
     return lines

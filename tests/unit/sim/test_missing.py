@@ -1,6 +1,7 @@
 """Physics left out: sealed objects with one effect each, figures per effect, a page of them."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from click.testing import CliRunner
 
 from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
 from s2r_sim.missing.cli import missing
-from s2r_sim.missing.page import PICTURE, summaries, write_page
+from s2r_sim.missing.page import PICTURE, matters, summaries, write_page
 from s2r_sim.missing.score import named, paired, relative
 
 GAUGE = {"drawer": 0.3, "laptop": 0.1, "faucet": 0.1}  # what the arm feels, N or N·m
@@ -96,9 +97,33 @@ def test_summaries_hold_runs_that_came_to_nothing(tmp_path):
     assert (laptop.objects, laptop.learnt, laptop.right) == (1, None, 0)
     write_page(ROWS, tmp_path / "page.md", "the command")
     text = (tmp_path / "page.md").read_text()
-    assert "| drawer: stiction | 1 | 5.0 % | 5.0 % | 1.5 % | 3.3 × | 3.3 × |" in text
+    assert "| drawer: stiction | – | 1 | 5.0 % | 5.0 % | 1.5 % | 3.3 × | 3.3 × |" in text
     assert "no / plan" in text
     assert (tmp_path / PICTURE).stat().st_size > 5000
+
+
+def test_what_matters_is_told_by_the_bench_and_not_by_the_results(tmp_path):
+    shifts = [
+        {"case": "heavy drawer out", "effect": "stiction + 100 %", "shift_r": 0.004},
+        {"case": "light drawer in", "effect": "stiction + 100 %", "shift_r": -0.012},
+        {"case": "heavy drawer out", "effect": "profile 1 to 3", "shift_r": 0.009},
+        {"case": "lever +", "effect": "profile 1 to 3", "shift_r": 0.5},
+    ]
+    assert matters("drawer: stiction", shifts) is True
+    assert matters("drawer: friction profile", shifts) is False
+    assert matters("drawer: nothing", shifts) is None
+    assert matters("faucet: stiction", shifts) is None
+    write_page(ROWS, tmp_path / "page.md", "the command", shifts=shifts)
+    text = (tmp_path / "page.md").read_text()
+    assert "| drawer: stiction | yes | 1 |" in text
+    assert "| **what matters** |  | 1 | 5.0 % | 5.0 % | 1.5 % |" in text
+    assert "| **what does not** |" not in text
+
+
+def test_every_case_is_likened_to_an_effect_that_the_bench_has():
+    bench = (Path(__file__).parents[2] / "bench/bench_left_out.py").read_text()
+    for hidden in HIDDEN.values():
+        assert hidden.like is None or f'"{hidden.like}": ' in bench, hidden.label
 
 
 def test_the_page_is_written_from_results_alone_and_unknown_cases_are_refused(tmp_path):
