@@ -34,3 +34,10 @@ def test_knots_are_hit_and_joined_by_straight_lines():
     stretched = on_knots(knots, 11)[0, :, 0]
     assert stretched[[0, 5, 10]] == pytest.approx([0.0, 1.0, -1.0])
     assert np.diff(stretched, 2)[[0, 1, 2, 5, 6, 7]] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_noise_on_knots_is_straight_between_them_and_has_unit_variance_there():
+    noise = coloured_noise(np.random.default_rng(4), (4000, 11, 2), 2.5, knots=3)
+    assert noise.shape == (4000, 11, 2)
+    assert noise[:, [0, 5, 10]].var(axis=(0, 2)) == pytest.approx(1.0, abs=0.06)
+    assert np.diff(noise, 2, axis=1)[:, [0, 1, 2, 3, 5, 6, 7, 8]] == pytest.approx(0.0, abs=1e-12)
