@@ -128,7 +128,7 @@ def build_problem(
     Args:
         model: The nominal model.
         fit: Sessions that may be fitted.
-        hold: Sessions that may only be predicted; when empty the last 30 % of each fit session is held.
+        hold: Sessions that may only be predicted; when empty 30 % of each fit session are held.
         repeats: Second runs of a motion among ``fit``: they set the noise floor.
     """
     ctx = Context(model, fit)

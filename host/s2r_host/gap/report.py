@@ -34,7 +34,7 @@ def write_report(a: Analysis, answer: dict, path: Path) -> None:
         f"<style>{STYLE}</style>",
         "<h1>Where simulation and recordings part</h1>",
         f"<p class=muted>{html.escape(a.model.path.name)} · fit {_names(a.fit)}"
-        f" · held out {_names(a.hold) or 'last 30 %'}"
+        f" · held out {_names(a.hold) or '30 % of each'}"
         f" · repeat {_names(a.repeats) or 'none'} · seed {answer['seed']} · {answer['wall_s']:.0f} s</p>",
         _verdict(answer),
         _effects(a, answer),

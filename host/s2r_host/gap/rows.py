@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import welch
 
+from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.session import Session, lowpass, nominal_friction
 
 HOLDOUT_SHARE = 0.3
+STROKE_PARTS = 10
 LEAST_CUT_HZ = 2.5
 ROWS_PER_CUT = 2.4  # rows per period of the cut
 KEPT_SHARE = 0.7  # of a recording, after the margins at its ends
@@ -56,7 +58,7 @@ def effort_slope(s: Session, joint: int) -> np.ndarray:
 def make_blocks(
     model: RigidModel, sessions: list[Session], hold: list[Session], joints: list[int]
 ) -> tuple[list[Block], list[np.ndarray]]:
-    """Blocks of all joints and recordings, and their residual efforts; without ``hold`` the last 30 % are held.
+    """Blocks of all joints and recordings, and their residual efforts; without ``hold`` 30 % of each are held.
 
     Recordings too short for the band in which efforts are compared are left out.
     """
@@ -74,10 +76,21 @@ def make_blocks(
             start += len(picks)
             held = np.full(len(picks), s in hold)
             if not hold:
-                held = picks >= (1.0 - HOLDOUT_SHARE) * len(s.t)
+                held = held_inside(s, picks)
             blocks.append(Block(s, j, rows, picks, held))
             raw.append(residual(model, s, j)[picks])
     return blocks, raw
+
+
+def held_inside(s: Session, picks: np.ndarray) -> np.ndarray:
+    """Which rows of a recording are held out where no other recording is: its end, shape (rows,).
+
+    A single stroke, in which no joint turns round, brakes at its end and goes slowly nowhere else. Of such a recording
+    it is three of ten stretches: what is learnt from its end is tried there, too.
+    """
+    if any(count_reversals(s, j) for j in range(s.q.shape[1])):
+        return picks >= (1.0 - HOLDOUT_SHARE) * len(s.t)
+    return (np.arange(len(picks)) * STROKE_PARTS // len(picks)) % 3 == 1
 
 
 def band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray], least: float) -> float:
