@@ -26,6 +26,7 @@ from s2r_host.proprioception.samples import EVERY_S, Samples
 from s2r_host.proprioception.tip_force import tip_force
 
 OVER_NOISE, LEAST_FORCE_N = 4.0, 1.0  # from which on something is touched
+IMPACT_S, IMPACT = 0.02, 0.25  # an effort that changes so fast, by this share of its median, is a blow
 GAP_S = 0.05  # shorter breaks belong to a touch
 LEAST_TOUCH_S = 0.25
 EDGE_S = 0.05  # at both ends of a touch the fingertip is still landing or leaving
@@ -92,6 +93,7 @@ def touches(
     sign = 1.0 if part.positive else -1.0
     pushing = (size > np.maximum(LEAST_FORCE_N, OVER_NOISE * noise)) & (sign * towards > OVER_NOISE * doubt)
     pushing = binary_closing(pushing, np.ones(2 * round(GAP_S / EVERY_S / 2) + 1))
+    pushing &= ~_blows(towards, pushing)
     found, edge = [], round(EDGE_S / EVERY_S)
     for stretch in _stretches(pushing):
         rows = stretch[edge:-edge]
@@ -110,6 +112,20 @@ def touches(
         smooth, ds = (np.asarray(savgol_filter(s, window, 2, deriv=order, delta=EVERY_S)) for order in (0, 1))
         found.append(Touch(samples.t[rows], smooth, ds, effort, sigma))
     return _anchored(found, s_end)
+
+
+def _blows(effort: np.ndarray, pushing: np.ndarray) -> np.ndarray:
+    """Where the fingertip lands anew or jumps from one place of the part to another, (n,) as the effort (n,).
+
+    Such a blow sets the arm swinging: what its drives feel meanwhile is not what the joint takes.
+    """
+    rows = round(IMPACT_S / EVERY_S)
+    if not pushing.any() or len(effort) <= rows:
+        return np.zeros(len(effort), dtype=bool)
+    struck = np.zeros(len(effort), dtype=bool)
+    change = np.abs(effort[rows:] - effort[:-rows])
+    struck[: len(change)] = change > IMPACT * float(np.median(np.abs(effort[pushing])))
+    return np.convolve(struck, np.ones(rows + 1), "full")[: len(effort)] > 0.0
 
 
 def free_rows(arm: ArmModel, samples: Samples, part: PushedPart, s: float) -> int:

@@ -36,6 +36,8 @@ from s2r_host.run.session import Session
 from s2r_protocol.exits import S2RError
 
 EVERY = 3  # targets between two lessons: there and back once, and once more
+SLOWLY = 0.3  # of the usual speed: rails that stick let go at a few centimetres per second
+TELLING = ("nothing_missing", "parameter_off", "physics_missing")
 BRAKING_M, BRAKING_RAD = 0.015, 0.08  # the stretch before a target in which a part that coasts comes to rest
 SPEED_M_S, SPEED_RAD_S = 0.05, 0.25  # of a part on that stretch, about
 SAMPLES = 9
@@ -179,8 +181,23 @@ def after_target(session: Session, record: RunRecord, number: int) -> None:
         session.journal.say(note)
 
 
+def pace(number: int, lessons: Sequence[PhysicsLesson]) -> float:
+    """Share of the usual speed for a target's motions, until a lesson has told something.
+
+    Motions of one speed go slowly only where they brake: what depends on the speed and what depends on the place are
+    one thing in them. There and back are as fast as usual, once more is slow.
+
+    Args:
+        number: Of the target, from 1.
+        lessons: So far.
+    """
+    told = any(lesson.verdict in TELLING for lesson in lessons)
+    return 1.0 if told or number % EVERY else SLOWLY
+
+
 def before_target(session: Session, record: RunRecord) -> None:
-    """Let the believed object resist as the newest lesson says it does where the session's target is."""
+    """Set the pace, and let the believed object resist as the newest lesson says it does at the session's target."""
+    session.pace = pace(len(record.goals), record.lessons)
     lesson = next((one for one in reversed(record.lessons) if one.law is not None), None)
     if lesson is None or lesson.law is None or record.belief is None:
         return
@@ -283,6 +300,8 @@ def _with_lost_motion(session: Session, record: RunRecord, folder: Path) -> tupl
 def _tells(done: DoneManipulation, positive: bool, far_off: float) -> bool:
     planned = done.planned
     if planned.corrected or planned.stopped or (done.s_target > done.s_initial) != positive:
+        return False
+    if planned.pace < 1.0:  # a part that is moved slowly does not coast: it ends elsewhere
         return False
     return abs(done.measured.s - planned.foreseen) < far_off
 

@@ -50,6 +50,7 @@ class PlannedManipulation:
             gets to where it is sent [m or rad].
         corrected: Other motions followed the first one than was planned.
         stopped: A protection stopped the arm on its way: it did not get to where the plan ends.
+        pace: Share of the usual speed at which the part was to be moved.
     """
 
     number: int
@@ -62,6 +63,7 @@ class PlannedManipulation:
     yields: float = 0.0
     corrected: bool = False
     stopped: bool = False
+    pace: float = 1.0
 
     @property
     def foreseen(self) -> float:
@@ -147,14 +149,18 @@ def _prepare_once(
     doubts = tuple(_doubt(one, doubt, belief, request, pushed_at) for one in PERTURBATIONS)
     yields = _yields(session, belief, result)
     sent = replace(request, s_target=request.s_target - yields)
-    delivery = deliver(sent, result, TimeLawSettings(speed=settings.plan_speed), doubts)
+    touching = session.pace * TimeLawSettings.contact_speed_m_s
+    pace = TimeLawSettings(speed=settings.plan_speed, contact_speed_m_s=touching)
+    delivery = deliver(sent, result, pace, doubts)
     played = delivery.replay
     touched = int(np.argmax(np.abs(played.s - s_initial) > settings.task.moving))
     end = ManipulationEnd(delivery.trajectory.q[-1], played.final, played.q_meas[:touched])
     escape, home = way_home(session, belief, request, number, view, end)
     motions = (Motion(delivery.trajectory, f"manipulation {number}"), *home)
     geom = _pushed_geom(session, request, delivery)
-    return PlannedManipulation(number, request, result, delivery, escape, motions, geom, yields)
+    return PlannedManipulation(
+        number, request, result, delivery, escape, motions, geom, yields, pace=session.pace
+    )
 
 
 def _request(

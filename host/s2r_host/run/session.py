@@ -91,6 +91,7 @@ class Session:
     target: float = (
         math.nan
     )  # joint value in force [m or rad], counted as the belief's; told before it is planned for
+    pace: float = 1.0  # share of the usual speed at which plans move the part, which is to be felt at several
 
     def look(self, name: str) -> Capture:
         """Take a picture and keep it."""

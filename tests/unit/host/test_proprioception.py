@@ -10,7 +10,7 @@ from s2r_host.log.tables import Joints
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.obstacles import Obstacle
 from s2r_host.perception.motion import JointMotion
-from s2r_host.proprioception.object_log import PushedPart, Touch, free_rows, touches, write_log
+from s2r_host.proprioception.object_log import PushedPart, Touch, _blows, free_rows, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
 from s2r_host.proprioception.samples import samples_of
@@ -233,3 +233,15 @@ def test_a_fingertip_that_jams_does_not_count_as_friction(tmp_path):
 
 def test_nothing_felt_tells_nothing(tmp_path):
     assert learn_numbers(lid(tmp_path), "object_joint", []) is None
+
+
+def test_a_blow_is_what_changes_fast_and_much():
+    effort = np.full(200, 4.0)
+    effort[100:104] = 1.0
+    pushing = np.ones(200, dtype=bool)
+    struck = _blows(effort, pushing)
+    assert struck[100:104].all()
+    assert not struck[:95].any()
+    assert not struck[110:].any()
+    assert not _blows(np.linspace(4.0, 8.0, 200), pushing).any()  # friction that grows where the part brakes
+    assert not _blows(effort, np.zeros(200, dtype=bool)).any()

@@ -20,6 +20,7 @@ from s2r_host.run.belief import Belief
 from s2r_host.run.doubts import doubt_about
 from s2r_host.run.journal import Journal
 from s2r_host.run.physics import (
+    SLOWLY,
     JointLaw,
     PhysicsLesson,
     _offset,
@@ -27,6 +28,7 @@ from s2r_host.run.physics import (
     _with_law,
     before_target,
     believable,
+    pace,
 )
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.settings import RunSettings
@@ -130,8 +132,8 @@ def test_a_tilt_that_was_found_pulls_and_brakes_one_way_more_than_the_other(lear
     assert tilted.braking(0.0, False, slides=True) == pytest.approx(4.0 - weight)
 
 
-def _done(foreseen, measured, s_target, stopped=False, corrected=False):
-    planned = SimpleNamespace(foreseen=foreseen, stopped=stopped, corrected=corrected)
+def _done(foreseen, measured, s_target, stopped=False, corrected=False, pace=1.0):
+    planned = SimpleNamespace(foreseen=foreseen, stopped=stopped, corrected=corrected, pace=pace)
     return SimpleNamespace(
         planned=planned, measured=SimpleNamespace(s=measured), s_initial=0.0, s_target=s_target
     )
@@ -144,6 +146,7 @@ def test_lost_motion_is_read_from_motions_of_one_direction_that_went_through():
     assert not _tells(_done(0.1, 0.097, 0.1, stopped=True), True, 0.008)
     assert not _tells(_done(0.1, 0.097, 0.1, corrected=True), True, 0.008)
     assert not _tells(_done(0.1, 0.08, 0.1), True, 0.008)
+    assert not _tells(_done(0.1, 0.097, 0.1, pace=SLOWLY), True, 0.008)
     assert _offset(good) == pytest.approx(-0.003)
 
 
@@ -231,3 +234,24 @@ def test_a_part_that_something_pulls_away_is_warned_of_unless_it_stayed_there_be
     session.journal = Journal()
     before_target(session, record)
     assert not session.journal.warnings
+
+
+def test_every_third_motion_is_slow_until_a_lesson_has_told_something(tmp_path):
+    assert [pace(number, []) for number in range(1, 6)] == [1.0, 1.0, SLOWLY, 1.0, 1.0]
+    open_answers = [PhysicsLesson(3, tmp_path, verdict) for verdict in ("unknown", "insufficient", "refused")]
+    assert pace(6, open_answers) == SLOWLY
+    told = PhysicsLesson(3, tmp_path, "nothing_missing")
+    assert [pace(number, [*open_answers, told]) for number in range(4, 7)] == [1.0, 1.0, 1.0]
+
+
+def test_the_session_moves_the_part_at_the_pace_of_its_target(learnt, tmp_path):
+    settings = RunSettings(0.1, tmp_path / "run", learn_physics=True)
+    session: Any = SimpleNamespace(settings=settings, target=0.0, journal=Journal(), pace=1.0)
+    record = RunRecord(settings, Journal())
+    record.belief = _believed(learnt.model)
+    record.goals += [Goal(0.1), Goal(0.0), Goal(0.1)]
+    before_target(session, record)
+    assert session.pace == SLOWLY
+    record.lessons.append(PhysicsLesson(3, tmp_path, "physics_missing", law=learnt.law, noise=0.2))
+    before_target(session, record)
+    assert session.pace == 1.0
