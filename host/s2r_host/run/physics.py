@@ -48,6 +48,8 @@ STEP_S = 1e-3
 TRANSMISSION = frozenset({"backlash", "joint_elasticity", "joint_play", "flexible_part", "contact_slip"})
 DRIVE = frozenset({"actuator_delay", "bandwidth", "clock_skew", "encoder_offset", "encoder_eccentricity",
                    "effort_scale", "saturation", "session_friction", "thermal_drift"})  # fmt: skip
+# The object's joint has no drive and no sensor: its recordings are made of the arm's.
+NO_DRIVE = (*sorted(DRIVE), "motor_coupling")
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +241,7 @@ def _asked(session: Session, record: RunRecord, folder: Path) -> PhysicsLesson:
     believed = with_numbers(
         belief.model.mjcf_path, JOINT, felt.mass_share, felt.friction, felt.damping, folder / "believed.xml"
     )
-    config = GapConfig(simulate=False, baselines=False, next_experiment=False)
+    config = GapConfig(NO_DRIVE, simulate=False, baselines=False, next_experiment=False)
     try:
         analysis = analyse(believed, logs, [], [], config, lambda _text: None)
         answer = make_answer(analysis, session.settings.seed)
