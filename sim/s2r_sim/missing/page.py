@@ -126,7 +126,8 @@ def _lines(
         "A drawer, lid or lever with one concealed effect on its joint is moved to three targets, one plan each and no"
         " correction. Then `s2r gap` reads what the arm felt of the joint, its answer and the lost motion between"
         " fingertip and part go into the belief, and further targets follow (`s2r run --learn-physics`).",
-        "The same object is moved to the same targets a second time without that.",
+        "The third motion is slow, so that what comes from the speed shows.",
+        "The same object is moved to the same targets a second time without all of that.",
         "**Simulated stand-in objects; the host sees depth frames and joint states, the sealed truth is opened after"
         " each run.**",
         "",
@@ -152,7 +153,7 @@ def _lines(
         "After three targets. *Open* is the answer that the data cannot tell, with what to record.",
         "",
         f"Named as sealed: {sum(one.right for one in found)} of {told} answers,"
-        f" and {sum(one.open for one in found)} open.",
+        f" and {sum(one.open for one in found)} open. Where nothing is hidden, to say so is right.",
         "",
         "| hidden | names that count | as sealed | otherwise | open | answers |",
         "|---|---|---|---|---|---|",
