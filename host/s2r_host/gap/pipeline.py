@@ -92,8 +92,8 @@ def analyse(
     repeats = load_sessions(model, repeat_paths, len(fit) + len(hold), notes)
     if not hold:
         notes.append(
-            "no held-out recording given: the last 30 % of each fit recording is held out, of a single stroke three of "
-            "ten stretches"
+            "no held-out recording given: the last 30 % of each fit recording is held out, of each of several strokes "
+            "three of ten stretches"
         )
     a = Analysis(model, fit, hold, repeats, None, None, None, [], None, None, None, "insufficient", notes)
     reason = insufficient.no_effort(model, fit) or insufficient.too_short(model, fit)

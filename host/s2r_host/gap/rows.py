@@ -76,19 +76,20 @@ def make_blocks(
             start += len(picks)
             held = np.full(len(picks), s in hold)
             if not hold:
-                held = held_inside(s, picks)
+                held = held_inside(s, picks, alone=len(sessions) == 1)
             blocks.append(Block(s, j, rows, picks, held))
             raw.append(residual(model, s, j)[picks])
     return blocks, raw
 
 
-def held_inside(s: Session, picks: np.ndarray) -> np.ndarray:
+def held_inside(s: Session, picks: np.ndarray, *, alone: bool) -> np.ndarray:
     """Which rows of a recording are held out where no other recording is: its end, shape (rows,).
 
-    A single stroke, in which no joint turns round, brakes at its end and goes slowly nowhere else. Of such a recording
-    it is three of ten stretches: what is learnt from its end is tried there, too.
+    A stroke, in which no joint turns round, brakes at its end and goes slowly nowhere else: with that held out nothing
+    that depends on speed could be learnt. Of several strokes, which check each other, it is three of ten stretches of
+    each. What one stroke ``alone`` says of places it has not seen only its end can try.
     """
-    if any(count_reversals(s, j) for j in range(s.q.shape[1])):
+    if alone or any(count_reversals(s, j) for j in range(s.q.shape[1])):
         return picks >= (1.0 - HOLDOUT_SHARE) * len(s.t)
     return (np.arange(len(picks)) * STROKE_PARTS // len(picks)) % 3 == 1
 
