@@ -41,6 +41,7 @@ from s2r_host.perception.frames import DepthFrame
 from s2r_host.proprioception.samples import Samples, samples_of
 from s2r_host.run.journal import Journal
 from s2r_host.run.record import RunRecord
+from s2r_host.run.run_json import as_json
 from s2r_host.run.session import Session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import TASKS
@@ -255,7 +256,7 @@ def run_trial(out: Path, chosen: dict[str, Any], kind: str, number: int, attempt
 
     def answer(record: RunRecord) -> float:
         nonlocal change
-        change = trial.asked(plant.physics.object_value, sense(trial, record.as_dict()))
+        change = trial.asked(plant.physics.object_value, sense(trial, as_json(record)))
         return change
 
     usual = {"seed": number, "attempts": attempts, "acknowledge_contact": True, "settle_s": 0.0}

@@ -14,6 +14,7 @@ from s2r_host.report.markup import page, section, table
 from s2r_host.report.plots import joints_figure, stages_figure, state_figure, tracking_error
 from s2r_host.report.style import inline_png, inline_svg
 from s2r_host.run.record import RunRecord
+from s2r_host.run.run_json import as_json
 from s2r_host.run.session import Executed
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import ExitCode
@@ -273,7 +274,7 @@ def _verdicts(record: RunRecord) -> str:
 
 
 def _inputs(record: RunRecord) -> str:
-    values = record.as_dict()
+    values = as_json(record)
     executor = values["executor"] or {}
     rows = [
         ("command", "s2r " + " ".join(record.arguments)),

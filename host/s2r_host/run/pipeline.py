@@ -16,6 +16,7 @@ from s2r_host.run.observe import observe
 from s2r_host.run.push_until_told import push_until_told
 from s2r_host.run.reach import reach
 from s2r_host.run.record import Goal, RunRecord
+from s2r_host.run.run_json import write_run_json
 from s2r_host.run.session import Session, open_session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.travel import go_to
@@ -58,7 +59,7 @@ def run_task(
         record.code, record.reason = ExitCode.BUG, f"{type(error).__name__}: {error}"
         logger.exception("the run ended with a bug")
     finally:
-        record.write(settings.out / "run.json")
+        write_run_json(record)
     return record
 
 
@@ -95,7 +96,7 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
     after, s_now = told.after, record.s_found
     first = settings.target
     if first is None:
-        record.write(settings.out / "run.json")  # what is believed so far, for whoever is asked
+        write_run_json(record)  # what is believed so far, for whoever is asked
         first = ask(record)
     targets = (first, *settings.then)
     for number, target in enumerate(targets, start=1):

@@ -14,6 +14,7 @@ from s2r_host.report.plots import stages_figure
 from s2r_host.report.style import inline_png, inline_svg
 from s2r_host.run.journal import Journal, Stage
 from s2r_host.run.record import Goal, RunRecord
+from s2r_host.run.run_json import _plain, as_json, write_run_json
 from s2r_host.run.settings import RunSettings
 from s2r_protocol.exits import ExitCode, UsageError
 
@@ -48,12 +49,12 @@ def test_report_needs_no_network_and_no_script(record, tmp_path):
 
 
 def test_run_json_of_a_failed_run_has_reason_and_timings(record):
-    values = record.as_dict()
+    values = as_json(record)
     assert values["exit"] == {"code": 4, "name": "REFUSED", "reason": record.reason}
     assert [stage["name"] for stage in values["stages"]] == ["connect", "view A"]
     assert values["delta"] is None
     assert values["inputs"]["settings"]["target"] == 0.15
-    record.write(record.settings.out / "run.json")
+    write_run_json(record)
     assert (record.settings.out / "run.json").read_text().startswith("{")
 
 
@@ -106,6 +107,4 @@ def test_cells_are_escaped():
 
 
 def test_infinite_uncertainty_becomes_null(record):
-    from s2r_host.run.record import _plain
-
     assert _plain({"sigma": float("inf"), "p": np.array([1.0, np.nan])}) == {"sigma": None, "p": [1.0, None]}

@@ -31,6 +31,7 @@ from s2r_host.run.physics import (
     pace,
 )
 from s2r_host.run.record import Goal, RunRecord
+from s2r_host.run.run_json import as_json
 from s2r_host.run.settings import RunSettings
 
 FRICTION, SWING, PERIOD = 4.0, 1.5, 0.05
@@ -178,7 +179,7 @@ def test_the_report_and_run_json_tell_what_was_learnt(tmp_path):
     text = write_report(record, tmp_path / "report.html").read_text()
     assert "cogging (98 %), frictionloss: 5.66 → 5.26 N" in text
     assert "-3.00 mm at part_handle_bar, growing" in text
-    said = record.as_dict()["physics"][0]
+    said = as_json(record)["physics"][0]
     assert (said["verdict"], said["after_manipulations"], said["carried"]) == (
         "physics_missing",
         3,
