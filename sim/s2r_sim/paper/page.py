@@ -57,6 +57,8 @@ def _lines(
         " Hidden are friction, damping, mass, rail play, stiction, friction that changes along the way, detents,"
         " camera noise, hand-eye error and arm friction.",
         "The host sees depth frames and joint states; the sealed truth is opened after each run.",
+        "The amount is told once the host has built the object: as drawn, or as far the other way where the pushes have"
+        " left less room than that before a stop.",
         "",
         f"Written by `{command}`.",
         *([note] if note else []),
