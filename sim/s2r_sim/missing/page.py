@@ -24,7 +24,7 @@ class Summary:
 
     Attributes:
         case: Its label.
-        objects: How many.
+        objects: How many were compared, see :func:`compared`.
         first: Median |δ_r| of the targets that the physics is learnt from; None without any.
         plain, learnt: Of the later targets, without and with what was learnt.
         moves: Later targets that both runs manipulated towards.
@@ -55,20 +55,33 @@ def summaries(rows: Sequence[Row]) -> list[Summary]:
     return [_summary(label, rows) for label in HIDDEN if any(row["case"] == label for row in rows)]
 
 
+def compared(rows: Sequence[Row]) -> list[Row]:
+    """Rows of the objects that were run with and without learning; all rows where there is no such object.
+
+    Medians of different objects must not be compared: what an object asks for differs more than what learning changes.
+    """
+    arms = {
+        arm: {(row["case"], row["number"]) for row in rows if row["arm"] == arm}
+        for arm in ("as it is", "learnt")
+    }
+    both = arms["as it is"] & arms["learnt"]
+    return [row for row in rows if not both or (row["case"], row["number"]) in both]
+
+
 def _summary(label: str, rows: Sequence[Row]) -> Summary:
     by = {(row["arm"], row["number"]): row for row in rows if row["case"] == label}
+    counted = compared(list(by.values()))
     learnt = [row for (arm, _), row in by.items() if arm == "learnt"]
-    plain = [row for (arm, _), row in by.items() if arm == "as it is"]
     pairs = [(row, by["as it is", row["number"]]) for row in learnt if ("as it is", row["number"]) in by]
     differences = np.concatenate([np.zeros(0), *(paired(one, other) for one, other in pairs)])
     answers = [row["answers"][0] for row in learnt if row.get("answers")]
     right = [named(label, answer) for answer in answers]
     return Summary(
         case=label,
-        objects=len({number for _, number in by}),
-        first=_median(np.concatenate([np.zeros(0), *(relative(row, False) for row in [*learnt, *plain])])),
-        plain=_median(np.concatenate([np.zeros(0), *(relative(row, True) for row in plain)])),
-        learnt=_median(np.concatenate([np.zeros(0), *(relative(row, True) for row in learnt)])),
+        objects=len({row["number"] for row in counted}),
+        first=_shares(counted, later=False),
+        plain=_shares(counted, later=True, arm="as it is"),
+        learnt=_shares(counted, later=True, arm="learnt"),
         moves=len(differences),
         difference=_interval(differences),
         said=tuple(_said(answer) for answer in answers),
@@ -78,8 +91,11 @@ def _summary(label: str, rows: Sequence[Row]) -> Summary:
     )
 
 
-def _median(values: np.ndarray) -> float | None:
-    return float(np.median(values)) if len(values) else None
+def _shares(rows: Sequence[Row], *, later: bool, arm: str | None = None) -> float | None:
+    """Median |δ_r| of the first or the later targets of rows, of one arm or of both."""
+    values = [relative(row, later) for row in rows if arm in (None, row["arm"])]
+    joined = np.concatenate([np.zeros(0), *values])
+    return float(np.median(joined)) if len(joined) else None
 
 
 def _interval(values: np.ndarray) -> tuple[float, float, float] | None:
@@ -134,10 +150,11 @@ def _lines(
         f"Written by `{command}`.",
         *([note] if note else []),
         "",
+        *_asked_for(rows, found, shifts),
         "## Relative error before and after",
         "",
-        "Medians of |δ_r| from the sealed truth. The difference is paired, target by target, with a 90 % bootstrap"
-        " interval; negative: learning helped.",
+        "Medians of |δ_r| from the sealed truth, of objects that were run both ways. The difference is paired, target"
+        " by target, with a 90 % bootstrap interval; negative: learning helped.",
         *_matters_told(shifts),
         "",
         "| hidden | matters | objects | first three targets | later, as it is | later, learnt | first ÷ learnt"
@@ -175,6 +192,23 @@ def matters(label: str, shifts: Sequence[Row]) -> bool | None:
     return None if shift is None else shift >= MATTERS
 
 
+def _asked_for(rows: Sequence[Row], found: Sequence[Summary], shifts: Sequence[Row]) -> list[str]:
+    """The three demands on learning, each with what came of it."""
+    named, told = sum(one.right for one in found), sum(one.right + one.wrong + one.open for one in found)
+    demands = (
+        ("of what matters, the median falls to half", [k for k in HIDDEN if matters(k, shifts)]),
+        ("where nothing is hidden, it does not grow", [k for k in HIDDEN if not HIDDEN[k].names]),
+    )
+    lines = ["| asked for | as it is | learnt | objects |", "|---|---|---|---|"]
+    for text, labels in demands:
+        some = compared([row for row in rows if row["case"] in labels])
+        before, after = (_shares(some, later=True, arm=arm) for arm in ("as it is", "learnt"))
+        objects = len({(row["case"], row["number"]) for row in some})
+        lines.append(f"| {text} | {_percent(before)} | {_percent(after)} | {objects} |")
+    share = f"{100 * named / told:.0f} %" if told else "–"
+    return [*lines, f"| named as sealed in 90 % |  | {named} of {told} answers, {share} | {told} |", ""]
+
+
 def _matters_told(shifts: Sequence[Row]) -> list[str]:
     if not shifts:
         return []
@@ -199,23 +233,18 @@ def _together(rows: Sequence[Row], shifts: Sequence[Row]) -> list[str]:
 
 def _group(name: str, rows: Sequence[Row]) -> str:
     """A line over several effects together."""
-    by = {arm: [row for row in rows if row["arm"] == arm] for arm in ("as it is", "learnt")}
-    plain, learnt = (
-        _median(np.concatenate([np.zeros(0), *(relative(row, True) for row in by[arm])]))
-        for arm in ("as it is", "learnt")
-    )
-    first = _median(np.concatenate([np.zeros(0), *(relative(row, False) for row in rows)]))
-    other = {(row["case"], row["number"]): row for row in by["as it is"]}
-    differences = [
-        paired(row, other[row["case"], row["number"]])
-        for row in by["learnt"]
-        if (row["case"], row["number"]) in other
+    counted = compared(rows)
+    other = {(row["case"], row["number"]): row for row in counted if row["arm"] == "as it is"}
+    learnt = [row for row in counted if row["arm"] == "learnt"]
+    pairs = [
+        (row, other[row["case"], row["number"]]) for row in learnt if (row["case"], row["number"]) in other
     ]
-    joined = np.concatenate([np.zeros(0), *differences])
-    objects = len({(row["case"], row["number"]) for row in rows})
-    # Without pairs the two medians are of different objects: they must not be divided.
-    name = f"**{name}**"
-    return _cells(name, "", objects, first, plain if len(joined) else None, learnt, _interval(joined))
+    joined = np.concatenate([np.zeros(0), *(paired(row, plain) for row, plain in pairs)])
+    return _cells(
+        f"**{name}**", "", len({(row["case"], row["number"]) for row in counted}), _shares(counted, later=False),
+        _shares(counted, later=True, arm="as it is") if pairs else None, _shares(counted, later=True, arm="learnt"),
+        _interval(joined),
+    )  # fmt: skip
 
 
 def _row(one: Summary, matter: bool | None) -> str:

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
 from s2r_sim.missing.cli import missing
-from s2r_sim.missing.page import PICTURE, matters, summaries, write_page
+from s2r_sim.missing.page import PICTURE, compared, matters, summaries, write_page
 from s2r_sim.missing.score import named, paired, relative
 
 GAUGE = {"drawer": 0.3, "laptop": 0.1, "faucet": 0.1}  # what the arm feels, N or N·m
@@ -102,6 +102,16 @@ def test_summaries_hold_runs_that_came_to_nothing(tmp_path):
     assert (tmp_path / PICTURE).stat().st_size > 5000
 
 
+def test_objects_without_a_control_count_for_names_and_not_for_errors(tmp_path):
+    alone = _row("drawer: stiction", "learnt", (0.5, 0.5, 0.5, 0.9, 0.9), number=30)
+    assert compared([*ROWS, alone]) == ROWS[:2]
+    assert compared([alone]) == [alone]
+    stiction = summaries([*ROWS, alone])[0]
+    assert (stiction.objects, stiction.learnt, stiction.right) == (1, pytest.approx(0.015), 2)
+    write_page([*ROWS, alone], tmp_path / "page.md", "the command")
+    assert "| **all** |  | 1 | 5.0 % | 5.0 % | 1.5 % |" in (tmp_path / "page.md").read_text()
+
+
 def test_what_matters_is_told_by_the_bench_and_not_by_the_results(tmp_path):
     shifts = [
         {"case": "heavy drawer out", "effect": "stiction + 100 %", "shift_r": 0.004},
@@ -118,6 +128,8 @@ def test_what_matters_is_told_by_the_bench_and_not_by_the_results(tmp_path):
     assert "| drawer: stiction | yes | 1 |" in text
     assert "| **what matters** |  | 1 | 5.0 % | 5.0 % | 1.5 % |" in text
     assert "| **what does not** |" not in text
+    assert "| of what matters, the median falls to half | 5.0 % | 1.5 % | 1 |" in text
+    assert "| named as sealed in 90 % |  | 1 of 1 answers, 100 % | 1 |" in text
 
 
 def test_every_case_is_likened_to_an_effect_that_the_bench_has():
