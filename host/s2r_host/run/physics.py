@@ -42,7 +42,7 @@ BRAKING_M, BRAKING_RAD = 0.015, 0.08  # the stretch before a target in which a p
 SPEED_M_S, SPEED_RAD_S = 0.05, 0.25  # of a part on that stretch, about
 SAMPLES = 9
 LEAST_SHARE, HELD = 0.1, 1.05  # of the dry friction believed; of the gravity that a hinge was seen to hold
-USUAL_M, USUAL_RAD = 0.0008, 0.01  # one standard deviation between motions of one kind
+USUAL_M, USUAL_RAD = 0.0005, 0.01  # one standard deviation between motions of one kind
 DOUBT_RANGE = (0.05, 0.5)  # share of the dry friction that stays in doubt, for an ensemble
 STEP_S = 1e-3
 TRANSMISSION = frozenset({"backlash", "joint_elasticity", "joint_play", "flexible_part", "contact_slip"})
@@ -282,9 +282,8 @@ def _with_lost_motion(session: Session, record: RunRecord, folder: Path) -> tupl
         return belief, found
     ways: dict[bool, tuple[str, list[float]]] = {}
     for positive in (True, False):
-        done = [
-            one for one in ends if one.planned.number > since and _tells(one, positive, settings.task.far_off)
-        ]
+        new = [one for one in ends if one.planned.number > since]
+        done = [one for one in new if _tells(one, positive, settings.task.far_off, belief.template.slides)]
         if settings.attempts > 1:
             done = done[-1:]  # corrections between them have moved the surface since
         if done:
@@ -299,11 +298,13 @@ def _with_lost_motion(session: Session, record: RunRecord, folder: Path) -> tupl
     return belief, found
 
 
-def _tells(done: DoneManipulation, positive: bool, far_off: float) -> bool:
+def _tells(done: DoneManipulation, positive: bool, far_off: float, slides: bool) -> bool:
     planned = done.planned
     if planned.corrected or planned.stopped or (done.s_target > done.s_initial) != positive:
         return False
-    if planned.pace < 1.0:  # a part that is moved slowly does not coast: it ends elsewhere
+    if (
+        planned.pace < 1.0 and not slides
+    ):  # levers coast, but not where they are moved slowly; slides never do
         return False
     return abs(done.measured.s - planned.foreseen) < far_off
 

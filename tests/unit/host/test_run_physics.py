@@ -142,12 +142,14 @@ def _done(foreseen, measured, s_target, stopped=False, corrected=False, pace=1.0
 
 def test_lost_motion_is_read_from_motions_of_one_direction_that_went_through():
     good = _done(0.1, 0.097, 0.1)
-    assert _tells(good, True, 0.008)
-    assert not _tells(good, False, 0.008)
-    assert not _tells(_done(0.1, 0.097, 0.1, stopped=True), True, 0.008)
-    assert not _tells(_done(0.1, 0.097, 0.1, corrected=True), True, 0.008)
-    assert not _tells(_done(0.1, 0.08, 0.1), True, 0.008)
-    assert not _tells(_done(0.1, 0.097, 0.1, pace=SLOWLY), True, 0.008)
+    assert _tells(good, True, 0.008, slides=True)
+    assert not _tells(good, False, 0.008, slides=True)
+    assert not _tells(_done(0.1, 0.097, 0.1, stopped=True), True, 0.008, slides=True)
+    assert not _tells(_done(0.1, 0.097, 0.1, corrected=True), True, 0.008, slides=True)
+    assert not _tells(_done(0.1, 0.08, 0.1), True, 0.008, slides=True)
+    slow = _done(0.1, 0.097, 0.1, pace=SLOWLY)
+    assert _tells(slow, True, 0.008, slides=True)
+    assert not _tells(slow, True, 0.008, slides=False)
     assert _offset(good) == pytest.approx(-0.003)
 
 
