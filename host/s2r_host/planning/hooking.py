@@ -169,7 +169,6 @@ def _different(places: Places, order: np.ndarray, most: int) -> np.ndarray:
     while len(left) and len(taken) < most:
         first, left = left[0], left[1:]
         taken.append(int(order[first]))
-        near = np.square(p[left] - p[first]).sum(axis=1) < 0.02**2
-        alike = R[left] @ R[first] > 2.9
-        left = left[~(near & alike)]
+        near = np.flatnonzero(np.square(p[left] - p[first]).sum(axis=1) < 0.02**2)
+        left = np.delete(left, near[R[left[near]] @ R[first] > 2.9])
     return np.array(taken, dtype=int)
