@@ -299,7 +299,7 @@ def _share(value: float | None) -> str:
 
 
 def draw(rows: Sequence[Row], found: Sequence[Summary], path: Path) -> None:
-    """Every |δ_r| as a dot, medians as bars: first three targets, later ones as it is, later ones learnt."""
+    """|δ_r| of the compared objects as dots, medians as bars: first three targets, later as it is, later learnt."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -313,9 +313,8 @@ def draw(rows: Sequence[Row], found: Sequence[Summary], path: Path) -> None:
     )
     for g, ((label, arm, later), colour) in enumerate(zip(groups, COLOURS, strict=True)):
         for k, one in enumerate(found):
-            values = [
-                relative(row, later) for row in rows if row["case"] == one.case and arm in (None, row["arm"])
-            ]
+            counted = compared([row for row in rows if row["case"] == one.case])
+            values = [relative(row, later) for row in counted if arm in (None, row["arm"])]
             share = 100 * np.concatenate([np.zeros(0), *values])
             x = k + 0.27 * (g - 1)
             spread = np.linspace(-0.08, 0.08, len(share)) if len(share) > 1 else np.zeros(len(share))
