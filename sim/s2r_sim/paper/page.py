@@ -65,7 +65,7 @@ def _lines(
         "",
         "δ is what was asked for minus what was done, δ_r its share of what was asked for, both from the sealed truth.",
         "A trial that ended before a planned manipulation counts as a miss in the shares and is left out of the means.",
-        "What parts of the system are worth, on the same trials: [ablations](ablations.md).",
+        "What parts of the system are worth: [ablations](ablations.md).",
         "",
         "## After the last planned manipulation",
         f"The system measures and corrects; at most {attempts} planned manipulations.",
