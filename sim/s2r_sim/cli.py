@@ -64,12 +64,16 @@ def sim_arm(
 
     Prints the commitment (salted hash) of the world, never its contents.
     """
+    from s2r_protocol.arms import load_arm
     from s2r_sim.stand_in import StandInConfig, run_stand_in
     from s2r_sim.world import draw_world, load_world
 
     if (world_file is None) == (seed is None):
         raise UsageError("give either --world FILE or --seed N")
-    world = load_world(world_file) if world_file is not None else draw_world(seed or 0, kind)
+    if world_file is not None:
+        world = load_world(world_file)
+    else:
+        world = draw_world(seed or 0, kind, arm=load_arm(arm_name))
     config = StandInConfig(
         arm=arm_name,
         clock=clock,
@@ -94,12 +98,14 @@ def world() -> None:
 @world.command()
 @click.option("--seed", type=int, required=True)
 @click.option("--kind", default="drawer", show_default=True)
+@click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--out", type=click.Path(path_type=Path), required=True)
-def draw(seed: int, kind: str, out: Path) -> None:
+def draw(seed: int, kind: str, arm: str, out: Path) -> None:
     """Draw a world, write it to a file and print its commitment."""
+    from s2r_protocol.arms import load_arm
     from s2r_sim.world import draw_world
 
-    drawn = draw_world(seed, kind)
+    drawn = draw_world(seed, kind, arm=load_arm(arm))
     drawn.save(out)
     click.echo(drawn.commitment)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError, model_validator
 
+from s2r_protocol.arms import ArmDescription
 from s2r_sim.errors import WorldFileError
 from s2r_sim.geometry import rotation_from_vector
 from s2r_sim.objects.catalogue import ObjectSpec, kind_named
@@ -26,6 +27,9 @@ SCHEMA = 1
 # joint torque sensors (YanjunLIU-ac/Dynamic_Parameter_Identification_for_Rokae_xMate).
 _COULOMB = (0.59, 0.68, 0.48, 0.59, 0.43, 0.41, 0.63)
 _VISCOUS = (0.47, 0.35, 0.05, 0.45, 0.05, 0.05, 0.05)
+# Of other arms, in shares of the torque limit [1 and s/rad]: what those values are of the xMate's.
+_COULOMB_SHARE = (0.005, 0.022)
+_VISCOUS_SHARE = (0.0005, 0.0046)
 
 
 class ArmTruth(Parameters):
@@ -135,8 +139,18 @@ def load_world(path: Path) -> WorldSpec:
         ) from error
 
 
-def draw_world(seed: int, kind: str = "drawer", salt: str | None = None) -> WorldSpec:
+def draw_world(
+    seed: int, kind: str = "drawer", salt: str | None = None, arm: ArmDescription | None = None
+) -> WorldSpec:
     """Draw a hidden world. The same seed gives the same world; the salt is fresh unless given.
+
+    Object and camera do not depend on the arm.
+
+    Args:
+        seed: Of everything but the salt.
+        kind: Of object.
+        salt: Text that keeps the commitment from being guessed.
+        arm: Whose joints get friction and links their true masses; None: the xMate3Pro, whose friction was measured.
 
     Raises:
         WorldFileError: Unknown kind of object.
@@ -146,12 +160,23 @@ def draw_world(seed: int, kind: str = "drawer", salt: str | None = None) -> Worl
         salt=salt if salt is not None else secrets.token_hex(16),
         seed=seed,
         object=kind_named(kind).draw(rng_object),
-        arm=_draw_arm(rng_arm),
+        arm=_draw_measured_arm(rng_arm)
+        if arm is None or arm.name == "xmate3pro"
+        else _draw_arm(rng_arm, arm),
         camera=_draw_camera(rng_camera),
     )
 
 
-def _draw_arm(rng: np.random.Generator) -> ArmTruth:
+def _draw_arm(rng: np.random.Generator, arm: ArmDescription) -> ArmTruth:
+    tau_max = arm.limits.tau_max
+    return ArmTruth(
+        coulomb_Nm=tuple(round(t * uniform(rng, *_COULOMB_SHARE), 6) for t in tau_max),
+        viscous_Nms_rad=tuple(round(t * uniform(rng, *_VISCOUS_SHARE), 6) for t in tau_max),
+        link_mass_scale=tuple(uniform(rng, 0.98, 1.15) for _ in tau_max),
+    )
+
+
+def _draw_measured_arm(rng: np.random.Generator) -> ArmTruth:
     return ArmTruth(
         coulomb_Nm=tuple(round(c * uniform(rng, 0.8, 1.2), 6) for c in _COULOMB),
         viscous_Nms_rad=tuple(round(c * uniform(rng, 0.5, 1.5), 6) for c in _VISCOUS),

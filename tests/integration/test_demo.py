@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -49,3 +50,30 @@ def test_a_demo_refuses_a_folder_that_holds_something(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == ExitCode.USAGE
     assert "is not empty" in done.stderr
+
+
+def test_another_arm_opens_a_drawer_from_its_description_alone(tmp_path):
+    out = tmp_path / "demo"
+    command = [sys.executable, "-m", "s2r_protocol", "demo", "--out", str(out), "--pace", "0"]
+    command += ["--arm", str(Path(__file__).parents[1] / "unit/host/six_joint_arm"), "--seed", "3"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert done.returncode == ExitCode.OK, done.stderr
+    verdict = json.loads((out / "demo.json").read_text())
+    assert abs(verdict["delta_true"]) < 0.005
+    assert len(json.loads((out / "run/run.json").read_text())["attempts"]) >= 1
+
+
+def test_an_arm_that_is_not_there_is_refused_before_anything_starts(tmp_path):
+    command = [
+        sys.executable,
+        "-m",
+        "s2r_protocol",
+        "demo",
+        "--out",
+        str(tmp_path / "demo"),
+        "--arm",
+        "spoon",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == ExitCode.USAGE, done.stderr
+    assert "spoon" in done.stderr

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 @click.option(
     "--then", "further", multiple=True, help="A further target once the one before is reached, see s2r run."
 )
+@click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most, per target.")
 @click.option("--reactive", is_flag=True, help="The host watches the part while it moves it, see s2r run.")
 @click.option("--clock", type=click.Choice(["lockstep", "real"]), default="lockstep", show_default=True)
@@ -46,6 +47,7 @@ def demo(
     kind: str,
     target: str | None,
     further: tuple[str, ...],
+    arm: str,
     attempts: int,
     reactive: bool,
     clock: str,
@@ -58,10 +60,12 @@ def demo(
 
     Exit 0: it is truly within 5 mm, 2° or 3° of the target. 7: it is not. Otherwise the failing part's code.
     """
+    from s2r_protocol.arms import load_arm
     from s2r_sim.demo.goals import GOALS
     from s2r_sim.demo.processes import free_port, peer, s2r_command
     from s2r_sim.demo.verdict import draw_truth, open_truth
 
+    load_arm(arm)  # refuses what is no arm before anything starts
     folder = out or Path("runs") / f"demo-{seed}-{time.strftime('%Y%m%d-%H%M%S')}"
     if folder.exists() and any(folder.iterdir()):
         raise UsageError(f"--out {folder} exists and is not empty; name a new folder")
@@ -70,7 +74,7 @@ def demo(
     goal = GOALS[kind]
     _say(f"drawing hidden {kind} {seed}")
     drawn = subprocess.run(
-        s2r_command("world", "draw", "--kind", kind, "--seed", str(seed), "--out", world),
+        s2r_command("world", "draw", "--kind", kind, "--seed", str(seed), "--arm", arm, "--out", world),
         capture_output=True,
         text=True,
         check=True,
@@ -79,7 +83,7 @@ def demo(
     _say(f"commitment to the hidden world: {published}")
 
     camera, executor = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
-    both = ("--clock", clock, "--pace", str(pace), "--packing", packing)
+    both = ("--arm", arm, "--clock", clock, "--pace", str(pace), "--packing", packing)
     with tempfile.TemporaryDirectory(prefix="s2r-") as sockets:
         bus = f"unix:{sockets}/bus.sock"
         stand_in = (
@@ -105,6 +109,8 @@ def demo(
             "--acknowledge-contact",
             "--seed",
             str(seed),
+            "--arm",
+            arm,
             *(["--reactive"] if reactive else []),
         )
         _say("starting stand-in and executor")

@@ -23,6 +23,7 @@ from s2r_protocol.exits import UsageError
 @click.option(
     "--attempts", default=3, show_default=True, type=click.IntRange(min=1), help="Planned manipulations each."
 )
+@click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option(
     "--run-options", default="", help="Further options of s2r run, as '--reactive --without torque'."
 )
@@ -56,6 +57,7 @@ def paper(
     trials: int,
     first: int,
     attempts: int,
+    arm: str,
     run_options: str,
     pace: float,
     compare: tuple[str, ...],
@@ -87,7 +89,7 @@ def paper(
         rows = [row for row in results_in(out / "results.jsonl") if row["kind"] in names]
     else:
         rows = run_jobs(
-            partial(run_trial, out, tuple(shlex.split(run_options)), pace),
+            partial(run_trial, out, tuple(shlex.split(run_options)), pace, arm),
             todo,
             out / "results.jsonl",
             jobs,
@@ -95,6 +97,7 @@ def paper(
             ray,
         )
     options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
+    options += f" --arm {arm}" if arm != "xmate3pro" else ""
     options += f" --run-options '{run_options}'" if run_options else ""
     options += f" --pace {pace:g}" if pace else ""
     command = f"s2r bench paper {options} --out DIR"

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from s2r_protocol.arms import load_arm
-from s2r_sim.objects.scene import joint_truth
+from s2r_sim.objects.scene import joint_truth, table_scene
 from s2r_sim.paper.trials import Trial
-from s2r_sim.physics import build_world
 from s2r_sim.score import Truth, read_truth
 from s2r_sim.world import load_world
 
@@ -88,7 +86,7 @@ def sense(trial: Trial, run: Row) -> float:
 
 def _true_joint(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
     """(point on the axis [m], its direction) as found, base frame."""
-    joint = joint_truth(build_world(load_arm("xmate3pro"), trial.world), trial.world.object)
+    joint = joint_truth(table_scene(trial.world.object).compile(), trial.world.object)
     return np.array(joint.origin_m), np.array(joint.direction)
 
 

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 from typing import TextIO
 
+from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.peers import PeerFailedError, s2r_command, stand_in_cell
 from s2r_protocol.exits import ExitCode
 from s2r_sim.errors import TruthFileError
@@ -22,7 +23,9 @@ MOST_TRIES = 3
 POLL_S = 0.2
 
 
-def run_trial(out: Path, options: tuple[str, ...], pace: float, kind: str, number: int, attempts: int) -> Row:
+def run_trial(
+    out: Path, options: tuple[str, ...], pace: float, arm: str, kind: str, number: int, attempts: int
+) -> Row:
     """Run and score one manipulation.
 
     A trial in which a process did not answer in time, as on a machine with too much to do, is begun anew: that says
@@ -32,15 +35,21 @@ def run_trial(out: Path, options: tuple[str, ...], pace: float, kind: str, numbe
         out: Folder; the trial's files go to ``trials/<kind>-<number>`` in it.
         options: Further options of ``s2r run``.
         pace: Simulated over real seconds; 0 is as fast as the machine allows.
+        arm: Shipped arm, or a folder with ``arm.yaml``.
         kind, number: Of the trial.
         attempts: Planned manipulations at most.
     """
-    trial = draw_trial(kind, number)
+    trial = draw_trial(kind, number, arm=load_arm(arm))
     folder = out / "trials" / f"{kind}-{number:03d}"
     row: Row = {}
     for tries in range(1, MOST_TRIES + 1):
         before_s = _children_cpu_s()
-        row = {"kind": kind, "number": number, "tries": tries, **_try(trial, attempts, options, pace, folder)}
+        row = {
+            "kind": kind,
+            "number": number,
+            "tries": tries,
+            **_try(trial, attempts, options, pace, arm, folder),
+        }
         row["cpu_s"] = round(_children_cpu_s() - before_s, 1)
         row["stored_bytes"] = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
         if row["exit"] != ExitCode.UNREACHABLE:
@@ -54,7 +63,7 @@ def _children_cpu_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, folder: Path) -> Row:
+def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, arm: str, folder: Path) -> Row:
     shutil.rmtree(folder, ignore_errors=True)  # of an interrupted try
     folder.mkdir(parents=True)
     world = folder / "world.json"
@@ -62,13 +71,17 @@ def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, fol
     try:
         with (
             stand_in_cell(
-                folder, ("--world", world), pace=pace, stand_in=("--truth", folder / "truth.csv")
+                folder,
+                ("--world", world),
+                pace=pace,
+                stand_in=("--truth", folder / "truth.csv", "--arm", arm),
+                executor=("--arm", arm),
             ) as cell,
             (folder / "host.log").open("w") as log,
         ):
             command = s2r_command(
                 "run", trial.kind, "--target", "ask", "--from", "pushed", "--attempts", str(attempts),
-                "--acknowledge-contact", "--seed", str(trial.number), "--executor", cell.executor,
+                "--acknowledge-contact", "--seed", str(trial.number), "--arm", arm, "--executor", cell.executor,
                 "--camera", cell.camera, "--out", folder / "run", *options,
             )  # fmt: skip
             change, code = _run_and_answer(command, log, trial, folder)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from s2r_protocol.arms import ArmDescription
 from s2r_sim.objects.effects import draw_effects
 from s2r_sim.objects.parameters import uniform
 from s2r_sim.world import WorldSpec, draw_world
@@ -60,14 +61,14 @@ class Trial:
         return sense * (high if high > -low else low)
 
 
-def draw_trial(kind: str, number: int, salt: str | None = None) -> Trial:
+def draw_trial(kind: str, number: int, salt: str | None = None, arm: ArmDescription | None = None) -> Trial:
     """The trial of that number: place, size, physics, state as found and direction are random.
 
     The change keeps within the joint's limits wherever a usual first push (45 mm in, 25° either way) leaves the part;
-    for other pushes there is :meth:`Trial.asked`.
+    for other pushes there is :meth:`Trial.asked`. Object, camera and change are the same for every arm.
     """
     rng = np.random.default_rng([_SALT, KINDS.index(kind), number])
-    world = draw_world(FIRST_WORLD + number, kind, salt)
+    world = draw_world(FIRST_WORLD + number, kind, salt, arm)
     change = 0.0
     start: tuple[float, float] | None = None
     while start is None:

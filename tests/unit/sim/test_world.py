@@ -1,10 +1,12 @@
 """Hidden worlds: drawing, files, commitments."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from s2r_protocol.arms import load_arm
 from s2r_sim.errors import WorldFileError
 from s2r_sim.world import WorldSpec, draw_world, load_world
 
@@ -20,6 +22,17 @@ def test_world_survives_its_file(tmp_path):
 def test_same_seed_draws_the_same_world():
     assert draw_world(3, salt="a") == draw_world(3, salt="a")
     assert draw_world(3, salt="a").object != draw_world(4, salt="a").object
+
+
+def test_another_arm_gets_friction_for_its_joints_and_the_same_object():
+    six = load_arm(Path(__file__).parents[1] / "host/six_joint_arm")
+    world, usual = draw_world(3, salt="a", arm=six), draw_world(3, salt="a")
+    assert (world.object, world.camera) == (usual.object, usual.camera)
+    assert usual == draw_world(3, salt="a", arm=load_arm("xmate3pro"))
+    share = np.array(world.arm.coulomb_Nm) / six.limits.tau_max
+    assert share.shape == (6,)
+    assert ((share > 0.004) & (share < 0.023)).all()
+    assert len(world.arm.viscous_Nms_rad) == len(world.arm.link_mass_scale) == 6
 
 
 def test_commitment_hides_behind_a_fresh_salt():
