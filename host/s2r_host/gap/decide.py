@@ -22,11 +22,13 @@ from s2r_host.gap.other_equations import add_contradiction, add_drift, add_law, 
 from s2r_host.gap.other_machine import all_numbers_elsewhere, other_machine
 from s2r_host.gap.parameters_off import base_entries, is_parameter, off_entries, parameters_only
 from s2r_host.gap.problem import Problem
+from s2r_host.gap.regression import TEMPER
 from s2r_host.gap.rejected import rejected_list
 from s2r_host.gap.search import MAX_EFFECTS, Search
 from s2r_host.gap.solution import Solution
-from s2r_host.gap.trust import hides, search_under_both
-from s2r_host.gap.wrong_number import TIGHT, Looseness, base_matters, with_number
+from s2r_host.gap.trust import hides, search_under_both, worth
+from s2r_host.gap.vibration import vibration
+from s2r_host.gap.wrong_number import ALONE_SLACK, TIGHT, Looseness, base_matters, with_number
 
 FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
 NO_WORSE = 1.3
@@ -74,22 +76,25 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         if not too_much_left(problem, search, decision):
             return decision
     looseness: Looseness = 1.0
+    trusted = 1.0
     if len(problem.joints) > FEW_JOINTS:
         solution = search.run(look=numbers_do)
     else:
-        looseness, solution = search_under_both(search, look=numbers_do)
+        trusted, solution = search_under_both(search, look=numbers_do)
+        looseness = trusted
         search.looseness = 1.0
     few = 0 < len(solution.terms) <= MAX_EFFECTS and len(problem.joints) <= FEW_JOINTS
     if few and base_matters(search, problem, solution.terms):
         number = with_number(problem, search, solution)
-        if number is not None and _fits_as_well(problem, search, solution, number[1]):
+        if number is not None and _fits_as_well(problem, search, (looseness, solution), number):
             looseness, solution = number
             log(f"  + {solution.terms[-1].effect}, a number")
     search.looseness = looseness
     decision = _name(problem, search, solution)
-    search.looseness = 1.0
+    search.looseness = trusted  # the gap is what numbers leave over that move as far as they are trusted to
     decision.leftover = leftover(problem, solution.prediction, solution)
     decision.explained = explained(problem, search, solution)
+    search.looseness = 1.0
     if not solution.terms:
         if decision.leftover > LEFTOVER_LIMIT * doubt(problem) or search.comes_back([]):
             decision.verdict = "unknown"
@@ -102,6 +107,8 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     remains = decision.leftover > LEFTOVER_LIMIT * doubt(problem)
     if odd is None and remains and decision.effects and len(problem.joints) <= FEW_JOINTS:
         odd = stretched(problem, solution)
+    if odd is None and remains and decision.effects:
+        odd = _swings(problem, search, solution)
     if odd is not None:
         decision.reasons.append(odd)
     if odd is not None or too_much_left(problem, search, decision):
@@ -119,8 +126,27 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     return decision
 
 
-def _fits_as_well(problem: Problem, search: Search, before: Solution, after: Solution) -> bool:
+def _swings(problem: Problem, search: Search, solution: Solution) -> str | None:
+    """Words for a vibration that explains more than the solution does, or None."""
+    found = vibration(problem, search, solution)
+    if found is None:
+        return None
+    j, f, amplitude = found
+    name = problem.ctx.model.joints[j]
+    unit = problem.ctx.model.effort_unit(name)
+    return (
+        f"an effort of {amplitude:.3g} {unit} at {f:.2f} Hz goes on at '{name}' whatever it does: a vibration"
+    )
+
+
+def _fits_as_well(
+    problem: Problem, search: Search, was_at: tuple[Looseness, Solution], is_at: tuple[Looseness, Solution]
+) -> bool:
     """Numbers held tighter must not cost what a single one gains, nor turn a name into an unknown effect."""
+    (loose, before), (tight, after) = was_at, is_at
+    noise = max(min(before.noise, after.noise), TEMPER)
+    if worth(search, after, tight, noise) < worth(search, before, loose, noise) - ALONE_SLACK:
+        return False
     left, was = (leftover(problem, x.prediction, x) for x in (after, before))
     if left <= LEFTOVER_LIMIT * doubt(problem):
         return True

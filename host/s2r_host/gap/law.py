@@ -27,6 +27,7 @@ LEAST_GAIN = 15.0
 # Lag that the law has to exclude before stamps count as the same [s], by how much worse it fits there; misfit of a law
 # that holds, as a share of the effort's power.
 KNOWN_S, CLEARLY, HOLDS = 3e-4, 2.0, 1e-3
+HOLDS_NOISY, SHIFTS_S = 0.05, (0.001, 0.002, 0.004, 0.008)  # the same for an effort with a sensor's noise
 LEAST_CHANGE = 0.012
 Z90 = 1.645
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise
@@ -115,15 +116,35 @@ def stamps_agree(model: RigidModel, fit: list[Session], joint: int) -> bool:
 
     Only for efforts as asked for: shifted by ``KNOWN_S`` either way the law misses them clearly more than in place.
     """
+    test = _test_of(model, fit, joint, "commanded")
+    return test is not None and test.relative < HOLDS and _excludes(test, KNOWN_S)
+
+
+def stamps_within(model: RigidModel, fit: list[Session], joint: int) -> float | None:
+    """Shift [s] between a reported effort and the motion that the declared law excludes; None where it excludes none.
+
+    What a drive reports has passed its delay and lag. Where the law holds without any of them, stamps agree as well.
+    """
+    test = _test_of(model, fit, joint, "measured")
+    if test is None or test.relative > HOLDS_NOISY:
+        return None
+    return next((x for x in SHIFTS_S if _excludes(test, x)), None)
+
+
+def _test_of(model: RigidModel, fit: list[Session], joint: int, effort: str) -> _Test | None:
     own = [s for s in fit if s.has_u[joint]]
     rows = [_rows(model, s, joint, False) for s in own]
     usable = [r for r in rows if r is not None]
-    if not usable or len(usable) < len(rows) or any(s.rec.effort != "commanded" for s in own):
-        return False
-    test = _Test(usable, model)
+    if not usable or len(usable) < len(rows) or any(s.rec.effort != effort for s in own):
+        return None
+    return _Test(usable, model)
+
+
+def _excludes(test: _Test, shift: float) -> bool:
+    """Does the law miss the effort clearly more with the motion moved by so much either way?"""
     here = sum(m for m, _ in test.base)
-    sides = [sum(m for m, _ in test.misfit(lambda r, x=x: r.late(x))) for x in (-KNOWN_S, KNOWN_S)]
-    return test.relative < HOLDS and min(sides) > CLEARLY * here
+    sides = [sum(m for m, _ in test.misfit(lambda r, x=x: r.late(x))) for x in (-shift, shift)]
+    return min(sides) > CLEARLY * here
 
 
 class _Test:

@@ -18,6 +18,7 @@ from s2r_host.gap.wrong_number import (
     LIKE_PARAMETERS,
     ONE_CAUSE,
     TIGHT,
+    base_matters,
     one_cause,
     tries_of,
     turned_not_shifted,
@@ -82,6 +83,8 @@ def parameters_only(problem: Problem, search: Search) -> Decision:
     search.looseness = 1.0
     if named.name in (*LIKE_PARAMETERS, *FRICTION) and not is_number:
         decision.verdict, decision.effects = "physics_missing", [named]
+        if base_matters(search, problem, solution.terms):  # a load beside a tilt
+            decision.parameters_off = base_entries(problem, solution)
     else:
         decision.parameters_off = off_entries(problem, search, named)
     decision.explained = explained(problem, search, solution)

@@ -16,6 +16,7 @@ from s2r_host.gap.config import GapConfig
 from s2r_host.gap.decide import decide, restate
 from s2r_host.gap.decision import Decision
 from s2r_host.gap.forward import Errors, evaluate
+from s2r_host.gap.law import stamps_within
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.other_equations import BEHIND_THE_SENSOR
 from s2r_host.gap.polish import drifts_freely, friction_change, polish
@@ -124,6 +125,9 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
         lag = control_lag(a.model, a.fit, j)
         if lag is not None:
             problem.ctx.control_lag[j] = lag
+        within = None if any(f.joint == j for f in problem.law) else stamps_within(a.model, a.fit, j)
+        if lag is None and within is not None:
+            problem.ctx.control_lag[j] = (0.0, 0.5 * within)
     for f in problem.law:
         if f.name == "clock_skew":
             problem.ctx.control_lag[f.joint] = (f.shape["lag"], 0.0005 + 0.1 * abs(f.shape["lag"]))

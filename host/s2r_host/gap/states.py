@@ -92,6 +92,7 @@ def deflection(
     k: np.ndarray,
     d: np.ndarray,
     gap: np.ndarray,
+    bend: np.ndarray | None = None,
 ) -> np.ndarray:
     """Transmitted effort of a link that hangs on a motor whose motion was recorded.
 
@@ -106,13 +107,15 @@ def deflection(
         load: Rigid load of the link, shape (time, shapes).
         slope: Change of that load with the link's position, shape (time,).
         k, d, gap: Stiffness, damping, half width, shape (shapes,).
+        bend: Change of ``slope`` with the link's position, shape (time,); only used for one shape alone.
 
     Returns:
         T, shape (time, shapes).
     """
     if load.shape[1] == 1:
+        bend = np.zeros_like(slope) if bend is None else bend
         return _deflection_of_one(
-            s, inertia[:, 0], load[:, 0], slope, float(k[0]), float(d[0]), float(gap[0])
+            s, inertia[:, 0], load[:, 0], slope, bend, float(k[0]), float(d[0]), float(gap[0])
         )[:, None]
     n, shapes = load.shape
     lightest = np.min(
@@ -137,18 +140,20 @@ def deflection(
 
 
 def _deflection_of_one(
-    s: Session, inertia: np.ndarray, load: np.ndarray, slope: np.ndarray, k: float, d: float, gap: float
-) -> np.ndarray:
+    s: Session, inertia: np.ndarray, load: np.ndarray, slope: np.ndarray, bend: np.ndarray, k: float, d: float,
+    gap: float,
+) -> np.ndarray:  # fmt: skip
     """The same for one shape, in plain numbers: a tenth of the cost of arrays of one element, shape (time,)."""
     lightest = float(np.min(inertia))
     parts = max(1, int(np.ceil(max(float(np.sqrt(k / lightest)), d / lightest) * s.dt / ALONE_STEP)))
     h = s.dt / parts
     delta, rate, out = -float(np.sign(load[0])) * gap - float(load[0]) / k, 0.0, []
-    for per_mass, pull, turn in zip((h / inertia).tolist(), load.tolist(), slope.tolist(), strict=True):
+    rows = ((h / inertia).tolist(), load.tolist(), slope.tolist(), (0.5 * bend).tolist())
+    for per_mass, pull, turn, half in zip(*rows, strict=True):
         for _ in range(parts):
             over = delta - gap if delta > gap else delta + gap if delta < -gap else 0.0
             effort = -k * over - d * rate if over else 0.0
-            rate += (effort - pull - turn * delta) * per_mass
+            rate += (effort - pull - (turn + half * delta) * delta) * per_mass
             delta += h * rate
         over = delta - gap if delta > gap else delta + gap if delta < -gap else 0.0
         out.append(-k * over - d * rate if over else 0.0)

@@ -10,20 +10,26 @@ from __future__ import annotations
 
 import numpy as np
 
+from s2r_host.gap.base_terms import PREFIX
 from s2r_host.gap.consistency import MAY_MOVE
 from s2r_host.gap.regression import TEMPER
 from s2r_host.gap.search import CLEAR_GAIN, Search
-from s2r_host.gap.solution import Solution
-from s2r_host.gap.wrong_number import evidence
+from s2r_host.gap.solution import Scored, Solution
+from s2r_host.gap.wrong_number import Looseness, evidence
 
 WIDE, NARROW = 1.0, 0.3  # of the usual prior
-AHEAD = 5.0  # log odds by which the narrower trust has to lead
+NARROW_ODDS = (
+    1.5  # log odds before the data: the numbers of a model are rather known to one per cent than to a few
+)
 FEW_JOINTS = 2
 MOVED = 0.6  # of the wide prior's deviation: where no number moved so far, nothing hides in them
 
 
 def search_under_both(search: Search, look: bool) -> tuple[float, Solution]:
-    """The better of two searches and the looseness it was made at, which stays set."""
+    """The better of two searches and the looseness it was made at, which stays set.
+
+    What the other one names in the place of a single term stays a rival there.
+    """
     search.looseness = WIDE
     wide = search.run(look=look)
     if not _moved(search, wide):
@@ -33,12 +39,31 @@ def search_under_both(search: Search, look: bool) -> tuple[float, Solution]:
     narrow = search.run(look=True)
     if {t.key for t in narrow.terms} != {t.key for t in wide.terms}:
         noise = max(min(wide.noise, narrow.noise), TEMPER)
-        lead = worth(search, narrow, NARROW, noise) - worth(search, wide, WIDE, noise)
-        if lead > AHEAD:
-            search.log(f"numbers of the model held narrowly explain more: {lead:.0f} log odds")
+        lead = worth(search, narrow, NARROW, noise) - worth(search, wide, WIDE, noise) + NARROW_ODDS
+        search.log(f"numbers of the model held narrowly against widely: {lead:.0f} log odds")
+        if lead > 0.0:
+            _stays_rival(narrow, wide, lead)
             return NARROW, narrow
+        _stays_rival(wide, narrow, -lead)
     search.looseness, search.completed = WIDE, completed
     return WIDE, wide
+
+
+def _stays_rival(best: Solution, other: Solution, lead: float) -> None:
+    """Where two explanations differ in one term, that of the lesser one is weighed beside that of the better one."""
+    mine = [t for t in best.terms if t.key not in {o.key for o in other.terms}]
+    theirs = [t for t in other.terms if t.key not in {o.key for o in best.terms}]
+    if len(mine) != 1 or len(theirs) != 1 or theirs[0].effect.startswith(PREFIX):
+        return
+    i = best.terms.index(mine[0])
+    own = next((s for s in best.slots[i] if s.term.key == mine[0].key), None) if i < len(best.slots) else None
+    if own is None:
+        return
+    gain = own.gain - lead
+    rest = [s for s in best.slots[i] if s.term.key != theirs[0].key or s.gain > gain]
+    if all(s.term.key != theirs[0].key for s in rest):
+        rest.append(Scored(theirs[0], own.score - lead, gain, own.holdout_gain, np.zeros(0)))
+    best.slots[i] = sorted(rest, key=lambda s: -s.score)
 
 
 def hides(search: Search) -> bool:
@@ -75,7 +100,7 @@ def _moved(search: Search, solution: Solution) -> bool:
     return max(far, default=0.0) > MOVED
 
 
-def worth(search: Search, solution: Solution, looseness: float, noise: float) -> float:
+def worth(search: Search, solution: Solution, looseness: Looseness, noise: float) -> float:
     """Log evidence of fitted rows and log prediction of held-out ones, at one looseness of the model's numbers."""
     problem, before = search.problem, search.looseness
     search.looseness = looseness

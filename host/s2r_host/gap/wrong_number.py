@@ -74,13 +74,22 @@ def places_held(problem: Problem) -> np.ndarray:
 
 
 def tries_of(problem: Problem, search: Search, terms: list[Term]) -> list[Try]:
-    """Wrong numbers on top of some terms, the other numbers held at each looseness."""
+    """Wrong numbers on top of some terms, the other numbers held at each looseness, all at one noise level."""
     found: list[Try] = []
-    for looseness in (*LOOSENESS, places_held(problem)):
+    trusts = (*LOOSENESS, places_held(problem))
+    noise = TEMPER
+    if terms:
+        noise = min(_noise_at(search, terms, looseness) for looseness in trusts)
+    for looseness in trusts:
         search.looseness = looseness
-        found.append((looseness, *_weigh_numbers(problem, search, terms)))
+        found.append((looseness, *_weigh_numbers(problem, search, terms, noise)))
     search.looseness = 1.0
     return found
+
+
+def _noise_at(search: Search, terms: list[Term], looseness: Looseness) -> float:
+    search.looseness = looseness
+    return search.noise_level(terms)
 
 
 def one_cause(tries: list[Try], least: float) -> list[tuple[float, Looseness, list[Scored]]]:
@@ -133,7 +142,7 @@ def one_sided(problem: Problem, search: Search, solution: Solution, number: Term
 
 
 def _weigh_numbers(
-    problem: Problem, search: Search, terms: list[Term]
+    problem: Problem, search: Search, terms: list[Term], noise: float
 ) -> tuple[float, float, list[tuple[float, Term]]]:
     """Everything that is no more than a wrong number, on top of ``terms``, best first, at the looseness that is set.
 
@@ -141,7 +150,6 @@ def _weigh_numbers(
         Log evidence of that looseness itself, log likelihood without any term, and terms with their log evidence.
     """
     fit = ~problem.held
-    noise = search.noise_level(terms) if terms else TEMPER
     base = search.marginal(terms, fit, noise)
     taken = {t.key for t in terms}
     scored: list[tuple[float, Term]] = []

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context
-from s2r_host.gap.law import check_law
+from s2r_host.gap.law import check_law, stamps_within
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
@@ -46,6 +46,15 @@ def found(model, **how):
 
 def test_a_law_that_holds_says_nothing(model):
     assert found(model) is None
+
+
+def test_a_law_that_holds_for_a_reported_effort_excludes_late_stamps(model):
+    shift = stamps_within(model, [recorded(model, 0)], 0)
+    assert shift is not None
+    assert shift <= 0.002
+    late = recorded(model, 0, late_s=0.02)
+    assert stamps_within(model, [late], 0) is None
+    assert stamps_within(model, [recorded(model, 0, effort="commanded")], 0) is None
 
 
 def test_a_delay_behind_a_measured_effort_is_named_with_its_size(model):

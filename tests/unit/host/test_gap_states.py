@@ -4,8 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from s2r_host.gap.effects.base import Context
+from s2r_host.gap.effects.joint_elasticity import EFFECT as ELASTICITY
+from s2r_host.gap.effects.joint_elasticity import mean_inertia
 from s2r_host.gap.effects.payload import EFFECT, add_mass, arm
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.rig import write_model
@@ -51,3 +54,39 @@ def test_one_shape_alone_is_integrated_as_among_others():
     assert np.any(alone == 0.0)  # free while the gap is crossed
     assert np.max(np.abs(alone)) > 1.5
     assert alone == pytest.approx(among[:, :1], abs=1e-9)
+
+
+@pytest.mark.parametrize("hz", [2.0, 9.0])
+def test_a_soft_spring_is_wound_up_by_gravity_where_the_link_hangs(tmp_path, hz):
+    """Against the equations of motor and link integrated to nine digits."""
+    model = RigidModel(write_model(tmp_path / "model.xml", armature=0.02))
+    t, zeta = np.arange(0.0, 6.0, 0.004), 0.05
+
+    def motion(x):
+        q = 0.8 * np.sin(1.1 * x) + 0.15 * np.sin(3.7 * x)
+        v = 0.88 * np.cos(1.1 * x) + 0.555 * np.cos(3.7 * x)
+        return q, v, -0.968 * np.sin(1.1 * x) - 2.0535 * np.sin(3.7 * x)
+
+    q, v, a = (x[:, None] for x in motion(t))
+    load, mass = model.inverse(q, v, a), model.mass_diagonal(q)
+    s = SimpleNamespace(t=t, dt=0.004, q=q, v=v, a=a, load=load, mass=mass, cache={})
+    ctx = Context(model, [s])  # pyright: ignore[reportArgumentType]
+    J, armature = mean_inertia(ctx, 0), float(model.model.dof_armature[0])
+    link, w = J - armature, 2.0 * np.pi * hz
+    found = ELASTICITY.columns(ctx, s, 0, {"f": hz, "zeta": zeta, "motor": armature / J}).fixed  # pyright: ignore[reportArgumentType]
+    assert found is not None
+    own = load[:, 0] - float(model.model.dof_damping[0]) * v[:, 0] - armature * a[:, 0]
+    k, d = link * w**2, 2.0 * zeta * w * link
+
+    def weight(angle):
+        zero = np.zeros((1, 1))
+        return float(model.inverse(np.full((1, 1), angle), zero, zero)[0, 0])
+
+    def slopes(x, y):
+        pull = np.interp(x, t, own) + weight(motion(x)[0] + y[0]) - weight(motion(x)[0])
+        return [y[1], (-k * y[0] - d * y[1] - pull) / link]
+
+    true = solve_ivp(slopes, (0.0, t[-1]), [-own[0] / k, 0.0], t_eval=t, rtol=1e-7, atol=1e-9).y
+    left = found - (-k * true[0] - d * true[1] - own)
+    assert np.std(true[0]) > (0.05 if hz < 5.0 else 0.002)
+    assert np.sqrt(np.mean(left[250:] ** 2)) < 0.05 * np.std(found)

@@ -10,7 +10,7 @@ from s2r_host.gap import trust
 from s2r_host.gap.base_terms import PREFIX, CentreDistance, base_terms, with_directions_held
 from s2r_host.gap.nuisance import BaseParameter
 from s2r_host.gap.other_machine import other_machine
-from s2r_host.gap.solution import Term
+from s2r_host.gap.solution import Scored, Term
 from s2r_host.gap.states import deflection
 
 
@@ -60,7 +60,8 @@ class Searched:
 
 
 @pytest.mark.parametrize(
-    ("lead", "looseness"), [(30.0, trust.NARROW), (3.0, trust.WIDE), (-30.0, trust.WIDE)]
+    ("lead", "looseness"),
+    [(30.0, trust.NARROW), (0.0, trust.NARROW), (-3.0, trust.WIDE), (-30.0, trust.WIDE)],
 )
 def test_the_evidence_says_how_far_numbers_are_trusted(monkeypatch, lead, looseness):
     search = Searched(moved=-2.0)
@@ -68,6 +69,26 @@ def test_the_evidence_says_how_far_numbers_are_trusted(monkeypatch, lead, loosen
     found, solution = trust.search_under_both(search, look=False)  # pyright: ignore[reportArgumentType]
     assert found == looseness == search.looseness
     assert len(solution.terms) == (2 if looseness == trust.NARROW else 1)
+
+
+@pytest.mark.parametrize("beaten_by", [3.0, 12.0])
+def test_what_the_other_trust_names_in_one_place_stays_a_rival(beaten_by):
+    """A cable with the numbers as they are, against a loop beside a mass that moved."""
+
+    def explanation(first, *more):
+        terms = [Term(n, 0) for n in (first, *more)]
+        slot = [
+            Scored(t, g, g, 0.5, np.zeros(0)) for t, g in ((terms[0], 34.0), (Term("presliding", 0), 20.0))
+        ]
+        return SimpleNamespace(terms=terms, slots=[slot, [], []][: len(terms)])
+
+    best, other = explanation("cable_spring", "cogging"), explanation("hysteresis", "cogging")
+    trust._stays_rival(best, other, beaten_by)  # pyright: ignore[reportArgumentType]
+    weighed = [(s.term.effect, s.gain) for s in best.slots[0]]
+    assert weighed == [("cable_spring", 34.0), ("hysteresis", 34.0 - beaten_by), ("presliding", 20.0)]
+    elsewhere = explanation("hysteresis", "detent")  # two terms differ: no single place is shared
+    trust._stays_rival(best, elsewhere, 1.0)  # pyright: ignore[reportArgumentType]
+    assert [(s.term.effect, s.gain) for s in best.slots[0]] == weighed
 
 
 def test_where_no_number_moved_nothing_hides_in_them():

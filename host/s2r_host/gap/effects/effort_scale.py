@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value, small_is_odd
+from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.session import Session
 
 FARTHEST, IMPOSSIBLE = 2.0, -1e3  # factor, log odds
@@ -26,9 +26,9 @@ class EffortScale(Effect):
         return Columns([s.load[:, joint] + friction])
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
-        """Against a wrong number of the nominal model, and against what no gear or torque constant is off by."""
+        """Against what no gear or torque constant is off by; some per cent are usual, which data sheets allow."""
         factor = 1.0 + float(theta[0])
-        return small_is_odd(float(theta[0])) if 1.0 / FARTHEST < factor < FARTHEST else IMPOSSIBLE
+        return 0.0 if 1.0 / FARTHEST < factor < FARTHEST else IMPOSSIBLE
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Share of the recorded effort that arrives."""

@@ -9,7 +9,7 @@ import numpy as np
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, turned
 from s2r_host.gap.session import Session
 
-STEP = 1e-3
+STEP, BEND_STEP = 1e-3, 1e-2
 ZERO = 0.15  # rad to which a zero is set: half a tooth of a spline of 25 is 0.13
 
 
@@ -57,6 +57,19 @@ def load_slope(ctx: Context, s: Session, joint: int) -> np.ndarray:
         q = s.q.copy()
         q[:, joint] += STEP
         s.cache[key] = (ctx.model.inverse(q, s.v, s.a) - s.load) / STEP
+    return s.cache[key]
+
+
+def load_bend(ctx: Context, s: Session, joint: int) -> np.ndarray:
+    """Change of that slope with the position of the joint, on the joint itself, shape (time,)."""
+    key = ("bend", joint)
+    if key not in s.cache:
+        sides = []
+        for step in (-BEND_STEP, BEND_STEP):
+            q = s.q.copy()
+            q[:, joint] += step
+            sides.append(ctx.model.inverse(q, s.v, s.a))
+        s.cache[key] = ((sides[0] + sides[1] - 2.0 * s.load) / BEND_STEP**2)[:, joint]
     return s.cache[key]
 
 

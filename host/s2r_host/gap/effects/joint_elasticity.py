@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
-from s2r_host.gap.effects.encoder_offset import load_slope
+from s2r_host.gap.effects.encoder_offset import load_bend, load_slope
 from s2r_host.gap.session import Session
 from s2r_host.gap.states import deflection, filtered
 
@@ -14,6 +14,7 @@ FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
 DAMPING = (0.02, 0.08, 0.25)
 MOTOR_SHARES = (0.0, 0.15, 0.4)
 PASSES = 2
+SOFT = 0.2  # change of gravity with the windup, at resonance, from which passes do not settle: integrated instead
 
 
 class JointElasticity(Effect):
@@ -50,6 +51,18 @@ class JointElasticity(Effect):
         damping = 2 * shape["zeta"] * w
         stiffness = max(mean_inertia(ctx, joint) - motor, 1e-12) * w * w
         slope, felt = load_slope(ctx, s, joint)[:, joint], load
+        if float(np.max(np.abs(slope))) > SOFT * stiffness * min(2.0 * shape["zeta"], 1.0):
+            inertia = np.maximum(M - motor, 0.05 * M)[:, None]
+            spring, damper = np.array([stiffness]), np.array([damping * stiffness / (w * w)])
+            bend = load_bend(ctx, s, joint)
+            with np.errstate(over="ignore", invalid="ignore"):
+                T = deflection(s, joint, inertia, load[:, None], slope, spring, damper, np.zeros(1), bend)[
+                    :, 0
+                ]
+            # A link that turned further than the joint travels has tipped over: the series in its windup ends there.
+            low, high = ctx.span(joint)
+            if np.all(np.abs(T) < stiffness * (high - low)):
+                return Columns([], fixed=T - load)
         for _ in range(PASSES):  # gravity pulls where the link is, not where the motor is
             windup = (filtered([w * w], [1.0, damping, w * w], felt - felt[0], s.dt) + felt[0]) / stiffness
             felt = load - slope * windup

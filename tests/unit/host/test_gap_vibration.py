@@ -1,0 +1,54 @@
+"""A line in time that nothing of the motion makes, and lines that the motion makes itself."""
+
+import numpy as np
+import pytest
+
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.problem import build_problem
+from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.rig import write_model
+from s2r_host.gap.search import Search
+from s2r_host.gap.session import make_session
+from s2r_host.gap.vibration import vibration
+
+DT = 0.004
+
+
+def seen(folder, extra, two_tones=True):
+    """What is said of a joint with an effort ``extra(t, q, dq)`` beyond its model, where nothing was named."""
+    model = RigidModel(write_model(folder / "model.xml"))
+
+    def recorded(index, phase):
+        t = np.arange(0, 16, DT)
+        q = 0.9 * np.sin(1.7 * t + phase) + two_tones * 0.3 * np.sin(5.3 * t + 2.0 * phase)
+        dq = np.gradient(q, DT)
+        u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0] + extra(t, q, dq)
+        u = u + 0.02 * np.random.default_rng(index).normal(size=len(t))
+        channels = {"q": {"elbow": q}, "dq": {"elbow": dq}, "tau": {"elbow": u}}
+        rec = Recording(f"r{index}", t, channels, Controller("none"), "measured", "effort", "a", "", ())
+        return make_session(model, rec, index)
+
+    problem = build_problem(model, [recorded(0, 0.0)], [recorded(2, 1.0)], [recorded(1, 0.0)])
+    search = Search(problem)
+    return vibration(problem, search, search.finish([], [], []))
+
+
+def test_a_vibration_is_found_with_frequency_and_size(tmp_path):
+    said = seen(tmp_path, lambda t, q, dq: 0.5 * np.sin(2.0 * np.pi * 7.3 * t + 0.4))
+    assert said is not None
+    assert said[0] == 0
+    assert said[1:] == pytest.approx((7.3, 0.5), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("extra", "two_tones"),
+    [
+        (lambda t, q, dq: 0.4 * dq, False),  # one sine, but the motion's own
+        (lambda t, q, dq: 0.5 * np.sign(dq), True),
+        (lambda t, q, dq: 0.5 * np.sin(20.0 * q), True),
+        (lambda t, q, dq: 0.0 * t, True),
+    ],
+    ids=["viscous friction", "dry friction", "cogging", "nothing"],
+)
+def test_what_the_motion_makes_is_no_vibration(tmp_path, extra, two_tones):
+    assert seen(tmp_path, extra, two_tones) is None
