@@ -38,6 +38,11 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     help="What targets count from: the part as found, or as the first push leaves it.",
 )
 @click.option(
+    "--at",
+    metavar="X,Y,Z",
+    help="Of several drawers or levers the one at this point [m, base frame, good to 8 cm]; else the host chooses.",
+)
+@click.option(
     "--executor", default=DEFAULT_EXECUTOR, show_default=True, help="Zenoh endpoint of the executor."
 )
 @click.option("--camera", default=DEFAULT_CAMERA, show_default=True, help="Zenoh endpoint of the camera.")
@@ -86,6 +91,7 @@ def run(
     target: str,
     further: tuple[str, ...],
     origin: str,
+    at: str | None,
     executor: str,
     camera: str,
     out: Path | None,
@@ -109,6 +115,7 @@ def run(
     emergency stop.
     """
     from s2r_host.report.page import write_report
+    from s2r_host.run.at import parse_point
     from s2r_host.run.journal import Journal
     from s2r_host.run.pipeline import run_task
     from s2r_host.run.settings import RunSettings
@@ -120,6 +127,7 @@ def run(
         then=tuple(parse_target(one, TASKS[object_kind]) for one in further),
         task=TASKS[object_kind],
         from_pushed=origin == "pushed",
+        at=None if at is None else parse_point(at),
         out=folder,
         executor=executor,
         camera=camera,

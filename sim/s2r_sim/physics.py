@@ -9,7 +9,7 @@ import numpy as np
 
 from s2r_protocol.arms import ArmDescription
 from s2r_sim.errors import WorldFileError
-from s2r_sim.objects.catalogue import add_object
+from s2r_sim.objects.catalogue import add_object, states_as_found
 from s2r_sim.objects.effects import JointEffects
 from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
 from s2r_sim.objects.scene import add_table
@@ -94,7 +94,10 @@ class Physics:
         self._coulomb = float(self.model.dof_frictionloss[self._object_v])
         self._side = self._geom_sides()
         self.data.qpos[self._q_index] = arm.q_home
-        self.data.qpos[self._object_q] = world.object.q_start
+        for name, value in states_as_found(world.object).items():
+            self.data.joint(name).qpos[0] = value
+        others = list(states_as_found(world.object))[1:]
+        self._others_q = np.array([self.model.joint(name).qposadr[0] for name in others], dtype=int)
         mujoco.mj_forward(self.model, self.data)
         self._refuse_collision_at_start()
         self._nominal = nominal_arm(arm)
@@ -110,7 +113,9 @@ class Physics:
         arm_bodies |= {mount.child for mount in self.arm.source.mounts}
         for geom in range(self.model.ngeom):
             name = self.model.body(self.model.geom_bodyid[geom]).name
-            sides[geom] = 1 if name in arm_bodies else roots.get(name, 4)
+            # Another part that moves is the object's as its base is: touching it is not touching the part.
+            other = 3 if name.startswith(f"{PART_BODY}_") else 4
+            sides[geom] = 1 if name in arm_bodies else roots.get(name, other)
         return sides
 
     def _refuse_collision_at_start(self) -> None:
@@ -134,6 +139,11 @@ class Physics:
     def object_value(self) -> float:
         """True coordinate of the object's joint [m or rad]."""
         return float(self.data.qpos[self._object_q])
+
+    @property
+    def other_values(self) -> list[float]:
+        """True coordinates of the other parts that move [m or rad]."""
+        return self.data.qpos[self._others_q].tolist()
 
     def nominal_torque(self, q: list[float], dq: list[float], ddq: list[float]) -> list[float]:
         """Torques that move the arm as described [N·m], rotors included: the feed-forward of its drives."""

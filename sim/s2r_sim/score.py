@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ class Truth:
         q: True arm joints [rad].
         contact_part, contact_base, contact_table: Whether the arm touched these.
         part_force_N: Normal force of the arm on the moving part.
+        others: True joint coordinates of other parts that move, (rows, parts).
     """
 
     t: np.ndarray
@@ -33,6 +34,14 @@ class Truth:
     contact_base: np.ndarray
     contact_table: np.ndarray
     part_force_N: np.ndarray
+    others: np.ndarray
+
+    def of_moved(self, since_tick: int) -> Truth:
+        """The same log, of the part that has moved most since the executor's ``master_tick`` was ``since_tick``."""
+        values = np.column_stack([self.s, self.others])
+        row = max(int(np.searchsorted(self.master_tick, since_tick, side="right")) - 1, 0)
+        part = int(np.abs(values[-1] - values[row]).argmax())
+        return replace(self, s=values[:, part], others=np.delete(values, part, axis=1))
 
     def s_at(self, t: float) -> float:
         """True coordinate at simulated time ``t`` [s] (the newest row not after it)."""
@@ -89,16 +98,18 @@ def read_truth(truth_csv: Path) -> Truth:
             f"truth log {truth_csv} holds no rows of truth; was the stand-in run with --truth?"
         )
     table = np.array(rows, dtype=float)
+    contacts = header.index(CONTACT_COLUMNS[0])
     part, base, on_table, force = (table[:, header.index(name)] for name in CONTACT_COLUMNS)
     return Truth(
         t=table[:, 0],
         master_tick=table[:, 1].astype(np.int64),
         s=table[:, 2],
-        q=table[:, 3 : len(header) - len(CONTACT_COLUMNS)],
+        q=table[:, 3:contacts],
         contact_part=part.astype(bool),
         contact_base=base.astype(bool),
         contact_table=on_table.astype(bool),
         part_force_N=force,
+        others=table[:, contacts + len(CONTACT_COLUMNS) :],
     )
 
 

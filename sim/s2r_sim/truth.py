@@ -1,7 +1,8 @@
 """The truth log: what really happened, written by the stand-in only, read by the scorer only.
 
 CSV, one row per 10 ms of simulated time, the state at t = 0 first. ``object`` is the true joint coordinate (m or rad; a
-drawer is closed at 0), ``master_tick`` the executor's tick of the newest set-point.
+drawer is closed at 0), ``master_tick`` the executor's tick of the newest set-point. Further columns, where there are
+any, are the joints of other parts that move.
 """
 
 from __future__ import annotations
@@ -30,7 +31,10 @@ class TruthLog:
         except OSError as error:
             raise TruthFileError(f"truth log {path}: {error.strerror}") from error
         joints = plant.physics.arm.joint_names
-        self._file.write(",".join(("t_s", "master_tick", "object", *joints, *CONTACT_COLUMNS)) + "\n")
+        others = [f"other_{k}" for k in range(len(plant.physics.other_values))]
+        self._file.write(
+            ",".join(("t_s", "master_tick", "object", *joints, *CONTACT_COLUMNS, *others)) + "\n"
+        )
         self._next_ns = plant.t_ns
         self(plant)
 
@@ -44,7 +48,9 @@ class TruthLog:
         q = ",".join(f"{value:.9g}" for value in physics.q)
         self._file.write(
             f"{plant.t_ns * 1e-9:.3f},{plant.master_tick},{physics.object_value:.9g},{q},"
-            f"{touch.part:d},{touch.base:d},{touch.table:d},{touch.part_force_N:.4g}\n"
+            f"{touch.part:d},{touch.base:d},{touch.table:d},{touch.part_force_N:.4g}"
+            + "".join(f",{value:.9g}" for value in physics.other_values)
+            + "\n"
         )
 
     def close(self) -> None:

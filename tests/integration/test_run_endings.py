@@ -163,6 +163,17 @@ def test_target_beyond_the_drawers_travel_is_refused_and_the_arm_rests(plant, ar
     assert read_plans(plant["out"] / "run.mcap")[0].label == "push 1: approach"
 
 
+@pytest.mark.slow
+def test_a_target_at_which_the_push_left_the_drawer_needs_no_plan(plant):
+    done = run(plant, "--from", "pushed", "--target", "1mm")
+    assert done.returncode == ExitCode.OK, done.stderr
+    values = ending(plant)
+    assert (values["attempts"], values["goals"]) == ([], [])
+    assert values["delta"] == pytest.approx(0.001, abs=2e-4)
+    assert "already" in values["exit"]["reason"]
+    assert (plant["out"] / "report.html").exists()
+
+
 def test_interrupt_during_a_motion_stops_the_arm_and_keeps_the_recording(plant, arm):
     process = subprocess.Popen(run_arguments(plant), stderr=subprocess.PIPE, text=True)
     wait_for_motion(plant, arm, "push 1: approach")

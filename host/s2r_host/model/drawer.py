@@ -1,4 +1,4 @@
-"""A drawer from its points: front slab, handle with the open gap behind it, box body, cabinet.
+"""A drawer from its points: front slab, handle with the open gap behind it, box body, cabinet, its neighbours.
 
 Frame D: x out of the cabinet along the front's normal, z up, origin on the front's outer face.
 Seen faces keep their measured place; what no camera saw follows from thickness priors.
@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from s2r_host.model.errors import ModelError
 from s2r_host.model.handle import Handle, find_handle, handle_pieces
+from s2r_host.model.neighbours import neighbours_of
 from s2r_host.model.pieces import Piece, box
 from s2r_host.model.points import ObservedObject
 from s2r_host.perception.estimate import JointEstimate
@@ -42,6 +43,7 @@ class Drawer:
         handle: The handle, or None if none stands out.
         depth_m: Length of the body behind the front.
         cabinet_low, cabinet_high: Corners of the cabinet, or None if nothing static was seen.
+        neighbours: Corners of boxes that stand out of the cabinet around the drawer, as other drawers that are open.
         outward_sign: +1 if the estimated axis direction points out of the cabinet.
     """
 
@@ -52,6 +54,7 @@ class Drawer:
     depth_m: float
     cabinet_low: Array | None
     cabinet_high: Array | None
+    neighbours: tuple[tuple[Array, Array], ...]
     outward_sign: float
 
     @property
@@ -100,12 +103,12 @@ def measure_drawer(estimate: JointEstimate, seen: ObservedObject) -> Drawer:
     n = seen.part_normals @ X[:3, :3]
     low, high = _front_slab(q, n)
     handle = find_handle(q, low, high, estimate, X)
-    cabinet_low, cabinet_high = _cabinet(X, seen, low, high)
+    cabinet_low, cabinet_high, neighbours = _cabinet(X, seen, low, high)
     depth = (
         CABINET_DEPTH_M if cabinet_low is None or cabinet_high is None else cabinet_high[0] - cabinet_low[0]
     )
     return Drawer(
-        X, low, high, handle, float(np.clip(0.85 * depth, 0.1, 0.6)), cabinet_low, cabinet_high,
+        X, low, high, handle, float(np.clip(0.85 * depth, 0.1, 0.6)), cabinet_low, cabinet_high, neighbours,
         1.0 if out @ axis > 0 else -1.0,
     )  # fmt: skip
 
@@ -127,6 +130,7 @@ def drawer_pieces(drawer: Drawer, seen: ObservedObject) -> list[Piece]:
     pieces += [box(name, "part", X, np.array(a), np.array(b), seen=False) for name, (a, b) in walls.items()]
     if drawer.cabinet_low is not None and drawer.cabinet_high is not None:
         pieces.append(box("cabinet", "base", X, drawer.cabinet_low, drawer.cabinet_high))
+    pieces += [box(f"neighbour_{k}", "base", X, *corners) for k, corners in enumerate(drawer.neighbours)]
     return pieces
 
 
@@ -170,8 +174,10 @@ def _dense(yz: Array) -> NDArray[np.bool_]:
     return np.asarray(count) >= 8
 
 
-def _cabinet(X: Array, seen: ObservedObject, low: Array, high: Array) -> tuple[Array | None, Array | None]:
-    """Box of the static points right behind and around the front, down to the support."""
+def _cabinet(
+    X: Array, seen: ObservedObject, low: Array, high: Array
+) -> tuple[Array | None, Array | None, tuple[tuple[Array, Array], ...]]:
+    """Box of the static points right behind and around the front, down to the support, and what stands out of it."""
     q = _into(X, seen.rest)
     near = (
         (q[:, 0] < 0.01) & (q[:, 0] > -0.8)
@@ -180,24 +186,23 @@ def _cabinet(X: Array, seen: ObservedObject, low: Array, high: Array) -> tuple[A
     q = q[near]
     q = q[_connected(q, low, high)] if len(q) else q
     if len(q) < 150:
-        return None, None
+        return None, None, ()
     a, b = np.percentile(q, [1, 99], axis=0)
     # The drawer's own walls slide within their planes and look unmoved; they keep clear of the front's outline.
-    shell = (
-        (q[:, 1] < low[1] + SHELL_M)
-        | (q[:, 1] > high[1] - SHELL_M)
-        | (q[:, 2] < low[2])
-        | (q[:, 2] > high[2] - SHELL_M)
-    )
+    around = (
+        q[:, 2] > high[2] - SHELL_M, q[:, 2] < low[2], q[:, 1] < low[1] + SHELL_M, q[:, 1] > high[1] - SHELL_M
+    )  # fmt: skip
+    shell = np.logical_or.reduce(around)
+    neighbours: tuple[tuple[Array, Array], ...] = ()
     if shell.sum() >= LEAST_SHELL_POINTS:
-        b[0] = float(np.percentile(q[shell, 0], 99))
+        b[0], neighbours = neighbours_of(q, around, LEAST_SHELL_POINTS)
     a[2] = seen.support_height - X[:3, 3] @ seen.up
     # Seen from the front only, the back is a guess.
     if b[0] - a[0] < 0.08:
         a[0] = b[0] - CABINET_DEPTH_M
     b[0] = min(b[0], float(low[0]) - 0.001)
     a[1], b[1] = min(a[1], low[1]), max(b[1], high[1])
-    return a, b
+    return a, b, neighbours
 
 
 def _connected(q: Array, low: Array, high: Array) -> NDArray[np.bool_]:

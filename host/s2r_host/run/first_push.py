@@ -16,6 +16,7 @@ from s2r_host.motion.push import PushMotion, PushScene, lid_scene, piece_scene, 
 from s2r_host.motion.push_proposals import PushProposal, push_proposals
 from s2r_host.perception.affordance import Affordance
 from s2r_host.perception.network_pushes import shipped
+from s2r_host.run.at import proposals_at, scene_at
 from s2r_host.run.back_off import back_off
 from s2r_host.run.lever_guesses import GuessSettings, Tried, lever_guesses
 from s2r_host.run.observe import Observation
@@ -157,8 +158,10 @@ def _reachable(session: Session, pushables: Iterable[Pushable], skip: int) -> tu
 
 
 def _drawer(session: Session, view: Observation, _: Sequence[DonePush]) -> Iterator[Pushable]:
-    front, settings = find_front(view.scene), session.settings
-    yield Pushable(front.normal, push_scene(view.scene, front), push_proposals(front, settings.push))
+    settings = session.settings
+    front = find_front(scene_at(view.scene, settings.at))
+    proposals = proposals_at(push_proposals(front, settings.push), settings.at)
+    yield Pushable(front.normal, push_scene(view.scene, front), proposals)
 
 
 def _laptop(session: Session, view: Observation, _: Sequence[DonePush]) -> Iterator[Pushable]:
@@ -173,7 +176,8 @@ def _faucet(session: Session, view: Observation, earlier: Sequence[DonePush]) ->
     found = _judged(view, session.rng)
     geometry = GuessSettings(settings.lever_push, settings.network_push)
     for guess in lever_guesses(view.scene, found, geometry, [one.tried for one in earlier]):
-        yield Pushable(None, piece_scene(view.scene, guess.p), guess.proposals, fresh=True)
+        proposals = proposals_at(guess.proposals, settings.at)
+        yield Pushable(None, piece_scene(view.scene, guess.p), proposals, fresh=True)
 
 
 def _judged(view: Observation, rng: np.random.Generator) -> Affordance:

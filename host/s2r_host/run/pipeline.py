@@ -101,7 +101,11 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
     targets = (first, *settings.then)
     for number, target in enumerate(targets, start=1):
         session.target = record.origin + target
-        record.goals.append(Goal(session.target))
+        record.goals.append(Goal(session.target, s_before=s_now))
+        if abs(session.target - s_now) <= task.good_enough:
+            _judge(record)
+            journal.say(f"nothing to do: {record.reason}")
+            continue
         if settings.learn_physics:
             from s2r_host.run.physics import before_target  # loads the gap tool
 
@@ -129,11 +133,17 @@ def _judge(record: RunRecord) -> bool:
     task, told = record.settings.task, []
     for goal in record.goals:
         count = len(goal.attempts)
+        if not count:
+            told.append(
+                f"{task.part} at {task.unit.show(goal.s_before)} already, target {task.unit.show(goal.target)}"
+            )
+            continue
         told.append(
             f"{task.part} at {task.unit.show(goal.last.measured.s)}, target {task.unit.show(goal.target)}: "
             f"δ {task.unit.show(goal.last.delta)} after {count} planned manipulation{'s' if count > 1 else ''}"
         )
-    good = abs(record.goals[-1].last.delta) <= task.tolerance
+    newest = record.goals[-1]
+    good = not newest.attempts or abs(newest.last.delta) <= task.tolerance
     record.code = ExitCode.OK if good else ExitCode.DIFFERENCE
     record.reason = "; then ".join(told)
     if not good:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -22,10 +23,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """One target [m or rad], from the state as found, and the planned manipulations towards it, in order."""
+    """One target.
+
+    Attributes:
+        target: [m or rad], from the state as found.
+        attempts: The planned manipulations towards it, in order; none where the part was there already.
+        s_before: Where the part was before, as far as it was looked at [m or rad].
+    """
 
     target: float
     attempts: list[DoneManipulation] = field(default_factory=list)
+    s_before: float = math.nan
 
     @property
     def last(self) -> DoneManipulation:

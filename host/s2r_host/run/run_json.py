@@ -19,6 +19,7 @@ from s2r_host.run.first_push import DonePush
 from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.observe import Observation
 from s2r_host.run.record import Goal, RunRecord
+from s2r_protocol.exits import ExitCode
 
 SCHEMA_VERSION = 1
 REPORTED_PACKAGES = (
@@ -48,6 +49,7 @@ def as_json(record: RunRecord) -> dict[str, Any]:
     goals = [goal for goal in record.goals if goal.attempts]
     newest = goals[-1] if goals else None
     first = newest.attempts[0] if newest else None
+    there = record.goals[-1] if record.goals and record.code is ExitCode.OK and not newest else None
     return {
         "schema_version": SCHEMA_VERSION,
         "task": record.settings.task.name,
@@ -57,7 +59,7 @@ def as_json(record: RunRecord) -> dict[str, Any]:
         "s_initial": first.s_initial if first else record.s_found,
         "s_final": newest.last.measured.s if newest else record.s_found,
         "s_final_sigma": _finite(newest.last.measured.sigma) if newest else None,
-        "delta": newest.last.delta if newest else None,
+        "delta": newest.last.delta if newest else there.target - there.s_before if there else None,
         "delta_r": newest.delta_r if newest else None,
         "goals": [_goal(goal) for goal in goals],
         "tick_before_plan": first.executed[0].tick_start if first and first.executed else None,

@@ -11,7 +11,8 @@ from s2r_host.motion.lid_proposals import LidPushSettings
 from s2r_host.motion.push_proposals import PushSettings
 from s2r_host.motion.scene import Region
 from s2r_host.perception.network_pushes import NetworkPushSettings
-from s2r_host.run.task import DRAWER, Task
+from s2r_host.run.at import Point
+from s2r_host.run.task import DRAWER, LAPTOP, Task
 from s2r_protocol.exits import UsageError
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
@@ -53,6 +54,7 @@ class RunSettings:
         dry_run: Look and plan the push, move nothing.
         push, lid_push, lever_push: Geometry of the first push on a drawer's front, a lid or a lever.
         network_push: Of pushes the push network proposes where nothing looks like a lever, or none of it gives way.
+        at: Point of the part that is to be pushed, where there are several [m, base frame]; None: the host chooses.
         region: Where the object is looked for.
     """
 
@@ -81,6 +83,7 @@ class RunSettings:
     settle_s: float = 0.2
     acknowledge_contact: bool = False
     dry_run: bool = False
+    at: Point | None = None
     push: PushSettings = field(default_factory=PushSettings)
     lid_push: LidPushSettings = field(default_factory=LidPushSettings)
     lever_push: LeverPushSettings = field(default_factory=LeverPushSettings)
@@ -100,6 +103,8 @@ class RunSettings:
                     f"--then {show(after)} is where the target before it leaves the part ({show(before)}, good to "
                     f"{show(self.task.tolerance)[1:]}); leave it out"
                 )
+        if self.at is not None and self.task is LAPTOP:
+            raise UsageError("--at chooses among several parts; a laptop has one lid, leave it out")
         for name in ("pushes", "attempts", "ensemble"):
             if getattr(self, name) < 1:
                 raise UsageError(f"--{name} {getattr(self, name)} is not allowed; at least 1")

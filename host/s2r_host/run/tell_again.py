@@ -82,11 +82,11 @@ def _count_anew(session: Session, record: RunRecord, belief: Belief, zero: Obser
     s = s_found = state_in(belief, record.view(record.found_view), zero)
     goals = []
     for goal in record.goals:
-        target, attempts = origin + goal.target - record.origin, []
+        target, attempts, s_before = origin + goal.target - record.origin, [], s
         for done in goal.attempts:
             measured = replace(done.measured, s=state_in(belief, done.view, zero))
             attempts.append(replace(done, s_initial=s, s_target=target, measured=measured))
             s = measured.s
-        goals.append(Goal(target, attempts))
+        goals.append(Goal(target, attempts, s_before))
     record.belief, record.origin, record.s_found, record.goals = belief, origin, s_found, goals
     record.zero_view, session.target = zero.name, goals[-1].target

@@ -23,11 +23,16 @@ if TYPE_CHECKING:
 @click.command()
 @click.option("--seed", default=1, show_default=True, help="Which hidden object.")
 @click.option(
-    "--object", "kind", type=click.Choice(["drawer", "laptop", "faucet"]), default="drawer", show_default=True
+    "--object",
+    "kind",
+    type=click.Choice(["drawer", "drawers", "laptop", "faucet"]),
+    default="drawer",
+    show_default=True,
+    help="drawers: two in one chest, both of which move.",
 )
 @click.option(
     "--target",
-    help="Joint value; 0 = as found, + = out, opening or counter-clockwise  [default: 150mm, -35deg or 30deg].",
+    help="Joint value; 0 = as found, + = out, opening or counter-clockwise  [default: 150mm, 100mm, -35deg or 30deg].",
 )
 @click.option(
     "--then", "further", multiple=True, help="A further target once the one before is reached, see s2r run."
@@ -101,7 +106,7 @@ def demo(
         front_end = ("executor", "--record", folder / "recordings", "--bus", bus, "--listen", executor, *both)
         host = (
             "run",
-            kind,
+            goal.task,
             f"--target={target or goal.target}",
             *(f"--then={one}" for one in further),
             "--attempts",
@@ -166,6 +171,9 @@ def _print_verdict(verdict: DemoVerdict, picture: Path, goal: Goal) -> None:
         table.add_row("true δ of every target", ", ".join(shown(delta) for delta in verdict.deltas_true))
     table.add_row("true δ_r", "–" if verdict.delta_r_true is None else f"{100 * verdict.delta_r_true:+.1f} %")
     table.add_row("δ as the camera saw it", shown(verdict.delta_measured))
+    if verdict.others_moved:
+        moved = ", ".join(shown(change) for change in verdict.others_moved)
+        table.add_row("other parts moved by", moved)
     table.add_row("planned manipulations", str(verdict.attempts))
     table.add_row(
         "commitment", "holds" if verdict.commitment_holds else "[red]BROKEN: the world file was changed[/]"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from s2r_sim.demo.goals import Goal
-from s2r_sim.score import read_truth
+from s2r_sim.score import Truth, read_truth
 from s2r_sim.world import load_world
 
 
@@ -28,6 +28,7 @@ class DemoVerdict:
         delta_r_true: δ over the distance that was asked for.
         delta_measured: δ as the host measured it with the camera.
         deltas_true: True δ of every target that was manipulated towards, in order.
+        others_moved: How far each other part that can move has moved in all; the part is the one that plans moved most.
         attempts: Planned manipulations carried out.
         wall_s: The host's wall time.
         commitment: Salted hash of the world, published by the stand-in before the run.
@@ -46,6 +47,7 @@ class DemoVerdict:
     delta_r_true: float | None
     delta_measured: float | None
     deltas_true: tuple[float, ...]
+    others_moved: tuple[float, ...]
     attempts: int
     wall_s: float
     commitment: str
@@ -69,7 +71,7 @@ def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
         TruthFileError, WorldFileError: A file is missing or damaged.
     """
     run = json.loads((folder / "run/run.json").read_text())
-    truth = read_truth(folder / "truth.csv")
+    truth = _truth_of_part(folder, run)
     as_found = float(truth.s[0])
     s_true = float(truth.s[-1]) - as_found
     target = float(run["s_target"])
@@ -90,12 +92,20 @@ def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
         delta_r_true=(target - s_true) / (target - begun[0]) if begun else None,
         delta_measured=run["delta"],
         deltas_true=tuple(goal["s_target"] - s for goal, s in zip(goals, left_at, strict=False)),
+        others_moved=tuple((truth.others[-1] - truth.others[0]).tolist()),
         attempts=len(run["attempts"]),
         wall_s=float(run["wall_s"]),
         commitment=published,
         commitment_holds=load_world(folder / "world.json").commitment == published,
         report=str(folder / "run/report.html"),
     )
+
+
+def _truth_of_part(folder: Path, run: dict[str, Any]) -> Truth:
+    """The truth log of the part that planned motions moved most, or pushes where no motion was planned."""
+    truth = read_truth(folder / "truth.csv")
+    ticks = [attempt["tick_start"] for attempt in run["attempts"] if attempt["tick_start"] is not None]
+    return truth.of_moved(ticks[0] if ticks else int(truth.master_tick[0]))
 
 
 def draw_truth(folder: Path, verdict: DemoVerdict, goal: Goal) -> Path:
@@ -105,8 +115,8 @@ def draw_truth(folder: Path, verdict: DemoVerdict, goal: Goal) -> Path:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    truth = read_truth(folder / "truth.csv")
     run = json.loads((folder / "run/run.json").read_text())
+    truth = _truth_of_part(folder, run)
     figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
     axes.plot(
         truth.t, goal.factor * (truth.s - truth.s[0]), color="#20639b", label="truth, opened after the run"

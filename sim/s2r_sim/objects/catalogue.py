@@ -11,13 +11,14 @@ import numpy as np
 from pydantic import Field
 
 from s2r_sim.errors import WorldFileError
-from s2r_sim.objects.chest import ChestSpec, add_chest, draw_chest
+from s2r_sim.objects.chest import ChestSpec, add_chest, draw_chest, draw_drawers, other_drawers
 from s2r_sim.objects.dial import DialSpec, add_dial, draw_dial
 from s2r_sim.objects.door import DoorSpec, add_door, draw_door
 from s2r_sim.objects.drawer import DrawerSpec, add_drawer, draw_drawer
 from s2r_sim.objects.faucet import FaucetSpec, add_faucet, draw_faucet
 from s2r_sim.objects.laptop import LaptopSpec, add_laptop, draw_laptop
 from s2r_sim.objects.lid import LidSpec, add_lid, draw_lid
+from s2r_sim.objects.naming import JOINT
 
 ObjectSpec = Annotated[
     DrawerSpec | ChestSpec | LaptopSpec | FaucetSpec | DoorSpec | LidSpec | DialSpec,
@@ -50,6 +51,7 @@ KINDS: dict[str, Kind] = {
     "door": Kind(draw_door, add_door, "door"),
     "lid": Kind(draw_lid, add_lid, "lid"),
     "dial": Kind(draw_dial, add_dial, "dial"),
+    "drawers": Kind(draw_drawers, add_chest, "drawer", slides=True),
 }
 
 
@@ -67,3 +69,8 @@ def kind_named(name: str) -> Kind:
 def add_object(world: mujoco.MjSpec, spec: ObjectSpec) -> None:
     """Add an object of any kind to a world."""
     KINDS[spec.kind].add(world, spec)
+
+
+def states_as_found(spec: ObjectSpec) -> dict[str, float]:
+    """Joint value as found of every part that moves [m or rad], by joint name, the part told of first."""
+    return {JOINT: spec.q_start} | (other_drawers(spec) if isinstance(spec, ChestSpec) else {})

@@ -1,4 +1,4 @@
-"""A procedural chest of drawers: one to four rows, one or two columns, one drawer moves.
+"""A procedural chest of drawers: one to four rows, one or two columns, one drawer moves, or all of them.
 
 Object frame: origin on the table below the middle of the carcass's front plane, x out of the chest, z up. The
 joint coordinate is 0 when closed and positive outwards.
@@ -10,7 +10,9 @@ from typing import Literal
 
 import mujoco
 import numpy as np
+from pydantic import model_validator
 
+from s2r_sim.objects.naming import BASE_BODY, PART_BODY, other_part
 from s2r_sim.objects.parameters import Rgb, Standing, tinted, uniform
 from s2r_sim.objects.solids import Finish, box, rod, share_mass, slide, stand
 
@@ -25,6 +27,7 @@ class ChestSpec(Standing):
         width_m, height_m, depth_m: Of the carcass.
         wall_m: Thickness of its walls.
         rows, columns, row, column: Which drawer of how many moves; row 0 is the lowest.
+        others: How far the other drawers are open, row by row from the lowest [m]; empty: they do not move.
         front_thickness_m: Of every front.
         handle: Form of every handle.
         handle_size_m: Length of a bar, diameter of a knob, width of a lip.
@@ -43,6 +46,7 @@ class ChestSpec(Standing):
     columns: int
     row: int
     column: int
+    others: tuple[float, ...] = ()
     front_thickness_m: float
     handle: Literal["bar", "upright", "knob", "lip", "none"]
     handle_size_m: float
@@ -53,6 +57,20 @@ class ChestSpec(Standing):
     front_rgb: Rgb
     body_rgb: Rgb
     handle_rgb: Rgb
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """(row, column) of the other drawers, in the order of ``others``."""
+        cells = [(row, column) for row in range(self.rows) for column in range(self.columns)]
+        return [cell for cell in cells if cell != (self.row, self.column)]
+
+    @model_validator(mode="after")
+    def _one_state_each(self) -> ChestSpec:
+        if self.others and len(self.others) != len(self.places):
+            raise ValueError(
+                f"others has {len(self.others)} entries, the chest has {len(self.places)} more drawers"
+            )
+        return self
 
 
 def draw_chest(rng: np.random.Generator) -> ChestSpec:
@@ -100,8 +118,36 @@ def draw_chest(rng: np.random.Generator) -> ChestSpec:
     )
 
 
+def draw_drawers(rng: np.random.Generator) -> ChestSpec:
+    """Draw a chest in reach whose two drawers, one above the other, both move and stand open a little."""
+    rows = 2
+    depth = uniform(rng, 0.35, 0.45)
+    open_m = [uniform(rng, 0.05, 0.10) for _ in range(rows)]
+    row = int(rng.integers(rows))
+    return ChestSpec.model_validate(
+        draw_chest(rng).model_dump()
+        | {
+            "x_m": round(uniform(rng, 0.54, 0.62) + max(open_m), 6),
+            "yaw_rad": uniform(rng, -0.15, 0.15),
+            "q_start": open_m.pop(row),
+            "q_max": round(depth * uniform(rng, 0.65, 0.85), 6),
+            "depth_m": depth,
+            "width_m": uniform(rng, 0.25, 0.40),
+            "height_m": round(rows * uniform(rng, 0.12, 0.15), 6),
+            "rows": rows,
+            "columns": 1,
+            "row": row,
+            "column": 0,
+            "others": tuple(open_m),
+            "handle": "bar",
+            "handle_size_m": uniform(rng, 0.08, 0.18),
+            "handle_gap_m": uniform(rng, 0.032, 0.045),
+        }
+    )
+
+
 def add_chest(world: mujoco.MjSpec, spec: ChestSpec) -> None:
-    """Add carcass, closed drawers and the one that moves."""
+    """Add carcass and drawers."""
     base, part = stand(world, spec)
     wood = Finish(spec.body_rgb, spec.friction)
     w, d, t = spec.width_m / 2, spec.depth_m, spec.wall_m
@@ -113,16 +159,31 @@ def add_chest(world: mujoco.MjSpec, spec: ChestSpec) -> None:
         box(base, f"base_shelf_{k}", (-d + t, -w + t, k * cell), (0, w - t, k * cell + t), wood)
     if spec.columns == 2:
         box(base, "base_divider", (-d + t, -t / 2, t), (0, t / 2, spec.height_m - t), wood)
-    for row in range(spec.rows):
-        for column in range(spec.columns):
-            moves = (row, column) == (spec.row, spec.column)
-            body, name = (part, "part") if moves else (base, f"base_{row}_{column}")
-            low, high = _front(spec, row, column)
-            geoms = _shell(body, name, spec, low, high)
-            if moves:
-                geoms += _drawer_box(part, spec, low, high)
-                share_mass(geoms, spec.mass_kg)
-    slide(part, spec, (np.cos(spec.axis_yaw_rad), np.sin(spec.axis_yaw_rad), 0.0))
+    axis = (np.cos(spec.axis_yaw_rad), np.sin(spec.axis_yaw_rad), 0.0)
+    _add_drawer(part, "part", spec, spec.row, spec.column)
+    slide(part, spec, axis)
+    for row, column in spec.places:
+        if not spec.others:
+            _shell(base, f"base_{row}_{column}", spec, *_front(spec, row, column))
+            continue
+        body_name, joint = other_part(f"{row}_{column}")
+        body = base.add_body(name=body_name)
+        for guide in (BASE_BODY, PART_BODY):  # the joint guides it, not the walls
+            world.add_exclude(bodyname1=guide, bodyname2=body_name)
+        _add_drawer(body, f"part_{row}_{column}", spec, row, column)
+        slide(body, spec, axis, joint)
+
+
+def other_drawers(spec: ChestSpec) -> dict[str, float]:
+    """Joint values as found of the drawers that move besides the one told of [m], by joint name."""
+    named = zip(spec.places, spec.others, strict=True) if spec.others else ()
+    return {other_part(f"{row}_{column}")[1]: s for (row, column), s in named}
+
+
+def _add_drawer(body: mujoco.MjsBody, name: str, spec: ChestSpec, row: int, column: int) -> None:
+    """Front, handle and box of a drawer that moves."""
+    low, high = _front(spec, row, column)
+    share_mass(_shell(body, name, spec, low, high) + _drawer_box(body, name, spec, low, high), spec.mass_kg)
 
 
 def _front(spec: ChestSpec, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:
@@ -174,15 +235,15 @@ def _shell(
 
 
 def _drawer_box(
-    part: mujoco.MjsBody, spec: ChestSpec, low: np.ndarray, high: np.ndarray
+    part: mujoco.MjsBody, name: str, spec: ChestSpec, low: np.ndarray, high: np.ndarray
 ) -> list[mujoco.MjsGeom]:
     inside = Finish(spec.body_rgb, spec.friction)
     t, d = 0.6 * spec.wall_m, spec.depth_m - 2 * spec.wall_m
     y0, y1 = low[1] + spec.wall_m + 0.008, high[1] - spec.wall_m - 0.008
     z0, z1 = low[2] + spec.wall_m / 2 + 0.006, high[2] - spec.wall_m / 2 - 0.014
     return [
-        box(part, "part_floor", (-d, y0, z0), (0, y1, z0 + t), inside),
-        box(part, "part_left", (-d, y1 - t, z0 + t), (0, y1, z1), inside),
-        box(part, "part_right", (-d, y0, z0 + t), (0, y0 + t, z1), inside),
-        box(part, "part_rear", (-d, y0 + t, z0 + t), (-d + t, y1 - t, z1), inside),
+        box(part, f"{name}_floor", (-d, y0, z0), (0, y1, z0 + t), inside),
+        box(part, f"{name}_left", (-d, y1 - t, z0 + t), (0, y1, z1), inside),
+        box(part, f"{name}_right", (-d, y0, z0 + t), (0, y0 + t, z1), inside),
+        box(part, f"{name}_rear", (-d, y0 + t, z0 + t), (-d + t, y1 - t, z1), inside),
     ]

@@ -5,3 +5,8 @@ from __future__ import annotations
 BASE_BODY = "object_base"
 PART_BODY = "object_part"
 JOINT = "object_joint"
+
+
+def other_part(place: str) -> tuple[str, str]:
+    """Names of body and joint of a part that moves besides the one told of, by its place in the object."""
+    return f"{PART_BODY}_{place}", f"{JOINT}_{place}"

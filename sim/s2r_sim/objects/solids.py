@@ -120,9 +120,9 @@ def hinge(part: mujoco.MjsBody, spec: Standing, anchor: Point, axis: Point) -> N
     _joint(part, spec, mujoco.mjtJoint.mjJNT_HINGE, axis, anchor, armature=0.0005)
 
 
-def slide(part: mujoco.MjsBody, spec: Standing, axis: Point) -> None:
+def slide(part: mujoco.MjsBody, spec: Standing, axis: Point, name: str = JOINT) -> None:
     """The joint of a part that slides."""
-    _joint(part, spec, mujoco.mjtJoint.mjJNT_SLIDE, axis, (0.0, 0.0, 0.0), armature=0.02)
+    _joint(part, spec, mujoco.mjtJoint.mjJNT_SLIDE, axis, (0.0, 0.0, 0.0), armature=0.02, name=name)
 
 
 def _joint(
@@ -132,9 +132,10 @@ def _joint(
     axis: Point,
     anchor: Point,
     armature: float,
+    name: str = JOINT,
 ) -> None:
     part.add_joint(
-        name=JOINT,
+        name=name,
         type=kind,
         pos=list(anchor),
         axis=list(axis),
