@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.effects import encoder_offset, gravity_tilt
+from s2r_host.gap.effects.asymmetric_friction import EFFECT as ASYMMETRIC
 from s2r_host.gap.effects.backlash import EFFECT as BACKLASH
 from s2r_host.gap.effects.effort_scale import EFFECT as SCALE
 from s2r_host.gap.naming import CEILING, Named, slot_probabilities
@@ -42,6 +43,21 @@ def test_a_base_is_level_to_degrees_and_a_zero_is_off_by_a_tooth(angle, tilted):
     zero = encoder_offset.EFFECT.size_prior(ROTARY, 0, {}, theta)  # pyright: ignore[reportArgumentType]
     assert (tilt > zero) is tilted
     assert abs(tilt - zero) < 8.0  # so near that the set holds both
+
+
+@pytest.mark.parametrize(
+    ("theta", "differs"),
+    [
+        ([0.004, 0.001, 0.08, 0.11], False),
+        ([0.04, 0.001, 0.08, 0.11], True),
+        ([0.004, -0.03, 0.08, 0.11], True),
+        ([0.02, 0.0, -0.02, 0.0], True),  # all of it in one direction
+    ],
+)
+def test_friction_alike_both_ways_is_not_asymmetric(theta, differs):
+    shape = {"dry": 1.0, "viscous": 1.0}
+    said = ASYMMETRIC.size_prior(ROTARY, 0, shape, np.array(theta))  # pyright: ignore[reportArgumentType]
+    assert said == (0.0 if differs else -np.inf)
 
 
 @pytest.mark.parametrize(("damping", "number"), [(0.0, False), (0.3, True)])

@@ -7,6 +7,8 @@ import numpy as np
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.session import Session
 
+EVEN = 0.1  # half difference, as a share of what both directions have in common
+
 
 class AsymmetricFriction(Effect):
     """tau = (Fc± + b± |dq|) sgn(dq)."""
@@ -43,6 +45,12 @@ class AsymmetricFriction(Effect):
         if shape["viscous"]:
             linear.append(v)
         return Columns(linear, (False,) * len(linear))
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """Friction whose two directions hardly differ is dry and viscous friction, two simpler effects at once."""
+        part = self._split(shape, theta)
+        halves = ((part["dry"], part["level"]), (part["viscous"], part["slope"]))
+        return -np.inf if all(abs(half) <= EVEN * abs(both) for half, both in halves) else 0.0
 
     def _split(self, shape: Shape, theta: np.ndarray) -> dict[str, float]:
         values = list(map(float, theta))
