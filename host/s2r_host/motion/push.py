@@ -138,11 +138,16 @@ def plan_push(
             _count(reasons, str(error))
             continue
         return PushMotion(approach, push, push[::-1].copy(), home, proposal, tried, reasons)
+    if not tried:
+        raise NoMotionError(
+            "no push proposal is left: no point of the part qualifies, or all that do were tried; move the object "
+            "closer to the middle of the arm's workspace, or move its part by hand to where it stands free"
+        )
     counted = "; ".join(
         f"{count} × {reason}" for reason, count in sorted(reasons.items(), key=lambda kv: -kv[1])
     )
     raise NoMotionError(
-        f"none of {tried} push proposals can be carried out ({counted or 'no point of the front qualifies'}); "
+        f"none of {tried} push proposals can be carried out ({counted}); "
         "move the object closer to the middle of the arm's workspace"
     )
 

@@ -253,6 +253,13 @@ def test_a_drawer_out_of_reach_is_refused_with_counted_reasons(arm, home):
         )
 
 
+def test_no_proposal_left_is_said_as_such(arm, home):
+    points, _ = drawer_scene()
+    parts = push_scene(points, find_front(points))
+    with pytest.raises(NoMotionError, match="no push proposal is left"):
+        plan_push(arm, parts, iter(()), home, home, np.random.default_rng(0))
+
+
 def test_escape_backs_off_before_it_leaves_a_gap(arm, home):
     import coal
 
