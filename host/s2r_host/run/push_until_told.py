@@ -16,6 +16,9 @@ from s2r_host.run.first_push import DonePush, carry_out_push, prepare_push
 from s2r_host.run.observe import Observation, observe, seen_to_move
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
+from s2r_host.run.task import DRAWER, Task
+
+ELSEWHERE_M = 0.08  # from one push to another: perhaps on another drawer
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +100,10 @@ def _compared(
         positive: As :func:`s2r_host.run.belief.estimate_part` takes it.
 
     Raises:
-        AbstainError, SceneError: No pair tells it; the text is about the first view and the newest.
+        AbstainError, SceneError: No pair tells it; the text is about the first pair tried.
     """
     problem: AbstainError | SceneError | None = None
-    for k in (0, *range(len(views) - 2, 0, -1)):  # the first view, then the others, the newest first
+    for k in _earlier(pushes, session.settings.task):
         pushed = _moving(pushes[k:])
         try:
             return views[k], estimate_part(
@@ -110,6 +113,22 @@ def _compared(
             problem = problem or error
     assert problem is not None
     raise problem
+
+
+def _earlier(pushes: Sequence[DonePush], task: Task) -> list[int]:
+    """Which views to compare the newest with, the best first: each is the one before the push of its number.
+
+    Since the first view the part has moved furthest. Of several drawers, though, an earlier push elsewhere may have
+    moved another one, as far as the newest push moved this one: the two would be taken for one part.
+    """
+    newest_first = list(range(len(pushes) - 1, -1, -1))
+    p_newest = pushes[-1].planned.motion.proposal.p_contact
+    if task is DRAWER and any(
+        push.moved and np.linalg.norm(push.planned.motion.proposal.p_contact - p_newest) > ELSEWHERE_M
+        for push in pushes[:-1]
+    ):
+        return newest_first
+    return [0, *newest_first[:-1]]
 
 
 def _moving(pushes: Sequence[DonePush]) -> list[Push]:

@@ -5,18 +5,20 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from s2r_host.perception.errors import AbstainError
 from s2r_host.run import push_until_told
-from s2r_host.run.push_until_told import _compared
+from s2r_host.run.push_until_told import _compared, _earlier
+from s2r_host.run.task import DRAWER, FAUCET
 
 SESSION: Any = SimpleNamespace(settings=SimpleNamespace(task=None, seed=0))
 
 
 def push(name: str, went_through: bool = True, moved: bool | None = None) -> Any:
     """A push of that name; ``moved``: as colours tell, if they do."""
-    motion = SimpleNamespace(push_at_part=name)
+    motion = SimpleNamespace(push_at_part=name, proposal=SimpleNamespace(p_contact=np.zeros(3)))
     planned = SimpleNamespace(motion=motion)
     return SimpleNamespace(
         planned=planned, went_through=went_through, moved=moved is not False, sure=moved is not None
@@ -72,6 +74,19 @@ def test_what_is_seen_to_move_counts_more_than_what_held_out(monkeypatch: pytest
     assert compared(monkeypatch, "ABCD", "A", "BC", moving="D")[1] == [("A", ["D"])]
     assert compared(monkeypatch, "ABCD", "A", "C", moving="BD")[1] == [("A", ["B", "D"])]
     assert compared(monkeypatch, "ABC", "A", "BC", moving="")[1] == [("A", [])]
+
+
+def test_after_pushes_on_two_drawers_the_newest_two_views_are_compared_first() -> None:
+    low, high, high_too = push("B"), push("C"), push("D")
+    for one, z in ((low, 0.05), (high, 0.20), (high_too, 0.22)):
+        one.planned.motion.proposal.p_contact = np.array([0.6, 0.0, z])
+    assert _earlier([low], DRAWER) == [0]
+    assert _earlier([low, high], DRAWER) == [1, 0]
+    assert _earlier([low, high, high_too], DRAWER) == [2, 1, 0]
+    assert _earlier([high, high_too], DRAWER) == [0, 1]
+    assert _earlier([low, high], FAUCET) == [0, 1]
+    low.moved = False
+    assert _earlier([low, high], DRAWER) == [0, 1]
 
 
 def test_where_no_pair_tells_the_reason_is_the_first_views(monkeypatch: pytest.MonkeyPatch) -> None:
