@@ -163,14 +163,13 @@ def estimate_joint(
     check_second_part(best.motion, found.motions, scene, sides(scene, rng), fine, rng)
     warnings += judge(ranked, scene, parts, explained.share, wishes.thin)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
-    noise_m = float(np.median(view_a.sigma_m[parts.before])) if parts.before.any() else 0.0015
     few = explained.judged < EDGE_ON_JUDGED or best.refined.used < EDGE_ON_USED
     edge_on = not scene.small() and few and best.motion.joint_type == "revolute"
     if edge_on:
         warnings.append(
             "one of the views shows little but the edge of the part, so the hinge is less certain"
         )
-    intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, noise_m, wishes.thin, edge_on)
+    intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, wishes.thin, edge_on)
     require_narrow(intervals, best.motion)
     require_standing(best.motion, parts, scene, up)
     motion = _with_origin_near(best.motion, centre)

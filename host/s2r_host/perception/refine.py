@@ -20,8 +20,9 @@ Array = NDArray[np.floating]
 SOFT_M = 0.002  # scale of the soft-L1 loss on surfaces
 MOST_EDGES = 600
 CORRELATED_POINTS = 30.0  # neighbouring pixels share their matching window, hence their error
-# A plate that shows its other face afterwards: its thickness is one more unknown, known beforehand to be about this.
-PLATE_M, PLATE_SIGMA_M = 0.010, 0.006
+# A plate that shows its other face afterwards: its thickness is one more unknown, known beforehand to be about this,
+# within a factor of 1.35.
+PLATE_M, PLATE_LOG_SIGMA = 0.010, 0.3
 LEAST_BACK_SHARE = 0.5  # of the surface rows, for a motion to count as turning a plate over
 
 
@@ -51,6 +52,8 @@ class Refined:
         covariance: Of the local parameters (see `perturbed`), with residual scale.
         used: Number of surface points that took part.
         plate_m: Thickness of the part if it shows opposite faces in the two views, else None.
+        exact: How many of the direction's two angles were taken to be as mounted: both of a lever's upright hinge, one
+            of a level one.
     """
 
     motion: JointMotion
@@ -58,6 +61,7 @@ class Refined:
     covariance: Array
     used: int
     plate_m: float | None = None
+    exact: int = 0
 
 
 def sides(scene: Scene, rng: np.random.Generator, most: int = 2500) -> tuple[Side, Side]:
@@ -105,7 +109,7 @@ def refine(
         damping = np.diag(1e-4 * np.diag(hessian) + 1e-9)
         step = -np.linalg.solve(hessian + damping, gradient)
         motion = perturbed(motion, _limited(step[:-1], motion))
-        plate = float(np.clip(plate + step[-1], 0.0, THICKEST_M))
+        plate = float(np.clip(plate + step[-1], 0.5 * plate, THICKEST_M))
         scale = system.scale_m()
     system = _system(motion, plate, both, 0.006)
     if system.surface.sum() < 30:
@@ -127,9 +131,9 @@ def _wished(
     """Hessian and gradient of the wishes and of the plate's thickness, in units of the surface rows."""
     steps = _steps(motion)
     active = [] if wishes is None else wishes.active(motion)
-    r = np.array([wish(motion) for wish in active] + [(plate_m - PLATE_M) / PLATE_SIGMA_M])
+    r = np.array([wish(motion) for wish in active] + [np.log(plate_m / PLATE_M) / PLATE_LOG_SIGMA])
     J = np.zeros((len(r), len(steps) + 1))
-    J[-1, -1] = 1.0 / PLATE_SIGMA_M
+    J[-1, -1] = 1.0 / (PLATE_LOG_SIGMA * plate_m)
     for k, step in enumerate(steps):
         moved = perturbed(motion, np.eye(len(steps))[k] * step)
         J[:-1, k] = (np.array([wish(moved) for wish in active]) - r[:-1]) / step

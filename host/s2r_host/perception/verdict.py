@@ -106,12 +106,12 @@ def judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: float
 
 
 def require_standing(motion: JointMotion, parts: Parts, scene: Scene, up: Array | None) -> None:
-    """Refuse a lever's hinge that hangs in the air: the true one was not among the candidates.
+    """Refuse a hinge that hangs in the air: the true one was not among the candidates.
 
     Raises:
         AbstainError: The cameras saw through all of its axis beside the part.
     """
-    if motion.joint_type == "prismatic" or not scene.small() or not parts.before.any():
+    if motion.joint_type == "prismatic" or not parts.before.any():
         return
     if solid_m(motion, scene.before.points[parts.before], scene, up) == 0.0:
         raise AbstainError(

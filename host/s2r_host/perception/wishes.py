@@ -8,13 +8,13 @@ already; a lid that is tilted for good is left alone.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.levers import Column, Lever
-from s2r_host.perception.motion import JointMotion, perpendicular_basis
+from s2r_host.perception.motion import JointMotion, perpendicular_basis, unit
 
 Array = NDArray[np.floating]
 Wish = Callable[[JointMotion], float]
@@ -23,10 +23,13 @@ FRONT_SIGMA_RAD = np.radians(1.0)
 FRONT_CAPTURE_RAD = np.radians(12.0)
 UPRIGHT_SIGMA_RAD = np.radians(2.0)
 UPRIGHT_CAPTURE_RAD = np.radians(15.0)
+PLUMB_SIGMA_RAD = np.radians(0.3)
+PLUMB_CAPTURE_RAD = np.radians(20.0)
 LEVER_SIGMA_M = 0.005
 LEVER_CAPTURE_M = 0.012
 COLUMN_SIGMA_M = 0.003
 COLUMN_CAPTURE_M, COLUMN_CAPTURE_RAD = 0.02, np.radians(15.0)
+LONGEST_LEVER_M = 0.2
 SQUARE_SIGMA_RAD = np.radians(5.0)
 SQUARE_CAPTURE_RAD = np.radians(25.0)
 
@@ -40,6 +43,7 @@ class Wishes:
         up: Unit vector against gravity; None if the frame does not tell.
         before, after: Lines of a thin part in both views, if it is thin.
         columns: Of round bodies that stayed, beside a small part.
+        upright_sigma_rad: How exactly a hinge that is nearly upright or level is that.
     """
 
     fronts: Array
@@ -47,11 +51,27 @@ class Wishes:
     before: Lever | None = None
     after: Lever | None = None
     columns: tuple[Column, ...] = ()
+    upright_sigma_rad: float = UPRIGHT_SIGMA_RAD
 
     @property
     def thin(self) -> bool:
-        """The moving part looks like a lever."""
-        return self.before is not None or self.after is not None
+        """The moving part looks like a lever; what moved of a drawer's front or a lid may be a longer strip."""
+        return any(line is not None and line.length_m < LONGEST_LEVER_M for line in (self.before, self.after))
+
+    def plumb(self) -> Wishes:
+        """The same for hinges that were mounted upright or level."""
+        return replace(self, upright_sigma_rad=PLUMB_SIGMA_RAD)
+
+    def plumbed(self, motion: JointMotion) -> JointMotion | None:
+        """A hinge that is nearly upright or level as if it were; None for others."""
+        if self.up is None or motion.joint_type == "prismatic":
+            return None
+        along = float(motion.direction @ self.up)
+        if abs(along) > np.cos(PLUMB_CAPTURE_RAD):
+            return replace(motion, direction=np.sign(along) * self.up)
+        if abs(along) < np.sin(PLUMB_CAPTURE_RAD):
+            return replace(motion, direction=unit(motion.direction - along * self.up))
+        return None
 
     def active(self, motion: JointMotion) -> list[Wish]:
         """The wishes that hold for motions near this one."""
@@ -71,9 +91,9 @@ class Wishes:
             return []
         cosine = abs(float(motion.direction @ self.up))
         if cosine > np.cos(UPRIGHT_CAPTURE_RAD):
-            return [_across(axis, UPRIGHT_SIGMA_RAD) for axis in perpendicular_basis(self.up)]
+            return [_across(axis, self.upright_sigma_rad) for axis in perpendicular_basis(self.up)]
         if cosine < np.sin(UPRIGHT_CAPTURE_RAD):
-            return [_across(self.up, UPRIGHT_SIGMA_RAD)]
+            return [_across(self.up, self.upright_sigma_rad)]
         return []
 
     def _through_lever(self, motion: JointMotion) -> list[Wish]:

@@ -14,7 +14,7 @@ from s2r_host.perception.levers import (
     line_pivots,
 )
 from s2r_host.perception.motion import JointMotion, line_distance, rotation
-from s2r_host.perception.ranking import _along_lever
+from s2r_host.perception.ranking import _along_lever, _askew
 from s2r_host.perception.wishes import Wishes
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -88,6 +88,34 @@ def test_level_hinge_is_wished_level_only(lines):
     residual = [wish(level) for wish in wishes.active(level)]
     assert len(residual) == 1
     assert abs(residual[0]) == pytest.approx(4 / 2, rel=0.01)
+
+
+def test_a_hinge_that_nearly_is_upright_or_level_is_tried_as_if_it_were():
+    wishes = Wishes(np.zeros((0, 3)), UP)
+    assert np.allclose(wishes.plumbed(motion(12)).direction, UP)
+    assert np.allclose(wishes.plumbed(motion(168)).direction, -UP)
+    level = wishes.plumbed(motion(80))
+    assert level.direction @ UP == pytest.approx(0.0)
+    assert np.degrees(np.arccos(level.direction @ motion(80).direction)) == pytest.approx(10)
+    assert wishes.plumbed(motion(45)) is None
+    assert wishes.plumbed(motion(5, "prismatic")) is None
+    assert Wishes(np.zeros((0, 3)), None).plumbed(motion(5)) is None
+    near = motion(1)
+    pulled, hard = (sum(wish(near) ** 2 for wish in w.active(near)) for w in (wishes, wishes.plumb()))
+    assert hard > 40 * pulled
+
+
+def test_being_a_little_out_of_plumb_costs_a_lever_and_no_lid(lines):
+    lever, lid = Wishes(np.zeros((0, 3)), UP, *lines), Wishes(np.zeros((0, 3)), UP)
+    assert _askew(motion(0), lever) == 0.0
+    assert _askew(motion(4), lever) - _askew(motion(4), lid) == pytest.approx(0.02, rel=0.01)
+    assert _askew(motion(88), lever) > 0.015 > _askew(motion(88), lid)
+
+
+def test_a_long_strip_is_no_lever(lines):
+    assert Wishes(np.zeros((0, 3)), UP, *lines).thin
+    front = [replace(line, length_m=0.3) for line in lines]
+    assert not Wishes(np.zeros((0, 3)), UP, *front).thin
 
 
 def test_axis_beside_the_lever_is_pulled_to_it(lines):

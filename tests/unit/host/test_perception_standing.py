@@ -61,3 +61,34 @@ def test_a_hinge_in_the_air_is_refused_and_one_on_the_column_is_not(scene):
     require_standing(TURN, parts, scene, UP)
     with pytest.raises(AbstainError, match="hang in the air"):
         require_standing(IN_AIR, parts, scene, UP)
+
+
+def test_a_lid_does_not_hang_in_the_air_either():
+    """A hinge 10 cm above the base, beside the lid, as a lid carried the wrong way needs one."""
+    table, base = np.eye(4), np.eye(4)
+    table[:3, 3], base[:3, 3] = (0.7, 0.0, -0.01), (0.7, 0.0, 0.01)
+    hinge = np.array([0.8, 0.0, 0.02])
+    static = [Box(table, np.array([1.2, 1.2, 0.02])), Box(base, np.array([0.2, 0.3, 0.02]))]
+    open_lid = np.eye(4)
+    open_lid[:3, :3] = [[0.5, 0.0, 0.866], [0.0, 1.0, 0.0], [-0.866, 0.0, 0.5]]  # leaning back
+    open_lid[:3, 3] = hinge + open_lid[:3, :3] @ np.array([0.0, 0.0, 0.1])
+    shut = JointMotion("revolute", hinge, np.array([0.0, -1.0, 0.0]), np.radians(40))
+    camera = look_at(np.array([0.1, -0.2, 0.6]), np.array([0.7, 0.0, 0.1]))
+    made = synthetic.pair(
+        static,
+        [Box(open_lid, np.array([0.006, 0.3, 0.2]))],
+        shut,
+        K,
+        SHAPE,
+        camera,
+        np.random.default_rng(3),
+    )
+    before, after = DepthView(made.before), DepthView(made.after)
+    everywhere = np.ones(len(before.points), bool), np.ones(len(after.points), bool)
+    lid = Scene(before, after, compare(before, after), *everywhere)
+    assert not lid.small()
+    parts = segment(lid, shut)
+    require_standing(shut, parts, lid, UP)
+    wrong = JointMotion("revolute", hinge + np.array([-0.2, 0.0, 0.1]), -shut.direction, 0.3)
+    with pytest.raises(AbstainError, match="hang in the air"):
+        require_standing(wrong, parts, lid, UP)

@@ -13,7 +13,7 @@ from s2r_sim.objects.splits import Split
 
 
 def test_a_lid_that_turned_its_other_face_to_the_camera_is_answered_with_a_warning():
-    pair = draw_pair("laptop", Split.VALIDATION, 22)
+    pair = draw_pair("laptop", Split.VALIDATION, 1002)
     found = estimate_joint(
         DepthFrame(pair.depth_before, pair.K, pair.X_base_camera),
         DepthFrame(pair.depth_after, pair.K, pair.X_base_camera),
