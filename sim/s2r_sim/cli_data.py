@@ -20,6 +20,7 @@ def data() -> None:
     "--split", type=click.Choice(["train", "validation", "test"]), default="train", show_default=True
 )
 @click.option("--objects", default=40, show_default=True, help="Per kind.")
+@click.option("--first", default=0, show_default=True, help="Number of the first object of every kind.")
 @click.option("--pushes", default=64, show_default=True, help="Per object.")
 @click.option("--jobs", default=1, show_default=True, help="Processes.")
 @click.option(
@@ -28,7 +29,9 @@ def data() -> None:
 @click.option(
     "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
 )
-def pushes(kinds: str, split: str, objects: int, pushes: int, jobs: int, ray: str | None, out: Path) -> None:
+def pushes(
+    kinds: str, split: str, objects: int, first: int, pushes: int, jobs: int, ray: str | None, out: Path
+) -> None:
     """One noisy view per object, and what random pushes at it do."""
     from s2r_sim.batch import run_jobs
     from s2r_sim.objects.catalogue import kind_named
@@ -37,12 +40,16 @@ def pushes(kinds: str, split: str, objects: int, pushes: int, jobs: int, ray: st
 
     if min(objects, pushes, jobs) < 1:
         raise UsageError(f"--objects {objects}, --pushes {pushes}, --jobs {jobs}: each must be 1 or more")
+    if first < 0:
+        raise UsageError(f"--first {first} must be 0 or more")
     names = [name.strip() for name in kinds.split(",")]
     for name in names:
         kind_named(name)
     out.mkdir(parents=True, exist_ok=True)
     number = int(Split[split.upper()])
-    todo = [(name, number, seed, pushes, str(out)) for seed in range(objects) for name in names]
+    todo = [
+        (name, number, seed, pushes, str(out)) for seed in range(first, first + objects) for name in names
+    ]
     rows = run_jobs(push_object, todo, out / f"{split}.jsonl", jobs, "objects", ray)
     done, good = sum(row["pushes"] for row in rows), sum(row["useful"] for row in rows)
     click.echo(f"{len(rows)} objects, {done} pushes, {100 * good / max(done, 1):.1f} % useful, in {out}")

@@ -15,7 +15,9 @@ from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.object_cloud import ObjectCloud, Pyramid, SeenObject, pyramid
 
 FARTHEST_M = 0.01  # a push farther from every point of the cloud is left out
-PART = 2  # label of the pixels of the part that moves
+UNIT_M = 1e-4  # of the depths in the files
+AROUND_PX = 24  # about the object
+NEITHER, PART = 0, 2  # labels of the pixels of other things, and of the part that moves
 _NEEDED = (
     "depth",
     "K",
@@ -89,13 +91,28 @@ def load_pushes(file: Path, seed: int, times: int = 1) -> list[PushSample]:
         missing = [name for name in _NEEDED if name not in archive]
         if missing:
             raise InputError(f"{file} has no {', '.join(missing)}; make it anew with 's2r data pushes'")
-        content = {name: archive[name] for name in archive.files}
+        if archive["depth"].dtype != np.uint16:
+            raise InputError(f"{file} has depth of an older version; make it anew with 's2r data pushes'")
+        content = _cropped({name: archive[name] for name in archive.files})
     try:
-        seen = SeenObject(DepthFrame(content["depth"], content["K"], content["T_base_camera"], None))
+        depth_m = UNIT_M * content["depth"].astype(np.float32)
+        seen = SeenObject(DepthFrame(depth_m, content["K"], content["T_base_camera"], None))
     except BadViewError:
         return []  # the part may be out of sight of its camera; nothing to learn there
     samples = (_sample(seen, content, np.random.default_rng([seed, k, 7])) for k in range(times))
     return [sample for sample in samples if sample is not None]
+
+
+def _cropped(content: dict[str, NDArray[np.generic]]) -> dict[str, NDArray[np.generic]]:
+    """Only the object and what is next to it: the rest of a view would be prepared for nothing."""
+    rows, columns = (np.flatnonzero((content["label"] != NEITHER).any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return content
+    top, left = (max(0, int(some[0]) - AROUND_PX) for some in (rows, columns))
+    box = slice(top, rows[-1] + 1 + AROUND_PX), slice(left, columns[-1] + 1 + AROUND_PX)
+    K = np.array(content["K"], dtype=float)
+    K[:2, 2] -= left, top
+    return content | {"depth": content["depth"][box], "label": content["label"][box], "K": K}
 
 
 def _sample(

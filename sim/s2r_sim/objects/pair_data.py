@@ -49,10 +49,7 @@ def pair_object(kind: str, split: int, seed: int, folder: str) -> dict[str, Any]
     q = draw_states(rng, spec, least)
     spec = at_joint_value(spec, float(q[0]))
     model = table_scene(spec).compile()
-    width, height = SMALL if kind in SMALL_KINDS else LARGE
-    camera = DepthCamera(
-        model, place_camera(rng, model, float(q[0]))[0], StereoRig(width=width, height=height)
-    )
+    camera = DepthCamera(model, place_camera(rng, model, float(q[0]))[0], narrow_rig(kind))
     part = model.body(PART_BODY).id
     poses = [qpos_at(model, float(value)) for value in q]
     depth = np.stack([camera.capture(pose).depth_m for pose in poses])
@@ -76,6 +73,12 @@ def pair_object(kind: str, split: int, seed: int, folder: str) -> dict[str, Any]
         seed=seed,
     )
     return {"file": path.name, "states": len(q), "pairs": len(q) * (len(q) - 1) // 2}
+
+
+def narrow_rig(kind: str) -> StereoRig:
+    """A camera for training data: as wide an image as a kind of object needs."""
+    width, height = SMALL if kind in SMALL_KINDS else LARGE
+    return StereoRig(width=width, height=height)
 
 
 def draw_states(rng: np.random.Generator, spec: ObjectSpec, least: float) -> np.ndarray:

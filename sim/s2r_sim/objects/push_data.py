@@ -1,6 +1,7 @@
 """``s2r data pushes``: one noisy view per object and what random pushes at visible points do to it.
 
-One ``.npz`` per object: ``depth`` [m], ``K``, ``T_base_camera``; per push ``point`` [m], ``direction``,
+One ``.npz`` per object: ``depth`` [0.1 mm] uint16, 0 = no return, of the narrower image of
+`s2r_sim.objects.pair_data`; ``K``, ``T_base_camera``; per push ``point`` [m], ``direction``,
 ``delta`` [m or rad], ``useful``, ``blocked``, ``on_part``; the truth about the object: ``label`` per pixel (0 neither,
 1 base, 2 part), ``slides``, ``axis_origin`` [m], ``axis_direction``; and ``kind``, ``seed``, ``split``.
 """
@@ -15,6 +16,7 @@ import numpy as np
 from s2r_sim.camera.camera import DepthCamera, Sight
 from s2r_sim.objects.catalogue import KINDS, ObjectSpec
 from s2r_sim.objects.naming import BASE_BODY, PART_BODY
+from s2r_sim.objects.pair_data import UNIT_M, narrow_rig
 from s2r_sim.objects.pairs import place_camera
 from s2r_sim.objects.pushes import USEFUL_M, USEFUL_RAD, PushScene, useful
 from s2r_sim.objects.scene import joint_truth, qpos_at, table_scene
@@ -32,7 +34,7 @@ def push_object(kind: str, split: int, seed: int, pushes: int, folder: str) -> d
     spec = with_room(rng, KINDS[kind].draw(rng))
     model = table_scene(spec).compile()
     qpos = qpos_at(model, spec.q_start)
-    camera = DepthCamera(model, place_camera(rng, model, spec.q_start)[0])
+    camera = DepthCamera(model, place_camera(rng, model, spec.q_start)[0], narrow_rig(kind))
     sight = camera.exact_sight(qpos)
     depth = camera.capture(qpos).depth_m
     label = pixel_labels(sight, model.body(BASE_BODY).id, model.body(PART_BODY).id)
@@ -46,7 +48,7 @@ def push_object(kind: str, split: int, seed: int, pushes: int, folder: str) -> d
     path = Path(folder) / f"{kind}-{Split(split).name.lower()}-{seed:05d}.npz"
     np.savez_compressed(
         path,
-        depth=depth,
+        depth=np.clip(np.rint(depth / UNIT_M), 0, np.iinfo(np.uint16).max).astype(np.uint16),
         K=camera.rig.K,
         T_base_camera=camera.X_base_camera,
         point=points.astype(np.float32),

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from s2r_host.learn.calibrate import Calibration, calibrate, expected_error
 from s2r_host.learn.push_files import load_pushes
@@ -117,7 +118,8 @@ def write_pushes(path, k, **left_out):
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     chosen = rng.integers(POINTS, size=24)
     content = {
-        "depth": view.depth_m, "K": view.K, "T_base_camera": view.X_base_camera, "point": cloud.points[chosen],
+        "depth": np.rint(1e4 * view.depth_m).astype(np.uint16), "K": view.K, "T_base_camera": view.X_base_camera,
+        "point": cloud.points[chosen],
         "direction": direction, "useful": direction[:, 2] < 0, "blocked": np.arange(24) < 2,
         "on_part": label.ravel()[cloud.pixels[chosen]] == 2, "label": label, "slides": False,
         "axis_origin": pair.motion.origin, "axis_direction": pair.motion.direction, "kind": "laptop",
@@ -154,6 +156,33 @@ def test_push_data_of_an_older_version_is_refused_by_name(tmp_path):
     write_pushes(tmp_path / "old.npz", 0, label=None)
     with pytest.raises(InputError, match="has no label; make it anew"):
         load_pushes(tmp_path / "old.npz", 0)
+
+
+def test_push_data_with_depth_in_metres_is_refused(tmp_path):
+    write_pushes(tmp_path / "old.npz", 0)
+    with np.load(tmp_path / "old.npz") as archive:
+        content = dict(archive)
+    np.savez(tmp_path / "old.npz", **content | {"depth": 1e-4 * content["depth"]})
+    with pytest.raises(InputError, match="has depth of an older version; make it anew"):
+        load_pushes(tmp_path / "old.npz", 0)
+
+
+def test_what_lies_far_from_the_object_in_the_image_changes_nothing(tmp_path):
+    write_pushes(tmp_path / "whole.npz", 0)
+    with np.load(tmp_path / "whole.npz") as archive:
+        content = dict(archive)
+    seen = object_cloud(
+        DepthFrame(1e-4 * content["depth"], content["K"], content["T_base_camera"], None),
+        np.random.default_rng(1),
+    )
+    label = np.zeros(content["label"].size, np.uint8)
+    label[seen.pixels] = content["label"].ravel()[seen.pixels]
+    np.savez(tmp_path / "object.npz", **content | {"label": label.reshape(content["label"].shape)})
+    (cropped,) = load_pushes(tmp_path / "object.npz", 0)
+    assert cropped.cloud.pixels.max() < content["depth"].size / 2  # the image did become smaller
+    index = cKDTree(cropped.cloud.points).query(seen.points)[0]
+    assert np.quantile(index, 0.95) < 0.02
+    np.testing.assert_allclose(cropped.cloud.centre, seen.centre, atol=0.01)
 
 
 @pytest.fixture(scope="module")
