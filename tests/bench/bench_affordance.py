@@ -1,5 +1,5 @@
-"""Does the first push move the part? The push network against random pushes and a rule, on the same unseen
-objects.
+"""Does the first push move the part? The push network, and what ``s2r run`` pushes first, against random pushes and a
+rule, on the same unseen objects.
 
     s2r data pushes --split train --objects 150 --pushes 200 --out runs/pushes
     s2r data pushes --split validation --objects 10 --pushes 200 --out runs/pushes
@@ -9,40 +9,60 @@ objects.
 Every method gets the same noisy view and one push of 8 cm with a flying fingertip: the first of its proposals
 whose start is free, out of 100. A push counts when the part moves 3 cm or 15 degrees. Random: any point of the
 object, any direction within 70 degrees of straight in. Rule: the points that stand out furthest towards the
-camera, pushed straight in, those in the middle first. "Could": objects with at least one useful push among all 100
-random ones and among all 100 of the network's; no choice among them can do better. Intervals are Wilson's, 95 %.
-Results are kept as JSON lines; an interrupted run goes on. --pictures draws the objects on which the
-network's push failed.
+camera, pushed straight in, those in the middle first. Run: what `s2r run` would push first at a drawer, laptop or
+faucet if nothing were out of the arm's reach: its own proposals in its own order, with its own way past the touch
+and its finger's tilt. It means to move a part only a little, hence also "run, 8 cm" with the way of the others.
+"Could": objects with at least one useful push among all 100 random ones and among all 100 of the network's; no choice
+among them can do better (--could 0 leaves it out). Intervals are Wilson's, 95 %. Results are kept as JSON lines; an
+interrupted run goes on. --pictures draws the objects on which the network's push failed.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from s2r_host.errors import SceneError
+from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
+from s2r_host.motion.scene import observed_scene
 from s2r_host.perception.affordance import WEIGHTS, Affordance, PushNetworkRuntime
 from s2r_host.perception.errors import BadViewError
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.object_cloud import ObjectCloud, object_cloud
+from s2r_host.run.first_push import pushables
+from s2r_host.run.settings import RunSettings
+from s2r_host.run.task import DRAWER, FAUCET, LAPTOP, Task
 from s2r_sim.batch import run_jobs
 from s2r_sim.camera.camera import DepthCamera
 from s2r_sim.objects.catalogue import KINDS
 from s2r_sim.objects.naming import BASE_BODY, PART_BODY
 from s2r_sim.objects.pairs import place_camera
 from s2r_sim.objects.push_data import PART, pixel_labels, with_room
-from s2r_sim.objects.pushes import PushScene, useful
+from s2r_sim.objects.pushes import TRAVEL_M, PushScene, useful
 from s2r_sim.objects.scene import qpos_at, table_scene
 from s2r_sim.objects.splits import Split, split_rng
 
 CONE_RAD = np.deg2rad(70)
 STANDING_OUT = 0.98
 TRIES = 100
-METHODS = ("random", "rule", "network")
+METHODS = ("random", "rule", "network", "run", "run, 8 cm")
+TASKS = {"drawer": DRAWER, "chest": DRAWER, "laptop": LAPTOP, "faucet": FAUCET}  # kinds that `s2r run` knows
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A push as `PushScene.push` takes it."""
+
+    point: np.ndarray
+    direction: np.ndarray
+    travel_m: float = TRAVEL_M
+    axis: np.ndarray | None = None
 
 
 @lru_cache(maxsize=1)
@@ -51,8 +71,10 @@ def runtime(folder: str) -> PushNetworkRuntime:
     return PushNetworkRuntime(Path(folder))
 
 
-def first_pushes(kind: str, split: int, seed: int, weights: str, pictures: str) -> dict[str, Any]:
-    """One object: what each method's first push does."""
+def first_pushes(
+    kind: str, split: int, seed: int, weights: str, pictures: str, could: int = TRIES
+) -> dict[str, Any]:
+    """One object: what each method's first push does, and whether any of its first ``could`` ones is useful."""
     rng = split_rng(kind, Split(split), seed)
     spec = with_room(rng, KINDS[kind].draw(rng))
     model = table_scene(spec).compile()
@@ -65,27 +87,60 @@ def first_pushes(kind: str, split: int, seed: int, weights: str, pictures: str) 
     except BadViewError:
         return {"kind": kind, "seed": seed, "out_of_sight": True}
     found = runtime(weights).judge(cloud, rng)
-    pushes = {
-        "random": [random_push(cloud, rng) for _ in range(TRIES)],
-        "rule": ruled_pushes(cloud, camera.X_base_camera),
-        "network": [(p.point, p.direction) for p in found.proposals[:TRIES]],
+    pushes: dict[str, list[Push]] = {
+        "random": [Push(*random_push(cloud, rng)) for _ in range(TRIES)],
+        "rule": [Push(*one) for one in ruled_pushes(cloud, camera.X_base_camera)],
+        "network": [Push(p.point, p.direction) for p in found.proposals[:TRIES]],
     }
+    if kind in TASKS:
+        pushes["run"] = pushes_of_run(TASKS[kind], frame, rng)
+        pushes["run, 8 cm"] = [replace(one, travel_m=TRAVEL_M) for one in pushes["run"]]
     scene = PushScene(spec)
     label = pixel_labels(camera.exact_sight(qpos), model.body(BASE_BODY).id, model.body(PART_BODY).id)
     row: dict[str, Any] = {"kind": kind, "seed": seed, "part_px": int((label == PART).sum())}
+    row["style"] = getattr(spec, "style", None)
     for method, candidates in pushes.items():
-        results = [scene.push(point, direction) for point, direction in candidates]
-        tried = next((k for k, result in enumerate(results) if not result.blocked), None)
-        delta = 0.0 if tried is None else results[tried].delta
-        row[method] = {"delta": delta, "blocked": tried, "useful": useful(kind, delta)}
-        row[method]["any"] = any(useful(kind, result.delta) for result in results)
-        row[method]["on_part"] = tried is not None and shows(label, frame, candidates[tried][0]) == PART
+        row[method] = tried(scene, kind, candidates, could if method in ("random", "network") else 0)
+        first = row[method]["blocked"]
+        row[method]["on_part"] = first is not None and shows(label, frame, candidates[first].point) == PART
     first = row["network"]["blocked"] or 0
     row["likelihood"] = found.proposals[first].likelihood
     if pictures and not row["network"]["useful"]:
         path = Path(pictures) / f"{kind}-{seed}.png"
         draw(path, view.colour, label, frame, found, first, row)
     return row
+
+
+def tried(scene: PushScene, kind: str, candidates: list[Push], could: int) -> dict[str, Any]:
+    """What the first push does whose start is free, and whether any of the first ``could`` ones is useful."""
+    row: dict[str, Any] = {"delta": 0.0, "blocked": None, "useful": False, "any": False}
+    for k, one in enumerate(candidates):
+        if row["blocked"] is not None and (k >= could or row["any"]):
+            break
+        result = scene.push(one.point, one.direction, one.travel_m, one.axis)
+        if row["blocked"] is None and not result.blocked:
+            row |= {"delta": result.delta, "blocked": k, "useful": useful(kind, result.delta)}
+        row["any"] = row["any"] or useful(kind, result.delta)
+    return row
+
+
+def pushes_of_run(task: Task, frame: DepthFrame, rng: np.random.Generator) -> list[Push]:
+    """The first pushes `s2r run` would think of; none where it sees nothing that looks like its part."""
+    settings = RunSettings(target=None, out=Path("never-written"), task=task)
+    try:
+        scene = observed_scene(frame)
+        offered = (one for some in pushables(settings, scene, frame, rng) for one in some.proposals)
+        return [as_run_does(one) for one in islice(offered, TRIES)]
+    except SceneError:
+        return []
+
+
+def as_run_does(proposal: PushProposal) -> Push:
+    """A push of the arm's fingertip as one of the flying finger: same first touch, way and tilt."""
+    R, d = proposal.X_base_tool[:3, :3], proposal.direction
+    ahead = abs(R[:, 0] @ d) * TIP_WIDTH_M / 2 + abs(R[:, 1] @ d) * TIP_DEPTH_M / 2
+    travel = float(np.linalg.norm(proposal.p_end - proposal.p_contact))
+    return Push(proposal.p_contact + ahead * d, d, travel, R[:, 2])
 
 
 def shows(label: np.ndarray, frame: DepthFrame, point: np.ndarray) -> int:
@@ -158,6 +213,11 @@ def ruled_pushes(cloud: ObjectCloud, X_base_camera: np.ndarray) -> list[tuple[np
     return [(cloud.points[i], -cloud.normals[i]) for i in order[:TRIES]]
 
 
+def share(results: list[dict[str, Any]]) -> str:
+    """Share of useful first pushes."""
+    return wilson95(sum(one["useful"] for one in results), len(results)) if results else "–"
+
+
 def wilson95(hits: int, count: int) -> str:
     """Share with its Wilson interval (Wilson 1927), in per cent."""
     z, share = 1.96, hits / count
@@ -181,6 +241,7 @@ def main() -> None:
         help="folder of the trained network [default: the shipped one]",
     )
     parser.add_argument("--split", choices=["validation", "test"], default="test")
+    parser.add_argument("--could", type=int, default=TRIES, help="pushes tried for 'could'")
     parser.add_argument("--pictures", type=Path, help="folder for pictures of failures")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
@@ -188,7 +249,7 @@ def main() -> None:
     kinds = args.kinds.split(",")
     seeds = range(args.first, args.first + args.count)
     split, pictures = int(Split[args.split.upper()]), str(args.pictures or "")
-    jobs = [(kind, split, seed, str(args.weights), pictures) for seed in seeds for kind in kinds]
+    jobs = [(kind, split, seed, str(args.weights), pictures, args.could) for seed in seeds for kind in kinds]
     rows = run_jobs(first_pushes, jobs, args.out / "rows.jsonl", args.jobs, "first pushes")
     print(
         f"| kind | objects | out of sight | {' | '.join(METHODS)} | could, random | could, network | on part |"
@@ -197,7 +258,7 @@ def main() -> None:
     for kind in [*kinds, "all"]:
         mine = [row for row in rows if kind in (row["kind"], "all")]
         seen = [row for row in mine if "network" in row]
-        cells = [wilson95(sum(row[m]["useful"] for row in seen), len(seen)) if seen else "–" for m in METHODS]
+        cells = [share([row[m] for row in seen if m in row]) for m in METHODS]
         cells += [str(sum(row[m]["any"] for row in seen)) for m in ("random", "network")]
         cells.append(str(sum(row["network"]["on_part"] for row in seen)))
         print(f"| {kind} | {len(mine)} | {len(mine) - len(seen)} | {' | '.join(cells)} |")

@@ -14,14 +14,17 @@ from s2r_host.motion.lid import find_lid
 from s2r_host.motion.lid_proposals import lid_proposals
 from s2r_host.motion.push import PushMotion, PushScene, lid_scene, piece_scene, plan_push, push_scene
 from s2r_host.motion.push_proposals import PushProposal, push_proposals
+from s2r_host.motion.scene import Scene
 from s2r_host.perception.affordance import Affordance
+from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.network_pushes import shipped
 from s2r_host.run.at import proposals_at, scene_at
 from s2r_host.run.back_off import back_off
 from s2r_host.run.lever_guesses import GuessSettings, Tried, lever_guesses
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
-from s2r_host.run.task import DRAWER, FAUCET, LAPTOP
+from s2r_host.run.settings import RunSettings
+from s2r_host.run.task import FAUCET, LAPTOP
 from s2r_host.run.travel import FREE, LEAVING, NEVER, timed
 
 PUSH = 1  # place of the push itself among the motions: approach, push, back, home
@@ -96,7 +99,8 @@ def prepare_push(
         TrajectoryError: A motion cannot be timed.
     """
     settings = session.settings
-    pushable, motion = _reachable(session, _PUSHABLES[settings.task.name](session, view, earlier), skip)
+    offered = pushables(settings, view.scene, _without_arm(view), session.rng, earlier)
+    pushable, motion = _reachable(session, offered, skip)
     paths: list[tuple[np.ndarray, str, float, float]] = [
         (motion.approach, f"push {number}: approach", settings.travel_speed, FREE),
         (motion.push, f"push {number}", settings.push_speed, NEVER),
@@ -157,38 +161,49 @@ def _reachable(session: Session, pushables: Iterable[Pushable], skip: int) -> tu
     )
 
 
-def _drawer(session: Session, view: Observation, _: Sequence[DonePush]) -> Iterator[Pushable]:
-    settings = session.settings
-    front = find_front(scene_at(view.scene, settings.at))
-    proposals = proposals_at(push_proposals(front, settings.push), settings.at)
-    yield Pushable(front.normal, push_scene(view.scene, front), proposals)
+def pushables(
+    settings: RunSettings,
+    scene: Scene,
+    frame: DepthFrame,
+    rng: np.random.Generator,
+    earlier: Sequence[DonePush] = (),
+) -> Iterator[Pushable]:
+    """What a view offers to push, the likeliest first.
 
-
-def _laptop(session: Session, view: Observation, _: Sequence[DonePush]) -> Iterator[Pushable]:
-    lid, settings = find_lid(view.scene), session.settings
-    scene = lid_scene(view.scene, lid, settings.lid_push.hidden_m)
-    yield Pushable(lid.along, scene, lid_proposals(lid, settings.lid_push))
-
-
-def _faucet(session: Session, view: Observation, earlier: Sequence[DonePush]) -> Iterator[Pushable]:
-    """What may be the lever, the likeliest first, after what earlier pushes have shown."""
-    settings = session.settings
-    found = _judged(view, session.rng)
-    geometry = GuessSettings(settings.lever_push, settings.network_push)
-    for guess in lever_guesses(view.scene, found, geometry, [one.tried for one in earlier]):
-        proposals = proposals_at(guess.proposals, settings.at)
-        yield Pushable(None, piece_scene(view.scene, guess.p), proposals, fresh=True)
-
-
-def _judged(view: Observation, rng: np.random.Generator) -> Affordance:
-    """The push network's verdict on a look, the robot's own pixels left out.
+    Args:
+        settings: Kind of object, and geometry of the pushes on it.
+        scene: The object's points.
+        frame: The same view, the arm's pixels set to 0.
+        rng: For the push network.
+        earlier: Pushes that told nothing.
 
     Raises:
+        SceneError: Nothing in view looks like the task's part.
         BadViewError: No object in the view.
         InputError: The network's weights are missing.
     """
-    depth_m = np.where(view.arm_mask, 0.0, view.capture.frame.depth_m)
-    return shipped().affordance(replace(view.capture.frame, depth_m=depth_m), rng)
+    if settings.task is FAUCET:
+        yield from _levers(settings, scene, shipped().affordance(frame, rng), earlier)
+    elif settings.task is LAPTOP:
+        lid = find_lid(scene)
+        lid_push = settings.lid_push
+        yield Pushable(lid.along, lid_scene(scene, lid, lid_push.hidden_m), lid_proposals(lid, lid_push))
+    else:
+        front = find_front(scene_at(scene, settings.at))
+        proposals = proposals_at(push_proposals(front, settings.push), settings.at)
+        yield Pushable(front.normal, push_scene(scene, front), proposals)
 
 
-_PUSHABLES = {DRAWER.name: _drawer, LAPTOP.name: _laptop, FAUCET.name: _faucet}
+def _levers(
+    settings: RunSettings, scene: Scene, found: Affordance, earlier: Sequence[DonePush]
+) -> Iterator[Pushable]:
+    """What may be the lever, after what earlier pushes have shown."""
+    geometry = GuessSettings(settings.lever_push, settings.network_push)
+    for guess in lever_guesses(scene, found, geometry, [one.tried for one in earlier]):
+        proposals = proposals_at(guess.proposals, settings.at)
+        yield Pushable(None, piece_scene(scene, guess.p), proposals, fresh=True)
+
+
+def _without_arm(view: Observation) -> DepthFrame:
+    """The depth frame of a look, the robot's own pixels set to 0."""
+    return replace(view.capture.frame, depth_m=np.where(view.arm_mask, 0.0, view.capture.frame.depth_m))

@@ -60,16 +60,37 @@ class PushScene:
         self._finger = np.array([self.model.joint(name).qposadr[0] for name in _AXES])
         self._mocap = self.model.body("finger_aim").id
         self._finger_geom = self.model.geom("finger").id
+        # The finger is turned in its body for every push; MuJoCo else takes its frame for the inertia's.
+        self.model.geom_sameframe[self._finger_geom] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
 
-    def push(self, p_contact: np.ndarray, direction: np.ndarray, travel_m: float = TRAVEL_M) -> PushResult:
-        """Push at a surface point along a direction (both in the world frame), from the state as found."""
+    def push(
+        self,
+        p_contact: np.ndarray,
+        direction: np.ndarray,
+        travel_m: float = TRAVEL_M,
+        axis: np.ndarray | None = None,
+    ) -> PushResult:
+        """Push from the state as found.
+
+        Args:
+            p_contact: Surface point that the fingertip touches first [m], world frame, (3,).
+            direction: Unit direction of the push, (3,).
+            travel_m: Way past the first touch.
+            axis: Unit vector along the finger, towards its tip, (3,); it points along the push if None.
+        """
         model, data = self.model, self.data
         mujoco.mj_resetData(model, data)
         data.qpos[:] = self._start
-        start = p_contact - (STANDOFF_M + TIP_RADIUS_M) * direction
-        quat = np.empty(4)
+        axis = direction if axis is None else axis
+        across = axis - (axis @ direction) * direction
+        start = p_contact - (STANDOFF_M + TIP_RADIUS_M) * direction - TIP_RADIUS_M * across
+        quat, back, leaned, lean = np.empty(4), np.empty(4), np.empty(3), np.empty(4)
         mujoco.mju_quatZ2Vec(quat, direction)
         model.body_pos[self._mocap], model.body_quat[self._mocap] = start, quat
+        mujoco.mju_negQuat(back, quat)
+        mujoco.mju_rotVecQuat(leaned, axis, back)
+        mujoco.mju_quatZ2Vec(lean, leaned)
+        model.geom_pos[self._finger_geom], model.geom_quat[self._finger_geom] = -FINGER_M / 2 * leaned, lean
         mujoco.mj_forward(model, data)
         if any(self._finger_geom in contact.geom for contact in data.contact):
             return PushResult(0.0, blocked=True)

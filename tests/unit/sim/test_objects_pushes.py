@@ -54,6 +54,19 @@ def test_same_push_does_the_same(chest):
     assert scene.push(face, -out) == scene.push(face, -out)
 
 
+def test_finger_may_lean_against_its_push(chest):
+    spec, face, out = chest
+    scene, touch = PushScene(spec), face + 0.25 * (part_corner(spec, out) - face)
+    straight = scene.push(touch, -out, 0.05)
+    leaning = scene.push(touch, -out, 0.05, axis=np.array([0.0, 0.0, -1.0]) * 0.8 - 0.6 * out)
+    assert not leaning.blocked
+    assert leaning.delta == pytest.approx(straight.delta, abs=0.004)
+    # Held level along the front, it starts beside the front all the same: it touches at its tip only.
+    beside = scene.push(face + 0.2 * out, -out, 0.05, axis=np.array([0.0, 0.0, -1.0]))
+    assert beside.delta == 0.0
+    assert scene.push(touch, -out, 0.05) == straight
+
+
 @pytest.mark.parametrize(
     ("kind", "delta", "tells"), [("chest", -0.031, True), ("faucet", 0.2, False), ("faucet", -0.3, True)]
 )
