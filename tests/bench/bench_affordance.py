@@ -254,14 +254,22 @@ def main() -> None:
     print(
         f"| kind | objects | out of sight | {' | '.join(METHODS)} | could, random | could, network | on part |"
     )
-    print("|---|---|---|---|---|---|---|---|---|")
-    for kind in [*kinds, "all"]:
-        mine = [row for row in rows if kind in (row["kind"], "all")]
+    print("|---" * (len(METHODS) + 6) + "|")
+    groups = [(kind, [row for row in rows if row["kind"] == kind]) for kind in kinds]
+    styles = sorted({(row["kind"], row["style"]) for row in rows if row.get("style")})
+    groups += [
+        (f"{kind}, {style}", [r for r in rows if (r["kind"], r.get("style")) == (kind, style)])
+        for kind, style in styles
+    ]
+    for name, mine in [*groups, ("all", rows)]:
         seen = [row for row in mine if "network" in row]
         cells = [share([row[m] for row in seen if m in row]) for m in METHODS]
-        cells += [str(sum(row[m]["any"] for row in seen)) for m in ("random", "network")]
+        if args.could:
+            cells += [str(sum(row[m]["any"] for row in seen)) for m in ("random", "network")]
+        else:
+            cells += ["–", "–"]
         cells.append(str(sum(row["network"]["on_part"] for row in seen)))
-        print(f"| {kind} | {len(mine)} | {len(mine) - len(seen)} | {' | '.join(cells)} |")
+        print(f"| {name} | {len(mine)} | {len(mine) - len(seen)} | {' | '.join(cells)} |")
     calibration([row for row in rows if "network" in row])
 
 
