@@ -27,6 +27,11 @@ from s2r_host.perception.planes import Plane, crossing_line, find_planes
 
 Array = NDArray[np.floating]
 
+ACROSS_COLUMNS, ACROSS_STEP_M, ACROSS_STEP_RAD = (
+    2,
+    0.025,
+    np.radians(20),
+)  # bodies, along the axis and about it
 FEW_POINTS = 70
 SLIDES_M = np.concatenate([np.arange(0.008, 0.1, 0.008), np.arange(0.1, 0.42, 0.016)])
 TURNS_RAD = np.radians(np.concatenate([np.arange(4, 40, 4.0), np.arange(40, 125, 8.0)]))
@@ -100,7 +105,7 @@ def axes(shape: Structure) -> list[Axis]:
     """All candidate axes, duplicates within 4 degrees and 15 mm removed."""
     found = _slides(shape) + _crossings(shape) + _edges(shape)
     found += [Axis("revolute", one.centre, one.direction, "round body") for one in shape.columns]
-    found += shape.thin_axes + _pivots(shape)
+    found += _across_columns(shape) + shape.thin_axes + _pivots(shape)
     return _distinct(found)
 
 
@@ -216,6 +221,24 @@ def _pivots(shape: Structure) -> list[Axis]:
         for s in np.linspace(-1, 1, 5):
             for t in np.linspace(-1, 1, 5):
                 found.append(Axis("revolute", centre + s * r1 * e1 + t * r2 * e2, direction, "pivot grid"))
+    return found
+
+
+def _across_columns(shape: Structure) -> list[Axis]:
+    """Lines square to the axis of a round body, through it: levers at the side of a tap turn about one of them."""
+    found = []
+    centre, half = 0.5 * (shape.low + shape.high), 0.5 * (shape.high - shape.low)
+    for column in [one for one in shape.columns if one.sure][:ACROSS_COLUMNS]:
+        e1, e2 = perpendicular_basis(column.direction)
+        middle = float((centre - column.centre) @ column.direction)
+        reach = float(np.abs(column.direction) @ half) + ACROSS_STEP_M
+        heights = np.arange(middle - reach, middle + reach, ACROSS_STEP_M)
+        for angle in np.arange(0.0, np.pi, ACROSS_STEP_RAD):
+            direction = np.cos(angle) * e1 + np.sin(angle) * e2
+            found += [
+                Axis("revolute", column.centre + h * column.direction, direction, "across a round body")
+                for h in heights
+            ]
     return found
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from s2r_host.perception.hypotheses import Structure, axes
 from s2r_host.perception.levers import (
     Column,
     _is_round,
@@ -173,3 +174,18 @@ def test_a_hinge_is_drawn_to_the_nearest_sure_column():
     assert np.linalg.norm(pulled) == pytest.approx(3.0)
     assert wishes.active(replace(near, origin=np.add(PIVOT, (0.05, 0.0, 0.0)))) == []
     assert wishes.active(replace(near, direction=np.array([1.0, 0.0, 0.0]))) == []
+
+
+def test_a_lever_at_the_side_of_a_body_has_its_axis_among_the_candidates():
+    body = Column(np.array([0.6, 0.1, 0.2]), UP, sure=True)
+    low, high = np.array([0.5, 0.12, 0.1]), np.array([0.7, 0.16, 0.22])
+    shape = Structure([], [], [], low, high, (None, None), [], [body, replace(body, sure=False)])
+    across = [axis for axis in axes(shape) if axis.source == "across a round body"]
+    true = np.array([np.sin(0.3), np.cos(0.3), 0.0])  # level, through the body 4 cm below its point
+    off = [np.degrees(np.arccos(abs(axis.direction @ true))) for axis in across]
+    beside = [
+        1e3 * line_distance(axis.origin, axis.direction, np.array([[0.6, 0.1, 0.16]]))[0] for axis in across
+    ]
+    assert min(np.hypot(off, beside)) < 18.0
+    assert all(abs(axis.direction @ UP) < 1e-9 for axis in across)
+    assert not any(axis.source == "across a round body" for axis in axes(replace(shape, columns=[])))
