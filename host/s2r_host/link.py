@@ -67,6 +67,9 @@ __all__ = [
 
 R = TypeVar("R", bound=Message)
 
+_BUSY_LIMIT_S = 90.0
+"""Lock-step on a busy machine: the executor counts only time in which the arm's clock goes on, for up to a minute."""
+
 
 class ExecutorLink:
     """A session with one executor: hello, lease, heartbeat, plans, control, recordings.
@@ -91,7 +94,8 @@ class ExecutorLink:
             arm: The arm the host plans for; its hashes must be the executor's.
             keys: Cell and arm names; by default cell "lab" and the arm's own name.
             connect_timeout_s: How long to retry (every 100 ms) until the executor answers hello.
-            query_timeout_s: How long to wait for a verdict (admission of a long plan takes a while).
+            query_timeout_s: Silence after which the executor counts as gone. While it publishes its state a verdict
+                may take longer: a long plan's admission, or arming in lock-step on a busy machine.
             tls: Folder with the certificates; None when the executor is on this machine.
 
         Raises:
@@ -360,13 +364,20 @@ class ExecutorLink:
         return codec.seal(pb.Heartbeat(count=count), replace(self._address_template(), seq=count))
 
     def _ask_all(self, key: str, wire: bytes) -> list[bytes]:
-        replies = ask(self._session, key, wire, self._timeout_s)
-        if not replies:
-            raise PeerUnreachableError(
-                f"executor at {self._endpoint} did not answer on '{key}' within {self._timeout_s:g} s; "
-                "it refused the message unread or is dead: look at its output"
-            )
-        return replies
+        """Every reply, in order. One that publishes but has no verdict yet is asked again, and repeats its verdict."""
+        began = time.monotonic()
+        while True:
+            asked = time.monotonic()
+            replies = ask(self._session, key, wire, self._timeout_s)
+            if replies:
+                return replies
+            now = time.monotonic()
+            busy = now - asked >= self._timeout_s and self._feed.heard_within(self._timeout_s)
+            if not busy or now - began > _BUSY_LIMIT_S:
+                raise PeerUnreachableError(
+                    f"executor at {self._endpoint} did not answer on '{key}' within {now - began:.3g} s; "
+                    "it refused the message unread or is dead: look at its output"
+                )
 
     def _command(self, key: str, body: Message, expected: type[R]) -> R:
         envelope = codec.open_envelope(self._ask_all(key, codec.seal(body, self._address()))[0])

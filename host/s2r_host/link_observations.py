@@ -94,6 +94,12 @@ class ObservationFeed:
         stamp_ns = int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
         return JointSample(stamp_ns, np.asarray(body["position"]), np.asarray(body["velocity"]))
 
+    def heard_within(self, seconds: float) -> bool:
+        """Whether anything was published in the last ``seconds``."""
+        with self._lock:
+            newest_s = max((received_s for received_s, _ in self._newest.values()), default=float("-inf"))
+        return time.monotonic() - newest_s <= seconds
+
     def close(self) -> None:
         """Unsubscribe."""
         for subscriber in self._subscribers:

@@ -1,5 +1,6 @@
 """The link against a small executor that speaks the real wire on a real session."""
 
+import contextlib
 import dataclasses
 import socket
 import threading
@@ -62,7 +63,7 @@ class FakeExecutor:
             (keys.hello, self.on_hello),
             (keys.lease, self.on_lease),
             (keys.plan, self.on_plan),
-            (keys.control, self.on_control),
+            (keys.control, lambda envelope: self.on_control(envelope)),  # a test may replace it
             (keys.recording, self.on_recording),
         ):
             self.session.declare_queryable(key, lambda query, answer=answer: self.reply(query, answer))
@@ -279,6 +280,51 @@ def test_published_states_are_followed_without_asking(executor, link, path):
     assert link.wait_done(verdict).plan_done
     thread.join()
     assert executor.status.tick - asked < 15  # far fewer questions than the 30 states that were published
+
+
+@contextlib.contextmanager
+def published(executor):
+    """The executor's state goes out every 20 ms, as a live one's does."""
+    ended = threading.Event()
+
+    def publish():
+        while not ended.wait(0.02):
+            executor.session.put(STATE_KEY, pack(STATE, {"state": int(executor.status.state)}))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+@pytest.fixture
+def slow(executor):
+    """The first control command takes longer than a query lasts; the numbers of all that came."""
+    answer, seen = executor.on_control, []
+
+    def late(envelope):
+        seen.append(envelope.seq)
+        if len(seen) == 1:
+            time.sleep(2.5)
+        return answer(envelope)
+
+    executor.on_control = late
+    return seen
+
+
+def test_a_live_executor_is_waited_for_and_asked_again_with_the_same_command(slow, executor, link):
+    with published(executor), link.leased():
+        assert link.arm_drives().state == ExecutorState.HOLD
+    assert len(slow) > 1
+    assert len(set(slow)) == 1
+
+
+def test_an_executor_that_neither_answers_nor_publishes_is_gone(slow, executor, link):
+    with link.leased(), pytest.raises(PeerUnreachableError, match="did not answer on"):
+        link.arm_drives()
 
 
 def test_published_joints_reach_the_host(executor, link):
