@@ -84,7 +84,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         looseness = trusted
         search.looseness = 1.0
     few = 0 < len(solution.terms) <= MAX_EFFECTS and len(problem.joints) <= FEW_JOINTS
-    if few and base_matters(search, problem, solution.terms):
+    if few:
         number = with_number(problem, search, solution)
         if number is not None and _fits_as_well(problem, search, (looseness, solution), number):
             looseness, solution = number

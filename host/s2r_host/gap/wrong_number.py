@@ -92,22 +92,30 @@ def _noise_at(search: Search, terms: list[Term], looseness: Looseness) -> float:
     return search.noise_level(terms)
 
 
-def one_cause(tries: list[Try], least: float) -> list[tuple[float, Looseness, list[Scored]]]:
+def one_cause(
+    tries: list[Try], least: float, lead: float = -ALONE_SLACK
+) -> list[tuple[float, Looseness, list[Scored]]]:
     """Single wrong numbers that pay: evidence, looseness, everything weighed for the place.
 
-    One cause goes before several numbers that moved a little each, as long as it is not much the worse explanation.
+    One cause goes before several numbers that moved a little each, as long as it is not much the worse explanation;
+    ``lead`` are the log odds it has to be ahead of them.
     """
     alone_best = max(constant + alone for _, constant, alone, _ in tries)
     return [
         (scored[0][0] + constant, looseness, [Scored(t, v, v - alone, 0.0, np.zeros(0)) for v, t in scored])
         for looseness, constant, alone, scored in tries
-        if scored and scored[0][0] > alone + least and scored[0][0] + constant > alone_best - ALONE_SLACK
+        if scored and scored[0][0] > alone + least and scored[0][0] + constant > alone_best + lead
     ]
 
 
 def with_number(problem: Problem, search: Search, solution: Solution) -> tuple[Looseness, Solution] | None:
-    """The solution with one wrong number more, and the looseness it was found at; None when none stands out."""
-    one = one_cause(tries_of(problem, search, solution.terms), ONE_CAUSE_MORE)
+    """The solution with one wrong number more, and the looseness it was found at; None when none stands out.
+
+    Where no number of the machine pays by moving, what is left was taken by the offset of the effort or by timing. They
+    are no news, so that one number then has to explain clearly more than they do.
+    """
+    lead = -ALONE_SLACK if base_matters(search, problem, solution.terms) else ONE_CAUSE
+    one = one_cause(tries_of(problem, search, solution.terms), ONE_CAUSE_MORE, lead)
     if not one:
         return None
     _, looseness, slot = max(one, key=lambda x: x[0])

@@ -99,6 +99,41 @@ def test_thinning_friction_brings_what_the_model_lacks(model, tmp_path):
     assert effect.brings(Context(bare, []), 0, shape) == {"coulomb_friction": 0}
 
 
+WIDTH = 0.02  # rad over which a bristle bends
+
+
+def bends(t, q, v, a):
+    """Dry friction that builds up over a small displacement, in place of the step at a reversal (Dahl)."""
+    z = np.zeros_like(q)
+    for i, step in enumerate(np.diff(q), start=1):
+        end = np.sign(step)
+        z[i] = end + (z[i - 1] - end) * np.exp(-abs(step) / WIDTH)
+    return FRICTION * (z - np.tanh(v / 0.01))
+
+
+@pytest.mark.parametrize("lacking", [False, True])
+def test_friction_that_builds_up_brings_the_friction_that_a_model_lacks(model, tmp_path, lacking):
+    rubs = RigidModel(write_model(tmp_path / "model.xml", 0.0, DAMPING)) if lacking else model
+    problem, search = searched(rubs, bends)
+    said = {e.name: e for e in decide(problem, search).effects}
+    assert set(said) == {"presliding", *(["coulomb_friction"] if lacking else [])}
+    if lacking:
+        assert said["coulomb_friction"].parameters["level"]["value"] == pytest.approx(FRICTION, rel=0.05)
+
+
+def test_a_turned_zero_beside_an_effect_is_no_mere_offset_of_the_effort(model):
+    """On the sine of a load a turn is almost a constant: where it says clearly more than one, it is named."""
+    problem, search = searched(model, bends, seen=lambda q: q - 0.02)
+    names = [e.name for e in decide(problem, search).effects]
+    assert "presliding" in names
+    assert {"encoder_offset", "gravity_tilt"} & set(names)
+
+
+def test_an_offset_of_the_effort_beside_an_effect_turns_nothing(model):
+    problem, search = searched(model, lambda *motion: bends(*motion) + 0.03)
+    assert [e.name for e in decide(problem, search).effects] == ["presliding"]
+
+
 def test_a_model_with_wrong_damping_is_no_new_session(model):
     problem, search = searched(model, lambda t, q, v, a: -0.05 * DAMPING * v, other="b")
     assert problem.drift

@@ -56,6 +56,24 @@ def test_one_shape_alone_is_integrated_as_among_others():
     assert alone == pytest.approx(among[:, :1], abs=1e-9)
 
 
+@pytest.mark.parametrize(("k", "d"), [(60.0, 0.2), (60.0, 60.0), (30.0, 200.0), (2000.0, 10.0)])
+def test_a_link_without_a_gap_takes_one_step_per_row(monkeypatch, k, d):
+    """Hardly damped, and damped so much that steps in plain numbers would have to be tiny: against such steps."""
+    t = np.arange(0.0, 4.0, 0.004)
+    session, slope, bend = SimpleNamespace(dt=0.004), 8.0 * np.cos(1.1 * t), 5.0 * np.sin(t)
+    inertia, load = 0.5 + 0.1 * np.sin(t), 5.0 * np.sin(1.7 * t) + 2.0 * np.sin(9.0 * t)
+
+    def wound(gap):
+        columns = inertia[:, None], load[:, None], slope, np.array([k]), np.array([d]), np.array([gap])
+        return deflection(session, 0, *columns, bend)[:, 0]  # pyright: ignore[reportArgumentType]
+
+    alone = wound(0.0)
+    monkeypatch.setattr("s2r_host.gap.states.ALONE_STEP", 0.005)
+    fine = wound(1e-12)
+    assert np.std(fine) > 3.0
+    assert np.sqrt(np.mean((alone - fine) ** 2)) < 5e-3 * np.std(fine)
+
+
 @pytest.mark.parametrize("hz", [2.0, 9.0])
 def test_a_soft_spring_is_wound_up_by_gravity_where_the_link_hangs(tmp_path, hz):
     """Against the equations of motor and link integrated to nine digits."""

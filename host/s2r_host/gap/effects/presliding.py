@@ -55,6 +55,10 @@ class Presliding(Effect):
             "displacement": Value(shape["width"], ctx.model.unit(name), shape_key="width"),
         }
 
+    def brings(self, ctx: Context, joint: int, shape: Shape) -> dict[str, int]:
+        """The dry friction that the bristle builds up to, where the model has none."""
+        return {"coulomb_friction": 0} if float(ctx.model.model.dof_frictionloss[joint]) <= 0.0 else {}
+
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Bristle state as applied force."""
         return bristle_force(joint, shape["width"], 1, theta, dt)
