@@ -19,7 +19,7 @@ pytestmark = [
 
 
 def _run(*command, **options):
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=280, **options)
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=900, **options)
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     return done.stdout
 
@@ -47,7 +47,7 @@ def base(tmp_path_factory):
 
 
 def _s2r(python, *arguments):
-    return subprocess.run([python.with_name("s2r"), *arguments], capture_output=True, text=True, timeout=60)
+    return subprocess.run([python.with_name("s2r"), *arguments], capture_output=True, text=True, timeout=600)
 
 
 def test_heavy_packages_are_absent(base):

@@ -121,7 +121,7 @@ def test_canopen_sees_the_classical_heartbeats_and_statuswords(stand_in):
             network.subscribe(0x700 + node, lambda can_id, data, stamp: heard.setdefault(can_id, bytes(data)))
         network.connect()
         try:
-            deadline = time.monotonic() + 60.0
+            deadline = time.monotonic() + 300
             while len(heard) < 14 and time.monotonic() < deadline:
                 network.sync.transmit(1)
                 time.sleep(0.002)
@@ -171,7 +171,7 @@ def test_can_logger_writes_what_the_bus_carries(stand_in, tmp_path, with_plugin)
             cycle_until(bus, lambda: log.exists() and log.stat().st_size > 20_000)
         finally:
             tool.send_signal(signal.SIGINT)
-            output = tool.communicate(timeout=60)[0]
+            output = tool.communicate(timeout=600)[0]
     assert log.exists(), output
     messages = list(can.LogReader(log))
     assert {m.arbitration_id for m in messages if not m.is_error_frame} == {0x080, *range(0x181, 0x188)}

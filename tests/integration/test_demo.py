@@ -36,9 +36,9 @@ def test_a_demo_that_is_terminated_leaves_no_process_behind(tmp_path):
         if "connect" in line:  # the host's first stage: all three processes are up
             break
     demo.send_signal(signal.SIGTERM)
-    assert "interrupted" in demo.communicate(timeout=60)[1]
+    assert "interrupted" in demo.communicate(timeout=600)[1]
     assert demo.returncode == ExitCode.INTERRUPTED
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 300
     while processes_of(out):
         assert time.monotonic() < deadline, processes_of(out)
         time.sleep(0.1)
@@ -47,7 +47,7 @@ def test_a_demo_that_is_terminated_leaves_no_process_behind(tmp_path):
 def test_a_demo_refuses_a_folder_that_holds_something(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     command = [sys.executable, "-m", "s2r_protocol", "demo", "--out", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == ExitCode.USAGE
     assert "is not empty" in done.stderr
 
@@ -74,6 +74,6 @@ def test_an_arm_that_is_not_there_is_refused_before_anything_starts(tmp_path):
         "--arm",
         "spoon",
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == ExitCode.USAGE, done.stderr
     assert "spoon" in done.stderr

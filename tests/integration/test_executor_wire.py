@@ -127,7 +127,7 @@ def armed(rig):
 
 
 def wait_for(condition, what):
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 300
     while not condition():
         assert time.monotonic() < deadline, f"timed out: {what}"
         time.sleep(0.005)

@@ -34,7 +34,7 @@ def writer_of(executor_pid: int) -> int:
 
 
 def until(condition):
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 300
     while not (found := condition()):
         assert time.monotonic() < deadline
         time.sleep(0.05)

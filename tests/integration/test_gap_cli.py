@@ -118,7 +118,7 @@ def test_a_wrong_mass_is_a_parameter_and_no_physics(tmp_path):
     assert answer["parameters_off"][0]["to"] == pytest.approx(1.26, rel=0.02)
 
 
-@pytest.mark.timeout(900)  # a minute alone; baselines and next experiment on a loaded machine take long
+@pytest.mark.timeout(1800)  # a minute alone; baselines and next experiment on a loaded machine take long
 def test_a_taken_out_effect_is_not_named_after_its_neighbour(tmp_path):
     case = write_case(tmp_path / "case", Secret(extra={"unknown_time": 0.15}), DRIVE)
     _, answer = gap(case, tmp_path / "out")

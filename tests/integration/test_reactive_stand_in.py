@@ -28,6 +28,7 @@ from s2r_protocol.faults import ExecutorState
 
 pytestmark = pytest.mark.slow
 PACE = 1.0
+BEHIND_NS = 100_000_000
 
 
 class TouchedObject(threading.Thread):
@@ -41,8 +42,12 @@ class TouchedObject(threading.Thread):
         self._lock, self.done = threading.Lock(), threading.Event()
         self.contacts: list[str] = []
 
-    def latest(self) -> Seen:
+    def latest(self) -> Seen | None:
+        """None where this machine is too busy to keep the object up with the arm: it would be seen where it was."""
+        sample = self._link.joints()
         with self._lock:
+            if sample is None or sample.stamp_ns - self._stamp_ns > BEHIND_NS:
+                return None
             return Seen(self._world.s)
 
     def run(self) -> None:
@@ -87,7 +92,7 @@ def test_a_displaced_drawer_is_opened_by_splices_into_the_running_plan(tmp_path)
                 status = link.status()
         finally:
             thing.done.set()
-            thing.join(60)
+            thing.join(300)
     assert status.state == ExecutorState.HOLD
     assert report.spliced + report.restarted >= 1, report
     assert report.final == pytest.approx(0.10, abs=0.0025)

@@ -52,7 +52,7 @@ def session(*endpoints):
 
 
 def until(condition, what):
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 300
     while not (found := condition()):
         assert time.monotonic() < deadline, what()
         time.sleep(0.02)

@@ -78,13 +78,13 @@ def replies(session: zenoh.Session, key: str, timeout_s: float = 10.0) -> list[b
 
 def first_reply(session: zenoh.Session, key: str) -> list[bytes]:
     """Tries until the link is up: opening returns before it is."""
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 300
     while not (got := replies(session, key)) and time.monotonic() < deadline:
         time.sleep(0.05)
     return got
 
 
-def until(condition, timeout_s: float = 60.0) -> bool:
+def until(condition, timeout_s: float = 300.0) -> bool:
     deadline = time.monotonic() + timeout_s
     while not condition():
         if time.monotonic() > deadline:

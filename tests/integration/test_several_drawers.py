@@ -40,7 +40,7 @@ def test_the_drawer_that_is_pointed_at_is_opened_and_the_other_stays(tmp_path):
             "run", "drawer", f"--target={TARGET_M}", "--at", at, "--acknowledge-contact",
             "--executor", cell.executor, "--camera", cell.camera, "--out", tmp_path / "run",
         )  # fmt: skip
-        done = subprocess.run(command, capture_output=True, text=True, timeout=400)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=900)
     assert done.returncode == ExitCode.OK, done.stderr
     truth = read_truth(truth_file)
     opened = truth.of_moved(int(truth.master_tick[0]))
@@ -59,7 +59,7 @@ def test_a_point_beside_the_object_is_refused_and_nothing_moves(tmp_path):
             "run", "drawer", "--target", "80mm", "--at", "0.4,0.5,0.1",
             "--executor", cell.executor, "--camera", cell.camera, "--out", tmp_path / "run",
         )  # fmt: skip
-        done = subprocess.run(command, capture_output=True, text=True, timeout=200)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == ExitCode.REFUSED, done.stderr
     values = json.loads((tmp_path / "run/run.json").read_text())
     assert "within 8 cm of --at 0.40,0.50,0.10" in values["exit"]["reason"]

@@ -16,9 +16,9 @@ import pytest
 NATIVE = Path(__file__).parents[2] / "executor/native"
 TIMED = ("tick_takes_little_of_its_period", "hundred_thousand")  # say something about an ordinary build only
 STARTS_NOT = re.compile("unexpected memory mapping|Shadow memory range interleaves|failed to intercept")
-TIMEOUT_S = 280
+TIMEOUT_S = 1200
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(3000)]
 
 
 def core_sources() -> list[str]:

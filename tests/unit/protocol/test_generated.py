@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[3]
 def fresh(tmp_path_factory):
     out = tmp_path_factory.mktemp("generated")
     environment = {"PYTHON": sys.executable, "PATH": "/usr/bin:/bin"}
-    subprocess.run([ROOT / "scripts/generate", out], check=True, cwd=ROOT, env=environment, timeout=120)
+    subprocess.run([ROOT / "scripts/generate", out], check=True, cwd=ROOT, env=environment, timeout=600)
     return out
 
 
