@@ -123,7 +123,7 @@ def test_friction_that_builds_up_brings_the_friction_that_a_model_lacks(model, t
 
 def test_a_turned_zero_beside_an_effect_is_no_mere_offset_of_the_effort(model):
     """On the sine of a load a turn is almost a constant: where it says clearly more than one, it is named."""
-    problem, search = searched(model, bends, seen=lambda q: q - 0.02)
+    problem, search = searched(model, bends, seen=lambda q: q - 0.01)
     names = [e.name for e in decide(problem, search).effects]
     assert "presliding" in names
     assert {"encoder_offset", "gravity_tilt"} & set(names)

@@ -12,6 +12,7 @@ from s2r_host.gap.effects.effort_scale import EFFECT as SCALE
 from s2r_host.gap.naming import CEILING, Named, slot_probabilities
 from s2r_host.gap.parameters_off import off_entries
 from s2r_host.gap.search import Search
+from s2r_host.gap.shapes import Shapes
 from s2r_host.gap.solution import Scored, Term
 
 ROTARY = SimpleNamespace(model=SimpleNamespace(joints=["elbow"], unit=lambda joint: "rad"))
@@ -96,3 +97,13 @@ def test_play_is_sought_as_narrow_as_the_encoder_resolves(step, narrowest):
     assert widths[0] == pytest.approx(narrowest)
     assert widths[-1] == pytest.approx(0.1)
     assert max(np.diff(np.log(widths))) < 0.2
+
+
+def test_flanks_are_damped_no_further_than_to_where_they_stop_rebounding():
+    """A search that gains by damping alone ends: steps of the integration shrink with it, without limit."""
+    search = SimpleNamespace(
+        effects={"backlash": BACKLASH}, problem=SimpleNamespace(ctx=None), _seen=lambda term: None
+    )
+    start = Term("backlash", 0, (("f", 24.0), ("motor", 0.4), ("w", 0.01), ("zeta", 0.4)))
+    found = Shapes._refine(search, (0.0, start), lambda term: dict(term.shape)["zeta"])  # pyright: ignore[reportArgumentType]
+    assert dict(found[1].shape)["zeta"] == pytest.approx(2.0)

@@ -22,6 +22,7 @@ RESOLVED, WIDTH_RATIO = (
     0.193,
 )  # encoder steps in a half width that shows; logarithm of the next by the last
 LOOSE_SHARES = (0.25, 0.4, 0.55, 0.7, 0.85)  # free part of the travel between both friction forces
+NO_REBOUND = 2.0  # damping ratio of the flanks; beyond it only the steps of the integration get smaller
 LOOSE_ODDS = -3.0  # a joint whose load is friction alone is the rarer machine
 
 
@@ -71,8 +72,8 @@ class Backlash(Effect):
         }  # fmt: skip
 
     def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
-        """Less than a fifth of free travel is presliding."""
-        return {"loose": (0.2, 0.95)}
+        """Less than a fifth of free travel is presliding; flanks damped twice critically do not rebound any more."""
+        return {"loose": (0.2, 0.95), "zeta": (0.0, NO_REBOUND)}
 
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
         """Friction alone behind the gap is rarer than an inertia."""
