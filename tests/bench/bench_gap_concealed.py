@@ -4,6 +4,7 @@
     python tests/bench/bench_gap_concealed.py calibrate DIR/score [DIR/score ...]
     python tests/bench/bench_gap_concealed.py shuffled DIR/score
     python tests/bench/bench_gap_concealed.py ablate DIR/score
+    python tests/bench/bench_gap_concealed.py pooled DIR/score [DIR/score ...]
 
 ``run`` draws a set, runs the tool over it and scores it, in that order; without ``--seed`` the seed is random and
 stands only in the key file. It may be stopped and started again. Commit before drawing: the commit is written beside
@@ -12,7 +13,8 @@ baselines, next experiments and reports, at a few seconds per case. ``calibrate`
 ceiling of the stated probabilities from scored tuning sets; ``shuffled`` scores the same verdicts with the true
 names dealt out anew: the accuracy must fall to chance; ``ablate`` runs the single cases of three floors and more
 that were named rightly once more without the true effect in the catalogue: the answer must turn to "unknown" at the
-same joint. Budget: 60 s per case for one joint and 20 s of data, on two cores.
+same joint; ``pooled`` is the table over the cases of several scored sets together. Budget: 60 s per case for one joint
+and 20 s of data, on two cores.
 """
 
 import argparse
@@ -23,6 +25,9 @@ from pathlib import Path
 
 import numpy as np
 
+from s2r_conceal.score import table
+from s2r_conceal.score_case import CaseScore, Interval
+from s2r_conceal.score_files import markdown
 from s2r_host.gap.naming import ALIKE_HEAT, CEILING, HEAT, alike
 
 S2R = [sys.executable, "-c", "from s2r_protocol.cli.root import main; main()"]
@@ -156,6 +161,16 @@ def ablate(arguments: argparse.Namespace) -> None:
     print(f"{len(cases)} cases: unknown {unknown}, at the true joint {placed}")
 
 
+def pooled(arguments: argparse.Namespace) -> None:
+    """One table over the cases of several scored sets."""
+    scores = [
+        CaseScore(**case | {"intervals": [Interval(**i) for i in case["intervals"]]})
+        for score in arguments.scores
+        for case in json.loads((score / "score.json").read_text(encoding="utf-8"))["cases"]
+    ]
+    print(markdown(table(scores), scores))
+
+
 def main() -> None:
     """Parse the command line."""
     parser = argparse.ArgumentParser(
@@ -182,6 +197,9 @@ def main() -> None:
     three.add_argument("score", type=Path)
     three.add_argument("--most", type=int, default=None, help="at most so many cases")
     three.set_defaults(run=ablate)
+    four = sub.add_parser("pooled")
+    four.add_argument("scores", type=Path, nargs="+")
+    four.set_defaults(run=pooled)
     arguments = parser.parse_args()
     arguments.run(arguments)
 
