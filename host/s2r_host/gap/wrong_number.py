@@ -112,9 +112,13 @@ def with_number(problem: Problem, search: Search, solution: Solution) -> tuple[L
     """The solution with one wrong number more, and the looseness it was found at; None when none stands out.
 
     Where no number of the machine pays by moving, what is left was taken by the offset of the effort or by timing. They
-    are no news, so that one number then has to explain clearly more than they do.
+    are no news, so that one number then has to explain clearly more than they do. Nor is it asked for where the
+    floor is a guess, which holds what the equation of the effect beside it leaves out.
     """
-    lead = -ALONE_SLACK if base_matters(search, problem, solution.terms) else ONE_CAUSE
+    matters = base_matters(search, problem, solution.terms)
+    if not matters and problem.floor_source != "repeat":
+        return None
+    lead = -ALONE_SLACK if matters else ONE_CAUSE
     one = one_cause(tries_of(problem, search, solution.terms), ONE_CAUSE_MORE, lead)
     if not one:
         return None

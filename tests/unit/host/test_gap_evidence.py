@@ -17,6 +17,7 @@ from s2r_host.gap.search import Search
 from s2r_host.gap.seeds import fill_residuals
 from s2r_host.gap.session import make_session
 from s2r_host.gap.solution import Scored, Term
+from s2r_host.gap.wrong_number import with_number
 
 DT, FRICTION, DAMPING = 0.004, 0.3, 0.2
 NOISE = 0.02
@@ -127,6 +128,15 @@ def test_a_turned_zero_beside_an_effect_is_no_mere_offset_of_the_effort(model):
     names = [e.name for e in decide(problem, search).effects]
     assert "presliding" in names
     assert {"encoder_offset", "gravity_tilt"} & set(names)
+
+
+def test_a_number_is_told_from_an_offset_only_above_a_floor_that_was_measured(model):
+    problem, search = searched(model, bends, seen=lambda q: q - 0.01)
+    solution = search.run()
+    assert [t.effect for t in solution.terms] == ["presliding"]
+    assert with_number(problem, search, solution) is not None
+    problem.floor_source = "estimated"
+    assert with_number(problem, search, solution) is None
 
 
 def test_an_offset_of_the_effort_beside_an_effect_turns_nothing(model):
