@@ -55,11 +55,16 @@ Step = Callable[[str], None]
     is_flag=True,
     help="More than one part may have moved: one model per part, in part_1, part_2, ... of --out.",
 )
+@click.option(
+    "--vague",
+    is_flag=True,
+    help="Answer also where a turn is known to half of itself only, instead of a tenth.",
+)
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the sampling.")
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON on standard output.")
 def build_model(
     before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
-    joint_type: str | None, several: bool, seed: int, as_json: bool,
+    joint_type: str | None, several: bool, vague: bool, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Estimate the joint that moved between two depth views and build a physics model of the object.
 
@@ -68,7 +73,7 @@ def build_model(
     """
     try:
         with _steps(quiet=as_json) as step:
-            result = _build(before, after, out, frame, camera, region, joint_type, several, seed, step)
+            result = _build(before, after, out, frame, camera, region, joint_type, several, vague, seed, step)
     except RefusedError as error:
         _abstain(error, out, as_json)
     except S2RError as error:
@@ -83,7 +88,7 @@ def build_model(
 
 def _build(
     before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
-    joint_type: str | None, several: bool, seed: int, step: Step,
+    joint_type: str | None, several: bool, vague: bool, seed: int, step: Step,
 ) -> dict[str, Any]:  # fmt: skip
     step("reading both views")
     box = parse_region(region)
@@ -95,11 +100,15 @@ def _build(
     view_before = load_frame(before, frame, camera)  # type: ignore[arg-type]
     view_after = load_frame(after, frame, camera)  # type: ignore[arg-type]
     step("estimating the joint")
+    from s2r_host.perception.verdict import KNOWN_TO, VAGUELY
+
+    known_to = VAGUELY if vague else KNOWN_TO
     if not several:
         from s2r_host.perception.estimate import estimate_joint
 
         estimate = estimate_joint(
-            view_before, view_after, region=box, joint_type=joint_type, seed=seed  # type: ignore[arg-type]
+            view_before, view_after, region=box, joint_type=joint_type,  # type: ignore[arg-type]
+            known_to=known_to, seed=seed,
         )  # fmt: skip
         return _build_one(estimate, out, frame, seed, step)
     from s2r_host.perception.several import estimate_joints
@@ -108,7 +117,9 @@ def _build(
         raise UsageError(
             "--several needs depth images or clouds with --camera: parts are told apart in the image"
         )
-    found = estimate_joints(view_before, view_after, region=box, joint_type=joint_type, seed=seed)
+    found = estimate_joints(
+        view_before, view_after, region=box, joint_type=joint_type, known_to=known_to, seed=seed
+    )
     parts = [
         _build_one(estimate, out / f"part_{k}", frame, seed, step)
         for k, estimate in enumerate(found, start=1)

@@ -33,7 +33,7 @@ from s2r_host.perception.sampled import sampled
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
 from s2r_host.perception.segment import Parts, segment
 from s2r_host.perception.symmetry import other_turn, refuse_two_turns
-from s2r_host.perception.verdict import judge, require_motion, require_narrow, require_standing
+from s2r_host.perception.verdict import KNOWN_TO, judge, require_motion, require_narrow, require_standing
 from s2r_host.perception.view import CloudView, DepthView, View
 from s2r_host.perception.wishes import Wishes
 
@@ -122,6 +122,7 @@ def estimate_joint(
     joint_type: JointType | None = None,
     up: Array | None = UP,
     pushed: Sequence[Push] = (),
+    known_to: float = KNOWN_TO,
     seed: int = 0,
 ) -> JointEstimate:
     """Estimate type, axis and motion of the one part that moved.
@@ -137,6 +138,7 @@ def estimate_joint(
         up: Unit vector against gravity in the frame of the views, None if unknown: most hinges are upright or level.
         pushed: Where and which way the part was pushed between the views, as far as all of that is known: it did not go
             against every one of them.
+        known_to: Answer with a turn only where half its 90 % interval is no more than this share of it.
         seed: Of the sampling.
 
     Raises:
@@ -170,7 +172,7 @@ def estimate_joint(
             "one of the views shows little but the edge of the part, so the hinge is less certain"
         )
     intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, wishes.thin, edge_on)
-    require_narrow(intervals, best.motion)
+    require_narrow(intervals, best.motion, known_to)
     require_standing(best.motion, parts, scene, up)
     motion = _with_origin_near(best.motion, centre)
     logger.info(

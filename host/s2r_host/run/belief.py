@@ -14,6 +14,7 @@ from s2r_host.model.build import ObjectModel, build_model
 from s2r_host.model.write import write_mjcf
 from s2r_host.perception.estimate import JointEstimate, Region, estimate_joint
 from s2r_host.perception.motion import JointMotion, Push
+from s2r_host.perception.verdict import VAGUELY
 from s2r_host.proprioception.object_numbers import ObjectNumbers
 from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.object_file import with_face, with_friction
@@ -91,6 +92,8 @@ def estimate_part(
 ) -> JointEstimate:
     """The joint of a part that was pushed, signed so that it grows the way the task calls positive.
 
+    However vague: what the run does next moves the part further, and the joint is told again from that.
+
     Args:
         before, after: Views A and B.
         task: What kind of joint is expected.
@@ -111,6 +114,7 @@ def estimate_part(
         ignore_mask_after=after.arm_mask,
         joint_type=task.joint_type,
         pushed=pushed,
+        known_to=VAGUELY,
         seed=seed,
     )
     if positive is None:
