@@ -163,7 +163,17 @@ def write_graph(
         module.eval(), inputs, str(path), input_names=list(names), output_names=list(outputs),
         opset_version=OPSET, dynamo=True, dynamic_shapes=shapes, external_data=False, verbose=False,
     )  # fmt: skip
-    onnx.checker.check_model(onnx.load(str(path)))
+    graph = without_traces(onnx.load(str(path)))
+    onnx.checker.check_model(graph)
+    onnx.save(graph, str(path))
+
+
+def without_traces(model: onnx.ModelProto) -> onnx.ModelProto:
+    """The same graph without the source lines, with their paths, that the exporter notes on every node."""
+    for entry in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.initializer):
+        del entry.metadata_props[:]
+        entry.doc_string = ""
+    return model
 
 
 def graph_difference(module: nn.Module, inputs: tuple[Tensor, ...], path: Path) -> float:

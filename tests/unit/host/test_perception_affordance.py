@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from s2r_host.learn.calibrate import Calibration, calibrate, expected_error
 from s2r_host.learn.push_files import load_pushes
 from s2r_host.perception import synthetic
-from s2r_host.perception.affordance import PushNetworkRuntime, _best
+from s2r_host.perception.affordance import WEIGHTS, PushNetworkRuntime, _best
 from s2r_host.perception.errors import BadViewError, InputError
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.object_cloud import COARSE, NEIGHBOURS, POINTS, object_cloud, pyramid
@@ -185,6 +185,16 @@ def test_what_lies_far_from_the_object_in_the_image_changes_nothing(tmp_path):
     np.testing.assert_allclose(cropped.cloud.centre, seen.centre, atol=0.01)
 
 
+def has_traces(folder):
+    """Whether a graph names source files of the machine it was exported on."""
+    return [path.name for path in folder.glob("*.onnx") if b"stack_trace" in path.read_bytes()]
+
+
+def test_the_shipped_graphs_name_no_files_of_the_machine_that_wrote_them():
+    assert len(list(WEIGHTS.glob("*.onnx"))) == 3
+    assert has_traces(WEIGHTS) == []
+
+
 @pytest.fixture(scope="module")
 def learn():
     """Torch and its exporter; the training half of this file."""
@@ -249,6 +259,7 @@ def test_exported_network_says_the_same_as_torch_and_proposes_good_pushes(traine
     about = {name: state[name] for name in ("data_sha256", "calibration")}
     assert export(network, out, about) < MOST_DIFFERENCE
     assert json.loads((out / "about.json").read_text())["data_sha256"] == state["data_sha256"]
+    assert has_traces(out) == []
     found = PushNetworkRuntime(out).affordance(frame, np.random.default_rng(1))
     assert 30 <= len(found.proposals) <= 100
     worth = [p.worth for p in found.proposals]
