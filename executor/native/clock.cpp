@@ -67,15 +67,19 @@ void wait_for_answers(Core& core, Bus& bus, const Config& config, QuitGuard& gua
   }
 }
 
-// The arm's time advances with the setpoints; `pace` only keeps it from running ahead of the wall clock.
+// Nobody waits for the arm's time: it stands until the next command comes.
+bool waits_for_commands(State state) noexcept { return state == State::kDisarmed || state == State::kHold; }
+
+// The arm's time advances with the setpoints; `pace` only keeps it from running ahead of the wall clock. One that waits
+// never runs ahead of it: ticks of nothing as fast as possible would take the processor from the host that is planning.
 void run_lockstep(Core& core, Bus& bus, const Config& config, QuitGuard& guard) noexcept {
   const bool paced = config.pace > 0.0;
-  const auto period = paced ? static_cast<std::int64_t>(static_cast<double>(config.tick_ns) / config.pace) : 0;
+  const auto period = static_cast<std::int64_t>(static_cast<double>(config.tick_ns) / (paced ? config.pace : 1.0));
   std::int64_t deadline = monotonic_ns();
   while (!core.finished() && !guard.expired()) {
     core.tick(monotonic_ns(), 0);
     wait_for_answers(core, bus, config, guard);
-    if (!paced) continue;
+    if (!paced && !waits_for_commands(core.state())) continue;
     deadline = std::max(deadline + period, monotonic_ns() - kPaceSlack_ns);
     sleep_until(deadline);
   }

@@ -36,7 +36,9 @@ _WATCH_STUCK_S = 1.0
     help="lockstep: time advances with the drives' answers.",
 )
 @click.option(
-    "--pace", type=float, help="lockstep: at most this many times the wall clock; 0 = as fast as possible."
+    "--pace",
+    type=float,
+    help="lockstep: at most this many times the wall clock; 0 = as fast as possible while the arm is busy.",
 )
 @click.option(
     "--listen", multiple=True, help="Zenoh address to listen on, e.g. tcp/127.0.0.1:7447. May be repeated."
