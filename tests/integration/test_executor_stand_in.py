@@ -40,10 +40,14 @@ def start(arguments, ready, log):
     with log.open("w") as stream:
         process = subprocess.Popen([*COMMAND, *arguments], stdout=stream, stderr=subprocess.STDOUT)
     deadline = time.monotonic() + 300
-    while not ready.exists():
-        assert process.poll() is None, log.read_text()
-        assert time.monotonic() < deadline, log.read_text()
-        time.sleep(0.02)
+    try:
+        while not ready.exists():
+            assert process.poll() is None, log.read_text()
+            assert time.monotonic() < deadline, log.read_text()
+            time.sleep(0.02)
+    except BaseException:
+        process.kill()
+        raise
     return process
 
 
