@@ -15,7 +15,8 @@ Several routes on the same pairs, one line each (weights from `s2r train model`)
     python tests/bench/bench_perception.py --split test --first 300 --count 30 --weights runs/model \\
         --route geometry,network,combined,no-interaction --out runs/perception-routes
 
-geometry: what `estimate_joint` does by itself. network: the pair network's votes alone. combined: its axes join
+geometry: what `estimate_joint` does by itself. vague: the same, also where a turn is known to half of itself only.
+network: the pair network's votes alone. combined: its axes join
 the geometric hypotheses. no-interaction: the network given the first view twice, as in the ablation of Sim2Real²
 without interaction.
 """
@@ -46,6 +47,7 @@ from s2r_host.perception.estimate import prepare
 from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import line_distance
 from s2r_host.perception.pair_network import PairNetworkRuntime
+from s2r_host.perception.verdict import KNOWN_TO, VAGUELY
 from s2r_host.perception.view import DepthView
 from s2r_sim.batch import run_jobs
 from s2r_sim.objects.pairs import Pair, draw_pair
@@ -61,7 +63,7 @@ CATEGORIES = {
 }
 COMMANDED = {"prismatic": 0.10, "revolute": np.radians(45)}
 SEEN_PX = 150
-ROUTES = ("geometry", "network", "combined", "no-interaction")
+ROUTES = ("geometry", "vague", "network", "combined", "no-interaction")
 
 
 def true_motion(pair: Pair) -> JointMotion:
@@ -116,8 +118,8 @@ def answer(
         AbstainError: Nothing.
         BadViewError: That it can not be asked.
     """
-    if route == "geometry":
-        return estimate_joint(before, after)
+    if route in ("geometry", "vague"):
+        return estimate_joint(before, after, known_to=VAGUELY if route == "vague" else KNOWN_TO)
     network, rng = runtime(weights), np.random.default_rng([seed, 5])
     if route == "combined":
         return estimate_joint(before, after, extra_axes=network.axes_between(before, after, rng))
@@ -294,7 +296,7 @@ def main() -> None:
     )
     parser.add_argument(
         "--route",
-        help="geometry, network, combined, no-interaction: some of them, comma-separated, on the same pairs",
+        help="geometry, vague, network, combined, no-interaction: some of them, comma-separated, on the same pairs",
     )
     parser.add_argument("--weights", type=Path, help="folder of a trained pair network")
     parser.add_argument("--jobs", type=int, default=1, help="processes")

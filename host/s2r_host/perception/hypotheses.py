@@ -27,11 +27,8 @@ from s2r_host.perception.planes import Plane, crossing_line, find_planes
 
 Array = NDArray[np.floating]
 
-ACROSS_COLUMNS, ACROSS_STEP_M, ACROSS_STEP_RAD = (
-    2,
-    0.025,
-    np.radians(20),
-)  # bodies, along the axis and about it
+ACROSS_COLUMNS = 2  # bodies
+ACROSS_STEP_M, ACROSS_STEP_RAD = 0.025, np.radians(20)  # along their axis and about it
 FEW_POINTS = 70
 SLIDES_M = np.concatenate([np.arange(0.008, 0.1, 0.008), np.arange(0.1, 0.42, 0.016)])
 TURNS_RAD = np.radians(np.concatenate([np.arange(4, 40, 4.0), np.arange(40, 125, 8.0)]))
