@@ -1,21 +1,14 @@
-"""Requests that are refused before anything is planned."""
+"""Requests whose numbers are refused before anything is planned."""
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
 from s2r_host.planning.out_of_reach import arm_reach_m
-from s2r_host.planning.scene import GeomKind, Scene
-from s2r_host.planning.scene_spec import FIRM_SOLIMP, FIRM_SOLREF, OBJECT_PREFIX
+from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest
 
-_STAY_S = 0.6  # how long an untouched part is watched
-# Success bands that a part may creep meanwhile below a friction that would hold it. More than the first is said, more
-# than the second is refused: by the time the hand is there the part is elsewhere.
-_CREEPS, _CREEPS_AWAY = 5.0, 10.0
 _MOST_TURNS = 4.0  # of a hinge without limits; a plan of many legs makes about two
-_FROZEN = 1e6  # armature and damping of what shall not move
 
 
 def check_numbers(request: PlanRequest) -> None:
@@ -88,127 +81,3 @@ def _in_degrees(scene: Scene, value: float) -> str:
         f"; the file's angles are degrees: were [{low:.4g}, {high:.4g}] meant as radians, it needs "
         '<compiler angle="radian"/>'
     )
-
-
-def check_stays(request: PlanRequest, scene: Scene, tolerance: float) -> None:
-    """Refuse objects that do not stay untouched, where they are now or at the target.
-
-    A lid that is lighter in friction than gravity falls back as soon as the arm leaves it, so no target but a stop can
-    be held. Watched in the fine model with an arm that touches nothing.
-    """
-    if is_coupled(scene):
-        return
-    for name, s in (("s_initial", request.s_initial), ("s_target", request.s_target)):
-        problem = drift(request, scene, tolerance, s, creep_bands=_CREEPS_AWAY)
-        if problem is not None:
-            raise PlanRefusedError(f"joint {request.joint!r} does not stay at {name} = {s:.4f}: {problem}")
-
-
-def creeping(request: PlanRequest, scene: Scene) -> str | None:
-    """That an untouched part creeps, though slowly enough to be planned for, and what ends that; or None."""
-    if is_coupled(scene):
-        return None
-    tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
-    for name, s in (("s_initial", request.s_initial), ("s_target", request.s_target)):
-        problem = drift(request, scene, tolerance, s)
-        if problem is not None:
-            return f"joint {request.joint!r} creeps at {name} = {s:.4f}: {problem}"
-    return None
-
-
-def is_coupled(scene: Scene) -> bool:
-    """Whether other things may move along with the joint: they would be in other places than one can tell."""
-    return bool(scene.fine.eq_active0.any() or scene.fine.tendon_limited.any())
-
-
-def drift(
-    request: PlanRequest, scene: Scene, tolerance: float, s: float, *, creep_bands: float = _CREEPS
-) -> str | None:
-    """Why an untouched part leaves joint value s, or None; by ``creep_bands`` it may where its friction should hold."""
-    model = _alone(scene)
-    moved, load, motor = _moved(model, request, scene, s)
-    friction = float(model.dof_frictionloss[scene.s_dof])
-    unit, force = ("m", "N") if scene.prismatic else ("rad", "N·m")
-    falls = abs(load) > friction and abs(moved) > tolerance
-    if not falls and abs(moved) < creep_bands * tolerance:
-        return None
-    moves = f"untouched it moves by {moved:+.4f} {unit} in {_STAY_S:g} s"
-    pushed = f"gravity and springs turn or push it with {abs(load):.2f} {force}"
-    if abs(motor) > 0.5 * abs(load):
-        pushed = f"the scene's own actuator, told 0, pushes it with {abs(motor):.2f} {force}"
-    if abs(load) > friction:
-        return f"{moves}, because {pushed} and its friction holds only {friction:.2f} {force}"
-    overlap = _touches_its_surroundings(model, mujoco.MjData(model), scene, s)
-    if overlap is not None:
-        return f"{moves}; there it {overlap}: leave room between them, or exclude the pair"
-    return f"{moves}: {pushed}; {_remedy(model, request, scene, s, friction, force)}"
-
-
-def _moved(model: mujoco.MjModel, request: PlanRequest, scene: Scene, s: float) -> tuple[float, float, float]:
-    """How far an untouched part goes from s while it is watched, what pushes it at first, and the motor's share."""
-    data = mujoco.MjData(model)
-    if request.others is not None:
-        data.qpos[scene.dof :] = request.others
-    data.qpos[: scene.dof] = data.ctrl[: scene.dof] = np.asarray(request.q_initial, dtype=float)
-    data.qpos[scene.s_qpos] = s
-    mujoco.mj_forward(model, data)
-    motor = float(data.qfrc_actuator[scene.s_dof])
-    load = motor + float(data.qfrc_passive[scene.s_dof] - data.qfrc_bias[scene.s_dof])
-    for _ in range(round(_STAY_S / model.opt.timestep)):
-        mujoco.mj_step(model, data)
-    return float(data.qpos[scene.s_qpos]) - s, load, motor
-
-
-def _remedy(
-    model: mujoco.MjModel, request: PlanRequest, scene: Scene, s: float, friction: float, force: str
-) -> str:
-    """What to set for a part that creeps below its friction, tried out, for the end of a sentence."""
-    before = abs(_moved(model, request, scene, s)[0])
-    model.dof_solref[scene.s_dof], model.dof_solimp[scene.s_dof] = FIRM_SOLREF, FIRM_SOLIMP
-    after = abs(_moved(model, request, scene, s)[0])
-    soft = f"dry friction as soft as the file has it creeps below its {friction:.2f} {force}"
-    if after > 0.5 * before:
-        return f"{soft}; give the joint more frictionloss"
-    unit = "m" if scene.prismatic else "rad"
-    attributes = 'solreffriction="{:g} {:g}" solimpfriction="{:g} {:g} {:g}"'.format(
-        *FIRM_SOLREF, *FIRM_SOLIMP[:3]
-    )
-    return (
-        f'{soft}; give <joint name="{request.joint}"> {attributes}, with which it moves by {after:.4f} {unit}'
-    )
-
-
-def _alone(scene: Scene) -> mujoco.MjModel:
-    """The fine model in which nothing but the task's joint moves, and nothing that could is in its way."""
-    model = scene.without_robot()
-    others = np.arange(model.nv) != scene.s_dof
-    others[: scene.dof] = False
-    model.dof_armature[others] = model.dof_damping[others] = _FROZEN
-    for geom in range(model.ngeom):
-        body = model.geom_bodyid[geom]
-        if scene.geom_kind[geom] == GeomKind.WORLD and model.body_weldid[body] != 0:
-            model.geom_contype[geom] = model.geom_conaffinity[geom] = 0
-    return model
-
-
-def _touches_its_surroundings(
-    model: mujoco.MjModel, data: mujoco.MjData, scene: Scene, s: float
-) -> str | None:
-    """What of the scene the untouched part overlaps with at joint value s, or None."""
-    mujoco.mj_resetData(model, data)
-    data.qpos[scene.s_qpos] = s
-    mujoco.mj_forward(model, data)
-    for contact in data.contact:
-        kinds = scene.geom_kind[contact.geom]
-        if (kinds == GeomKind.PART).sum() == 1 and contact.dist < 0.0:
-            one, other = (_name(model, int(geom)) for geom in contact.geom)
-            return f"overlaps by {-1e3 * contact.dist:.1f} mm ({one} with {other})"
-    return None
-
-
-def _name(model: mujoco.MjModel, geom: int) -> str:
-    """A geom as its file calls it, or its kind and body."""
-    body = int(model.geom_bodyid[geom])
-    kind = mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_").lower()
-    own, of = (thing.name.removeprefix(OBJECT_PREFIX) for thing in (model.geom(geom), model.body(body)))
-    return own or f"a {kind} of body {of or body!r}"

@@ -120,6 +120,11 @@ def part_box(scene: Scene, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]
     return corners.min(axis=0), corners.max(axis=0)
 
 
+def outermost_lever(scene: Scene, data: mujoco.MjData) -> float:
+    """Way that the outermost point of the part makes per unit of s: a radius [m] about a hinge, 1 on a slide."""
+    return float(scene.lever(data, _corners(scene, data, part_geoms(scene))).max())
+
+
 def tightness(places: Places, room_m: float) -> np.ndarray:
     """Cost of places that leave little room or are far from the touch, (n,), in units of radians of travel.
 
@@ -180,7 +185,7 @@ def _points_behind(
     geoms = part_geoms(scene)
     per_side = 9 if len(geoms) <= 16 else 4
     points, ways = [np.zeros((0, 3))], [np.zeros((0, 3))]
-    least_lever_m = _LEAST_LEVER * scene.lever(data, _corners(scene, data, geoms)).max()
+    least_lever_m = _LEAST_LEVER * outermost_lever(scene, data)
     for geom in geoms:
         starts = _starts(scene, data, geom, sign, per_side, least_lever_m)
         for start, way in zip(*starts, strict=True):

@@ -9,18 +9,25 @@ from dataclasses import replace
 import numpy as np
 
 from s2r_host.planning.attempt import Attempt
-from s2r_host.planning.door import check_numbers, check_stays, check_target
+from s2r_host.planning.blocked import check_gets_there
+from s2r_host.planning.door import check_numbers, check_target
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.hook import Hook
 from s2r_host.planning.hooking import find_hooks
+from s2r_host.planning.out_of_reach import OutOfReachError
 from s2r_host.planning.patience import Patience
+from s2r_host.planning.places import outermost_lever
+from s2r_host.planning.proposals import Route
 from s2r_host.planning.rewards import Task
 from s2r_host.planning.sampler import SamplerFactory, icem_sampler
 from s2r_host.planning.scene import Scene, build_scene
 from s2r_host.planning.settings import Stage
+from s2r_host.planning.staying import check_stays, s_after
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
 
 logger = logging.getLogger(__name__)
+
+_CREPT_M = 0.003  # way of a part's outermost point from which on it is somewhere else
 
 
 def scene_of(request: PlanRequest) -> Scene:
@@ -73,9 +80,7 @@ def plan_manipulation(
     world = world_of(request, scene)
     _check_possible(request, scene, world, tolerance)
     before_places = time.process_time()
-    hooks = find_hooks(
-        scene, world, request.object_mjcf, request.s_target, settings, leave=request.leave, patience=patience
-    )
+    hooks = _hooks_on_arrival(request, scene, world, patience)
     places_cpu_s = time.process_time() - before_places
     task = Task(request.s_initial, request.s_target, tolerance, scene.prismatic)
     attempts: list[Attempt] = []
@@ -90,6 +95,41 @@ def plan_manipulation(
         wall_s=time.perf_counter() - start_wall,
         places_cpu_s=places_cpu_s,
     )
+
+
+def _hooks_on_arrival(request: PlanRequest, scene: Scene, world: FineWorld, patience: Patience) -> list[Hook]:
+    """Places for the fingertip where a part that creeps will be by the time the hand is there.
+
+    Dry friction in MuJoCo is soft unless the file makes it firm: whatever gravity pulls at, sinks. A lid that is held
+    up by its hinge would come down on a hand that is on its way to a place just below where the lid is now.
+    """
+    settings = request.settings
+
+    def found(start: FineWorld) -> list[Hook]:
+        return find_hooks(
+            scene,
+            start,
+            request.object_mjcf,
+            request.s_target,
+            settings,
+            leave=request.leave,
+            patience=patience,
+        )
+
+    hooks = found(world)
+    if not settings.lead_in:
+        return hooks
+    ways = [np.concatenate([world.q[None], hook.whole_route[: hook.touch_row]]) for hook in hooks]
+    steps = np.median([len(Route(way, settings.action_max_rad).points) for way in ways])
+    s_there = s_after(request, scene, float(steps) * settings.control_dt_s)
+    crept_m = abs(s_there - request.s_initial) * outermost_lever(scene, world.data)
+    nearer = (s_there - request.s_initial) * (request.s_target - request.s_initial) > 0.0
+    if crept_m < _CREPT_M or nearer:
+        return hooks
+    try:
+        return found(FineWorld(scene, np.asarray(request.q_initial, dtype=float), s_there, request.others))
+    except OutOfReachError:
+        return hooks
 
 
 def _try_stage(
@@ -142,6 +182,7 @@ def is_possible(request: PlanRequest, scene: Scene) -> bool:
 def _check_possible(request: PlanRequest, scene: Scene, world: FineWorld, tolerance: float) -> None:
     check_target(request, scene, tolerance)
     check_stays(request, scene, tolerance)
+    check_gets_there(request, scene, tolerance)
     contact = world.check_now().contact
     if contact is not None:
         raise PlanRefusedError(

@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_host.planning.belief import Belief
-from s2r_host.planning.door import drift, is_coupled
+from s2r_host.planning.part_alone import is_coupled
 from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import plan_manipulation, scene_of
 from s2r_host.planning.scene import Scene
+from s2r_host.planning.staying import drift
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
 from s2r_host.trajectory.perturb import farthest_m, perturbed
 from s2r_host.trajectory.shift import shift_with_part

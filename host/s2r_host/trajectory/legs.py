@@ -12,11 +12,11 @@ import logging
 from dataclasses import replace
 
 from s2r_host.errors import HostError
-from s2r_host.planning.door import creeping
 from s2r_host.planning.out_of_reach import NeverInReachError, OutOfReachError
 from s2r_host.planning.patience import Patience
 from s2r_host.planning.planner import is_possible, scene_of
 from s2r_host.planning.scene import Scene
+from s2r_host.planning.staying import creeping
 from s2r_host.planning.task import PlanRequest
 from s2r_host.trajectory.deliver import SEED_STEP, plan_trajectory
 from s2r_host.trajectory.legs_joined import Leg, LeggedPlan

@@ -9,12 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from s2r_host.errors import HostError
-from s2r_host.planning.door import drift, is_coupled
 from s2r_host.planning.out_of_reach import OutOfReachError
+from s2r_host.planning.part_alone import is_coupled
 from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import world_of
 from s2r_host.planning.reach import stops_on_the_way
 from s2r_host.planning.scene import Scene
+from s2r_host.planning.staying import drift
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
 from s2r_host.trajectory.deliver import SEED_STEP, Delivery, apart, cannot_stay, plan_trajectory
 from s2r_host.trajectory.legs_joined import Leg, LeggedPlan, together

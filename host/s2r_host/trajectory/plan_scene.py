@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from s2r_host.plan_process import PLAN_FILES, WRITING, refusal
-from s2r_host.planning.door import creeping
 from s2r_host.planning.patience import Patience
 from s2r_host.planning.planner import scene_of
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
+from s2r_host.planning.staying import creeping
 from s2r_host.planning.task import PlanRequest
 from s2r_host.trajectory.legs import plan_legs
 from s2r_host.trajectory.legs_joined import Leg, LeggedPlan
