@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.planning.part_alone import alone_at, alone_model, is_coupled, overlap
-from s2r_host.planning.places import outermost_lever
+from s2r_host.planning.places import outermost_lever, part_geoms
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest
 
@@ -36,8 +36,8 @@ def check_gets_there(request: PlanRequest, scene: Scene, tolerance: float) -> No
     Raises:
         PlanRefusedError: It is blocked; the text says where and by what.
     """
-    if is_coupled(scene):
-        return
+    if is_coupled(scene) or not len(part_geoms(scene)):
+        return  # a part that nothing can touch is refused where places are looked for
     model = alone_model(scene)
     data = alone_at(model, request, scene, request.s_initial)
     way = request.s_target - request.s_initial
