@@ -90,15 +90,19 @@ def main() -> None:
         if chosen.only not in task[0]:
             continue
         if task not in known:
-            known[task] = carried_out(*task, chosen.out, chosen.limit)
+            name, joint, target = task
+            known[task] = carried_out(SCENES / f"{name}.xml", joint, target, chosen.out, chosen.limit)
             with results.open("a") as file:
                 file.write(json.dumps(known[task]) + "\n")
         print(line(known[task]), flush=True)
 
 
-def carried_out(name: str, joint: str, target: float, out: Path, limit_s: float | None) -> dict[str, Any]:
+def carried_out(
+    scene_file: Path, joint: str, target: float, out: Path, limit_s: float | None
+) -> dict[str, Any]:
     """One task planned and verified."""
-    folder, scene_file = out / f"{name}_{joint}_{target:g}", SCENES / f"{name}.xml"
+    name = scene_file.stem
+    folder = out / f"{name}_{joint}_{target:g}"
     settings = PlanSettings(threads=1)
     row: dict[str, Any] = {"scene": name, "joint": joint, "target": target}
     cpu_s = time.process_time()

@@ -23,50 +23,29 @@ class FreeSpace:
     def __init__(
         self, scene: Scene, threads: int, margin_m: float = 0.0, others: np.ndarray | None = None
     ) -> None:
-        """Args: scene; threads; ``margin_m``, distance that counts as a contact already, fingertip excepted.
+        """Args: scene; threads; ``margin_m``, distance that counts as a contact already, but of fingertip and part.
 
         ``others`` are the positions of everything besides the arm, (nq - dof,); None: as the file has them.
         """
         self._dof, self._s = scene.dof, scene.s_qpos
-        self._all = self._batch(scene, threads, margin_m, touching=False)
-        self._touching = self._batch(scene, threads, margin_m, touching=True)
+        robot = [_of_robot(scene, threads, margin_m, touching=touching) for touching in (False, True)]
+        fingers = [_of_fingers(scene, threads, margin_m)] if margin_m > 0.0 else []
+        self._all, self._touching = ([batch, *fingers] for batch in robot)
         self._qpos0 = scene.fine.qpos0.copy()
         if others is not None:
             self._qpos0[scene.dof :] = others
 
-    @staticmethod
-    def _batch(scene: Scene, threads: int, margin_m: float, *, touching: bool) -> mujoco.batch.Batch:
-        """A batch in which only the robot has contacts; with ``touching``, fingers against the part have none."""
-        model = copy.copy(scene.fine)
-        kind = scene.geom_kind
-        robot, finger = kind >= GeomKind.ROBOT, kind == GeomKind.FINGER
-        solid = scene.solid & ~robot
-        model.geom_contype[:] = 0
-        model.geom_conaffinity[:] = 0
-        model.geom_contype[robot] = np.where(finger[robot], _FINGER_BIT, _ARM_BIT)
-        model.geom_conaffinity[robot | solid] = _ARM_BIT | _FINGER_BIT
-        if touching:
-            model.geom_conaffinity[solid & (kind == GeomKind.PART)] = _ARM_BIT
-        if margin_m > 0.0:
-            model.geom_margin[robot & ~finger] = margin_m
-            model.geom_gap[robot & ~finger] = margin_m
-        return mujoco.batch.Batch(model, nsim=_CHUNK, nthread=threads)
-
     def contacts(self, q: np.ndarray, s: float | np.ndarray, *, touching: bool = False) -> np.ndarray:
         """Number of contacts, (n,), at postures q (n, dof) with the object's joint at s; see ``touching`` above."""
-        batch = self._touching if touching else self._all
-        qpos, ncon = batch.bind("qpos"), batch.bind("ncon")
         counts = np.zeros(len(q), dtype=int)
         s = np.broadcast_to(s, len(q))
         for start in range(0, len(q), _CHUNK):
             part = slice(start, start + _CHUNK)
-            ids = np.arange(len(q[part]))
-            rows = np.tile(self._qpos0, (len(ids), 1))
+            rows = np.tile(self._qpos0, (len(q[part]), 1))
             rows[:, : self._dof] = q[part]
             rows[:, self._s] = s[part]
-            qpos[ids] = rows
-            batch.forward(ids=ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
-            counts[part] = np.asarray(ncon)[ids].reshape(-1)
+            for batch in self._touching if touching else self._all:
+                counts[part] += _contacts(batch, rows)
         return counts
 
     def blocked_share(self, q_from: np.ndarray, q_to: np.ndarray, s: float, count: int = 10) -> np.ndarray:
@@ -83,3 +62,58 @@ class FreeSpace:
             count = max(1, int(np.ceil(np.abs(b - a).max() / step_rad)))
             points.append(a + (np.arange(1, count + 1) / count)[:, None] * (b - a))
         return not self.contacts(np.concatenate(points), s).any()
+
+
+def _of_robot(scene: Scene, threads: int, margin_m: float, *, touching: bool) -> mujoco.batch.Batch:
+    """A batch in which only the robot has contacts; with ``touching``, fingers against the part have none."""
+    kind = scene.geom_kind
+    robot, finger = kind >= GeomKind.ROBOT, kind == GeomKind.FINGER
+    solid = scene.solid & ~robot
+    model = _without_contacts(scene)
+    model.geom_contype[robot] = np.where(finger[robot], _FINGER_BIT, _ARM_BIT)
+    model.geom_conaffinity[robot | solid] = _ARM_BIT | _FINGER_BIT
+    if touching:
+        model.geom_conaffinity[solid & (kind == GeomKind.PART)] = _ARM_BIT
+    _keep_apart(model, robot & ~finger, margin_m)
+    return mujoco.batch.Batch(model, nsim=_CHUNK, nthread=threads)
+
+
+def _of_fingers(scene: Scene, threads: int, margin_m: float) -> mujoco.batch.Batch:
+    """A batch in which only the fingers have contacts, with what is neither robot nor part.
+
+    On its own because the margins of two geoms add up: the robot would have to keep twice as far from there.
+    """
+    kind = scene.geom_kind
+    finger = kind == GeomKind.FINGER
+    around = scene.solid & (kind < GeomKind.ROBOT) & (kind != GeomKind.PART)
+    model = _without_contacts(scene)
+    model.geom_contype[finger] = _FINGER_BIT
+    model.geom_conaffinity[around] = _FINGER_BIT
+    _keep_apart(model, finger, margin_m)
+    return mujoco.batch.Batch(model, nsim=_CHUNK, nthread=threads)
+
+
+def _without_contacts(scene: Scene) -> mujoco.MjModel:
+    model = copy.copy(scene.fine)
+    model.geom_contype[:] = 0
+    model.geom_conaffinity[:] = 0
+    return model
+
+
+def _keep_apart(model: mujoco.MjModel, geoms: np.ndarray, margin_m: float) -> None:
+    """Let geoms (n,) have contacts from a distance on; their bodies' margins are what the broad phase goes by."""
+    model.geom_margin[geoms] = margin_m
+    bodies = np.unique(model.geom_bodyid[geoms])
+    model.body_margin[bodies] = np.maximum(model.body_margin[bodies], margin_m)
+
+
+def _contacts(batch: mujoco.batch.Batch, qpos: np.ndarray) -> np.ndarray:
+    """Number of contacts, (n,), at up to a batch of positions (n, nq)."""
+    ids = np.arange(len(qpos))
+    given, ncon = (
+        batch.bind("qpos"),
+        batch.bind("ncon"),
+    )  # what is bound later than it is computed stays empty
+    given[ids] = qpos
+    batch.forward(ids=ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
+    return np.asarray(ncon)[ids].reshape(-1)

@@ -35,6 +35,10 @@ _FRAGILE_CONTACT = 1.25  # of the joint torque that contact may cause
 _LARGEST_M = 0.04  # a larger correction means that the fingertip lost the part
 
 
+class MotionHitsError(PlanRefusedError):
+    """A plan was found, but timed within the arm's limits its motion hits what it only just passes in the plan."""
+
+
 @dataclass(frozen=True, eq=False)
 class Delivery:
     """A trajectory that the fine model has followed to the target.
@@ -73,8 +77,8 @@ def plan_trajectory(
 ) -> tuple[PlanResult, Delivery]:
     """Plan and deliver; a plan that cannot be delivered is planned again with another seed.
 
-    After a motion that hits a slightly different object, the robot keeps as far from everything as that object may be
-    displaced, see :func:`apart`.
+    After a motion that hits something, if only a slightly different object, the robot keeps as far from everything as
+    that object may be displaced, see :func:`apart`.
 
     Args:
         request: The task.
@@ -93,10 +97,10 @@ def plan_trajectory(
     """
     scene, patience = scene or scene_of(request), patience or Patience()
     second_best: tuple[PlanResult, Delivery] | None = None
+    tight = False
     for attempt in range(attempts):
         found = False
-        hit = second_best is not None and second_best[1].hits
-        task = replace(apart(request) if hit else request, seed=request.seed + SEED_STEP * attempt)
+        task = replace(apart(request) if tight else request, seed=request.seed + SEED_STEP * attempt)
         try:
             result = plan_manipulation(task, scene, patience)
             found = result.success
@@ -107,11 +111,15 @@ def plan_trajectory(
                 return result, delivery
             if second_best is None or _calmer(delivery, second_best[1], request):
                 second_best = result, delivery
+            tight = second_best[1].hits
             if _is_settled(delivery, request, scene):
                 break
         except (PlanRefusedError, TrajectoryError, TimeIsUpError) as error:
             logger.info("attempt %d of %d: %s", attempt + 1, attempts, error)
+            newly_tight = isinstance(error, MotionHitsError) and not tight
+            tight |= newly_tight
             hopeless = (only_fragile and second_best is None) or (only_found and not found)
+            hopeless &= not newly_tight
             last = attempt == attempts - 1 or hopeless or isinstance(error, TimeIsUpError)
             if last and second_best is None:
                 raise
@@ -149,6 +157,7 @@ def deliver(
             with the least contact torque where that is too much with the first.
 
     Raises:
+        MotionHitsError: No attempt passed, and the last hit something.
         PlanRefusedError: No attempt passed; the text has the reason of the last one.
         TrajectoryError: The path cannot be timed.
         TimeIsUpError: The time limit has passed.
@@ -159,17 +168,20 @@ def deliver(
     scene = scene or scene_of(request)
     if perturbations is None:
         perturbations = perturbed(request.settings.doubt, scene.axis_at_rest())
-    problem = "no attempt"
+    problem = PlanRefusedError("no attempt")
     second_best: Delivery | None = None
     for followed, path, touch, speed in _paths(request, result):
         patience.check(f"timing the motion along the plan's {followed}")
         timed = replace(settings, speed=settings.speed * speed)
-        delivery, problem = _corrected(request, result, scene, path, touch, timed, followed)
-        if delivery is not None:
+        try:
+            delivery = _corrected(request, result, scene, path, touch, timed, followed)
+        except (PlanRefusedError, TrajectoryError) as error:
+            problem = error
+        else:
             delivery = judged(delivery, request, scene, perturbations)
             if delivery.fragile is None:
                 return delivery
-            problem = delivery.fragile
+            problem = PlanRefusedError(delivery.fragile)
             if second_best is None or _calmer(delivery, second_best, request):
                 second_best = delivery
             if accept_fragile and _is_settled(delivery, request, scene, perturbations):
@@ -177,7 +189,7 @@ def deliver(
         logger.info("timed along the plan's %s at speed %.1f: %s", followed, speed, problem)
     if second_best is not None and accept_fragile:
         return second_best
-    raise PlanRefusedError(problem)
+    raise problem
 
 
 def apart(request: PlanRequest) -> PlanRequest:
@@ -284,27 +296,32 @@ def _corrected(
     touch: int,
     timed: TimeLawSettings,
     followed: str,
-) -> tuple[Delivery | None, str]:
-    """The delivery along one path, or None and the reason."""
+) -> Delivery:
+    """The delivery along one path.
+
+    Raises:
+        MotionHitsError: It touches something unexpected.
+        PlanRefusedError: It does not end on target, or takes too much.
+        TrajectoryError: It cannot be timed.
+    """
     tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
     shift = shift_with_part(path[-1], result.final, scene)
     ramp = np.clip((np.arange(len(path)) - touch) / max(len(path) - 1 - touch, 1), 0.0, 1.0)[:, None]
     extra, problem = 0.0, ""
     for correction in range(_CORRECTIONS + 1):
-        try:
-            trajectory = time_law(path + ramp * extra * shift, request.arm, timed, touch, scene.gravity)
-        except TrajectoryError as error:
-            return None, str(error)
+        trajectory = time_law(path + ramp * extra * shift, request.arm, timed, touch, scene.gravity)
         played = replay(trajectory, request, scene)
         found = played.problem(tolerance, request.settings)
         if found is None and abs(played.offset) < 0.5 * tolerance:
-            return Delivery(trajectory, played, correction, followed, timed.speed), ""
+            return Delivery(trajectory, played, correction, followed, timed.speed)
         problem = found or f"the timed motion ends {played.offset:+.4f} from the target"
+        if played.contact is not None:
+            raise MotionHitsError(problem)
         extra += played.offset
-        if played.contact is not None or played.press_N > request.settings.press_max_N:
+        if played.press_N > request.settings.press_max_N:
             break
         if played.torque_share > request.settings.torque_margin:
             break
         if abs(extra) > max(_LARGEST_M, 0.3 * abs(request.s_target - request.s_initial)):
             break
-    return None, problem
+    raise PlanRefusedError(problem)

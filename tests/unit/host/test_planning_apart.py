@@ -2,9 +2,11 @@
 
 import importlib
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from s2r_host.planning import PlanRequest, PlanSettings
 from s2r_host.planning.free_space import FINE_STEP_RAD, FreeSpace
 from s2r_host.planning.hooking import find_hooks
 from s2r_host.planning.planner import scene_of, world_of
+from s2r_host.planning.scene import GeomKind
 from s2r_host.planning.settings import PlanSettingsError
 from s2r_host.planning.task import PlanRefusedError
 from s2r_host.trajectory import plan_trajectory
@@ -59,9 +62,58 @@ def test_where_no_place_leaves_so_much_room_the_usual_ones_are_taken(task):
     assert [hook.q.tolist() for hook in apart] == [hook.q.tolist() for hook in usual]
 
 
+def test_room_is_what_lies_between_the_shapes(task):
+    request, scene, world = task
+    hook = hooks_with(task, 0.0)[0]
+    way = np.concatenate([[request.q_initial], hook.approach, hook.route[:2]])
+    points = np.concatenate([np.linspace(a, b, 40) for a, b in pairwise(way)])
+    room_m = np.array([least_room_m(scene, world, q) for q in points])
+    counted = FreeSpace(scene, 1, APART_M, world.others).contacts(points, 0.0) > 0
+    near, far = room_m < 0.95 * APART_M, room_m > 1.05 * APART_M
+    assert near.sum() >= 5
+    assert far.sum() >= 50
+    assert counted[near].all()
+    assert not counted[far].any()
+
+
+def least_room_m(scene, world, q):
+    """Distance between robot and everything else, but of fingertip and part, shape by shape."""
+    model, data = scene.fine, mujoco.MjData(scene.fine)
+    data.qpos[:] = world.data.qpos
+    data.qpos[: scene.dof] = q
+    mujoco.mj_kinematics(model, data)
+    kind, moves = scene.geom_kind, model.body_weldid[model.geom_bodyid] > 0
+    return min(
+        mujoco.mj_geomDistance(model, data, int(robot), int(other), 0.05, None)
+        for robot in np.flatnonzero(scene.solid & (kind >= GeomKind.ROBOT) & moves)
+        for other in np.flatnonzero(scene.solid & (kind < GeomKind.ROBOT))
+        if not (kind[robot] == GeomKind.FINGER and kind[other] == GeomKind.PART)
+    )
+
+
 def test_room_is_a_distance():
     with pytest.raises(PlanSettingsError, match="apart_m"):
         PlanSettings(apart_m=-0.001)
+
+
+def test_after_a_timed_motion_that_hits_something_the_next_one_keeps_room(task, monkeypatch):
+    request, scene, _ = task
+    wanted = []
+
+    def plan(planned, *_):
+        wanted.append(planned.settings.apart_m)
+        return SimpleNamespace(success=True)
+
+    def delivered(*_, **__):
+        if len(wanted) == 1:
+            raise DELIVER.MotionHitsError("finger against case")
+        raise PlanRefusedError("too slow")
+
+    monkeypatch.setattr(DELIVER, "plan_manipulation", plan)
+    monkeypatch.setattr(DELIVER, "deliver", delivered)
+    with pytest.raises(PlanRefusedError, match="too slow"):
+        plan_trajectory(request, scene=scene, only_fragile=True)
+    assert wanted == [0.0, APART_M]
 
 
 @pytest.mark.parametrize(("hits", "asked"), [(True, [0.0, APART_M, APART_M]), (False, [0.0, 0.0, 0.0])])
