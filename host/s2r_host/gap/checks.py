@@ -39,6 +39,14 @@ def check_joints(model: RigidModel, rec: Recording) -> list[str]:
                     f"{rec.name}: column '{kind}.{joint}' names a joint the model does not have ({known}); "
                     "map it under 'joint_names' in the side file"
                 )
+    law = rec.controller
+    for gain, table in (("kp", law.kp), ("kd", law.kd), ("ki", law.ki)):
+        for joint in table:
+            if joint not in model.joints:
+                raise GapRecordingError(
+                    f"{rec.name}.yaml: controller.{gain} names '{joint}', a joint the model does not have ({known}); "
+                    "map it under 'joint_names'"
+                )
     for joint in rec.joints:
         _check_range(model, rec, joint)
         _check_command(rec, joint)

@@ -84,7 +84,9 @@ class Design:
                 rows = self.rows_of[joint]
                 C, fixed = C[rows], None if fixed is None else fixed[rows]
             effort = self.problem.effort if joint < 0 else self.problem.effort[self.rows_of[joint]]
-            effort_rms = float(np.sqrt(np.mean(effort**2))) + 1e-12
+            # Where nothing drives the motion, what the model asks for is all there is to compare with.
+            wanted = self.problem.y if joint < 0 else self.problem.y[self.rows_of[joint]]
+            effort_rms = float(np.sqrt(max(np.mean(effort**2), np.mean(wanted**2)))) + 1e-12
             size = np.sqrt(np.mean(C**2, axis=0)) + 1e-12 * effort_rms
             prior = effect.deviations() if isinstance(effect, LinkGroup) else 0.5 * effort_rms / size
             stored = self._columns[term] = Stored(joint, C, fixed, positive, prior)

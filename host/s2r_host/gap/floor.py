@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import count_reversals
+from s2r_host.gap.friction_seen import TRUSTED, between_level, trust
+from s2r_host.gap.known_noise import known_noise
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.rows import Block, compare, picks_of, residual
 from s2r_host.gap.session import Session
@@ -14,6 +16,7 @@ GENERIC_FOLDS = 8
 GENERIC_BINS = 40
 LEAST_ROWS = 4 * GENERIC_FOLDS  # fewer hold nothing to predict from
 STROKE_PARTS = 6
+KNOWN_TIMES = 4.0  # the channels' own noise that a guessed floor may be; clean recordings stay below 1.5
 LOOP_SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 
 
@@ -45,11 +48,53 @@ def noise_samples(
     return noise, source
 
 
+def floor_level(
+    model: RigidModel,
+    sessions: list[Session],
+    blocks: list[Block],
+    noise: list[np.ndarray],
+    j: int,
+    *,
+    guessed: bool,
+) -> float:
+    """The noise floor of a joint, rms [N·m or N].
+
+    Args:
+        model: The nominal model.
+        sessions: All recordings.
+        blocks: All blocks.
+        noise: Noise samples of the joint; where they are ``guessed`` one array per block of the joint.
+        j: The joint.
+        guessed: They are what a generic correction leaves over. An effect that it does not follow is in there, too,
+            so rows in which the joint may stick do not count, and the channels' own noise bounds it.
+    """
+    between = between_level(model, sessions, j)
+    level = float(np.hypot(rms(noise), between))
+    if not guessed:
+        return level
+    known = max((known_noise(model, s, j) for s in sessions if s.has_u[j]), default=0.0)
+    declared = max((s.rec.effort_sigma.get(model.joints[j], 0.0) for s in sessions), default=0.0)
+    if known > 0.0:
+        level = min(level, float(np.hypot(KNOWN_TIMES * max(known, declared), between)))
+    clear = (
+        np.concatenate([trust(model, b, level, guessed=True) for b in blocks if b.joint == j]) ** 2 >= TRUSTED
+    )
+    samples = np.concatenate(noise)
+    if len(samples) == len(clear) and clear.sum() >= LEAST_ROWS:
+        level = min(level, float(np.hypot(rms([samples[clear]]), between)))
+    return level
+
+
+def rms(samples: list[np.ndarray]) -> float:
+    """Root mean square of all samples."""
+    return float(np.sqrt(np.mean(np.concatenate(samples) ** 2)))
+
+
 def at_least_declared(joint: str, noise: list[np.ndarray], fit: list[Session]) -> list[np.ndarray]:
     """The noise samples, made larger where the recordings declare a less accurate effort than they show."""
     declared = max((s.rec.effort_sigma.get(joint, 0.0) for s in fit), default=0.0)
-    rms = float(np.sqrt(np.mean(np.concatenate(noise) ** 2))) if noise else 0.0
-    return [x * (declared / rms) for x in noise] if 0.0 < rms < declared else noise
+    seen = rms(noise) if noise else 0.0
+    return [x * (declared / seen) for x in noise] if 0.0 < seen < declared else noise
 
 
 def find_partner(twin: Session, fit: list[Session]) -> Session | None:

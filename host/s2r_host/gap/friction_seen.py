@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from s2r_host.gap.evidence import AR_ORDER
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.rows import Block, compare
 from s2r_host.gap.session import Session
 
-STICK_DOUBT = 0.5
+STICK_DOUBT = 0.5  # times the friction, for rows at rest
+REST_DOUBT = (
+    3.0  # at rest for longer, where no second run shows what comes back there: many rows that say nothing
+)
+REST_S = 0.2
+TRUSTED = 0.25  # squared weight from which on a row tells what is left over
 ONE_WAY = 0.05  # spread of the direction of motion below which a joint goes one way only
 SLOW_LOG_S = 0.01
 BETWEEN_SHARE = 0.25
@@ -43,18 +49,28 @@ def _friction_fit(s: Session, j: int) -> np.ndarray:
     return s.cache[key]
 
 
-def trust(model: RigidModel, block: Block, floor: float) -> np.ndarray:
+def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = False) -> np.ndarray:
     """Weight of the rows of a block, shape (rows,), in (0, 1].
 
-    At rest dry friction balances whatever is there, up to its break-away level: such rows say little.
+    At rest dry friction balances whatever is there, up to its break-away level: such rows say little. Where the floor
+    is ``guessed`` without a second run, those of a longer rest and the next, into which whitening mixes them, say less.
     """
     s, j = block.session, block.joint
     still = compare(stillness(s, j), s, j, True)[block.picks]
-    doubt = STICK_DOUBT * max(stiction(s, j)) * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
+    stick = np.full(len(still), STICK_DOUBT)
+    if guessed:
+        stick[_rests(s, j)[block.picks]] = REST_DOUBT
+    doubt = stick * max(stiction(s, j)) * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
     between = np.clip(compare(_between_rows(model, s, j), s, j, True)[block.picks], 0.0, None) / max(
         floor, 1e-12
     )
-    return 1.0 / np.sqrt(1.0 + doubt**2 + between**2)
+    weight = 1.0 / np.sqrt(1.0 + doubt**2 + between**2)
+    if not guessed:
+        return weight
+    spread = weight.copy()
+    for k in range(1, AR_ORDER + 1):
+        spread[k:] = np.minimum(spread[k:], weight[:-k])
+    return spread
 
 
 def between_level(model: RigidModel, sessions: list[Session], j: int) -> float:
@@ -82,6 +98,17 @@ def _between_rows(model: RigidModel, s: Session, j: int) -> np.ndarray:
         else np.full(len(raw), bend[0])
     )
     return np.interp(s.t, s.rec.t, BETWEEN_SHARE * bend)
+
+
+def _rests(s: Session, j: int) -> np.ndarray:
+    """Where a joint stays still for longer than it takes to turn round, shape (time,)."""
+    still = stillness(s, j) > 0.5
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    rests = np.zeros(len(still), dtype=bool)
+    for start, end in edges.reshape(-1, 2):
+        if (end - start) * s.dt > REST_S:
+            rests[start:end] = True
+    return rests
 
 
 def stillness(s: Session, j: int) -> np.ndarray:

@@ -34,6 +34,14 @@ def too_short(model: RigidModel, fit: list[Session]) -> str | None:
     )
 
 
+def at_rest(model: RigidModel, fit: list[Session]) -> str | None:
+    """A sentence when no joint with an effort changes its position at all."""
+    with_effort = sorted({int(j) for s in fit for j in np.flatnonzero(s.has_u)})
+    if any(_span(fit, j) > 0.0 for j in with_effort):
+        return None
+    return _still(model, fit, with_effort[0])
+
+
 def no_motion(model: RigidModel, fit: list[Session], problem: Problem) -> str | None:
     """A sentence when no joint moves enough to show anything, whatever the residual looks like."""
     still = [j for j in problem.joints if _span(fit, j) < _least_span(model, fit, j)]

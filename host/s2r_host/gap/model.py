@@ -33,7 +33,7 @@ class RigidModel:
         if not self.path.is_file():
             raise GapModelError(f"model '{path}': no such file")
         try:
-            self.spec = mujoco.MjSpec.from_file(str(self.path))
+            self.spec = read_spec(self.path)
             self.model = self.spec.compile()
         except (ValueError, RuntimeError, mujoco.FatalError) as error:
             text = " ".join(str(error).split())
@@ -47,7 +47,7 @@ class RigidModel:
                     f"model '{self.path.name}': joint '{m.joint(i).name}' is neither hinge nor slide; "
                     "fix the floating base or remove the free body first"
                 )
-        self.joints = tuple(m.joint(i).name or f"joint{i}" for i in range(m.njnt))
+        self.joints = tuple(m.joint(i).name for i in range(m.njnt))
         self._inverse_model = self.variant(lambda _: None)
         self._data = mujoco.MjData(self._inverse_model)
 
@@ -148,5 +148,22 @@ class RigidModel:
         return [b for b in sorted(moved) if m.body_mass[b] > 0]
 
     def body_name(self, body: int) -> str:
-        """Name of a body, or its number."""
-        return self.model.body(body).name or f"body{body}"
+        """Name of a body; one that the file leaves nameless is called by its number."""
+        return str(self.model.body(body).name)
+
+
+def read_spec(path: Path) -> mujoco.MjSpec:
+    """A model file to be changed; bodies and joints that it leaves nameless are named by their numbers.
+
+    Raises:
+        ValueError: It does not compile.
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
+    spec.compile()
+    for kind, elements in (("body", spec.bodies), ("joint", spec.joints)):
+        taken = {element.name for element in elements}
+        for element in elements:
+            if not element.name:
+                name = f"{kind}{element.id}"
+                element.name = name if name not in taken else f"{name}_"
+    return spec

@@ -25,6 +25,7 @@ from s2r_host.gap.recording_files import read_recording
 from s2r_host.gap.replay import Live, Twin, build_twin, has_loop, run
 from s2r_host.gap.search import Search
 from s2r_host.gap.seeds import fill_residuals, sharpen_sign
+from s2r_host.gap.servo_law import with_speeds_used
 from s2r_host.gap.session import Session, make_session
 from s2r_host.gap.slow_log import filled
 from s2r_host.gap.solution import Solution
@@ -61,6 +62,8 @@ def load_sessions(model: RigidModel, paths: list[Path], first: int, notes: list[
     for i, path in enumerate(paths):
         rec = read_recording(path)
         notes += check_joints(model, rec)
+        rec, said = with_speeds_used(rec)
+        notes += said
         rec = filled(model, rec)
         notes += [f"{rec.name}: {w}" for w in rec.warnings]
         s = make_session(model, rec, first + i)
@@ -97,7 +100,11 @@ def analyse(
             "three of ten stretches"
         )
     a = Analysis(model, fit, hold, repeats, None, None, None, [], None, None, None, "insufficient", notes)
-    reason = insufficient.no_effort(model, fit) or insufficient.too_short(model, fit)
+    reason = (
+        insufficient.no_effort(model, fit)
+        or insufficient.too_short(model, fit)
+        or insufficient.at_rest(model, fit)
+    )
     if reason:
         a.notes.insert(0, reason)
         _without_effort(a, log)

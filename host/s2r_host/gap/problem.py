@@ -9,8 +9,8 @@ import numpy as np
 from s2r_host.gap.drift import Drift
 from s2r_host.gap.effects.base import Columns, Context
 from s2r_host.gap.evidence import Whitener, fit_whitener
-from s2r_host.gap.floor import find_partner, noise_samples, rms_doubt
-from s2r_host.gap.friction_seen import between_level, dry_level, friction_levels, trust
+from s2r_host.gap.floor import LEAST_ROWS, find_partner, floor_level, noise_samples, rms, rms_doubt
+from s2r_host.gap.friction_seen import TRUSTED, dry_level, friction_levels, trust
 from s2r_host.gap.kinematics import Contradiction, contradiction
 from s2r_host.gap.law import LawFinding, check_law, stamps_agree
 from s2r_host.gap.model import RigidModel
@@ -103,7 +103,16 @@ class Problem:
         return out * self.weight
 
     def rms(self, rows: np.ndarray, block: Block, mask: np.ndarray) -> float:
-        """Root mean square of effort rows of a block where ``mask`` holds, each row as trusted as its weight."""
+        """Root mean square of effort rows of a block where ``mask`` holds, each row as trusted as its weight.
+
+        Under a guessed floor rows in which the joint may stick count only where there are no others, and then by what
+        they are doubted.
+        """
+        if self.floor_source != "repeat":
+            trusted = mask & (self.weight[block.rows] ** 2 >= TRUSTED)
+            if trusted.sum() < LEAST_ROWS:
+                return float(np.sqrt(np.mean((self.weight[block.rows] * rows[block.rows])[mask] ** 2)))
+            mask = trusted
         weight = self.weight[block.rows][mask] ** 2
         return float(np.sqrt(weight @ rows[block.rows][mask] ** 2 / max(float(weight.sum()), 1e-12)))
 
@@ -149,13 +158,14 @@ def build_problem(
     for j in joints:
         scale = max(float(np.std(s.u[:, j])) for s in sessions if s.has_u[j])
         whitener = fit_whitener(noise[j], 1e-4 * scale)
-        own = max(float(np.sqrt(np.mean(np.concatenate(noise[j]) ** 2))), 1e-4 * scale)
-        floor[j] = float(np.hypot(own, between_level(model, sessions, j)))
+        own = max(rms(noise[j]), 1e-4 * scale, 1e-12)
+        level = floor_level(model, sessions, blocks, noise[j], j, guessed=source != "repeat")
+        floor[j] = max(level, 1e-4 * scale, 1e-12)
         whiteners[j] = replace(whitener, scale=whitener.scale * floor[j] / own)
     problem = Problem(
         ctx, joints, blocks, whiteners, np.zeros(start), np.concatenate(raw), np.zeros(start),
         np.concatenate(held), base_parameters(model), np.zeros((start, 0)), np.zeros(0), floor, source,
-        np.concatenate([trust(model, b, floor[b.joint]) for b in blocks]),
+        np.concatenate([trust(model, b, floor[b.joint], guessed=source != "repeat") for b in blocks]),
     )  # fmt: skip
     for block, values in zip(blocks, raw, strict=True):
         w = whiteners[block.joint]

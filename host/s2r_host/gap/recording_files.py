@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from s2r_host.gap.recording_tables import read_table
 KINDS = ("q", "dq", "tau", "q_cmd", "dq_cmd", "tau_ff", "current", "temp", "wrench")
 CONTROLLERS = ("pd", "pid", "position_servo", "none")
 MIN_SAMPLES = 50
+CONTROLLER_KEYS = {"type", "kp", "kd", "ki", "rate_hz"}
 SIDE_KEYS = {"controller", "effort", "effort_sigma", "input", "units", "joint_names", "session", "notes"}
 
 
@@ -48,6 +50,7 @@ def _read_side_file(path: Path) -> dict:
 
 def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording:
     warnings: list[str] = []
+    _refuse_misspelt(side, SIDE_KEYS, f"{path.stem}.yaml")
     unknown = sorted(set(side) - SIDE_KEYS)
     if unknown:
         warnings.append(f"side file: unknown key(s) {', '.join(map(str, unknown))} ignored")
@@ -108,6 +111,14 @@ def _mapping(side: dict, key: str, path: Path) -> dict:
     if not isinstance(value, dict):
         raise GapRecordingError(f"{path.stem}.yaml: '{key}' must be a map, found {type(value).__name__}")
     return value
+
+
+def _refuse_misspelt(table: dict, known: set[str], where: str) -> None:
+    """Refuse a key that is all but one of the known ones: a law that is not read is not missed by anybody."""
+    for key in table:
+        meant = difflib.get_close_matches(str(key).lower(), known, n=1, cutoff=0.75)
+        if key not in known and meant:
+            raise GapRecordingError(f"{where}: key '{key}' is not known; is '{meant[0]}' meant?")
 
 
 def _positive_numbers(side: dict, key: str, names: dict, path: Path) -> dict[str, float]:
@@ -211,6 +222,7 @@ def _controller(side: dict, names: dict, path: Path) -> Controller:
         raise GapRecordingError(
             f"{path.stem}.yaml: controller type '{kind}'; allowed: {', '.join(CONTROLLERS)}"
         )
+    _refuse_misspelt(raw, CONTROLLER_KEYS, f"{path.stem}.yaml: controller")
     gains: dict[str, dict[str, float]] = {}
     for key in ("kp", "kd", "ki"):
         table = raw.get(key) or {}

@@ -137,7 +137,7 @@ def line_hz(effort: np.ndarray, dt: float) -> float:
     """
     f, power = welch(effort, 1.0 / dt, nperseg=min(1024, len(effort) // 4))
     above = f > COMPARE_CUT_HZ
-    if power[above].sum() < LINE_SHARE * power.sum():
+    if not power.any() or power[above].sum() < LINE_SHARE * power.sum():
         return 0.0
     order = np.argsort(-power * above)[: max(3, len(f) // 40)]
     if power[order].sum() < LINE_SHARE * power.sum():

@@ -17,7 +17,7 @@ from s2r_host.gap.solution import Solution
 LEAST_HZ, PER_RECORD = 0.5, 4.0  # lowest frequency, steps of the first grid per line width
 BETTER = 0.5  # power the sine may leave, in that of the explanation, in every recording
 STEADY = 1.5  # ratio of its amplitudes between recordings: what swings by itself swings alike
-MOTION_SHARE = 0.2  # of the joint's speed within two line widths: there the motion itself has its line
+MOTION_SHARE = 0.08  # of the joint's speed within two line widths: there the motion itself has its line
 ROUNDS = 3
 
 

@@ -10,7 +10,16 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.effects.base import (
+    Columns,
+    Context,
+    Effect,
+    Runtime,
+    Shape,
+    StepState,
+    Value,
+    as_written,
+)
 from s2r_host.gap.effects.joint_elasticity import mean_inertia, motor_shares, second_joint, transmitted
 from s2r_host.gap.session import Session
 from s2r_host.gap.states import stop_operator
@@ -122,7 +131,8 @@ class Backlash(Effect):
         if "loose" in shape:
             return False
         flex = second_joint(ctx, spec, joint, shape["motor"] * mean_inertia(ctx, joint))
-        flex.range = [-shape["w"], shape["w"]]
+        half = as_written(spec, flex, shape["w"])
+        flex.range = [-half, half]
         flex.limited = 1
         flex.solref_limit = [0.004, 0.7]
         return True

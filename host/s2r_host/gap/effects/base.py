@@ -219,3 +219,9 @@ def column_force(theta: np.ndarray, basis: Callable[[StepState], tuple[float, ..
         return sum(c * b for c, b in zip(coefficients, basis(state), strict=True)), 0.0
 
     return step
+
+
+def as_written(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, x: float) -> float:
+    """A position of a joint [rad or m] in the unit of the file that the model was read from: degrees, if so."""
+    turns = joint.type == mujoco.mjtJoint.mjJNT_HINGE
+    return float(np.rad2deg(x)) if turns and spec.compiler.degree else x

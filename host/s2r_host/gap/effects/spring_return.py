@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, as_written
 from s2r_host.gap.effects.viscous_friction import add_first
 from s2r_host.gap.session import Session
 
@@ -60,7 +60,7 @@ def add_spring(ctx: Context, spec: mujoco.MjSpec, joint: int, k: float, rest: fl
     target = spec.joint(ctx.model.joints[joint])
     old = float(ctx.model.model.jnt_stiffness[joint])
     old_rest = float(ctx.model.model.qpos_spring[ctx.model.model.jnt_qposadr[joint]])
-    target.springref = (old * old_rest + k * rest) / (old + k)
+    target.springref = as_written(spec, target, (old * old_rest + k * rest) / (old + k))
     add_first(target, "stiffness", k)
     return True
 

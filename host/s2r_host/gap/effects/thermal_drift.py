@@ -11,7 +11,7 @@ from s2r_host.gap.session import Session
 FRICTION, DAMPING, GAIN, ALL = 0.0, 1.0, 2.0, 3.0
 WORD = {FRICTION: "friction", DAMPING: "damping", GAIN: "gain"}
 PER_KELVIN = (0.005, 0.015, 0.04, 0.08)
-LEAST_S, LEAST_SHARE = 0.5, 0.05  # shortest time constant: seconds, and share of the longest recording
+LEAST_S, LEAST_SHARE = 2.0, 0.1  # shortest time constant: seconds, and share of the longest recording
 PER_WARMING = (0.1, 0.4, 1.0, 2.0)  # of the final warming, where no temperature is recorded
 
 
@@ -45,10 +45,11 @@ class ThermalDrift(Effect):
         if self._temperature(ctx, ctx.sessions[0], joint) is not None:
             times = (1.0,)
         rates = PER_WARMING if len(times) > 1 else PER_KELVIN
-        linear = [{"T": longest * x, "target": target} for x in times for target in (FRICTION, DAMPING, GAIN)]
+        constants = [max(LEAST_S, longest * x) for x in times]
+        linear = [{"T": T, "target": target} for T in constants for target in (FRICTION, DAMPING, GAIN)]
         if not self._rubs(ctx, joint):
             return linear
-        return linear + [{"T": longest * x, "target": ALL, "k": k} for x in times for k in rates]
+        return linear + [{"T": T, "target": ALL, "k": k} for T in constants for k in rates]
 
     def _rubs(self, ctx: Context, joint: int) -> bool:
         m = ctx.model.model

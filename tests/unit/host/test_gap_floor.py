@@ -1,0 +1,146 @@
+"""Noise floors without a second run: bounded by the channels' own noise, and blind to rests."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from s2r_host.gap.config import GapConfig
+from s2r_host.gap.known_noise import known_noise
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.pipeline import analyse
+from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.session import make_session
+
+DT, STEP = 0.004, 0.001
+INERTIA, FRICTION, DAMPING = 0.035, 0.05, 0.01
+TABLE = f"""<mujoco><worldbody><body><joint name="table" damping="{DAMPING}" frictionloss="{FRICTION}"/>
+  <geom type="cylinder" size=".2 .02" mass="1"/><inertial pos="0 0 0" mass="1" diaginertia=".02 .02 {INERTIA}"/>
+</body></worldbody></mujoco>"""
+QUICK = GapConfig(simulate=False, baselines=False, report=False, next_experiment=False)
+
+
+def turned(extra, waypoints, noise=0.006, top=0.6, seed=1):
+    """A turntable under PD from place to place [rad], with a torque ``extra(q, dq)`` that its model lacks."""
+    rng, rows = np.random.default_rng(seed), []
+    command = np.concatenate(
+        [
+            np.full(60, waypoints[0]),
+            *(stroke(a, b, top) for a, b in itertools.pairwise(waypoints)),
+        ]
+    )
+    q, dq = float(command[0]), 0.0
+    speed = np.gradient(command, STEP)
+    for k, (q_cmd, dq_cmd) in enumerate(zip(command, speed, strict=True)):
+        u = 10.0 * (q_cmd - q) + 0.7 * (dq_cmd - dq)
+        if k % round(DT / STEP) == 0:
+            rows.append((k * STEP, q, dq + 0.003 * rng.normal(), u + noise * rng.normal(), q_cmd, dq_cmd))
+        free = dq + STEP * (u + extra(q, dq) - DAMPING * dq) / INERTIA
+        dq = np.sign(free) * max(abs(free) - STEP * FRICTION / INERTIA, 0.0)
+        q += STEP * dq
+    return np.array(rows)
+
+
+def stroke(a, b, top):
+    """A smooth way from a to b at up to ``top`` rad/s, then a stop of 0.2 s."""
+    share = np.linspace(0.0, 1.0, max(2, round(1.5 * abs(b - a) / top / STEP)))
+    return np.concatenate([a + (b - a) * (3.0 * share**2 - 2.0 * share**3), np.full(200, b)])
+
+
+def answered(folder: Path, rows: np.ndarray):
+    """What the tool says of one recording."""
+    (folder / "table.xml").write_text(TABLE, encoding="utf-8")
+    names = "t,q.table,dq.table,tau.table,q_cmd.table,dq_cmd.table"
+    np.savetxt(folder / "rec.csv", rows, delimiter=",", header=names, comments="", fmt="%.9g")
+    (folder / "rec.yaml").write_text(
+        "controller: {type: pd, kp: {table: 10.0}, kd: {table: 0.7}, rate_hz: 1000}\neffort: measured\ninput: q_cmd\n",
+        encoding="utf-8",
+    )
+    return analyse(folder / "table.xml", [folder / "rec.csv"], [], [], QUICK, lambda _: None)
+
+
+FAR = (0.0, 3.0, -1.0, 5.0, 1.0, 2.0, 0.0, -3.0, 0.0)
+
+
+def test_an_effect_finer_than_the_generic_correction_is_not_taken_for_noise(tmp_path):
+    a = answered(tmp_path, turned(lambda q, dq: 0.08 * np.sin(14.0 * q + 0.7), FAR))
+    assert a.problem.floor[0] < 0.02  # what a generic correction leaves over is 0.055
+    assert a.verdict == "physics_missing"
+    assert [e.name for e in a.decision.effects][:1] == ["cogging"]
+
+
+def test_a_joint_that_rests_for_most_of_the_time_misses_nothing(tmp_path):
+    rows = turned(lambda q, dq: 0.0, (0.0, 0.8, -0.5, 1.2, 0.1, 0.6, 0.0))
+    late = rows[-1, 0] + DT * np.arange(1, 1 + 2 * len(rows))
+    held = np.tile(
+        rows[-1], (len(late), 1)
+    )  # stopped short of its target, with the effort that friction holds
+    held[:, 0] = late
+    held[:, 3] = 0.8 * FRICTION + 0.006 * np.random.default_rng(3).normal(size=len(late))
+    held[:, 4] = held[:, 1] + 0.08 * FRICTION
+    held[:, 2] = 0.003 * np.random.default_rng(4).normal(size=len(late))
+    a = answered(tmp_path, np.concatenate([rows, held]))
+    assert a.verdict == "nothing_missing", a.notes
+
+
+def test_the_noise_of_the_channels_is_known_from_what_lies_above_the_motion(tmp_path):
+    (tmp_path / "table.xml").write_text(TABLE, encoding="utf-8")
+    model = RigidModel(tmp_path / "table.xml")
+    t = np.arange(0.0, 20.0, DT)
+    q = np.sin(2.0 * t)
+    rng = np.random.default_rng(5)
+    load = model.inverse(
+        q[:, None], np.gradient(q, DT)[:, None], np.gradient(np.gradient(q, DT), DT)[:, None]
+    )
+    for effort, speed in ((0.05, 1e-4), (1e-3, 0.02)):
+        channels = {
+            "q": {"table": q + 1e-4 * rng.normal(size=len(t))},
+            "dq": {"table": np.gradient(q, DT) + speed * rng.normal(size=len(t))},
+            "tau": {"table": load[:, 0] + effort * rng.normal(size=len(t))},
+        }
+        rec = Recording("r", t, channels, Controller("none"), "measured", "effort", "a", "", ())
+        s = make_session(model, rec, 0)
+        cut = float(s.cut[0])
+        by_effort = effort * np.sqrt(2.0 * DT * cut)
+        by_speed = INERTIA * speed * np.sqrt(2.0 * DT * (2.0 * np.pi) ** 2 * cut**3 / 3.0)
+        assert known_noise(model, s, 0) == pytest.approx(np.hypot(by_effort, by_speed), rel=0.3)
+
+
+def test_channels_without_noise_bound_nothing(tmp_path):
+    (tmp_path / "table.xml").write_text(TABLE, encoding="utf-8")
+    model = RigidModel(tmp_path / "table.xml")
+    t = np.arange(0.0, 8.0, DT)
+    channels = {"q": {"table": np.zeros(len(t))}, "tau": {"table": np.zeros(len(t))}}
+    rec = Recording("r", t, channels, Controller("none"), "measured", "effort", "a", "", ())
+    assert known_noise(model, make_session(model, rec, 0), 0) == 0.0
+
+
+def test_friction_shows_in_a_free_swing_that_nothing_drives(tmp_path):
+    (tmp_path / "p.xml").write_text(
+        """<mujoco><worldbody><body><joint name="pivot" axis="0 1 0" damping=".01"/>
+        <geom type="sphere" size=".02" pos="0 0 -.3" mass="1"/></body></worldbody></mujoco>""",
+        encoding="utf-8",
+    )
+    inertia, dt = 1.0 * 0.3**2 + 0.4 * 0.02**2, 1.0 / 240.0
+    for name, start in (("a", 1.2), ("b", -0.8)):
+        q, dq, rows = start, 0.0, []
+        for k in range(12 * 960):
+            if k % 4 == 0:
+                rows.append((k * dt / 4, round(q / 7.7e-4) * 7.7e-4, 0.0))
+            free = dq + dt / 4 * (-9.81 * 0.3 * np.sin(q) - 0.01 * dq) / inertia
+            dq = np.sign(free) * max(abs(free) - dt / 4 * 0.05 / inertia, 0.0)
+            q += dt / 4 * dq
+        header = "t,q.pivot,tau.pivot"
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header=header, comments="", fmt="%.9g")
+    a = analyse(tmp_path / "p.xml", [tmp_path / "a.csv"], [tmp_path / "b.csv"], [], QUICK, lambda _: None)
+    assert a.verdict == "physics_missing", a.notes
+    assert a.decision.effects[0].name in ("coulomb_friction", "asymmetric_friction")
+
+
+def test_a_log_in_which_nothing_happens_is_insufficient(tmp_path):
+    rows = np.zeros((2000, 6))
+    rows[:, 0] = DT * np.arange(2000)
+    a = answered(tmp_path, rows)
+    assert a.verdict == "insufficient"
+    assert "moves 0 rad only" in a.notes[0]

@@ -1,0 +1,57 @@
+"""Patches of models written in degrees, and of bodies and joints without names."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from s2r_host.gap.effects.base import Context, as_written
+from s2r_host.gap.effects.joint_elasticity import second_joint
+from s2r_host.gap.effects.spring_return import add_spring
+from s2r_host.gap.model import RigidModel, read_spec
+
+MODEL = """<mujoco><compiler angle="{angle}"/><worldbody><body>
+  <joint name="door" stiffness="{old}" springref="{rest}" armature=".01"/><geom size=".1" pos=".3 0 0"/>
+  <body pos=".6 0 0"><joint type="slide" armature=".01"/><geom size=".1"/></body></body></worldbody></mujoco>"""
+
+
+@pytest.fixture(params=["degree", "radian"])
+def model(request, tmp_path):
+    rest = 10.0 if request.param == "degree" else np.deg2rad(10.0)
+    path = tmp_path / "door.xml"
+    path.write_text(MODEL.format(angle=request.param, old=1.0, rest=rest), encoding="utf-8")
+    return RigidModel(path)
+
+
+def test_a_spring_rests_where_it_was_found_to(model):
+    spec = read_spec(model.path)
+    add_spring(Context(model, []), spec, 0, 3.0, -0.5)
+    patched = spec.compile()
+    assert patched.jnt_stiffness[0] == pytest.approx(4.0)
+    assert patched.qpos_spring[0] == pytest.approx((1.0 * np.deg2rad(10.0) + 3.0 * -0.5) / 4.0)
+
+
+def test_a_gap_is_as_wide_as_it_was_found_to_be(model):
+    spec = read_spec(model.path)
+    ctx = Context(model, [])
+    for joint, half in ((0, 0.02), (1, 0.003)):
+        flex = second_joint(ctx, spec, joint, 0.01)
+        flex.range = [-as_written(spec, flex, half), as_written(spec, flex, half)]
+        flex.limited = 1
+    patched = spec.compile()
+    for name, half in (("door_gap_flex", 0.02), (f"{model.joints[1]}_gap_flex", 0.003)):
+        assert patched.joint(name).range == pytest.approx([-half, half])
+
+
+def test_what_has_no_name_gets_one_that_is_free(tmp_path):
+    path = tmp_path / "m.xml"
+    path.write_text(
+        '<mujoco><worldbody><body name="body2"><joint/><geom size=".1"/><body pos=".3 0 0"><joint axis="0 1 0"/>'
+        '<geom size=".1"/></body></body></worldbody></mujoco>',
+        encoding="utf-8",
+    )
+    model = RigidModel(path)
+    assert model.joints == ("joint0", "joint1")
+    names = [model.body_name(body) for body in (1, 2)]
+    assert len(set(names)) == 2
+    assert all(read_spec(path).body(name) is not None for name in names)
+    assert isinstance(read_spec(path).compile(), mujoco.MjModel)
