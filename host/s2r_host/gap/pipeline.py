@@ -30,6 +30,7 @@ from s2r_host.gap.session import Session, make_session
 from s2r_host.gap.slow_log import filled
 from s2r_host.gap.solution import Solution
 from s2r_host.gap.where import Place, acting, contradicted, locate, narrowed, with_named
+from s2r_host.gap.worsened import worsened
 
 Log = Callable[[str], None]
 
@@ -171,6 +172,28 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
         joints = list(problem.joints)
         a.before = evaluate(nominal, a.fit, a.hold, joints, config.open_loop_window_s)
         a.after = evaluate(a.twin, a.fit, a.hold, joints, config.open_loop_window_s)
+        _doubt_patch(a, nominal)
+
+
+def _doubt_patch(a: Analysis, nominal: Twin) -> None:
+    """Say so where the patched model predicts held-out motion worse; a generic correction is taken back."""
+    assert a.problem is not None
+    assert a.before is not None
+    assert a.after is not None
+    j = worsened(a.before, a.after, list(a.problem.joints), _position_floor(a))
+    if j is None:
+        return
+    name = a.model.joints[j]
+    closed = bool(np.isfinite(a.before.held[j]))
+    was, now = ((e.held if closed else e.open_held)[j] for e in (a.before, a.after))
+    said = f"the held-out motion of '{name}' worse than the nominal model ({was:.3g} to {now:.3g} {a.model.unit(name)})"
+    if a.verdict == "unknown":
+        a.notes.append(f"a generic correction predicts {said} and is left out of the patched model")
+        a.twin, a.after = nominal, a.before
+    else:
+        a.notes.append(
+            f"the patched model predicts {said}: do not simulate with it, whatever its names are worth"
+        )
 
 
 def _places(problem: Problem, search: Search, decision: Decision) -> list[Place]:
