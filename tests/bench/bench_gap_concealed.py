@@ -4,6 +4,7 @@
     python tests/bench/bench_gap_concealed.py calibrate DIR/score [DIR/score ...]
     python tests/bench/bench_gap_concealed.py shuffled DIR/score
     python tests/bench/bench_gap_concealed.py ablate DIR/score
+    python tests/bench/bench_gap_concealed.py alone DIR/score
     python tests/bench/bench_gap_concealed.py pooled DIR/score [DIR/score ...]
 
 ``run`` draws a set, runs the tool over it and scores it, in that order; without ``--seed`` the seed is random and
@@ -13,8 +14,9 @@ baselines, next experiments and reports, at a few seconds per case. ``calibrate`
 ceiling of the stated probabilities from scored tuning sets; ``shuffled`` scores the same verdicts with the true
 names dealt out anew: the accuracy must fall to chance; ``ablate`` runs the single cases of three floors and more
 that were named rightly once more without the true effect in the catalogue: the answer must turn to "unknown" at the
-same joint; ``pooled`` is the table over the cases of several scored sets together. Budget: 60 s per case for one joint
-and 20 s of data, on two cores.
+same joint; ``alone`` runs the clean, unknown and single cases of three floors and more without their second runs of the
+motion, as most logs are; ``pooled`` is the table over the cases of several scored sets together. Budget: 60 s per case
+for one joint and 20 s of data, on two cores.
 """
 
 import argparse
@@ -34,6 +36,8 @@ S2R = [sys.executable, "-c", "from s2r_protocol.cli.root import main; main()"]
 TOOL = ("host/s2r_host/gap", "sim/s2r_conceal")
 LEAST_STRENGTH = 3.0
 NAMES_ONLY = "simulate: false\nbaselines: false\nreport: false\nnext_experiment: false\n"
+NUMBER_NAMES = {"payload_mass": "payload"}
+EITHER_LIST = ("payload", "armature", "effort_scale", "gravity_tilt")  # right as an effect and as a number
 CASES = "single=120,clean=60,unknown=32,pairs=30,masked=12,insufficient=8,wrong_log=8"
 
 
@@ -161,6 +165,47 @@ def ablate(arguments: argparse.Namespace) -> None:
     print(f"{len(cases)} cases: unknown {unknown}, at the true joint {placed}")
 
 
+def alone(arguments: argparse.Namespace) -> None:
+    """What is named, invented and left unknown where no second run gives the noise floor."""
+    score: Path = arguments.score
+    cases = json.loads((score / "score.json").read_text(encoding="utf-8"))["cases"]
+    kept = [c for c in cases if c["group"] in ("clean", "unknown") or (c["group"] == "single" and c["clear"])]
+    folder, out = score.parent / "set", score.parent / "alone"
+    out.mkdir(exist_ok=True)
+    (out / "names.yaml").write_text(NAMES_ONLY, encoding="utf-8")
+    found: dict[str, list[bool]] = {"single": [], "clean": [], "unknown": []}
+    for case in kept:
+        place = folder / case["case"]
+        files = [f"--{r}={place / r}.csv" for r in ("fit", "holdout")]
+        parts = [
+            "gap",
+            f"--model={place / 'model.xml'}",
+            *files,
+            f"--config={out / 'names.yaml'}",
+            f"--out={out}",
+        ]
+        subprocess.run([*S2R, *parts], check=False, capture_output=True)
+        gap = json.loads((out / "gap.json").read_text(encoding="utf-8"))
+        said = [e["name"] for e in gap["effects"]]
+        numbers = [NUMBER_NAMES.get(p["name"], p["name"]) for p in gap["parameters_off"]]
+        if case["group"] == "single":
+            true = case["truth_names"][0]
+            right = said[:1] == [true] or (not said and true in EITHER_LIST and true in numbers)
+        else:  # clean: nothing named and nothing called unknown; unknown: no name
+            right = not said and (case["group"] == "unknown" or gap["verdict"] != "unknown")
+        found[case["group"]].append(right)
+        words = ", ".join(said or numbers)
+        print(
+            f"{case['case']}: {case['truth_names'] or case['variant']} -> {gap['verdict']} {words}",
+            flush=True,
+        )
+    print(
+        f"single, first name right {sum(found['single'])} of {len(found['single'])}; clean without an alarm "
+        f"{sum(found['clean'])} of {len(found['clean'])}; unknown without a name {sum(found['unknown'])} of "
+        f"{len(found['unknown'])}"
+    )
+
+
 def pooled(arguments: argparse.Namespace) -> None:
     """One table over the cases of several scored sets."""
     scores = [
@@ -197,6 +242,9 @@ def main() -> None:
     three.add_argument("score", type=Path)
     three.add_argument("--most", type=int, default=None, help="at most so many cases")
     three.set_defaults(run=ablate)
+    three = sub.add_parser("alone")
+    three.add_argument("score", type=Path)
+    three.set_defaults(run=alone)
     four = sub.add_parser("pooled")
     four.add_argument("scores", type=Path, nargs="+")
     four.set_defaults(run=pooled)
