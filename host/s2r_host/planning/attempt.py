@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,7 +23,6 @@ _STILL_STEPS, _STILL_M = 15, 5e-4  # control steps without motion after which an
 # The same without progress: neither the part nearer to its target nor the fingertip to its place, by so much.
 _IDLE_STEPS, _IDLE_M, _IDLE_BANDS = 25, 0.002, 2.0
 _NEAR_BANDS = 5.0  # success bands around the target within which landing takes its time
-_SLOW_LEAD_IN = 0.4  # of the full speed, where the arm lags into something on its way to the part
 _BACK_STEPS = 3  # how far the first step back goes; the second goes twice as far, and so on
 _USUAL_WAY_RAD = 1.5  # of the arm with the part; a longer one is granted more control steps
 _LANDING_STEPS = 9  # shares of the last action tried until the hold ends on target
@@ -31,6 +31,9 @@ _LANDING_STEPS = 9  # shares of the last action tried until the hold ends on tar
 @dataclass
 class Attempt:
     """One stage of the cascade, from the start pose to the held target or to a reason for failing."""
+
+    # Of the full speed to the place; the next where the arm lags into something on its way.
+    lead_in_shares: ClassVar[tuple[float, ...]] = (1.0, 0.4)
 
     scene: Scene
     stage: Stage
@@ -51,6 +54,7 @@ class Attempt:
     touch_step: int | None = None
     steps_done: int = 0
     arrived: bool = True  # the fingertip came to its place
+    stuck: bool = False  # from there it got nowhere, or not far enough
     _rest: float | None = None  # s_target - s after holding the target in force, where that has been tried
 
     def run(self) -> None:
@@ -90,7 +94,7 @@ class Attempt:
             if report.contact is not None or report.press_N > settings.press_max_N:
                 backtracks += 1
                 if backtracks > settings.backtracks:
-                    return _harm(report)
+                    return harm_of(report)
                 keep = max(first, len(states) - _BACK_STEPS * backtracks)
                 del states[keep:], self.targets[keep:]
                 self.world.restore(states[-1])
@@ -107,7 +111,9 @@ class Attempt:
             states.append(self.world.save())
             ahead.sampler.advance()
             if self._is_stuck():
+                self.stuck = True
                 return f"no progress any more after {step + 1} control steps: s = {self.world.s:.4f}"
+        self.stuck = True
         unit = "m" if self.scene.prismatic else "rad"
         return (
             f"the target was not reached in {self._most_steps()} control steps: s = {self.world.s:.4f} {unit}, "
@@ -142,13 +148,13 @@ class Attempt:
         """
         waypoints = np.concatenate([self.targets[:1], self.hook.whole_route[: self.hook.touch_row]])
         begin, report = states[0], Report()
-        for share in (1.0, _SLOW_LEAD_IN):
+        for share in self.lead_in_shares:
             del self.targets[1:], states[1:]
             self.world.restore(begin)
             report = self._go(waypoints, share * self.settings.action_max_rad, states)
             if report.contact is None:
                 return None
-        return f"on the way to the part it {_harm(report)}"
+        return f"on the way to the part it {harm_of(report)}"
 
     def _go(self, waypoints: np.ndarray, action_rad: float, states: list[np.ndarray]) -> Report:
         """Follow a polyline (n, dof) [rad] with changes of the joint targets of a given size, up to a contact."""
@@ -253,7 +259,7 @@ class Attempt:
             if report.touched and self.touch_step is None:
                 self.touch_step = step + 1
         if self.played.contact is not None or self.played.press_N > self.settings.press_max_N:
-            return _harm(self.played)
+            return harm_of(self.played)
         late = [abs(self.task.s_target - s) for _, s in self.path[-(hold_steps // 2) :]]
         # A lid on a soft friction creeps a little: it may pass the target during the hold, not leave it.
         if max(late) >= 2.0 * self.task.tolerance or late[-1] >= self.task.tolerance:
@@ -311,7 +317,8 @@ class Attempt:
         )
 
 
-def _harm(report: Report) -> str:
+def harm_of(report: Report) -> str:
+    """What a motion did that no motion may, for the end of a sentence."""
     if report.contact is not None:
         return f"touches something unexpected: {report.contact}"
     return f"presses on the part with {report.press_N:.0f} N across its motion"

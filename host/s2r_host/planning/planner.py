@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from s2r_host.planning.along_route import AlongRoute
 from s2r_host.planning.attempt import Attempt
 from s2r_host.planning.blocked import check_gets_there
 from s2r_host.planning.door import check_numbers, check_target
@@ -143,15 +144,20 @@ def _try_stage(
     patience: Patience,
     sampler: SamplerFactory,
 ) -> None:
-    """Make one attempt of the cascade; a place that the arm does not get to is dropped and the next one taken."""
+    """Make one attempt of the cascade and, if wanted where that got stuck, one along the route it was offered.
+
+    A place that the arm does not get to is dropped and the next one taken.
+    """
     index, settings_of_stage = stage
+    settings = request.settings
+    along_too = settings.along_route and settings.lead_in and not request.leave
     while True:
         hook = hooks[index % len(hooks)]
-        attempt = Attempt(
+        given = (
             scene,
             settings_of_stage,
             index,
-            request.settings,
+            settings,
             task,
             hook,
             world,
@@ -159,10 +165,18 @@ def _try_stage(
             patience,
             sampler,
         )
+        attempt = Attempt(*given)
         attempt.run()
         attempts.append(attempt)
         if attempt.reason is not None:
             logger.info("stage %d of the plan failed: %s", index, attempt.reason)
+        if along_too and attempt.stuck:
+            along = AlongRoute(*given)
+            along.run()
+            if along.reason is None:
+                attempts.append(along)
+            else:
+                logger.info("nor along the route: %s", along.reason)
         if attempt.arrived or len(hooks) == 1:
             return
         hooks.remove(hook)

@@ -182,6 +182,8 @@ class PlanSettings:
             end earlier than believed, what grazes its edge slips over it.
         apart_m: Distance that the robot keeps from everything at a place, on its way there and on with the part, the
             fingertip excepted, where any place leaves so much. 0: it is enough to touch nothing.
+        along_route: Where sampling gets stuck, the route it was offered is also played as it is: a last resort for
+            parts so heavy that no sample within the horizon moves them.
         ensemble: Believable objects that every sequence is rolled out with; its reward is their mean. 1: the believed
             one alone.
         doubt: How far the others may be from it.
@@ -212,6 +214,7 @@ class PlanSettings:
     room_m: float = USUAL_ROOM_M
     deep: bool = False
     apart_m: float = 0.0
+    along_route: bool = False
     ensemble: int = 1
     doubt: Doubt = field(default_factory=Doubt)
     threads: int = 0

@@ -107,10 +107,11 @@ def _planned(
     problem = search.problem if found is None else found.delivery.fragile
     if not slipped:
         raise _with_legs(first, problem) from first
-    try:  # what a single place has not been asked yet: the expensive stages, or other seeds
+    last = replace(request, settings=replace(request.settings, along_route=True))
+    try:  # what a single place has not been asked yet: the expensive stages, or other seeds, and the route itself
         if far:
-            return from_one_place(request, _ATTEMPTS, only_found=True)
-        again = replace(request, seed=request.seed + SEED_STEP)
+            return from_one_place(last, _ATTEMPTS, only_found=True)
+        again = replace(last, seed=request.seed + SEED_STEP)
         return from_one_place(again, _ATTEMPTS - 1, only_found=True)
     except NO_PLAN as error:
         raise _with_legs(error, problem) from error
