@@ -56,6 +56,7 @@ def floor_level(
     j: int,
     *,
     guessed: bool,
+    bounded: bool,
 ) -> float:
     """The noise floor of a joint, rms [N·m or N].
 
@@ -65,8 +66,8 @@ def floor_level(
         blocks: All blocks.
         noise: Noise samples of the joint; where they are ``guessed`` one array per block of the joint.
         j: The joint.
-        guessed: They are what a generic correction leaves over. An effect that it does not follow is in there, too,
-            so rows in which the joint may stick do not count, and the channels' own noise bounds it.
+        guessed: They are what a generic correction leaves over; rows in which the joint may stick do not count.
+        bounded: An effect that the correction does not follow is in there, too; the channels' own noise is a bound.
     """
     between = between_level(model, sessions, j)
     level = float(np.hypot(rms(noise), between))
@@ -74,7 +75,7 @@ def floor_level(
         return level
     known = max((known_noise(model, s, j) for s in sessions if s.has_u[j]), default=0.0)
     declared = max((s.rec.effort_sigma.get(model.joints[j], 0.0) for s in sessions), default=0.0)
-    if known > 0.0:
+    if bounded and known > 0.0:
         level = min(level, float(np.hypot(KNOWN_TIMES * max(known, declared), between)))
     clear = (
         np.concatenate([trust(model, b, level, guessed=True) for b in blocks if b.joint == j]) ** 2 >= TRUSTED

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.evidence import AR_ORDER
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.rows import Block, compare
@@ -57,15 +58,18 @@ def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = Fals
     """
     s, j = block.session, block.joint
     still = compare(stillness(s, j), s, j, True)[block.picks]
-    stick = np.full(len(still), STICK_DOUBT)
-    if guessed:
-        stick[_rests(s, j)[block.picks]] = REST_DOUBT
-    doubt = stick * max(stiction(s, j)) * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
+    at_rest, moving = stiction(s, j)
+    holds = np.full(len(still), STICK_DOUBT * max(at_rest, moving))
+    # One stroke does not tell friction from what else it pulls at, and what a latch holds at rest is looked for.
+    rests = guessed and count_reversals(s, j) >= 2
+    if rests:
+        holds[_rests(s, j)[block.picks]] = max(REST_DOUBT * moving, holds[0])
+    doubt = holds * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
     between = np.clip(compare(_between_rows(model, s, j), s, j, True)[block.picks], 0.0, None) / max(
         floor, 1e-12
     )
     weight = 1.0 / np.sqrt(1.0 + doubt**2 + between**2)
-    if not guessed:
+    if not rests:
         return weight
     spread = weight.copy()
     for k in range(1, AR_ORDER + 1):

@@ -35,6 +35,10 @@ from s2r_host.gap.worsened import worsened
 Log = Callable[[str], None]
 
 
+UNTOUCHED = ("nothing_missing", "parameter_off")  # answers that a floor guessed too high gives as well
+FINER = 0.75  # of the guessed floor: from there on the channels' own noise is worth a second look
+
+
 @dataclass
 class Analysis:
     """Everything an answer and a report are made from."""
@@ -120,29 +124,19 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     for j in range(len(a.model.joints)):
         sharpen_sign(sessions, a.model, j)
     log("residual efforts and noise floor")
-    problem = a.problem = build_problem(a.model, a.fit, a.hold, a.repeats)
-    problem.law = [f for f in problem.law if f.name not in config.skip]
-    problem.contradictions = [
-        replace(c, finding=None) if c.finding is not None and c.finding.name in config.skip else c
-        for c in problem.contradictions
-    ]
-    if "session_friction" in config.skip:
-        problem.drift.clear()
-    fill_residuals(problem)
-    for j in problem.joints:
-        lag = control_lag(a.model, a.fit, j)
-        if lag is not None:
-            problem.ctx.control_lag[j] = lag
-        within = None if any(f.joint == j for f in problem.law) else stamps_within(a.model, a.fit, j)
-        if lag is None and within is not None:
-            problem.ctx.control_lag[j] = (0.0, 0.5 * within)
-    for f in problem.law:
-        if f.name == "clock_skew":
-            problem.ctx.control_lag[f.joint] = (f.shape["lag"], 0.0005 + 0.1 * abs(f.shape["lag"]))
+    problem = _stated(a, config)
     log("search over the catalogue")
-    search = a.search = Search(problem, frozenset(config.skip), log)
-    decision = a.decision = decide(problem, search, log)
-    a.verdict = decision.verdict
+    search = Search(problem, frozenset(config.skip), log)
+    decision = decide(problem, search, log)
+    if decision.verdict in UNTOUCHED and problem.floor_source != "repeat":
+        finer = _stated(a, config, bounded=True)
+        if any(finer.floor[j] < FINER * problem.floor[j] for j in problem.joints):
+            log("search under the noise of the channels alone")
+            again = Search(finer, frozenset(config.skip), log)
+            named = decide(finer, again, log)
+            if named.verdict == "physics_missing":
+                problem, search, decision = finer, again, named
+    a.problem, a.search, a.decision, a.verdict = problem, search, decision, decision.verdict
     a.places = _places(problem, search, decision)
     reason = insufficient.no_motion(a.model, a.fit, problem)
     if reason is None and decision.verdict in ("nothing_missing", "parameter_off"):
@@ -173,6 +167,30 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
         a.before = evaluate(nominal, a.fit, a.hold, joints, config.open_loop_window_s)
         a.after = evaluate(a.twin, a.fit, a.hold, joints, config.open_loop_window_s)
         _doubt_patch(a, nominal)
+
+
+def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem:
+    """The regression with what law, kinematics and stamps say beforehand; ``bounded``: see ``build_problem``."""
+    problem = build_problem(a.model, a.fit, a.hold, a.repeats, bounded=bounded)
+    problem.law = [f for f in problem.law if f.name not in config.skip]
+    problem.contradictions = [
+        replace(c, finding=None) if c.finding is not None and c.finding.name in config.skip else c
+        for c in problem.contradictions
+    ]
+    if "session_friction" in config.skip:
+        problem.drift.clear()
+    fill_residuals(problem)
+    for j in problem.joints:
+        lag = control_lag(a.model, a.fit, j)
+        if lag is not None:
+            problem.ctx.control_lag[j] = lag
+        within = None if any(f.joint == j for f in problem.law) else stamps_within(a.model, a.fit, j)
+        if lag is None and within is not None:
+            problem.ctx.control_lag[j] = (0.0, 0.5 * within)
+    for f in problem.law:
+        if f.name == "clock_skew":
+            problem.ctx.control_lag[f.joint] = (f.shape["lag"], 0.0005 + 0.1 * abs(f.shape["lag"]))
+    return problem
 
 
 def _doubt_patch(a: Analysis, nominal: Twin) -> None:

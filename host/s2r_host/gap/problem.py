@@ -130,7 +130,12 @@ class Problem:
 
 
 def build_problem(
-    model: RigidModel, fit: list[Session], hold: list[Session], repeats: list[Session]
+    model: RigidModel,
+    fit: list[Session],
+    hold: list[Session],
+    repeats: list[Session],
+    *,
+    bounded: bool = False,
 ) -> Problem:
     """Assemble the regression.
 
@@ -139,6 +144,7 @@ def build_problem(
         fit: Sessions that may be fitted.
         hold: Sessions that may only be predicted; when empty 30 % of each fit session are held.
         repeats: Second runs of a motion among ``fit``: they set the noise floor.
+        bounded: Without second runs, the channels' own noise bounds the floor.
     """
     ctx = Context(model, fit)
     sessions = fit + hold
@@ -159,7 +165,7 @@ def build_problem(
         scale = max(float(np.std(s.u[:, j])) for s in sessions if s.has_u[j])
         whitener = fit_whitener(noise[j], 1e-4 * scale)
         own = max(rms(noise[j]), 1e-4 * scale, 1e-12)
-        level = floor_level(model, sessions, blocks, noise[j], j, guessed=source != "repeat")
+        level = floor_level(model, sessions, blocks, noise[j], j, guessed=source != "repeat", bounded=bounded)
         floor[j] = max(level, 1e-4 * scale, 1e-12)
         whiteners[j] = replace(whitener, scale=whitener.scale * floor[j] / own)
     problem = Problem(
