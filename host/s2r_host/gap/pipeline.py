@@ -36,7 +36,7 @@ Log = Callable[[str], None]
 
 
 UNTOUCHED = ("nothing_missing", "parameter_off")  # answers that a floor guessed too high gives as well
-FINER = 0.75  # of the guessed floor: from there on the channels' own noise is worth a second look
+FINER = 0.95  # of the guessed floor: below it the channels' own noise is worth a second look
 
 
 @dataclass
@@ -194,7 +194,12 @@ def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem
 
 
 def _doubt_patch(a: Analysis, nominal: Twin) -> None:
-    """Say so where the patched model predicts held-out motion worse; a generic correction is taken back."""
+    """Say so where the patched model predicts held-out motion worse.
+
+    A generic correction is taken back then, and so are numbers beside which no effect was named: numbers that are off
+    have to show in the motion.
+    """
+    assert a.decision is not None
     assert a.problem is not None
     assert a.before is not None
     assert a.after is not None
@@ -207,6 +212,12 @@ def _doubt_patch(a: Analysis, nominal: Twin) -> None:
     said = f"the held-out motion of '{name}' worse than the nominal model ({was:.3g} to {now:.3g} {a.model.unit(name)})"
     if a.verdict == "unknown":
         a.notes.append(f"a generic correction predicts {said} and is left out of the patched model")
+        a.twin, a.after = nominal, a.before
+    elif a.verdict == "parameter_off":
+        changed = ", ".join(p["name"] for p in a.decision.parameters_off)
+        a.notes.append(f"{changed} explained effort, but would predict {said}: taken back")
+        a.verdict = a.decision.verdict = "nothing_missing"
+        a.decision.parameters_off, a.places = [], []
         a.twin, a.after = nominal, a.before
     else:
         a.notes.append(

@@ -34,9 +34,9 @@ class Hysteresis(Effect):
         return {"width": ("log", 0.3)}
 
     def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
-        """A narrower loop is called presliding."""
+        """A narrower loop is called presliding; a wider one never closes and is a spring."""
         low, high = ctx.span(joint)
-        return {"width": (0.04 * (high - low), 2.0 * (high - low))}
+        return {"width": (0.04 * (high - low), high - low)}
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Loop state."""
