@@ -56,6 +56,7 @@ def test_a_place_that_the_arm_does_not_get_to_is_dropped_for_the_next_in_the_sam
     class Fake:
         def __init__(self, _scene, _stage, index, _settings, _task, hook, *_):
             self.hook, self.index, self.arrived, self.reason = hook, index, hook not in blocked, "no"
+            self.stuck = True
 
         def run(self):
             pass
@@ -63,7 +64,7 @@ def test_a_place_that_the_arm_does_not_get_to_is_dropped_for_the_next_in_the_sam
     monkeypatch.setattr(planner, "Attempt", Fake)
     attempts: Any = []
     hooks: Any = list("abc")
-    request: Any = SimpleNamespace(settings=None, seed=0)
+    request: Any = SimpleNamespace(settings=PlanSettings(), seed=0, leave=False)
     nothing: Any = None
     planner._try_stage(attempts, hooks, (0, nothing), request, *[nothing] * 5)
     assert "".join(attempt.hook for attempt in attempts) == tried
