@@ -195,7 +195,7 @@ def sliding_pane(rng: Rng) -> Fitting:
     grip = upright_bar(rng, 0.006, rng.uniform(-0.6, 0.6) * wide, rng.uniform(0.3, 0.6) * high)
     travel = 1.8 * wide
     start = rng.uniform(0.0, travel)
-    target = float(np.clip(start + either(rng) * rng.uniform(0.05, 0.25), 0.0, travel))
+    target = float(np.clip(start + either(rng) * rng.uniform(0.05, 0.25), 0.0, 0.99 * travel))
     if abs(target - start) < 0.03:
         target = travel - start
     friction, damping = uniform(rng, (1.0, 8.0), (1.0, 10.0))
