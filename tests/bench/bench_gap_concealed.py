@@ -153,16 +153,21 @@ def ablate(arguments: argparse.Namespace) -> None:
         out.mkdir(parents=True, exist_ok=True)
         config = out / "gap.yaml"
         config.write_text(NAMES_ONLY + f"skip: [{true['name']}]\n", encoding="utf-8")
-        files = [f"--{r}={place / r}.csv" for r in ("fit", "holdout", "repeat")]
-        parts = ["gap", f"--model={place / 'model.xml'}", *files, f"--config={config}", f"--out={out}"]
-        subprocess.run([*S2R, *parts], check=False, capture_output=True)
-        gap = json.loads((out / "gap.json").read_text(encoding="utf-8"))
+        gap = _answered(place, ("fit", "holdout", "repeat"), config, out)
         where = gap["where"][0]["joint"] if gap["where"] else None
         said = gap["effects"][0]["name"] if gap["effects"] else f"[{gap['verdict']}]"
         print(f"{name}: {true['name']} taken out -> {said} at {where}")
         unknown += gap["verdict"] == "unknown"
         placed += gap["verdict"] == "unknown" and where == true["joint"]
     print(f"{len(cases)} cases: unknown {unknown}, at the true joint {placed}")
+
+
+def _answered(place: Path, roles: tuple[str, ...], config: Path, out: Path) -> dict:
+    """gap.json of one case, from so many of its recordings."""
+    files = [f"--{role}={place / role}.csv" for role in roles]
+    parts = ["gap", f"--model={place / 'model.xml'}", *files, f"--config={config}", f"--out={out}"]
+    subprocess.run([*S2R, *parts], check=False, capture_output=True)
+    return json.loads((out / "gap.json").read_text(encoding="utf-8"))
 
 
 def alone(arguments: argparse.Namespace) -> None:
@@ -172,20 +177,12 @@ def alone(arguments: argparse.Namespace) -> None:
     kept = [c for c in cases if c["group"] in ("clean", "unknown") or (c["group"] == "single" and c["clear"])]
     folder, out = score.parent / "set", score.parent / "alone"
     out.mkdir(exist_ok=True)
-    (out / "names.yaml").write_text(NAMES_ONLY, encoding="utf-8")
+    config = out / "names.yaml"
+    config.write_text(NAMES_ONLY, encoding="utf-8")
     found: dict[str, list[bool]] = {"single": [], "clean": [], "unknown": []}
     for case in kept:
         place = folder / case["case"]
-        files = [f"--{r}={place / r}.csv" for r in ("fit", "holdout")]
-        parts = [
-            "gap",
-            f"--model={place / 'model.xml'}",
-            *files,
-            f"--config={out / 'names.yaml'}",
-            f"--out={out}",
-        ]
-        subprocess.run([*S2R, *parts], check=False, capture_output=True)
-        gap = json.loads((out / "gap.json").read_text(encoding="utf-8"))
+        gap = _answered(place, ("fit", "holdout"), config, out)
         said = [e["name"] for e in gap["effects"]]
         numbers = [NUMBER_NAMES.get(p["name"], p["name"]) for p in gap["parameters_off"]]
         if case["group"] == "single":

@@ -172,10 +172,10 @@ def hand_wheel(rng: Rng) -> Fitting:
     foot = tuple(-0.12 * value for value in axis)
     neck = tuple(-0.033 * value for value in axis)
     friction, damping = uniform(rng, (0.1, 1.0), (0.02, 0.3))
-    wheel = Part((0, 0, 0), False, (0, 0, 1), None, 0.0, friction, damping, geoms)
+    wheel = Leaning((0, 0, 0), False, (0, 0, 1), None, 0.0, friction, damping, geoms, lean)
     stand = f'<geom type="capsule" fromto="{numbers(neck)} {numbers(foot)}" size=".02"/>'
     z_m = (radius + 0.01) * math.sin(lean) + 0.15 * math.cos(lean) + rng.uniform(0.05, 0.3)
-    return Fitting(stand, Leaning(**vars(wheel), lean=lean), z_m, float(either(rng) * rng.uniform(0.4, 2.5)))
+    return Fitting(stand, wheel, z_m, float(either(rng) * rng.uniform(0.4, 2.5)))
 
 
 @dataclass(frozen=True)

@@ -73,9 +73,9 @@ def floor_level(
     level = float(np.hypot(rms(noise), between))
     if not guessed:
         return level
-    known = max((known_noise(model, s, j) for s in sessions if s.has_u[j]), default=0.0)
-    declared = max((s.rec.effort_sigma.get(model.joints[j], 0.0) for s in sessions), default=0.0)
-    if bounded and known > 0.0:
+    known = max((known_noise(model, s, j) for s in sessions if s.has_u[j]), default=0.0) if bounded else 0.0
+    if known > 0.0:
+        declared = max(s.rec.effort_sigma.get(model.joints[j], 0.0) for s in sessions)
         level = min(level, float(np.hypot(KNOWN_TIMES * max(known, declared), between)))
     clear = (
         np.concatenate([trust(model, b, level, guessed=True) for b in blocks if b.joint == j]) ** 2 >= TRUSTED

@@ -11,10 +11,8 @@ from s2r_host.gap.rows import Block, compare
 from s2r_host.gap.session import Session
 
 STICK_DOUBT = 0.5  # times the friction, for rows at rest
-REST_DOUBT = (
-    3.0  # at rest for longer, where no second run shows what comes back there: many rows that say nothing
-)
-REST_S = 0.2
+REST_DOUBT = 3.0  # the same at rest for longer, where no second run shows what comes back there
+REST_S = 0.2  # longer than a joint takes to turn round
 TRUSTED = 0.25  # squared weight from which on a row tells what is left over
 ONE_WAY = 0.05  # spread of the direction of motion below which a joint goes one way only
 SLOW_LOG_S = 0.01

@@ -33,7 +33,7 @@ class RigidModel:
         if not self.path.is_file():
             raise GapModelError(f"model '{path}': no such file")
         try:
-            self.spec = read_spec(self.path)
+            self.spec = _read_spec(self.path)
             self.model = self.spec.compile()
         except (ValueError, RuntimeError, mujoco.FatalError) as error:
             text = " ".join(str(error).split())
@@ -152,7 +152,7 @@ class RigidModel:
         return str(self.model.body(body).name)
 
 
-def read_spec(path: Path) -> mujoco.MjSpec:
+def _read_spec(path: Path) -> mujoco.MjSpec:
     """A model file to be changed; bodies and joints that it leaves nameless are named by their numbers.
 
     Raises:

@@ -203,12 +203,11 @@ def _doubt_patch(a: Analysis, nominal: Twin) -> None:
     assert a.problem is not None
     assert a.before is not None
     assert a.after is not None
-    j = worsened(a.before, a.after, list(a.problem.joints), _position_floor(a))
-    if j is None:
+    found = worsened(a.before, a.after, list(a.problem.joints), _position_floor(a))
+    if found is None:
         return
+    j, was, now = found
     name = a.model.joints[j]
-    closed = bool(np.isfinite(a.before.held[j]))
-    was, now = ((e.held if closed else e.open_held)[j] for e in (a.before, a.after))
     said = f"the held-out motion of '{name}' worse than the nominal model ({was:.3g} to {now:.3g} {a.model.unit(name)})"
     if a.verdict == "unknown":
         a.notes.append(f"a generic correction predicts {said} and is left out of the patched model")

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicHermiteSpline
 from s2r_host.gap.align import control_law
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context, Runtime, StepState
-from s2r_host.gap.model import RigidModel, read_spec
+from s2r_host.gap.model import RigidModel
 from s2r_host.gap.nuisance import BaseParameter
 from s2r_host.gap.polish import FRICTION_EFFECTS
 from s2r_host.gap.session import Session
@@ -63,7 +63,7 @@ def build_twin(
     generic: Callable[[StepState], np.ndarray] | None = None,
 ) -> Twin:  # fmt: skip
     """Write base parameters and effects into a copy of the model; what has no stock form stays live."""
-    spec = read_spec(rigid.path)
+    spec = rigid.spec.copy()
     offset = np.zeros(len(rigid.joints))
     for parameter, value in base or []:
         if parameter.name == "effort_offset":

@@ -10,8 +10,13 @@ WORSE, FLOORS = 1.5, 3.0  # times the nominal model's error, and the position's 
 EFFORT_GAIN = 0.9  # of the effort's error: a patch that explains the effort is worth a little position
 
 
-def worsened(before: Errors, after: Errors, joints: list[int], position_floor: float) -> int | None:
+def worsened(
+    before: Errors, after: Errors, joints: list[int], position_floor: float
+) -> tuple[int, float, float] | None:
     """The joint whose held-out position is predicted clearly worse, the worst of several, or None.
+
+    Returns:
+        Joint, and its error by the nominal and by the patched model [rad or m].
 
     Args:
         before: Errors of the nominal model; closed loop counts where there is one.
@@ -29,4 +34,5 @@ def worsened(before: Errors, after: Errors, joints: list[int], position_floor: f
     if not lost.any():
         return None
     ratio = np.where(np.isfinite(now), now / np.maximum(was, 1e-15), np.inf)
-    return int(rows[np.argmax(np.where(lost, ratio, -1.0))])
+    worst = int(np.argmax(np.where(lost, ratio, -1.0)))
+    return int(rows[worst]), float(was[worst]), float(now[worst])

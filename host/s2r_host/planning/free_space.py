@@ -110,10 +110,7 @@ def _keep_apart(model: mujoco.MjModel, geoms: np.ndarray, margin_m: float) -> No
 def _contacts(batch: mujoco.batch.Batch, qpos: np.ndarray) -> np.ndarray:
     """Number of contacts, (n,), at up to a batch of positions (n, nq)."""
     ids = np.arange(len(qpos))
-    given, ncon = (
-        batch.bind("qpos"),
-        batch.bind("ncon"),
-    )  # what is bound later than it is computed stays empty
+    given, ncon = batch.bind("qpos"), batch.bind("ncon")  # both beforehand: bound after, it would be empty
     given[ids] = qpos
     batch.forward(ids=ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
     return np.asarray(ncon)[ids].reshape(-1)

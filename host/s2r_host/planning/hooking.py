@@ -80,7 +80,7 @@ def _hooks_apart(
     *,
     leave: bool,
 ) -> list[Hook]:
-    """Places that leave the robot, the fingertip excepted, some distance to everything, best first, at least one."""
+    """Places that leave some distance between robot and all but fingertip and part, best first, at least one."""
     probe = HandProbe(scene, world.data, settings.threads)
     sign = float(np.sign(s_target - world.s))
     why = (

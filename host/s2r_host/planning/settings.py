@@ -180,8 +180,8 @@ class PlanSettings:
         room_m: Way from a place to the touch that is wished for: more where it is less known where the part ends.
         deep: The fingertip reaches past the point it is to push by no less than its own thickness: where the part may
             end earlier than believed, what grazes its edge slips over it.
-        apart_m: Distance that the robot keeps from everything at a place, on its way there and on with the part, the
-            fingertip excepted, where any place leaves so much. 0: it is enough to touch nothing.
+        apart_m: Distance that the robot keeps from everything at a place, on its way there and on with the part, where
+            any place leaves so much; the fingertip keeps it from all but the part. 0: it is enough to touch nothing.
         along_route: Where sampling gets stuck, the route it was offered is also played as it is: a last resort for
             parts so heavy that no sample within the horizon moves them.
         ensemble: Believable objects that every sequence is rolled out with; its reward is their mean. 1: the believed

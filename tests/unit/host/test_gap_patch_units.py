@@ -1,13 +1,16 @@
 """Patches of models written in degrees, and of bodies and joints without names."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
 
-from s2r_host.gap.effects.base import Context, as_written
-from s2r_host.gap.effects.joint_elasticity import second_joint
+from s2r_host.gap.effects.backlash import EFFECT as BACKLASH
+from s2r_host.gap.effects.base import Context
 from s2r_host.gap.effects.spring_return import add_spring
-from s2r_host.gap.model import RigidModel, read_spec
+from s2r_host.gap.model import RigidModel
 
 MODEL = """<mujoco><compiler angle="{angle}"/><worldbody><body>
   <joint name="door" stiffness="{old}" springref="{rest}" armature=".01"/><geom size=".1" pos=".3 0 0"/>
@@ -23,7 +26,7 @@ def model(request, tmp_path):
 
 
 def test_a_spring_rests_where_it_was_found_to(model):
-    spec = read_spec(model.path)
+    spec = model.spec.copy()
     add_spring(Context(model, []), spec, 0, 3.0, -0.5)
     patched = spec.compile()
     assert patched.jnt_stiffness[0] == pytest.approx(4.0)
@@ -31,12 +34,10 @@ def test_a_spring_rests_where_it_was_found_to(model):
 
 
 def test_a_gap_is_as_wide_as_it_was_found_to_be(model):
-    spec = read_spec(model.path)
-    ctx = Context(model, [])
+    resting: Any = SimpleNamespace(mass=np.ones((1, 2)))
+    ctx, spec = Context(model, [resting]), model.spec.copy()
     for joint, half in ((0, 0.02), (1, 0.003)):
-        flex = second_joint(ctx, spec, joint, 0.01)
-        flex.range = [-as_written(spec, flex, half), as_written(spec, flex, half)]
-        flex.limited = 1
+        assert BACKLASH.patch(ctx, spec, joint, {"w": half, "motor": 0.5}, np.zeros(0))
     patched = spec.compile()
     for name, half in (("door_gap_flex", 0.02), (f"{model.joints[1]}_gap_flex", 0.003)):
         assert patched.joint(name).range == pytest.approx([-half, half])
@@ -53,5 +54,5 @@ def test_what_has_no_name_gets_one_that_is_free(tmp_path):
     assert model.joints == ("joint0", "joint1")
     names = [model.body_name(body) for body in (1, 2)]
     assert len(set(names)) == 2
-    assert all(read_spec(path).body(name) is not None for name in names)
-    assert isinstance(read_spec(path).compile(), mujoco.MjModel)
+    assert all(model.spec.copy().body(name) is not None for name in names)
+    assert isinstance(model.spec.copy().compile(), mujoco.MjModel)
