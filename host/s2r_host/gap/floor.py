@@ -16,7 +16,7 @@ GENERIC_FOLDS = 8
 GENERIC_BINS = 40
 LEAST_ROWS = 4 * GENERIC_FOLDS  # fewer hold nothing to predict from
 STROKE_PARTS = 6
-KNOWN_TIMES = 4.0  # the channels' own noise that a guessed floor may be; clean recordings stay below 1.5
+KNOWN_TIMES = 4.0  # the channels' own noise that a bounded floor may be
 LOOP_SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 
 
