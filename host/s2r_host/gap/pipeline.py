@@ -16,6 +16,7 @@ from s2r_host.gap.config import GapConfig
 from s2r_host.gap.decide import decide, restate
 from s2r_host.gap.decision import Decision
 from s2r_host.gap.forward import Errors, evaluate
+from s2r_host.gap.holes import stretches
 from s2r_host.gap.law import stamps_within
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.other_equations import BEHIND_THE_SENSOR
@@ -63,18 +64,19 @@ class Analysis:
 
 def load_sessions(model: RigidModel, paths: list[Path], first: int, notes: list[str]) -> list[Session]:
     """Read, check and resample recordings; their costs go to ``notes``."""
-    sessions = []
-    for i, path in enumerate(paths):
-        rec = read_recording(path)
-        notes += check_joints(model, rec)
-        rec, said = with_speeds_used(rec)
+    sessions: list[Session] = []
+    for path in paths:
+        whole = read_recording(path)
+        notes += check_joints(model, whole) + [f"{whole.name}: {w}" for w in whole.warnings]
+        pieces, said = stretches(whole)
         notes += said
-        rec = filled(model, rec)
-        notes += [f"{rec.name}: {w}" for w in rec.warnings]
-        s = make_session(model, rec, first + i)
-        check_efforts(model, s)
-        check_units(model, s)
-        sessions.append(s)
+        for piece in pieces:
+            rec, said = with_speeds_used(piece)
+            notes += said
+            s = make_session(model, filled(model, rec), first + len(sessions))
+            check_efforts(model, s)
+            check_units(model, s)
+            sessions.append(s)
     return sessions
 
 

@@ -10,6 +10,7 @@ import yaml
 
 from s2r_host.gap import units as unit_tables
 from s2r_host.gap.errors import GapRecordingError
+from s2r_host.gap.holes import MOVING, unknown_rows
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.recording_tables import read_table
 
@@ -65,6 +66,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         raise GapRecordingError(f"{path.name}: no column 't'; columns are {', '.join(list(table)[:12])}")
     t = table["t"] * unit_tables.factor(declared, "t", path.name)
     keep = _usable_rows(path, t, warnings)
+    keep = _known_rows(path, t, table, keep, warnings)
     channels: dict[str, dict[str, np.ndarray]] = {}
     for column, raw in table.items():
         kind, _, joint = column.partition(".")
@@ -168,6 +170,28 @@ def _usable_rows(path: Path, t: np.ndarray, warnings: list[str]) -> np.ndarray:
             f"sampled at {rate_hz:.0f} Hz: effects faster than {rate_hz / 5:.0f} Hz cannot be seen"
         )
     return index
+
+
+def _known_rows(
+    path: Path, t: np.ndarray, table: dict[str, np.ndarray], keep: np.ndarray, warnings: list[str]
+) -> np.ndarray:
+    """The usable rows without those in which a channel of the motion is empty for too long to be interpolated."""
+    unknown = np.zeros(len(keep), dtype=bool)
+    for column, raw in table.items():
+        kind, _, joint = column.partition(".")
+        present = np.isfinite(raw[keep])
+        if kind not in MOVING or not joint or present.all() or present.sum() < MIN_SAMPLES:
+            continue
+        rows = unknown_rows(t[keep], present)
+        if rows.any():
+            warnings.append(f"column '{column}' is empty for long in {int(rows.sum())} rows, which are left out")
+            unknown |= rows
+    if np.sum(~unknown) < MIN_SAMPLES:
+        raise GapRecordingError(
+            f"{path.name}: the columns hold numbers together in {int(np.sum(~unknown))} rows, at least {MIN_SAMPLES} "
+            "are needed"
+        )
+    return keep[~unknown]
 
 
 def _fill_gaps(column: str, t: np.ndarray, values: np.ndarray, warnings: list[str]) -> np.ndarray | None:

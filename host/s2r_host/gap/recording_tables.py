@@ -36,8 +36,10 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
             body = [row for row in rows if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise GapRecordingError(f"{path.name}: not a readable CSV ({error})") from error
+    if not any(header):
+        raise GapRecordingError(f"{path.name}: the file is empty; its first line has to name the columns (t, q.<joint>, …)")
     if "t" not in header:
-        raise GapRecordingError(f"{path.name}: no column 't'; columns are {', '.join(header[:12]) or 'none'}")
+        raise GapRecordingError(f"{path.name}: no column 't'; columns are {', '.join(header[:12])}")
     if len(set(header)) != len(header):
         twice = sorted({name for name in header if header.count(name) > 1})
         raise GapRecordingError(f"{path.name}: column '{twice[0]}' appears twice")

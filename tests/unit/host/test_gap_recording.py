@@ -52,7 +52,7 @@ def test_gains_follow_the_joint_names(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "no column 't'"),
+        ("", "the file is empty"),
         ("x,y\n1,2\n", "no column 't'"),
         ("t,q.a\n0,1\n0.1,hello\n0.2,3\n", "'hello' is not a number"),
         ("t,q.a\n0,1\n0.1,2\n", "2 usable rows, at least 50"),
