@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX
+from s2r_host.gap.bursts import bursts
 from s2r_host.gap.consistency import disagreement, stretched
 from s2r_host.gap.decision import (
     LEFTOVER_LIMIT,
@@ -27,7 +28,7 @@ from s2r_host.gap.rejected import rejected_list
 from s2r_host.gap.search import MAX_EFFECTS, Search
 from s2r_host.gap.solution import Solution
 from s2r_host.gap.trust import hides, search_under_both, worth
-from s2r_host.gap.vibration import vibration
+from s2r_host.gap.vibration import unheard_line, vibration
 from s2r_host.gap.wrong_number import ALONE_SLACK, TIGHT, Looseness, base_matters, with_number
 
 FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
@@ -108,7 +109,8 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     if odd is None and remains and decision.effects and len(problem.joints) <= FEW_JOINTS:
         odd = stretched(problem, solution)
     if odd is None and remains and decision.effects:
-        odd = _swings(problem, search, solution)
+        found = vibration(problem, search, solution)
+        odd = None if found is None else _swings(problem, *found)
     if odd is not None:
         decision.reasons.append(odd)
     if odd is not None or too_much_left(problem, search, decision):
@@ -126,12 +128,24 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     return decision
 
 
-def _swings(problem: Problem, search: Search, solution: Solution) -> str | None:
-    """Words for a vibration that explains more than the solution does, or None."""
-    found = vibration(problem, search, solution)
-    if found is None:
-        return None
-    j, f, amplitude = found
+def unnamed_force(problem: Problem, search: Search, decision: Decision) -> None:
+    """Turn an answer without a name into 'unknown' where a force acts that a guessed noise floor holds.
+
+    No correction by position and speed predicts a push or a vibration: they pass for noise until their times are seen.
+    """
+    touched = bursts(problem, search.finish([], [], []).prediction)
+    swings = unheard_line(problem)
+    if touched is not None:
+        decision.touched = touched
+        decision.reasons.append(touched.words)
+    elif swings is not None:
+        decision.reasons.append(_swings(problem, *swings))
+    else:
+        return
+    decision.verdict, decision.parameters_off = "unknown", []
+
+
+def _swings(problem: Problem, j: int, f: float, amplitude: float) -> str:
     name = problem.ctx.model.joints[j]
     unit = problem.ctx.model.effort_unit(name)
     return (

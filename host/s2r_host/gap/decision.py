@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from s2r_host.gap.bursts import Bursts
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.law import LawFinding
 from s2r_host.gap.naming import Named
@@ -33,6 +34,7 @@ class Decision:
     explained: float = 0.0
     law: list[LawFinding] = field(default_factory=list)
     contradictions: list[Contradiction] = field(default_factory=list)
+    touched: Bursts | None = None
 
 
 def too_much_left(problem: Problem, search: Search, decision: Decision) -> bool:

@@ -37,7 +37,7 @@ def friction_levels(model: RigidModel, s: Session, j: int) -> tuple[float, float
 
 
 def _friction_fit(s: Session, j: int) -> np.ndarray:
-    key = ("friction", j, float(s.cut[j]), float(s.v_eps[j]))
+    key = ("friction", j, float(s.cut[j]), float(s.v_eps[j]), float(s.lead[j]))
     if key not in s.cache:
         r = compare(s.u[:, j], s, j, True) - compare(s.load[:, j], s, j, False)
         columns = [s.sign(j), s.v[:, j], s.a[:, j], s.load[:, j], np.ones(len(s.t))]
@@ -115,7 +115,7 @@ def _rests(s: Session, j: int) -> np.ndarray:
 
 def stillness(s: Session, j: int) -> np.ndarray:
     """One where a joint may stick, zero where it clearly moves, shape (time,)."""
-    return 1.0 - np.tanh(s.v[:, j] / (2.0 * s.v_eps[j])) ** 2
+    return 1.0 - np.tanh(s.slip(j) / (2.0 * s.v_eps[j])) ** 2
 
 
 def stiction(s: Session, j: int) -> tuple[float, float]:

@@ -15,7 +15,15 @@ from s2r_host.gap.recording import Recording
 
 SLOW_STEPS = 5.0  # usual steps between two rows that make a hole of a slow log
 LEAST_STRETCH_ROWS = 50
-MOVING = ("q", "dq", "tau", "q_cmd", "dq_cmd", "tau_ff", "wrench")  # others (a temperature) may be logged rarely
+MOVING = (
+    "q",
+    "dq",
+    "tau",
+    "q_cmd",
+    "dq_cmd",
+    "tau_ff",
+    "wrench",
+)  # others (a temperature) may be logged rarely
 
 
 def longest_bridged(t: np.ndarray) -> float:

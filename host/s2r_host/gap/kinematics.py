@@ -23,6 +23,10 @@ DRIFT_HZ, NOISE_HZ = 0.5, 10.0
 WALK_S = 0.3  # time over which the noise of a speed adds up under the drift filter
 PEAK = 5.0  # largest disagreement, in noise levels, beside which a position that stands still is no accident
 CLEAR = 2.0  # disagreement in noise levels that is no accident; clean recordings reach 0.5
+INTEGRATION = 1e-4  # of the motion: what a simulator's steps leave between both where speeds jump
+FAINT = (
+    0.05  # noise levels below which even what follows the effort is only the rounding of a noiseless record
+)
 NAMED_SHARE = 0.8  # part of the disagreement that a name has to explain; noise follows nothing (0.2)
 FOREIGN = 3.0  # a current that leaks into the sensor may not leave so many times less
 SIGN_SHARE = 0.25  # further part that play has to explain beyond a spring
@@ -76,7 +80,9 @@ def contradiction(model: RigidModel, fit: list[Session], joint: int) -> Contradi
     stands_out = size > noise or min(float(np.max(np.abs(x))) for x in left) > PEAK * noise
     if stands_out and all(stops := [frozen(s.rec, name) for s in fit]):
         return Contradiction(joint, size, noise, None, stops[0], _stops(name, len(stops[0])))
-    if size < CLEAR * noise and _follows_something(tracks, fit[0].rec.dt) < NAMED_SHARE:
+    if size < FAINT * noise or (
+        size < CLEAR * noise and _follows_something(tracks, fit[0].rec.dt) < NAMED_SHARE
+    ):
         return None
     finding = _transmission(model, fit, tracks, joint)
     return Contradiction(
@@ -147,7 +153,8 @@ def _track(model: RigidModel, s: Session, joint: int) -> _Track | None:
     steps = np.concatenate([[0.0], np.cumsum(0.5 * (dq[1:] + dq[:-1]) * np.diff(s.rec.t))])
     rough = float(np.std(band(even(way - steps))))  # what the rule of integration is worth
     white = float(np.median(np.abs(np.diff(dq, 2)))) * 1.48 / np.sqrt(6.0)
-    noise = float(np.sqrt((0.4 * resolution(q)) ** 2 + (white**2 * dt * WALK_S) + rough**2))
+    step = INTEGRATION * float(np.std(q))
+    noise = float(np.sqrt((0.4 * resolution(q)) ** 2 + (white**2 * dt * WALK_S) + rough**2 + step**2))
     v = zero_phase(even(dq), (min(NOISE_HZ, 0.4 / dt),), dt)
     honest = np.stack([band(even(q)), band(v), band(np.gradient(v, dt))], axis=1)
     link = s.load[:, joint] - float(model.model.dof_armature[joint]) * s.a[:, joint]

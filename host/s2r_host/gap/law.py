@@ -61,7 +61,10 @@ class LawFinding:
 
 @dataclass
 class _Rows:
-    """One recording of one joint: asked and reported effort on a fine grid, and how to compare them."""
+    """One recording of one joint: asked and reported effort on a fine grid, and how to compare them.
+
+    ``unsure``: what the law would ask for otherwise if speeds that were not logged were taken a moment later.
+    """
 
     s: Session
     joint: int
@@ -72,6 +75,7 @@ class _Rows:
     kd: np.ndarray
     fine: np.ndarray
     late: Callable[[float], np.ndarray]
+    unsure: list[np.ndarray]
 
     def compare(self, x: np.ndarray) -> np.ndarray:
         """Filter and decimate a signal of the work grid; of a slow log, only its own rows count."""
@@ -167,7 +171,8 @@ class _Test:
         for r, y in zip(self.rows, self.y, strict=True):
             moved = change(r)
             left = y if moved is None else y - r.compare(moved)
-            X = np.stack([np.ones(len(left)), np.linspace(-1, 1, len(left))], axis=1)
+            nuisance = [np.ones(len(left)), np.linspace(-1, 1, len(left)), *(r.compare(x) for x in r.unsure)]
+            X = np.stack(nuisance, axis=1)
             left = left - X @ np.linalg.lstsq(X, left, rcond=None)[0]
             found.append((float(left @ left) + LEAST_MISFIT * self.power * len(left), len(left)))
         return found
@@ -301,7 +306,21 @@ def _rows(model: RigidModel, s: Session, joint: int, held: bool) -> _Rows | None
 
     fine = np.arange(0.0, float(s.t[-1]), min(FINE_S, s.dt))
     u = s.u[:, joint] if s.rec.rows is None else asked + _off_at_rows(model, s, joint)
-    return _Rows(s, joint, held, u, asked, parts.kp, parts.kd, fine, late)
+    return _Rows(s, joint, held, u, asked, parts.kp, parts.kd, fine, late, _unsure(model, s, joint))
+
+
+def _unsure(model: RigidModel, s: Session, joint: int) -> list[np.ndarray]:
+    """Changes of speeds that were not logged: whether a controller differentiates early or late is not known."""
+    name, law = model.joints[joint], s.rec.controller
+    found: list[np.ndarray] = []
+    if not law.kd.get(name, 0.0):
+        return found
+    if s.rec.get("dq", name) is None:
+        found.append(s.a[:, joint])
+    command = s.channel("q_cmd", name)
+    if command is not None and law.kind != "position_servo" and s.rec.get("dq_cmd", name) is None:
+        found.append(np.gradient(np.gradient(command, s.dt), s.dt))
+    return found
 
 
 def _off_at_rows(model: RigidModel, s: Session, joint: int) -> np.ndarray:

@@ -81,6 +81,19 @@ class RigidModel:
         """``N·m`` or ``N``."""
         return "N·m" if self.unit(joint) == "rad" else "N"
 
+    def friction_lead(self, joint: str) -> float:
+        """How early MuJoCo's friction constraint turns round when the joint slows down [s]: 1/B of ``solreffriction``.
+
+        MuJoCo, Computation, "Solver parameters": aref = -B v - K r, B = 2 / (dmax timeconst), or -damping / dmax.
+        """
+        m = self.model
+        j = self.index(joint)
+        constant, damping = (float(x) for x in m.dof_solref[j])
+        largest = float(np.clip(m.dof_solimp[j, 1], 1e-4, 0.9999))
+        if constant <= 0.0:
+            return largest / max(-damping, 1e-9)
+        return 0.5 * largest * max(constant, 2.0 * float(m.opt.timestep))
+
     def variant(self, change: Callable[[mujoco.MjModel], None]) -> mujoco.MjModel:
         """A copy for inverse dynamics (no contacts, limits or dry friction) with ``change`` applied."""
         m = copy.copy(self.model)

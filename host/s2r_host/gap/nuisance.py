@@ -229,7 +229,7 @@ def _edge(model: RigidModel, j: int, joint: str) -> BaseParameter:
     """
 
     def column(s: Session) -> np.ndarray:
-        sharp, wide = s.sign(j), np.tanh(s.v[:, j] / (3.0 * s.v_eps[j]))
+        sharp, wide = s.sign(j), np.tanh(s.slip(j) / (3.0 * s.v_eps[j]))
         return _on_joint(s, j, sharp - wide)
 
     return BaseParameter(

@@ -13,9 +13,10 @@ from s2r_host.gap import insufficient
 from s2r_host.gap.align import control_lag
 from s2r_host.gap.checks import check_efforts, check_joints, check_units
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.decide import decide, restate
+from s2r_host.gap.decide import decide, restate, unnamed_force
 from s2r_host.gap.decision import Decision
 from s2r_host.gap.forward import Errors, evaluate
+from s2r_host.gap.friction_edge import find_edge
 from s2r_host.gap.holes import stretches
 from s2r_host.gap.law import stamps_within
 from s2r_host.gap.model import RigidModel
@@ -25,7 +26,7 @@ from s2r_host.gap.problem import Problem, build_problem
 from s2r_host.gap.recording_files import read_recording
 from s2r_host.gap.replay import Live, Twin, build_twin, has_loop, run
 from s2r_host.gap.search import Search
-from s2r_host.gap.seeds import fill_residuals, sharpen_sign
+from s2r_host.gap.seeds import fill_residuals
 from s2r_host.gap.servo_law import with_speeds_used
 from s2r_host.gap.session import Session, make_session
 from s2r_host.gap.slow_log import filled
@@ -124,7 +125,7 @@ def analyse(
 def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     sessions = a.fit + a.hold + a.repeats
     for j in range(len(a.model.joints)):
-        sharpen_sign(sessions, a.model, j)
+        find_edge(sessions, a.model, j)
     log("residual efforts and noise floor")
     problem = _stated(a, config)
     log("search over the catalogue")
@@ -138,6 +139,8 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
             named = decide(finer, again, log)
             if named.verdict == "physics_missing":
                 problem, search, decision = finer, again, named
+    if decision.verdict in UNTOUCHED:
+        unnamed_force(problem, search, decision)
     a.problem, a.search, a.decision, a.verdict = problem, search, decision, decision.verdict
     a.places = _places(problem, search, decision)
     reason = insufficient.no_motion(a.model, a.fit, problem)
@@ -236,6 +239,8 @@ def _places(problem: Problem, search: Search, decision: Decision) -> list[Place]
     places = with_named(problem, rows, locate(problem, rows), decision)
     if decision.contradictions:
         return [contradicted(problem, c) for c in decision.contradictions]
+    if decision.touched is not None:
+        return [contradicted(problem, decision.touched)]
     if decision.verdict != "physics_missing":
         return places
     found = []

@@ -22,6 +22,7 @@ from s2r_host.gap.unrepeated import Wander, wandering
 SIGNAL_TO_NOISE = 20.0
 SIGNAL_TO_GUESS = 3.0  # against a leftover, which is noise and model error together
 EDGE_SHARE = 0.5
+EQUATIONS = 2e-3  # of the effort: steps of an integration and filters err so much where nothing else does
 TIMING_KNOWN = 0.3  # of the usual doubt, where the control law shows when its effort was logged
 
 
@@ -163,10 +164,11 @@ def build_problem(
     whiteners, floor = {}, {}
     for j in joints:
         scale = max(float(np.std(s.u[:, j])) for s in sessions if s.has_u[j])
-        whitener = fit_whitener(noise[j], 1e-4 * scale)
-        own = max(rms(noise[j]), 1e-4 * scale, 1e-12)
+        least = max(EQUATIONS * scale, 1e-12)
+        whitener = fit_whitener(noise[j], least)
+        own = max(rms(noise[j]), least)
         level = floor_level(model, sessions, blocks, noise[j], j, guessed=source != "repeat", bounded=bounded)
-        floor[j] = max(level, 1e-4 * scale, 1e-12)
+        floor[j] = max(level, least)
         whiteners[j] = replace(whitener, scale=whitener.scale * floor[j] / own)
     problem = Problem(
         ctx, joints, blocks, whiteners, np.zeros(start), np.concatenate(raw), np.zeros(start),

@@ -184,7 +184,9 @@ def _known_rows(
             continue
         rows = unknown_rows(t[keep], present)
         if rows.any():
-            warnings.append(f"column '{column}' is empty for long in {int(rows.sum())} rows, which are left out")
+            warnings.append(
+                f"column '{column}' is empty for long in {int(rows.sum())} rows, which are left out"
+            )
             unknown |= rows
     if np.sum(~unknown) < MIN_SAMPLES:
         raise GapRecordingError(

@@ -37,7 +37,9 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise GapRecordingError(f"{path.name}: not a readable CSV ({error})") from error
     if not any(header):
-        raise GapRecordingError(f"{path.name}: the file is empty; its first line has to name the columns (t, q.<joint>, …)")
+        raise GapRecordingError(
+            f"{path.name}: the file is empty; its first line has to name the columns (t, q.<joint>, …)"
+        )
     if "t" not in header:
         raise GapRecordingError(f"{path.name}: no column 't'; columns are {', '.join(header[:12])}")
     if len(set(header)) != len(header):

@@ -153,7 +153,8 @@ class _Plan:
         names = [m.joint(i).name for i in range(m.njnt)]
         self.dof = np.array([int(m.jnt_dofadr[names.index(j)]) for j in twin.rigid.joints])
         self.adr = np.array([int(m.jnt_qposadr[names.index(j)]) for j in twin.rigid.joints])
-        m.dof_solref[self.dof], m.dof_solimp[self.dof] = HARD_SOLREF, HARD_SOLIMP
+        hard = self.dof[s.lead == 0.0]  # else the recorded friction is that of MuJoCo
+        m.dof_solref[hard], m.dof_solimp[hard] = HARD_SOLREF, HARD_SOLIMP
         self.friction = np.array(m.dof_frictionloss[self.dof])
         factor = twin.friction_factor.get(s.rec.session, np.ones(len(self.dof)))
         self.friction *= factor

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import welch
 
 from s2r_host.gap.filters import zero_phase
+from s2r_host.gap.leading_position import lead_of_position
 from s2r_host.gap.lost_rows import bridged
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.recording import Recording, resolution
@@ -36,6 +37,7 @@ class Session:
         mass: Diagonal of the inertia matrix, shape (time, joint).
         v_eps: Speed below which the sign of motion is noise [rad/s or m/s], shape (joint,).
         q_lsb: Resolution of the position [rad or m], shape (joint,).
+        lead: How early dry friction turns round before the joint does [s], shape (joint,); see ``friction_edge.py``.
         cut: Upper end of the band in which efforts are compared [Hz], shape (joint,).
         motion_cut: Cut of the filter behind position and its derivatives [Hz], shape (joint,).
         index: Number of the recording on the command line.
@@ -58,11 +60,16 @@ class Session:
     q_raw: np.ndarray
     cut: np.ndarray
     motion_cut: np.ndarray
+    lead: np.ndarray
     cache: dict = field(default_factory=dict)
 
     def sign(self, joint: int) -> np.ndarray:
-        """Direction of motion in [-1, 1], smooth inside the velocity noise, shape (time,)."""
-        return np.tanh(self.v[:, joint] / self.v_eps[joint])
+        """Direction in which dry friction is overcome, in [-1, 1], smooth inside the velocity noise, shape (time,)."""
+        return np.tanh(self.slip(joint) / self.v_eps[joint])
+
+    def slip(self, joint: int) -> np.ndarray:
+        """Speed that decides the direction of dry friction [rad/s or m/s], shape (time,)."""
+        return self.v[:, joint] + self.lead[joint] * self.a[:, joint]
 
     def channel(self, kind: str, joint: str) -> np.ndarray | None:
         """A recorded channel on the work grid, or None."""
@@ -118,7 +125,7 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
     return Session(
         rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.asarray(np.isfinite(u).all(0)),
         load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, q_lsb=q_lsb, q_raw=q_raw,
-        cut=cut, motion_cut=motion_cut,
+        cut=cut, motion_cut=motion_cut, lead=np.zeros(nv),
     )  # fmt: skip
 
 
@@ -164,14 +171,17 @@ def _top(v: np.ndarray) -> float:
 def _motion(
     rec: Recording, joint: str, t: np.ndarray, dt: float, cut: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity, acceleration from the quieter of two routes: q alone, or q with the logged dq."""
-    raw = rec.get("q", joint)
+    """Position, velocity, acceleration from the quieter of two routes: q alone, or q with the logged dq.
+
+    The logged dq of a simulator is exact.
+    """
+    raw, logged = rec.get("q", joint), rec.get("dq", joint)
     assert raw is not None
+    simulated = lead_of_position(rec, joint) > 0.0
     fine_dt = rec.dt
     fine_t = np.arange(0.0, rec.t[-1] + 1e-9, fine_dt)
     q = lowpass(_resample(rec.t, raw, fine_t), cut, fine_dt)
     routes = [(q, *_derivatives(q, fine_t))]
-    logged = rec.get("dq", joint)
     if logged is not None:
         dq = lowpass(_resample(rec.t, logged, fine_t), cut, fine_dt)
         ddq = CubicSpline(fine_t, dq)(fine_t, 1)
@@ -179,7 +189,7 @@ def _motion(
     noise = [np.std(r[2] - lowpass(r[2], 0.5 * cut, fine_dt)) for r in routes]
     # The logged velocity has to be clearly quieter: a filtered one carries a lag that nobody declared.
     best = routes[1] if len(routes) == 2 and noise[1] < 0.7 * noise[0] else routes[0]
-    if len(routes) == 2 and 1.0 / fine_dt < 100.0:
+    if len(routes) == 2 and (simulated or 1.0 / fine_dt < 100.0):
         best = routes[1]
     q, dq, ddq = (np.asarray(np.interp(t, fine_t, x)) for x in best)
     return q, dq, ddq

@@ -8,16 +8,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from s2r_host.gap.model import RigidModel
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.regression import TEMPER
-from s2r_host.gap.rows import Block
+from s2r_host.gap.rows import ROWS_PER_CUT, Block
 from s2r_host.gap.search import Search
+from s2r_host.gap.session import COMPARE_CUT_HZ, Session, lowpass, nominal_friction
 from s2r_host.gap.solution import Solution
 
 LEAST_HZ, PER_RECORD = 0.5, 4.0  # lowest frequency, steps of the first grid per line width
 BETTER = 0.5  # power the sine may leave, in that of the explanation, in every recording
 STEADY = 1.5  # ratio of its amplitudes between recordings: what swings by itself swings alike
 MOTION_SHARE = 0.08  # of the joint's speed within two line widths: there the motion itself has its line
+LEAST = 0.25  # of the noise floor
+MOST, LOUD_SHARE = 0.6, 0.05  # of the power left over; of the effort: a line outside the band that matters
+EDGE_S, LEAST_ROWS, ALIKE_HZ = 0.5, 120, 0.1
 ROUNDS = 3
 
 
@@ -39,9 +44,56 @@ def vibration(problem: Problem, search: Search, solution: Solution) -> tuple[int
             for b in blocks
         ]
         steady = max(amplitudes) < STEADY * min(amplitudes)
-        if steady and all(own < BETTER * theirs for own, theirs in powers):
+        heard = min(amplitudes) > LEAST * problem.floor[j]
+        if heard and steady and all(own < BETTER * theirs for own, theirs in powers):
             return j, f, float(np.mean(amplitudes))
     return None
+
+
+def unheard_line(problem: Problem) -> tuple[int, float, float] | None:
+    """Joint, frequency [Hz] and amplitude [N·m or N] of a steady line outside the band of comparison, too.
+
+    A line is what a guessed floor takes for noise, and the band ends where noise begins: so all of it is looked at,
+    beside a rigid body with friction whose numbers are free.
+    """
+    for j in problem.joints:
+        seen = [_loudest(problem.ctx.model, s, j) for s in problem.ctx.sessions if s.has_u[j]]
+        lines = [x for x in seen if x is not None]
+        if not lines or len(lines) < len(seen):
+            continue
+        f, amplitudes = lines[0][0], [a for _, a in lines]
+        near = all(abs(other - f) < ALIKE_HZ for other, _ in lines)
+        if near and max(amplitudes) < STEADY * min(amplitudes):
+            return j, f, float(np.mean(amplitudes))
+    return None
+
+
+def _loudest(model: RigidModel, s: Session, j: int) -> tuple[float, float] | None:
+    """Frequency and amplitude of a line that is most of what a rigid body leaves over, and none of the motion's."""
+    top = min(COMPARE_CUT_HZ, s.rec.band_hz)
+    margin = int(EDGE_S / s.dt)
+    rows = np.arange(margin, len(s.t) - margin, max(1, int(1.0 / (ROWS_PER_CUT * top * s.dt))))
+    if len(rows) < LEAST_ROWS:
+        return None
+    u = s.u[:, j]
+    columns = [
+        np.ones(len(u)),
+        s.sign(j),
+        s.v[:, j],
+        s.a[:, j],
+        s.load[:, j],
+        np.gradient(s.load[:, j], s.dt),
+    ]
+    X = np.stack([lowpass(x, top, s.dt)[rows] for x in columns], axis=1)
+    y = lowpass(u - s.load[:, j] - nominal_friction(model, s)[:, j], top, s.dt)[rows]
+    left = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
+    block = Block(s, j, slice(0, len(rows)), rows, np.zeros(len(rows), dtype=bool))
+    f = _strongest([block], left, top)
+    line = _line(block, left, f)
+    amplitude = float(np.sqrt(2.0 * np.mean(line**2)))
+    alone = float(np.mean((left - line) ** 2)) < (1.0 - MOST) * float(np.mean(left**2))
+    loud = amplitude > LOUD_SHARE * float(np.std(u))
+    return (f, amplitude) if alone and loud and not _moves_at(block, f) else None
 
 
 def _beside_numbers(
@@ -61,10 +113,11 @@ def _beside_numbers(
     return search.unwhitened(problem.y - X @ c), [float(np.hypot(*x)) for x in swing]
 
 
-def _strongest(blocks: list[Block], rows: np.ndarray) -> float:
-    """Frequency whose sine takes most of all blocks together [Hz]."""
+def _strongest(blocks: list[Block], rows: np.ndarray, top: float = np.inf) -> float:
+    """Frequency whose sine takes most of all blocks together [Hz], up to ``top`` or the end of their band."""
     span = max(float(_times(b)[-1] - _times(b)[0]) for b in blocks)
-    top = min(float(b.session.cut[b.joint]) for b in blocks)
+    if not np.isfinite(top):
+        top = min(float(b.session.cut[b.joint]) for b in blocks)
     step = 1.0 / (PER_RECORD * span)
     grid = np.arange(LEAST_HZ, max(top, LEAST_HZ + step), step)
     best = LEAST_HZ

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from s2r_host.gap.bursts import Bursts
 from s2r_host.gap.decision import Decision
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.naming import Named
@@ -71,8 +72,8 @@ def with_named(problem: Problem, rows: np.ndarray, places: list[Place], decision
     ]
 
 
-def contradicted(problem: Problem, found: Contradiction) -> Place:
-    """Where position and speed of a joint contradict each other; position and speed cover the whole motion."""
+def contradicted(problem: Problem, found: Contradiction | Bursts) -> Place:
+    """What is known by its times alone: two sensors that contradict each other, a push; the ranges are the motion's."""
     s, j = problem.ctx.sessions[0], found.joint
     box = [[round(float(x.min()), 5), round(float(x.max()), 5)] for x in (s.q[:, j], s.v[:, j])]
     return Place(problem.ctx.model.joints[j], 1.0, found.intervals, box[0], box[1], found.words)

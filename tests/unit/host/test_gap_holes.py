@@ -73,7 +73,9 @@ def test_a_recording_is_cut_at_its_holes_and_keeps_its_times(rig, tmp_path):
     assert [len(p.t) for p in pieces] == [int((columns["t"] < 5.0).sum()), int((columns["t"] >= 5.8).sum())]
     assert pieces[1].start_s == pytest.approx(5.8, abs=DT)
     assert pieces[1].t[0] == 0.0
-    assert pieces[1].channels["q"]["elbow"][0] == pytest.approx(columns["q.elbow"][np.argmax(~rows & (columns["t"] > 5.0))])
+    assert pieces[1].channels["q"]["elbow"][0] == pytest.approx(
+        columns["q.elbow"][np.argmax(~rows & (columns["t"] > 5.0))]
+    )
     assert "1 hole(s)" in notes[0]
 
 

@@ -5,13 +5,14 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from s2r_host.gap.decide import decide
+from s2r_host.gap.friction_edge import find_edge
 from s2r_host.gap.friction_seen import between_level
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.problem import build_problem
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
 from s2r_host.gap.search import Search
-from s2r_host.gap.seeds import fill_residuals, sharpen_sign
+from s2r_host.gap.seeds import fill_residuals
 from s2r_host.gap.session import make_session
 from s2r_host.gap.slow_log import filled
 
@@ -87,7 +88,7 @@ def named(model, damping):
         make_session(model, filled(model, logged(model, k, phase, damping)), k)
         for k, phase in enumerate((0.0, 0.0, 1.3))
     ]
-    sharpen_sign(sessions, model, 0)
+    find_edge(sessions, model, 0)
     fit, again, held = sessions
     problem = build_problem(model, [fit], [held], [again])
     fill_residuals(problem)

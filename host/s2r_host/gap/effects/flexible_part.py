@@ -9,6 +9,8 @@ from s2r_host.gap.effects.joint_elasticity import mean_inertia
 from s2r_host.gap.session import Session
 from s2r_host.gap.states import filtered
 
+MORE_THAN_ALL = -60.0  # log odds
+
 
 class FlexiblePart(Effect):
     """η'' + 2 ζ ω η' + ω² η = -ddq; tau = μ J η''."""
@@ -34,6 +36,10 @@ class FlexiblePart(Effect):
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
         """Panels hang on the joints of objects, rarely on one with a motor's inertia."""
         return -4.0 if float(ctx.model.model.dof_armature[joint]) > 0.0 else 0.0
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """No more can hang on the joint than it moves."""
+        return MORE_THAN_ALL if float(theta[0]) > 1.0 else 0.0
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Reaction of the hanging share, per unit share of the inertia."""

@@ -1,0 +1,74 @@
+"""Recordings that MuJoCo made, without any noise: what its solver does to friction and time is no missing physics."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from s2r_host.gap.config import GapConfig
+from s2r_host.gap.friction_edge import find_edge
+from s2r_host.gap.leading_position import lead_of_position
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.pipeline import analyse, load_sessions
+
+DT, KP, KD = 0.002, 60.0, 4.0
+QUICK = GapConfig(simulate=False, baselines=False, report=False, next_experiment=False)
+ARM = """<mujoco><option timestep="0.002"/><worldbody><body>
+<joint name="elbow" axis="0 1 0" damping="0.1" frictionloss="{friction}" armature="0.01"/>
+<geom type="capsule" fromto="0 0 0 .4 0 0" size=".03" mass="1"/></body></worldbody></mujoco>"""
+TONES = ((0.5, 0.23, 0.0), (0.25, 0.7, 1.0), (0.1, 1.6, 2.0))
+
+
+def recorded(folder, friction=0.05, known=0.05, noise=0.0, duration=20.0):
+    """Write a run of the arm under PD control with Euler's steps, as MuJoCo's state says it; returns model and file."""
+    model = folder / "model.xml"
+    model.write_text(ARM.format(friction=known))
+    m = mujoco.MjModel.from_xml_string(ARM.format(friction=friction))
+    d = mujoco.MjData(m)
+    rows = []
+    for k in range(int(duration / DT)):
+        t = k * DT
+        q = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in TONES)
+        dq = sum(2 * np.pi * f * a * np.cos(2 * np.pi * f * t + p) for a, f, p in TONES)
+        u = KP * (q - d.qpos[0]) + KD * (dq - d.qvel[0])
+        rows.append((t, d.qpos[0], d.qvel[0], u, q, dq))
+        d.qfrc_applied[0] = u
+        mujoco.mj_step(m, d)
+    table = np.array(rows)
+    table[:, 1:4] += noise * np.random.default_rng(0).normal(size=(len(table), 3))
+    names = ",".join(["t", *(f"{kind}.elbow" for kind in ("q", "dq", "tau", "q_cmd", "dq_cmd"))])
+    path = folder / "run.csv"
+    np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.10g")
+    path.with_suffix(".yaml").write_text(
+        f"controller: {{type: pd, kp: {{elbow: {KP}}}, kd: {{elbow: {KD}}}, rate_hz: {1 / DT}}}\n"
+        "effort: commanded\ninput: q_cmd\n"
+    )
+    return model, path
+
+
+def test_nothing_is_missing_in_a_run_of_the_model_itself(tmp_path):
+    model, path = recorded(tmp_path)
+    found = analyse(model, [path], [], [], QUICK, lambda _: None)
+    assert found.verdict == "nothing_missing"
+
+
+def test_friction_that_the_model_lacks_is_still_named(tmp_path):
+    model, path = recorded(tmp_path, friction=0.4, known=0.0)
+    found = analyse(model, [path], [], [], QUICK, lambda _: None)
+    (named,) = found.decision.effects
+    assert named.name == "coulomb_friction"
+    assert named.parameters["level"]["value"] == pytest.approx(0.4, rel=0.03)
+
+
+def test_the_step_of_its_friction_is_early_and_its_position_ahead_by_half_a_step(tmp_path):
+    path, run = recorded(tmp_path)
+    model = RigidModel(path)
+    (s,) = load_sessions(model, [run], 0, [])
+    find_edge([s], model, 0)
+    assert s.lead[0] == model.friction_lead("elbow") == pytest.approx(0.0095)
+    assert lead_of_position(s.rec, "elbow") == pytest.approx(0.5 * DT, rel=0.02)
+
+
+def test_noise_hides_the_half_step(tmp_path):
+    path, run = recorded(tmp_path, noise=1e-3)
+    (s,) = load_sessions(RigidModel(path), [run], 0, [])
+    assert lead_of_position(s.rec, "elbow") == 0.0
