@@ -14,14 +14,13 @@ import numpy as np
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.rows import Block
+from s2r_host.gap.time_spans import time_spans
 
 WINDOW_S = 0.2
 LOUD = 5.0  # times what is usual in the recording
 LONGEST_SHARE, LEAST_POWER = 0.3, 0.8  # of the time; of the power
-SLOW, SLOW_SHARE = (
-    0.1,
-    0.5,
-)  # of the top speed; of the power, from which on it is the turning back that is loud
+SLOW = 0.1  # of the top speed
+SLOW_SHARE = 0.5  # of the power, from which on it is the turning back that is loud
 LEAST_EFFORT = 0.1  # of the effort (rms)
 LEAST_WINDOWS = 20
 MERGE_S = 0.4
@@ -74,21 +73,12 @@ def _in_block(model: RigidModel, block: Block, left: np.ndarray) -> Bursts | Non
         return None
     if level < LEAST_EFFORT * float(np.std(s.u[:, block.joint])):
         return None
+    clear = loud & (power > FAINT * float(power.max()))
+    spans = time_spans(s.t[picks][clear] + s.rec.start_s, MERGE_S)
     name = model.joints[block.joint]
     unit = model.effort_unit(name)
     return Bursts(
-        block.joint, level, quiet, _times(s.t[picks] + s.rec.start_s, loud & (power > FAINT * float(power.max()))),
+        block.joint, level, quiet, [[round(a, 3), round(b, 3)] for a, b in spans],
         f"now and then an effort of {level:.3g} {unit} acts on '{name}' that neither its motion nor its place explains "
         f"({quiet:.2g} {unit} is left over otherwise): something touches it",
     )  # fmt: skip
-
-
-def _times(t: np.ndarray, loud: np.ndarray) -> list[list[float]]:
-    """Intervals of loud rows, those less than ``MERGE_S`` apart as one."""
-    found: list[list[float]] = []
-    for time in t[loud].tolist():
-        if found and time - found[-1][1] < MERGE_S:
-            found[-1][1] = time
-        else:
-            found.append([time, time])
-    return [[round(a, 3), round(b, 3)] for a, b in found]

@@ -134,7 +134,7 @@ def unnamed_force(problem: Problem, search: Search, decision: Decision) -> None:
     No correction by position and speed predicts a push or a vibration: they pass for noise until their times are seen.
     """
     touched = bursts(problem, search.finish([], [], []).prediction)
-    swings = unheard_line(problem)
+    swings = unheard_line(problem) if touched is None else None
     if touched is not None:
         decision.touched = touched
         decision.reasons.append(touched.words)

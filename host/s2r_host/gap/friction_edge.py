@@ -10,6 +10,8 @@ would be read as a clock that is late.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from s2r_host.gap.model import RigidModel
@@ -28,55 +30,70 @@ def find_edge(sessions: list[Session], model: RigidModel, joint: int) -> None:
     A wrong edge would be read as a Stribeck hump. A late drive puts a step early as well, but not the step alone: a
     lead has to be worth it beside the change of the effort, which stands for any delay, where the two steps differ.
     """
-    sessions = [s for s in sessions if s.has_u[joint]]
-    if not sessions:
-        return
-    start = [float(s.v_eps[joint]) for s in sessions]
-    usual, _ = _best_edge(sessions, joint, start, 0.0)
     lead = model.friction_lead(model.joints[joint])
-    rows = [_around_reversals(s, joint, lead) for s in sessions]
-    (_, plain), (edge, led) = (_best_edge(sessions, joint, start, x, rows) for x in (0.0, lead))
-    if led < LEADS * plain:
-        _set(sessions, joint, start, edge, lead)
-    else:
-        _set(sessions, joint, start, usual, 0.0)
+    steps = [_step(s, joint, lead) for s in sessions if s.has_u[joint]]
+    if not steps:
+        return
+    usual, _ = _best_edge(steps, 0.0, around=False)
+    (_, plain), (edge, led) = (_best_edge(steps, x, around=True) for x in (0.0, lead))
+    for x in steps:
+        x.place(*((edge, lead) if led < LEADS * plain else (usual, 0.0)))
 
 
-def _best_edge(
-    sessions: list[Session], joint: int, start: list[float], lead: float, rows: list[np.ndarray] | None = None
-) -> tuple[float, float]:
-    """The edge that fits best, and its misfit; ``rows``: only there, and beside a drive with any delay."""
+@dataclass(frozen=True)
+class _Step:
+    """A recording that a friction step of any edge and lead is fitted to.
+
+    Attributes:
+        s, joint: The recording and the joint; ``v_eps`` the noise of its speed.
+        left: Effort that the rigid body leaves over, shape (time,).
+        others: What stands beside the step, shape (time, 4), and ``late``, what any delay of the drive would make.
+        around: Rows at which a step with the lead differs from one without, shape (time,).
+        inner: Rows between the ends, where filters ring.
+    """
+
+    s: Session
+    joint: int
+    v_eps: float
+    left: np.ndarray
+    others: np.ndarray
+    late: np.ndarray
+    around: np.ndarray
+    inner: slice
+
+    def place(self, edge: float, lead: float) -> None:
+        """Set edge and lead in the recording."""
+        self.s.v_eps[self.joint], self.s.lead[self.joint] = edge * self.v_eps, lead
+
+    def misfit(self, *, around: bool) -> float:
+        """Squared effort left over with the step as placed; ``around``: of some rows, beside a drive with any delay."""
+        step = compare(self.s.sign(self.joint), self.s, self.joint, True)
+        X = np.column_stack([step, self.others, self.late] if around else [step, self.others])[self.inner]
+        y = self.left[self.inner]
+        left = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
+        if around:
+            left = left[self.around[self.inner]]
+        return float(left @ left)
+
+
+def _step(s: Session, joint: int, lead: float) -> _Step:
+    u = compare(s.u[:, joint], s, joint, True)
+    v, a, load = s.v[:, joint], s.a[:, joint], s.load[:, joint]
+    others = [compare(c, s, joint, True) for c in (v, a, load, np.ones(len(s.t)))]
+    differs = compare(np.sign(v + lead * a) - np.sign(v), s, joint, True)
+    return _Step(
+        s, joint, float(s.v_eps[joint]), u - compare(load, s, joint, False), np.stack(others, axis=1),
+        np.gradient(u, s.dt), np.abs(differs) > DIFFERS, slice(*picks_of(s, joint)[[0, -1]]),
+    )  # fmt: skip
+
+
+def _best_edge(steps: list[_Step], lead: float, *, around: bool) -> tuple[float, float]:
+    """The edge that fits best with this lead, and its misfit."""
     best, least = 1.0, np.inf
     for edge in EDGES:
-        _set(sessions, joint, start, edge, lead)
-        misfit = sum(_misfit(s, joint, None if rows is None else rows[i]) for i, s in enumerate(sessions))
+        for x in steps:
+            x.place(edge, lead)
+        misfit = sum(x.misfit(around=around) for x in steps)
         if misfit < SHARPER * least:
             best, least = edge, misfit
     return best, least
-
-
-def _set(sessions: list[Session], joint: int, start: list[float], edge: float, lead: float) -> None:
-    for s, v_eps in zip(sessions, start, strict=True):
-        s.v_eps[joint], s.lead[joint] = edge * v_eps, lead
-
-
-def _around_reversals(s: Session, joint: int, lead: float) -> np.ndarray:
-    """Rows at which a step with this lead differs from one without, shape (time,)."""
-    early, plain = (np.sign(s.v[:, joint] + x * s.a[:, joint]) for x in (lead, 0.0))
-    return np.abs(compare(early - plain, s, joint, True)) > DIFFERS
-
-
-def _misfit(s: Session, joint: int, rows: np.ndarray | None) -> float:
-    """Squared effort that a rigid body with friction leaves over, of all rows or of some."""
-    u = compare(s.u[:, joint], s, joint, True)
-    r = u - compare(s.load[:, joint], s, joint, False)
-    columns = [s.sign(joint), s.v[:, joint], s.a[:, joint], s.load[:, joint], np.ones(len(s.t))]
-    columns = [compare(c, s, joint, True) for c in columns]
-    if rows is not None:
-        columns.append(np.gradient(u, s.dt))
-    inner = slice(*picks_of(s, joint)[[0, -1]])  # filters ring at the ends
-    X = np.stack(columns, axis=1)[inner]
-    left = r[inner] - X @ np.linalg.lstsq(X, r[inner], rcond=None)[0]
-    if rows is not None:
-        left = left[rows[inner]]
-    return float(left @ left)

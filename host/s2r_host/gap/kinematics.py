@@ -17,6 +17,7 @@ from s2r_host.gap.frozen import frozen, late_rows
 from s2r_host.gap.law import LawFinding
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.session import Session, resolution
+from s2r_host.gap.time_spans import time_spans
 
 SLOWEST_S = 0.011  # slower logs cannot integrate their speed
 DRIFT_HZ, NOISE_HZ = 0.5, 10.0
@@ -185,13 +186,7 @@ def _without_filter(x: _Track) -> np.ndarray:
 
 
 def _above(t: np.ndarray, x: np.ndarray, limit: float) -> list[list[float]]:
-    found: list[list[float]] = []
-    for time in t[np.abs(x) > limit]:
-        if found and time - found[-1][1] < 0.15:
-            found[-1][1] = float(time)
-        else:
-            found.append([float(time), float(time)])
-    return [[round(a, 3), round(b, 3)] for a, b in found][:200]
+    return [[round(a, 3), round(b, 3)] for a, b in time_spans(t[np.abs(x) > limit])][:200]
 
 
 def _follows_something(tracks: list[_Track], dt: float) -> float:

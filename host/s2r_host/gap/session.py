@@ -40,7 +40,7 @@ class Session:
         lead: How early dry friction turns round before the joint does [s], shape (joint,); see ``friction_edge.py``.
         cut: Upper end of the band in which efforts are compared [Hz], shape (joint,).
         motion_cut: Cut of the filter behind position and its derivatives [Hz], shape (joint,).
-        index: Number of the recording on the command line.
+        index: Number of the recording, or of the stretch of one, in the order of the command line.
         cache: States already integrated, keyed by whoever made them.
     """
 
@@ -157,10 +157,11 @@ def _quiet_motion(
     rec: Recording, joint: str, t: np.ndarray, dt: float, cut: float, least: float
 ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], float]:
     """Motion at the highest cut whose velocity noise stays a small part of the top speed, and that cut [Hz]."""
-    motion = _motion(rec, joint, t, dt, cut)
+    simulated = lead_of_position(rec, joint) > 0.0
+    motion = _motion(rec, joint, t, dt, cut, simulated=simulated)
     while cut > least and _speed_noise(motion[1], dt, cut) > NOISY_SPEED * _top(motion[1]):
         cut = max(0.7 * cut, least)
-        motion = _motion(rec, joint, t, dt, cut)
+        motion = _motion(rec, joint, t, dt, cut, simulated=simulated)
     return motion, cut
 
 
@@ -169,15 +170,14 @@ def _top(v: np.ndarray) -> float:
 
 
 def _motion(
-    rec: Recording, joint: str, t: np.ndarray, dt: float, cut: float
+    rec: Recording, joint: str, t: np.ndarray, dt: float, cut: float, *, simulated: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Position, velocity, acceleration from the quieter of two routes: q alone, or q with the logged dq.
 
-    The logged dq of a simulator is exact.
+    The logged dq of a ``simulated`` recording is exact.
     """
     raw, logged = rec.get("q", joint), rec.get("dq", joint)
     assert raw is not None
-    simulated = lead_of_position(rec, joint) > 0.0
     fine_dt = rec.dt
     fine_t = np.arange(0.0, rec.t[-1] + 1e-9, fine_dt)
     q = lowpass(_resample(rec.t, raw, fine_t), cut, fine_dt)

@@ -35,7 +35,7 @@ def vibration(problem: Problem, search: Search, solution: Solution) -> tuple[int
         blocks = [b for b in problem.blocks if b.joint == j and len(b.picks) > 1]
         if not blocks:
             continue
-        f = _strongest(blocks, problem.raw)
+        f = _strongest(blocks, problem.raw, min(float(b.session.cut[j]) for b in blocks))
         if any(_moves_at(b, f) for b in blocks):
             continue
         left, amplitudes = _beside_numbers(problem, search, blocks, f)
@@ -113,11 +113,9 @@ def _beside_numbers(
     return search.unwhitened(problem.y - X @ c), [float(np.hypot(*x)) for x in swing]
 
 
-def _strongest(blocks: list[Block], rows: np.ndarray, top: float = np.inf) -> float:
-    """Frequency whose sine takes most of all blocks together [Hz], up to ``top`` or the end of their band."""
+def _strongest(blocks: list[Block], rows: np.ndarray, top: float) -> float:
+    """Frequency up to ``top`` whose sine takes most of all blocks together [Hz]."""
     span = max(float(_times(b)[-1] - _times(b)[0]) for b in blocks)
-    if not np.isfinite(top):
-        top = min(float(b.session.cut[b.joint]) for b in blocks)
     step = 1.0 / (PER_RECORD * span)
     grid = np.arange(LEAST_HZ, max(top, LEAST_HZ + step), step)
     best = LEAST_HZ

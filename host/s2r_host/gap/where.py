@@ -13,6 +13,7 @@ from s2r_host.gap.naming import Named
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 from s2r_host.gap.session import Session
+from s2r_host.gap.time_spans import time_spans
 
 ACTING, MERGE_S = 0.2, 0.06
 
@@ -97,16 +98,8 @@ def _place(problem: Problem, rows: np.ndarray, j: int, share: float) -> Place:
 def intervals(t: np.ndarray, r: np.ndarray, floor: float) -> list[list[float]]:
     """Time intervals in which the residual stands above three floors, gaps under 0.15 s closed."""
     above = np.abs(r) > max(3.0 * floor, 0.35 * float(np.sqrt(np.mean(r**2))))
-    found: list[list[float]] = []
-    for time, high in zip(t, above, strict=True):
-        if not high:
-            continue
-        if found and time - found[-1][1] < 0.15:
-            found[-1][1] = float(time)
-        else:
-            found.append([float(time), float(time)])
     step = float(t[1] - t[0]) if len(t) > 1 else 0.0
-    return [[round(a, 3), round(b + step, 3)] for a, b in found][:200]
+    return [[round(a, 3), round(b + step, 3)] for a, b in time_spans(t[above])][:200]
 
 
 def acting(search: Search, decision: Decision, joint: int) -> tuple[Session, np.ndarray] | None:
@@ -175,13 +168,7 @@ def narrowed(place: Place, s: Session, joint: int, effort: np.ndarray) -> Place:
 
 def _runs(t: np.ndarray, active: np.ndarray) -> list[tuple[float, float]]:
     """Intervals in which a mask holds, gaps under 60 ms closed and blips under 10 ms dropped."""
-    found: list[list[float]] = []
-    for time in t[active]:
-        if found and time - found[-1][1] < MERGE_S:
-            found[-1][1] = float(time)
-        else:
-            found.append([float(time), float(time)])
-    return [(a, b) for a, b in found if b - a >= MERGE_S / 6][:200]
+    return [(a, b) for a, b in time_spans(t[active], MERGE_S) if b - a >= MERGE_S / 6][:200]
 
 
 def weighted_range(x: np.ndarray, weight: np.ndarray) -> list[float]:
