@@ -70,6 +70,8 @@ def polish(
         miss: Simulated minus measured position of a solution over samples of a session [rad or m], shape (time,).
     """
     stretches = [x for s in problem.ctx.sessions for x in _stretches(s, hold)]
+    if not stretches:
+        return solution
     free = np.array([p.name not in UNMOVED for p in problem.base] + [True] * sum(map(len, solution.theta)))
     prior = np.concatenate([problem.prior, *[search.matrix(t)[3] for t in solution.terms]])[free]
     A = []
@@ -104,12 +106,11 @@ def polish(
 
 
 def _stretches(s: Session, hold: list[Session]) -> list[tuple[Session, slice]]:
-    """Windows of the fit rows of a session."""
+    """Windows of the fit rows of a session; none where little more than its margins was recorded."""
     stop = len(s.t) if hold else int((1.0 - HOLDOUT_SHARE) * len(s.t))
     margin, n = max(2, int(0.1 / s.dt)), max(int(WINDOW_S / s.dt), 50)
-    return [
-        (s, slice(k, min(k + n, stop - margin))) for k in range(margin, max(stop - n // 2, margin + 1), n)
-    ]
+    windows = [slice(k, min(k + n, stop - margin)) for k in range(margin, max(stop - n // 2, margin + 1), n)]
+    return [(s, one) for one in windows if one.stop - one.start > margin]
 
 
 def _moved(solution: Solution, step: np.ndarray) -> Solution:

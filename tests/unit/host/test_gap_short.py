@@ -101,3 +101,15 @@ def test_of_several_strokes_stretches_are_held_out_and_of_one_or_of_there_and_ba
     held = held_inside(there_and_back, picks, alone=False)
     assert np.array_equal(held, picks >= 0.7 * len(there_and_back.t))
     assert back.q[-1, 0] < back.q[0, 0]
+
+
+def test_a_stroke_of_a_quarter_of_a_second_beside_longer_ones_is_no_window_to_refit_on(tmp_path):
+    side = {"effort_sigma": {"rail": 0.1}}
+    paths = [
+        stroke(tmp_path, f"{k}", s, 0.0, side, way)
+        for k, (s, way) in enumerate([(3.5, 1), (2.5, -1), (0.27, 1)])
+    ]
+    (tmp_path / "model.xml").write_text(MODEL.replace('frictionloss="4"', 'frictionloss="0"'))
+    found = analyse(tmp_path / "model.xml", paths, [], [], QUICK, lambda _: None)
+    assert found.decision is not None
+    assert [effect.name for effect in found.decision.effects] == ["coulomb_friction"]

@@ -1,4 +1,4 @@
-"""Soft close: a one-way damper over the last part of the travel."""
+"""Soft close: a damper over the last part of the travel, in most fittings one-way and with a spring that pulls in."""
 
 from __future__ import annotations
 
@@ -7,24 +7,38 @@ import numpy as np
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.session import Session
 
+BOTH_WAYS = -1.0  # log odds
+
 
 class SoftClose(Effect):
-    """tau = b dq while the joint is beyond q0 and still going there."""
+    """tau = b dq while the joint is beyond q0 and still going there, less a pull towards the end.
+
+    Cheap dampers brake both ways; the spring that pulls the part in is pre-stressed, so its force is constant.
+    """
 
     name = "soft_close"
     model_error = {"damping": 0.04}  # noqa: RUF012
-    equation = "tau = b dq for side (q - q0) > 0 and side dq > 0"
-    signature = "proportional to speed, near one end, in one direction"
+    equation = "tau = b dq - side F for side (q - q0) > 0; b = 0 for side dq < 0 where it is one-way"
+    signature = "proportional to speed, near one end, in most fittings in one direction"
     separating_motion = "open and close at two speeds"
     confusable = ("soft_end_stop", "viscous_friction", "asymmetric_friction")
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
-        """Edges over the outer 60 % of the travel, both ends."""
+        """Edges over the outer 60 % of the travel, both ends; one-way and both ways."""
         low, high = ctx.span(joint)
         travel = high - low
         share = (0.05, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45, 0.6)
         ends = [(low + travel * x, -1.0) for x in share] + [(high - travel * x, 1.0) for x in share]
-        return [{"q0": q0, "side": side, "ramp": travel * r} for q0, side in ends for r in (0.01, 0.06)]
+        return [
+            {"q0": q0, "side": side, "ramp": travel * r, "back": back}
+            for q0, side in ends
+            for r in (0.01, 0.06)
+            for back in (0.0, 1.0)
+        ]
+
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """Most dampers of fittings let the part go freely on its way out."""
+        return BOTH_WAYS * shape["back"]
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Edge, linear."""
@@ -37,29 +51,31 @@ class SoftClose(Effect):
         return {"ramp": (0.005 * (high - low), 0.2 * (high - low))}
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
-        """Speed inside the zone and on the way in."""
+        """Speed inside the zone, only on the way in where it is one-way; the pull inside the zone."""
         v, side = s.v[:, joint], shape["side"]
         inside = _zone(side * (s.q[:, joint] - shape["q0"]), shape["ramp"])
-        return Columns([v * inside * (side * v > 0)], (True,))
+        braked = v * inside * ((side * v > 0) | (shape["back"] > 0))
+        return Columns([braked, -side * inside], (True, True), secondary=(False, True))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
-        """Where the damper begins, and its damping once it is fully in."""
+        """Where the damper begins, its damping once it is fully in, and the force of the spring that pulls in."""
         name = ctx.model.joints[joint]
         unit = ctx.model.unit(name)
         return {
             "position": Value(shape["q0"], unit, shape_key="q0", error=0.12 * shape["ramp"]),
-            "damping": Value(float(theta[0]), f"{ctx.model.effort_unit(name)}·s/{unit}", (1.0,)),
+            "damping": Value(float(theta[0]), f"{ctx.model.effort_unit(name)}·s/{unit}", (1.0, 0.0)),
+            "pull": Value(float(theta[1]), ctx.model.effort_unit(name), (0.0, 1.0)),
         }
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
-        """One-way damper."""
-        b, q0, side, ramp = float(theta[0]), shape["q0"], shape["side"], shape["ramp"]
+        """Damper and spring."""
+        b, pull, q0, side, ramp = float(theta[0]), float(theta[1]), shape["q0"], shape["side"], shape["ramp"]
+        both = shape["back"] > 0
 
         def step(state: StepState) -> tuple[float, float]:
             v = float(state.v[joint])
-            if side * v <= 0:
-                return 0.0, 0.0
-            return b * v * float(_zone(np.asarray(side * (state.q[joint] - q0)), ramp)), 0.0
+            inside = float(_zone(np.asarray(side * (state.q[joint] - q0)), ramp))
+            return inside * ((b * v if both or side * v > 0 else 0.0) - side * pull), 0.0
 
         return step
 
