@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_host.gap.friction_seen import rests_of
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.rows import compare, picks_of
 from s2r_host.gap.session import Session
@@ -48,7 +49,7 @@ class _Step:
         s, joint: The recording and the joint; ``v_eps`` the noise of its speed.
         left: Effort that the rigid body leaves over, shape (time,).
         others: What stands beside the step, shape (time, 4), and ``late``, what any delay of the drive would make.
-        around: Rows at which a step with the lead differs from one without, shape (time,).
+        around: Rows in motion at which a step with the lead differs from one without, shape (time,).
         inner: Rows between the ends, where filters ring.
     """
 
@@ -80,7 +81,8 @@ def _step(s: Session, joint: int, lead: float) -> _Step:
     u = compare(s.u[:, joint], s, joint, True)
     v, a, load = s.v[:, joint], s.a[:, joint], s.load[:, joint]
     others = [compare(c, s, joint, True) for c in (v, a, load, np.ones(len(s.t)))]
-    differs = compare(np.sign(v + lead * a) - np.sign(v), s, joint, True)
+    # At rest both signs are noise, and friction holds anything up to its level.
+    differs = compare(np.where(rests_of(s, joint), 0.0, np.sign(v + lead * a) - np.sign(v)), s, joint, True)
     return _Step(
         s, joint, float(s.v_eps[joint]), u - compare(load, s, joint, False), np.stack(others, axis=1),
         np.gradient(u, s.dt), np.abs(differs) > DIFFERS, slice(*picks_of(s, joint)[[0, -1]]),

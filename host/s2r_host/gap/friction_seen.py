@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.evidence import AR_ORDER
@@ -61,7 +62,7 @@ def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = Fals
     # One stroke does not tell friction from what else it pulls at, and what a latch holds at rest is looked for.
     rests = guessed and count_reversals(s, j) >= 2
     if rests:
-        holds[_rests(s, j)[block.picks]] = max(REST_DOUBT * moving, holds[0])
+        holds[rests_of(s, j)[block.picks]] = max(REST_DOUBT * moving, holds[0])
     doubt = holds * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
     between = np.clip(compare(_between_rows(model, s, j), s, j, True)[block.picks], 0.0, None) / max(
         floor, 1e-12
@@ -102,9 +103,10 @@ def _between_rows(model: RigidModel, s: Session, j: int) -> np.ndarray:
     return np.interp(s.t, s.rec.t, BETWEEN_SHARE * bend)
 
 
-def _rests(s: Session, j: int) -> np.ndarray:
+def rests_of(s: Session, j: int) -> np.ndarray:
     """Where a joint stays still for longer than it takes to turn round, shape (time,)."""
-    still = stillness(s, j) > 0.5
+    # The noise of the speed crosses any bound now and then: it does not end a rest.
+    still = uniform_filter1d(stillness(s, j), max(1, round(0.5 * REST_S / s.dt)), mode="nearest") > 0.5
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     rests = np.zeros(len(still), dtype=bool)
     for start, end in edges.reshape(-1, 2):

@@ -37,6 +37,7 @@ from s2r_host.gap.worsened import worsened
 Log = Callable[[str], None]
 
 
+STAMPS_SHARE = 0.15  # one deviation, of a shift of the stamps that the law excludes clearly
 UNTOUCHED = ("nothing_missing", "parameter_off")  # answers that a floor guessed too high gives as well
 FINER = 0.95  # of the guessed floor: below it the channels' own noise is worth a second look
 
@@ -191,7 +192,7 @@ def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem
             problem.ctx.control_lag[j] = lag
         within = None if any(f.joint == j for f in problem.law) else stamps_within(a.model, a.fit, j)
         if lag is None and within is not None:
-            problem.ctx.control_lag[j] = (0.0, 0.5 * within)
+            problem.ctx.control_lag[j] = (0.0, STAMPS_SHARE * within)
     for f in problem.law:
         if f.name == "clock_skew":
             problem.ctx.control_lag[f.joint] = (f.shape["lag"], 0.0005 + 0.1 * abs(f.shape["lag"]))

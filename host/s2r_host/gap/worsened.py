@@ -15,6 +15,8 @@ def worsened(
 ) -> tuple[int, float, float] | None:
     """The joint whose held-out position is predicted clearly worse, the worst of several, or None.
 
+    None as well where other joints gain more by it: the mean of the logarithms of all changes counts.
+
     Returns:
         Joint, and its error by the nominal and by the patched model [rad or m].
 
@@ -32,6 +34,9 @@ def worsened(
     helps = closed & (after.u_held[rows] < EFFORT_GAIN * before.u_held[rows])
     lost = ~np.isfinite(now) | ((now > WORSE * was) & (now > FLOORS * position_floor) & ~helps)
     if not lost.any():
+        return None
+    bounds = [np.maximum(e, position_floor) for e in (was, now)]
+    if np.isfinite(now).all() and np.mean(np.log(bounds[1]) - np.log(bounds[0])) < 0.0:
         return None
     ratio = np.where(np.isfinite(now), now / np.maximum(was, 1e-15), np.inf)
     worst = int(np.argmax(np.where(lost, ratio, -1.0)))

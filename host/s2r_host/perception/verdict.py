@@ -19,7 +19,7 @@ Array = NDArray[np.floating]
 FAMILY_MARGIN = 0.02  # cost; below it revolute and prismatic are not told apart
 # Levers that were taken for slides had a turn that was 0.02 to 0.06 worse (faucets, test 400 to 599).
 THIN_FAMILY_MARGIN = 0.06
-MOST_RESIDUAL_M = 0.003
+MOST_RESIDUAL_M, RESIDUAL_NOISES = 0.003, 1.25  # the larger counts; times the depth noise at the part
 LEAST_TRAVEL_M = 0.010  # of the fastest point of the part
 MOST_TILT_RAD = np.radians(15)
 KNOWN_TO = 0.1  # of a turn: where it is known worse, so is the hinge
@@ -75,10 +75,12 @@ def judge(ranked: list[Hypothesis], scene: Scene, parts: Parts, explained: float
             f"the motion is too small: {most_travel * 1e3:.1f} mm at its fastest point, at least"
             f" {LEAST_TRAVEL_M * 1e3:.0f} mm are needed; push further (3 cm or 15 degrees)"
         )
-    if best.refined.residual_m > MOST_RESIDUAL_M:
+    noise = float(np.median(scene.before.sigma_m[parts.before]))
+    limit = max(MOST_RESIDUAL_M, RESIDUAL_NOISES * noise)
+    if best.refined.residual_m > limit:
         raise AbstainError(
             f"the best {best.motion.joint_type} joint leaves a residual of {best.refined.residual_m * 1e3:.1f} mm,"
-            f" limit {MOST_RESIDUAL_M * 1e3:.0f} mm; is the part rigid and the camera calibrated?"
+            f" limit {limit * 1e3:.1f} mm at this distance; is the part rigid and the camera calibrated?"
         )
     plate = best.refined.plate_m
     if plate is not None and plate >= THICKEST_M:

@@ -23,6 +23,7 @@ def errors(held, effort=(1.0, 1.0), open_held=(0.1, 0.1)):
         (errors((0.01, 0.02)), None),  # as before
         (errors((0.001, 0.029)), None),  # a little worse
         (errors((0.01, 0.2)), 1),
+        (errors((0.0001, 0.2)), None),  # the other joint gains more
         (errors((0.05, 0.2)), 1),  # the worst of two
         (errors((np.inf, 0.2)), 0),  # blown up
         (errors((0.01, 0.2), effort=(1.0, 0.5)), None),  # the effort is explained

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_host.gap.effects.actuator_delay import LAW_ODDS
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
 from s2r_host.gap.session import Session
 from s2r_host.gap.states import delayed
 
 STEP_S = 0.01
+EXCLUDED = 1e4  # log odds: a record that obeys the law on time was stamped by one clock
 
 
 class ClockSkew(Effect):
@@ -56,7 +56,7 @@ class ClockSkew(Effect):
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
         """The control law, recomputed from the record, shows whether the clocks differ."""
         lag = ctx.control_lag.get(joint)
-        return 0.0 if lag is None else -min(LAW_ODDS, 0.5 * ((shape["lag"] - lag[0]) / lag[1]) ** 2)
+        return 0.0 if lag is None else -min(EXCLUDED, 0.5 * ((shape["lag"] - lag[0]) / lag[1]) ** 2)
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Lag of the position behind the effort."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import count
+
 import mujoco
 import numpy as np
 
@@ -129,7 +131,9 @@ def second_joint(ctx: Context, spec: mujoco.MjSpec, joint: int, motor_inertia: f
     """Add a coincident joint behind ``joint``; returns it. Motor-side quantities stay on the first one."""
     name = ctx.model.joints[joint]
     first = spec.joint(name)
-    flex = first.parent.add_joint(name=f"{name}_gap_flex", type=first.type, axis=first.axis, pos=first.pos)
+    taken = {one.name for one in spec.joints}
+    free = next(x for x in (f"{name}_gap_flex{k or ''}" for k in count()) if x not in taken)
+    flex = first.parent.add_joint(name=free, type=first.type, axis=first.axis, pos=first.pos)
     known = float(ctx.model.model.dof_armature[joint])
     if known == 0.0:
         first.armature = max(motor_inertia, 0.01 * mean_inertia(ctx, joint))
