@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_host.gap.command_steps import step_doubt
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.rows import Block
@@ -58,6 +59,7 @@ def bursts(problem: Problem, rows: np.ndarray) -> Bursts | None:
 
 def _in_block(model: RigidModel, block: Block, left: np.ndarray) -> Bursts | None:
     s, picks = block.session, block.picks
+    left = np.where(step_doubt(s, block.joint, model.joints[block.joint])[picks] > 0.0, 0.0, left)
     per_window = max(2, round(WINDOW_S / (s.dt * float(picks[1] - picks[0]))))
     if len(left) < LEAST_WINDOWS * per_window:
         return None

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_host.gap.command_steps import step_doubt
 from s2r_host.gap.friction_seen import rests_of
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.rows import compare, picks_of
@@ -22,23 +23,36 @@ from s2r_host.gap.session import Session
 EDGES = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # times the noise of the speed
 SHARPER = 0.98  # of the misfit, from which on another edge is taken
 DIFFERS = 0.1  # of a step
-LEADS = 0.6  # of the misfit, from which on the friction is a simulator's
+LEADS = 0.6  # of the misfit, from which on the friction is a simulator's; MuJoCo's has 0.02 to 0.15, others 1 and more
+LEAST_ROWS = 20  # at which the two steps differ
 
 
-def find_edge(sessions: list[Session], model: RigidModel, joint: int) -> None:
-    """Choose edge and lead of a joint's dry friction, by how well a friction step fits; set in the sessions.
+def find_edges(sessions: list[Session], model: RigidModel) -> None:
+    """Choose edge and lead of every joint's dry friction, by how well a friction step fits; set in the sessions.
 
     A wrong edge would be read as a Stribeck hump. A late drive puts a step early as well, but not the step alone: a
     lead has to be worth it beside the change of the effort, which stands for any delay, where the two steps differ.
+    A joint that hardly turns round has the lead that most others have: one simulator made them all.
     """
-    lead = model.friction_lead(model.joints[joint])
-    steps = [_step(s, joint, lead) for s in sessions if s.has_u[joint]]
-    if not steps:
-        return
-    usual, _ = _best_edge(steps, 0.0, around=False)
-    (_, plain), (edge, led) = (_best_edge(steps, x, around=True) for x in (0.0, lead))
-    for x in steps:
-        x.place(*((edge, lead) if led < LEADS * plain else (usual, 0.0)))
+    told, open_ones = [], []
+    for joint, name in enumerate(model.joints):
+        lead = model.friction_lead(name)
+        steps = [_step(s, joint, name, lead) for s in sessions if s.has_u[joint]]
+        if not steps:
+            continue
+        (usual, _), (edge, led) = _best_edge(steps, 0.0, around=False), _best_edge(steps, lead, around=True)
+        _, plain = _best_edge(steps, 0.0, around=True)
+        if sum(int(np.sum(x.around[x.inner])) for x in steps) < LEAST_ROWS:
+            open_ones.append((steps, usual, lead))
+            continue
+        leads = led < LEADS * plain
+        told.append(leads)
+        for x in steps:
+            x.place(*((edge, lead) if leads else (usual, 0.0)))
+    simulated = 2 * sum(told) > len(told)
+    for steps, usual, lead in open_ones:
+        for x in steps:
+            x.place(usual, lead if simulated else 0.0)
 
 
 @dataclass(frozen=True)
@@ -50,7 +64,7 @@ class _Step:
         left: Effort that the rigid body leaves over, shape (time,).
         others: What stands beside the step, shape (time, 4), and ``late``, what any delay of the drive would make.
         around: Rows in motion at which a step with the lead differs from one without, shape (time,).
-        inner: Rows between the ends, where filters ring.
+        inner: Numbers of the rows between the ends, where filters ring, and apart from steps of the command.
     """
 
     s: Session
@@ -60,7 +74,7 @@ class _Step:
     others: np.ndarray
     late: np.ndarray
     around: np.ndarray
-    inner: slice
+    inner: np.ndarray
 
     def place(self, edge: float, lead: float) -> None:
         """Set edge and lead in the recording."""
@@ -77,15 +91,17 @@ class _Step:
         return float(left @ left)
 
 
-def _step(s: Session, joint: int, lead: float) -> _Step:
+def _step(s: Session, joint: int, name: str, lead: float) -> _Step:
     u = compare(s.u[:, joint], s, joint, True)
     v, a, load = s.v[:, joint], s.a[:, joint], s.load[:, joint]
     others = [compare(c, s, joint, True) for c in (v, a, load, np.ones(len(s.t)))]
     # At rest both signs are noise, and friction holds anything up to its level.
     differs = compare(np.where(rests_of(s, joint), 0.0, np.sign(v + lead * a) - np.sign(v)), s, joint, True)
+    first, last = picks_of(s, joint)[[0, -1]]
+    inner = np.arange(first, last)[step_doubt(s, joint, name)[first:last] == 0.0]
     return _Step(
         s, joint, float(s.v_eps[joint]), u - compare(load, s, joint, False), np.stack(others, axis=1),
-        np.gradient(u, s.dt), np.abs(differs) > DIFFERS, slice(*picks_of(s, joint)[[0, -1]]),
+        np.gradient(u, s.dt), np.abs(differs) > DIFFERS, inner,
     )  # fmt: skip
 
 

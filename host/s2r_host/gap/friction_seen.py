@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from s2r_host.gap.command_steps import step_doubt
 from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.evidence import AR_ORDER
 from s2r_host.gap.model import RigidModel
@@ -14,6 +15,8 @@ from s2r_host.gap.session import Session
 STICK_DOUBT = 0.5  # times the friction, for rows at rest
 REST_DOUBT = 3.0  # the same at rest for longer, where no second run shows what comes back there
 REST_S = 0.2  # longer than a joint takes to turn round
+STOPPING_S = 0.06  # of the way in and out of a rest
+REST_NOISES = 3.0  # of the speed: a joint that a simulator holds creeps
 TRUSTED = 0.25  # squared weight from which on a row tells what is left over
 ONE_WAY = 0.05  # spread of the direction of motion below which a joint goes one way only
 SLOW_LOG_S = 0.01
@@ -62,11 +65,12 @@ def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = Fals
     # One stroke does not tell friction from what else it pulls at, and what a latch holds at rest is looked for.
     rests = guessed and count_reversals(s, j) >= 2
     if rests:
-        holds[rests_of(s, j)[block.picks]] = max(REST_DOUBT * moving, holds[0])
+        at_rest_for_long = rests_of(s, j)[block.picks]
+        holds[at_rest_for_long] = max(REST_DOUBT * moving, holds[0])
+        still[at_rest_for_long] = 1.0
     doubt = holds * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
-    between = np.clip(compare(_between_rows(model, s, j), s, j, True)[block.picks], 0.0, None) / max(
-        floor, 1e-12
-    )
+    open_to = np.clip(compare(_between_rows(model, s, j), s, j, True), 0.0, None)
+    between = np.maximum(open_to, step_doubt(s, j, model.joints[j]))[block.picks] / max(floor, 1e-12)
     weight = 1.0 / np.sqrt(1.0 + doubt**2 + between**2)
     if not rests:
         return weight
@@ -104,15 +108,20 @@ def _between_rows(model: RigidModel, s: Session, j: int) -> np.ndarray:
 
 
 def rests_of(s: Session, j: int) -> np.ndarray:
-    """Where a joint stays still for longer than it takes to turn round, shape (time,)."""
+    """Where a joint stays still for longer than it takes to turn round, stopping and starting included, shape (time,).
+
+    Stops and starts are blurred by the filters, and a joint that is about to stick does not slide as others do.
+    """
     # The noise of the speed crosses any bound now and then: it does not end a rest.
-    still = uniform_filter1d(stillness(s, j), max(1, round(0.5 * REST_S / s.dt)), mode="nearest") > 0.5
+    mean_square = uniform_filter1d(s.v[:, j] ** 2, max(1, round(0.5 * REST_S / s.dt)), mode="nearest")
+    still = mean_square < (REST_NOISES * s.v_noise[j]) ** 2
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     rests = np.zeros(len(still), dtype=bool)
     for start, end in edges.reshape(-1, 2):
         if (end - start) * s.dt > REST_S:
             rests[start:end] = True
-    return rests
+    reach = round((min(1.0 / float(s.cut[j]), STOPPING_S) + 0.25 * REST_S) / s.dt)
+    return maximum_filter1d(rests, 2 * reach + 1)
 
 
 def stillness(s: Session, j: int) -> np.ndarray:

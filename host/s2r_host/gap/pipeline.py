@@ -16,7 +16,7 @@ from s2r_host.gap.config import GapConfig
 from s2r_host.gap.decide import decide, restate, unnamed_force
 from s2r_host.gap.decision import Decision
 from s2r_host.gap.forward import Errors, evaluate
-from s2r_host.gap.friction_edge import find_edge
+from s2r_host.gap.friction_edge import find_edges
 from s2r_host.gap.holes import stretches
 from s2r_host.gap.law import stamps_within
 from s2r_host.gap.model import RigidModel
@@ -125,8 +125,7 @@ def analyse(
 
 def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     sessions = a.fit + a.hold + a.repeats
-    for j in range(len(a.model.joints)):
-        find_edge(sessions, a.model, j)
+    find_edges(sessions, a.model)
     log("residual efforts and noise floor")
     problem = _stated(a, config)
     log("search over the catalogue")

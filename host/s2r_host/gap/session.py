@@ -35,7 +35,8 @@ class Session:
         u: Effort as recorded (NaN columns where absent); ``has_u`` tells which joints have one.
         load: Effort the nominal model needs for this motion, dry friction left out, shape (time, joint).
         mass: Diagonal of the inertia matrix, shape (time, joint).
-        v_eps: Speed below which the sign of motion is noise [rad/s or m/s], shape (joint,).
+        v_eps: Speed over which dry friction turns round [rad/s or m/s], shape (joint,); first the noise of the speed.
+        v_noise: Noise of the speed [rad/s or m/s], shape (joint,).
         q_lsb: Resolution of the position [rad or m], shape (joint,).
         lead: How early dry friction turns round before the joint does [s], shape (joint,); see ``friction_edge.py``.
         cut: Upper end of the band in which efforts are compared [Hz], shape (joint,).
@@ -56,6 +57,7 @@ class Session:
     load: np.ndarray
     mass: np.ndarray
     v_eps: np.ndarray
+    v_noise: np.ndarray
     q_lsb: np.ndarray
     q_raw: np.ndarray
     cut: np.ndarray
@@ -124,7 +126,7 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
     _add_wrenches(model, rec, t, q, u)
     return Session(
         rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.asarray(np.isfinite(u).all(0)),
-        load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, q_lsb=q_lsb, q_raw=q_raw,
+        load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, v_noise=v_eps.copy(), q_lsb=q_lsb, q_raw=q_raw,
         cut=cut, motion_cut=motion_cut, lead=np.zeros(nv),
     )  # fmt: skip
 

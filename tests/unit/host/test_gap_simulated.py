@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.friction_edge import find_edge
+from s2r_host.gap.friction_edge import find_edges
 from s2r_host.gap.leading_position import lead_of_position
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.pipeline import analyse, load_sessions
@@ -63,7 +63,7 @@ def test_the_step_of_its_friction_is_early_and_its_position_ahead_by_half_a_step
     path, run = recorded(tmp_path)
     model = RigidModel(path)
     (s,) = load_sessions(model, [run], 0, [])
-    find_edge([s], model, 0)
+    find_edges([s], model)
     assert s.lead[0] == model.friction_lead("elbow") == pytest.approx(0.0095)
     assert lead_of_position(s.rec, "elbow") == pytest.approx(0.5 * DT, rel=0.02)
 

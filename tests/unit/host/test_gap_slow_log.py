@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from s2r_host.gap.decide import decide
-from s2r_host.gap.friction_edge import find_edge
+from s2r_host.gap.friction_edge import find_edges
 from s2r_host.gap.friction_seen import between_level
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.problem import build_problem
@@ -88,7 +88,7 @@ def named(model, damping):
         make_session(model, filled(model, logged(model, k, phase, damping)), k)
         for k, phase in enumerate((0.0, 0.0, 1.3))
     ]
-    find_edge(sessions, model, 0)
+    find_edges(sessions, model)
     fit, again, held = sessions
     problem = build_problem(model, [fit], [held], [again])
     fill_residuals(problem)
