@@ -93,7 +93,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     search.looseness = looseness
     decision = _name(problem, search, solution)
     search.looseness = trusted  # the gap is what numbers leave over that move as far as they are trusted to
-    decision.leftover = leftover(problem, solution.prediction, solution)
+    decision.leftover = leftover(problem, solution.prediction)
     decision.explained = explained(problem, search, solution)
     search.looseness = 1.0
     if not solution.terms:
@@ -161,7 +161,7 @@ def _fits_as_well(
     noise = max(min(before.noise, after.noise), TEMPER)
     if worth(search, after, tight, noise) < worth(search, before, loose, noise) - ALONE_SLACK:
         return False
-    left, was = (leftover(problem, x.prediction, x) for x in (after, before))
+    left, was = (leftover(problem, x.prediction) for x in (after, before))
     if left <= LEFTOVER_LIMIT * doubt(problem):
         return True
     named, still = (

@@ -68,12 +68,11 @@ def explained_least_of(problem: Problem, search: Search, solution: Solution, lef
     return min([bar, *(search.effects[t.effect].explained_least for t in solution.terms)])
 
 
-def leftover(problem: Problem, rows: np.ndarray, solution: Solution) -> float:
-    """Largest ratio of a block's leftover rms to its floor, held-out rows when there are any."""
-    del solution
+def leftover(problem: Problem, rows: np.ndarray, *, held: bool = True) -> float:
+    """Largest ratio of a block's leftover rms to its floor; of the rows held out when there are any and it is asked."""
     worst = 0.0
     for block in problem.blocks:
-        mask = block.held if block.held.any() else ~block.held
+        mask = block.held if held and block.held.any() else ~block.held
         worst = max(worst, problem.rms(rows, block, mask) / problem.floor[block.joint])
     return worst
 

@@ -31,6 +31,7 @@ AS_PARAMETER = {
     "effort_scale": ("effort_scale", 1.0),
 }
 FRICTION = ("coulomb_friction", "viscous_friction")
+LEAST_OF_FIT = 0.05  # of the misfit of the fit rows
 SMALL_CHANGE = 1.6  # of what the model has: its number may be off by so much
 
 
@@ -82,14 +83,30 @@ def parameters_only(problem: Problem, search: Search) -> Decision:
     is_number = is_parameter(problem, named.term, solution.theta[0], slot)
     search.looseness = 1.0
     if named.name in (*LIKE_PARAMETERS, *FRICTION) and not is_number:
+        if _of_one_part(problem, search, solution):
+            decision.verdict, decision.leftover = "unknown", leftover(problem, problem.raw, held=False)
+            decision.reasons.append(
+                f"what would be {named.name} in the part that was fitted is not there in the part held out"
+            )
+            return decision
         decision.verdict, decision.effects = "physics_missing", [named]
         if base_matters(search, problem, solution.terms):  # a load beside a tilt
             decision.parameters_off = base_entries(problem, solution)
     else:
         decision.parameters_off = off_entries(problem, search, named)
     decision.explained = explained(problem, search, solution)
-    decision.leftover = leftover(problem, solution.prediction, solution)
+    decision.leftover = leftover(problem, solution.prediction)
     return decision
+
+
+def _of_one_part(problem: Problem, search: Search, solution: Solution) -> bool:
+    """Does a solution explain the fit rows, but none of the held-out ones?"""
+    without = search.finish([], [], []).prediction
+    shares = []
+    for rows in (problem.held, ~problem.held):
+        before, after = (float(np.sum(x[rows] ** 2)) for x in (without, solution.prediction))
+        shares.append(1.0 - after / max(before, 1e-30))
+    return bool(problem.held.any()) and shares[0] <= 0.0 < LEAST_OF_FIT < shares[1]
 
 
 def off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:

@@ -14,7 +14,7 @@ from s2r_host.gap.align import control_lag
 from s2r_host.gap.checks import check_efforts, check_joints, check_units
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.decide import decide, restate, unnamed_force
-from s2r_host.gap.decision import Decision
+from s2r_host.gap.decision import LEFTOVER_LIMIT, Decision, doubt
 from s2r_host.gap.forward import Errors, evaluate
 from s2r_host.gap.friction_edge import find_edges
 from s2r_host.gap.holes import stretches
@@ -40,6 +40,8 @@ Log = Callable[[str], None]
 STAMPS_SHARE = 0.15  # one deviation, of a shift of the stamps that the law excludes clearly
 UNTOUCHED = ("nothing_missing", "parameter_off")  # answers that a floor guessed too high gives as well
 FINER = 0.95  # of the guessed floor: below it the channels' own noise is worth a second look
+MUCH_FINER = 0.25  # the same where the first look has named an effect, maybe for what a better one explains
+FAR_ABOVE = 2.0  # times the leftover that is unknown above a measured floor
 
 
 @dataclass
@@ -131,13 +133,18 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     log("search over the catalogue")
     search = Search(problem, frozenset(config.skip), log)
     decision = decide(problem, search, log)
-    if decision.verdict in UNTOUCHED and problem.floor_source != "repeat":
+    if problem.floor_source != "repeat":
         finer = _stated(a, config, bounded=True)
-        if any(finer.floor[j] < FINER * problem.floor[j] for j in problem.joints):
+        share = FINER if decision.verdict in UNTOUCHED else MUCH_FINER
+        if any(finer.floor[j] < share * problem.floor[j] for j in problem.joints):
             log("search under the noise of the channels alone")
             again = Search(finer, frozenset(config.skip), log)
             named = decide(finer, again, log)
-            if named.verdict == "physics_missing":
+            if named.verdict == "physics_missing" or (
+                named.verdict == "unknown"
+                and decision.verdict in UNTOUCHED
+                and named.leftover > FAR_ABOVE * LEFTOVER_LIMIT * doubt(finer)
+            ):
                 problem, search, decision = finer, again, named
     if decision.verdict in UNTOUCHED:
         unnamed_force(problem, search, decision)

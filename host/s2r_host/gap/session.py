@@ -126,8 +126,8 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
     _add_wrenches(model, rec, t, q, u)
     return Session(
         rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.asarray(np.isfinite(u).all(0)),
-        load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, v_noise=v_eps.copy(), q_lsb=q_lsb, q_raw=q_raw,
-        cut=cut, motion_cut=motion_cut, lead=np.zeros(nv),
+        load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, v_noise=v_eps.copy(),
+        q_lsb=q_lsb, q_raw=q_raw, cut=cut, motion_cut=motion_cut, lead=np.zeros(nv),
     )  # fmt: skip
 
 
