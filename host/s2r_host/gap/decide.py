@@ -33,6 +33,7 @@ from s2r_host.gap.wrong_number import ALONE_SLACK, TIGHT, Looseness, base_matter
 
 FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
 NO_WORSE = 1.3
+NEVER_NEGATIVE = ("mass", "inertia", "armature", "damping", "frictionloss", "payload_mass")
 
 
 def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda _: None) -> Decision:
@@ -111,6 +112,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     if odd is None and remains and decision.effects:
         found = vibration(problem, search, solution)
         odd = None if found is None else _swings(problem, *found)
+    odd = odd or impossible(decision)
     if odd is not None:
         decision.reasons.append(odd)
     if odd is not None or too_much_left(problem, search, decision):
@@ -126,6 +128,15 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
             )  # fmt: skip
         decision.verdict, decision.effects = "unknown", []
     return decision
+
+
+def impossible(decision: Decision) -> str | None:
+    """A sentence where the explanation needs a mass, an inertia or a friction below zero, None otherwise."""
+    for p in decision.parameters_off:
+        if p["name"] in NEVER_NEGATIVE and p["interval90"][1] < 0.0:
+            place = p.get("body") or p.get("joint")
+            return f"it would take {p['name']} of '{place}' to be {p['to']:.3g} {p['unit']}, which cannot be"
+    return None
 
 
 def unnamed_force(problem: Problem, search: Search, decision: Decision) -> None:

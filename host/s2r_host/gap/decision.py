@@ -45,7 +45,8 @@ def too_much_left(problem: Problem, search: Search, decision: Decision) -> bool:
     above = decision.leftover > LEFTOVER_LIMIT * doubt(problem)
     if not above and not search.comes_back(decision.solution.terms):
         return False
-    return decision.explained < explained_least_of(problem, search, decision.solution, decision.leftover)
+    least = explained_least_of(problem, search, decision.solution, decision.leftover)
+    return decision.explained < (least if above else min(least, EXPLAINED_CLOSE))
 
 
 def doubt(problem: Problem) -> float:

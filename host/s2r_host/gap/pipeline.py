@@ -133,21 +133,13 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     log("search over the catalogue")
     search = Search(problem, frozenset(config.skip), log)
     decision = decide(problem, search, log)
-    if problem.floor_source != "repeat":
-        finer = _stated(a, config, bounded=True)
-        share = FINER if decision.verdict in UNTOUCHED else MUCH_FINER
-        if any(finer.floor[j] < share * problem.floor[j] for j in problem.joints):
-            log("search under the noise of the channels alone")
-            again = Search(finer, frozenset(config.skip), log)
-            named = decide(finer, again, log)
-            if named.verdict == "physics_missing" or (
-                named.verdict == "unknown"
-                and decision.verdict in UNTOUCHED
-                and named.leftover > FAR_ABOVE * LEFTOVER_LIMIT * doubt(finer)
-            ):
-                problem, search, decision = finer, again, named
+    finer = _second_look(a, config, problem, decision, log) if problem.floor_source != "repeat" else None
+    if finer is not None and finer[2].verdict == "physics_missing":
+        problem, search, decision = finer
     if decision.verdict in UNTOUCHED:
         unnamed_force(problem, search, decision)
+    if decision.verdict in UNTOUCHED and finer is not None:
+        problem, search, decision = finer
     a.problem, a.search, a.decision, a.verdict = problem, search, decision, decision.verdict
     a.places = _places(problem, search, decision)
     reason = insufficient.no_motion(a.model, a.fit, problem)
@@ -179,6 +171,27 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
         a.before = evaluate(nominal, a.fit, a.hold, joints, config.open_loop_window_s)
         a.after = evaluate(a.twin, a.fit, a.hold, joints, config.open_loop_window_s)
         _doubt_patch(a, nominal)
+
+
+def _second_look(
+    a: Analysis, config: GapConfig, problem: Problem, decision: Decision, log: Log
+) -> tuple[Problem, Search, Decision] | None:
+    """The same under a floor that the channels' own noise bounds, where that is worth it and tells more.
+
+    A guessed floor holds what its generic correction does not follow. More is a name, or that nothing explains what is
+    far above the bounded floor where the first look found no more than numbers.
+    """
+    finer = _stated(a, config, bounded=True)
+    share = FINER if decision.verdict in UNTOUCHED else MUCH_FINER
+    if all(finer.floor[j] >= share * problem.floor[j] for j in problem.joints):
+        return None
+    log("search under the noise of the channels alone")
+    search = Search(finer, frozenset(config.skip), log)
+    found = decide(finer, search, log)
+    far_above = found.leftover > FAR_ABOVE * LEFTOVER_LIMIT * doubt(finer)
+    if found.verdict == "physics_missing" or (found.verdict == "unknown" and far_above):
+        return finer, search, found
+    return None
 
 
 def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem:

@@ -112,6 +112,11 @@ def _check_camera(
         raise BadViewError(
             "K must be a finite 3x3 pinhole matrix with positive focal lengths in pixels, got\n" + str(K)
         )
+    if np.abs(K[2] - (0.0, 0.0, 1.0)).max() > 1e-6 or abs(K[1, 0]) > 1e-6:
+        raise BadViewError(
+            f"K must end in the row 0 0 1 and have no skew below its diagonal, got\n{K}\nis it transposed (column by"
+            " column)?"
+        )
     h, w = shape
     if not (-w < K[0, 2] < 2 * w and -h < K[1, 2] < 2 * h):
         raise BadViewError(

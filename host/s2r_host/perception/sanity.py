@@ -16,9 +16,11 @@ from s2r_host.perception.view import DepthView, Seen, View
 
 Array = NDArray[np.floating]
 
-SECOND_PART_SHARE = 0.25
+SECOND_PART_SHARE = 0.15
 SECOND_PART_EXPLAINED = 0.45
 MOST_CAMERA_SHIFT_M = 0.006
+# A camera that moved: so much more of the surroundings agrees once they are moved, or most of what did not agree does.
+MORE_AGREES, MOST_AGREES, CLEAR_SHIFT_M = 0.15, 0.6, 0.010
 
 
 def check_pair(before: View, after: View) -> None:
@@ -80,7 +82,9 @@ def check_same_camera(
         X = step @ X
     fit_then = _matched(p, sigma, after, X)
     moved_m = float(np.median(np.linalg.norm(p @ X[:3, :3].T + X[:3, 3] - p, axis=1)))
-    if moved_m > MOST_CAMERA_SHIFT_M and fit_then > fit_now + 0.15 and fit_then > 0.5:
+    more = moved_m > MOST_CAMERA_SHIFT_M and fit_then > fit_now + MORE_AGREES and fit_then > 0.5
+    most = moved_m > CLEAR_SHIFT_M and fit_then - fit_now > MOST_AGREES * (1.0 - fit_now)
+    if more or most:
         raise AbstainError(
             f"the surroundings moved by {moved_m * 1e3:.0f} mm between the views ({100 * fit_then:.0f} % of them agree"
             f" after moving them, {100 * fit_now:.0f} % as given): the camera moved; fix it, or give the pose of each"

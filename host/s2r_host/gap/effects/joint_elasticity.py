@@ -42,6 +42,10 @@ class JointElasticity(Effect):
         """Frequency and damping on a log scale, motor share linear."""
         return {"f": ("log", 0.12), "zeta": ("log", 0.4), "motor": ("linear", 0.08)}
 
+    def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
+        """No spring so soft that only its damper is left."""
+        return {"f": (0.5 * FREQUENCIES_HZ[0], 2.0 * FREQUENCIES_HZ[-1]), "zeta": (0.003, 1.0)}
+
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Motor inertia plus transmitted effort, minus the rigid load."""
         M, L, a = s.mass[:, joint], s.load[:, joint], s.a[:, joint]
