@@ -18,7 +18,28 @@ ARM = """<mujoco><option timestep="0.002"/><worldbody><body>
 TONES = ((0.5, 0.23, 0.0), (0.25, 0.7, 1.0), (0.1, 1.6, 2.0))
 
 
-def recorded(folder, friction=0.05, known=0.05, noise=0.0, duration=20.0):
+def tones(t):
+    """Position and speed asked for."""
+    q = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in TONES)
+    return q, sum(2 * np.pi * f * a * np.cos(2 * np.pi * f * t + p) for a, f, p in TONES)
+
+
+def places(t):
+    """From place to place at a constant speed, with a stop of 0.8 s at each."""
+    stops = np.array((0.0, 0.3, 0.6, 0.9, 1.2, 0.6, 0.0, -0.5, -1.0, -0.4, 0.2, 0.0))
+    k, into = int(t // 1.4), min(t % 1.4, 0.6) / 0.6
+    if k + 1 >= len(stops):
+        return stops[-1], 0.0
+    way = stops[k + 1] - stops[k]
+    return stops[k] + way * into, way / 0.6 * (into < 1.0)
+
+
+def steps(t):
+    """A new place every second, asked for at once."""
+    return np.random.default_rng(int(t)).uniform(-0.6, 0.6), 0.0
+
+
+def recorded(folder, friction=0.05, known=0.05, noise=0.0, duration=20.0, motion=tones):
     """Write a run of the arm under PD control with Euler's steps, as MuJoCo's state says it; returns model and file."""
     model = folder / "model.xml"
     model.write_text(ARM.format(friction=known))
@@ -27,14 +48,13 @@ def recorded(folder, friction=0.05, known=0.05, noise=0.0, duration=20.0):
     rows = []
     for k in range(int(duration / DT)):
         t = k * DT
-        q = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in TONES)
-        dq = sum(2 * np.pi * f * a * np.cos(2 * np.pi * f * t + p) for a, f, p in TONES)
+        q, dq = motion(t)
         u = KP * (q - d.qpos[0]) + KD * (dq - d.qvel[0])
         rows.append((t, d.qpos[0], d.qvel[0], u, q, dq))
         d.qfrc_applied[0] = u
         mujoco.mj_step(m, d)
     table = np.array(rows)
-    table[:, 1:4] += noise * np.random.default_rng(0).normal(size=(len(table), 3))
+    table[:, 1:4] += np.array(noise) * np.random.default_rng(0).normal(size=(len(table), 3))
     names = ",".join(["t", *(f"{kind}.elbow" for kind in ("q", "dq", "tau", "q_cmd", "dq_cmd"))])
     path = folder / "run.csv"
     np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.10g")
@@ -72,3 +92,19 @@ def test_noise_hides_the_half_step(tmp_path):
     path, run = recorded(tmp_path, noise=1e-3)
     (s,) = load_sessions(RigidModel(path), [run], 0, [])
     assert lead_of_position(s.rec, "elbow") == 0.0
+
+
+@pytest.mark.parametrize("motion", [places, steps])
+@pytest.mark.parametrize("friction", [0.05, 0.35])
+def test_nothing_is_missing_in_a_noisy_run_that_stops_often(tmp_path, motion, friction):
+    model, path = recorded(tmp_path, friction, friction, (2e-5, 3e-3, 0.05), motion=motion)
+    found = analyse(model, [path], [], [], QUICK, lambda _: None)
+    assert found.verdict == "nothing_missing", (found.decision.effects, found.decision.parameters_off)
+
+
+def test_a_joint_that_never_turns_round_tells_no_early_friction(tmp_path):
+    path, run = recorded(tmp_path, motion=lambda t: (0.05 * t, 0.05))
+    model = RigidModel(path)
+    (s,) = load_sessions(model, [run], 0, [])
+    find_edges([s], model)
+    assert s.lead[0] == 0.0

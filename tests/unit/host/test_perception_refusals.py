@@ -36,6 +36,15 @@ def refusal(before: Path, after: Path, out: Path) -> tuple[int, str]:
     return result.exit_code, reason
 
 
+def test_a_transposed_matrix_of_intrinsics_is_named(pair, tmp_path):
+    before = save(tmp_path / "a.npz", pair.before)
+    after = tmp_path / "b.npz"
+    np.savez(after, depth=pair.after.depth_m, K=pair.after.K.T, T_base_camera=pair.after.X_base_camera)
+    code, text = refusal(before, after, tmp_path)
+    assert code == 4
+    assert "is it transposed" in text
+
+
 def raw(path: Path, frame: DepthFrame, depth: np.ndarray) -> Path:
     """A view that no `DepthFrame` would hold."""
     np.savez(path, depth=depth, K=frame.K, T_base_camera=frame.X_base_camera)

@@ -46,17 +46,24 @@ def test_an_axis_known_to_twenty_degrees_is_none() -> None:
         require_narrow(intervals(0.4, 0.05, axis_deg=20.0), motion("revolute", 0.4), VAGUELY)
 
 
-def judged(best: JointType, other: JointType, apart: float, thin: bool) -> list[str]:
+def judged(
+    best: JointType,
+    other: JointType,
+    apart: float,
+    thin: bool,
+    residual_m: float = 0.001,
+    noise_m: float = 0.001,
+) -> list[str]:
     """The verdict on a clear motion of 5 cm whose best other family costs so much more."""
 
     def hypothesis(family: JointType, cost: float) -> Any:
-        refined = SimpleNamespace(residual_m=0.001, plate_m=None)
+        refined = SimpleNamespace(residual_m=residual_m, plate_m=None)
         delta = 0.05 if family == "prismatic" else 0.5
         return SimpleNamespace(motion=motion(family, delta), cost=cost, evidence=0.2, refined=refined)
 
     ranked = [hypothesis(best, 0.3), hypothesis(other, 0.3 + apart)]
     p = np.random.default_rng(0).uniform(0.05, 0.15, (300, 3))
-    scene: Any = SimpleNamespace(before=SimpleNamespace(points=p))
+    scene: Any = SimpleNamespace(before=SimpleNamespace(points=p, sigma_m=np.full(len(p), noise_m)))
     parts: Any = SimpleNamespace(before=np.ones(len(p), dtype=bool))
     return judge(ranked, scene, parts, explained=0.9, thin=thin)
 
@@ -75,3 +82,11 @@ def test_a_lever_that_seems_to_slide_has_to_do_so_clearly(
     assert judged(best, other, least + 0.005, thin) == []
     with pytest.raises(AbstainError, match=f"{best} and {other} explain the motion about equally well"):
         judged(best, other, least - 0.005, thin)
+
+
+def test_the_residual_may_be_as_large_as_the_depth_is_noisy_at_that_distance() -> None:
+    assert judged("revolute", "prismatic", 0.1, False, residual_m=0.0035, noise_m=0.004) == []
+    with pytest.raises(AbstainError, match=r"residual of 3\.5 mm, limit 3\.0 mm at this distance"):
+        judged("revolute", "prismatic", 0.1, False, residual_m=0.0035)
+    with pytest.raises(AbstainError, match=r"limit 5\.0 mm"):
+        judged("revolute", "prismatic", 0.1, False, residual_m=0.006, noise_m=0.004)

@@ -1,0 +1,67 @@
+"""Explanations that cannot be, and explanations of one part of a record only, are no answers."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from s2r_host.gap.decide import impossible
+from s2r_host.gap.decision import EXPLAINED_CLOSE, too_much_left
+from s2r_host.gap.parameters_off import _of_one_part
+
+
+def entry(name, to, deviation, place="arm"):
+    return {
+        "name": name,
+        "joint": place,
+        "from": 1.0,
+        "to": to,
+        "unit": "kg",
+        "interval90": [to - deviation, to + deviation],
+    }
+
+
+@pytest.mark.parametrize(
+    ("entries", "said"),
+    [
+        ([entry("armature", -3.5, 0.1)], "it would take armature of 'arm' to be -3.5 kg, which cannot be"),
+        ([entry("armature", -0.05, 0.1)], None),  # zero is within its interval
+        ([entry("effort_offset", -3.5, 0.1)], None),  # may have either sign
+        ([entry("mass", 3.5, 0.1), entry("damping", -1.0, 0.2)], "damping"),
+    ],
+)
+def test_a_size_below_zero_is_impossible(entries, said):
+    decision: Any = SimpleNamespace(parameters_off=entries)
+    found = impossible(decision)
+    assert found is None if said is None else said in found
+
+
+def solved(fit, held):
+    """Does a change of the misfit on fit and on held-out rows count as one of the fitted part only?"""
+    rows = np.arange(200) >= 140
+    problem: Any = SimpleNamespace(held=rows)
+    search: Any = SimpleNamespace(finish=lambda *_: SimpleNamespace(prediction=np.ones(200)))
+    solution: Any = SimpleNamespace(prediction=np.where(rows, held, fit))
+    return _of_one_part(problem, search, solution)
+
+
+@pytest.mark.parametrize(("fit", "held", "only"), [(0.5, 1.01, True), (0.5, 0.9, False), (0.99, 1.01, False)])
+def test_what_is_not_there_in_the_rows_held_out_explains_one_part(fit, held, only):
+    assert solved(fit, held) == only
+
+
+@pytest.mark.parametrize(
+    ("explained", "too_much"), [(EXPLAINED_CLOSE + 0.1, False), (EXPLAINED_CLOSE - 0.1, True)]
+)
+def test_a_leftover_at_the_floor_that_comes_back_leaves_too_much_only_where_little_is_explained(
+    explained, too_much
+):
+    terms = [SimpleNamespace(effect="viscous_friction"), SimpleNamespace(effect="joint_elasticity")]
+    problem: Any = SimpleNamespace(floor_source="repeat", floor_doubt=1.0, ctx=SimpleNamespace(sessions=[]))
+    search: Any = SimpleNamespace(
+        comes_back=lambda _: True, completed=0,
+        effects={t.effect: SimpleNamespace(explained_least=1.0) for t in terms},
+    )  # fmt: skip
+    decision: Any = SimpleNamespace(leftover=1.2, explained=explained, solution=SimpleNamespace(terms=terms))
+    assert too_much_left(problem, search, decision) == too_much
