@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from s2r_host.gap.command_steps import step_doubt
-from s2r_host.gap.friction_seen import rests_of
 from s2r_host.gap.model import RigidModel
+from s2r_host.gap.rest import rests_of
 from s2r_host.gap.rows import compare, picks_of
 from s2r_host.gap.session import Session
 
@@ -60,7 +60,7 @@ class _Step:
     """A recording that a friction step of any edge and lead is fitted to.
 
     Attributes:
-        s, joint: The recording and the joint; ``v_eps`` the noise of its speed.
+        s, joint: The recording and the joint.
         left: Effort that the rigid body leaves over, shape (time,).
         others: What stands beside the step, shape (time, 4), and ``late``, what any delay of the drive would make.
         around: Rows in motion at which a step with the lead differs from one without, shape (time,).
@@ -69,7 +69,6 @@ class _Step:
 
     s: Session
     joint: int
-    v_eps: float
     left: np.ndarray
     others: np.ndarray
     late: np.ndarray
@@ -78,7 +77,7 @@ class _Step:
 
     def place(self, edge: float, lead: float) -> None:
         """Set edge and lead in the recording."""
-        self.s.v_eps[self.joint], self.s.lead[self.joint] = edge * self.v_eps, lead
+        self.s.v_eps[self.joint], self.s.lead[self.joint] = edge * self.s.v_noise[self.joint], lead
 
     def misfit(self, *, around: bool) -> float:
         """Squared effort left over with the step as placed; ``around``: of some rows, beside a drive with any delay."""
@@ -100,7 +99,7 @@ def _step(s: Session, joint: int, name: str, lead: float) -> _Step:
     first, last = picks_of(s, joint)[[0, -1]]
     inner = np.arange(first, last)[step_doubt(s, joint, name)[first:last] == 0.0]
     return _Step(
-        s, joint, float(s.v_eps[joint]), u - compare(load, s, joint, False), np.stack(others, axis=1),
+        s, joint, u - compare(load, s, joint, False), np.stack(others, axis=1),
         np.gradient(u, s.dt), np.abs(differs) > DIFFERS, inner,
     )  # fmt: skip
 

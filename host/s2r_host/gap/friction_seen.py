@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from s2r_host.gap.command_steps import step_doubt
 from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.evidence import AR_ORDER
 from s2r_host.gap.model import RigidModel
+from s2r_host.gap.rest import rests_of, stillness
 from s2r_host.gap.rows import Block, compare
 from s2r_host.gap.session import Session
 
 STICK_DOUBT = 0.5  # times the friction, for rows at rest
 REST_DOUBT = 3.0  # the same at rest for longer, where no second run shows what comes back there
-REST_S = 0.2  # longer than a joint takes to turn round
-STOPPING_S = 0.06  # of the way in and out of a rest
-REST_NOISES = 3.0  # of the speed: a joint that a simulator holds creeps
 TRUSTED = 0.25  # squared weight from which on a row tells what is left over
 ONE_WAY = 0.05  # spread of the direction of motion below which a joint goes one way only
 SLOW_LOG_S = 0.01
@@ -105,28 +102,6 @@ def _between_rows(model: RigidModel, s: Session, j: int) -> np.ndarray:
         else np.full(len(raw), bend[0])
     )
     return np.interp(s.t, s.rec.t, BETWEEN_SHARE * bend)
-
-
-def rests_of(s: Session, j: int) -> np.ndarray:
-    """Where a joint stays still for longer than it takes to turn round, stopping and starting included, shape (time,).
-
-    Stops and starts are blurred by the filters, and a joint that is about to stick does not slide as others do.
-    """
-    # The noise of the speed crosses any bound now and then: it does not end a rest.
-    mean_square = uniform_filter1d(s.v[:, j] ** 2, max(1, round(0.5 * REST_S / s.dt)), mode="nearest")
-    still = mean_square < (REST_NOISES * s.v_noise[j]) ** 2
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    rests = np.zeros(len(still), dtype=bool)
-    for start, end in edges.reshape(-1, 2):
-        if (end - start) * s.dt > REST_S:
-            rests[start:end] = True
-    reach = round((min(1.0 / float(s.cut[j]), STOPPING_S) + 0.25 * REST_S) / s.dt)
-    return maximum_filter1d(rests, 2 * reach + 1)
-
-
-def stillness(s: Session, j: int) -> np.ndarray:
-    """One where a joint may stick, zero where it clearly moves, shape (time,)."""
-    return 1.0 - np.tanh(s.slip(j) / (2.0 * s.v_eps[j])) ** 2
 
 
 def stiction(s: Session, j: int) -> tuple[float, float]:

@@ -16,8 +16,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.signal import lfilter
 
-from s2r_host.gap.friction_seen import friction_levels, stillness
+from s2r_host.gap.friction_seen import friction_levels
 from s2r_host.gap.problem import Problem
+from s2r_host.gap.rest import stillness
 from s2r_host.gap.rows import HOLDOUT_SHARE, compare
 from s2r_host.gap.search import Search
 from s2r_host.gap.session import Session, nominal_friction

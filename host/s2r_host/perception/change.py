@@ -17,6 +17,7 @@ Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 PIECE_M = 0.03
+LEAST_PIECE = 100  # points of the largest piece of a view that is small beside the other view's
 LEAST_SHARE = 0.15  # of the largest moved piece; smaller ones count only beside it
 BESIDE_M = 0.12
 SURE_M = 0.005  # how much deeper than the noise band the other view must see to call a point moved
@@ -62,6 +63,12 @@ def without_specks(before: View, after: View, changes: Changes) -> Changes:
     piece = piece_of_cell[inverse.ravel()]
     weight = np.bincount(piece)
     large = (weight >= LEAST_SHARE * weight.max())[piece]
+    for own in np.split(np.arange(len(piece)), [len(index[0])]):
+        # A door seen edge-on in one view is a small piece there, and all there is.
+        if len(own) and not large[own].any():
+            count = np.bincount(piece[own])
+            if count.max() >= LEAST_PIECE:
+                large[own] = piece[own] == np.argmax(count)
     keep = large.copy()
     if not large.all():
         # Few points far from very many: a tight tree, which looks at nearly all of them, takes sixty times as long.

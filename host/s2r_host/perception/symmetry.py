@@ -26,6 +26,9 @@ FEWEST, LEAST_JUDGED = (
     60,
     0.25,
 )  # points that can be judged, and their share: half a turn hides a lid in its table
+LEAST_MOVED = (
+    0.25  # of the landings have to be on surface that moved itself; a lid that is turned lands on its box
+)
 EXTRA_M = 0.003  # the axis of the answer may be off by some millimetres
 LONGER = 3.0  # a turn so many times as long as the answer is not feared
 
@@ -67,15 +70,17 @@ def _share_on_itself(motion: JointMotion, count: int, scene: Scene, probes: tupl
     X = replace(motion, delta=2 * np.pi / count).transform()
     shares = []
     for T in (X, np.linalg.inv(X)):
-        on = judged = 0
+        on = moved = judged = 0
         for part, view, label in (
             (probes[0], scene.before, scene.changes.before),
             (probes[1], scene.after, scene.changes.after),
         ):
             found = view.look(part.points @ T[:3, :3].T + T[:3, 3], part.sigma_m, EXTRA_M)
             surface = found.seen == Seen.SURFACE
-            on += int((surface & (label[np.maximum(found.index, 0)] != Change.STATIC)).sum())
+            there = label[np.maximum(found.index, 0)]
+            on += int((surface & (there != Change.STATIC)).sum())
+            moved += int((surface & (there == Change.MOVED)).sum())
             judged += int((surface | (found.seen == Seen.FREE)).sum())
         enough = max(FEWEST, LEAST_JUDGED * (len(probes[0].points) + len(probes[1].points)))
-        shares.append(on / judged if judged >= enough else 0.0)
+        shares.append(on / judged if judged >= enough and moved >= LEAST_MOVED * on else 0.0)
     return min(shares)
