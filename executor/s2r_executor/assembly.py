@@ -113,20 +113,23 @@ class Executor:
                 self._failure = error
                 return
 
+    def _timing(self) -> str:
+        """What holds the clock. In lock-step nothing depends on this machine, so nothing is said against it."""
+        if self.config.clock == "lockstep":
+            return "time kept by the drives' answers"
+        if self.process.core.snapshot().realtime:
+            return f"real-time, {self.preflight.line}"
+        return f"not real-time (no FIFO priority or memory lock; see 's2r doctor'), {self.preflight.line}"
+
     def summary(self) -> str:
         """One line: arm, hashes, bus, state, real-time or not."""
         arm, config = self.arm, self.config
         core = self.process.core.snapshot()
-        realtime = (
-            "real-time"
-            if core.realtime
-            else "not real-time (no FIFO priority or memory lock; see 's2r doctor')"
-        )
         return (
             f"s2r executor ready: {config.cell}/{arm.name} model {arm.model_hash.hex()[:8]} "
             f"limits {arm.limit_hash.hex()[:8]}, bus {config.bus} ({config.packing}, {config.clock}, "
             f"load {core.bus_load_computed:.0%}), listening on {', '.join(config.listen)}, "
-            f"{ExecutorState(core.state).name}, {realtime}, {self.preflight.line}"
+            f"{ExecutorState(core.state).name}, {self._timing()}"
         )
 
     def check(self) -> None:

@@ -52,10 +52,19 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
 @tls_option
-@click.option("--seed", default=0, show_default=True, help="Of all chance on the host.")
-@click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most, per target.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all chance on the host."
+)
+@click.option(
+    "--attempts",
+    type=click.IntRange(min=1),
+    default=3,
+    show_default=True,
+    help="Planned manipulations at most, per target.",
+)
 @click.option(
     "--ensemble",
+    type=click.IntRange(min=1),
     default=1,
     show_default=True,
     help="Plan with so many believable objects, drawn from the estimate's intervals.",
@@ -114,18 +123,24 @@ def run(
     Ctrl-C stops the arm on its path, waits for rest and still writes the recording. This is software, not an
     emergency stop.
     """
+    from s2r_host.run.task import TASKS, parse_target
+
+    task = TASKS[object_kind]
+    first = None if target == "ask" else parse_target(target, task)
+    then = tuple(parse_target(one, task, "--then") for one in further)
+
+    # A slip of the hand above is told at once; what follows takes seconds to load.
     from s2r_host.report.page import write_report
     from s2r_host.run.at import parse_point
     from s2r_host.run.journal import Journal
     from s2r_host.run.pipeline import run_task
     from s2r_host.run.settings import RunSettings
-    from s2r_host.run.task import TASKS, parse_target
 
     folder = out or Path("runs") / time.strftime("%Y%m%d-%H%M%S")
     settings = RunSettings(
-        target=None if target == "ask" else parse_target(target, TASKS[object_kind]),
-        then=tuple(parse_target(one, TASKS[object_kind]) for one in further),
-        task=TASKS[object_kind],
+        target=first,
+        then=then,
+        task=task,
         from_pushed=origin == "pushed",
         at=None if at is None else parse_point(at),
         out=folder,

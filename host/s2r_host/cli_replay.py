@@ -141,7 +141,7 @@ def replay(
             _linked(started.executor, description, keys, None) as link,
         ):
             done = _replays(link, model, plans, plan, settings, (), loops, as_found=True)
-    return _report(done, description, source, folder, as_json, "real" if real else "stand-in")
+    return _report(done, description, source, folder, as_json, "real" if real else "stand-in", speed)
 
 
 def _replays(
@@ -171,14 +171,20 @@ def _replays(
 
 
 def _report(
-    done: list[Replayed], arm: ArmDescription, source: Path, folder: Path, as_json: bool, where: str
+    done: list[Replayed],
+    arm: ArmDescription,
+    source: Path,
+    folder: Path,
+    as_json: bool,
+    where: str,
+    speed: float,
 ) -> int:
     from s2r_host.replay.overlay import write_overlay
     from s2r_host.replay.replay import repeatability
 
     last = done[-1]
     spread = repeatability(done, arm.joint_names) if len(done) > 1 else None
-    page = write_overlay(last, arm.joint_names, source, folder, spread)
+    page = write_overlay(last, arm.joint_names, source, folder, spread, speed)
     for k, one in enumerate(done, start=1):
         (folder / ("replay.mcap" if len(done) == 1 else f"replay-{k}.mcap")).write_bytes(one.recording)
     rms = dict(zip(arm.joint_names, last.comparison.rms_rad.tolist(), strict=True))
@@ -186,6 +192,7 @@ def _report(
         "plan": last.plan.number,
         "label": last.plan.label,
         "where": where,
+        "speed": speed,
         "plan_seq": last.seq,
         "against": "first execution" if last.plan.first is not None else "plan",
         "rms_rad": rms,

@@ -116,7 +116,8 @@ class Console:
         """Give the lease back, end jobs, close everything."""
         self._ended.set()
         for thread in self._threads:
-            thread.join()
+            if thread.is_alive():  # none was started when the page's address is taken
+                thread.join()
         self._context.jobs.close()
         self._operator.close()
         self._server.stop()

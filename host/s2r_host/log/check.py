@@ -13,18 +13,20 @@ from s2r_host.log.tables import Recording, Topic, read_recording
 from s2r_protocol.ros2 import CdrError, unpack
 from s2r_protocol.ros2.definitions import UnknownMessageTypeError, message_type
 
+_STEADY_MESSAGES = 10
+_STEADY_SHARE = 0.2  # of the usual period: half of all gaps of a stream differ by less
 _GAP = 5.0  # a pause of this many usual periods is worth a line
 
 
 @dataclass(frozen=True)
 class TopicFacts:
-    """One topic: how many messages, over what time, how regular."""
+    """One topic: how many messages, over what time, how regular. ``rate_hz`` is None where they come as it happens."""
 
     name: str
     type_name: str
     messages: int
     duration_s: float
-    rate_hz: float
+    rate_hz: float | None
     longest_gap_s: float
 
 
@@ -60,10 +62,9 @@ def check(path: Path) -> Checked:
             continue
         facts.append(_facts(topic))
         problems += _undecodable(topic)
-        if facts[-1].rate_hz > 50 and facts[-1].longest_gap_s > _GAP / facts[-1].rate_hz:
-            notes.append(
-                f"{topic.name}: longest gap {facts[-1].longest_gap_s:.3f} s at {facts[-1].rate_hz:.0f} Hz"
-            )
+        rate_hz = facts[-1].rate_hz or 0.0
+        if rate_hz > 50 and facts[-1].longest_gap_s > _GAP / rate_hz:
+            notes.append(f"{topic.name}: longest gap {facts[-1].longest_gap_s:.3f} s at {rate_hz:.0f} Hz")
     if not facts:
         problems.append("no messages")
     problems += _numbers(recording)
@@ -90,12 +91,25 @@ def _facts(topic: Topic) -> TopicFacts:
     stamps = np.sort(np.array(topic.stamp_ns, np.int64))
     duration = float(stamps[-1] - stamps[0]) * 1e-9
     gaps = np.diff(stamps) * 1e-9
-    # The median, not the mean: a file of several motions has pauses between them.
-    period = float(np.median(gaps)) if len(gaps) else 0.0
-    rate = 1.0 / period if period > 0 else 0.0
     return TopicFacts(
-        topic.name, topic.type_name, len(stamps), duration, rate, float(gaps.max()) if len(gaps) else 0.0
+        topic.name,
+        topic.type_name,
+        len(stamps),
+        duration,
+        _rate_hz(gaps),
+        float(gaps.max()) if len(gaps) else 0.0,
     )
+
+
+def _rate_hz(gaps_s: np.ndarray) -> float | None:
+    """Messages a second of a steady stream; None for events, which have no rate."""
+    if len(gaps_s) < _STEADY_MESSAGES:
+        return None
+    # The median, not the mean: a file of several motions has pauses between them.
+    period_s = float(np.median(gaps_s))
+    if period_s <= 0.0 or np.mean(np.abs(gaps_s - period_s) < _STEADY_SHARE * period_s) < 0.5:
+        return None
+    return 1.0 / period_s
 
 
 def _undecodable(topic: Topic) -> list[str]:

@@ -47,8 +47,9 @@ def check(file: Path, as_json: bool) -> int:
         click.echo(json.dumps(found.as_dict(), indent=1))
     else:
         for topic in found.topics:
+            rate = "" if topic.rate_hz is None else f"{topic.rate_hz:7.1f} Hz"
             click.echo(
-                f"{topic.messages:9d}  {topic.rate_hz:7.1f} Hz  {topic.duration_s:8.2f} s  "
+                f"{topic.messages:9d}  {rate:>10}  {topic.duration_s:8.2f} s  "
                 f"{topic.name}  [{topic.type_name}]"
             )
         if found.attachments:

@@ -43,8 +43,18 @@ def write_overlay(
     run: Path,
     folder: Path,
     spread: Repeatability | None = None,
+    speed: float = 1.0,
 ) -> Path:
-    """Write ``overlay.png`` and ``replay.html``, with statistics when there were several; the page's path."""
+    """Write ``overlay.png`` and ``replay.html``, with statistics when there were several; the page's path.
+
+    Args:
+        replayed: The execution to show.
+        joint_names: In the plan's order.
+        run: Where the plan came from.
+        folder: Where to; made if missing.
+        spread: Of all executions, when there were several.
+        speed: Share of the recorded speed it was sent at; the curves are over the plan's own time all the same.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     figure = overlay_figure(replayed, joint_names)
     figure.savefig(folder / "overlay.png", dpi=110)
@@ -54,9 +64,10 @@ def write_overlay(
         for name, rms, largest in zip(joint_names, found.rms_rad, found.largest_rad, strict=True)
     ]
     plan = replayed.plan
+    slower = "" if speed == 1.0 else f" at {speed:g} of its speed, shown over its own time"
     head = (
         f"<h1>Replay of '{escape(plan.label)}'</h1><p class='lead'>plan {plan.number} of {escape(run.name)}, "
-        f"{plan.trajectory.duration_s:.2f} s, sent again as plan {replayed.seq} through the same admission</p>"
+        f"{plan.trajectory.duration_s:.2f} s, sent again as plan {replayed.seq}{slower} through the same admission</p>"
     )
     parts = [
         head,

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from s2r_host.perception.motion import JointType
 from s2r_protocol.exits import UsageError
+
+if TYPE_CHECKING:  # a target is refused before the seconds that perception takes to load
+    from s2r_host.perception.motion import JointType
 
 
 @dataclass(frozen=True)
@@ -54,12 +57,12 @@ class Task:
     far_off: float
     moving: float
 
-    def check(self, target: float) -> None:
-        """Raises UsageError when a target cannot be meant."""
+    def check(self, target: float, option: str = "--target") -> None:
+        """Raises UsageError, which names the option, when a target cannot be meant."""
         low, high = self.limits
         if not low <= target <= high:
             raise UsageError(
-                f"--target {self.unit.show(target)} is outside [{self.unit.show(low, 0)}, {self.unit.show(high, 0)}] "
+                f"{option} {self.unit.show(target)} is outside [{self.unit.show(low, 0)}, {self.unit.show(high, 0)}] "
                 f"of a {self.name}; 0 is as found in the first view, + is {self.positive}"
             )
 
@@ -82,7 +85,7 @@ _SUFFIXES = {"mm": ("prismatic", 1e-3), "m": ("prismatic", 1.0), "deg": ("revolu
              "°": ("revolute", math.radians(1.0)), "rad": ("revolute", 1.0)}  # fmt: skip
 
 
-def parse_target(text: str, task: Task) -> float:
+def parse_target(text: str, task: Task, option: str = "--target") -> float:
     """A target from the command line: a number with a unit (``150mm``, ``-30deg``), or in m or rad without one.
 
     Returns:
@@ -96,15 +99,15 @@ def parse_target(text: str, task: Task) -> float:
         if number.endswith(suffix):
             joint_type, factor = _SUFFIXES[suffix]
             if joint_type != task.joint_type:
-                raise UsageError(f"--target {text}: the joint of a {task.name} is not measured in {suffix}")
+                raise UsageError(f"{option} {text}: the joint of a {task.name} is not measured in {suffix}")
             number = number[: -len(suffix)]
             break
     try:
         target = float(number) * factor
     except ValueError:
         units = " or ".join(suffix for suffix, (kind, _) in _SUFFIXES.items() if kind == task.joint_type)
-        raise UsageError(f"--target {text!r} is not a number, with or without a unit ({units})") from None
+        raise UsageError(f"{option} {text!r} is not a number, with or without a unit ({units})") from None
     if not math.isfinite(target):
-        raise UsageError(f"--target {text} is not finite")
-    task.check(target)
+        raise UsageError(f"{option} {text} is not finite")
+    task.check(target, option)
     return target

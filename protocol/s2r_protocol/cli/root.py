@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from types import FrameType
 from typing import Any
 
 import click
@@ -99,9 +100,16 @@ def _report_bug() -> ExitCode:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run ``s2r`` and exit with the documented code. SIGTERM ends every command as Ctrl-C does."""
+    asked_to_end = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal asked_to_end
+        asked_to_end = True
+        signal.default_int_handler(number, frame)
+
     # A shell's background job starts deaf to Ctrl-C. Whatever moves an arm has to hear it.
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, interrupt)
     try:
         code = s2r.main(args=arguments, prog_name="s2r", standalone_mode=False)
     except S2RError as error:
@@ -122,6 +130,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         else:  # a file or folder the user named
             click.echo(f"s2r: {os.fsdecode(error.filename)}: {error.strerror}", err=True)
             code = ExitCode.NOT_READY if error.errno in _FULL else ExitCode.USAGE
+    except ImportError:
+        # A native module that Ctrl-C meets while it loads turns it into "initialization failed".
+        if asked_to_end:
+            click.echo("s2r: interrupted", err=True)
+            code = ExitCode.INTERRUPTED
+        else:
+            code = _report_bug()
     except Exception:  # noqa: BLE001 - the last line of defence: a bug must end with exit 1 and its traceback
         code = _report_bug()
     sys.exit(int(code or ExitCode.OK))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ipaddress
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -61,9 +62,16 @@ def listen(endpoints: Sequence[str], role: Role, keys: ArmKeys, tls: Path | None
         return zenoh.open(config)
     except zenoh.ZError as error:
         raise ListenError(
-            f"{role} cannot listen on {', '.join(addresses)}: {error}. Is another {role} running? "
+            f"{role} cannot listen on {', '.join(addresses)}: {_reason(error)}. Is another {role} running? "
             "Stop it or choose another address with --listen"
         ) from error
+
+
+def _reason(error: zenoh.ZError) -> str:
+    """Zenoh's sentence without the places in its sources that it went through."""
+    text = str(error)
+    said = re.search(r"[^\[\]:]+\(os error \d+\)", text)
+    return said.group().strip() if said is not None else text.rstrip(".")
 
 
 def connect(endpoint: str, role: Role, keys: ArmKeys, tls: Path | None = None) -> zenoh.Session:

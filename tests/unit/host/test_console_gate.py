@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import socket
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -38,6 +41,21 @@ def test_beyond_loopback_a_token_is_demanded_at_the_start():
         Address("192.168.1.5", 7450)
     with pytest.raises(ConsoleAddressError, match="needs at least 16"):
         Address("192.168.1.5", 7450, "short")
+
+
+def test_a_second_console_on_the_same_port_says_so_and_ends():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        command = [sys.executable, "-m", "s2r_protocol", "console", "--executor", "tcp/127.0.0.1:1"]
+        run = subprocess.run(
+            [*command, "--port", str(port)], capture_output=True, text=True, timeout=300, check=False
+        )
+    assert run.returncode == 3, run.stderr
+    assert f"cannot listen on 127.0.0.1:{port}" in run.stderr
+    assert "Choose another with --port" in run.stderr
+    assert "Traceback" not in run.stderr
 
 
 def test_a_name_is_not_loopback():

@@ -15,7 +15,7 @@ from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.recorder_files import FileSettings, RecordingFiles
 from s2r_executor.recorder_wire import Batch, PlanIdentity
 from s2r_host.errors import RecordingError
-from s2r_host.log.check import check
+from s2r_host.log.check import _rate_hz, check
 from s2r_host.log.diff import diff
 from s2r_host.log.export_lerobot import export_lerobot
 from s2r_host.log.export_tables import export_tables, parquet_joints
@@ -86,6 +86,16 @@ def test_a_whole_recording_is_whole(whole):
     assert {t.name.rsplit("/", 1)[1]: t.messages for t in found.topics}["joint_states"] == 1700
     assert found.metadata["s2r"]["model_hash"] == ARM.model_hash.hex()
     assert "plan.s2r" in found.attachments
+
+
+def test_only_what_comes_steadily_has_a_rate():
+    steady = np.full(50, 0.01)
+    steady[20] = 12.0  # between two motions
+    assert _rate_hz(steady) == pytest.approx(100.0)
+    bursts = np.tile([0.0, 0.0, 0.03, 1.5], 10)
+    assert _rate_hz(bursts) is None
+    assert _rate_hz(np.full(2, 10.0)) is None
+    assert _rate_hz(np.zeros(0)) is None
 
 
 def test_a_cut_recording_is_refused_and_mended_up_to_the_cut(whole, tmp_path):

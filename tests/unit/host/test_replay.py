@@ -101,6 +101,16 @@ def test_overlay_is_written_as_picture_and_offline_page(run, trajectory):
     assert "<script" not in text
 
 
+def test_the_page_of_a_slowed_replay_says_so(run, trajectory):
+    found = compare(trajectory, track(trajectory), track(trajectory))
+    replayed = Replayed(pick(read_source(run, ARM), None, run), 12, b"", found)
+    full, slow = (
+        write_overlay(replayed, NAMES, run, run / "replay", speed=speed).read_text() for speed in (1.0, 0.5)
+    )
+    assert "of its speed" not in full
+    assert "sent again as plan 12 at 0.5 of its speed" in slow
+
+
 def test_a_slowed_plan_takes_longer_on_the_same_path(trajectory):
     slow = slowed(trajectory, 0.25)
     assert slow.duration_s == pytest.approx(4.0)

@@ -1,6 +1,8 @@
 """Targets are read in the units people use, and refused in words when they cannot be meant."""
 
 import math
+import subprocess
+import sys
 
 import pytest
 
@@ -39,6 +41,23 @@ def test_a_target_is_read_with_or_without_its_unit(text, task, value):
 def test_a_target_that_cannot_be_meant_is_refused(text, task, words):
     with pytest.raises(UsageError, match=words):
         parse_target(text, task)
+
+
+def test_the_refusal_names_the_option_that_was_given():
+    for text in ("far", "nan", "5m", "10deg"):
+        with pytest.raises(UsageError, match=r"^--then "):
+            parse_target(text, DRAWER, "--then")
+
+
+def test_a_target_is_refused_before_anything_heavy_is_loaded():
+    code = (
+        "import sys\nfrom s2r_protocol.cli.root import main\n"
+        "try:\n    main(['run', 'drawer', '--target', 'nan'])\nexcept SystemExit as end:\n    assert end.code == 2\n"
+        "heavy = {'numpy', 'mujoco', 'open3d', 'zenoh', 'pinocchio', 'cv2'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
+    assert run.returncode == 0, run.stderr
 
 
 def test_values_are_shown_in_the_units_people_use():

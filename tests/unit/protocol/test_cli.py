@@ -90,6 +90,20 @@ def test_a_background_job_hears_ctrl_c():
     assert run.returncode == 130, run.stderr
 
 
+def test_ctrl_c_that_meets_a_native_module_while_it_loads_is_no_bug():
+    code = (
+        "import os, signal\nimport click\nfrom s2r_protocol.cli import root\n"
+        "def load():\n"
+        "    try:\n        os.kill(os.getpid(), signal.SIGINT)\n"
+        "    except KeyboardInterrupt:\n        raise ImportError('initialization failed') from None\n"
+        "root._load = lambda name: click.Command(name, callback=load)\n"
+        "root.main(['stop'])\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
+    assert run.returncode == 130, run.stderr
+    assert run.stderr == "s2r: interrupted\n"
+
+
 def test_help_imports_none_of_the_heavy_packages():
     code = (
         "import sys\nfrom s2r_protocol.cli.root import main\n"

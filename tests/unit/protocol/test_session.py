@@ -1,15 +1,17 @@
 """Addresses that may be used, and a lab's certificates."""
 
 import datetime
+import socket
 import stat
 
 import pytest
 from cryptography import x509
 
 from s2r_protocol.exits import UsageError
+from s2r_protocol.keys import ArmKeys
 from s2r_protocol.session import AddressError, CertificateError, Role, TlsFiles
 from s2r_protocol.session.certificates import check_certificate, make_certificates
-from s2r_protocol.session.open import endpoint_for
+from s2r_protocol.session.open import ListenError, endpoint_for, listen
 
 NOW = datetime.datetime(2030, 1, 1, tzinfo=datetime.UTC)
 
@@ -41,6 +43,19 @@ def test_without_certificates_this_machine_is_reached_as_it_stands(endpoint):
 def test_without_certificates_no_network_is_opened(endpoint):
     with pytest.raises(AddressError, match=r"anybody on that network could command the arm.*--make-certs"):
         endpoint_for(endpoint, has_tls=False)
+
+
+def test_a_taken_address_is_named_without_the_places_in_zenohs_sources():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(ListenError) as error:
+            listen([endpoint], Role.EXECUTOR, ArmKeys("lab", "xmate3pro"))
+    assert str(error.value) == (
+        f"executor cannot listen on {endpoint}: Address already in use (os error 98). "
+        "Is another executor running? Stop it or choose another address with --listen"
+    )
 
 
 @pytest.mark.parametrize("endpoint", ["udp/127.0.0.1:7447", "quic/127.0.0.1:7447", "ws/127.0.0.1:1"])
