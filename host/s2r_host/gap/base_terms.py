@@ -27,7 +27,7 @@ class BaseTerm(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Required effort per unit of each member."""
-        return Columns([m.column(s) for m in self.members])
+        return Columns.of_motion([m.column(s) for m in self.members])
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """Nominal values are rarely off by more than 5 %."""
@@ -61,7 +61,7 @@ class CentreDistance(BaseTerm):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Required effort per unit of size along the centre's direction."""
-        return Columns(
+        return Columns.of_motion(
             [np.sum([d * m.column(s) for d, m in zip(self.direction, self.members, strict=True)], axis=0)]
         )
 

@@ -1,9 +1,10 @@
-"""An arm's description is rarely finished: no friction at all, link masses from a drawing.
+"""An arm's description is rarely finished: no friction at all, no motors, link masses from a drawing.
 
 Such gaps sit on every joint at once. A search that adds one effect at a time would spend itself on them, and each
 joint would be judged by a noise level set by the worst other joint. So, for models of three joints and more, friction
-on every joint that has none and the inertial parameters of all links are first weighed together, each joint with its
-own noise level; what does not pay for itself is dropped again. The search goes on from there.
+on every joint that has none, motor inertia likewise, and the inertial parameters of all links are first weighed
+together, each joint with its own noise level; what does not pay for itself is dropped again. The search goes on from
+there. Links are in it only where the model has no friction: who wrote that down measured the rest as well.
 """
 
 from __future__ import annotations
@@ -80,8 +81,11 @@ def complete(search: Search) -> tuple[list[Term], list[list[Scored]]]:
 
     p = search.problem
     m = p.ctx.model.model
-    bare = [j for j in p.joints if m.dof_frictionloss[j] == 0 and m.dof_damping[j] == 0]
-    if len(p.joints) < LEAST_JOINTS or len(bare) < BARE_SHARE * len(p.joints):
+    if len(p.joints) < LEAST_JOINTS:
+        return [], []
+    bare = _most(p.joints, [j for j in p.joints if m.dof_frictionloss[j] == 0 and m.dof_damping[j] == 0])
+    motorless = _most(p.joints, [j for j in p.joints if m.dof_armature[j] == 0])
+    if not bare and not motorless:
         return [], []
     parts = [
         _Part(Term(name, j), *_columns(search, Term(name, j)))
@@ -89,10 +93,12 @@ def complete(search: Search) -> tuple[list[Term], list[list[Scored]]]:
         for name in ("coulomb_friction", "viscous_friction")
         if not search.effects[name].blocked(p.ctx, j)
     ] if {"coulomb_friction", "viscous_friction"} <= set(search.effects) else []  # fmt: skip
+    if "armature" in search.effects:
+        parts += [_Part(Term("armature", j), *_columns(search, Term("armature", j))) for j in motorless]
     zeros = [Term(f"{PREFIX}effort@{p.ctx.model.joints[j]}", -1) for j in p.joints]
     parts += [_Part(t, *_columns(search, t)) for t in zeros if t.effect in search.effects]
     members = [b for b in p.base if b.name in BODY]
-    if members:
+    if members and bare:
         search.effects[LINKS] = LinkGroup(members)
         parts.append(_Part(Term(LINKS, -1), *_columns(search, Term(LINKS, -1))))
     for _ in range(ROUNDS):
@@ -116,6 +122,11 @@ def complete(search: Search) -> tuple[list[Term], list[list[Scored]]]:
         own = Scored(x.term, gains[x.term.key], gains[x.term.key], share, np.zeros(0))
         slots.append([own])
     return _richer(search, terms, slots)
+
+
+def _most(joints: list[int], without: list[int]) -> list[int]:
+    """The joints a description is silent about, where those are at least half of all; none otherwise."""
+    return without if len(without) >= BARE_SHARE * len(joints) else []
 
 
 def _without_links(search: Search, parts: list[_Part], gains: dict[tuple[str, int], float]) -> list[_Part]:

@@ -26,7 +26,7 @@ def disagreement(problem: Problem, search: Search, solution: Solution) -> str | 
                 parts[s.index] = part
         if not parts:
             continue
-        column = problem.whiten(parts, term.joint)[fit][:, None]
+        column = problem.whiten(parts, term.joint, parts)[fit][:, None]
         w = base.weigh(column, np.array([False]), None)
         deviation = float(np.sqrt(solution.noise / max(float(w.S[0, 0]), 1e-30)))
         off = float(w.theta[0])

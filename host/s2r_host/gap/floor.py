@@ -6,7 +6,7 @@ import numpy as np
 
 from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.friction_seen import TRUSTED, between_level, trust
-from s2r_host.gap.known_noise import known_noise
+from s2r_host.gap.known_noise import known_noise, motion_noise
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.rows import Block, compare, picks_of, residual
 from s2r_host.gap.session import Session
@@ -16,7 +16,7 @@ GENERIC_FOLDS = 8
 GENERIC_BINS = 40
 LEAST_ROWS = 4 * GENERIC_FOLDS  # fewer hold nothing to predict from
 STROKE_PARTS = 6
-KNOWN_TIMES = 4.0  # the channels' own noise that a bounded floor may be
+KNOWN_TIMES = 4.5  # the channels' own noise that a bounded floor may be
 LOOP_SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 
 
@@ -83,7 +83,8 @@ def floor_level(
     samples = np.concatenate(noise)
     if len(samples) == len(clear) and clear.sum() >= LEAST_ROWS:
         level = min(level, float(np.hypot(rms([samples[clear]]), between)))
-    return level
+    seen = np.mean([motion_noise(model, s, j, sure=True) ** 2 for s in sessions if s.has_u[j]])
+    return max(level, float(np.sqrt(seen)))
 
 
 def rms(samples: list[np.ndarray]) -> float:

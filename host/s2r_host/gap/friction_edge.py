@@ -5,7 +5,8 @@ The sign of a filtered speed is not the direction of friction: noise of the spee
 Friction that comes out of MuJoCo turns round before the joint does: its constraint pulls towards an acceleration of
 -B v, so that the step lies where v + a/B changes its sign, 9.5 ms early with the stock ``solreffriction``. Recordings
 of machines have no such lead; those made with MuJoCo do, and half a per cent of unexplained effort at every reversal
-would be read as a clock that is late.
+would be read as a clock that is late. Its constraint is soft as well: a heavy joint with much friction glides through the
+step over a speed that the model tells, which no noise of the speed does.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from s2r_host.gap.command_steps import step_doubt
+from s2r_host.gap.friction_seen import dry_level
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.rest import rests_of
 from s2r_host.gap.rows import compare, picks_of
@@ -25,6 +27,7 @@ SHARPER = 0.98  # of the misfit, from which on another edge is taken
 DIFFERS = 0.1  # of a step
 LEADS = 0.6  # of the misfit, from which on the friction is a simulator's; MuJoCo's has 0.02 to 0.15, others 1 and more
 LEAST_ROWS = 20  # at which the two steps differ
+SOFTENS = 0.72  # a hyperbolic tangent of this width misses as much of a step as a ramp that ends at 1
 
 
 def find_edges(sessions: list[Session], model: RigidModel) -> None:
@@ -36,8 +39,8 @@ def find_edges(sessions: list[Session], model: RigidModel) -> None:
     """
     told, open_ones = [], []
     for joint, name in enumerate(model.joints):
-        lead = model.friction_lead(name)
-        steps = [_step(s, joint, name, lead) for s in sessions if s.has_u[joint]]
+        lead, slip = model.friction_lead(name), model.friction_slip(name)
+        steps = [_step(s, joint, name, lead, slip) for s in sessions if s.has_u[joint]]
         if not steps:
             continue
         (usual, _), (edge, led) = _best_edge(steps, 0.0, around=False), _best_edge(steps, lead, around=True)
@@ -63,6 +66,7 @@ class _Step:
         s, joint: The recording and the joint.
         left: Effort that the rigid body leaves over, shape (time,).
         others: What stands beside the step, shape (time, 4), and ``late``, what any delay of the drive would make.
+        soft: Width of a step that leads [rad/s or m/s]: how slowly a simulator's friction turns round.
         around: Rows in motion at which a step with the lead differs from one without, shape (time,).
         inner: Numbers of the rows between the ends, where filters ring, and apart from steps of the command.
     """
@@ -72,12 +76,15 @@ class _Step:
     left: np.ndarray
     others: np.ndarray
     late: np.ndarray
+    soft: float
     around: np.ndarray
     inner: np.ndarray
 
     def place(self, edge: float, lead: float) -> None:
         """Set edge and lead in the recording."""
-        self.s.v_eps[self.joint], self.s.lead[self.joint] = edge * self.s.v_noise[self.joint], lead
+        blurred = edge * self.s.v_noise[self.joint]
+        self.s.v_eps[self.joint] = float(np.hypot(blurred, self.soft)) if lead > 0.0 else blurred
+        self.s.lead[self.joint] = lead
 
     def misfit(self, *, around: bool) -> float:
         """Squared effort left over with the step as placed; ``around``: of some rows, beside a drive with any delay."""
@@ -90,7 +97,7 @@ class _Step:
         return float(left @ left)
 
 
-def _step(s: Session, joint: int, name: str, lead: float) -> _Step:
+def _step(s: Session, joint: int, name: str, lead: float, slip: float) -> _Step:
     u = compare(s.u[:, joint], s, joint, True)
     v, a, load = s.v[:, joint], s.a[:, joint], s.load[:, joint]
     others = [compare(c, s, joint, True) for c in (v, a, load, np.ones(len(s.t)))]
@@ -100,7 +107,7 @@ def _step(s: Session, joint: int, name: str, lead: float) -> _Step:
     inner = np.arange(first, last)[step_doubt(s, joint, name)[first:last] == 0.0]
     return _Step(
         s, joint, u - compare(load, s, joint, False), np.stack(others, axis=1),
-        np.gradient(u, s.dt), np.abs(differs) > DIFFERS, inner,
+        np.gradient(u, s.dt), SOFTENS * slip * dry_level(s, joint), np.abs(differs) > DIFFERS, inner,
     )  # fmt: skip
 
 

@@ -3,6 +3,9 @@
 What a generic correction cannot predict is noise, or an effect that is finer than the correction: cogging with more
 periods than it has position bins, stick-slip. The channels themselves tell the two apart: their noise is white at
 least, so its level above the motion's band holds inside it.
+
+The other way round, a correction that holds the acceleration takes part of that acceleration's own noise away in a slow
+motion, where less inertia costs little: what it leaves over is less than what the channels show.
 """
 
 from __future__ import annotations
@@ -13,36 +16,69 @@ from scipy.signal import welch
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.session import Session
 
-_UPPER_THIRD = 0.66  # of the band: there a recording holds little but noise
-_MEDIAN_OF_CHI2 = 0.7  # the median of a spectrum lies below its mean
+_MIDDLE, _UPPER = 0.33, 0.66  # of the band: above the second a recording holds little but noise
+_FLAT = 2.0  # power of the middle third over that of the upper one, up to which it is noise for sure
 _LOAD_SHARE = 0.005  # filters and rounding of the model's own effort
+# Integrals of x⁰, x² and x⁴ over the squared gain 1 / (1 + x⁴)² of a second-order Butterworth filter run both ways.
+_GAIN, _GAIN_SLOPE, _GAIN_BEND = (
+    3.0 * np.pi * np.sqrt(2.0) / 16.0,
+    np.pi * np.sqrt(2.0) / 16.0,
+    np.pi * np.sqrt(2.0) / 16.0,
+)
 
 
 def known_noise(model: RigidModel, s: Session, j: int) -> float:
     """Standard deviation of a joint's residual, below its cut, by the noise of the channels [N·m or N].
 
-    Effort noise of power density S adds S f up to the cut f; the acceleration comes from the better of position and
-    velocity, twice or once differentiated: (2π)⁴ S f⁵/5 or (2π)² S f³/3, times the squared inertia. Zero where no
+    Effort noise adds its power density times the cut; see :func:`motion_noise` for the acceleration. Zero where no
     channel shows any.
     """
-    rec, name, cut = s.rec, model.joints[j], float(s.cut[j])
-    effort, q, dq = (rec.get(kind, name) for kind in ("tau", "q", "dq"))
-    variance = _white(effort, rec.dt) * cut if effort is not None else 0.0
-    moved = []
-    if q is not None:
-        moved.append(_white(q, rec.dt) * (2.0 * np.pi) ** 4 * cut**5 / 5.0)
-    if dq is not None:
-        moved.append(_white(dq, rec.dt) * (2.0 * np.pi) ** 2 * cut**3 / 3.0)
-    inertia = float(np.median(np.abs(s.mass[:, j])))
-    variance += inertia**2 * min(moved, default=0.0)
+    effort = s.rec.get("tau", model.joints[j])
+    variance = motion_noise(model, s, j) ** 2
+    if effort is not None:
+        variance += _GAIN * _white(effort, s.rec.dt) * float(s.cut[j])
     if variance == 0.0:
         return 0.0
     return float(np.sqrt(variance + (_LOAD_SHARE**2) * np.mean(s.load[:, j] ** 2)))
 
 
-def _white(x: np.ndarray, dt: float) -> float:
-    """One-sided power density of a channel's white noise, from the upper third of its band [unit²/Hz]."""
+def motion_noise(model: RigidModel, s: Session, j: int, *, sure: bool = False) -> float:
+    """Standard deviation of a joint's inertial effort, below its cut, by the noise of its position or speed.
+
+    The acceleration comes from the better of both, twice or once differentiated: noise of power density S makes
+    (2π)⁴ S f⁵ or (2π)² S f³ of it up to the cut f, but for a factor of the filter. ``sure``: only of channels whose
+    spectrum is flat above the motion; what still falls there is motion.
+
+    Returns:
+        Effort [N·m or N]; 0 where no channel shows any noise.
+    """
+    cut = float(s.cut[j])
+    moved = []
+    for kind, gain in (
+        ("q", _GAIN_BEND * (2.0 * np.pi) ** 4 * cut**5),
+        ("dq", _GAIN_SLOPE * (2.0 * np.pi) ** 2 * cut**3),
+    ):
+        x = s.rec.get(kind, model.joints[j])
+        if x is not None:
+            moved.append(_white(x, s.rec.dt, flat=sure) * gain)
+    return float(np.median(np.abs(s.mass[:, j])) * np.sqrt(min(moved, default=0.0)))
+
+
+def _white(x: np.ndarray, dt: float, *, flat: bool = False) -> float:
+    """One-sided power density of a channel's white noise, from the upper third of its band [unit²/Hz].
+
+    ``flat``: zero where the spectrum still falls there.
+    """
     if len(x) < 64:
         return 0.0
-    f, power = welch(x - np.mean(x), 1.0 / dt, nperseg=int(np.clip(len(x) // 6, 64, 512)))
-    return float(np.median(power[f > _UPPER_THIRD * f[-1]]) / _MEDIAN_OF_CHI2)
+    length = int(np.clip(len(x) // 6, 64, 512))
+    f, power = welch(x - np.mean(x), 1.0 / dt, nperseg=length)
+    upper = float(np.median(power[f > _UPPER * f[-1]]))
+    middle = float(np.median(power[(f > _MIDDLE * f[-1]) & (f <= _UPPER * f[-1])]))
+    if flat and middle > _FLAT * upper:
+        return 0.0
+    # Half overlapping Hann windows: the mean of n of them has 36 n² / (19 n - 1) degrees of freedom (Welch 1967), and
+    # the median of a chi-square lies so far below its mean (Wilson and Hilferty 1931).
+    n = max(2 * len(x) // length - 1, 1)
+    freedom = 36.0 * n * n / (19.0 * n - 1.0)
+    return upper / (1.0 - 2.0 / (9.0 * freedom)) ** 3

@@ -108,11 +108,22 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
     gain, name, share, parameters, shape = found[0]
     if gain < LEAST_GAIN or share < 0.3 or test.relative * (1.0 - share) > MAX_MISFIT:
         return None
+    if name == "clock_skew" and -_held_for(usable[0].s) < shape["lag"] < 0.0:
+        return None
     if name == "controller_gain" and all(
         abs(p["value"] - p["from"]) < LEAST_CHANGE * p["from"] for p in parameters.values()
     ):
         return None
     return LawFinding(name, joint, gain, share, parameters, shape, {f[1]: f[0] for f in found[1:]})
+
+
+def _held_for(s: Session) -> float:
+    """How old an effort may be when it is logged beside a motion of now [s]: one period of the controller.
+
+    Rows that are not taken on its ticks hold the effort of the last one. Without a declared rate, a row's distance.
+    """
+    rate = s.rec.controller.rate_hz
+    return 1.0 / rate if rate else s.rec.as_read.dt
 
 
 def stamps_agree(model: RigidModel, fit: list[Session], joint: int) -> bool:

@@ -94,6 +94,17 @@ class RigidModel:
             return largest / max(-damping, 1e-9)
         return 0.5 * largest * max(constant, 2.0 * float(m.opt.timestep))
 
+    def friction_slip(self, joint: str) -> float:
+        """Speed over which MuJoCo's friction constraint builds up, per unit of friction [rad/s or m/s per N·m or N].
+
+        The constraint is soft: f = -(B v + a) / R up to the friction loss, R = (1 - d) / d of the inverse inertia at
+        the joint ("Solver parameters" as above). With a = 0 that is a slope of B / R.
+        """
+        m = self.model
+        j = self.index(joint)
+        smallest = float(np.clip(m.dof_solimp[j, 0], 1e-4, 0.9999))
+        return (1.0 - smallest) / smallest * float(m.dof_invweight0[j]) * self.friction_lead(joint)
+
     def variant(self, change: Callable[[mujoco.MjModel], None]) -> mujoco.MjModel:
         """A copy for inverse dynamics (no contacts, limits or dry friction) with ``change`` applied."""
         m = copy.copy(self.model)

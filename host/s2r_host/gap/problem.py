@@ -82,25 +82,31 @@ class Problem:
     wanders: list[Wander] = field(default_factory=list)
     cache: dict = field(default_factory=dict)
 
-    def whiten(self, per_session: dict[int, np.ndarray], joint: int) -> np.ndarray:
+    def whiten(
+        self, per_session: dict[int, np.ndarray], joint: int, smooth: dict[int, np.ndarray] | None = None
+    ) -> np.ndarray:
         """Filter, decimate, whiten and stack a regressor.
 
         Args:
             per_session: Session number -> array (time,) on ``joint`` or (time, joint).
             joint: The joint a one-dimensional array belongs to.
+            smooth: The part of it that was made from filtered motion alone (``Columns.smooth``), same shapes.
         """
         out = np.zeros(len(self.y))
         for block in self.blocks:
             x = per_session.get(block.session.index)
             if x is None:
                 continue
-            if x.ndim == 1:
-                if block.joint != joint:
-                    continue
-            else:
-                x = x[:, block.joint]
-            rows = compare(x, block.session, block.joint, True)[block.picks]
-            out[block.rows] = self.whiteners[block.joint](rows)
+            part = None if smooth is None else smooth[block.session.index]
+            rest = None if part is x else x if part is None else x - part
+            if x.ndim == 1 and block.joint != joint:
+                continue
+            rows = np.zeros(len(x))
+            for made, nonlinear in ((part, False), (rest, True)):
+                if made is not None:
+                    own = made if made.ndim == 1 else made[:, block.joint]
+                    rows = rows + compare(own, block.session, block.joint, nonlinear)
+            out[block.rows] = self.whiteners[block.joint](rows[block.picks])
         return out * self.weight
 
     def rms(self, rows: np.ndarray, block: Block, mask: np.ndarray) -> float:
@@ -121,7 +127,14 @@ class Problem:
         """Whitened matrix (rows, k) and fixed column of an effect evaluated on every session."""
         first = next(iter(per_session.values()))
         matrix = np.stack(
-            [self.whiten({k: c.linear[i] for k, c in per_session.items()}, joint) for i in range(len(first.linear))],
+            [
+                self.whiten(
+                    {k: c.linear[i] for k, c in per_session.items()},
+                    joint,
+                    {k: c.smooth[i] for k, c in per_session.items()} if first.smooth else None,
+                )
+                for i in range(len(first.linear))
+            ],
             axis=1,
         ) if first.linear else np.zeros((len(self.y), 0))  # fmt: skip
         fixed = None

@@ -126,3 +126,20 @@ def test_a_load_at_the_hand_is_no_matter_of_all_links(tmp_path):
     assert LINKS not in [t.effect for t in terms]
     best = max(search.scan(terms, 3.0)[0], key=lambda s: s.gain)
     assert best.term.effect == "payload"
+
+
+def test_motors_are_found_on_all_joints_of_an_arm_that_has_none(tmp_path):
+    friction = ' damping="0.1" frictionloss="0.3"'
+    record = recorded(tmp_path, 0)
+    motors = np.array([0.2, 0.1, 0.05])
+    for k, (name, tau) in enumerate(record.channels["tau"].items()):
+        v = record.channels["dq"][name]
+        rubbed = tau + (0.3 - RUB[k]) * np.tanh(v / 0.003) + 0.1 * v
+        record.channels["tau"][name] = rubbed + motors[k] * np.gradient(v, record.t)
+    (tmp_path / "model.xml").write_text(ARM_XML.format(f=friction, m=2.0))
+    model = RigidModel(tmp_path / "model.xml")
+    search = Search(build_problem(model, [make_session(model, record, 0)], [], []))
+    terms, slots = complete(search)
+    assert sorted((t.effect, t.joint) for t in terms) == [("armature", k) for k in range(3)]
+    theta = search.finish(terms, slots, []).theta
+    assert [float(x[0]) for x in theta] == pytest.approx([motors[t.joint] for t in terms], rel=0.05)

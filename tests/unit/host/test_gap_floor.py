@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.known_noise import known_noise
+from s2r_host.gap.known_noise import known_noise, motion_noise
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.pipeline import analyse
+from s2r_host.gap.problem import build_problem
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.session import make_session
 
@@ -144,3 +145,42 @@ def test_a_log_in_which_nothing_happens_is_insufficient(tmp_path):
     a = answered(tmp_path, rows)
     assert a.verdict == "insufficient"
     assert "moves 0 rad only" in a.notes[0]
+
+
+def slow_turning(folder, speed_noise, model_text=TABLE):
+    """A slow clean turn, logged at 100 Hz with a noisy speed; model and session."""
+    (folder / "table.xml").write_text(model_text, encoding="utf-8")
+    model = RigidModel(folder / "table.xml")
+    rng, dt = np.random.default_rng(6), 0.01
+    t = np.arange(0.0, 20.0, dt)
+    q = 0.7 * np.sin(0.5 * t)
+    v, a = 0.35 * np.cos(0.5 * t), -0.175 * np.sin(0.5 * t)
+    tau = model.inverse(q[:, None], v[:, None], a[:, None])[:, 0] + FRICTION * np.tanh(v / 1e-3)
+    channels = {
+        "q": {"table": q + 3e-5 * rng.normal(size=len(t))},
+        "dq": {"table": v + speed_noise * rng.normal(size=len(t))},
+        "tau": {"table": tau + 1e-4 * rng.normal(size=len(t))},
+    }
+    rec = Recording("r", t, channels, Controller("none"), "measured", "effort", "a", "", ())
+    return model, make_session(model, rec, 0)
+
+
+def test_a_guessed_floor_is_not_below_the_noise_of_the_motion(tmp_path):
+    model, s = slow_turning(tmp_path, 2e-3)
+    shown = motion_noise(model, s, 0, sure=True)
+    floor = build_problem(model, [s], [], []).floor[0]
+    assert shown > 0.0
+    assert floor >= 0.95 * motion_noise(model, s, 0, sure=True)  # a generic correction leaves half of it over
+
+
+def test_motion_that_still_falls_above_its_band_is_no_noise(tmp_path):
+    (tmp_path / "table.xml").write_text(TABLE, encoding="utf-8")
+    model = RigidModel(tmp_path / "table.xml")
+    t = np.arange(0.0, 20.0, 0.02)
+    q = np.cumsum(np.cumsum(np.random.default_rng(7).normal(size=len(t)))) * 1e-4
+    channels = {"q": {"table": q}, "tau": {"table": np.zeros(len(t))}}
+    s = make_session(
+        model, Recording("r", t, channels, Controller("none"), "measured", "effort", "a", "", ()), 0
+    )
+    assert motion_noise(model, s, 0) > 0.0
+    assert motion_noise(model, s, 0, sure=True) == 0.0

@@ -113,3 +113,11 @@ def test_what_the_law_finds_can_be_replayed_by_the_effect_of_that_name(model, dr
     columns = effect.columns(ctx, ctx.sessions[0], 0, said.shape)
     step = effect.runtime(ctx, 0, said.shape, np.zeros(len(columns.linear)), DT)
     assert step is not None
+
+
+def test_an_effort_that_is_one_period_old_is_no_clock(model):
+    held = found(model, effort="commanded", late_s=-0.6 / 250.0)
+    late = found(model, effort="commanded", late_s=0.6 / 250.0)
+    assert held is None
+    assert late is not None
+    assert late.name == "clock_skew"

@@ -108,3 +108,34 @@ def test_a_joint_that_never_turns_round_tells_no_early_friction(tmp_path):
     (s,) = load_sessions(model, [run], 0, [])
     find_edges([s], model)
     assert s.lead[0] == 0.0
+
+
+RAIL = """<mujoco><option timestep="0.001"/><worldbody><body>
+<joint name="rail" type="slide" axis="1 0 0" damping="5" frictionloss="6"/>
+<geom type="box" size=".1 .1 .1" mass="2"/></body></worldbody></mujoco>"""
+
+
+def test_the_friction_of_a_heavy_joint_glides_through_its_step(tmp_path):
+    (tmp_path / "model.xml").write_text(RAIL)
+    model = RigidModel(tmp_path / "model.xml")
+    m = mujoco.MjModel.from_xml_string(RAIL)
+    d, dt, rows = mujoco.MjData(m), 0.001, []
+    rng = np.random.default_rng(0)
+    for k in range(20000):
+        t = k * dt
+        q, dq = 0.05 * np.sin(2.0 * t), 0.1 * np.cos(2.0 * t)
+        u = 8000.0 * (q - d.qpos[0]) + 300.0 * (dq - d.qvel[0])
+        if k % 4 == 0:
+            noisy = np.array([d.qpos[0], d.qvel[0], u]) + np.array([4e-6, 2e-4, 0.1]) * rng.normal(size=3)
+            rows.append((t, *noisy, q, dq))
+        d.qfrc_applied[0] = u
+        mujoco.mj_step(m, d)
+    names = ",".join(["t", *(f"{kind}.rail" for kind in ("q", "dq", "tau", "q_cmd", "dq_cmd"))])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=names, comments="", fmt="%.10g")
+    (tmp_path / "run.yaml").write_text("effort: commanded\ninput: effort\n")
+    (s,) = load_sessions(model, [tmp_path / "run.csv"], 0, [])
+    find_edges([s], model)
+    assert s.lead[0] == pytest.approx(0.0095)
+    # R / B of the constraint: a ninth of the inverse mass, times the lead; a tanh of 0.72 of that
+    assert model.friction_slip("rail") == pytest.approx(0.0095 / 9.0 / 2.0)
+    assert s.v_eps[0] == pytest.approx(0.72 * 6.0 * model.friction_slip("rail"), rel=0.2)

@@ -20,7 +20,7 @@ class Armature(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Acceleration."""
-        return Columns([s.a[:, joint]], (True,))
+        return Columns.of_motion([s.a[:, joint]], (True,))
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """Against a wrong number of the nominal model."""

@@ -25,12 +25,21 @@ class Columns:
         positive: Per regressor: the coefficient must not be negative.
         fixed: Required effort with a known coefficient of one, same shapes, or None.
         secondary: Per regressor: present to support the effect, may vanish (a loop beside a spring).
+        smooth: Per regressor the part of it that was made from the filtered motion alone, as the load of the model is,
+            same shapes: it passes the second filter only. Passed through the first once more, the difference of two
+            multiples of one acceleration would be a filter, and explain what no effect does. Empty: none has any.
     """
 
     linear: list[np.ndarray]
     positive: tuple[bool, ...] = ()
     fixed: np.ndarray | None = None
     secondary: tuple[bool, ...] = ()
+    smooth: tuple[np.ndarray, ...] = ()
+
+    @classmethod
+    def of_motion(cls, linear: list[np.ndarray], positive: tuple[bool, ...] = ()) -> Columns:
+        """Regressors that are smooth throughout."""
+        return cls(linear, positive, smooth=tuple(linear))
 
 
 @dataclass(frozen=True)

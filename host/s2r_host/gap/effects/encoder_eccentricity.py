@@ -44,7 +44,7 @@ class EncoderEccentricity(Effect):
             s.cache[key] = [
                 self._distorted(ctx, s, joint, shape["order"], phase) for phase in (0.0, np.pi / 2)
             ]
-        return Columns(s.cache[key])
+        return Columns.of_motion(s.cache[key])
 
     def _distorted(self, ctx: Context, s: Session, joint: int, n: float, phase: float) -> np.ndarray:
         q, v, a = s.q.copy(), s.v.copy(), s.a.copy()

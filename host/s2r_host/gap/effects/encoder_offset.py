@@ -25,7 +25,7 @@ class EncoderOffset(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Derivative of the load by this joint's position, on all joints."""
-        return Columns([load_slope(ctx, s, joint)])
+        return Columns.of_motion([load_slope(ctx, s, joint)])
 
     def applies(self, ctx: Context, joint: int) -> bool:
         """The load must depend on the position."""

@@ -29,7 +29,7 @@ class GravityTilt(Effect):
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Derivative of the load by the two tilt angles; a direction without influence is left out."""
         both = [self._column(ctx, s, axis) for axis in range(2)]
-        return Columns([both[axis] for axis in self._axes(ctx)])
+        return Columns.of_motion([both[axis] for axis in self._axes(ctx)])
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """A base is put up level to a few degrees."""

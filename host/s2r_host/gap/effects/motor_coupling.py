@@ -31,13 +31,13 @@ class MotorCoupling(Effect):
         """Acceleration and speed of the other joint."""
         other = int(shape["other"])
         if not shape["mutual"]:
-            return Columns([s.a[:, other], s.v[:, other]])
+            return Columns.of_motion([s.a[:, other], s.v[:, other]])
         both = []
         for x in (s.a, s.v):
             crossed = np.zeros_like(x)
             crossed[:, joint], crossed[:, other] = x[:, other], x[:, joint]
             both.append(crossed)
-        return Columns(both)
+        return Columns.of_motion(both)
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Coupling inertia and damping; ``other`` counts joints from zero."""

@@ -42,7 +42,7 @@ class Payload(Effect):
         body, reach = int(shape["body"]), shape["reach"]
         near, middle, far = (_per_kilogram(ctx, s, body, x) for x in NODES)
         weights = ((reach - 1.0) * (reach - 2.0) / 2.0, reach * (2.0 - reach), reach * (reach - 1.0) / 2.0)
-        return Columns([weights[0] * near + weights[1] * middle + weights[2] * far], (True,))
+        return Columns.of_motion([weights[0] * near + weights[1] * middle + weights[2] * far], (True,))
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """Against a wrong number of the nominal model."""

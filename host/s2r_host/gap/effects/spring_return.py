@@ -23,7 +23,7 @@ class SpringReturn(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Position and a constant."""
-        return Columns([s.q[:, joint], np.ones(len(s.t))], (True, False))
+        return Columns.of_motion([s.q[:, joint], np.ones(len(s.t))], (True, False))
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """What returns a joint pulls one way over its whole travel; a rest amid the travel is a cable's or hose's."""

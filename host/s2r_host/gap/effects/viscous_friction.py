@@ -20,7 +20,7 @@ class ViscousFriction(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Speed."""
-        return Columns([s.v[:, joint]], (float(ctx.model.model.dof_damping[joint]) == 0.0,))
+        return Columns.of_motion([s.v[:, joint]], (float(ctx.model.model.dof_damping[joint]) == 0.0,))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Damping coefficient."""
