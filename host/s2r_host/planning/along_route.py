@@ -22,26 +22,21 @@ class AlongRoute(Attempt):
     lead_in_shares = (_SPEED,)
 
     def _search(self) -> str | None:
-        self.targets = [self.world.q]
-        states = [self.world.save()]
-        problem = self._lead_in(states)
+        problem = self._lead_in()
         if problem is not None:
             self.arrived = False
             return problem
-        goals = self._goals()
-        waiting = np.tile(self.targets[-1], (_SETTLE_STEPS, 1))
-        for step, goal in enumerate(np.concatenate([waiting, goals])):
+        waiting = np.tile(self.course.targets[-1], (_SETTLE_STEPS, 1))
+        for step, goal in enumerate(np.concatenate([waiting, self._goals()])):
             self.patience.step(f"along the route, step {step}, s = {self.world.s:.4f}")
-            before, target = self.world.save(), self.targets[-1]
+            before, target = self.course.states[-1], self.course.targets[-1]
             report = self._play(target, goal)
             self._note(step, np.nan, 0, report)
             if report.contact is not None or report.press_N > self.settings.press_max_N:
                 return harm_of(report)
-            landed = self._land(before, target, goal)
-            if landed is not None:
-                self.targets.append(landed)
+            if self._land(before, target, goal):
                 return None
-            self.targets.append(goal)
+            self.course.add(goal, self.world, report)
         return f"the route ends at s = {self.world.s:.4f}"
 
     def _goals(self) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from s2r_host.planning.course import Course
 from s2r_host.planning.execution import FineWorld, Report
 from s2r_host.planning.hook import Hook
 from s2r_host.planning.lookahead import Lookahead
@@ -26,6 +27,8 @@ _NEAR_BANDS = 5.0  # success bands around the target within which landing takes 
 _BACK_STEPS = 3  # how far the first step back goes; the second goes twice as far, and so on
 _USUAL_WAY_RAD = 1.5  # of the arm with the part; a longer one is granted more control steps
 _LANDING_STEPS = 9  # shares of the last action tried until the hold ends on target
+# A hold is looked at so often, and at rest where the part would go on by no more than this in the rest of it.
+_LOOK_S, _STILL_BANDS, _STILL_RAD_S = 0.1, 0.02, 2e-3
 
 
 @dataclass
@@ -45,13 +48,10 @@ class Attempt:
     seed: int
     patience: Patience
     make_sampler: SamplerFactory
-    targets: list[np.ndarray] = field(default_factory=list)
+    course: Course = field(default_factory=Course)
     trace: list[StepTrace] = field(default_factory=list)
     env_steps: int = 0
     reason: str | None = "not run"
-    played: Report = field(default_factory=Report)
-    path: list[tuple[np.ndarray, float]] = field(default_factory=list)
-    touch_step: int | None = None
     steps_done: int = 0
     arrived: bool = True  # the fingertip came to its place
     stuck: bool = False  # from there it got nowhere, or not far enough
@@ -59,56 +59,44 @@ class Attempt:
 
     def run(self) -> None:
         """Plan and execute until the target is held, or give up."""
-        initial = self.world.save()
+        self.course = Course.beginning(self.world)
         try:
-            self.reason = self._search()
-            if self.reason is None:
-                self.world.restore(initial)
-                self.reason = self._replay()
+            self.reason = self._search() or self._hold_the_target()
         finally:
-            self.world.restore(initial)
+            self.world.restore(self.course.states[0])
 
     def _search(self) -> str | None:
-        settings = self.settings
-        target = self.world.q
-        self.targets = [target]
-        states = [self.world.save()]
+        """Choose and execute actions until standing still would end on target; the landing is the last target."""
+        settings, course = self.settings, self.course
         if settings.lead_in:
-            problem = self._lead_in(states)
+            problem = self._lead_in()
             if problem is not None:
                 self.arrived = False
                 return problem
-            target = self.targets[-1]
         ahead = Lookahead(
-            self.scene, self.stage, settings, self.task, self.hook, self.targets[0], (self.seed, self.index),
+            self.scene, self.stage, settings, self.task, self.hook, course.targets[0], (self.seed, self.index),
             self.make_sampler,
         )  # fmt: skip
-        first, backtracks = len(states), 0
+        first, backtracks = len(course), 0
         for step in range(self._most_steps()):
             self.patience.step(f"attempt {self.index + 1}, step {step}, s = {self.world.s:.4f}")
+            before, target = course.states[-1], course.targets[-1]
             ranked, values = ahead.ranked(self.world.data, target)
             self.env_steps = ahead.env_steps
             goals = ahead.targets(target, ranked[:, :1])[:, 1]
-            goal, rank, report = self._execute(target, goals, states[-1])
+            goal, rank, report = self._execute(target, goals, before)
             self._note(step, float(values[rank]), rank, report)
             if report.contact is not None or report.press_N > settings.press_max_N:
                 backtracks += 1
                 if backtracks > settings.backtracks:
                     return harm_of(report)
-                keep = max(first, len(states) - _BACK_STEPS * backtracks)
-                del states[keep:], self.targets[keep:]
-                self.world.restore(states[-1])
-                target = self.targets[-1]
+                course.cut(max(first, len(course) - _BACK_STEPS * backtracks), self.world)
                 self._rest = None
                 ahead.sampler.forget()
                 continue
-            landed = self._land(states[-1], target, goal)
-            if landed is not None:
-                self.targets.append(landed)
+            if self._land(before, target, goal):
                 return None
-            target = goal
-            self.targets.append(goal)
-            states.append(self.world.save())
+            course.add(goal, self.world, report)
             ahead.sampler.advance()
             if self._is_stuck():
                 self.stuck = True
@@ -141,28 +129,26 @@ class Attempt:
         gained = left[:-_IDLE_STEPS].min(axis=0) - left[-_IDLE_STEPS:].min(axis=0)
         return bool(gained[0] < _IDLE_BANDS * self.task.tolerance and gained[1] < _IDLE_M)
 
-    def _lead_in(self, states: list[np.ndarray]) -> str | None:
+    def _lead_in(self) -> str | None:
         """Go through free space to the place behind the part, or say what is in the way.
 
         The sampler is for contact. Through free space it finds its way too, more slowly and not everywhere.
         """
-        waypoints = np.concatenate([self.targets[:1], self.hook.whole_route[: self.hook.touch_row]])
-        begin, report = states[0], Report()
+        waypoints = np.concatenate([self.course.targets, self.hook.whole_route[: self.hook.touch_row]])
+        report = Report()
         for share in self.lead_in_shares:
-            del self.targets[1:], states[1:]
-            self.world.restore(begin)
-            report = self._go(waypoints, share * self.settings.action_max_rad, states)
+            self.course.cut(1, self.world)
+            report = self._go(waypoints, share * self.settings.action_max_rad)
             if report.contact is None:
                 return None
         return f"on the way to the part it {harm_of(report)}"
 
-    def _go(self, waypoints: np.ndarray, action_rad: float, states: list[np.ndarray]) -> Report:
+    def _go(self, waypoints: np.ndarray, action_rad: float) -> Report:
         """Follow a polyline (n, dof) [rad] with changes of the joint targets of a given size, up to a contact."""
         report = Report()
         for goal in Route(waypoints, action_rad).points[1:]:
-            report = self._play(self.targets[-1], goal)
-            self.targets.append(goal)
-            states.append(self.world.save())
+            report = self._play(self.course.targets[-1], goal)
+            self.course.add(goal, self.world, report)
             if report.contact is not None:
                 break
         return report
@@ -194,15 +180,15 @@ class Attempt:
         substeps = round(self.settings.control_dt_s / self.settings.fine_timestep_s)
         return self.world.play(ramp(np.stack([start, goal])[None], substeps)[0])
 
-    def _land(self, before: np.ndarray, target: np.ndarray, goal: np.ndarray) -> np.ndarray | None:
-        """The share of the action just executed after which standing still ends on target, as a joint target.
+    def _land(self, before: np.ndarray, target: np.ndarray, goal: np.ndarray) -> bool:
+        """Whether standing still after some share of the action just executed ends on target; that becomes the motion.
 
         Leaves the world after the whole action when there is none.
         """
         after = self.world.save()
         if self._missing() > 0.25 * abs(self.task.s_target - self.task.s_initial) + 5.0 * self.task.tolerance:
             self._rest = None
-            return None
+            return False
         low = self._held(before, target, target) if self._rest is None else self._rest
         high = self._rest = self._held(before, target, goal)
         landed: np.ndarray | None = None
@@ -210,8 +196,12 @@ class Attempt:
             landed = goal if abs(high) < abs(low) else target
         elif low * high <= 0.0:
             landed = self._between(before, target, goal, low, high)
-        self.world.restore(after)
-        return landed
+        if landed is None:
+            self.world.restore(after)
+            return False
+        self.world.restore(before)
+        self.course.add(landed, self.world, self._play(target, landed))
+        return True
 
     def _between(
         self, before: np.ndarray, target: np.ndarray, goal: np.ndarray, low: float, high: float
@@ -238,29 +228,32 @@ class Attempt:
         return abs(self.task.s_target - self.world.s)
 
     def _held(self, before: np.ndarray, target: np.ndarray, goal: np.ndarray) -> float:
-        """Signed rest ``s_target - s`` after going to ``goal`` and holding it; infinite if that touches anything."""
+        """Signed rest ``s_target - s`` after going to ``goal`` and holding it; infinite if that touches anything.
+
+        Watched until nothing moves any more, for ``hold_s`` at most.
+        """
         self.world.restore(before)
-        report = self._play(target, goal).merged(self._hold(goal))
+        report, tick_s = self._play(target, goal), self.settings.fine_timestep_s
+        look, left = round(_LOOK_S / tick_s), round(self.settings.hold_s / tick_s)
+        while left > 0 and report.contact is None:
+            s, look = self.world.s, min(look, left)
+            left -= look
+            report = self.world.play(np.broadcast_to(goal, (look, len(goal))))
+            creeps = abs(self.world.s - s) * max(1.0, left / look)
+            if creeps < _STILL_BANDS * self.task.tolerance and self.world.fastest < _STILL_RAD_S:
+                break
         return np.inf if report.contact is not None else self.task.s_target - self.world.s
 
-    def _hold(self, goal: np.ndarray) -> Report:
-        substeps = round(self.settings.hold_s / self.settings.fine_timestep_s)
-        return self.world.play(np.broadcast_to(goal, (substeps, len(goal))))
-
-    def _replay(self) -> str | None:
-        """Play the whole plan again from the start and check what the delivery promises."""
-        self.played, self.path, self.touch_step = Report(), [(self.world.q, self.world.s)], None
+    def _hold_the_target(self) -> str | None:
+        """Hold the last target, and say what of the whole motion keeps it from being delivered."""
         hold_steps = round(self.settings.hold_s / self.settings.control_dt_s)
-        self.targets += [self.targets[-1]] * hold_steps
-        for step, (start, goal) in enumerate(zip(self.targets[:-1], self.targets[1:], strict=True)):
-            report = self._play(start, goal)
-            self.played = self.played.merged(report)
-            self.path.append((self.world.q, self.world.s))
-            if report.touched and self.touch_step is None:
-                self.touch_step = step + 1
-        if self.played.contact is not None or self.played.press_N > self.settings.press_max_N:
-            return harm_of(self.played)
-        late = [abs(self.task.s_target - s) for _, s in self.path[-(hold_steps // 2) :]]
+        target = self.course.targets[-1]
+        for _ in range(hold_steps):
+            self.course.add(target, self.world, self._play(target, target))
+        report = self.course.whole_report()
+        if report.contact is not None or report.press_N > self.settings.press_max_N:
+            return harm_of(report)
+        late = [abs(self.task.s_target - s) for _, s in self.course.path[-(hold_steps // 2) :]]
         # A lid on a soft friction creeps a little: it may pass the target during the hold, not leave it.
         if max(late) >= 2.0 * self.task.tolerance or late[-1] >= self.task.tolerance:
             return f"the target is not held: s = {self.world.s:.4f} at the end of the hold"
@@ -286,13 +279,13 @@ class Attempt:
 
     def result(self, attempts: list[Attempt]) -> PlanResult:
         """This attempt as the answer, with the costs of all of them."""
-        path = self.path or [(self.targets[0], self.task.s_initial)]
-        s = np.array([value for _, value in path])
+        course = self.course
+        s = np.array([value for _, value in course.path])
         hold_steps = round(self.settings.hold_s / self.settings.control_dt_s)
         return PlanResult(
             success=self.reason is None,
-            q_cmd=np.array(self.targets),
-            q_meas=np.array([q for q, _ in path]),
+            q_cmd=np.array(course.targets),
+            q_meas=np.array([q for q, _ in course.path]),
             s=s,
             control_dt_s=self.settings.control_dt_s,
             s_initial=self.task.s_initial,
@@ -300,15 +293,15 @@ class Attempt:
             final=float(s[-1]),
             error=self.task.s_target - float(s[-1]),
             reason=self.reason or "held on target",
-            touch_step=self.touch_step,
-            hold_step=max(len(self.targets) - 1 - hold_steps, 0),
+            touch_step=course.touch_step(),
+            hold_step=max(len(course.targets) - 1 - hold_steps, 0),
             stage=self.index,
             control_steps=sum(a.steps_done for a in attempts),
             env_steps=sum(a.env_steps for a in attempts),
             cpu_s=0.0,
             wall_s=0.0,
             places_cpu_s=0.0,
-            torque_share=self.played.torque_share,
+            torque_share=course.whole_report().torque_share,
             hook=self.hook,
             p_part=self.hook.p_part,
             route=self.hook.whole_route,

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.planning.part_alone import alone_at, alone_model, is_coupled, overlap
-from s2r_host.planning.places import outermost_lever, part_geoms
+from s2r_host.planning.part_shape import outermost_lever, part_geoms
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRefusedError, PlanRequest
 
@@ -20,6 +20,7 @@ _ARM_M = (
 )
 _WAY_S = 0.5  # in which the push makes the way of a part that resists with nothing
 _WATCHED_S = 2.0
+_LOOK_STEPS = 5
 _LATE_S = 0.25  # at the end of that: who still moves gets there sooner or later
 _MOST_S = 5.0  # for the whole way at the speed of the end
 _WORTH_SAYING = 0.01  # N, N·m and, for damping, those times s/m or s/rad
@@ -48,8 +49,8 @@ def check_gets_there(request: PlanRequest, scene: Scene, tolerance: float) -> No
     model.dof_damping[scene.s_dof] += push / (abs(way) / _WAY_S)
     data.qfrc_applied[scene.s_dof] = np.sign(way) * push
     late: list[float] = []
-    for _ in range(round(_WATCHED_S / model.opt.timestep)):
-        mujoco.mj_step(model, data)
+    for _ in range(round(_WATCHED_S / (_LOOK_STEPS * model.opt.timestep))):
+        mujoco.mj_step(model, data, _LOOK_STEPS)
         left = (request.s_target - data.qpos[scene.s_qpos]) * np.sign(way)
         if left < tolerance:
             return

@@ -6,13 +6,12 @@ import copy
 from itertools import pairwise
 
 import mujoco
-import mujoco.batch
 import numpy as np
 
+from s2r_host.planning.contact_count import ContactCount
 from s2r_host.planning.scene import GeomKind, Scene
 
 _ARM_BIT, _FINGER_BIT = 1, 2
-_CHUNK = 256
 STEP_RAD = 0.06  # between postures that are looked at along a line
 FINE_STEP_RAD = 0.02  # the same where a way is to be gone: no bar is stepped over
 
@@ -30,23 +29,18 @@ class FreeSpace:
         self._dof, self._s = scene.dof, scene.s_qpos
         robot = [_of_robot(scene, threads, margin_m, touching=touching) for touching in (False, True)]
         fingers = [_of_fingers(scene, threads, margin_m)] if margin_m > 0.0 else []
-        self._all, self._touching = ([batch, *fingers] for batch in robot)
+        self._all, self._touching = ([count, *fingers] for count in robot)
         self._qpos0 = scene.fine.qpos0.copy()
         if others is not None:
             self._qpos0[scene.dof :] = others
 
     def contacts(self, q: np.ndarray, s: float | np.ndarray, *, touching: bool = False) -> np.ndarray:
         """Number of contacts, (n,), at postures q (n, dof) with the object's joint at s; see ``touching`` above."""
-        counts = np.zeros(len(q), dtype=int)
-        s = np.broadcast_to(s, len(q))
-        for start in range(0, len(q), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            rows = np.tile(self._qpos0, (len(q[part]), 1))
-            rows[:, : self._dof] = q[part]
-            rows[:, self._s] = s[part]
-            for batch in self._touching if touching else self._all:
-                counts[part] += _contacts(batch, rows)
-        return counts
+        rows = np.tile(self._qpos0, (len(q), 1))
+        rows[:, : self._dof] = q
+        rows[:, self._s] = s
+        count, *more = self._touching if touching else self._all
+        return sum((other.at(rows) for other in more), count.at(rows))
 
     def blocked_share(self, q_from: np.ndarray, q_to: np.ndarray, s: float, count: int = 10) -> np.ndarray:
         """Share of the straight lines from one posture to several (n, dof) that touches something, (n,)."""
@@ -64,8 +58,8 @@ class FreeSpace:
         return not self.contacts(np.concatenate(points), s).any()
 
 
-def _of_robot(scene: Scene, threads: int, margin_m: float, *, touching: bool) -> mujoco.batch.Batch:
-    """A batch in which only the robot has contacts; with ``touching``, fingers against the part have none."""
+def _of_robot(scene: Scene, threads: int, margin_m: float, *, touching: bool) -> ContactCount:
+    """Contacts that the robot has; with ``touching``, fingers against the part have none."""
     kind = scene.geom_kind
     robot, finger = kind >= GeomKind.ROBOT, kind == GeomKind.FINGER
     solid = scene.solid & ~robot
@@ -75,11 +69,11 @@ def _of_robot(scene: Scene, threads: int, margin_m: float, *, touching: bool) ->
     if touching:
         model.geom_conaffinity[solid & (kind == GeomKind.PART)] = _ARM_BIT
     _keep_apart(model, robot & ~finger, margin_m)
-    return mujoco.batch.Batch(model, nsim=_CHUNK, nthread=threads)
+    return ContactCount(model, threads)
 
 
-def _of_fingers(scene: Scene, threads: int, margin_m: float) -> mujoco.batch.Batch:
-    """A batch in which only the fingers have contacts, with what is neither robot nor part.
+def _of_fingers(scene: Scene, threads: int, margin_m: float) -> ContactCount:
+    """Contacts that the fingers have with what is neither robot nor part.
 
     On its own because the margins of two geoms add up: the robot would have to keep twice as far from there.
     """
@@ -90,7 +84,7 @@ def _of_fingers(scene: Scene, threads: int, margin_m: float) -> mujoco.batch.Bat
     model.geom_contype[finger] = _FINGER_BIT
     model.geom_conaffinity[around] = _FINGER_BIT
     _keep_apart(model, finger, margin_m)
-    return mujoco.batch.Batch(model, nsim=_CHUNK, nthread=threads)
+    return ContactCount(model, threads)
 
 
 def _without_contacts(scene: Scene) -> mujoco.MjModel:
@@ -105,12 +99,3 @@ def _keep_apart(model: mujoco.MjModel, geoms: np.ndarray, margin_m: float) -> No
     model.geom_margin[geoms] = margin_m
     bodies = np.unique(model.geom_bodyid[geoms])
     model.body_margin[bodies] = np.maximum(model.body_margin[bodies], margin_m)
-
-
-def _contacts(batch: mujoco.batch.Batch, qpos: np.ndarray) -> np.ndarray:
-    """Number of contacts, (n,), at up to a batch of positions (n, nq)."""
-    ids = np.arange(len(qpos))
-    given, ncon = batch.bind("qpos"), batch.bind("ncon")  # both beforehand: bound after, it would be empty
-    given[ids] = qpos
-    batch.forward(ids=ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
-    return np.asarray(ncon)[ids].reshape(-1)

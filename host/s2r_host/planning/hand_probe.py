@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 
 import mujoco
-import mujoco.batch
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from s2r_host.planning.contact_count import ContactCount
 from s2r_host.planning.scene import GeomKind, Scene
 
 logger = logging.getLogger(__name__)
@@ -35,7 +36,7 @@ class HandProbe:
             p_geom = R_tool.T @ (data.geom_xpos[geom] - p_tool)
             _copy_geom(spec, hand, model, int(geom), p_geom, R_geom.ravel())
         everything = spec.compile()
-        fingers = spec.compile()
+        fingers = copy.copy(everything)
         source = np.array([int(everything.geom(g).name.removeprefix(_COPY)) for g in range(everything.ngeom)])
         self._finger = scene.geom_kind[source] == GeomKind.FINGER
         is_part = scene.geom_kind[source] == GeomKind.PART
@@ -44,28 +45,15 @@ class HandProbe:
         fingers.geom_conaffinity[in_hand & ~self._finger] = 0
         fingers.geom_contype[~in_hand & ~is_part] = 0
         fingers.geom_conaffinity[~in_hand & ~is_part] = 0
-        self._all = mujoco.batch.Batch(everything, nsim=256, nthread=threads)
-        self._fingers = mujoco.batch.Batch(fingers, nsim=256, nthread=threads)
+        self._all, self._fingers = (ContactCount(model, threads) for model in (everything, fingers))
 
     def contacts(self, p_world: np.ndarray, quat_wxyz: np.ndarray) -> np.ndarray:
         """Number of contacts of the hand with anything, (n,), at n tool poses."""
-        return _count(self._all, np.concatenate([p_world, quat_wxyz], axis=1))
+        return self._all.at(np.concatenate([p_world, quat_wxyz], axis=1))
 
     def finger_contacts(self, p_world: np.ndarray, quat_wxyz: np.ndarray) -> np.ndarray:
         """Number of contacts between fingers and part alone, (n,), at n tool poses."""
-        return _count(self._fingers, np.concatenate([p_world, quat_wxyz], axis=1))
-
-
-def _count(batch: mujoco.batch.Batch, poses: np.ndarray) -> np.ndarray:
-    qpos, ncon = batch.bind("qpos"), batch.bind("ncon")
-    counts = np.zeros(len(poses), dtype=int)
-    for start in range(0, len(poses), batch.nsim):
-        part = poses[start : start + batch.nsim]
-        ids = np.arange(len(part))
-        qpos[ids] = part
-        batch.forward(ids=ids, stage=int(mujoco.mjtStage.mjSTAGE_POS))
-        counts[start : start + len(part)] = np.asarray(ncon)[ids].reshape(-1)
-    return counts
+        return self._fingers.at(np.concatenate([p_world, quat_wxyz], axis=1))
 
 
 def quat_of(R: np.ndarray) -> np.ndarray:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from s2r_host.planning.execution import FineWorld
@@ -20,7 +19,7 @@ from s2r_host.planning.hand_probe import HandProbe
 from s2r_host.planning.hook import Hook
 from s2r_host.planning.out_of_reach import OutOfReachError, hull_hint, not_reached, refuse_far
 from s2r_host.planning.patience import Patience
-from s2r_host.planning.places import Places, find_places, part_box, tightness
+from s2r_host.planning.places import Places, PlaceSearch
 from s2r_host.planning.postures import Postures, far_seeds, near_seeds
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
@@ -92,45 +91,41 @@ def _hooks_apart(
         if coming != "usual" and ways:
             break
         patience.check(f"looking for places for the fingertip at {points} points")
-        places = find_places(
+        search = PlaceSearch(
             scene, world.data, probe, sign, points, ways=coming, room_m=settings.room_m, deep=settings.deep
         )
-        if not len(places):
+        first = search.take(_FIRST)
+        if not len(first):
             continue
-        solver = Postures(scene, world, places, s_target, settings, leave=leave, apart_m=apart_m)
-        order = ranked_places(scene, world, places, settings.room_m, listed)
-        hooks = _cheapest(scene, world, solver, places, order)
+        solver = Postures(scene, world, s_target, settings, leave=leave, apart_m=apart_m)
+        hooks, places = _cheapest(scene, world, solver, search, first, listed)
         patience.check(f"looking for a free way to {len(hooks)} postures")
         ways = solver.with_approach(_apart(hooks), settings.hooks) or ways
         if len(ways) >= settings.hooks and all(
             np.linalg.norm(way.push_part) >= _ROOMY * settings.room_m for way in ways
         ):
             break
-        why = not_reached(scene, places, solver.failure(len(order), len(hooks), s_target))
+        why = not_reached(scene, places, solver.failure(len(places), len(hooks), s_target))
     if not ways:
         raise OutOfReachError(f"object {name}: {why}{hull_hint(scene)}")
     return ways
 
 
-def ranked_places(scene: Scene, world: FineWorld, places: Places, room_m: float, most: int) -> np.ndarray:
-    """Indices of up to ``most`` places that differ from each other, the likeliest first."""
-    return _different(places, np.argsort(_scores(scene, world.data, places, room_m), kind="stable"), most)
-
-
 def _cheapest(
-    scene: Scene, world: FineWorld, solver: Postures, places: Places, order: np.ndarray
-) -> list[Hook]:
-    """Hooks at the places in the given order, the cheapest first; a few of them, if it has that many."""
-    found: list[tuple[float, Hook]] = []
-    first, rest = order[:_FIRST], order[_FIRST:]
-    for some, seeds in ((first, near_seeds), (rest, near_seeds), (order, far_seeds)):
-        if len(some):
-            found += solver.hooks(some, seeds(scene, world.q, places.p[some]))
-        if len(found) >= _ENOUGH:
-            break
+    scene: Scene, world: FineWorld, solver: Postures, search: PlaceSearch, first: Places, most: int
+) -> tuple[list[Hook], Places]:
+    """Hooks at the first places, at up to ``most`` where those give too few, the cheapest first, and all places."""
+    found = solver.hooks(first, near_seeds(scene, world.q, first.p))
+    places = first
+    if len(found) < _ENOUGH:
+        rest = search.take(most - len(first))
+        found += solver.hooks(rest, near_seeds(scene, world.q, rest.p))
+        places = Places.all_of([first, rest])
+    if len(found) < _ENOUGH:
+        found += solver.hooks(places, far_seeds(scene, world.q, places.p))
     found.sort(key=lambda entry: entry[0])
-    logger.debug("%d joint solutions at %d places", len(found), len(order))
-    return [hook for _, hook in found[:_RANKED]]
+    logger.debug("%d joint solutions at %d places", len(found), len(places))
+    return [hook for _, hook in found[:_RANKED]], places
 
 
 def _apart(hooks: list[Hook]) -> list[Hook]:
@@ -143,32 +138,3 @@ def _apart(hooks: list[Hook]) -> list[Hook]:
         )
         (later if near else first).append(hook)
     return first + later
-
-
-def _scores(scene: Scene, data: mujoco.MjData, places: Places, room_m: float) -> np.ndarray:
-    """Cost before any inverse kinematics, (n,): turning, way, tightness, off-centre for slides, short levers."""
-    p_now = data.site_xpos[scene.tool_site]
-    R_now = data.site_xmat[scene.tool_site].reshape(3, 3)
-    cosine = (np.einsum("nij,ij->n", places.R, R_now) - 1.0) / 2.0
-    turn = np.arccos(np.clip(cosine, -1.0, 1.0))
-    way = np.linalg.norm(places.p - p_now, axis=1)
-    if scene.prismatic:
-        low, high = part_box(scene, data)
-        centre = (low + high)[:2] / 2.0
-        leverage = 4.0 * np.linalg.norm(places.p[:, :2] - centre, axis=1)
-    else:
-        leverage = -8.0 * scene.lever(data, places.p)
-    return turn + 2.0 * way + leverage + tightness(places, room_m)
-
-
-def _different(places: Places, order: np.ndarray, most: int) -> np.ndarray:
-    """The order without places that are nearly the same as an earlier one: neighbours share their fate."""
-    p, R = places.p[order], places.R[order].reshape(-1, 9)
-    left = np.arange(len(order))
-    taken: list[int] = []
-    while len(left) and len(taken) < most:
-        first, left = left[0], left[1:]
-        taken.append(int(order[first]))
-        near = np.flatnonzero(np.square(p[left] - p[first]).sum(axis=1) < 0.02**2)
-        left = np.delete(left, near[R[left[near]] @ R[first] > 2.9])
-    return np.array(taken, dtype=int)

@@ -7,7 +7,8 @@ import numpy as np
 
 from s2r_host.errors import HostError
 from s2r_host.planning.execution import FineWorld
-from s2r_host.planning.places import Places, part_geoms
+from s2r_host.planning.part_shape import part_geoms
+from s2r_host.planning.places import Places
 from s2r_host.planning.scene import Scene
 from s2r_protocol.exits import RefusedError
 

@@ -16,8 +16,8 @@ from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.hook import Hook
 from s2r_host.planning.hooking import find_hooks
 from s2r_host.planning.out_of_reach import OutOfReachError
+from s2r_host.planning.part_shape import outermost_lever
 from s2r_host.planning.patience import Patience
-from s2r_host.planning.places import outermost_lever
 from s2r_host.planning.proposals import Route
 from s2r_host.planning.rewards import Task
 from s2r_host.planning.sampler import SamplerFactory, icem_sampler

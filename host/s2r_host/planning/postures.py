@@ -20,6 +20,7 @@ from s2r_host.planning.settings import PlanSettings
 _SEARCHED = 6  # hooks without a straight way for which one is searched
 _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the part's way, where the arm has to follow it
 _FOLLOW = (1.0, 0.0, 0.5)  # shares of a hinge's turn that the tool makes with it, tried in turn
+_STEPS_NEAR = 6  # iterations from a neighbouring posture
 _LARGEST_TURN_RAD = 1.5  # of one joint between them; more is a flip
 _EASY, _EFFORT = (
     0.15,
@@ -34,7 +35,6 @@ class Postures:
         self,
         scene: Scene,
         world: FineWorld,
-        places: Places,
         s_target: float,
         settings: PlanSettings,
         *,
@@ -42,13 +42,14 @@ class Postures:
         apart_m: float = 0.0,
     ) -> None:
         """Args: ``leave``, also free to let go at the target; ``apart_m``, what is nearer to the robot is touched."""
-        self._leave, self._world = leave, world
+        self._leave = leave
         self._scene, self._q, self._s, self._s_target = scene, world.q, world.s, s_target
-        self._places = places
         self._tool = ToolKinematics(scene, settings.joint_margin_rad, settings.threads)
         self._space = FreeSpace(scene, settings.threads, apart_m, world.others)
-        self._tightness = tightness(places, settings.room_m)
-        self._part = [_part_pose_at(scene, world, self._s + k * (s_target - self._s)) for k in _SHARES]
+        self._room_m = settings.room_m
+        self._pose_data = mujoco.MjData(scene.fine)
+        self._pose_data.qpos[:] = world.data.qpos
+        self._part = [self._part_pose_at(self._s + k * (s_target - self._s)) for k in _SHARES]
         joint = scene.joint_id
         hinge = 0.0 if scene.prismatic else 1.0
         self._axis_world = hinge * world.data.xaxis[joint]
@@ -57,12 +58,14 @@ class Postures:
         self._resistance = Resistance(scene, world, states, float(np.sign(s_target - self._s)))
         self._reached = self._free = self._followed = 0
 
-    def hooks(self, order: np.ndarray, seeds: list[np.ndarray]) -> list[tuple[float, Hook]]:
-        """Hooks and their costs; every array of seeds is (places in order, dof)."""
-        index, q = self._free_solutions(order, seeds)
-        p, R = self._places.p[index], self._places.R[index]
-        p_part, R_part_tool, push_part = self._in_part(index)
-        above, has_above = self._tool.solve_many(p - FUNNEL_M * R[:, :, 2], R, q)
+    def hooks(self, places: Places, seeds: list[np.ndarray]) -> list[tuple[float, Hook]]:
+        """Hooks at places and their costs; every array of seeds is (places, dof)."""
+        if not len(places):
+            return []
+        at, q = self._free_solutions(places, seeds)
+        p, R = at.p, at.R
+        p_part, R_part_tool, push_part = self._in_part(at)
+        above, has_above = self._tool.solve_many(p - FUNNEL_M * R[:, :, 2], R, q, _STEPS_NEAR)
         above[~has_above] = q[~has_above]
         follow, route = np.full(len(q), np.nan), np.empty((2 + len(_SHARES), *q.shape))
         route[0], route[1] = above, q
@@ -79,7 +82,10 @@ class Postures:
         travel = np.abs(q[rows] - self._q).max(axis=1) + 0.5 * np.abs(route[-1] - q)[rows].max(axis=1)
         effort = efforts(self._tool, self._resistance, route[2:, rows], self._scene.arm.limits.tau_max)
         costs = (
-            travel + self._tightness[index[rows]] + 4.0 * blocked + _EFFORT * np.maximum(effort - _EASY, 0.0)
+            travel
+            + tightness(at, self._room_m)[rows]
+            + 4.0 * blocked
+            + _EFFORT * np.maximum(effort - _EASY, 0.0)
         )
         return [
             (
@@ -92,38 +98,38 @@ class Postures:
             for i, cost in zip(rows, costs, strict=True)
         ]  # fmt: skip
 
-    def _free_solutions(self, order: np.ndarray, seeds: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Places (n,) and joint solutions there without contact, (n, dof); a place may have several."""
-        index = np.tile(order, len(seeds))
-        q, good = self._tool.solve_many(self._places.p[index], self._places.R[index], np.concatenate(seeds))
-        index, q = index[good], q[good]
+    def _free_solutions(self, places: Places, seeds: list[np.ndarray]) -> tuple[Places, np.ndarray]:
+        """Joint solutions without contact, (n, dof), and the places they are at; a place may come several times."""
+        at = places.at(np.tile(np.arange(len(places)), len(seeds)))
+        q, good = self._tool.solve_many(at.p, at.R, np.concatenate(seeds))
+        at, q = at.at(good), q[good]
         self._reached += len(q)
         free = self._space.contacts(q, self._s) == 0
-        index, q = index[free], q[free]
+        at, q = at.at(free), q[free]
         self._free += len(q)
-        return index, q
+        return at, q
 
-    def _in_part(self, index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _in_part(self, places: Places) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Tool tips (n, 3), orientations (n, 3, 3) and ways to the touch (n, 3) of places, in the part's frame."""
         p_start, R_start = self._part[0]
-        push_part = (self._places.push_m[index, None] * self._places.way[index]) @ R_start
-        return (self._places.p[index] - p_start) @ R_start, R_start.T @ self._places.R[index], push_part
+        push_part = (places.push_m[:, None] * places.way) @ R_start
+        return (places.p - p_start) @ R_start, R_start.T @ places.R, push_part
 
-    def carried(self, order: np.ndarray, seeds: list[np.ndarray], s_steps: np.ndarray) -> np.ndarray:
+    def carried(self, places: Places, seeds: list[np.ndarray], s_steps: np.ndarray) -> np.ndarray:
         """How many fingertips can carry the part to each of the states in turn and let go of it there, (len(s_steps),).
 
         Args:
-            order: Places, by index.
-            seeds: Starts of the inverse kinematics, (places in order, dof) each.
+            places: Where they begin.
+            seeds: Starts of the inverse kinematics, (places, dof) each.
             s_steps: Joint values on the way, growing away from the present one.
         """
-        index, q_start = self._free_solutions(order, seeds)
-        p_part, R_part_tool, push_part = self._in_part(index)
+        at, q_start = self._free_solutions(places, seeds)
+        p_part, R_part_tool, push_part = self._in_part(at)
         counts = np.zeros(len(s_steps), dtype=int)
         for share in (1.0,) if self._scene.prismatic else _FOLLOW:
-            left, q = np.arange(len(index)), q_start
+            left, q = np.arange(len(at)), q_start
             for step, s in enumerate(s_steps):
-                pose = _part_pose_at(self._scene, self._world, s)
+                pose = self._part_pose_at(s)
                 R_tool = self._turned(share * (s - self._s)) @ self._part[0][1] @ R_part_tool[left]
                 ok, q = self._at(pose, s, p_part[left] + push_part[left], R_tool, q)
                 left, q, R_tool = left[ok], q[ok], R_tool[ok]
@@ -142,7 +148,7 @@ class Postures:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Whether the arm goes on from postures q (n, dof) to points of the part at a pose of it, (n,); and there."""
         p_now, R_now = pose
-        reached, ok = self._tool.solve_many(p_now + p_part @ R_now.T, R_tool, q)
+        reached, ok = self._tool.solve_many(p_now + p_part @ R_now.T, R_tool, q, _STEPS_NEAR)
         ok = ok & (np.abs(reached - q).max(axis=1, initial=0.0) < _LARGEST_TURN_RAD)
         return ok & (self._space.contacts(reached, s, touching=True) == 0), reached
 
@@ -156,10 +162,10 @@ class Postures:
     ) -> np.ndarray:
         """Whether the fingertip is free when it goes back to its place beside the part, and can back out, (n,)."""
         p_now, R_now = pose
-        beside, ok = self._tool.solve_many(p_now + p_part @ R_now.T, R_tool, q)
+        beside, ok = self._tool.solve_many(p_now + p_part @ R_now.T, R_tool, q, _STEPS_NEAR)
         ok = ok & (self._space.contacts(beside, s) == 0)
         out, good = self._tool.solve_many(
-            p_now + p_part @ R_now.T - FUNNEL_M * R_tool[:, :, 2], R_tool, beside
+            p_now + p_part @ R_now.T - FUNNEL_M * R_tool[:, :, 2], R_tool, beside, _STEPS_NEAR
         )
         return ok & good & (self._space.contacts(out, s) == 0)
 
@@ -194,23 +200,25 @@ class Postures:
 
         ``share`` of a hinge's turn is made by the tool as well; at the end of a slide it must be free to let go.
         """
-        route, ok = [q], np.ones(len(q), dtype=bool)
+        left, ways = np.arange(len(q)), np.empty((len(_SHARES), *q.shape))
         _, R_start = self._part[0]
         R_tool = R_part_tool
-        for pose, way in zip(self._part, _SHARES, strict=True):
+        for step, (pose, way) in enumerate(zip(self._part, _SHARES, strict=True)):
             s = self._s + way * (self._s_target - self._s)
-            R_tool = self._turned(share * (s - self._s)) @ R_start @ R_part_tool
-            good, reached = self._at(pose, s, p_part + push_part, R_tool, route[-1])
-            ok &= good
-            route.append(reached)
+            R_tool = self._turned(share * (s - self._s)) @ R_start @ R_part_tool[left]
+            good, q = self._at(pose, s, (p_part + push_part)[left], R_tool, q)
+            left, q, R_tool = left[good], q[good], R_tool[good]
+            ways[step, left] = q
         if self._leave:
-            ok &= self._lets_go(self._part[-1], self._s_target, p_part, R_tool, route[-1])
-        if not self._scene.prismatic:
-            return ok, np.array(route[1:])  # a turned finger touches the part on both sides of a narrow gap
-        p_end, R_end = self._part[-1]
-        q_end, good = self._tool.solve_many(p_end + p_part @ R_end.T, R_tool, route[-1])
-        ok &= good & (self._space.contacts(q_end, self._s_target) == 0)
-        return ok, np.array(route[1:])
+            good = self._lets_go(self._part[-1], self._s_target, p_part[left], R_tool, q)
+            left, q, R_tool = left[good], q[good], R_tool[good]
+        if self._scene.prismatic:  # a turned finger touches the part on both sides of a narrow gap
+            p_end, R_end = self._part[-1]
+            q_end, good = self._tool.solve_many(p_end + p_part[left] @ R_end.T, R_tool, q, _STEPS_NEAR)
+            left = left[good & (self._space.contacts(q_end, self._s_target) == 0)]
+        ok = np.zeros(len(p_part), dtype=bool)
+        ok[left] = True
+        return ok, ways
 
     def _turned(self, angle_rad: float) -> np.ndarray:
         """Rotation by an angle about the hinge's axis in the world, (3, 3)."""
@@ -218,6 +226,13 @@ class Postures:
         mujoco.mju_axisAngle2Quat(quat_wxyz, self._axis_world, angle_rad)
         mujoco.mju_quat2Mat(R, quat_wxyz)
         return R.reshape(3, 3)
+
+    def _part_pose_at(self, s: float) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3,) [m] and rotation (3, 3) of the part in the world at joint value s."""
+        data, part = self._pose_data, self._scene.part_body
+        data.qpos[self._scene.s_qpos] = s
+        mujoco.mj_kinematics(self._scene.fine, data)
+        return data.xpos[part].copy(), data.xmat[part].reshape(3, 3).copy()
 
     def failure(self, count: int, followed: int, s_target: float) -> str:
         """Why there is no way to a hook, for the middle of a sentence."""
@@ -247,11 +262,3 @@ def far_seeds(scene: Scene, q: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
     for seed in seeds:
         seed[:, 0] = np.arctan2(p[:, 1], p[:, 0])
     return seeds
-
-
-def _part_pose_at(scene: Scene, world: FineWorld, s: float) -> tuple[np.ndarray, np.ndarray]:
-    data = mujoco.MjData(scene.fine)
-    data.qpos[:] = world.data.qpos
-    data.qpos[scene.s_qpos] = s
-    mujoco.mj_kinematics(scene.fine, data)
-    return data.xpos[scene.part_body].copy(), data.xmat[scene.part_body].reshape(3, 3).copy()

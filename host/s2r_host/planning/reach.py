@@ -6,9 +6,8 @@ import numpy as np
 
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.hand_probe import HandProbe
-from s2r_host.planning.hooking import ranked_places
 from s2r_host.planning.patience import Patience
-from s2r_host.planning.places import find_places
+from s2r_host.planning.places import PlaceSearch
 from s2r_host.planning.postures import Postures, far_seeds, near_seeds
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
@@ -65,12 +64,11 @@ def _carried(
     counts = np.zeros(len(states), dtype=int)
     for points, coming, listed in _SEARCHES:
         patience.check(f"looking for places to go on from, s = {world.s:.3f}")
-        places = find_places(scene, world.data, probe, float(np.sign(way)), points, ways=coming)
+        places = PlaceSearch(scene, world.data, probe, float(np.sign(way)), points, ways=coming).take(listed)
         if len(places):
-            postures = Postures(scene, world, places, s_target, settings)
-            order = ranked_places(scene, world, places, settings.room_m, listed)
-            seeds = near_seeds(scene, world.q, places.p[order]) + far_seeds(scene, world.q, places.p[order])
-            counts = postures.carried(order, seeds, states)
+            postures = Postures(scene, world, s_target, settings)
+            seeds = near_seeds(scene, world.q, places.p) + far_seeds(scene, world.q, places.p)
+            counts = postures.carried(places, seeds, states)
         if counts.any():
             break
     return states, counts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
 from s2r_host.planning.part_alone import alone_at, alone_model, is_coupled, overlap
 from s2r_host.planning.scene import Scene
@@ -13,6 +14,8 @@ _STAY_S = 0.6  # how long an untouched part is watched
 # Success bands that a part may creep meanwhile below a friction that would hold it. More than the first is said, more
 # than the second is refused: it cannot be left anywhere.
 _CREEPS, _CREEPS_AWAY = 5.0, 10.0
+# Looked at every so many steps, and no longer once it gets no faster and would go on by no more than this [m or rad].
+_LOOK_STEPS, _AT_REST = 25, 1e-5
 
 
 def check_stays(request: PlanRequest, scene: Scene, tolerance: float) -> None:
@@ -79,8 +82,14 @@ def _moved(
     data = alone_at(model, request, scene, s)
     motor = float(data.qfrc_actuator[scene.s_dof])
     load = motor + float(data.qfrc_passive[scene.s_dof] - data.qfrc_bias[scene.s_dof])
-    for _ in range(round(watched_s / model.opt.timestep)):
-        mujoco.mj_step(model, data)
+    left, speed = round(watched_s / model.opt.timestep), np.inf
+    while left > 0:
+        mujoco.mj_step(model, data, min(_LOOK_STEPS, left))
+        left -= min(_LOOK_STEPS, left)
+        before, speed = abs(speed), float(data.qvel[scene.s_dof])
+        on = speed * left * model.opt.timestep
+        if abs(speed) <= before and abs(on) < _AT_REST:
+            return float(data.qpos[scene.s_qpos]) + on - s, load, motor
     return float(data.qpos[scene.s_qpos]) - s, load, motor
 
 

@@ -8,7 +8,7 @@ from s2r_host.planning.hand_probe import HandProbe, quat_of
 from s2r_host.planning.hook import TOUCH_WAYPOINT, Hook
 from s2r_host.planning.hooking import find_hooks
 from s2r_host.planning.kinematics import ToolKinematics, rotation_errors
-from s2r_host.planning.places import find_places
+from s2r_host.planning.places import Places, PlaceSearch, least_costs, tightness
 from s2r_host.planning.proposals import Route
 from s2r_host.planning.sample_objects import DrawerShape, drawer_mjcf
 from s2r_host.planning.scene import build_scene
@@ -31,9 +31,14 @@ def hooks(world) -> list[Hook]:
     return find_hooks(world.scene, world, "object.xml", 0.15, PlanSettings())
 
 
+def places_of(world: FineWorld, sign: float, points: int = 90, **how) -> Places:
+    probe = HandProbe(world.scene, world.data, 1)
+    return PlaceSearch(world.scene, world.data, probe, sign, points, **how).take(5000)
+
+
 def test_places_for_pulling_are_free_and_behind_something_of_the_part(world):
     probe = HandProbe(world.scene, world.data, 1)
-    places = find_places(world.scene, world.data, probe, 1.0, 90)
+    places = places_of(world, 1.0)
     assert len(places) > 10
     quat = np.array([quat_of(R) for R in places.R])
     assert not probe.contacts(places.p, quat).any()
@@ -42,10 +47,41 @@ def test_places_for_pulling_are_free_and_behind_something_of_the_part(world):
 
 
 def test_places_for_closing_are_in_front_of_the_front(world):
-    places = find_places(world.scene, world.data, HandProbe(world.scene, world.data, 1), -1.0, 90)
+    places = places_of(world, -1.0)
     assert len(places) > 10
     assert places.way[:, 0] == pytest.approx(1.0)
     assert places.p[:, 0].min() < SHAPE.x - SHAPE.opening
+
+
+def test_places_come_in_the_order_of_their_cost_however_they_are_asked_for(world):
+    probe = HandProbe(world.scene, world.data, 1)
+    search = PlaceSearch(world.scene, world.data, probe, 1.0, 30)
+    one_by_one = Places.all_of([search.take(count) for count in (1, 3, 1, 40)])
+    at_once = PlaceSearch(world.scene, world.data, probe, 1.0, 30).take(45)
+    assert one_by_one.p.tolist() == at_once.p.tolist()
+    assert one_by_one.blocked.tolist() == at_once.blocked.tolist()
+    costs = least_costs(world.scene, world.data, at_once.p, at_once.R) + tightness(at_once, 0.012)
+    assert (np.diff(costs) >= 0.0).all()
+    for k, (p, R) in enumerate(zip(at_once.p, at_once.R, strict=True)):
+        near = np.linalg.norm(at_once.p[:k] - p, axis=1) < 0.02
+        assert (np.einsum("nij,ij->n", at_once.R[:k], R)[near] <= 2.9).all()  # none like one before
+
+
+def test_the_first_places_take_a_look_at_some_candidates_only(world, monkeypatch):
+    looked = []
+    contacts = HandProbe.contacts
+
+    def counted(probe, p, quat):
+        looked.append(len(p))
+        return contacts(probe, p, quat)
+
+    monkeypatch.setattr(HandProbe, "contacts", counted)
+    probe = HandProbe(world.scene, world.data, 1)
+    PlaceSearch(world.scene, world.data, probe, 1.0, 30).take(24)
+    some = sum(looked)
+    looked.clear()
+    PlaceSearch(world.scene, world.data, probe, 1.0, 30).take(10_000)
+    assert some < 0.6 * sum(looked)
 
 
 CROSS = """<mujoco><compiler angle="radian"/><worldbody><body name="part" pos=".55 -.15 .35">
@@ -73,7 +109,7 @@ def world_of(tmp_path):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_every_arm_of_a_cross_that_turns_about_its_middle_can_be_pushed(world_of, sign):
     world = world_of(CROSS, "valve")
-    places = find_places(world.scene, world.data, HandProbe(world.scene, world.data, 1), sign, 90)
+    places = places_of(world, sign)
     middle = world.data.xpos[world.scene.part_body]
     outwards = (places.p - middle)[:, :2]
     # Each place goes round its own way, and none is so near the axis that it would take many times the force.
@@ -85,11 +121,10 @@ def test_every_arm_of_a_cross_that_turns_about_its_middle_can_be_pushed(world_of
 
 def test_behind_an_upright_bar_close_to_its_door_the_hand_comes_obliquely(world_of):
     world = world_of(UPRIGHT_BAR, "door")
-    probe = HandProbe(world.scene, world.data, 1)
 
     def in_the_gap(oblique):
         points, ways = (500, "oblique") if oblique else (90, "usual")
-        places = find_places(world.scene, world.data, probe, -1.0, points, ways=ways)
+        places = places_of(world, -1.0, points, ways=ways)
         x = (places.p - world.data.xpos[world.scene.part_body])[:, 0]
         return int(((x > -0.05) & (x < -0.01)).sum())
 

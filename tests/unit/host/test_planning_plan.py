@@ -1,6 +1,7 @@
 """Whole plans on small drawers: success, repetition, refusals."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -50,6 +51,21 @@ def test_an_independent_replay_of_the_targets_finds_the_same_end_and_no_unexpect
     assert world.s == pytest.approx(plan.final, abs=1e-9)
     assert report.contact is None
     assert report.touched
+
+
+def test_what_was_executed_from_saved_states_is_what_a_replay_from_the_start_gives_bit_for_bit(request_, plan):
+    scene = build_scene(ARM, request_.object_mjcf, "object_joint", request_.settings)
+    world = FineWorld(scene, ARM.q_home, request_.s_initial)
+    shares, touched = [], []
+    for step, pair in enumerate(pairwise(plan.q_cmd)):
+        assert np.array_equal(world.q, plan.q_meas[step])
+        assert world.s == plan.s[step]
+        report = world.play(ramp(np.array(pair)[None], 25)[0])
+        shares.append(report.torque_share)
+        touched.append(report.touched)
+    assert world.s == plan.final
+    assert max(shares) == plan.torque_share
+    assert touched.index(True) + 1 == plan.touch_step
 
 
 def test_plan_is_bit_identical_for_any_thread_count(request_, plan):
