@@ -18,6 +18,7 @@ from s2r_host.gap.decision import (
     leftover,
     too_much_left,
 )
+from s2r_host.gap.friction_seen import nominal_friction_of
 from s2r_host.gap.naming import Named, brought, named_effect, parameter_table
 from s2r_host.gap.other_equations import add_contradiction, add_drift, add_law, add_wander
 from s2r_host.gap.other_machine import all_numbers_elsewhere, other_machine
@@ -33,6 +34,7 @@ from s2r_host.gap.wrong_number import ALONE_SLACK, TIGHT, Looseness, base_matter
 
 FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
 NO_WORSE = 1.3
+FRICTION = ("coulomb_friction", "viscous_friction")
 NEVER_NEGATIVE = ("mass", "inertia", "armature", "damping", "frictionloss", "payload_mass")
 
 
@@ -112,7 +114,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     if odd is None and remains and decision.effects:
         found = vibration(problem, search, solution)
         odd = None if found is None else _swings(problem, *found)
-    odd = odd or impossible(decision)
+    odd = odd or impossible(problem, decision)
     if odd is not None:
         decision.reasons.append(odd)
     if odd is not None or too_much_left(problem, search, decision):
@@ -130,8 +132,14 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     return decision
 
 
-def impossible(decision: Decision) -> str | None:
+def impossible(problem: Problem, decision: Decision) -> str | None:
     """A sentence where the explanation needs a mass, an inertia or a friction below zero, None otherwise."""
+    for e in decision.effects:
+        if e.name in FRICTION:
+            p = next(iter(e.parameters.values()))
+            most = nominal_friction_of(problem.ctx.model, e.name, e.term.joint) + p["interval90"][1]
+            if most < 0.0:
+                return f"it would take more than all of the {e.name} of '{e.joint}' away, which cannot be"
     for p in decision.parameters_off:
         if p["name"] in NEVER_NEGATIVE and p["interval90"][1] < 0.0:
             place = p.get("body") or p.get("joint")

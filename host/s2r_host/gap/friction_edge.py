@@ -5,8 +5,8 @@ The sign of a filtered speed is not the direction of friction: noise of the spee
 Friction that comes out of MuJoCo turns round before the joint does: its constraint pulls towards an acceleration of
 -B v, so that the step lies where v + a/B changes its sign, 9.5 ms early with the stock ``solreffriction``. Recordings
 of machines have no such lead; those made with MuJoCo do, and half a per cent of unexplained effort at every reversal
-would be read as a clock that is late. Its constraint is soft as well: a heavy joint with much friction glides through the
-step over a speed that the model tells, which no noise of the speed does.
+would be read as a clock that is late. Its constraint is soft as well: a heavy joint with much friction glides through
+the step over a speed that the model tells, which no noise of the speed does.
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ KNOWN_S, CLEARLY, HOLDS = 3e-4, 2.0, 1e-3
 HOLDS_NOISY, SHIFTS_S = 0.05, (0.001, 0.002, 0.004, 0.008)  # the same for an effort with a sensor's noise
 LEAST_CHANGE = 0.012
 Z90 = 1.645
+TOP = 0.98  # of the rows stay below what a drive reaches
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise
 TICK_SHARE = (
     0.7  # of one period of the controller: when inside its tick a drive reports its effort is rarely said
@@ -278,6 +279,8 @@ def _shift(test: _Test, name: str, change: Callable[[_Rows, float], np.ndarray])
 
 def _clip(test: _Test, unit: str) -> Found:
     asked = np.concatenate([np.abs(r.asked) for r in test.rows])
+    # A drive that is at its limit for most of the time is asked for more than that by most rows: its own top tells.
+    reached = float(np.quantile(np.concatenate([np.abs(r.u) for r in test.rows]), TOP))
 
     def change(r: _Rows, limit: float, v0: float) -> np.ndarray:
         bound = limit
@@ -288,8 +291,8 @@ def _clip(test: _Test, unit: str) -> Found:
     top = max(float(np.percentile(np.abs(r.s.v[:, r.joint]), 99.5)) for r in test.rows) + 1e-12
     best, best_cost = (float(asked.max()), 0.0), np.inf
     for v0 in (0.0, 3.0 * top, 5.0 * top, 8.0 * top):
-        for q in (0.5, 0.7, 0.8, 0.87, 0.92, 0.95, 0.975, 0.99, 0.997):
-            limit = float(np.quantile(asked, q)) * (1.0 if v0 == 0.0 else 1.1)
+        shares = (0.5, 0.7, 0.8, 0.87, 0.92, 0.95, 0.975, 0.99, 0.997)
+        for limit in (reached, *(float(np.quantile(asked, q)) * (1.0 if v0 == 0.0 else 1.1) for q in shares)):
             value = -test.likelihood(test.misfit(lambda r: change(r, limit, v0)))  # noqa: B023
             if value < best_cost:
                 best, best_cost = (limit, v0), value

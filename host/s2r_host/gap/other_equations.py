@@ -35,6 +35,10 @@ def add_law(problem: Problem, finding: LawFinding, decision: Decision, why: str 
         if decision.verdict == "nothing_missing":
             decision.verdict = "parameter_off"
         return
+    if (
+        finding.name == "clock_skew"
+    ):  # set right before the plant's equation was asked: what it adds to it is a rest
+        decision.effects = [e for e in decision.effects if (e.name, e.joint) != (finding.name, joint)]
     if any(e.name == finding.name and e.joint == joint for e in decision.effects):
         return
     decision.effects = [e for e in decision.effects if e.joint != joint or not _same_cause(e, finding.name)]

@@ -11,6 +11,7 @@ import numpy as np
 
 from s2r_host.gap import insufficient
 from s2r_host.gap.align import control_lag
+from s2r_host.gap.aligned import aligned, lags_of
 from s2r_host.gap.checks import check_efforts, check_joints, check_units
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.decide import decide, restate, unnamed_force
@@ -196,7 +197,16 @@ def _second_look(
 
 def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem:
     """The regression with what law, kinematics and stamps say beforehand; ``bounded``: see ``build_problem``."""
-    problem = build_problem(a.model, a.fit, a.hold, a.repeats, bounded=bounded)
+    fit, hold, repeats = a.fit, a.hold, a.repeats
+    problem = build_problem(a.model, fit, hold, repeats, bounded=bounded)
+    late = [f for f in problem.law if f.name == "clock_skew"]
+    if late:
+        fit, hold, repeats = (aligned(a.model, x, lags_of(late)) for x in (fit, hold, repeats))
+        find_edges(fit + hold + repeats, a.model)
+        for raw, moved in zip(a.fit + a.hold + a.repeats, fit + hold + repeats, strict=True):
+            raw.lead[:], raw.v_eps[:] = moved.lead, moved.v_eps
+        problem = build_problem(a.model, fit, hold, repeats, bounded=bounded)
+        problem.law = late + [f for f in problem.law if f.name != "clock_skew"]
     problem.law = [f for f in problem.law if f.name not in config.skip]
     problem.contradictions = [
         replace(c, finding=None) if c.finding is not None and c.finding.name in config.skip else c
@@ -206,15 +216,14 @@ def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem
         problem.drift.clear()
     fill_residuals(problem)
     for j in problem.joints:
-        lag = control_lag(a.model, a.fit, j)
+        lag = control_lag(a.model, fit, j)
         if lag is not None:
             problem.ctx.control_lag[j] = lag
-        within = None if any(f.joint == j for f in problem.law) else stamps_within(a.model, a.fit, j)
+        within = None if any(f.joint == j for f in problem.law) else stamps_within(a.model, fit, j)
         if lag is None and within is not None:
             problem.ctx.control_lag[j] = (0.0, STAMPS_SHARE * within)
-    for f in problem.law:
-        if f.name == "clock_skew":
-            problem.ctx.control_lag[f.joint] = (f.shape["lag"], 0.0005 + 0.1 * abs(f.shape["lag"]))
+    for f in late:
+        problem.ctx.control_lag[f.joint] = (0.0, 0.0005)
     return problem
 
 

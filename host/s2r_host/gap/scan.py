@@ -10,7 +10,7 @@ from s2r_host.gap.solution import Scored, Term
 
 NO_LOSS = -0.05  # change of the held-out misfit that still counts as none
 CONTAINER_CHARGE = 5.0
-CONTAINER_SHARE = 0.002
+CONTAINER_SHARE, CONTAINER_CHAOTIC = 0.002, 0.05
 
 
 def share_taken(term: Term, without: dict[int, float], misfit: dict[int, float]) -> float:
@@ -91,13 +91,18 @@ class Scan(Shapes):
             score = value + held
             share = share_taken(term, raw_without, raw)
             scored.append(Scored(term, score, score - without - without_held, share, np.zeros(0)))
-        self._charge_containers(scored)
+        self._charge_containers(scored, chosen)
         scored.sort(key=lambda x: -x.score)
         return scored, without + without_held
 
-    def _charge_containers(self, scored: list[Scored]) -> None:
-        """An effect that contains a simpler one has to beat it by more than the model error of the simpler one."""
+    def _charge_containers(self, scored: list[Scored], chosen: list[Term]) -> None:
+        """An effect that contains a simpler one has to beat it by more than the model error of the simpler one.
+
+        Beside a chaotic effect the richer one has more of that effect's leftover to fit.
+        """
         gains = {s.term.key: s.gain for s in scored}
+        chaotic = any(self.effects[t.effect].explained_least < 1.0 for t in chosen)
+        share = CONTAINER_CHAOTIC if chaotic else CONTAINER_SHARE
         for s in scored:
             inner = [
                 gains[(n, s.term.joint)]
@@ -105,7 +110,7 @@ class Scan(Shapes):
                 if (n, s.term.joint) in gains
             ]
             if inner:
-                charge = max(CONTAINER_CHARGE, CONTAINER_SHARE * max(inner))
+                charge = max(CONTAINER_CHARGE, share * max(inner))
                 s.score, s.gain = s.score - charge, s.gain - charge
 
     @staticmethod

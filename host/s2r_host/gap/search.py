@@ -18,6 +18,7 @@ CLEAR_GAIN, CLEAR_SHARE = 20.0, 0.05  # evidence, its share of the first effect'
 # Effects that are no more than one number; friction is one where the model has some of its kind.
 NUMBERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
 FRICTION = ("coulomb_friction", "viscous_friction")
+CHAOTIC_SHARE = 0.7  # the same where that effect is chaotic
 MAX_EFFECTS = 3
 FURTHER_SHARE = 0.3
 FURTHER_GAIN = 0.004
@@ -102,15 +103,15 @@ class Search(Scan):
     def clear(self, best: Scored, slots: list[list[Scored]]) -> bool:
         """Evidence that is no small fraction of the first effect's cannot be the error of its equation.
 
-        Unless that effect is chaotic, which no equation follows closely, or the floor is a guess that holds what the
-        equations leave out.
+        A chaotic one, which no equation follows closely, leaves a good part of itself over: what is named beside it has
+        to explain about as much. A floor that is a guess holds what the equations leave out.
         """
         if self.problem.floor_source != "repeat":
             return False
-        if any(self.effects[s[0].term.effect].explained_least < 1.0 for s in slots if s):
-            return False
+        chaotic = any(self.effects[s[0].term.effect].explained_least < 1.0 for s in slots if s)
         first = max((s.gain for s in slots[0]), default=0.0) if slots else 0.0
-        return best.gain > max(CLEAR_GAIN, CLEAR_SHARE * first) and best.holdout_gain > NO_LOSS
+        share = CHAOTIC_SHARE if chaotic else CLEAR_SHARE
+        return best.gain > max(CLEAR_GAIN, share * first) and best.holdout_gain > NO_LOSS
 
     def _explains_what_comes_back(self, chosen: list[Term], scored: list[Scored]) -> bool:
         """What comes back in a second run is there: a name then has to beat the other names, not nothing at all."""

@@ -199,3 +199,27 @@ def test_rivals_for_a_place_keep_their_distance_when_its_gain_is_weighed_anew():
     )
     _, slots = Later()._prune_completed([own.term], [[own, rival]])
     assert [s.gain for s in slots[0]] == [60.0, 53.0]
+
+
+def test_friction_that_grows_with_warming_is_no_warming(model):
+    _, search = searched(model, lambda t, q, v, a: 0.02 * t * np.tanh(v / 0.01))
+    found = [s.term.effect for s in search.scan_profiled([])[0] if s.gain > 0.0]
+    assert "thermal_drift" not in found
+    _, search = searched(model, lambda t, q, v, a: -0.01 * t * np.tanh(v / 0.01))
+    assert search.scan_profiled([])[0][0].term.effect == "thermal_drift"
+
+
+@pytest.mark.parametrize(("least", "clear"), [(1.0, True), (0.5, False)])
+def test_beside_a_chaotic_effect_a_second_one_has_to_explain_about_as_much(model, monkeypatch, least, clear):
+    _, search = searched(model, lambda t, q, v, a: 0.0 * t)
+    first = Scored(Term("backlash", 0), 100.0, 100.0, 0.5, np.zeros(0))
+    monkeypatch.setattr(type(search.effects["backlash"]), "explained_least", least)
+    small, large = (Scored(Term("coulomb_friction", 0), g, g, 0.05, np.zeros(0)) for g in (40.0, 90.0))
+    assert search.clear(small, [[first]]) == clear
+    assert search.clear(large, [[first]])
+    rich = [
+        Scored(Term(n, 0), g, g, 0.1, np.zeros(0))
+        for n, g in (("presliding", 810.0), ("coulomb_friction", 800.0))
+    ]
+    search._charge_containers(rich, [first.term])
+    assert (rich[0].gain > rich[1].gain) == clear

@@ -32,9 +32,24 @@ def entry(name, to, deviation, place="arm"):
     ],
 )
 def test_a_size_below_zero_is_impossible(entries, said):
-    decision: Any = SimpleNamespace(parameters_off=entries)
-    found = impossible(decision)
+    decision: Any = SimpleNamespace(parameters_off=entries, effects=[])
+    problem: Any = None
+    found = impossible(problem, decision)
     assert found is None if said is None else said in found
+
+
+@pytest.mark.parametrize(("level", "fits"), [(-0.5, True), (-1.5, False), (0.8, True)])
+def test_more_friction_than_the_model_has_cannot_be_taken_away(level, fits):
+    model = SimpleNamespace(model=SimpleNamespace(dof_frictionloss=[1.0], dof_damping=[0.0]))
+    problem: Any = SimpleNamespace(ctx=SimpleNamespace(model=model))
+    named = SimpleNamespace(
+        name="coulomb_friction",
+        joint="arm",
+        term=SimpleNamespace(joint=0),
+        parameters={"level": {"value": level, "interval90": [level - 0.1, level + 0.1]}},
+    )
+    decision: Any = SimpleNamespace(parameters_off=[], effects=[named])
+    assert (impossible(problem, decision) is None) == fits
 
 
 def solved(fit, held):

@@ -64,11 +64,12 @@ def test_a_delay_behind_a_measured_effort_is_named_with_its_size(model):
     assert said.parameters["delay"]["value"] == pytest.approx(5 * DT, rel=0.05)
 
 
-def test_a_clip_behind_a_measured_effort_is_named_with_its_limit(model):
-    said = found(model, drive=lambda u: np.clip(u, -4.0, 4.0))
+@pytest.mark.parametrize("limit", [4.0, 0.8])  # now and then, and for most of the time
+def test_a_clip_behind_a_measured_effort_is_named_with_its_limit(model, limit):
+    said = found(model, drive=lambda u: np.clip(u, -limit, limit))
     assert said is not None
     assert said.name == "saturation"
-    assert said.parameters["limit"]["value"] == pytest.approx(4.0, rel=0.03)
+    assert said.parameters["limit"]["value"] == pytest.approx(limit, rel=0.03)
 
 
 def test_a_wrong_gain_is_a_parameter(model):

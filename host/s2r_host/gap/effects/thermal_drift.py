@@ -12,6 +12,7 @@ FRICTION, DAMPING, GAIN, ALL = 0.0, 1.0, 2.0, 3.0
 WORD = {FRICTION: "friction", DAMPING: "damping", GAIN: "gain"}
 PER_KELVIN = (0.005, 0.015, 0.04, 0.08)
 LEAST_S, LEAST_SHARE = 2.0, 0.1  # shortest time constant: seconds, and share of the longest recording
+IMPOSSIBLE = -1e3  # log odds
 PER_WARMING = (0.1, 0.4, 1.0, 2.0)  # of the final warming, where no temperature is recorded
 
 
@@ -107,6 +108,11 @@ class ThermalDrift(Effect):
         known = np.sum([level * x for level, x in kinds], axis=0)
         linear = [factor * x for level, x in kinds if level <= 0]
         return Columns(linear, (True,) * len(linear), fixed=(factor - 1.0) * known)
+
+    def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
+        """Against friction that grows with warming: dirt or wear, and no lubricant."""
+        grows = shape["target"] in (FRICTION, DAMPING) and float(theta[0]) > 0.0
+        return IMPOSSIBLE if grows else 0.0
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Final change, or temperature coefficient, and time constant."""

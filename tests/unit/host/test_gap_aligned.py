@@ -1,0 +1,80 @@
+"""Late stamps that the control law tells are set right before anything else is compared."""
+
+import json
+
+import numpy as np
+import pytest
+
+from s2r_host.gap.aligned import aligned
+from s2r_host.gap.answer import make_answer
+from s2r_host.gap.config import GapConfig
+from s2r_host.gap.model import RigidModel
+from s2r_host.gap.pipeline import analyse
+from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.rig import write_model
+from s2r_host.gap.session import make_session
+
+DT, KP, KD = 0.004, 40.0, 3.0
+QUICK = GapConfig(simulate=False, baselines=False, report=False, next_experiment=False)
+
+
+def test_a_late_motion_is_read_where_it_belongs(tmp_path):
+    model = RigidModel(write_model(tmp_path / "model.xml"))
+    t = np.arange(0.0, 8.0, DT)
+    lag = 0.013
+    channels = {
+        "q": {"elbow": np.sin(2.0 * (t - lag))},
+        "dq": {"elbow": 2.0 * np.cos(2.0 * (t - lag))},
+        "tau": {"elbow": np.cos(t)},
+    }
+    rec = Recording("r", t, channels, Controller(), "measured", "effort", "a", "", ())
+    (s,) = aligned(model, [make_session(model, rec, 3)], {0: lag})
+    assert s.index == 3
+    assert s.rec.t[-1] <= t[-1] - lag
+    assert s.rec.channels["q"]["elbow"] == pytest.approx(np.sin(2.0 * s.rec.t), abs=1e-6)
+    assert s.rec.channels["tau"]["elbow"] == pytest.approx(np.cos(s.rec.t))
+    (early,) = aligned(model, [make_session(model, rec, 0)], {0: -lag})
+    assert early.rec.t[0] == 0.0
+    assert early.rec.start_s == pytest.approx(0.016)
+    assert early.rec.channels["q"]["elbow"] == pytest.approx(
+        np.sin(2.0 * (early.rec.t + 0.016 - 2.0 * lag)), abs=1e-6
+    )
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """Two runs of a loop with dry friction, position stamped 12 ms late; the law and both channels are declared."""
+    folder = tmp_path_factory.mktemp("late")
+    path = write_model(folder / "model.xml", 0.3, 0.2)
+    model = RigidModel(path)
+    files = []
+    for k in range(2):
+        rng = np.random.default_rng(k)
+        t = np.arange(0.0, 16.0, DT)
+        q = 0.8 * np.sin(1.7 * t + k) + 0.3 * np.sin(5.3 * t) + 0.1 * np.sin(11.0 * t + k)
+        v = np.gradient(q, DT)
+        a = np.gradient(v, DT)
+        u = model.inverse(q[:, None], v[:, None], a[:, None])[:, 0] + 0.3 * np.tanh(v / 0.01)
+        dq_cmd = v + 0.0 * u
+        q_cmd = q + u / KP  # what the law was asked for, so that it gives u
+        at = t - 0.012
+        late_q, late_v = np.interp(at, t, q), np.interp(at, t, v)
+        noisy = [x + s * rng.normal(size=len(t)) for x, s in ((late_q, 2e-5), (late_v, 1e-3), (u, 0.01))]
+        table = np.stack([t, *noisy, q_cmd, dq_cmd], axis=1)
+        file = folder / f"r{k}.csv"
+        names = "t,q.elbow,dq.elbow,tau.elbow,q_cmd.elbow,dq_cmd.elbow"
+        np.savetxt(file, table, delimiter=",", header=names, comments="", fmt="%.9g")
+        file.with_suffix(".yaml").write_text(
+            f"controller: {{type: pd, kp: {{elbow: {KP}}}, kd: {{elbow: {KD}}}}}\neffort: measured\ninput: q_cmd\n"
+        )
+        files.append(file)
+    return path, files
+
+
+def test_late_stamps_are_the_only_name_and_no_friction_is_lost_to_them(recordings):
+    path, (fit, hold) = recordings
+    said = json.loads(json.dumps(make_answer(analyse(path, [fit], [hold], [], QUICK, lambda _: None), 0)))
+    assert said["verdict"] == "physics_missing"
+    assert [e["name"] for e in said["effects"]] == ["clock_skew"]
+    assert said["effects"][0]["parameters"]["lag"]["value"] == pytest.approx(0.012, rel=0.03)
+    assert said["parameters_off"] == []
