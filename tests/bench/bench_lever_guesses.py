@@ -1,8 +1,10 @@
 """How many pushes until the lever of a faucet is pushed along the way it goes? Order only: arm and physics left out.
 
-    python tests/bench/bench_lever_guesses.py --count 160 --jobs 2 --out runs/lever-guesses [--fit]
+    python tests/bench/bench_lever_guesses.py --count 160 --jobs 2 --out runs/lever-guesses
+    python tests/bench/bench_lever_guesses.py --count 100 --pushes 3000-3249 --fit --out runs/lever-fit
 
 One noisy view per faucet, drawn like those of `s2r bench paper` but with numbers that nothing else is reported of.
+--pushes adds views as `bench_affordance.py` draws them, of the validation split, where levers are near a stop as well.
 The likeliest guess is pushed at its first proposal, reachable or not. A push that meets the lever along its way
 (cosine above 0.5, at least 3 cm from the axis) ends the search, any other is taken to be held out by what it meets.
 --fit prints the logits of what a lever looks like and of which way it goes (logistic regression, ridge 1), which
@@ -20,6 +22,7 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from s2r_host.errors import SceneError
+from s2r_host.motion.lever_axes import level_axis, upright_axis
 from s2r_host.motion.levers import find_levers
 from s2r_host.motion.robot_mask import back_project
 from s2r_host.motion.scene import observed_scene
@@ -35,28 +38,45 @@ from s2r_host.run.lever_guesses import (
 )
 from s2r_sim.batch import run_jobs
 from s2r_sim.camera.camera import DepthCamera
+from s2r_sim.objects.catalogue import KINDS
 from s2r_sim.objects.naming import PART_BODY
+from s2r_sim.objects.pairs import place_camera
+from s2r_sim.objects.push_data import with_room
 from s2r_sim.objects.scene import qpos_at, table_scene
+from s2r_sim.objects.splits import Split, split_rng
 from s2r_sim.paper.trials import draw_trial
 
 MOST = 6
 ALONG, LEAST_RADIUS_M, ON_PART = 0.5, 0.03, 0.6
 
 
-def search(number: int) -> dict[str, Any]:
-    """Pushes until the lever is met, and what its pieces look like."""
-    world = draw_trial("faucet", number).world
-    spec = world.object
-    model = table_scene(spec).compile()
-    camera = DepthCamera(model, world.camera)
+def search(number: int, views: str) -> dict[str, Any]:
+    """Pushes until the lever is met, and what its pieces look like; ``views``: "trials" or "pushes"."""
+    if views == "trials":
+        world = draw_trial("faucet", number).world
+        spec, placed = world.object, world.camera
+        model = table_scene(spec).compile()
+    else:
+        rng = split_rng("faucet", Split.VALIDATION, number)
+        spec = with_room(rng, KINDS["faucet"].draw(rng))
+        model = table_scene(spec).compile()
+        placed = place_camera(rng, model, spec.q_start)[0]
+    camera = DepthCamera(model, placed)
     qpos = qpos_at(model, spec.q_start)
     view = camera.capture(qpos)
-    frame = DepthFrame(view.depth_m, camera.rig.K, world.camera.X_base_camera_reported, view.colour)
+    frame = DepthFrame(view.depth_m, camera.rig.K, placed.X_base_camera_reported, view.colour)
     part = (camera.exact_sight(qpos).body == model.body(PART_BODY).id) & (view.depth_m > 0)
     seen = cKDTree(back_project(frame)[part].reshape(-1, 3)) if part.any() else cKDTree(np.full((1, 3), 9.0))
     scene, found = observed_scene(frame), shipped().affordance(frame, np.random.default_rng(number))
     data = model, qpos
-    row: dict[str, Any] = {"number": number, "style": spec.style, "pushes": None, "looks": [], "swings": []}
+    row: dict[str, Any] = {
+        "number": number,
+        "views": views,
+        "style": spec.style,
+        "pushes": None,
+        "looks": [],
+        "swings": [],
+    }
     tried: list[Tried] = []
     for count in range(1, MOST + 1):
         guesses = lever_guesses(scene, found, GuessSettings(), tried)
@@ -73,13 +93,15 @@ def search(number: int) -> dict[str, Any]:
         levers = find_levers(scene)
     except SceneError:
         levers = []
+    beliefs = [belief_about(found, lever.p) for lever in levers]
     for k, lever in enumerate(levers):
-        belief, line = belief_about(found, lever.p)
+        line = beliefs[k][1]
         on_part = bool((seen.query(lever.p)[0] < 1e-3).mean() > ON_PART)
-        row["looks"].append((*lever_features(levers, k, belief), on_part))
+        row["looks"].append((*lever_features(levers, k, [belief for belief, _ in beliefs]), on_part))
         if on_part:
             way, _ = _way(*data, lever.p_tip)
-            swings = abs(way @ lever.upright_line) > abs(way @ lever.level_line)
+            level, upright = level_axis(lever).way(lever.p_tip), upright_axis(lever).way(lever.p_tip)
+            swings = abs(way @ level) > abs(way @ upright)
             row["swings"].append((*swing_features(lever, line), bool(swings)))
     return row
 
@@ -116,11 +138,15 @@ def main() -> None:
     )
     parser.add_argument("--first", type=int, default=1000, help="number of the first faucet")
     parser.add_argument("--count", type=int, default=160, help="faucets")
+    parser.add_argument("--pushes", help="FIRST-LAST of the push bench's validation views to add")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--fit", action="store_true", help="print the fitted logits as well")
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
     args = parser.parse_args()
-    numbers = [(number,) for number in range(args.first, args.first + args.count)]
+    numbers = [(number, "trials") for number in range(args.first, args.first + args.count)]
+    if args.pushes:
+        first, _, last = args.pushes.partition("-")
+        numbers += [(number, "pushes") for number in range(int(first), int(last) + 1)]
     rows = run_jobs(search, numbers, args.out / "rows.jsonl", args.jobs, "views")
     print("| handle | views | 1st push | by the 2nd | 3rd | 4th | 6th |\n|---|---|---|---|---|---|---|")
     for style in ("top", "side", "pair", "all"):

@@ -135,4 +135,5 @@ def _spoke(
         above_deck_m=above_deck_m,
         radial=0.0,
         rooted=True,
+        p_body=centre,
     )

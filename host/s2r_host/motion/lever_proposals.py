@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from s2r_host.motion.lever_axes import LeverAxis
 from s2r_host.motion.levers import LeverCandidate
 from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
 
@@ -22,54 +23,58 @@ class LeverPushSettings:
 
     Attributes:
         turn_rad: How far the lever is to be turned.
+        give_m: Way of the fingertip that does not turn it: a camera sees a lever wider than it is, arm and lever yield.
         depth_m: Least and most the fingertip goes for that.
         standoff_m: Free way before the touch.
         places: Along the lever, 0 at its root, 1 at its tip.
         below_m: How far the fingertip reaches past the lever's line when it pushes with its side.
         leans: Share of "down" in the finger's axis; the rest points along the push, from outside to the body, or
             outwards: the only way to reach what leads away from the arm.
-        root_m: A lever's axis is believed to be at least this far inside of its visible root. Where it is further, the
-            lever turns less than wanted: better than into its stop, for what is asked for later counts from there.
     """
 
-    turn_rad: float = 0.35
-    depth_m: tuple[float, float] = (0.02, 0.05)
+    turn_rad: float = 0.37
+    give_m: float = 0.010
+    depth_m: tuple[float, float] = (0.02, 0.065)
     standoff_m: float = 0.035
     places: tuple[float, ...] = (0.9, 0.7, 0.5)
     below_m: float = 0.012
     leans: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
-    root_m: float = 0.012
 
 
 def lever_proposals(
-    lever: LeverCandidate, line: np.ndarray, settings: LeverPushSettings | None = None
+    lever: LeverCandidate, axis: LeverAxis, settings: LeverPushSettings | None = None
 ) -> Iterator[PushProposal]:
     """Ways to push a piece, best first.
 
     Args:
         lever: What to push.
-        line: Unit direction along which, either way, its tip is believed to give way, (3,).
+        axis: What it is believed to turn about, first in that axis' sense.
         settings: Geometry of the pushes.
     """
     settings = settings or LeverPushSettings()
+    line = axis.way(lever.p_tip)
     for place, lean, direction in product(settings.places, settings.leans, (line, -line)):
         for level in (direction, -lever.outward, lever.outward):
             z = lean * DOWN + (1.0 - lean) * level
             length = float(np.linalg.norm(z))
             if length > SHORTEST and z[2] < LEAST_DOWN * length:
-                yield from _pushes(lever, place, z / length, direction, settings)
+                yield from _pushes(lever, axis, place, z / length, direction, settings)
             if lean == 1.0:
                 break
 
 
 def _pushes(
-    lever: LeverCandidate, place: float, z: np.ndarray, direction: np.ndarray, settings: LeverPushSettings
+    lever: LeverCandidate,
+    axis: LeverAxis,
+    place: float,
+    z: np.ndarray,
+    direction: np.ndarray,
+    settings: LeverPushSettings,
 ) -> Iterator[PushProposal]:
     """The finger points along ``z``, both ways round and across."""
-    length = float(np.linalg.norm(lever.p_tip - lever.p_root))
-    radius = settings.root_m + place * length
-    depth = float(np.clip(settings.turn_rad * radius, *settings.depth_m))
-    point = lever.p_root + place * (lever.p_tip - lever.p_root) - 0.5 * lever.width_m * direction
+    p_line = lever.p_root + place * (lever.p_tip - lever.p_root)
+    depth = float(np.clip(settings.turn_rad * axis.radius(p_line) + settings.give_m, *settings.depth_m))
+    point = p_line - 0.5 * lever.width_m * direction
     if abs(z @ direction) < SIDEWAYS:
         point = point + settings.below_m * z
     for R in _rolls(z, direction, lever.outward):

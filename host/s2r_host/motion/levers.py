@@ -51,6 +51,7 @@ class LeverCandidate:
         above_deck_m: How high its lowest point is over the deck.
         radial: How much of its level direction leads straight away from the body's axis, 0 to 1.
         rooted: It stands on a foot of its own, away from the body.
+        p_body: Where the body's upright axis stands [m], (2,).
     """
 
     p: np.ndarray
@@ -63,6 +64,7 @@ class LeverCandidate:
     above_deck_m: float
     radial: float
     rooted: bool
+    p_body: np.ndarray
 
     def turned_round(self) -> LeverCandidate:
         """The same piece with its root where its tip is believed to be."""
@@ -89,30 +91,6 @@ class LeverCandidate:
         up = float(self.direction[2])
         block = 1.0 if abs(up) > UPRIGHT and self.above_deck_m < ON_DECK_M else 0.0
         return 3.0 * self.bend + 0.5 * max(0.0, self.towards_user) + 2.0 * max(0.0, -up) + block
-
-    @property
-    def level_line(self) -> np.ndarray:
-        """Unit vector along which its tip goes, either way, if it turns about an upright axis, (3,)."""
-        flat = self._flat
-        return np.array([-flat[1], flat[0], 0.0])
-
-    @property
-    def upright_line(self) -> np.ndarray:
-        """Unit vector along which its tip goes if it swings in the upright plane through its line, (3,).
-
-        Pushed level, a lever that swings like this would press on the finger more along its line than across it.
-        """
-        d = self.direction
-        plane = np.array([0.0, 0.0, 1.0]) - d[2] * d
-        length = float(np.linalg.norm(plane))
-        return self._flat if length < 0.1 else plane / length
-
-    @property
-    def _flat(self) -> np.ndarray:
-        d = self.direction
-        flat = np.array([d[0], d[1], 0.0])
-        length = float(np.linalg.norm(flat))
-        return self.outward if length < 0.1 else flat / length
 
 
 def find_levers(scene: Scene) -> list[LeverCandidate]:
@@ -277,6 +255,7 @@ def _candidate(p: np.ndarray, axis: np.ndarray, deck_m: float, above: np.ndarray
         above_deck_m=float(p[:, 2].min()) - deck_m,
         radial=abs(float(level @ out)) / max(1e-9, length * float(np.linalg.norm(out))),
         rooted=own,
+        p_body=axis,
     )
 
 
@@ -305,6 +284,7 @@ def _stub(p: np.ndarray, axis: np.ndarray, deck_m: float) -> LeverCandidate | No
         above_deck_m=float(p[:, 2].min()) - deck_m,
         radial=1.0,
         rooted=False,
+        p_body=axis,
     )
 
 

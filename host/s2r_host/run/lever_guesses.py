@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from s2r_host.errors import SceneError
 from s2r_host.motion.knobs import Knob, find_knobs
+from s2r_host.motion.lever_axes import UP, LeverAxis, aside_m, level_axis, upright_axis, with_room_first
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
 from s2r_host.motion.levers import LeverCandidate, find_levers, pieces
 from s2r_host.motion.push_proposals import PushProposal
@@ -23,14 +24,11 @@ from s2r_host.perception.affordance import Affordance
 from s2r_host.perception.network_pushes import NetworkPushSettings, proposals_of
 
 # Logits fitted on drawn faucets that nothing is reported of: `python tests/bench/bench_lever_guesses.py --fit`.
-IS_LEVER = (
-    -1.74,
-    -0.28,
-    2.55,
-    -1.25,
-    -3.43,
-)  # 1, doubt, the network's belief, doubt over the best other's, alone
-SWINGS = (-2.75, 7.73, 0.38, -4.43)  # 1, steepness, the network's line, radial
+IS_LEVER = (-0.61, -0.11, 1.24, -0.66, 3.04, -4.13, -3.59, -0.72, -0.74, 1.17)  # of `lever_features`
+SWINGS = (-3.05, 5.48, 1.16, -3.62, -1.14, 2.68)  # of `swing_features`
+# Ends of two pieces this near are one place; so much lower, and at an angle of that cosine, the spout goes on there.
+MEET_M, LOWER_M, BENT = 0.03, 0.01, 0.95
+BESIDE_M = 0.025  # by which a line passes the body's axis if the lever is at the side of the body
 # A piece that only the network sees; such pieces were on the part in a quarter of the views.
 SEEN_BY_NETWORK = 0.25
 BELIEVED = 0.4  # belief that a point belongs to the part, from which on it is taken for a piece of it
@@ -138,17 +136,45 @@ def lever_guesses(
     ]
 
 
-def lever_features(levers: Sequence[LeverCandidate], k: int, belief: float) -> tuple[float, ...]:
-    """What tells whether the k-th of some straight pieces is the lever; ``belief`` is the network's in it."""
+def lever_features(levers: Sequence[LeverCandidate], k: int, beliefs: Sequence[float]) -> tuple[float, ...]:
+    """What tells whether the k-th of some straight pieces is the lever; ``beliefs``: the network's in each.
+
+    One; its doubt; the belief; either over that of the best other piece; whether there is no other; whether another
+    one leads down from where it ends, as a spout's does; whether it begins where another ends; whether it hangs on
+    the body while another has a foot of its own, as the spout between two handles does; the sine of its rise.
+    """
     lever, others = levers[k], [*levers[:k], *levers[k + 1 :]]
     over = lever.doubt - min((other.doubt for other in others), default=lever.doubt)
-    return 1.0, lever.doubt, belief, over, float(not others)
+    belief = beliefs[k]
+    more = belief - max((*beliefs[:k], *beliefs[k + 1 :]), default=belief)
+    leads_down = any(_bends_down(lever, other) for other in others)
+    follows = any(_meet(lever.p_root, other.p_tip) for other in others)
+    hangs = not lever.rooted and any(other.rooted for other in others)
+    flags = (float(flag) for flag in (not others, leads_down, follows, hangs))
+    return 1.0, lever.doubt, belief, over, more, *flags, float(lever.direction[2])
+
+
+def _bends_down(lever: LeverCandidate, other: LeverCandidate) -> bool:
+    """Whether another piece goes on from the tip of one, downwards and at an angle."""
+    meets = _meet(lever.p_tip, other.p_root) or _meet(lever.p_tip, other.p_tip)
+    lower = bool(other.p[:, 2].mean() < lever.p_tip[2] - LOWER_M)
+    return meets and lower and abs(float(lever.direction @ other.direction)) < BENT
+
+
+def _meet(p: np.ndarray, q: np.ndarray) -> bool:
+    return bool(np.linalg.norm(p - q) < MEET_M)
 
 
 def swing_features(lever: LeverCandidate, believed: np.ndarray) -> tuple[float, ...]:
-    """What tells whether a lever swings beside the body; ``believed``: the network's line of motion, (3,)."""
-    margin = abs(float(believed @ lever.upright_line)) - abs(float(believed @ lever.level_line))
-    return 1.0, abs(float(lever.direction[2])), margin, lever.radial
+    """What tells whether a lever swings beside the body; ``believed``: the network's line of motion, (3,).
+
+    One; its steepness; how much more the network's line is that of a swing; how straight it leads away from the body;
+    whether it has a foot of its own; whether its line passes beside the body's axis.
+    """
+    about_level, about_upright = level_axis(lever).way(lever.p_tip), upright_axis(lever).way(lever.p_tip)
+    margin = abs(float(believed @ about_level)) - abs(float(believed @ about_upright))
+    beside = not lever.rooted and aside_m(lever) > BESIDE_M
+    return 1.0, abs(float(lever.direction[2])), margin, lever.radial, float(lever.rooted), float(beside)
 
 
 def belief_about(found: Affordance, p: np.ndarray) -> tuple[float, np.ndarray]:
@@ -163,22 +189,26 @@ def _about_lever(
 ) -> Iterator[Guess]:
     """A straight piece may turn about an upright axis, or swing beside the body; about either end."""
     lever = levers[k]
-    belief, believed = belief_about(found, lever.p)
-    odds = float(np.exp(np.dot(IS_LEVER, lever_features(levers, k, belief))))
+    beliefs = [belief_about(found, other.p)[0] for other in levers]
+    believed = belief_about(found, lever.p)[1]
+    odds = float(np.exp(np.dot(IS_LEVER, lever_features(levers, k, beliefs))))
     swings = float(1.0 / (1.0 + np.exp(-np.dot(SWINGS, swing_features(lever, believed)))))
     wrong = wrong_end(lever)
     for one, share in ((lever, 1.0 - wrong), (lever.turned_round(), wrong)):
-        for line, chance in ((one.level_line, 1.0 - swings), (one.upright_line, swings)):
-            pushes = lever_proposals(one, line, settings)
-            yield Guess(lever.p, line, odds * share * chance, pushes, one.p_tip, one.p_root)
+        for axis, chance in ((upright_axis(one), 1.0 - swings), (level_axis(one), swings)):
+            pushes = lever_proposals(one, with_room_first(axis, one), settings)
+            weight = odds * share * chance
+            yield Guess(lever.p, axis.way(one.p_tip), weight, pushes, one.p_tip, one.p_root)
 
 
 def _about_knob(knob: Knob, found: Affordance, settings: LeverPushSettings) -> Guess:
     """A knob is turned by any of its spokes, first by the ones that stand out most; its axis is known."""
     belief, _ = belief_about(found, knob.p)
-    exact = replace(settings, root_m=0.0, depth_m=(KNOB_DEPTH_M, settings.depth_m[1]))
-    pushes = chain.from_iterable(lever_proposals(spoke, spoke.level_line, exact) for spoke in knob.spokes)
-    return Guess(knob.p, knob.spokes[0].level_line, KNOB * belief, pushes, turns=True)
+    exact = replace(settings, depth_m=(KNOB_DEPTH_M, settings.depth_m[1]))
+    spokes = [(spoke, LeverAxis(spoke.p_root, UP)) for spoke in knob.spokes]
+    pushes = chain.from_iterable(lever_proposals(spoke, axis, exact) for spoke, axis in spokes)
+    first, axis = spokes[0]
+    return Guess(knob.p, axis.way(first.p_tip), KNOB * belief, pushes, turns=True)
 
 
 def wrong_end(lever: LeverCandidate) -> float:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from s2r_host.motion.knobs import find_knobs
+from s2r_host.motion.lever_axes import upright_axis
 from s2r_host.motion.lever_proposals import lever_proposals
 from s2r_host.motion.levers import THIN_DECK_M, deck_height
 from s2r_host.motion.scene import Scene, observed_scene
@@ -46,7 +47,7 @@ def test_a_knob_is_found_with_its_axis_and_its_spokes(spokes: int) -> None:
 
 def test_a_spoke_is_pushed_square_to_itself() -> None:
     spoke = find_knobs(scene_of(4))[0].spokes[0]
-    pushes = list(lever_proposals(spoke, spoke.level_line))
+    pushes = list(lever_proposals(spoke, upright_axis(spoke)))
     assert {bool(push.direction @ pushes[0].direction > 0.0) for push in pushes} == {True, False}
     assert all(abs(push.direction @ spoke.direction) < 1e-6 for push in pushes)
 

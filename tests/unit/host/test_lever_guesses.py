@@ -6,11 +6,20 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from s2r_host.motion.levers import LeverCandidate
 from s2r_host.motion.scene import Scene, observed_scene
 from s2r_host.perception.affordance import Affordance, PushProposal
 from s2r_host.perception.object_cloud import ObjectCloud
 from s2r_host.perception.synthetic import faucet_view
-from s2r_host.run.lever_guesses import GuessSettings, Tried, lever_guesses
+from s2r_host.run.lever_guesses import (
+    IS_LEVER,
+    SWINGS,
+    GuessSettings,
+    Tried,
+    lever_features,
+    lever_guesses,
+    swing_features,
+)
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -30,6 +39,16 @@ def undecided(scene, part=0.5, proposals=()):
     belief = np.full(len(p), part)
     line = np.tile(np.full(3, 3**-0.5), (len(p), 1))
     return Affordance(cloud, belief, belief, line, tuple(proposals))
+
+
+def piece(root, tip, rooted=False):
+    """A straight piece of a faucet whose body stands at (0.6, 0)."""
+    root, tip, body = np.array(root), np.array(tip), np.array([0.6, 0.0])
+    p = root + np.linspace(0.0, 1.0, 50)[:, None] * (tip - root)
+    level, out = (tip - root)[:2], root[:2] - body
+    radial = abs(float(level @ out)) / max(1e-9, float(np.linalg.norm(level) * np.linalg.norm(out)))
+    outward = np.append(tip[:2] - body, 0.0) / np.linalg.norm(tip[:2] - body)
+    return LeverCandidate(p, root, tip, 0.02, 0.02, 0.0, outward, 0.1, radial, rooted, body)
 
 
 def guesses(scene, tried=(), found=None):
@@ -85,12 +104,15 @@ def test_a_lever_whose_tip_held_out_may_turn_about_its_tip(view):
 
 def test_a_lever_that_held_out_both_ways_falls_behind_the_spout(view):
     scene, lever = view
+    found = undecided(scene)
+    near_lever = np.linalg.norm(found.cloud.points - np.mean(lever, axis=0), axis=1) < 0.07
+    found = replace(found, part=np.where(near_lever, 0.65, 0.42))
     tried = []
     for _ in range(2):
-        push = first_push(guesses(scene, tried))
+        push = first_push(guesses(scene, tried, found))
         assert about_lever(push, lever)
         tried.append(Tried(push.p_contact, push.direction, held_out=True, moved=False))
-    assert not about_lever(first_push(guesses(scene, tried)), lever)
+    assert not about_lever(first_push(guesses(scene, tried, found)), lever)
 
 
 def test_what_moved_a_little_is_pushed_again(view):
@@ -143,3 +165,29 @@ def test_where_nothing_looks_like_a_lever_the_network_is_asked():
     assert len(ranked) == 1
     assert first_push(ranked).direction @ direction > 0.99
     assert guesses(scene, found=undecided(scene)) == []
+
+
+def odds(levers, k):
+    """Logit of the k-th piece being the lever, all believed in alike."""
+    return float(np.dot(IS_LEVER, lever_features(levers, k, [0.6] * len(levers))))
+
+
+def test_a_piece_from_whose_end_another_leads_down_is_a_spout():
+    rising = piece((0.55, 0.0, 0.2), (0.45, 0.0, 0.25))
+    falling = piece((0.44, 0.0, 0.25), (0.4, 0.0, 0.15))
+    straight_on = piece((0.44, 0.0, 0.255), (0.36, 0.0, 0.295))
+    assert odds([rising, falling], 0) < odds([rising, straight_on], 0) - 2.0
+
+
+def test_what_hangs_on_the_body_between_two_handles_with_feet_of_their_own_is_a_spout():
+    between = piece((0.55, 0.0, 0.1), (0.45, 0.0, 0.12))
+    handle = piece((0.6, 0.15, 0.1), (0.5, 0.15, 0.12), rooted=True)
+    assert odds([between, handle], 0) < odds([between, replace(handle, rooted=False)], 0)
+
+
+def test_a_level_lever_beside_the_body_swings_and_one_that_leads_away_from_it_does_not():
+    no_line = np.full(3, 3**-0.5)
+    beside = piece((0.6, 0.05, 0.2), (0.5, 0.05, 0.21))
+    on_top = piece((0.56, 0.0, 0.2), (0.46, 0.0, 0.21))
+    assert np.dot(SWINGS, swing_features(beside, no_line)) > 0.0
+    assert np.dot(SWINGS, swing_features(on_top, no_line)) < -3.0

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from s2r_host.errors import SceneError
+from s2r_host.motion.lever_axes import level_axis, upright_axis
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
 from s2r_host.motion.levers import deck_height, find_levers
 from s2r_host.motion.scene import Scene, observed_scene
@@ -60,7 +61,7 @@ def test_a_lever_is_pushed_across_its_line_from_free_space():
     scene, out = faucet(np.pi / 2)
     lever = find_levers(scene)[0]
     settings = LeverPushSettings()
-    some = list(lever_proposals(lever, lever.level_line, settings))
+    some = list(lever_proposals(lever, upright_axis(lever), settings))
     assert {round(float(np.linalg.norm(p.direction)), 6) for p in some} == {1.0}
     assert all(abs(p.direction @ out) < 0.35 for p in some)
     assert {bool(p.direction @ some[0].direction > 0) for p in some} == {True, False}
@@ -77,15 +78,27 @@ def test_a_lever_is_pushed_across_its_line_from_free_space():
 def test_a_lever_that_swings_upright_is_pushed_square_to_its_line_in_that_plane():
     scene, out = faucet(np.pi / 2)
     lever = find_levers(scene)[0]
-    assert abs(lever.upright_line @ lever.direction) < 1e-9
-    assert abs(lever.upright_line @ np.cross([0.0, 0.0, 1.0], out)) < 0.2
-    some = list(lever_proposals(lever, lever.upright_line))
-    assert all(abs(p.direction @ lever.upright_line) == pytest.approx(1.0) for p in some)
+    line = level_axis(lever).way(lever.p_tip)
+    assert abs(line @ lever.direction) < 1e-9
+    assert abs(line @ np.cross([0.0, 0.0, 1.0], out)) < 0.2
+    some = list(lever_proposals(lever, level_axis(lever)))
+    assert all(abs(p.direction @ line) == pytest.approx(1.0) for p in some)
     assert {bool(p.direction[2] > 0.0) for p in some} == {True, False}
     for p in some:
         R = p.X_base_tool[:3, :3]
         assert np.allclose(R.T @ R, np.eye(3), atol=1e-9)
         assert R[2, 2] < 0.0
+
+
+@pytest.mark.parametrize("degrees", [60, 90, 120])
+def test_a_push_is_as_long_as_the_turn_about_the_axis_of_the_body_asks_for(degrees):
+    """What is seen of the lever begins 4 cm from its axis: pushes measured from there turned it half as far."""
+    scene, _ = faucet(np.radians(degrees))
+    lever, settings = find_levers(scene)[0], LeverPushSettings()
+    push = next(lever_proposals(lever, upright_axis(lever), settings))
+    way = float((push.p_end - push.p_contact) @ push.direction) - settings.give_m
+    radius = float(np.linalg.norm((push.p_contact - FOOT)[:2]))
+    assert way / radius == pytest.approx(settings.turn_rad, rel=0.15)
 
 
 def test_a_bare_post_has_no_lever():
