@@ -12,7 +12,6 @@ from s2r_host.planning.scene import GeomKind, Scene
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _STATE_SPEC, _CONTROL = _STATE, int(mujoco.mjtState.mjSTATE_CTRL)
-_STATE_FIELDS = ("time", "qpos", "qvel", "act", "qacc_warmstart", "mocap_pos", "mocap_quat")
 
 
 @dataclass(frozen=True)
@@ -69,11 +68,7 @@ class FineWorld:
         self.data.ctrl[: scene.dof] = q_initial
         self._tau_max = scene.arm.limits.tau_max
         self._kinds = scene.geom_kind
-        self._unused_controls = scene.fine.nu - scene.dof
         self._batch = mujoco.batch.Batch(scene.fine, nsim=1, nthread=1)
-        self._rows = {
-            name: self._batch.bind(name) for name in _STATE_FIELDS if np.size(getattr(self.data, name))
-        }
         mujoco.mj_forward(scene.fine, self.data)
 
     @property
@@ -112,45 +107,33 @@ class FineWorld:
 
         Contacts are those of the states before each substep; the last state's are seen by the next call.
         """
-        control = np.asarray(control, dtype=float)
-        record = self._stepped(control)
-        states, sensors = record[_STATE_SPEC][0], record["sensordata"][0]
+        return self._follow(_stepped(self._batch, [self], control), 0, len(control))
+
+    def _follow(self, record: dict, sim: int, asked: int) -> Report:
+        """Go to where one simulation of a record ended; what happened on the way. ``asked`` substeps were wanted."""
+        states, sensors = record[_STATE_SPEC][sim], record["sensordata"][sim]
         dof = self.scene.dof
-        report, row = self._report(sensors, record["qfrc_actuator"][0, :, :dof])
-        felt = np.abs(record["qfrc_constraint"][0, :, :dof]) / self._tau_max
-        report = replace(report, contact_share=float(felt.max()) if report.touched else 0.0)
-        if record["ncon"].size and row is not None:
-            report = replace(report, contact=self._name_contact(states, row))
+        touches, bad = self._contacts_of(sensors)
+        share = np.abs(record["qfrc_actuator"][sim, :, :dof]) / self._tau_max
+        worst = np.unravel_index(int(share.argmax()), share.shape)
+        report = Report(None, bool(touches.any()), float(share[worst]), int(worst[1]))
+        if report.touched:
+            felt = np.abs(record["qfrc_constraint"][sim, touches, :dof]) / self._tau_max
+            press_N = self._press(sensors[touches, self.scene.fine_contacts + 1 :].reshape(len(felt), -1, 7))
+            report = replace(report, press_N=press_N, contact_share=float(felt.max()))
+        if record["ncon"].size and bad is not None:
+            report = replace(report, contact=self._name_contact(states, bad))
         self.restore(states[-1])
-        if not np.isfinite(states[-1]).all() or len(states) < len(control):
+        if not np.isfinite(states[-1]).all() or len(states) < asked:
             report = replace(report, contact=report.contact or "the fine model became unstable")
         return report
 
-    def _stepped(self, control: np.ndarray) -> dict:
-        """Run the batch from the present state, one step per row; what it recorded, (1, substeps, ...) each."""
-        for name, row in self._rows.items():
-            row[0] = getattr(self.data, name)
-        if self._unused_controls:
-            control = np.concatenate([control, np.zeros((len(control), self._unused_controls))], axis=1)
-        return self._batch.rollout(
-            len(control),
-            np.ascontiguousarray(control)[None],
-            _CONTROL,
-            (_STATE_SPEC, "sensordata", "qfrc_actuator", "qfrc_constraint", "ncon"),
-        )
-
-    def _report(self, sensors: np.ndarray, torque: np.ndarray) -> tuple[Report, int | None]:
-        """What the sensors (substeps, n) and torques (substeps, dof) say, and the row of the first bad contact."""
+    def _contacts_of(self, sensors: np.ndarray) -> tuple[np.ndarray, int | None]:
+        """Substeps at which the fingertip touches the part, bool (substeps,), and the first with any other contact."""
         at = self.scene.fine_contacts
-        robot, finger = sensors[:, at], sensors[:, at + 1 :].reshape(len(sensors), -1, 7)
-        touches = finger[..., 0].sum(axis=1)
-        bad = np.flatnonzero(robot > touches + 0.5)
-        share = np.abs(torque) / self._tau_max
-        worst = np.unravel_index(int(share.argmax()), share.shape)
-        touching = touches > 0.0
-        press_N = self._press(finger[touching]) if touching.any() else 0.0
-        report = Report(None, bool(touching.any()), float(share[worst]), int(worst[1]), press_N)
-        return report, int(bad[0]) if len(bad) else None
+        touches = sensors[:, at + 1 :: 7].sum(axis=1)
+        bad = np.flatnonzero(sensors[:, at] > touches + 0.5)
+        return touches > 0.0, int(bad[0]) if len(bad) else None
 
     def _press(self, finger: np.ndarray) -> float:
         """Largest force between fingertip and part across the part's motion [N], from sensors (n, fingers, 7)."""
@@ -195,3 +178,42 @@ class FineWorld:
         return (
             model.geom(geom).name or f"geom {geom} of {model.body(model.geom_bodyid[geom]).name or 'a body'}"
         )
+
+
+def play_side_by_side(
+    worlds: list[FineWorld], control: np.ndarray, every: int, threads: int
+) -> list[tuple[Report, np.ndarray]]:
+    """Step slightly different worlds with the same joint targets (substeps, dof) [rad], on several threads.
+
+    Returns, for each world, what happened, and time [s] and positions after every so many substeps, (m, 1 + nq).
+    """
+    batch = mujoco.batch.Batch(worlds[0].scene.fine, nsim=len(worlds), nthread=threads)
+    batch.set_models([world.scene.fine for world in worlds])
+    # Where the axis of the joint moves along with other things, its place is taken anew at each piece.
+    piece = len(control) if worlds[0].scene.axis_stays else every
+    reports, tracks = [Report()] * len(worlds), [[] for _ in worlds]
+    kept = 1 + worlds[0].scene.fine.nq
+    for start in range(0, len(control), piece):
+        some = control[start : start + piece]
+        record = _stepped(batch, worlds, some)
+        rows = np.minimum(np.arange(every - 1, len(some) + every - 1, every), len(some) - 1)
+        for sim, world in enumerate(worlds):
+            tracks[sim].append(record[_STATE_SPEC][sim, rows, :kept])
+            reports[sim] = reports[sim].merged(world._follow(record, sim, len(some)))
+    return [(report, np.concatenate(track)) for report, track in zip(reports, tracks, strict=True)]
+
+
+def _stepped(batch: mujoco.batch.Batch, worlds: list[FineWorld], control: np.ndarray) -> dict:
+    """Run a batch from the worlds' states, one step per row of control; what it recorded, (world, substeps, ...)."""
+    scene = worlds[0].scene
+    for sim, world in enumerate(worlds):
+        batch.state[sim] = world.save()
+    unused = scene.fine.nu - scene.dof
+    if unused:
+        control = np.concatenate([control, np.zeros((len(control), unused))], axis=1)
+    return batch.rollout(
+        len(control),
+        control,
+        _CONTROL,
+        (_STATE_SPEC, "sensordata", "qfrc_actuator", "qfrc_constraint", "ncon"),
+    )

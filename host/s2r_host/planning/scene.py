@@ -97,6 +97,11 @@ class Scene:
         """Number of the arm's joints."""
         return self.arm.dof
 
+    @property
+    def axis_stays(self) -> bool:
+        """Whether the joint's axis stands still in the world: nothing that carries the part can move."""
+        return bool(self.fine.body_weldid[self.fine.body_parentid[self.part_body]] == 0)
+
     def rollout_model(self, stage: Stage) -> mujoco.MjModel:
         """The coarse model at a stage's time step, with or without the arm's collisions with itself."""
         model = copy.copy(self.coarse)

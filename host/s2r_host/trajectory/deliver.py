@@ -23,7 +23,7 @@ from s2r_host.trajectory.perturb import farthest_m, perturbed
 from s2r_host.trajectory.shift import shift_with_part
 from s2r_host.trajectory.time_law import TimeLawSettings, time_law
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
-from s2r_host.trajectory.verify import Replay, replay
+from s2r_host.trajectory.verify import Replay, replay, replays
 
 logger = logging.getLogger(__name__)
 
@@ -234,8 +234,10 @@ def _fragility(
             f"fragile: contact takes {share:.0%} of a joint's torque limit, more than {margin:.0%}; "
             "the executor takes half of it for a collision"
         ), False
-    for perturbation in perturbations:
-        played = replay(delivery.trajectory, request, perturbation.applied(scene))
+    scenes = [perturbation.applied(scene) for perturbation in perturbations]
+    for perturbation, played in zip(
+        perturbations, replays(delivery.trajectory, request, scenes), strict=True
+    ):
         if played.contact is not None:
             return f"fragile: with the {perturbation} it touches {played.contact}", True
         if played.press_N > _FRAGILE_PRESS * request.settings.press_max_N:

@@ -6,6 +6,9 @@ acceleration at both ends; the executor plays exactly these.
 
 from __future__ import annotations
 
+import functools
+from math import comb
+
 import numpy as np
 
 # Rows: coefficients of u^0..u^5, u in [0, 1]; columns: p0, v0 T, a0 T², p1, v1 T, a1 T².
@@ -58,6 +61,32 @@ def bounds(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     candidates += list(np.moveaxis(inside, -1, 0))
     values = np.stack([evaluate(c, u) for u in candidates])
     return values.min(axis=0), values.max(axis=0)
+
+
+def bounds_over(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Exact minimum and maximum of all segments together, polynomials (segments, dof, n) over u in [0, 1], two (dof,).
+
+    A polynomial stays between the smallest and largest of its Bernstein coefficients (Farouki and Rajan 1987): where
+    these do not leave what the segments' ends span already, nobody needs to know where it is level.
+    """
+    ends = np.stack([c[..., 0], c.sum(axis=-1)])
+    low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
+    hull = c @ _bernstein(c.shape[-1])
+    segment, joint = np.nonzero((hull.min(axis=-1) < low) | (hull.max(axis=-1) > high))
+    if len(segment):
+        lows, highs = bounds(c[segment, joint])
+        np.minimum.at(low, joint, lows)
+        np.maximum.at(high, joint, highs)
+    return low, high
+
+
+@functools.cache
+def _bernstein(count: int) -> np.ndarray:
+    """Takes power coefficients (..., count), constant first, to Bernstein coefficients as a right factor."""
+    degree = count - 1
+    return np.array(
+        [[comb(j, k) / comb(degree, k) if k <= j else 0.0 for j in range(count)] for k in range(count)]
+    )
 
 
 def _roots(c: np.ndarray) -> np.ndarray:

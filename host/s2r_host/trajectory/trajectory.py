@@ -60,14 +60,13 @@ class Trajectory:
 
     def peak(self, order: int) -> np.ndarray:
         """Largest magnitude per joint between the knots too, (dof,): order 1 velocity, 2 acceleration, 3 jerk."""
-        low, high = quintic.bounds(quintic.derivative(self.segments, order))
-        T = np.diff(self.t)[:, None]
-        return (np.maximum(np.abs(low), np.abs(high)) / T**order).max(axis=0)
+        T = np.diff(self.t)[:, None, None]
+        low, high = quintic.bounds_over(quintic.derivative(self.segments, order) / T**order)
+        return np.maximum(np.abs(low), np.abs(high))
 
     def range(self) -> tuple[np.ndarray, np.ndarray]:
         """Smallest and largest position per joint, between the knots too, two (dof,) [rad]."""
-        low, high = quintic.bounds(self.segments)
-        return low.min(axis=0), high.max(axis=0)
+        return quintic.bounds_over(self.segments)
 
 
 def check_positions(trajectory: Trajectory, arm: ArmDescription) -> None:

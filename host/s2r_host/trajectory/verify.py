@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_host.planning.execution import Report, play_side_by_side
 from s2r_host.planning.planner import scene_of, world_of
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
@@ -136,25 +137,35 @@ def replay(trajectory: Trajectory, request: PlanRequest, scene: Scene | None = N
         request: The task: arm, object, start, target, settings.
         scene: The request's scene if it has been built already.
     """
-    settings = request.settings
-    scene = scene or scene_of(request)
-    tolerance = settings.tolerance_m if scene.prismatic else settings.tolerance_rad
-    world = world_of(request, scene)
+    return replays(trajectory, request, [scene or scene_of(request)])[0]
+
+
+def replays(trajectory: Trajectory, request: PlanRequest, scenes: list[Scene]) -> list[Replay]:
+    """The same in several scenes that differ in numbers only, side by side on the request's threads."""
+    if not scenes:
+        return []
+    worlds = [world_of(request, scene) for scene in scenes]
+    before = [(world.check_now(), world.data.qpos.copy()) for world in worlds]
     _, control, chunk = servo_targets(trajectory, request)
-    report, s, q_meas, t = world.check_now(), [world.s], [world.q], [0.0]
-    for start in range(0, len(control), chunk):
-        report = report.merged(world.play(control[start : start + chunk]))
-        s.append(world.s)
-        q_meas.append(world.q)
-        t.append(float(world.data.time))
-    t_all, s_all = np.array(t), np.array(s)
-    hold = s_all[t_all > t_all[-1] - settings.hold_s]
+    played = play_side_by_side(worlds, control, chunk, request.settings.threads)
+    found = []
+    for scene, (begun, qpos), (report, track) in zip(scenes, before, played, strict=True):
+        rows = np.concatenate([[np.concatenate([[0.0], qpos])], track])
+        found.append(_replay(request, scene, begun.merged(report), rows[:, 0], rows[:, 1:]))
+    return found
+
+
+def _replay(request: PlanRequest, scene: Scene, report: Report, t: np.ndarray, qpos: np.ndarray) -> Replay:
+    """What became of the task: times (m,) [s] and positions (m, nq) to the end of the hold."""
+    tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
+    s = qpos[:, scene.s_qpos]
+    hold = s[t > t[-1] - request.settings.hold_s]
     return Replay(
-        t=t_all,
-        s=s_all,
-        q_meas=np.array(q_meas),
-        final=world.s,
-        error=request.s_target - world.s,
+        t=t,
+        s=s,
+        q_meas=qpos[:, : scene.dof],
+        final=float(s[-1]),
+        error=request.s_target - float(s[-1]),
         hold_range=(float(hold.min()), float(hold.max())),
         held=bool(np.abs(hold - request.s_target).max() < 2.0 * tolerance),
         contact=report.contact,

@@ -13,6 +13,7 @@ from s2r_host.planning.rollouts import ramp
 from s2r_host.planning.sample_objects import DrawerShape, drawer_mjcf
 from s2r_host.planning.scene import build_scene
 from s2r_host.trajectory import deliver, plan_trajectory, replay
+from s2r_host.trajectory.verify import replays, servo_targets
 from s2r_protocol.arms import load_arm
 
 ARM = load_arm("xmate3pro")
@@ -53,7 +54,9 @@ def test_an_independent_replay_of_the_targets_finds_the_same_end_and_no_unexpect
     assert report.touched
 
 
-def test_what_was_executed_from_saved_states_is_what_a_replay_from_the_start_gives_bit_for_bit(request_, plan):
+def test_what_was_executed_from_saved_states_is_what_a_replay_from_the_start_gives_bit_for_bit(
+    request_, plan
+):
     scene = build_scene(ARM, request_.object_mjcf, "object_joint", request_.settings)
     world = FineWorld(scene, ARM.q_home, request_.s_initial)
     shares, touched = [], []
@@ -88,6 +91,29 @@ def test_trace_has_one_entry_per_executed_action(plan):
     assert len(plan.trace) == plan.control_steps
     assert plan.trace[-1].s == pytest.approx(plan.s_target, abs=0.02)
     assert plan.env_steps > 0
+
+
+def test_replays_side_by_side_are_those_of_one_world_after_the_other_step_by_step(request_, plan):
+    scene = build_scene(ARM, request_.object_mjcf, "object_joint", request_.settings)
+    trajectory = deliver(request_, plan, accept_fragile=True).trajectory
+    nearer, stiffer = (Belief((-0.003, 0.0, 0.0)), Belief(damping=1.5, joint_friction=1.5))
+    scenes = [scene, nearer.applied(scene), stiffer.applied(scene)]
+    _, control, chunk = servo_targets(trajectory, request_)
+    played = replays(trajectory, request_, scenes)
+    for one, differs in zip(played, scenes, strict=True):
+        world = FineWorld(differs, ARM.q_home, request_.s_initial)
+        report, s = world.check_now(), [world.s]
+        for start in range(0, len(control), chunk):
+            report = report.merged(world.play(control[start : start + chunk]))
+            s.append(world.s)
+        assert np.array_equal(one.s, s)
+        assert np.array_equal(one.q_meas[-1], world.q)
+        assert one.final == world.s
+        assert one.contact == report.contact
+        assert one.torque_share == report.torque_share
+        assert one.press_N == pytest.approx(report.press_N)
+        assert one.contact_share == pytest.approx(report.contact_share)
+    assert len({one.final for one in played}) == 3
 
 
 @pytest.mark.parametrize("seed", [1, 5])

@@ -37,6 +37,16 @@ def test_peaks_between_knots_are_exact(seed, order):
     assert peak == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_bounds_over_all_segments_are_the_bounds_of_the_widest(seed, order):
+    c = quintic.derivative(random_trajectory(seed).segments, order)
+    each_low, each_high = quintic.bounds(c)
+    low, high = quintic.bounds_over(c)
+    assert low == pytest.approx(each_low.min(axis=0), abs=1e-12)
+    assert high == pytest.approx(each_high.max(axis=0), abs=1e-12)
+
+
 def test_a_bulge_between_two_equal_knots_is_found():
     still = np.zeros((2, 1))
     speed = np.array([[1.0], [-1.0]])

@@ -24,7 +24,7 @@ from s2r_host.planning.task import PlanRequest, PlanResult
 from s2r_host.planning.tools import tool_named, write_arm_with_tool
 from s2r_host.trajectory.deliver import deliver
 from s2r_host.trajectory.trajectory import Trajectory
-from s2r_host.trajectory.verify import replay
+from s2r_host.trajectory.verify import replays
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import S2RError
 
@@ -188,4 +188,5 @@ def _replays(trajectory: Trajectory, request: PlanRequest, scene: Scene, count: 
     rng = np.random.default_rng([request.seed, 77])
     way = abs(request.s_target - request.s_initial)
     beliefs = [draw_belief(request.settings.doubt, rng) for _ in range(count)]
-    return [replay(trajectory, request, belief.applied(scene)).error / way for belief in beliefs]
+    played = replays(trajectory, request, [belief.applied(scene) for belief in beliefs])
+    return [one.error / way for one in played]
