@@ -8,6 +8,7 @@ import numpy as np
 
 from s2r_host.gap.base_terms import PREFIX
 from s2r_host.gap.complete import complete
+from s2r_host.gap.everywhere import late_everywhere
 from s2r_host.gap.friction_seen import nominal_friction_of
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.scan import NO_LOSS, Scan
@@ -43,6 +44,10 @@ class Search(Scan):
     def run(self, max_effects: int = MAX_EFFECTS, look: bool = False) -> Solution:
         """Greedy selection, then replacement of each term while that helps; ``look``: once even at the floor."""
         chosen, slots = complete(self)
+        late, late_slots = late_everywhere(self, chosen)
+        if late:
+            self.log(f"  + {late[0].effect} on {len(late)} joints")
+        chosen, slots = [*chosen, *late], [*slots, *late_slots]
         self.completed = len(chosen)
         scans: list[Scored] = []
         while len(chosen) < self.completed + max_effects:
