@@ -180,27 +180,50 @@ class FineWorld:
         )
 
 
-def play_side_by_side(
-    worlds: list[FineWorld], control: np.ndarray, every: int, threads: int
-) -> list[tuple[Report, np.ndarray]]:
-    """Step slightly different worlds with the same joint targets (substeps, dof) [rad], on several threads.
+@dataclass(frozen=True, eq=False)
+class Played:
+    """What one of several worlds did, noted every so many substeps.
 
-    Returns, for each world, what happened, and time [s] and positions after every so many substeps, (m, 1 + nq).
+    Attributes:
+        report: What happened on the way.
+        t: Times [s], (m,).
+        qpos, qvel: Positions and velocities then, (m, nq), (m, nv).
+        tau: Torques of the arm's actuators in the substeps before, gravity compensation included [N·m], (m, dof).
+        touch: The fingertip touched the part at the beginning of these, bool (m,).
     """
-    batch = mujoco.batch.Batch(worlds[0].scene.fine, nsim=len(worlds), nthread=threads)
+
+    report: Report
+    t: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    tau: np.ndarray
+    touch: np.ndarray
+
+
+def play_side_by_side(worlds: list[FineWorld], control: np.ndarray, every: int, threads: int) -> list[Played]:
+    """Step slightly different worlds with the same joint targets (substeps, dof) [rad], on several threads."""
+    scene = worlds[0].scene
+    batch = mujoco.batch.Batch(scene.fine, nsim=len(worlds), nthread=threads)
     batch.set_models([world.scene.fine for world in worlds])
     # Where the axis of the joint moves along with other things, its place is taken anew at each piece.
-    piece = len(control) if worlds[0].scene.axis_stays else every
-    reports, tracks = [Report()] * len(worlds), [[] for _ in worlds]
-    kept = 1 + worlds[0].scene.fine.nq
+    piece = len(control) if scene.axis_stays else every
+    nq, nv = scene.fine.nq, scene.fine.nv
+    reports, notes = [Report()] * len(worlds), [[] for _ in worlds]
     for start in range(0, len(control), piece):
         some = control[start : start + piece]
         record = _stepped(batch, worlds, some)
         rows = np.minimum(np.arange(every - 1, len(some) + every - 1, every), len(some) - 1)
         for sim, world in enumerate(worlds):
-            tracks[sim].append(record[_STATE_SPEC][sim, rows, :kept])
             reports[sim] = reports[sim].merged(world._follow(record, sim, len(some)))
-    return [(report, np.concatenate(track)) for report, track in zip(reports, tracks, strict=True)]
+            state, tau = record[_STATE_SPEC][sim, rows], record["qfrc_actuator"][sim, rows, : scene.dof]
+            touch, _ = world._contacts_of(record["sensordata"][sim])
+            notes[sim].append(
+                (state[:, 0], state[:, 1 : 1 + nq], state[:, 1 + nq :][:, :nv], tau, touch[rows])
+            )
+    return [
+        Played(report, *(np.concatenate(column) for column in zip(*noted, strict=True)))
+        for report, noted in zip(reports, notes, strict=True)
+    ]
 
 
 def _stepped(batch: mujoco.batch.Batch, worlds: list[FineWorld], control: np.ndarray) -> dict:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,24 +97,19 @@ class Trace:
 def trace_of(trajectory: Trajectory, request: PlanRequest, scene: Scene) -> Trace:
     """Play a trajectory as :func:`replay` does and note every substep."""
     world, dof = world_of(request, scene), scene.dof
-    q, control, _ = servo_targets(trajectory, request)
-    rows = []
-    for k in range(len(control) + 1):
-        if k:
-            report = world.play(control[k - 1 : k])
-        else:
-            report = world.check_now()
-        data = world.data
-        speed = float(data.qvel[scene.s_dof])
-        q_ref = q[k - 1] if k else world.q
-        rows.append(
-            np.concatenate(
-                [[data.time, world.s, speed, report.touched], q_ref, world.q, data.qfrc_actuator[:dof]]
-            )
-        )
-    table = np.array(rows)
-    joints = [table[:, 4 + k * dof : 4 + (k + 1) * dof] for k in range(3)]
-    return Trace(table[:, 0], table[:, 1], table[:, 2], table[:, 3] > 0.5, *joints)
+    q_ref, control, _ = servo_targets(trajectory, request)
+    begun, at_first = world.check_now(), copy.copy(world.data)
+    played = play_side_by_side([world], control, 1, request.settings.threads)[0]
+    qpos, qvel = np.vstack([at_first.qpos, played.qpos]), np.vstack([at_first.qvel, played.qvel])
+    return Trace(
+        t=np.append(at_first.time, played.t),
+        s=qpos[:, scene.s_qpos],
+        ds=qvel[:, scene.s_dof],
+        touch=np.append(begun.touched, played.touch),
+        q_ref=np.vstack([at_first.qpos[:dof], q_ref]),
+        q_meas=qpos[:, :dof],
+        tau=np.vstack([at_first.qfrc_actuator[:dof], played.tau]),
+    )
 
 
 def servo_targets(trajectory: Trajectory, request: PlanRequest) -> tuple[np.ndarray, np.ndarray, int]:
@@ -149,9 +145,9 @@ def replays(trajectory: Trajectory, request: PlanRequest, scenes: list[Scene]) -
     _, control, chunk = servo_targets(trajectory, request)
     played = play_side_by_side(worlds, control, chunk, request.settings.threads)
     found = []
-    for scene, (begun, qpos), (report, track) in zip(scenes, before, played, strict=True):
-        rows = np.concatenate([[np.concatenate([[0.0], qpos])], track])
-        found.append(_replay(request, scene, begun.merged(report), rows[:, 0], rows[:, 1:]))
+    for scene, (begun, qpos), one in zip(scenes, before, played, strict=True):
+        report, t = begun.merged(one.report), np.append(0.0, one.t)
+        found.append(_replay(request, scene, report, t, np.vstack([qpos, one.qpos])))
     return found
 
 

@@ -13,7 +13,7 @@ from s2r_host.planning.rollouts import ramp
 from s2r_host.planning.sample_objects import DrawerShape, drawer_mjcf
 from s2r_host.planning.scene import build_scene
 from s2r_host.trajectory import deliver, plan_trajectory, replay
-from s2r_host.trajectory.verify import replays, servo_targets
+from s2r_host.trajectory.verify import replays, servo_targets, trace_of
 from s2r_protocol.arms import load_arm
 
 ARM = load_arm("xmate3pro")
@@ -114,6 +114,21 @@ def test_replays_side_by_side_are_those_of_one_world_after_the_other_step_by_ste
         assert one.press_N == pytest.approx(report.press_N)
         assert one.contact_share == pytest.approx(report.contact_share)
     assert len({one.final for one in played}) == 3
+
+
+def test_the_trace_notes_every_substep_with_the_torques_that_moved_the_arm(request_, plan):
+    scene = build_scene(ARM, request_.object_mjcf, "object_joint", request_.settings)
+    delivery = deliver(request_, plan, accept_fragile=True)
+    trace = trace_of(delivery.trajectory, request_, scene)
+    played = delivery.replay
+    assert np.diff(trace.t) == pytest.approx(0.002)
+    assert trace.s[-1] == played.final
+    assert trace.s[25::25] == pytest.approx(played.s[1 : 1 + len(trace.s[25::25])], abs=0.0)
+    assert np.abs(trace.tau / ARM.limits.tau_max).max() == pytest.approx(played.torque_share)
+    assert (np.ptp(trace.tau, axis=0) > 0.1).all()  # they are not those of the start
+    assert trace.touch.any()
+    assert not trace.touch[0]
+    assert np.gradient(trace.s, trace.t)[1:-1] == pytest.approx(trace.ds[1:-1], abs=0.01)
 
 
 @pytest.mark.parametrize("seed", [1, 5])
