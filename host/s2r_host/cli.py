@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from s2r_protocol.cli.options import tls_option
+from s2r_protocol.cli.options import SEED, tls_option
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
@@ -52,9 +52,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
 @tls_option
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of all chance on the host."
-)
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of all chance on the host.")
 @click.option(
     "--attempts",
     type=click.IntRange(min=1),
@@ -124,10 +122,14 @@ def run(
     emergency stop.
     """
     from s2r_host.run.task import TASKS, parse_target
+    from s2r_protocol.arms import load_arm
+    from s2r_protocol.keys import ArmKeys
 
     task = TASKS[object_kind]
     first = None if target == "ask" else parse_target(target, task)
     then = tuple(parse_target(one, task, "--then") for one in further)
+
+    ArmKeys(cell, load_arm(arm).name)
 
     # A slip of the hand above is told at once; what follows takes seconds to load.
     from s2r_host.report.page import write_report
@@ -159,6 +161,7 @@ def run(
         acknowledge_contact=acknowledge_contact,
         dry_run=dry_run,
     )
+    folder.mkdir(parents=True, exist_ok=True)  # before anything moves: a run that cannot be kept is none
     journal = Journal()
     record = run_task(settings, journal, tuple(sys.argv[1:]))
     report = write_report(record, folder / "report.html")

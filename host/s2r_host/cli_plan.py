@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 
 from s2r_host.plan_process import PlanOrder, plan_in_process
+from s2r_protocol.cli.options import SEED
 from s2r_protocol.exits import S2RError, UsageError
 
 
@@ -30,7 +31,7 @@ from s2r_protocol.exits import S2RError, UsageError
 @click.option(
     "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the results."
 )
-@click.option("--seed", default=0, show_default=True, help="Of all chance; same seed, same plan.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of all chance; same seed, same plan.")
 @click.option(
     "--time-limit",
     "time_limit_s",

@@ -70,7 +70,9 @@ DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--cell", default="lab", show_default=True)
 @tls_option
-@click.option("--json", "as_json", is_flag=True, help="Print the comparison on standard output.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print the comparison, or the plans, on standard output."
+)
 def replay(
     source: Path,
     number: int | None,
@@ -112,6 +114,13 @@ def replay(
 
     description = load_arm(arm)
     plans = read_source(source, description)
+    if only_list and as_json:
+        listed = [
+            {"plan": plan.number, "label": plan.label, "duration_s": plan.trajectory.duration_s}
+            for plan in plans
+        ]
+        click.echo(json.dumps(listed, indent=1))
+        return int(ExitCode.OK)
     if only_list:
         for plan in plans:
             click.echo(f"{plan.number:3d}  {plan.trajectory.duration_s:6.2f} s  {plan.label}")
@@ -132,6 +141,12 @@ def replay(
         from s2r_protocol.cli.peers import stand_in_cell
 
         drawn = world or _own_world(source)
+        if drawn is None:
+            click.echo(
+                f"s2r replay: no world file beside {source}: the stand-in shows the drawer of seed 1. If the plan was "
+                "made for another, draw that with 's2r world draw --seed N --out FILE' and give --world FILE",
+                err=True,
+            )
         where = ("--world", drawn) if drawn else ("--seed", "1")
         cell_options = ("--cell", cell, "--arm", arm)
         with (

@@ -12,11 +12,13 @@ from s2r_host.errors import CommandRefusedError, PeerUnreachableError
 from s2r_host.link_session import ask, open_session
 from s2r_protocol import codec
 from s2r_protocol.cli.options import tls_option
+from s2r_protocol.exits import UsageError
 from s2r_protocol.faults import Cause, ExecutorState
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
+_LONGEST_WAIT_S = 3600.0
 
 
 def send_stop(
@@ -37,7 +39,7 @@ def send_stop(
             if time.monotonic() > deadline:
                 raise PeerUnreachableError(
                     f"no executor answered at {endpoint} within {timeout_s:g} s: nothing was stopped. "
-                    "Use the emergency stop if the arm moves; otherwise correct --executor"
+                    "Use the emergency stop if the arm moves; otherwise correct --executor, --cell or --arm"
                 )
             time.sleep(0.02)
         hello = codec.open_body(codec.open_envelope(replies[0]), pb.HelloReply)
@@ -70,6 +72,10 @@ def send_stop(
 @click.option("--timeout", "timeout_s", default=3.0, show_default=True, help="Seconds to wait for an answer.")
 def stop(endpoint: str, cell: str, arm: str, tls: Path | None, timeout_s: float) -> None:
     """Stop the arm on its path and hold. Needs no lease. This is software, not an emergency stop."""
+    if not 0.0 <= timeout_s <= _LONGEST_WAIT_S:  # says no to NaN as well
+        raise UsageError(
+            f"--timeout {timeout_s:g} s is outside 0..{_LONGEST_WAIT_S:g} s; nothing was stopped"
+        )
     verdict, before = send_stop(endpoint, ArmKeys(cell, arm), timeout_s, tls)
     state = ExecutorState(before.state).name
     cause = Cause(before.cause).name

@@ -111,6 +111,7 @@ class ExecutorLink:
         self._seq = 0
         self._epoch = 0
         self._heart: Heart | None = None
+        self._met = False
         self._session: zenoh.Session = open_session(endpoint, self._keys, tls)
         try:
             self.identity, _ = self._greet(connect_timeout_s)
@@ -198,8 +199,10 @@ class ExecutorLink:
         self.take_lease()
         try:
             yield
-        finally:
-            self.return_lease()
+        except BaseException:
+            self._return_lease_if_possible()  # why the block ended is what the caller has to hear
+            raise
+        self.return_lease()
 
     # -- commands -------------------------------------------------------------------------------------
 
@@ -310,11 +313,15 @@ class ExecutorLink:
     def close(self) -> None:
         """Return the lease if held and close the session."""
         try:
+            self._return_lease_if_possible()
+        finally:
+            self._session.close()
+
+    def _return_lease_if_possible(self) -> None:
+        try:
             self.return_lease()
         except (PeerUnreachableError, CommandRefusedError) as error:
             logger.warning("lease was not returned: %s", error)
-        finally:
-            self._session.close()
 
     def __enter__(self) -> ExecutorLink:
         return self
@@ -374,9 +381,11 @@ class ExecutorLink:
             now = time.monotonic()
             busy = now - asked >= self._timeout_s and self._feed.heard_within(self._timeout_s)
             if not busy or now - began > _BUSY_LIMIT_S:
+                # Zenoh tells at once that nobody is there; a time would then say nothing.
+                waited = f" within {now - began:.0f} s" if now - asked >= self._timeout_s else ""
                 raise PeerUnreachableError(
-                    f"executor at {self._endpoint} did not answer on '{key}' within {now - began:.3g} s; "
-                    "it refused the message unread or is dead: look at its output"
+                    f"executor at {self._endpoint} did not answer on '{key}'{waited}; "
+                    "it has ended or refused the message unread: look at its output"
                 )
 
     def _command(self, key: str, body: Message, expected: type[R]) -> R:
@@ -403,11 +412,17 @@ class ExecutorLink:
             if replies:
                 break
             if time.monotonic() > deadline:
+                if self._met:
+                    raise PeerUnreachableError(
+                        f"executor at {self._endpoint} has not answered for {timeout_s:g} s, and did before: "
+                        "it has ended or hangs; look at its output, and at the arm"
+                    )
                 raise PeerUnreachableError(
                     f"no executor answered at {self._endpoint} within {timeout_s:g} s; "
                     "start it with 's2r executor' or correct --executor"
                 )
             time.sleep(0.1)
+        self._met = True
         body = codec.open_body(codec.open_envelope(replies[0]), pb.HelloReply)
         status = status_from_message(body.status)
         if not self._heart:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from s2r_protocol.cli.options import SEED
+
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 def conceal() -> None:
@@ -25,7 +27,7 @@ def _counts(_context: click.Context, _option: click.Parameter, text: str) -> dic
 
 @conceal.command()
 @click.option(
-    "--seed", type=int, default=None, help="Without it the seed is random and only in the key file."
+    "--seed", type=SEED, default=None, help="Without it the seed is random and only in the key file."
 )
 @click.option("--rig", default="one_joint", show_default=True, help="one_joint, two_link or seven_joint.")
 @click.option(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from s2r_protocol.cli.options import tls_option
+from s2r_protocol.cli.options import SEED, tls_option
 from s2r_protocol.exits import UsageError
 
 PACKINGS = ("fd", "classic")
@@ -18,7 +18,7 @@ SPLITS = ("train", "validation", "test")
 @click.option(
     "--world", "world_file", type=click.Path(path_type=Path), help="World file, from 's2r world draw'."
 )
-@click.option("--seed", type=int, help="Draw a world instead of reading one.")
+@click.option("--seed", type=SEED, help="Draw a world instead of reading one.")
 @click.option("--kind", default="drawer", show_default=True, help="Kind of object in a drawn world.")
 @click.option("--clock", type=click.Choice(CLOCKS), default="lockstep", show_default=True)
 @click.option(
@@ -96,7 +96,7 @@ def world() -> None:
 
 
 @world.command()
-@click.option("--seed", type=int, required=True)
+@click.option("--seed", type=SEED, required=True)
 @click.option("--kind", default="drawer", show_default=True)
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--out", type=click.Path(path_type=Path), required=True)
@@ -113,7 +113,7 @@ def draw(seed: int, kind: str, arm: str, out: Path) -> None:
 @world.command("object")
 @click.option("--kind", required=True)
 @click.option("--split", type=click.Choice(SPLITS), default="train", show_default=True)
-@click.option("--seed", type=int, required=True)
+@click.option("--seed", type=SEED, required=True)
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
 def write_object(kind: str, split: str, seed: int, out: Path) -> None:
     """Write one procedural object as MJCF with its parameters and true joint."""

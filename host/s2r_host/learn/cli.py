@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from s2r_protocol.cli.options import SEED
 from s2r_protocol.exits import UsageError
 
 
@@ -24,7 +25,7 @@ def train() -> None:
 )
 @click.option("--epochs", type=int, help="Passes over the data [default: 30].")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
-@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--seed", type=SEED, default=0, show_default=True)
 def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> None:
     """Where to push: actionability, proposals and likelihood of a useful push."""
     from rich.console import Console
@@ -68,7 +69,7 @@ def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int
 )
 @click.option("--epochs", type=int, help="Passes over the data [default: 24].")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
-@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--seed", type=SEED, default=0, show_default=True)
 def model(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> None:
     """What moved, about what and how far: votes of the points of two views."""
     from rich.console import Console

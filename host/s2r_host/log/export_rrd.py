@@ -8,6 +8,7 @@ import numpy as np
 
 from s2r_host.errors import MissingPartError
 from s2r_host.log.arm_of import arm_of
+from s2r_host.log.new_file import check_new_file
 from s2r_host.log.segments import notes
 from s2r_host.log.tables import EXECUTOR_STATE, IMAGE, LOG, Joints, Recording
 from s2r_host.report.arm_shapes import ArmShapes, quat_wxyz
@@ -26,7 +27,9 @@ def export_rrd(recording: Recording, path: Path, arm_name: str | None = None) ->
     Raises:
         MissingPartError: rerun-sdk is not installed.
         RecordingError: No joint states, or the arm is unknown.
+        UsageError: ``path`` is a folder or lies in none.
     """
+    check_new_file(path)
     try:
         import rerun as rr
     except ImportError as error:

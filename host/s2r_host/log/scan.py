@@ -24,6 +24,7 @@ from mcap.records import (
     Schema,
 )
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.writer import MCAP0_MAGIC
 
 from s2r_host.errors import RecordingError
 
@@ -85,10 +86,8 @@ class Scan:
                     yield from self._content(record)
             except (McapError, EOFError, ValueError, OverflowError, struct.error) as error:
                 if good == 0:
-                    raise RecordingError(
-                        f"{self.path} is no MCAP recording: {_beginning(self.path)}"
-                    ) from error
-                self.damage.reason = self.damage.reason or f"{type(error).__name__} at byte {good}"
+                    raise RecordingError(_nothing_readable(self.path, size)) from error
+                self.damage.reason = self.damage.reason or f"the record at byte {good} is cut off or damaged"
             if not ended:
                 self.damage.truncated = True
                 self.damage.unread_bytes = size - good
@@ -111,8 +110,12 @@ class Scan:
             yield record
 
 
-def _beginning(path: Path) -> str:
-    """What a file that is no recording begins with."""
+def _nothing_readable(path: Path, size: int) -> str:
+    """Why not even the first record of a file can be read."""
     with path.open("rb") as stream:
-        first = stream.read(8)
-    return f"it begins with {first!r}" if first else "it is empty"
+        first = stream.read(len(MCAP0_MAGIC))
+    if first == MCAP0_MAGIC:
+        return (
+            f"{path} holds nothing readable: it is cut off or damaged in its first record, after {size} bytes"
+        )
+    return f"{path} is no MCAP recording: {f'it begins with {first!r}' if first else 'it is empty'}"

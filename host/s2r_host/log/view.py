@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from s2r_host.errors import MissingPartError, RecordingError
 from s2r_host.log.arm_of import arm_of
+from s2r_host.log.new_file import check_new_file
 from s2r_host.log.segments import Segment, segments
 from s2r_host.log.tables import Joints, Recording
 from s2r_host.report.arm_shapes import ArmShapes
@@ -32,7 +33,9 @@ def write_html(recording: Recording, path: Path, arm_name: str | None = None) ->
     Raises:
         MissingPartError: viser is not installed.
         RecordingError: No joint states, or the arm is unknown.
+        UsageError: ``path`` is a folder or lies in none.
     """
+    check_new_file(path)
     joints = recording.joints()
     try:
         reference = recording.joints("joint_commands")

@@ -13,6 +13,7 @@ import click
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from s2r_protocol.cli.options import SEED
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError, UsageError
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ Step = Callable[[str], None]
     is_flag=True,
     help="Answer also where a turn is known to half of itself only, instead of a tenth.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the sampling.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the sampling.")
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON on standard output.")
 def build_model(
     before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,

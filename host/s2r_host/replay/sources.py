@@ -5,6 +5,7 @@ Whatever the file says goes through the same admission as any plan; here it is o
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,7 +52,7 @@ def read_source(path: Path, arm: ArmDescription) -> list[Replayable]:
     recording = read_recording(file)
     if recording.damage.any:
         raise RecordingError(
-            f"{file} is damaged ({recording.damage.reason}); mend it with 's2r log recover {file}'"
+            f"{file} is damaged ({recording.damage.reason}); mend it with: s2r log recover {shlex.quote(str(file))}"
         )
     topics = recording.of_type(TRAJECTORY)
     if topics:

@@ -66,7 +66,8 @@ class Journal:
             self.on_stage(name, "failed" if stage.failed else "ended", stage.note)
             mark = "[red]✗[/red]" if stage.failed else "[green]✓[/green]"
             self._console.print(
-                f"{mark} {stage.start_s:6.1f} s  {name:<28s} {stage.wall_s:6.2f} s  {escape(stage.note)}"
+                f"{mark} {stage.start_s:6.1f} s  {name:<28s} {stage.wall_s:6.2f} s  {escape(stage.note)}",
+                soft_wrap=True,
             )
 
     def warn(self, text: str) -> None:

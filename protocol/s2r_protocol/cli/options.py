@@ -11,3 +11,6 @@ tls_option = click.option(
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Folder with certificates, from 's2r doctor --make-certs'; without it only this machine is reached.",
 )
+
+SEED = click.IntRange(min=0)
+"""Type of every ``--seed``: numpy's generators take no negative number."""

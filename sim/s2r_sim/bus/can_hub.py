@@ -35,16 +35,23 @@ class CanHub:
         """Join ``can:IFACE``.
 
         Raises:
-            StandInError: There is no such interface, or it is down.
+            StandInError: There is no such interface, it is down, or the kernel knows no CAN.
         """
         self.path = address
-        self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        try:
+            self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        except OSError as error:
+            raise StandInError(
+                f"cannot join {address}: this kernel has no CAN ({error.strerror}); use unix:PATH"
+            ) from error
         try:
             self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
             self._socket.bind((address.partition(":")[2],))
         except OSError as error:
             self._socket.close()
-            raise StandInError(f"cannot join {address}: {error.strerror}") from error
+            raise StandInError(
+                f"cannot join {address}: {error.strerror}; bring the interface up, or correct --bus"
+            ) from error
         self._socket.setblocking(False)
         self._wake_receive, self._wake_send = socket.socketpair()
         self.others = Client(self._socket, 1)

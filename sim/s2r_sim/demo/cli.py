@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from s2r_protocol.cli.options import SEED
 from s2r_protocol.exits import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--seed", default=1, show_default=True, help="Which hidden object.")
+@click.option("--seed", type=SEED, default=1, show_default=True, help="Which hidden object.")
 @click.option(
     "--object",
     "kind",
@@ -38,7 +39,13 @@ if TYPE_CHECKING:
     "--then", "further", multiple=True, help="A further target once the one before is reached, see s2r run."
 )
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
-@click.option("--attempts", default=3, show_default=True, help="Planned manipulations at most, per target.")
+@click.option(
+    "--attempts",
+    type=click.IntRange(min=1),
+    default=3,
+    show_default=True,
+    help="Planned manipulations at most, per target.",
+)
 @click.option("--reactive", is_flag=True, help="The host watches the part while it moves it, see s2r run.")
 @click.option("--clock", type=click.Choice(["lockstep", "real"]), default="lockstep", show_default=True)
 @click.option(
@@ -121,8 +128,8 @@ def demo(
         _say("starting stand-in and executor")
         with peer("sim-arm", stand_in, folder), peer("executor", front_end, folder):
             ended = _run_host([*host, "--executor", executor, "--camera", camera, "--out", folder / "run"])
-    if ended == ExitCode.INTERRUPTED:
-        return ended
+    if ended == ExitCode.INTERRUPTED or not (folder / "run/run.json").exists():
+        return ended  # without a run there is nothing to judge, and the host has said why
     verdict = open_truth(seed, folder, published)
     picture = draw_truth(folder, verdict, goal)
     (folder / "demo.json").write_text(json.dumps(verdict.as_dict(), indent=1) + "\n")

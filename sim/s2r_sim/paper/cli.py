@@ -84,6 +84,7 @@ def paper(
     for name in names:
         if name not in KINDS:
             raise UsageError(f"unknown kind {name!r}; there are {', '.join(KINDS)}")
+    others = _others(compare)  # refused before the hours of work
     todo = [(name, number, attempts) for number in range(first, first + trials) for name in names]
     if page_only:
         rows = [row for row in results_in(out / "results.jsonl") if row["kind"] in names]
@@ -101,7 +102,7 @@ def paper(
     options += f" --run-options '{run_options}'" if run_options else ""
     options += f" --pace {pace:g}" if pace else ""
     command = f"s2r bench paper {options} --out DIR"
-    write_page(rows, page or out / "results.md", command, attempts, note, _others(compare))
+    write_page(rows, page or out / "results.md", command, attempts, note, others)
     merits = {key: [asdict(merit(rows, name, key)) for name in names] for key in ("delta", "delta_first")}
     if as_json:
         click.echo(json.dumps({"last": merits["delta"], "first": merits["delta_first"]}, indent=1))

@@ -244,6 +244,7 @@ def draw_distribution(rows: Sequence[Row], kinds: Sequence[str], path: Path) -> 
                  xticks=np.arange(0.0, 1.01, 0.2), xlim=(0.0, 1.1))  # fmt: skip
         axes.yaxis.get_major_locator().set_params(integer=True)
         axes.grid(axis="y", alpha=0.3)
-    all_axes[0][0].legend()
+    if all_axes[0][0].get_legend_handles_labels()[0]:  # none without a trial
+        all_axes[0][0].legend()
     figure.savefig(path, dpi=120)
     plt.close(figure)

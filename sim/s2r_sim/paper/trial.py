@@ -12,7 +12,7 @@ from typing import TextIO
 
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.peers import PeerFailedError, s2r_command, stand_in_cell
-from s2r_protocol.exits import ExitCode
+from s2r_protocol.exits import ExitCode, UsageError
 from s2r_sim.errors import TruthFileError
 from s2r_sim.paper.score import Row, score_trial, sense
 from s2r_sim.paper.trials import Trial, draw_trial
@@ -87,6 +87,9 @@ def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, arm
             change, code = _run_and_answer(command, log, trial, folder)
         if code == ExitCode.INTERRUPTED:
             raise KeyboardInterrupt
+        if code == ExitCode.USAGE and not (folder / "run/run.json").exists():
+            said = (folder / "host.log").read_text().strip().splitlines()[-1:]
+            raise UsageError(f"s2r run refused its options; correct --run-options: {' '.join(said)}")
         return score_trial(trial, folder, change)
     except subprocess.TimeoutExpired:
         return _no_result(trial.change, f"no end within {TIMEOUT_S:.0f} s", ExitCode.UNREACHABLE)

@@ -327,6 +327,18 @@ def test_an_executor_that_neither_answers_nor_publishes_is_gone(slow, executor, 
         link.arm_drives()
 
 
+def test_an_executor_that_dies_under_a_lease_is_named_and_not_the_lease_that_went_with_it(executor, link):
+    def lose_it() -> None:
+        with link.leased():
+            executor.session.close()
+            link.status()
+
+    with pytest.raises(PeerUnreachableError, match="has not answered for 1 s, and did before"):
+        lose_it()
+    with pytest.raises(PeerUnreachableError, match=r"did not answer on '.*/ctl'; it has ended"):
+        link.stop()
+
+
 def test_published_joints_reach_the_host(executor, link):
     body = {"header": {"stamp": {"sec": 3, "nanosec": 5}}, "position": np.arange(7.0), "velocity": np.ones(7)}
     executor.session.put(topic_key("/lab/xmate3pro/joint_states", JOINTS), pack(JOINTS, body))

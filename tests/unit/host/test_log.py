@@ -18,12 +18,15 @@ from s2r_host.errors import RecordingError
 from s2r_host.log.check import _rate_hz, check
 from s2r_host.log.diff import diff
 from s2r_host.log.export_lerobot import export_lerobot
+from s2r_host.log.export_rrd import export_rrd
 from s2r_host.log.export_tables import export_tables, parquet_joints
 from s2r_host.log.recover import recover
 from s2r_host.log.segments import segments
 from s2r_host.log.tables import read_recording
+from s2r_host.log.view import write_html
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.root import main
+from s2r_protocol.exits import UsageError
 from s2r_protocol.faults import ExecutorState
 
 ARM = load_arm("xmate3pro")
@@ -111,6 +114,21 @@ def test_a_cut_recording_is_refused_and_mended_up_to_the_cut(whole, tmp_path):
         original = read_recording(whole).joints()
         np.testing.assert_array_equal(rows.q, original.q[: len(rows.q)])
     assert len(rows.q) > 1000
+
+
+def test_a_recording_cut_off_in_its_first_record_is_called_cut_off(whole, tmp_path):
+    stump = tmp_path / "stump.mcap"
+    stump.write_bytes(whole.read_bytes()[:20])
+    with pytest.raises(RecordingError, match=r"holds nothing readable: it is cut off .* after 20 bytes"):
+        check(stump)
+
+
+@pytest.mark.parametrize("target", ["folder", "nowhere/page.html"])
+def test_a_result_that_cannot_be_written_is_refused_before_the_work(whole, tmp_path, target):
+    (tmp_path / "folder").mkdir()
+    for write in (write_html, export_rrd):
+        with pytest.raises(UsageError, match=r"is a folder; name a file|there is no folder .*nowhere"):
+            write(read_recording(whole), tmp_path / target)
 
 
 def test_a_damaged_chunk_costs_only_itself(whole, tmp_path):

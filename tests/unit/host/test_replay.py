@@ -1,5 +1,7 @@
 """Picking a recorded plan and comparing two executions of it."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from s2r_host.replay.replay import Replayed, compare, repeatability
 from s2r_host.replay.sources import Replayable, pick, read_source, trajectory_of_message
 from s2r_host.trajectory import Trajectory
 from s2r_protocol.arms import load_arm
+from s2r_protocol.cli.root import main
 
 ARM = load_arm("xmate3pro")
 NAMES = tuple(f"joint{i}" for i in range(1, 8))
@@ -58,6 +61,15 @@ def test_default_is_the_first_planned_manipulation(run):
 def test_unknown_number_lists_the_known_ones(run):
     with pytest.raises(RecordingError, match=r"no plan 9; it has 1 \(push 1\), 2 \(manipulation 1\), 3"):
         pick(read_source(run, ARM), 9, run)
+
+
+def test_the_list_of_plans_can_be_read_by_a_machine(run, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["replay", str(run), "--list", "--json"])
+    assert ended.value.code == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert [set(plan) for plan in listed] == [{"plan", "label", "duration_s"}] * len(listed)
+    assert listed
 
 
 def test_track_of_a_plan_leaves_out_the_others(run, trajectory):

@@ -2,11 +2,13 @@
 
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from s2r_protocol.exits import UsageError
 from s2r_sim.paper.ablations import ablations, interval, uncorrected
 from s2r_sim.paper.cli import paper
 from s2r_sim.paper.cli_ablations import ablations as ablation_command
@@ -170,6 +172,23 @@ def test_the_page_has_every_trial_the_failures_and_a_picture(tmp_path):
     assert "why / so" in text
     assert "paper (real arm)" in text
     assert (tmp_path / PICTURE).stat().st_size > 5000
+
+
+def test_a_page_without_a_trial_warns_of_nothing(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_page([], tmp_path / "results.md", "s2r bench paper", 3, "", {})
+
+
+def test_options_that_s2r_run_refuses_end_the_campaign_and_are_no_result(tmp_path):
+    results = tmp_path / "results.jsonl"
+    outcome = CliRunner().invoke(
+        paper, ["--kinds", "drawer", "--trials", "1", "--run-options", "--swiftly", "--out", str(tmp_path)]
+    )
+    assert isinstance(outcome.exception, UsageError)
+    assert "correct --run-options" in str(outcome.exception)
+    assert "--swiftly" in str(outcome.exception)
+    assert results.read_text() == ""
 
 
 @pytest.mark.parametrize(
