@@ -121,7 +121,7 @@ class PlaceSearch:
         self._next = 0  # row of the first that the hand has not been tried at
         self._alike = np.zeros(len(order), dtype=bool)  # to one that was given out
         self._tried: list[tuple[float, int]] = []  # heap of cost and row
-        self._row_of: dict[int, tuple[Places, int]] = {}
+        self._places_of: dict[int, tuple[Places, int]] = {}
 
     def take(self, count: int) -> Places:
         """The next ``count`` places, or as many as there are."""
@@ -130,7 +130,7 @@ class PlaceSearch:
             ahead = self._least[self._next] if self._next < len(self._least) else np.inf
             if self._tried and self._tried[0][0] <= ahead:
                 row = heapq.heappop(self._tried)[1]
-                places, index = self._row_of.pop(row)
+                places, index = self._places_of.pop(row)
                 if not self._alike[row]:
                     given.append(places.at(np.array([index])))
                     self._alike |= self._like(row)
@@ -155,7 +155,7 @@ class PlaceSearch:
         costs = self._least[rows] + tightness(places, self._room_m)
         for index, (row, cost) in enumerate(zip(rows.tolist(), costs.tolist(), strict=True)):
             heapq.heappush(self._tried, (cost, row))
-            self._row_of[row] = places, index
+            self._places_of[row] = places, index
 
     def _tried_at(self, rows: np.ndarray) -> tuple[np.ndarray, Places]:
         """Of candidates those where the hand is free, meets the part and can back out: rows (n,) and places."""
