@@ -26,8 +26,12 @@ class BaseTerm(Effect):
         self.members = members
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
-        """Required effort per unit of each member."""
-        return Columns.of_motion([m.column(s) for m in self.members])
+        """Required effort per unit of each member.
+
+        These pass both filters like anything else: at the upper end of a band that a line of the effort widened, what a
+        coarse encoder says of the acceleration is no measure of an inertia.
+        """
+        return Columns([m.column(s) for m in self.members])
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """Nominal values are rarely off by more than 5 %."""
@@ -61,7 +65,7 @@ class CentreDistance(BaseTerm):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Required effort per unit of size along the centre's direction."""
-        return Columns.of_motion(
+        return Columns(
             [np.sum([d * m.column(s) for d, m in zip(self.direction, self.members, strict=True)], axis=0)]
         )
 
