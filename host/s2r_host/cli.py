@@ -122,12 +122,13 @@ def run(
     emergency stop.
     """
     from s2r_host.run.task import TASKS, parse_target
-    from s2r_protocol.arms import load_arm
-    from s2r_protocol.keys import ArmKeys
 
     task = TASKS[object_kind]
     first = None if target == "ask" else parse_target(target, task)
     then = tuple(parse_target(one, task, "--then") for one in further)
+
+    from s2r_protocol.arms import load_arm
+    from s2r_protocol.keys import ArmKeys
 
     ArmKeys(cell, load_arm(arm).name)
 
