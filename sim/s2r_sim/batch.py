@@ -15,6 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from s2r_protocol.exits import UsageError
 from s2r_sim.errors import WorkerLostError
 from s2r_sim.ray_cluster import on_ray
 
@@ -24,7 +25,13 @@ MOST_DEATHS = 3  # of workers over one job; then it is the job that kills them
 
 
 def run_jobs(
-    work: Work, jobs: Iterable[Job], results: Path, workers: int, label: str, ray: str | None = None
+    work: Work,
+    jobs: Iterable[Job],
+    results: Path,
+    workers: int,
+    label: str,
+    ray: str | None = None,
+    conditions: dict[str, Any] | None = None,
 ) -> list[dict[str, Any]]:
     """Call ``work(*job)`` for every job that has no line in ``results`` yet; all lines, in the order of the jobs.
 
@@ -35,12 +42,16 @@ def run_jobs(
         workers: Processes; 1 runs here.
         label: For the progress bar.
         ray: Address of a Ray cluster to run on instead, "local" for one of ``workers`` processors on this machine.
+        conditions: What all jobs were done with and their names do not say, in JSON; kept beside the results.
 
     Raises:
+        UsageError: The results that are there were made with other conditions.
         WorkerLostError: A job's workers died again and again.
         NotReadyError: Ray is asked for and not installed.
     """
     todo = list(jobs)
+    if conditions is not None:
+        _keep_to(conditions, results)
     known = dict(_read(results))
     left = [job for job in todo if _key(job) not in known]
     results.parent.mkdir(parents=True, exist_ok=True)
@@ -94,6 +105,26 @@ def _on_workers(work: Work, jobs: list[Job], workers: int) -> Iterator[tuple[Job
                     f"worker processes died {count} times with job {job} among those they worked on; "
                     "is the machine out of memory? what is done is kept, the same command goes on from there"
                 ) from None
+
+
+def _keep_to(conditions: dict[str, Any], results: Path) -> None:
+    """Note the conditions beside the results, or refuse to mix results made with others.
+
+    Raises:
+        UsageError: Names the condition, both values and what to do.
+    """
+    path = results.with_suffix(".conditions.json")
+    if path.is_file():
+        before = json.loads(path.read_text())
+        for name, value in conditions.items():
+            if before.get(name) != value:
+                raise UsageError(
+                    f"{results} holds results with {name} {before.get(name)!r}, not {value!r}: give another --out, or "
+                    "the same options to go on"
+                )
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(conditions, indent=1) + "\n")
 
 
 def results_in(results: Path) -> list[dict[str, Any]]:

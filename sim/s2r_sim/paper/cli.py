@@ -96,6 +96,7 @@ def paper(
             jobs,
             "manipulations",
             ray,
+            {"--run-options": run_options, "--pace": pace, "--arm": arm},
         )
     options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
     options += f" --arm {arm}" if arm != "xmate3pro" else ""

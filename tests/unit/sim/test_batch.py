@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from s2r_protocol.exits import NotReadyError
+from s2r_protocol.exits import NotReadyError, UsageError
 from s2r_sim.batch import run_jobs
 from s2r_sim.errors import WorkerLostError
 
@@ -61,6 +61,15 @@ def test_what_is_in_the_file_is_not_done_again(tmp_path, work):
         file.write('{"job": ["cut sh')  # an interruption in the middle of a line
     assert squares(run_jobs(work.noted, jobs(tmp_path, 5), results, 1, "jobs")) == [0, 1, 4, 9, 16]
     assert (tmp_path / "calls").read_text().split() == ["0", "1", "2", "3", "4"]
+
+
+def test_results_made_with_other_options_are_not_mixed(tmp_path, work):
+    results, given = tmp_path / "results.jsonl", {"--pace": 0.0, "--arm": "xmate3pro"}
+    run_jobs(work.noted, jobs(tmp_path, 2), results, 1, "jobs", conditions=given)
+    run_jobs(work.noted, jobs(tmp_path, 3), results, 1, "jobs", conditions=given)
+    with pytest.raises(UsageError, match=r"--pace 0\.0, not 1\.0: give another --out"):
+        run_jobs(work.noted, jobs(tmp_path, 4), results, 1, "jobs", conditions={**given, "--pace": 1.0})
+    assert len(results.read_text().splitlines()) == 3
 
 
 def test_a_killed_worker_costs_time_only(tmp_path, work):
