@@ -59,7 +59,8 @@ def blame(state: Mapping[str, Any], timing: Mapping[str, Any], health: Health) -
     if state["missed"]:
         found.append((f"Drives or bus: {state['missed']} answers did not come in their tick.", ui.BAD))
     if state["crc_errors"]:
-        found.append((f"Bus wiring: {state['crc_errors']} frames with a wrong checksum.", ui.BAD))
+        spoilt = f"{state['crc_errors']} frames with a wrong checksum, length or counter"
+        found.append((f"Bus wiring, or another sender on it: {spoilt}.", ui.BAD))
     if state["tx_failed"]:
         found.append((f"Bus interface: {state['tx_failed']} setpoints were not accepted.", ui.BAD))
     if state["overruns"]:
@@ -94,7 +95,7 @@ def _facts(state: Mapping[str, Any], timing: Mapping[str, Any]) -> list[tuple[st
         ("overruns", str(state["overruns"])),
         ("missed", str(state["missed"])),
         ("sending failed", str(state["tx_failed"])),
-        ("wrong checksums", str(state["crc_errors"])),
+        ("spoilt frames", str(state["crc_errors"])),
     ]
 
 
