@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from s2r_protocol.cli.options import SEED, tls_option
+from s2r_protocol.cli.options import SEED, attempts_option, tls_option
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
@@ -53,13 +53,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
 @tls_option
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of all chance on the host.")
-@click.option(
-    "--attempts",
-    type=click.IntRange(min=1),
-    default=3,
-    show_default=True,
-    help="Planned manipulations at most, per target.",
-)
+@attempts_option
 @click.option(
     "--ensemble",
     type=click.IntRange(min=1),

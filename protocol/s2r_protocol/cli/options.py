@@ -12,5 +12,13 @@ tls_option = click.option(
     help="Folder with certificates, from 's2r doctor --make-certs'; without it only this machine is reached.",
 )
 
+attempts_option = click.option(
+    "--attempts",
+    type=click.IntRange(min=1),
+    default=3,
+    show_default=True,
+    help="Planned manipulations at most, per target.",
+)
+
 SEED = click.IntRange(min=0)
 """Type of every ``--seed``: numpy's generators take no negative number."""

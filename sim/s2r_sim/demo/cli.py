@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from s2r_protocol.cli.options import SEED
+from s2r_protocol.cli.options import SEED, attempts_option
 from s2r_protocol.exits import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -39,13 +39,7 @@ if TYPE_CHECKING:
     "--then", "further", multiple=True, help="A further target once the one before is reached, see s2r run."
 )
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
-@click.option(
-    "--attempts",
-    type=click.IntRange(min=1),
-    default=3,
-    show_default=True,
-    help="Planned manipulations at most, per target.",
-)
+@attempts_option
 @click.option("--reactive", is_flag=True, help="The host watches the part while it moves it, see s2r run.")
 @click.option("--clock", type=click.Choice(["lockstep", "real"]), default="lockstep", show_default=True)
 @click.option(
