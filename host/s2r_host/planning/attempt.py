@@ -27,8 +27,6 @@ _NEAR_BANDS = 5.0  # success bands around the target within which landing takes 
 _BACK_STEPS = 3  # how far the first step back goes; the second goes twice as far, and so on
 _USUAL_WAY_RAD = 1.5  # of the arm with the part; a longer one is granted more control steps
 _LANDING_STEPS = 9  # shares of the last action tried until the hold ends on target
-# A hold is looked at so often, and at rest where the part would go on by no more than this in the rest of it.
-_LOOK_S, _STILL_BANDS, _STILL_RAD_S = 0.1, 0.02, 2e-3
 
 
 @dataclass
@@ -228,20 +226,11 @@ class Attempt:
         return abs(self.task.s_target - self.world.s)
 
     def _held(self, before: np.ndarray, target: np.ndarray, goal: np.ndarray) -> float:
-        """Signed rest ``s_target - s`` after going to ``goal`` and holding it; infinite if that touches anything.
-
-        Watched until nothing moves any more, for ``hold_s`` at most.
-        """
+        """Signed rest ``s_target - s`` after going to ``goal`` and holding it; infinite if that touches anything."""
         self.world.restore(before)
-        report, tick_s = self._play(target, goal), self.settings.fine_timestep_s
-        look, left = round(_LOOK_S / tick_s), round(self.settings.hold_s / tick_s)
-        while left > 0 and report.contact is None:
-            s, look = self.world.s, min(look, left)
-            left -= look
-            report = self.world.play(np.broadcast_to(goal, (look, len(goal))))
-            creeps = abs(self.world.s - s) * max(1.0, left / look)
-            if creeps < _STILL_BANDS * self.task.tolerance and self.world.fastest < _STILL_RAD_S:
-                break
+        substeps = round(self.settings.hold_s / self.settings.fine_timestep_s)
+        report = self._play(target, goal)
+        report = report.merged(self.world.play(np.broadcast_to(goal, (substeps, len(goal)))))
         return np.inf if report.contact is not None else self.task.s_target - self.world.s
 
     def _hold_the_target(self) -> str | None:

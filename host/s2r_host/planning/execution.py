@@ -82,11 +82,6 @@ class FineWorld:
         return self.data.qpos[: self.scene.dof].copy()
 
     @property
-    def fastest(self) -> float:
-        """Speed of the arm's fastest joint [rad/s]."""
-        return float(np.abs(self.data.qvel[: self.scene.dof]).max())
-
-    @property
     def others(self) -> np.ndarray:
         """Positions of everything besides the arm, (nq - dof,)."""
         return self.data.qpos[self.scene.dof :].copy()

@@ -220,7 +220,7 @@ class PlanSettings:
     threads: int = 0
     icem: IcemSettings = field(default_factory=IcemSettings)
     cascade: tuple[Stage, ...] = (
-        Stage(population=20, horizon=7),
+        Stage(population=24, horizon=7),
         Stage(self_collision=True),
         Stage(0.010, 60, True),
         Stage(0.010, 150, True),
