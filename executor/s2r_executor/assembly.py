@@ -114,9 +114,9 @@ class Executor:
                 return
 
     def _timing(self) -> str:
-        """What holds the clock. In lock-step nothing depends on this machine, so nothing is said against it."""
+        """What holds the clock, and what this machine is good for: a cap on the speed holds in lock-step, too."""
         if self.config.clock == "lockstep":
-            return "time kept by the drives' answers"
+            return f"time kept by the drives' answers, {self.preflight.line}"
         if self.process.core.snapshot().realtime:
             return f"real-time, {self.preflight.line}"
         return f"not real-time (no FIFO priority or memory lock; see 's2r doctor'), {self.preflight.line}"
