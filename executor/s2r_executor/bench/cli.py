@@ -34,7 +34,7 @@ FIGURE_NAMES = ("admission", "memory", "stop_latency", "bus_load", "splices", "s
 @click.option(
     "--write",
     type=click.Path(dir_okay=False, exists=True, path_type=Path),
-    help="Page to put the tables in, e.g. docs/benchmarks.md.",
+    help="Page to put the tables in, e.g. docs/benchmarks/executor.md.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def executor(

@@ -1,4 +1,4 @@
-"""The benchmark's result as a table, on the terminal and in docs/benchmarks.md."""
+"""The benchmark's result as a table, on the terminal and in docs/benchmarks/executor.md."""
 
 from __future__ import annotations
 

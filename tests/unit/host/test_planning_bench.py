@@ -73,8 +73,10 @@ def test_peers_get_no_help_of_ours():
         assert peer.places_free != name.endswith("_led"), name
 
 
-def test_without_judo_its_planner_says_what_to_install(monkeypatch):
+def test_without_judo_its_planner_says_what_to_install_before_anything_is_planned(monkeypatch):
     monkeypatch.setitem(sys.modules, "judo.optimizers.cem", None)
+    with pytest.raises(NotReadyError, match=r"pip install --no-deps judo-rai==0\.0\.6"):
+        planner_named("judo_led@30")
     with pytest.raises(NotReadyError, match=r"pip install --no-deps judo-rai==0\.0\.6"):
         judo_sampler(JudoSettings())(PlanSettings(), Stage(), 7, np.random.default_rng(0))
 

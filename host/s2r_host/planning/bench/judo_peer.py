@@ -108,7 +108,12 @@ class JudoCem:
         return interp1d(self._times, knots, axis=-2, fill_value=ends, bounds_error=False)(times)
 
 
-def _optimizer(judo: JudoSettings, population: int, dof: int) -> Any:
+def require_judo() -> tuple[Any, Any]:
+    """Judo's optimizer and the class of its settings.
+
+    Raises:
+        NotReadyError: Judo is not installed.
+    """
     try:
         from judo.optimizers.cem import (  # pyright: ignore[reportMissingImports]
             CrossEntropyMethod,
@@ -119,11 +124,16 @@ def _optimizer(judo: JudoSettings, population: int, dof: int) -> Any:
             f"planner 'judo' needs the package judo-rai ({error}); install it with "
             "'pip install viser && pip install --no-deps judo-rai==0.0.6'"
         ) from error
-    config = CrossEntropyMethodConfig(
+    return CrossEntropyMethod, CrossEntropyMethodConfig
+
+
+def _optimizer(judo: JudoSettings, population: int, dof: int) -> Any:
+    optimizer, settings = require_judo()
+    config = settings(
         num_rollouts=population,
         num_nodes=judo.nodes,
         sigma_min=judo.sigma_min,
         sigma_max=judo.sigma_max,
         num_elites=judo.elites,
     )
-    return CrossEntropyMethod(config, dof)
+    return optimizer(config, dof)

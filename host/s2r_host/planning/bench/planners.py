@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from s2r_host.planning.bench.judo_peer import JudoSettings, judo_sampler
+from s2r_host.planning.bench.judo_peer import JudoSettings, judo_sampler, require_judo
 from s2r_host.planning.sampler import SamplerFactory, icem_sampler
 from s2r_host.planning.settings import PlanSettings, Stage, paper_settings
 from s2r_protocol.exits import UsageError
@@ -37,6 +37,7 @@ def planner_named(name: str) -> Planner:
 
     Raises:
         UsageError: There is no such planner.
+        NotReadyError: It is Judo, which is not installed.
     """
     base, at, population = name.partition("@")
     known = all_planners()
@@ -44,6 +45,8 @@ def planner_named(name: str) -> Planner:
         raise UsageError(
             f"unknown planner {name!r}; there are {', '.join(known)}, each also as NAME@SAMPLES in one stage"
         )
+    if base.startswith("judo"):
+        require_judo()  # before anything is planned, not once per plan
     return known[base].with_population(int(population)) if at else known[base]
 
 
