@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from s2r_protocol.cli.options import SEED, attempts_option, tls_option
+from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, attempts_option, tls_option
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
@@ -47,7 +47,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 )
 @click.option("--camera", default=DEFAULT_CAMERA, show_default=True, help="Zenoh endpoint of the camera.")
 @click.option(
-    "--out", type=click.Path(path_type=Path), default=None, help="Run folder [default: runs/<time>]."
+    "--out", type=UNUSED_FOLDER, default=None, help="Run folder, new or empty [default: runs/<time>]."
 )
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
@@ -115,9 +115,10 @@ def run(
     Ctrl-C stops the arm on its path, waits for rest and still writes the recording. This is software, not an
     emergency stop.
     """
-    from s2r_host.run.task import TASKS, parse_target
+    from s2r_host.run.task import TASKS, parse_point, parse_target
 
     task = TASKS[object_kind]
+    place = None if at is None else parse_point(at)
     first = None if target == "ask" else parse_target(target, task)
     then = tuple(parse_target(one, task, "--then") for one in further)
 
@@ -128,7 +129,6 @@ def run(
 
     # A slip of the hand above is told at once; what follows takes seconds to load.
     from s2r_host.report.page import write_report
-    from s2r_host.run.at import parse_point
     from s2r_host.run.journal import Journal
     from s2r_host.run.pipeline import run_task
     from s2r_host.run.settings import RunSettings
@@ -139,7 +139,7 @@ def run(
         then=then,
         task=task,
         from_pushed=origin == "pushed",
-        at=None if at is None else parse_point(at),
+        at=place,
         out=folder,
         executor=executor,
         camera=camera,

@@ -10,7 +10,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
-from zipfile import BadZipFile
+from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +86,8 @@ def load_frame(path: Path | str, frame: FrameName = "base", camera: Path | None 
 
 
 def _load_npz(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame:
+    if not is_zipfile(path):  # NumPy would take it for a pickle and say so
+        raise InputError(f"view {path}: not a readable NPZ file (it is no ZIP archive of arrays)")
     try:
         with np.load(path, allow_pickle=False) as content:
             arrays = {name: content[name] for name in content.files}
@@ -143,12 +145,16 @@ def _load_png(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
 def _load_ply(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame | Cloud:
     import open3d as o3d
 
+    with path.open("rb") as file:
+        begins = file.read(4)
+    if begins.split(b"\n")[0].rstrip() != b"ply":
+        raise InputError(f"view {path}: not a PLY file; it begins with {begins!r} instead of b'ply\\n'")
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         cloud = o3d.io.read_point_cloud(path, remove_nan_points=False, remove_infinite_points=False)
     points = np.asarray(cloud.points, dtype=np.float64)
     colour = np.asarray(cloud.colors) if cloud.has_colors() else None
     if len(points) == 0:
-        raise BadViewError("holds no points (or is not a PLY file)")
+        raise BadViewError("holds no points")
     finite = np.isfinite(points).all(axis=1)
     if finite.sum() < FEWEST_POINTS:
         raise BadViewError(

@@ -9,29 +9,10 @@ import numpy as np
 from s2r_host.errors import SceneError
 from s2r_host.motion.push_proposals import PushProposal
 from s2r_host.motion.scene import Scene
-from s2r_protocol.exits import UsageError
+from s2r_host.run.task import Point
 
 RADIUS_M = 0.08
 _LEAST_POINTS = 100
-
-Point = tuple[float, float, float]
-
-
-def parse_point(text: str) -> Point:
-    """``x,y,z`` in metres, base frame.
-
-    Raises:
-        UsageError: Not three finite numbers.
-    """
-    try:
-        x, y, z = (float(one) for one in text.split(","))
-    except ValueError:
-        raise UsageError(
-            f"--at {text!r} is not x,y,z in metres in the arm's base frame, as 0.55,0.02,0.25"
-        ) from None
-    if not np.isfinite((x, y, z)).all():
-        raise UsageError(f"--at {text} is not finite")
-    return x, y, z
 
 
 def scene_at(scene: Scene, at: Point | None) -> Scene:

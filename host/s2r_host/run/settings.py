@@ -11,8 +11,8 @@ from s2r_host.motion.lid_proposals import LidPushSettings
 from s2r_host.motion.push_proposals import PushSettings
 from s2r_host.motion.scene import Region
 from s2r_host.perception.network_pushes import NetworkPushSettings
-from s2r_host.run.at import Point
-from s2r_host.run.task import DRAWER, LAPTOP, Task
+from s2r_host.run.task import DRAWER, LAPTOP, Point, Task
+from s2r_protocol.cli.options import check_unused
 from s2r_protocol.exits import UsageError
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
@@ -114,5 +114,4 @@ class RunSettings:
             value = getattr(self, name)
             if not 0.0 < value <= 1.0:
                 raise UsageError(f"{name} = {value:g} is outside (0, 1]")
-        if self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
-            raise UsageError(f"--out {self.out} exists and is not empty; name a new folder")
+        check_unused(self.out)

@@ -11,6 +11,9 @@ from s2r_protocol.exits import UsageError
 if TYPE_CHECKING:  # a target is refused before the seconds that perception takes to load
     from s2r_host.perception.motion import JointType
 
+Point = tuple[float, float, float]
+"""x, y, z [m], base frame."""
+
 
 @dataclass(frozen=True)
 class Unit:
@@ -111,3 +114,20 @@ def parse_target(text: str, task: Task, option: str = "--target") -> float:
         raise UsageError(f"{option} {text} is not finite")
     task.check(target, option)
     return target
+
+
+def parse_point(text: str) -> Point:
+    """``x,y,z`` in metres, base frame.
+
+    Raises:
+        UsageError: Not three finite numbers.
+    """
+    try:
+        x, y, z = (float(one) for one in text.split(","))
+    except ValueError:
+        raise UsageError(
+            f"--at {text!r} is not x,y,z in metres in the arm's base frame, as 0.55,0.02,0.25"
+        ) from None
+    if not all(map(math.isfinite, (x, y, z))):
+        raise UsageError(f"--at {text} is not finite")
+    return x, y, z

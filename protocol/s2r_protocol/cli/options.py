@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
+
+from s2r_protocol.exits import UsageError
 
 tls_option = click.option(
     "--tls",
@@ -22,3 +25,26 @@ attempts_option = click.option(
 
 SEED = click.IntRange(min=0)
 """Type of every ``--seed``: numpy's generators take no negative number."""
+
+
+class _UnusedFolder(click.Path):
+    """A folder that is new or empty: refused while the command line is read, before anything is loaded or started."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        folder = Path(super().convert(value, param, ctx))
+        check_unused(folder)
+        return folder
+
+
+def check_unused(folder: Path) -> None:
+    """Refuse a folder that holds something.
+
+    Raises:
+        UsageError: The folder exists and holds something, or is a file.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(f"--out {folder} exists and is not empty; name a new folder")
+
+
+UNUSED_FOLDER = _UnusedFolder(path_type=Path)
+"""Type of an ``--out`` that must be new or empty."""

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from s2r_protocol.cli.options import SEED, attempts_option
-from s2r_protocol.exits import ExitCode, UsageError
+from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, attempts_option
+from s2r_protocol.exits import ExitCode
 
 if TYPE_CHECKING:
     from s2r_sim.demo.goals import Goal
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     "--pace", default=1.0, show_default=True, help="Lock-step: simulated over real seconds; 0: no limit."
 )
 @click.option("--packing", type=click.Choice(["fd", "classic"]), default="fd", show_default=True)
-@click.option("--out", type=click.Path(path_type=Path), help="Folder [default: runs/demo-<seed>-<time>].")
+@click.option("--out", type=UNUSED_FOLDER, help="Folder, new or empty [default: runs/demo-<seed>-<time>].")
 @click.option("--json", "as_json", is_flag=True, help="Print the verdict on standard output.")
 def demo(
     seed: int,
@@ -73,8 +73,6 @@ def demo(
 
     load_arm(arm)  # refuses what is no arm before anything starts
     folder = out or Path("runs") / f"demo-{seed}-{time.strftime('%Y%m%d-%H%M%S')}"
-    if folder.exists() and any(folder.iterdir()):
-        raise UsageError(f"--out {folder} exists and is not empty; name a new folder")
     folder.mkdir(parents=True, exist_ok=True)
     world = folder / "world.json"
     goal = GOALS[kind]

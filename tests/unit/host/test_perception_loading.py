@@ -122,6 +122,12 @@ def test_broken_npz_is_refused(tmp_path):
         load_frame(tmp_path / "a.npz")
 
 
+def test_a_file_that_is_no_ply_is_refused_with_what_it_begins_with(tmp_path):
+    (tmp_path / "a.ply").write_bytes(b"solid drawer")
+    with pytest.raises(InputError, match=r"not a PLY file; it begins with b'soli'"):
+        load_frame(tmp_path / "a.ply")
+
+
 def test_absent_file_is_named(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         load_frame(tmp_path / "none.ply")

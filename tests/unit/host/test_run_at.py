@@ -6,9 +6,9 @@ import pytest
 from s2r_host.errors import SceneError
 from s2r_host.motion.push_proposals import PushProposal
 from s2r_host.motion.scene import Scene
-from s2r_host.run.at import parse_point, proposals_at, scene_at
+from s2r_host.run.at import proposals_at, scene_at
 from s2r_host.run.settings import RunSettings
-from s2r_host.run.task import LAPTOP
+from s2r_host.run.task import LAPTOP, parse_point
 from s2r_protocol.exits import UsageError
 
 
