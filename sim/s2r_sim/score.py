@@ -5,11 +5,14 @@ from __future__ import annotations
 import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from s2r_sim.errors import TruthFileError
+from s2r_sim.objects.scene import joint_truth, table_scene
 from s2r_sim.truth import CONTACT_COLUMNS
+from s2r_sim.world import WorldSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +114,18 @@ def read_truth(truth_csv: Path) -> Truth:
         part_force_N=force,
         others=table[:, contacts + len(CONTACT_COLUMNS) :],
     )
+
+
+def true_joint(world: WorldSpec) -> tuple[np.ndarray, np.ndarray]:
+    """(point on the axis [m], its direction) of the object's joint as found, base frame."""
+    joint = joint_truth(table_scene(world.object).compile(), world.object)
+    return np.array(joint.origin_m), np.array(joint.direction)
+
+
+def sense(world: WorldSpec, run: dict[str, Any]) -> float:
+    """1 if the joint of a ``run.json`` grows as the true one does, -1 if it is the other way round."""
+    axis = np.array(run["joint"]["axis_direction"])
+    return 1.0 if axis @ true_joint(world)[1] >= 0.0 else -1.0
 
 
 def final_state(

@@ -100,6 +100,7 @@ CASES = [
     ("ros2 --router tcp/10.0.0.5:7447", USAGE, "without certificates"),
     ("ros2 --domain 300", USAGE, "300 is not in the range"),
     ("gap --out {tmp}/g", USAGE, "no model given"),
+    ("gap --model {tmp}/m.xml --fit {junk} --out {tmp}/g --seed -1", USAGE, "-1 is not in the range x>=0"),
     ("gap --model {tmp}/m.xml --fit {junk} --out {tmp}/g", (USAGE, REFUSED), "m.xml"),
     ("demo --out {full}", USAGE, "exists and is not empty"),
     ("demo --seed -1 --out {tmp}/d", USAGE, "-1 is not in the range x>=0"),

@@ -104,7 +104,7 @@ def _row(path: Path, mtime: float) -> tuple[Any, ...] | None:
             mtime,
             str(run["task"]),
             str(run["arm"]["name"]),
-            run["s_target"],
+            None if run["s_target"] is None else run["s_target"] - run.get("s_origin", 0.0),
             run["delta"],
             int(run["exit"]["code"]),
             str(run["exit"]["name"]),

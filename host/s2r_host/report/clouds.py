@@ -24,7 +24,7 @@ LIGHT = np.array([-0.5, -0.45, 0.74])
 
 
 def views_figure(before: Observation, after: Observation, belief: Belief | None) -> Figure:
-    """Two rows: the camera's pictures and the clouds from a side; left view A, right view B."""
+    """Two rows: the camera's pictures and the clouds from a side; left and right the views that told the joint."""
     with mpl.rc_context(RC):
         figure = Figure(figsize=(12.5, 8.4), layout="constrained")
         grid = figure.subplots(2, 2, height_ratios=[1.0, 1.1])

@@ -52,9 +52,10 @@ def _head(record: RunRecord) -> str:
 
 
 def _targets(record: RunRecord) -> str:
-    """Targets aimed at, from the state as found; those of the command line where none was yet."""
-    asked = [goal.target for goal in record.goals] or [record.settings.target, *record.settings.then]
-    show = record.settings.task.unit.show
+    """Targets aimed at, counted as on the command line."""
+    if record.goals:
+        return ", then ".join(record.show(goal.target, 1) for goal in record.goals)
+    asked, show = [record.settings.target, *record.settings.then], record.settings.task.unit.show
     return ", then ".join("a target not told yet" if target is None else show(target, 1) for target in asked)
 
 
@@ -67,8 +68,8 @@ def _numbers(record: RunRecord) -> str:
         cells += [
             (unit.show(last.delta), "δ = target − final"),
             (f"{100 * delta_r:+.2f} %", "δ_r = δ / (target − start)"),
-            (unit.show(last.measured.s), f"final state, ± {unit.show(last.measured.sigma)[1:]} (1σ)"),
-            (unit.show(first.s_initial), "state before the plan"),
+            (record.show(last.measured.s), f"final state, ± {unit.show(last.measured.sigma)[1:]} (1σ)"),
+            (record.show(first.s_initial), "state before the plan"),
             (str(len(record.attempts)), "planned manipulations"),
         ]
     cells.append((f"{record.journal.elapsed_s:.1f} s", "whole run"))
@@ -88,8 +89,8 @@ def _warnings(record: RunRecord) -> str:
 
 def _views(record: RunRecord) -> str:
     named = {view.name: view for view in record.views}
-    if "A" in named and "B" in named:
-        figure = views_figure(named["A"], named["B"], record.belief)
+    if record.zero_view in named and record.told_view in named:
+        figure = views_figure(named[record.zero_view], named[record.told_view], record.belief)
     elif record.views:
         figure = single_view_figure(record.views[-1])
     else:
@@ -109,13 +110,16 @@ def _jointtable(record: RunRecord) -> str:
             f"axis, + is {task.positive}",
             np.array2string(record.belief.axis, precision=4, suppress_small=True),
         ),
-        ("moved by the first push", f"{task.unit.show(estimate.delta)} (90 % in [{low}, {high}])"),
+        (
+            f"moved from view {record.zero_view} to {record.told_view}",
+            f"{task.unit.show(estimate.delta)} (90 % in [{low}, {high}])",
+        ),
         ("residual after alignment", f"{1e3 * estimate.residual_m:.2f} mm"),
         (
             "model",
             f"{len(model.pieces)} convex pieces, moving part {model.mass_kg:.2f} kg (density is a guess)",
         ),
-        ("range believed", " to ".join(task.unit.show(limit, 0) for limit in model.range)),
+        ("range believed", " to ".join(record.show(limit, 0) for limit in model.range)),
     ]
     if record.belief.felt is not None:
         felt, slides = record.belief.felt, record.belief.template.slides
@@ -133,6 +137,11 @@ def _jointtable(record: RunRecord) -> str:
     return table(("", ""), rows)
 
 
+def _number(record: RunRecord, s: float) -> str:
+    """A joint value counted as on the command line, without its unit."""
+    return f"{record.settings.task.unit.factor * (s - record.origin):+.2f}"
+
+
 def _attempts(record: RunRecord) -> str:
     if not record.attempts:
         return ""
@@ -142,10 +151,10 @@ def _attempts(record: RunRecord) -> str:
         rows.append(
             (
                 str(planned.number),
-                f"{task.unit.factor * done.s_initial:+.2f}",
-                f"{task.unit.factor * done.s_target:+.2f}",
-                f"{task.unit.factor * planned.foreseen:+.2f}",
-                f"{task.unit.factor * done.measured.s:+.2f} ± {task.unit.factor * done.measured.sigma:.2f}",
+                _number(record, done.s_initial),
+                _number(record, done.s_target),
+                _number(record, planned.foreseen),
+                f"{_number(record, done.measured.s)} ± {task.unit.factor * done.measured.sigma:.2f}",
                 f"{task.unit.factor * done.delta:+.2f}",
                 f"{100 * done.delta_r:+.2f} %",
                 f"{planned.delivery.trajectory.duration_s:.2f} s",
@@ -167,7 +176,7 @@ def _attempts(record: RunRecord) -> str:
     )
     note = (
         '<p class="note">δ = s_target − s_final and δ_r = δ / (s_target − s_start), s_start being the state just '
-        f"before the planned manipulation. 0 is the state in view A, + is {task.positive}. "
+        f"before the planned manipulation. 0 is the state in view {record.origin_view}, + is {task.positive}. "
         "Both are measured by the camera.</p>"
     )
     return section("Planned manipulations", table(header, rows) + note)

@@ -24,10 +24,10 @@ def ask_operator(record: RunRecord) -> float:
     task, say = record.settings.task, record.journal.say
     assert record.belief is not None
     assert record.s_found is not None
-    low, high = (task.unit.show(limit - record.origin, 0) for limit in record.belief.model.range)
+    low, high = (record.show(limit, 0) for limit in record.belief.model.range)
     origin = "from here" if record.settings.from_pushed else "from as found in the first view"
     say(
-        f"{task.part} at {task.unit.show(record.s_found - record.origin)}, believed to go from {low} to {high}; "
+        f"{task.part} at {record.show(record.s_found)}, believed to go from {low} to {high}; "
         f"+ is {task.positive}"
     )
     while True:

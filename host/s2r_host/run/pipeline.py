@@ -73,21 +73,22 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
     if told is None:
         record.code, record.reason = ExitCode.OK, "dry run: the first push is planned, nothing was moved"
         return
+    record.told_by_push, record.push_seen_from = told.estimate, told.before.name
     with journal.stage("build model") as stage:
         record.belief = build_belief(told.estimate, settings.out / "model", settings.seed)
         model = record.belief.model
-        low, high = (task.unit.show(limit, 0) for limit in model.range)
+        record.zero_view, record.s_found = told.before.name, float(told.estimate.delta)
+        record.told_view = record.found_view = told.after.name
+        record.origin_view, record.origin = (
+            (told.after.name, record.s_found)
+            if settings.from_pushed
+            else (before.name, state_in(record.belief, before, told.before))
+        )
+        session.origin = record.origin
+        low, high = (record.show(limit, 0) for limit in model.range)
         stage.note = f"{len(model.pieces)} pieces, range {low} to {high}"
         for text in model.warnings:
             journal.warn(text)
-    record.zero_view, record.s_found = told.before.name, float(told.estimate.delta)
-    record.told_by_push, record.push_seen_from = told.estimate, told.before.name
-    record.found_view = told.after.name
-    record.origin_view, record.origin = (
-        (told.after.name, record.s_found)
-        if settings.from_pushed
-        else (before.name, state_in(record.belief, before, told.before))
-    )
     session.recorder.add_note(
         "joint", {"axis": told.estimate.axis_direction.tolist(), "s_after": record.s_found}
     )
@@ -135,11 +136,11 @@ def _judge(record: RunRecord) -> bool:
         count = len(goal.attempts)
         if not count:
             told.append(
-                f"{task.part} at {task.unit.show(goal.s_before)} already, target {task.unit.show(goal.target)}"
+                f"{task.part} at {record.show(goal.s_before)} already, target {record.show(goal.target)}"
             )
             continue
         told.append(
-            f"{task.part} at {task.unit.show(goal.last.measured.s)}, target {task.unit.show(goal.target)}: "
+            f"{task.part} at {record.show(goal.last.measured.s)}, target {record.show(goal.target)}: "
             f"δ {task.unit.show(goal.last.delta)} after {count} planned manipulation{'s' if count > 1 else ''}"
         )
     newest = record.goals[-1]

@@ -101,11 +101,11 @@ def prepare_manipulation(
             logger.info("to stop at %.4f on the way: %s", stop, error)
         else:
             session.journal.warn(
-                f"no plan takes the {task.part} all the way ({reasons[0]}); first to {task.unit.show(stop)}"
+                f"no plan takes the {task.part} all the way ({reasons[0]}); first to {session.show(stop)}"
             )
             return planned
     raise TargetError(
-        f"no plan takes the {task.part} from {task.unit.show(s_initial)} to {task.unit.show(session.target)} "
+        f"no plan takes the {task.part} from {session.show(s_initial)} to {session.show(session.target)} "
         f"({len(reasons)} tries): {reasons[0]}; try another target or placement"
     )
 

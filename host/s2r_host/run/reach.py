@@ -53,7 +53,7 @@ def reach(
                 planned = prepare_manipulation(session, record.belief, number, s_now, view)
                 stage.note = (
                     f"{planned.result.control_steps} steps, {planned.delivery.trajectory.duration_s:.1f} s, "
-                    f"ends at {task.unit.show(planned.foreseen)}"
+                    f"ends at {record.show(planned.foreseen)}"
                 )
         except RefusedError as error:
             if not goal.attempts:
@@ -70,7 +70,7 @@ def reach(
             record.views.append(view)
             done = DoneManipulation(planned, executed, view, measured, s_now, session.target)
             goal.attempts.append(done)
-            stage.note = f"{task.unit.show(measured.s)}, δ {task.unit.show(done.delta)}"
+            stage.note = f"{record.show(measured.s)}, δ {task.unit.show(done.delta)}"
         session.recorder.add_note(
             "state",
             {"number": number, "s": measured.s, "sigma": measured.sigma, "delta": done.delta},
@@ -89,7 +89,7 @@ def reach(
             return view
         if _held_up(goal.attempts, task.good_enough):
             journal.warn(
-                f"the {task.part} was stopped twice at {task.unit.show(done.measured.s)}: it seems to be at the end "
+                f"the {task.part} was stopped twice at {record.show(done.measured.s)}: it seems to be at the end "
                 "of its way, or something is in it; try another target"
             )
             return view

@@ -61,8 +61,9 @@ class RunRecord:
         felt: What the arm felt of the part, by the label of the motion.
         lessons: What the recordings said about physics left out, in order.
         told_by_push, push_seen_from: The joint as the pushes told it, and the name of the view before its motion.
-        zero_view, origin_view, found_view: Names of the view that joint values count from, of that with the state from
-            which targets count, and of the newest one before the first planned manipulation.
+        zero_view, told_view: Names of the two views that told the joint; its values count from the first of them.
+        origin_view, found_view: Names of the view with the state from which targets count, and of the newest one before
+            the first planned manipulation.
         origin: Joint value from which targets count [m or rad].
         s_found: Joint value measured just before the first planned manipulation [m or rad].
         goals: What was aimed at so far, with the manipulations carried out for it.
@@ -86,6 +87,7 @@ class RunRecord:
     told_by_push: JointEstimate | None = None
     push_seen_from: str = "A"
     zero_view: str = "A"
+    told_view: str = "B"
     origin_view: str = "A"
     found_view: str = "A"
     origin: float = 0.0
@@ -99,6 +101,10 @@ class RunRecord:
     def attempts(self) -> list[DoneManipulation]:
         """All planned manipulations carried out, in order."""
         return [done for goal in self.goals for done in goal.attempts]
+
+    def show(self, s: float, digits: int = 2) -> str:
+        """A joint value of the belief for people: counted as the command line's targets are, with its unit."""
+        return self.settings.task.unit.show(s - self.origin, digits)
 
     def add_view(self, view: Observation) -> Observation:
         """Keep a look, and hand it back."""

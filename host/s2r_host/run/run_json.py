@@ -49,13 +49,14 @@ def as_json(record: RunRecord) -> dict[str, Any]:
     goals = [goal for goal in record.goals if goal.attempts]
     newest = goals[-1] if goals else None
     first = newest.attempts[0] if newest else None
+    asked = None if record.settings.target is None else record.origin + record.settings.target
     there = record.goals[-1] if record.goals and record.code is ExitCode.OK and not newest else None
     return {
         "schema_version": SCHEMA_VERSION,
         "task": record.settings.task.name,
         "unit": "m" if record.settings.task.joint_type == "prismatic" else "rad",
         "exit": {"code": int(record.code), "name": record.code.name, "reason": record.reason},
-        "s_target": record.goals[-1].target if record.goals else record.settings.target,
+        "s_target": record.goals[-1].target if record.goals else asked,
         "s_initial": first.s_initial if first else record.s_found,
         "s_final": newest.last.measured.s if newest else record.s_found,
         "s_final_sigma": _finite(newest.last.measured.sigma) if newest else None,
@@ -66,6 +67,9 @@ def as_json(record: RunRecord) -> dict[str, Any]:
         "attempts": [_attempt(attempt) for attempt in record.attempts],
         "push": _push(record.push) if record.push else None,
         "zero_view": record.zero_view,
+        "told_view": record.told_view,
+        "origin_view": record.origin_view,
+        "s_origin": record.origin,
         "joint_by_push": _told(record.told_by_push) if record.told_by_push else None,
         "push_seen_from": record.push_seen_from,
         "joint": _joint(record.belief) if record.belief else None,

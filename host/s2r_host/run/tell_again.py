@@ -54,7 +54,7 @@ def tell_again(session: Session, record: RunRecord, view: Observation) -> bool:
                 stage.note = "as believed"
                 return False
             new = build_belief(estimate, settings.out / f"model-told-again-{number}", settings.seed)
-            _count_anew(session, record, new, zero)
+            _count_anew(session, record, new, zero, view)
         except (AbstainError, SceneError, ModelError) as error:
             stage.note = f"left as believed: {error}"
             return False
@@ -72,8 +72,10 @@ def _contradicts(belief: Belief, estimate: JointEstimate, moved: float, good_eno
     return bool(apart_m > OFF_M or abs(estimate.delta - moved) > good_enough)
 
 
-def _count_anew(session: Session, record: RunRecord, belief: Belief, zero: Observation) -> None:
-    """All that was aimed at and measured so far, in values of another joint that count from another view.
+def _count_anew(
+    session: Session, record: RunRecord, belief: Belief, zero: Observation, told: Observation
+) -> None:
+    """All that was aimed at and measured so far, in values of another joint, told by two views, from the first of them.
 
     Raises:
         SceneError: The part is not seen in one of the views.
@@ -89,4 +91,5 @@ def _count_anew(session: Session, record: RunRecord, belief: Belief, zero: Obser
             s = measured.s
         goals.append(Goal(target, attempts, s_before))
     record.belief, record.origin, record.s_found, record.goals = belief, origin, s_found, goals
-    record.zero_view, session.target = zero.name, goals[-1].target
+    record.zero_view, record.told_view = zero.name, told.name
+    session.target, session.origin = goals[-1].target, origin

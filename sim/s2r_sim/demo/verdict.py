@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from s2r_sim.demo.goals import Goal
-from s2r_sim.score import Truth, read_truth
+from s2r_sim.score import Truth, read_truth, sense
 from s2r_sim.world import load_world
 
 
 @dataclass(frozen=True)
 class DemoVerdict:
-    """The demo's result. Joint values [m or rad] in the host's coordinate: 0 = as found, + = out or opening.
+    """The demo's result. Joint values [m or rad] as the demo's target is counted: 0 = as found, + = out or opening.
 
     Attributes:
         seed: Of the hidden world.
@@ -71,11 +71,13 @@ def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
         TruthFileError, WorldFileError: A file is missing or damaged.
     """
     run = json.loads((folder / "run/run.json").read_text())
+    world = load_world(folder / "world.json")
     truth = _truth_of_part(folder, run)
-    as_found = float(truth.s[0])
-    s_true = float(truth.s[-1]) - as_found
-    target = float(run["s_target"])
-    at = {a["number"]: truth.s_at_tick(a["tick_start"]) - as_found for a in run["attempts"]}
+    way, as_found = sense(world, run) if run["joint"] else 1.0, float(truth.s[0])
+    s_true = way * (float(truth.s[-1]) - as_found)
+    counted = float(run["s_origin"])  # the host's own joint may count from a later view
+    target = float(run["s_target"]) - counted
+    at = {a["number"]: way * (truth.s_at_tick(a["tick_start"]) - as_found) for a in run["attempts"]}
     goals = run["goals"]
     begun = [at[number] for number in goals[-1]["attempts"]] if goals else []
     left_at = [*(at[goal["attempts"][0]] for goal in goals[1:]), s_true]
@@ -91,12 +93,12 @@ def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
         delta_true=target - s_true,
         delta_r_true=(target - s_true) / (target - begun[0]) if begun else None,
         delta_measured=run["delta"],
-        deltas_true=tuple(goal["s_target"] - s for goal, s in zip(goals, left_at, strict=False)),
+        deltas_true=tuple(goal["s_target"] - counted - s for goal, s in zip(goals, left_at, strict=False)),
         others_moved=tuple((truth.others[-1] - truth.others[0]).tolist()),
         attempts=len(run["attempts"]),
         wall_s=float(run["wall_s"]),
         commitment=published,
-        commitment_holds=load_world(folder / "world.json").commitment == published,
+        commitment_holds=world.commitment == published,
         report=str(folder / "run/report.html"),
     )
 
@@ -118,17 +120,19 @@ def draw_truth(folder: Path, verdict: DemoVerdict, goal: Goal) -> Path:
     run = json.loads((folder / "run/run.json").read_text())
     truth = _truth_of_part(folder, run)
     figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
-    axes.plot(
-        truth.t, goal.factor * (truth.s - truth.s[0]), color="#20639b", label="truth, opened after the run"
-    )
-    for k, aimed in enumerate(run["goals"] or [{"s_target": verdict.s_target}]):
+    way = sense(load_world(folder / "world.json"), run) if run["joint"] else 1.0
+    done = way * goal.factor * (truth.s - truth.s[0])
+    axes.plot(truth.t, done, color="#20639b", label="truth, opened after the run")
+    counted = float(run["s_origin"])
+    targets = [aimed["s_target"] - counted for aimed in run["goals"]] or [verdict.s_target]
+    for k, target in enumerate(targets):
         label = "target" if k == 0 else None
-        axes.axhline(goal.factor * aimed["s_target"], color="#3caea3", linestyle="--", label=label)
+        axes.axhline(goal.factor * target, color="#3caea3", linestyle="--", label=label)
     ticks = [attempt["tick_start"] for attempt in run["attempts"][1:]]
     times = [float(truth.t[truth.master_tick.searchsorted(tick)]) for tick in ticks] + [float(truth.t[-1])]
     for k, (t, attempt) in enumerate(zip(times, run["attempts"], strict=False)):
         label = "measured by the camera" if k == 0 else None
-        axes.plot(t, goal.factor * attempt["s_final"], "o", color="#ed553b", label=label)
+        axes.plot(t, goal.factor * (attempt["s_final"] - counted), "o", color="#ed553b", label=label)
     axes.set(xlabel="simulated time [s]", ylabel=f"{goal.name}, from as found [{goal.unit}]")
     axes.set_title(
         f"hidden {goal.name} {verdict.seed}: true δ = {goal.factor * verdict.delta_true:+.2f} {goal.unit}"

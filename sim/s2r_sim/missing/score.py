@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from s2r_sim.missing.cases import HIDDEN, LEARNING
-from s2r_sim.paper.score import sense
 from s2r_sim.paper.trials import Trial
-from s2r_sim.score import read_truth
+from s2r_sim.score import read_truth, sense
 from s2r_sim.world import load_world
 
 Row = dict[str, Any]
@@ -37,7 +36,7 @@ def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
     for entry, s_from, s_to in zip(attempts, begun, left_at, strict=True):
         asked = entry["s_target"] - attempts[0]["s_initial"]
         at = next(k for k in range(at, len(shares)) if abs(shares[k] * trial.change - asked) < SAME)
-        target = begun[0] + sense(trial, run) * asked
+        target = begun[0] + sense(trial.world, run) * asked
         moves.append({"target": at, "delta": target - s_to, "delta_r": (target - s_to) / (target - s_from)})
         at += 1
     return {

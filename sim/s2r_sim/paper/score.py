@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from s2r_sim.objects.scene import joint_truth, table_scene
 from s2r_sim.paper.trials import Trial
-from s2r_sim.score import Truth, read_truth
+from s2r_sim.score import Truth, read_truth, sense, true_joint
 from s2r_sim.world import load_world
 
 Row = dict[str, Any]
@@ -55,7 +54,7 @@ def score_trial(trial: Trial, folder: Path, change: float) -> Row:
         **_joint_error(trial, run, begun[0] - float(truth.s[0]) if begun else None),
     }
     if begun:
-        target = begun[0] + sense(trial, run) * change
+        target = begun[0] + sense(trial.world, run) * change
         row["s_pushed"] = begun[0]
         row["delta"] = target - float(truth.s[-1])
         row["delta_first"] = target - (begun[1] if len(begun) > 1 else float(truth.s[-1]))
@@ -78,23 +77,11 @@ def failed_stage(run: Row) -> str | None:
     return name.replace(": proposals", " not reachable")
 
 
-def sense(trial: Trial, run: Row) -> float:
-    """1 if the host's joint grows as the true one does, -1 if it is the other way round."""
-    axis = np.array(run["joint"]["axis_direction"])
-    return 1.0 if axis @ np.array(_true_joint(trial)[1]) >= 0.0 else -1.0
-
-
-def _true_joint(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
-    """(point on the axis [m], its direction) as found, base frame."""
-    joint = joint_truth(table_scene(trial.world.object).compile(), trial.world.object)
-    return np.array(joint.origin_m), np.array(joint.direction)
-
-
 def _joint_error(trial: Trial, run: Row, moved: float | None) -> Row:
     """Errors of the estimated joint: axis [rad], distance of the lines [m] (hinges), motion seen [m or rad]."""
     if run["joint_by_push"] is None:
         return {"axis_error_rad": None, "axis_offset_m": None, "push_error": None}
-    origin, direction = _true_joint(trial)
+    origin, direction = true_joint(trial.world)
     said = np.array(run["joint_by_push"]["axis_direction"])
     along = float(said @ direction)
     offset = np.array(run["joint_by_push"]["axis_origin_m"]) - origin

@@ -14,9 +14,9 @@ from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.peers import PeerFailedError, s2r_command, stand_in_cell
 from s2r_protocol.exits import ExitCode, UsageError
 from s2r_sim.errors import TruthFileError
-from s2r_sim.paper.score import Row, score_trial, sense
+from s2r_sim.paper.score import Row, score_trial
 from s2r_sim.paper.trials import Trial, draw_trial
-from s2r_sim.score import read_truth
+from s2r_sim.score import read_truth, sense
 
 TIMEOUT_S = 1200.0
 MOST_TRIES = 3
@@ -118,7 +118,7 @@ def _run_and_answer(command: list[str], log: TextIO, trial: Trial, folder: Path)
                 time.sleep(POLL_S)
             if believed.exists() and (run := json.loads(believed.read_text()))["joint"] is not None:
                 s = float(read_truth(folder / "truth.csv").s[-1])
-                change = trial.asked(s, sense(trial, run))
+                change = trial.asked(s, sense(trial.world, run))
             host.communicate(f"{change!r}\n".encode(), timeout=max(0.0, until_s - time.monotonic()))
         except BaseException:
             host.kill()

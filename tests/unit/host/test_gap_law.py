@@ -122,3 +122,8 @@ def test_an_effort_that_is_one_period_old_is_no_clock(model):
     assert held is None
     assert late is not None
     assert late.name == "clock_skew"
+
+
+def test_a_drive_that_reports_the_effort_of_the_tick_before_is_no_late_drive(model):
+    assert found(model, drive=lambda u: np.concatenate([u[:1], u[:-1]])) is None
+    assert found(model, drive=lambda u: np.concatenate([u[:1].repeat(2), u[:-2]])) is not None

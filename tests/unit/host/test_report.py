@@ -108,3 +108,19 @@ def test_cells_are_escaped():
 
 def test_infinite_uncertainty_becomes_null(record):
     assert _plain({"sigma": float("inf"), "p": np.array([1.0, np.nan])}) == {"sigma": None, "p": [1.0, None]}
+
+
+def test_the_pictures_are_of_the_two_views_that_told_the_joint(record, tmp_path, monkeypatch):
+    shown: list[str] = []
+
+    def drawn(before, after, belief):
+        del belief
+        shown.extend((before.name, after.name))
+        return plt.figure()
+
+    monkeypatch.setattr("s2r_host.report.page.views_figure", drawn)
+    monkeypatch.setattr("s2r_host.report.page._inputs", lambda record: "")
+    record.views = [SimpleNamespace(name=name) for name in ("A", "B", "C1")]
+    record.zero_view, record.told_view = "B", "C1"
+    write_report(record, tmp_path / "report.html")
+    assert shown == ["B", "C1"]

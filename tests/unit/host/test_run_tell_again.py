@@ -110,6 +110,8 @@ def test_a_hinge_told_wrongly_is_told_anew_and_everything_counts_in_its_values(v
     assert done.s_initial == record.s_found
     assert session.target == done.s_target == record.goals[-1].target
     assert session.target == pytest.approx(record.origin + ASKED_RAD)
+    assert session.origin == record.origin
+    assert record.show(session.target) == TASKS["faucet"].unit.show(ASKED_RAD)
     assert record.goals[-1].delta_r == pytest.approx(0.0, abs=0.1)
 
 
@@ -122,7 +124,7 @@ def test_a_motion_back_is_told_from_where_the_push_left_the_part(views, estimate
     )
     session, record = begun(back, wrong, PUSHED_RAD - NOW_RAD, tmp_path)
     assert tell_again(session, record, back[-1])
-    assert record.zero_view == "B"
+    assert (record.zero_view, record.told_view) == ("B", "C1")
     assert off_m(record.belief) < 0.006
     assert record.s_found == record.origin == 0.0
     assert record.goals[-1].last.measured.s == pytest.approx(-NOW_RAD, abs=0.03)

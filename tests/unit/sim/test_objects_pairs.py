@@ -49,6 +49,34 @@ def test_turned_about_the_stored_joint_the_part_lands_where_it_is_seen(laptop):
     assert np.abs(np.ptp(content["q"])) > 0.2
 
 
+PARTS = {"laptop": 2, "faucet": 1}
+
+
+@pytest.mark.parametrize("kind", ["laptop", "faucet"])
+def test_drawn_errors_look_like_those_of_a_stereo_camera(tmp_path, kind):
+    """Noise, holes and fattened edges: small on faces, and hardly any pixel is exact."""
+    row = pair_object(kind, int(Split.TRAIN), 4, str(tmp_path), True)
+    with np.load(tmp_path / row["file"]) as archive:
+        depth, part, K = archive["depth"] * UNIT_M, archive["part"], archive["K"]
+        X, solids = archive["T_base_camera"], archive["solids"]
+    seen = np.unpackbits(part, axis=-1)[0, :, : depth.shape[-1]].astype(bool) & (depth[0] > 0)
+    assert 0.6 < (depth[0] > 0).mean() < 0.999
+    v, u = np.nonzero(seen)
+    z = depth[0][seen]
+    p = (
+        np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=1) @ X[:3, :3].T
+        + X[:3, 3]
+    )
+    inside = np.zeros(len(p), bool)
+    for row in solids:
+        pose = row[4:].reshape(3, 4)
+        local = (p - pose[:, 3]) @ pose[:, :3]
+        reach = row[1:4] if row[0] == 6 else np.array([row[1], row[1], row[2] + row[1]])
+        inside |= np.all(np.abs(local) < reach + 0.006, axis=1)
+    assert inside.mean() > 0.8
+    assert len(solids) >= PARTS[kind]
+
+
 @pytest.mark.parametrize("kind", ["chest", "laptop", "faucet", "dial"])
 def test_states_lie_within_the_range_and_apart(kind):
     three = 0
