@@ -190,9 +190,18 @@ def _second_look(
     search = Search(finer, frozenset(config.skip), log)
     found = decide(finer, search, log)
     far_above = found.leftover > FAR_ABOVE * LEFTOVER_LIMIT * doubt(finer)
-    if found.verdict == "physics_missing" or (found.verdict == "unknown" and far_above):
+    if found.verdict == "unknown" and far_above:
         return finer, search, found
-    return None
+    if found.verdict != "physics_missing":
+        return None
+    if decision.verdict == "physics_missing" and _held(found) > _held(decision):
+        return None  # a finer floor is no reason to take names that predict the held-out effort worse
+    return finer, search, found
+
+
+def _held(decision: Decision) -> float:
+    """Mean square of the held-out effort that an explanation leaves over [N²·m² or N²]."""
+    return decision.solution.raw_held[1]
 
 
 def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem:
