@@ -37,6 +37,11 @@ TICK_SHARE = (
 )
 
 
+# A drive that is read before it is written to reports the effort of the tick before: a delay of one period of the
+# controller is what its order of reading makes, and a short lag fits the same record. Log and period agree that well.
+OLD, TICK_DOUBT = ("actuator_delay", "bandwidth"), 0.1
+
+
 @dataclass(frozen=True)
 class LawFinding:
     """What the control law says about one joint.
@@ -110,6 +115,9 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
     if gain < LEAST_GAIN or share < 0.3 or test.relative * (1.0 - share) > MAX_MISFIT:
         return None
     if name == "clock_skew" and -_held_for(usable[0].s) < shape["lag"] < 0.0:
+        return None
+    rate = usable[0].s.rec.controller.rate_hz
+    if name in OLD and rate and next(iter(shape.values())) <= (1.0 + TICK_DOUBT) / rate:
         return None
     if name == "controller_gain" and all(
         abs(p["value"] - p["from"]) < LEAST_CHANGE * p["from"] for p in parameters.values()
