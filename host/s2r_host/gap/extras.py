@@ -18,9 +18,8 @@ from s2r_host.gap.replay import build_twin
 def add_extras(a: Analysis, config: GapConfig, seed: int, folder: Path, log: Callable[[str], None]) -> None:
     """Fill ``baselines`` and ``next_experiment`` of an analysis in place."""
     if a.problem is None or a.search is None or a.decision is None:
-        a.next_experiment = {
-            "separates": [], "trajectory": None, "why": "record the effort of every joint during the same motion",
-        }  # fmt: skip
+        # Without a regression the first note says what the recordings lack: effort, length or motion.
+        a.next_experiment = {"separates": [], "trajectory": None, "why": a.notes[0]}
         return
     if config.baselines and config.simulate and a.verdict not in ("nothing_missing", "insufficient"):
         log("baselines")

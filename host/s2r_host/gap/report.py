@@ -120,13 +120,11 @@ def _numbers(a: Analysis, answer: dict) -> str:
     rows = [
         (f"position, fitted, {loop}", fit["train_before"], fit["train_after"]),
         (f"position, held out, {loop}", fit["holdout_before"], fit["holdout_after"]),
-        (
-            "position, held out, open-loop windows",
-            fit["open_loop_holdout_before"],
-            fit["open_loop_holdout_after"],
-        ),
         ("effort, held out", fit.get("effort_holdout_before"), fit.get("effort_holdout_after")),
     ]
+    if fit.get("closed_loop"):  # without a law the open-loop windows are what the rows above show
+        open_loop = fit["open_loop_holdout_before"], fit["open_loop_holdout_after"]
+        rows.insert(2, ("position, held out, open-loop windows", *open_loop))
     body = "".join(f"<tr><td>{n}<td class=num>{cell(b)}<td class=num>{cell(c)}</tr>" for n, b, c in rows)
     for name, b in answer["baselines"].items():
         body += f"<tr><td>baseline {name.replace('_', ' ')}, held out<td><td class=num>{cell(b['holdout'])}"
