@@ -11,6 +11,7 @@ from s2r_host.gap.session import Session
 
 REACH = (0.5, 1.0, 1.5, 2.0)
 FAR_REACH = (3.0, 5.0)  # what an arm holds may hang well beyond its last body
+LEAST_REACH = 0.3
 NODES = (0.0, 1.0, 2.0)  # reaches at which a load is evaluated; a quadratic goes through three
 
 
@@ -36,6 +37,10 @@ class Payload(Effect):
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Distance."""
         return {"reach": ("log", 0.2)}
+
+    def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
+        """A load hangs from the body: near the joint a slow motion would ask for any mass, at a distance of nothing."""
+        return {"reach": (LEAST_REACH, np.inf)}
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Load per added kilogram: weight and centre of mass go with the reach, inertia with its square."""
