@@ -16,13 +16,16 @@ from s2r_host.run.task import Task
 COLOURS = ("#20639b", "#d1495b", "#3c8d5a", "#8d6a9f", "#b8860b", "#555555")
 
 
-def felt_figure(felt: Mapping[str, Sequence[Touch]], belief: Belief, task: Task) -> Figure:
+def felt_figure(
+    felt: Mapping[str, Sequence[Touch]], belief: Belief, task: Task, origin: float = 0.0
+) -> Figure:
     """One colour per motion; left over the joint's position, right over time.
 
     Args:
         felt: Touches by the label of their motion.
         belief: What was learnt from them.
         task: For the unit of the joint.
+        origin: Joint value that targets count from, 0 in the plot [m or rad].
     """
     scale, unit = task.unit.factor, task.unit.name
     effort = "N" if belief.template.slides else "N·m"
@@ -34,7 +37,7 @@ def felt_figure(felt: Mapping[str, Sequence[Touch]], belief: Belief, task: Task)
             colour = COLOURS[k % len(COLOURS)]
             for number, one in enumerate(touches):
                 name = label if number == 0 else None
-                for axes, x in ((over_s, scale * one.s), (over_t, begun + one.t - one.t[0])):
+                for axes, x in ((over_s, scale * (one.s - origin)), (over_t, begun + one.t - one.t[0])):
                     axes.fill_between(
                         x, one.effort - one.sigma, one.effort + one.sigma, color=colour, alpha=0.18, lw=0
                     )

@@ -153,7 +153,7 @@ def _attempts(record: RunRecord) -> str:
                 str(planned.number),
                 _number(record, done.s_initial),
                 _number(record, done.s_target),
-                _number(record, planned.foreseen),
+                _number(record, done.foreseen),
                 f"{_number(record, done.measured.s)} ± {task.unit.factor * done.measured.sigma:.2f}",
                 f"{task.unit.factor * done.delta:+.2f}",
                 f"{100 * done.delta_r:+.2f} %",
@@ -185,15 +185,13 @@ def _attempts(record: RunRecord) -> str:
 def _state(record: RunRecord) -> str:
     if not record.attempts:
         return ""
-    settings = record.settings
-    figure = state_figure(record.goals, record.views, settings.task, record.s_found)
-    return section(f"The {settings.task.part} over time", inline_svg(figure))
+    return section(f"The {record.settings.task.part} over time", inline_svg(state_figure(record)))
 
 
 def _felt(record: RunRecord) -> str:
     if record.belief is None or not any(record.felt.values()):
         return ""
-    figure = felt_figure(record.felt, record.belief, record.settings.task)
+    figure = felt_figure(record.felt, record.belief, record.settings.task, record.origin)
     model = os.path.relpath(record.belief.growing, record.settings.out)
     command = f"s2r gap --model {model} --fit object-log/*.csv --out gap"
     note = (

@@ -12,11 +12,8 @@ from s2r_host.errors import RecordingError
 from s2r_host.recording import JointTrack, plan_track
 from s2r_host.report.style import EXECUTED, FAILED, PLANNED, RC, SEEN, TARGET
 from s2r_host.run.journal import Stage
-from s2r_host.run.manipulate import DoneManipulation
-from s2r_host.run.observe import Observation
-from s2r_host.run.record import Goal
+from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.session import Executed
-from s2r_host.run.task import Task
 
 
 def tracking_error(executed: Executed) -> tuple[JointTrack, np.ndarray] | None:
@@ -57,32 +54,33 @@ def joints_figure(executed: Executed, joint_names: Sequence[str]) -> Figure:
         return figure
 
 
-def state_figure(
-    goals: Sequence[Goal], views: Sequence[Observation], task: Task, s_found: float | None
-) -> Figure:
-    """The part over time: seen by the camera, and as each delivered plan foresaw it; the targets while they held."""
+def state_figure(record: RunRecord) -> Figure:
+    """The part over time: seen by the camera, and as each delivered plan foresaw it; the targets while they held.
+
+    Joint values count as the command line's targets do.
+    """
+    task, origin = record.settings.task, record.origin
     scale, unit = task.unit.factor, task.unit.name
-    attempts = [done for goal in goals for done in goal.attempts]
     with mpl.rc_context(RC):
         figure = Figure(figsize=(12.5, 3.6), layout="constrained")
         axes = figure.subplots()
-        for k, (goal, begin, end) in enumerate(_times(goals)):
-            low, high = scale * (goal.target - task.tolerance), scale * (goal.target + task.tolerance)
-            label = f"target ± {scale * task.tolerance:.3g} {unit}" if k == 0 else None
-            axes.fill_between([begin, end], low, high, color=TARGET, alpha=0.14, lw=0, label=label)
-            axes.plot([begin, end], [scale * goal.target] * 2, color=TARGET, lw=1.2)
-        for k, done in enumerate(attempts):
+        for k, (goal, begin, end) in enumerate(_times(record.goals)):
+            middle, half = scale * (goal.target - origin), scale * task.tolerance
+            label = f"target ± {half:.3g} {unit}" if k == 0 else None
+            axes.fill_between(
+                [begin, end], middle - half, middle + half, color=TARGET, alpha=0.14, lw=0, label=label
+            )
+            axes.plot([begin, end], [middle] * 2, color=TARGET, lw=1.2)
+        for k, done in enumerate(record.attempts):
             replay, executed = done.planned.delivery.replay, done.executed[0]
             pace = executed.wall_s / executed.trajectory.duration_s  # a stepped clock runs slower or faster
             label = "foreseen by the plan" if k == 0 else None
-            axes.plot(
-                executed.begun_s + pace * replay.t, scale * replay.s, color=PLANNED, lw=1.8, label=label
-            )
-        seen = _seen(attempts, views, s_found)
-        t, s, sigma, names = (list(column) for column in zip(*seen, strict=True))
+            foreseen = scale * (replay.s + done.shift - origin)
+            axes.plot(executed.begun_s + pace * replay.t, foreseen, color=PLANNED, lw=1.8, label=label)
+        t, s, sigma, names = (list(column) for column in zip(*_seen(record), strict=True))
         axes.errorbar(
             t,
-            scale * np.array(s),
+            scale * (np.array(s) - origin),
             yerr=2.0 * scale * np.array(sigma),
             fmt="o",
             color=SEEN,
@@ -91,7 +89,9 @@ def state_figure(
             label="seen by the camera (± 2σ)",
         )
         for ti, si, name in zip(t, s, names, strict=True):
-            axes.annotate(name, (ti, scale * si), xytext=(6, -12), textcoords="offset points", color=SEEN)
+            axes.annotate(
+                name, (ti, scale * (si - origin)), xytext=(6, -12), textcoords="offset points", color=SEEN
+            )
         axes.margins(y=0.12)
         axes.set_xlabel("time since the run began [s]")
         axes.set_ylabel(f"{task.part} [{unit}], + = {task.positive}")
@@ -106,17 +106,15 @@ def _times(goals: Sequence[Goal]) -> list[tuple[Goal, float, float]]:
     return list(zip(aimed, [0.0, *ends], ends, strict=False))
 
 
-def _seen(
-    attempts: Sequence[DoneManipulation], views: Sequence[Observation], s_found: float | None
-) -> list[tuple[float, float, float, str]]:
+def _seen(record: RunRecord) -> list[tuple[float, float, float, str]]:
     """(time, state, standard error, name) of every look at the part."""
-    known: dict[str, tuple[float, float]] = {"A": (0.0, 0.0)}
-    if s_found is not None:
-        known["B"] = (s_found, 0.0)
-    for done in attempts:
+    known = {record.zero_view: (0.0, 0.0), record.origin_view: (record.origin, 0.0)}
+    if record.s_found is not None:
+        known[record.found_view] = (record.s_found, 0.0)
+    for done in record.attempts:
         sigma = done.measured.sigma
         known[done.view.name] = (done.measured.s, sigma if np.isfinite(sigma) else 0.0)
-    return [(view.taken_s, *known[view.name], view.name) for view in views if view.name in known]
+    return [(view.taken_s, *known[view.name], view.name) for view in record.views if view.name in known]
 
 
 def stages_figure(stages: Sequence[Stage]) -> Figure:

@@ -25,6 +25,7 @@ class DoneManipulation:
         measured: Where the part is now.
         s_initial: Where it was just before, by the camera [m or rad].
         s_target: Where it should be [m or rad].
+        shift: Added to joint values since it was planned, where the joint has been told anew [m or rad].
     """
 
     planned: PlannedManipulation
@@ -33,6 +34,12 @@ class DoneManipulation:
     measured: Measurement
     s_initial: float
     s_target: float
+    shift: float = 0.0
+
+    @property
+    def foreseen(self) -> float:
+        """Where the plan meant to leave the part [m or rad]."""
+        return self.planned.foreseen + self.shift
 
     @property
     def delta(self) -> float:

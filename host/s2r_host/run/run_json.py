@@ -110,7 +110,7 @@ def _attempt(done: DoneManipulation) -> dict[str, Any]:
         "number": planned.number,
         "s_initial": done.s_initial,
         "s_target": done.s_target,
-        "s_planned": planned.foreseen,
+        "s_planned": done.foreseen,
         "s_final": done.measured.s,
         "s_final_sigma": _finite(done.measured.sigma),
         "delta": done.delta,

@@ -87,7 +87,8 @@ def _count_anew(
         target, attempts, s_before = origin + goal.target - record.origin, [], s
         for done in goal.attempts:
             measured = replace(done.measured, s=state_in(belief, done.view, zero))
-            attempts.append(replace(done, s_initial=s, s_target=target, measured=measured))
+            shift = done.shift + s - done.s_initial
+            attempts.append(replace(done, s_initial=s, s_target=target, measured=measured, shift=shift))
             s = measured.s
         goals.append(Goal(target, attempts, s_before))
     record.belief, record.origin, record.s_found, record.goals = belief, origin, s_found, goals
