@@ -16,19 +16,19 @@ Several routes on the same pairs, one line each (weights from `s2r train model`)
         --route geometry,network,combined,no-interaction --out runs/perception-routes
 
 geometry: what `estimate_joint` does by itself. vague: the same, also where a turn is known to half of itself only.
-network: the pair network's votes alone. combined: its axes join
-the geometric hypotheses. no-interaction: the network given the first view twice, as in the ablation of Sim2Real²
-without interaction.
+network: the pair network's votes alone. combined: the hypotheses of geometry weighed by them.
+no-interaction: the network given the first view twice, as in the ablation of Sim2Real² without interaction.
 """
 
 from __future__ import annotations
 
 import argparse
+import copy
 import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ from s2r_host.perception import (
     estimate_joint,
 )
 from s2r_host.perception.change import compare
-from s2r_host.perception.estimate import prepare
+from s2r_host.perception.estimate import Search, conclude, look_for_motion, prepare, weighed
 from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import line_distance
 from s2r_host.perception.pair_network import PairNetworkRuntime
@@ -63,6 +63,7 @@ CATEGORIES = {
 }
 COMMANDED = {"prismatic": 0.10, "revolute": np.radians(45)}
 SEEN_PX = 150
+SEARCHING = ("geometry", "vague", "combined")
 ROUTES = ("geometry", "vague", "network", "combined", "no-interaction")
 
 
@@ -94,46 +95,68 @@ def measure_routes(
 ) -> dict[str, Any]:
     """Draw one pair and judge the answer of each route; a row per route."""
     pair = draw_pair(kind, Split(split), seed, noise=sight != "exact")
-    views = frames(pair, colour=sight != "depth")
+    looked = Looked(*frames(pair, colour=sight != "depth"))
     rows = {}
     for route in routes:
-        start = time.process_time()
+        start, before_s = time.process_time(), looked.cpu_s
         try:
-            found = answer(route, *views, weights, seed)
+            found = answer(route, looked, weights, seed)
         except (AbstainError, BadViewError) as error:
-            rows[route] = about(pair) | {"abstained": str(error), "cpu_s": time.process_time() - start}
-            continue
-        cpu_s = time.process_time() - start
-        judged = judge(found, pair) if isinstance(found, JointMotion) else judge_estimate(found, pair)
-        rows[route] = about(pair) | judged | {"cpu_s": cpu_s}
+            verdict: dict[str, Any] = {"abstained": str(error)}
+        else:
+            verdict = judge(found, pair) if isinstance(found, JointMotion) else judge_estimate(found, pair)
+        # What several routes share counts for each of them.
+        cpu_s = time.process_time() - start - (looked.cpu_s - before_s)
+        shared = looked.cpu_s if route in SEARCHING else 0.0
+        rows[route] = about(pair) | verdict | {"cpu_s": cpu_s + shared}
     return {"kind": kind, "seed": seed, "routes": rows}
 
 
-def answer(
-    route: str, before: DepthFrame, after: DepthFrame, weights: str | None, seed: int
-) -> JointEstimate | JointMotion:
+class Looked:
+    """Two views and the search for their motion, made once for all routes; `estimate_joint` does the same steps."""
+
+    def __init__(self, before: DepthFrame, after: DepthFrame) -> None:
+        self.before, self.after = before, after
+        self.cpu_s = 0.0
+
+    @cached_property
+    def found(self) -> tuple[Scene, Scene, Search, list[str], np.random.Generator]:
+        """The scene as compared, the scene with its revealed level, the candidates, warnings, and the generator."""
+        start, rng = time.process_time(), np.random.default_rng(0)
+        try:
+            scene, warnings = prepare(self.before, self.after, None, None, None, rng)
+            return scene, *look_for_motion(scene, rng), warnings, rng
+        finally:
+            self.cpu_s += time.process_time() - start
+
+
+def answer(route: str, looked: Looked, weights: str | None, seed: int) -> JointEstimate | JointMotion:
     """What one route says of two views.
 
     Raises:
         AbstainError: Nothing.
         BadViewError: That it can not be asked.
     """
-    if route in ("geometry", "vague"):
-        return estimate_joint(before, after, known_to=VAGUELY if route == "vague" else KNOWN_TO)
-    network, rng = runtime(weights), np.random.default_rng([seed, 5])
-    if route == "combined":
-        return estimate_joint(before, after, extra_axes=network.axes_between(before, after, rng))
+    rng = np.random.default_rng([seed, 5])
+    if route in SEARCHING:
+        first, scene, found, warnings, after = looked.found
+        if route == "combined":
+            belief = runtime(weights).belief(first, np.random.default_rng([0, 1]))
+            if belief is not None:
+                found = weighed(found, belief, scene, None, np.random.default_rng([0, 2]))
+        known_to = VAGUELY if route == "vague" else KNOWN_TO
+        return conclude(found, scene, warnings, copy.deepcopy(after), known_to=known_to)
     if route == "network":
-        scene, _ = prepare(before, after, None, None, None, rng)
+        scene, _ = prepare(looked.before, looked.after, None, None, None, rng)
     else:
         # Not by `prepare`, which refuses the same view twice: what would the network make of it?
-        view = DepthView(before)
+        view = DepthView(looked.before)
         every = np.ones(len(view.points), dtype=bool)
         scene = Scene(view, view, compare(view, view), every, every)
-    opinion = network.look(scene, rng)
-    if opinion is None:
+    belief = runtime(weights).belief(scene, rng)
+    if belief is None:
         raise AbstainError("hardly a point is believed to have moved with a part")
-    return opinion.poll.best()
+    return belief.opinion.best()
 
 
 @cache

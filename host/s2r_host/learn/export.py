@@ -15,17 +15,18 @@ from torch import Tensor, nn
 
 from s2r_host.learn.network import FEATURE, IN, NOISE, PushNetwork
 from s2r_host.learn.pair_loss import INPUTS as PAIR_INPUTS
-from s2r_host.learn.pair_network import PairNetwork
+from s2r_host.learn.pair_network import WIDTH, PairNetwork
 from s2r_host.learn.push_loss import ENCODER_INPUTS
 from s2r_host.perception import pair_cloud
 from s2r_host.perception.errors import InputError
 from s2r_host.perception.object_cloud import COARSE, NEIGHBOURS, POINTS
+from s2r_host.perception.pair_space import BESIDES, NEAREST
 
 logger = logging.getLogger(__name__)
 
 MOST_DIFFERENCE = 1e-4
 OPSET = 18
-PAIR = "pair.onnx"
+PAIR, SPACE = "pair.onnx", "space.onnx"
 ENCODER, PROPOSAL, CRITIC, ABOUT = "encoder.onnx", "proposal.onnx", "critic.onnx", "about.json"
 
 
@@ -61,6 +62,17 @@ class _Critic(nn.Module):
         return self.network.judge(feature, direction)
 
 
+class _Space(nn.Module):
+    """Occupancy, for a list of points of space."""
+
+    def __init__(self, network: PairNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, beside: Tensor) -> Tensor:
+        return self.network.occupied(beside)
+
+
 def export(network: PushNetwork, folder: Path, about: dict[str, Any]) -> float:
     """Write the graphs and a description; the largest difference from torch.
 
@@ -88,16 +100,21 @@ def export(network: PushNetwork, folder: Path, about: dict[str, Any]) -> float:
 
 
 def export_pair(network: PairNetwork, folder: Path, about: dict[str, Any]) -> float:
-    """Write the graph of the pair network and a description; the largest difference from torch.
+    """Write the graphs of the pair network and a description; the largest difference from torch.
 
     Raises:
         InputError: ONNX Runtime computes something else.
     """
     network = network.cpu().eval()
     folder.mkdir(parents=True, exist_ok=True)
-    cloud = example_pair(torch.Generator().manual_seed(0))
-    write_graph(network, cloud, PAIR_INPUTS, ("votes",), folder / PAIR, many=False)
-    worst = graph_difference(network, cloud, folder / PAIR)
+    generator = torch.Generator().manual_seed(0)
+    cloud, space = example_pair(generator), _Space(network)
+    near = (torch.randn(100, NEAREST, WIDTH + BESIDES, generator=generator),)
+    write_graph(network, cloud, PAIR_INPUTS, ("votes", "feature"), folder / PAIR, many=False)
+    write_graph(space, near, ("beside",), ("logit",), folder / SPACE, many=True)
+    worst = max(
+        graph_difference(network, cloud, folder / PAIR), graph_difference(space, near, folder / SPACE)
+    )
     write_about(folder, about, worst)
     return worst
 

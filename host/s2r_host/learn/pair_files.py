@@ -9,16 +9,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_host.learn.solids import drawn_around, inside, moved
 from s2r_host.perception.change import compare, measured_noise_scale, without_specks
 from s2r_host.perception.errors import InputError, NothingMovedError
 from s2r_host.perception.evidence import Scene
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.pair_cloud import PairPool, Pool, pool
-from s2r_host.perception.view import DepthView
+from s2r_host.perception.view import DepthView, Seen
 
 FOLDER = "points"
-VERSION = 2  # of what is kept; raise it when the preparation of views or pools changes
+_ARRAYS = ("place", "normal", "flag", "centre", "gap", "query", "filled")
+VERSION = 3  # of what is kept; raise it when the preparation of views or pools changes
 UNIT_M = 1e-4
 FEWEST = 30  # points of the part among those of both views; with fewer there is nothing to learn
 NOISE_MARGIN = 0.15  # as `estimate.prepare` has it
@@ -33,7 +35,10 @@ _NEEDED = (
     "axis_direction",
     "spokes",
     "kind",
+    "solids",
 )
+QUERIES = 384  # points of space per pair whose occupancy is kept, at most
+AROUND_M = 0.02  # about the part's solids, where they are drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +55,10 @@ class PairSample:
         motion: Of the part, delta >= 0.
         other: The turn the other way that equal spokes make as good, or None.
         kind: Kind of object.
+        gap: See `Pool` [0.1 mm], int16, shape (n,).
+        query: Points of space about ``centre`` that neither view saw to be empty, the part as in the first view
+            [0.1 mm], int16, shape (m, 3).
+        filled: Whether the part is there, shape (m,).
     """
 
     place: NDArray[np.int16]
@@ -61,15 +70,20 @@ class PairSample:
     motion: JointMotion
     other: JointMotion | None
     kind: str
+    gap: NDArray[np.int16]
+    query: NDArray[np.int16]
+    filled: NDArray[np.bool_]
 
     def pools(self) -> PairPool:
         """What `pair_cloud.sample` draws from."""
         points = self.centre + UNIT_M * self.place.astype(np.float32)
         normals = self.normal.astype(np.float32) / 127
         change, edge, ok = self.flag & 3, (self.flag & 4) > 0, (self.flag & 8) > 0
+        gap = UNIT_M * self.gap.astype(np.float32)
         cut = (slice(None, self.before), slice(self.before, None))
         views = [
-            Pool(points[k], normals[k], change[k], edge[k], ok[k], np.arange(len(change[k]))) for k in cut
+            Pool(points[k], normals[k], change[k], edge[k], ok[k], gap[k], np.arange(len(change[k])))
+            for k in cut
         ]
         return PairPool(views[0], views[1], self.centre, self.heading)
 
@@ -123,15 +137,24 @@ def _prepare(content: dict[str, NDArray[np.generic]]) -> list[PairSample]:
         views = [DepthView(frame, noise_scale=scale) for frame in frames]
     part = np.unpackbits(content["part"], axis=-1)[..., : _columns(content)].astype(bool)
     q, spokes, samples = np.asarray(content["q"], float), int(content["spokes"]), []
-    for k, (i, j) in enumerate(combinations(range(len(views)), 2)):
-        motion = JointMotion(
+    solids = np.asarray(content["solids"], float)
+
+    def joint(delta: float) -> JointMotion:
+        return JointMotion(
             "prismatic" if bool(content["slides"]) else "revolute",
             np.asarray(content["axis_origin"], float),
             np.asarray(content["axis_direction"], float),
-            float(q[j] - q[i]),
-        ).positive()
+            delta,
+        )
+
+    for k, (i, j) in enumerate(combinations(range(len(views)), 2)):
         sample = _sample(
-            (views[i], views[j]), (part[i], part[j]), motion, spokes, np.random.default_rng([k, 11])
+            (views[i], views[j]),
+            (part[i], part[j]),
+            joint(float(q[j] - q[i])).positive(),
+            moved(solids, joint(float(q[i] - q[0])).transform()),
+            spokes,
+            np.random.default_rng([k, 11]),
         )
         if sample is not None:
             samples.append(replace(sample, kind=str(content["kind"])))
@@ -147,6 +170,7 @@ def _sample(
     views: tuple[DepthView, DepthView],
     part: tuple[NDArray[np.bool_], NDArray[np.bool_]],
     motion: JointMotion,
+    solids: NDArray[np.floating],
     spokes: int,
     rng: np.random.Generator,
 ) -> PairSample | None:
@@ -171,9 +195,9 @@ def _sample(
             for some, mine in zip(both, belongs, strict=True)
         ]
     )
-    place = np.clip(np.rint((points - pools.centre) / UNIT_M), -32767, 32767)
+    query, filled = _space(views, motion, solids, rng)
     return PairSample(
-        place.astype(np.int16),
+        _short(points - pools.centre),
         np.rint(127 * normals).astype(np.int8),
         flag.astype(np.uint8),
         len(pools.before.points),
@@ -182,7 +206,30 @@ def _sample(
         motion,
         _other(motion, spokes),
         "",
+        _short(np.concatenate([some.gap_m for some in both])),
+        _short(query - pools.centre),
+        filled,
     )
+
+
+def _short(length_m: NDArray[np.floating]) -> NDArray[np.int16]:
+    return np.clip(np.rint(length_m / UNIT_M), -32767, 32767).astype(np.int16)
+
+
+def _space(
+    views: tuple[DepthView, DepthView],
+    motion: JointMotion,
+    solids: NDArray[np.floating],
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.floating], NDArray[np.bool_]]:
+    """Points about the part as in the first view that neither view saw to be empty [m] (m, 3), and if it is there."""
+    if not len(solids):
+        return np.zeros((0, 3)), np.zeros(0, dtype=bool)
+    p, X = drawn_around(solids, 4 * QUERIES, AROUND_M, rng), motion.transform()
+    free = views[0].look(p, 0.001).seen == Seen.FREE
+    free |= views[1].look(p @ X[:3, :3].T + X[:3, 3], 0.001).seen == Seen.FREE
+    p = p[~free][:QUERIES]
+    return p, inside(p, solids)
 
 
 def _other(motion: JointMotion, spokes: int) -> JointMotion | None:
@@ -197,7 +244,7 @@ def _write(path: Path, samples: list[PairSample]) -> None:
     path.parent.mkdir(exist_ok=True)
     arrays: dict[str, NDArray[np.generic]] = {"version": np.array(VERSION), "count": np.array(len(samples))}
     for k, sample in enumerate(samples):
-        arrays |= {f"{name}{k}": getattr(sample, name) for name in ("place", "normal", "flag", "centre")}
+        arrays |= {f"{name}{k}": getattr(sample, name) for name in _ARRAYS}
         arrays[f"before{k}"] = np.array(sample.before)
         arrays[f"heading{k}"] = np.array(sample.heading)
         motions = [m for m in (sample.motion, sample.other) if m is not None]
@@ -234,6 +281,9 @@ def _read(path: Path) -> list[PairSample] | None:
                     motions[0],
                     motions[1] if len(motions) > 1 else None,
                     kind,
+                    archive[f"gap{k}"],
+                    archive[f"query{k}"],
+                    archive[f"filled{k}"],
                 )
             )
     return samples

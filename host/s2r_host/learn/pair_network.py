@@ -1,8 +1,11 @@
-"""The pair network: which points moved, about what, and how far, from two clouds.
+"""The pair network: which points moved, about what, how far, and where the part is that nobody saw, from two clouds.
 
-What Ditto does (Jiang et al., CVPR 2022) at the size of this project, without its reconstruction: one PointNet++ (Qi et
-al., NeurIPS 2017) for both views, attention between the coarse points of both so that each finds where its piece went,
-and votes per point (`s2r_host.perception.pair_votes`).
+What Ditto does (Jiang et al., CVPR 2022) at the size of this project: one PointNet++ (Qi et al., NeurIPS 2017) for both
+views, attention between the coarse points of both so that each finds where its piece went, votes per point
+(`s2r_host.perception.pair_votes`), and an occupancy of the part for any point of space from the features of the points
+around it (`s2r_host.perception.pair_space`).
+
+Nonlinearities and norms cost more than products on a CPU: the layers within neighbourhoods have none of the norms.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from torch.nn import functional
 
 from s2r_host.learn.blocks import mlp, pool, spread
 from s2r_host.perception.pair_cloud import COARSE, FEATURES
+from s2r_host.perception.pair_space import BESIDES
 from s2r_host.perception.pair_votes import VOTES
 
 WIDTH, HEADS = 64, 4
@@ -20,21 +24,30 @@ PLACE = 4  # of a token: where it is [dm], and which view it is of
 
 
 class PairNetwork(nn.Module):
-    """Encoder and votes. Shapes: B pairs of 2 views of P points."""
+    """Encoder, votes and occupancy. Shapes: B pairs of 2 views of P points."""
 
     def __init__(self, width: int = WIDTH) -> None:
         super().__init__()
         half, twice = width // 2, 2 * width
-        self.lift = mlp(FEATURES, half, half)
-        self.down1 = mlp(half + 3, width, width)
-        self.down2 = mlp(width + 3, twice, twice)
+        self.lift = nn.Sequential(nn.Linear(FEATURES, half), nn.ReLU(), nn.Linear(half, half), nn.ReLU())
+        self.down1 = _plain(half + 3, width)
+        self.norm1 = nn.LayerNorm(width)
+        self.down2 = _plain(width + 3, twice)
         self.place2 = nn.Linear(PLACE, twice)
         self.between2 = nn.ModuleList([_Attention(twice) for _ in range(2)])
-        self.up1 = mlp(twice + width, twice, width)
+        self.up1 = mlp(twice + width, width)
         self.place1 = nn.Linear(PLACE, width)
-        self.between1 = _Attention(width)
-        self.up0 = mlp(width + half + FEATURES, width, width)
-        self.vote = nn.Sequential(mlp(width, width), nn.Linear(width, VOTES))
+        self.between1 = nn.ModuleList([_Attention(width) for _ in range(2)])
+        self.up0 = mlp(width + half + FEATURES, width)
+        self.vote = nn.Sequential(nn.Linear(width, width), nn.ReLU(), nn.Linear(width, VOTES))
+        self.space = nn.Sequential(nn.Linear(width + BESIDES, width), nn.ReLU(), nn.Linear(width, width))
+        self.full = nn.Sequential(
+            nn.Linear(2 * width + BESIDES, width),
+            nn.ReLU(),
+            nn.Linear(width, half),
+            nn.ReLU(),
+            nn.Linear(half, 1),
+        )
 
     def forward(
         self,
@@ -45,8 +58,11 @@ class PairNetwork(nn.Module):
         up0: Tensor,
         weight1: Tensor,
         weight0: Tensor,
-    ) -> Tensor:
-        """Votes (B, 2, P, VOTES) of clouds (B, 2, P, FEATURES); the rest are pyramids of both views, (B, 2, ...)."""
+    ) -> tuple[Tensor, Tensor]:
+        """Votes (B, 2, P, VOTES) and features (B, 2, P, WIDTH) of clouds (B, 2, P, FEATURES).
+
+        The other arguments are pyramids of both views, (B, 2, ...).
+        """
         b, views, count, _ = x.shape
         x, down1, down2, up1, up0, weight1, weight0 = (
             t.flatten(0, 1) for t in (x, down1, down2, up1, up0, weight1, weight0)
@@ -54,15 +70,23 @@ class PairNetwork(nn.Module):
         p0 = x[..., :3]
         p1, p2 = p0[:, : COARSE[0]], p0[:, : COARSE[1]]
         f0 = self.lift(x)
-        f1 = pool(self.down1, f0, p0, p1, down1)
+        f1 = self.norm1(pool(self.down1, f0, p0, p1, down1))
         f2 = pool(self.down2, f1, p1, p2, down2)
         f2 = _together(f2 + self.place2(_places(p2, b)), b)
         for block in self.between2:
             f2 = block(f2)
         g1 = self.up1(torch.cat([spread(_apart(f2, b), up1, weight1), f1], -1))
-        g1 = _apart(self.between1(_together(g1 + self.place1(_places(p1, b)), b)), b)
-        hidden = self.up0(torch.cat([spread(g1, up0, weight0), f0, x], -1))
-        return self.vote(hidden).reshape(b, views, count, VOTES)
+        g1 = _together(g1 + self.place1(_places(p1, b)), b)
+        for block in self.between1:
+            g1 = block(g1)
+        hidden = self.up0(torch.cat([spread(_apart(g1, b), up0, weight0), f0, x], -1))
+        vote = self.vote(hidden)
+        return vote.reshape(b, views, count, VOTES), hidden.reshape(b, views, count, -1)
+
+    def occupied(self, beside: Tensor) -> Tensor:
+        """Logits (Q,) that the part is at points of space, from those beside them (Q, NEAREST, WIDTH + BESIDES)."""
+        around = self.space(beside).amax(dim=1)
+        return self.full(torch.cat([around, beside[:, 0]], -1)).squeeze(-1)
 
 
 class _Attention(nn.Module):
@@ -73,7 +97,7 @@ class _Attention(nn.Module):
         self.before, self.between = nn.LayerNorm(width), nn.LayerNorm(width)
         self.ask = nn.Linear(width, 3 * width)
         self.join = nn.Linear(width, width)
-        self.think = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width))
+        self.think = nn.Sequential(nn.Linear(width, 2 * width), nn.ReLU(), nn.Linear(2 * width, width))
 
     def forward(self, f: Tensor) -> Tensor:
         b, n, c = f.shape
@@ -83,6 +107,10 @@ class _Attention(nn.Module):
         seen = functional.scaled_dot_product_attention(q, k, v)
         f = f + self.join(seen.transpose(1, 2).reshape(b, n, c))
         return f + self.think(self.between(f))
+
+
+def _plain(inputs: int, outputs: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(inputs, outputs), nn.ReLU(), nn.Linear(outputs, outputs))
 
 
 def _places(p: Tensor, b: int) -> Tensor:

@@ -14,15 +14,18 @@ import torch
 from rich.progress import Progress
 
 from s2r_host.learn import checkpoint
+from s2r_host.learn.pair_draws import Drawn, draw
 from s2r_host.learn.pair_files import PairSample, load_pairs, pair_files
 from s2r_host.learn.pair_loss import batch, losses
 from s2r_host.learn.pair_network import PairNetwork
 from s2r_host.learn.push_files import data_hash
 from s2r_host.learn.train import cosine_rate, follow, on_device
-from s2r_host.perception.pair_cloud import facing, sample
+from s2r_host.perception.pair_cloud import facing
 from s2r_host.perception.pair_votes import Votes, errors, turned_back
 
 logger = logging.getLogger(__name__)
+
+DRAWS = 2  # of points of every pair, forwards and back; an epoch uses one of them
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class ModelSettings:
     """
 
     epochs: int = 24
-    batch: int = 4
+    batch: int = 8
     rate: float = 1.5e-3
     weight_decay: float = 1e-2
     averaging: float = 0.995
@@ -73,12 +76,16 @@ def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progre
         }
         state |= {"data_sha256": digest, "parameters": sum(p.numel() for p in network.parameters())}
         state["kinds"] = {kind: sum(s.kind == kind for s in fit) for kind in sorted({s.kind for s in fit})}
+    draws = [
+        [draw(one, np.random.default_rng([settings.seed, k, turn]), back=turn == 1) for turn in range(DRAWS)]
+        for k, one in enumerate(progress.track(fit, description="drawing points"))
+    ]
     task = progress.add_task("training", total=settings.epochs, completed=state["epoch"])
     for epoch in range(state["epoch"], settings.epochs):
         start = time.perf_counter()
         for group in optimiser.param_groups:
             group["lr"] = cosine_rate(settings.rate, epoch, settings.epochs)
-        row = {"epoch": epoch + 1} | _epoch(network, average, optimiser, fit, settings, epoch)
+        row = {"epoch": epoch + 1} | _epoch(network, average, optimiser, draws, settings, epoch)
         row |= {f"validation_{name}": value for name, value in evaluate(average, check, settings).items()}
         row["seconds"] = round(time.perf_counter() - start, 2)
         state["metrics"].append(row)
@@ -93,7 +100,7 @@ def _epoch(
     network: PairNetwork,
     average: PairNetwork,
     optimiser: torch.optim.Optimizer,
-    fit: list[PairSample],
+    fit: list[list[Drawn]],
     settings: ModelSettings,
     epoch: int,
 ) -> dict[str, float]:
@@ -103,7 +110,7 @@ def _epoch(
     order = rng.permutation(len(fit))
     steps, sums = 0, dict[str, float]()
     for first in range(0, len(order), settings.batch):
-        chosen = [fit[i] for i in order[first : first + settings.batch]]
+        chosen = [fit[i][(epoch + i) % DRAWS] for i in order[first : first + settings.batch]]
         total, parts, _ = losses(network, on_device(settings.device, batch(chosen, rng, vary=True)))
         optimiser.zero_grad()
         total.backward()
@@ -126,17 +133,17 @@ def evaluate(network: PairNetwork, samples: list[PairSample], settings: ModelSet
     network.eval()
     sums: dict[str, float] = {}
     right, iou, silent = [], [], 0
-    axis, line, turn, slide = [], [], [], []
+    axis, line, turn, slide, flows = [], [], [], [], []
     with torch.no_grad():
         for k, one in enumerate(samples):
-            data = on_device(settings.device, batch([one], np.random.default_rng([99, k]), vary=False))
+            drawn = draw(one, np.random.default_rng([99, k]))
+            data = on_device(settings.device, batch([drawn], np.random.default_rng(0), vary=False))
             _, parts, out = losses(network, data)
             for name, value in parts.items():
                 sums[name] = sums.get(name, 0.0) + value / len(samples)
-            # The same points again: `batch` draws them first.
-            cloud = sample(one.pools(), np.random.default_rng([99, k]))
+            cloud = drawn.cloud
             output = turned_back(out[0].flatten(0, 1).cpu().numpy(), facing(cloud.heading))
-            votes = Votes(cloud.points.reshape(-1, 3), output)
+            votes = Votes(cloud.points.reshape(-1, 3), output, np.repeat([False, True], len(cloud.points[0])))
             found = votes.opinion()
             if found is None:
                 silent += 1
@@ -148,13 +155,18 @@ def evaluate(network: PairNetwork, samples: list[PairSample], settings: ModelSet
             if not right[-1]:
                 continue
             angle, gap, delta = errors(best, one.motion, one.centre)
+            before, after, _ = votes.where()
+            X = one.motion.transform()
+            flows.append(
+                1e3 * float(np.median(np.linalg.norm(before @ X[:3, :3].T + X[:3, 3] - after, axis=1)))
+            )
             axis.append(np.degrees(angle))
             if best.joint_type == "revolute":
                 line.append(1e3 * gap)
                 turn.append(np.degrees(abs(delta)))
             else:
                 slide.append(1e3 * abs(delta))
-    medians = {"axis_deg": axis, "line_mm": line, "turn_deg": turn, "slide_mm": slide}
+    medians = {"axis_deg": axis, "line_mm": line, "turn_deg": turn, "slide_mm": slide, "flow_mm": flows}
     figures = {name: float(np.median(values)) for name, values in medians.items() if values}
     if axis:
         figures["axis_p90_deg"] = float(np.percentile(axis, 90))

@@ -26,6 +26,7 @@ from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.intervals import Intervals, intervals90
 from s2r_host.perception.levers import line_within
 from s2r_host.perception.motion import JointMotion, JointType, Push, line_distance
+from s2r_host.perception.network_belief import Belief, Network, weighed_by
 from s2r_host.perception.ranking import Hypothesis, explained_by, rank
 from s2r_host.perception.refine import sides
 from s2r_host.perception.revealed import with_revealed_level
@@ -123,6 +124,7 @@ def estimate_joint(
     up: Array | None = UP,
     pushed: Sequence[Push] = (),
     known_to: float = KNOWN_TO,
+    network: Network | None = None,
     seed: int = 0,
 ) -> JointEstimate:
     """Estimate type, axis and motion of the one part that moved.
@@ -139,6 +141,8 @@ def estimate_joint(
         pushed: Where and which way the part was pushed between the views, as far as all of that is known: it did not go
             against every one of them.
         known_to: Answer with a turn only where half its 90 % interval is no more than this share of it.
+        network: Weighs the hypotheses as well (`pair_network.PairNetworkRuntime`); views without a camera's pose have
+            none.
         seed: Of the sampling.
 
     Raises:
@@ -147,10 +151,47 @@ def estimate_joint(
     """
     rng = np.random.default_rng(seed)
     scene, warnings = prepare(before, after, region, ignore_mask_before, ignore_mask_after, rng)
+    belief = None if network is None else network.belief(scene, np.random.default_rng([seed, 1]))
+    scene, found = look_for_motion(scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up)
+    if belief is not None:
+        found = weighed(found, belief, scene, joint_type, np.random.default_rng([seed, 2]))
+    return conclude(found, scene, warnings, rng, up=up, pushed=pushed, known_to=known_to)
+
+
+def look_for_motion(
+    scene: Scene,
+    rng: np.random.Generator,
+    *,
+    extra_axes: Sequence[hyp.Axis] = (),
+    joint_type: JointType | None = None,
+    up: Array | None = UP,
+) -> tuple[Scene, Search]:
+    """The first half of `estimate_joint`: the scene with its revealed level, and the refined candidates.
+
+    Raises:
+        NothingMovedError: Hardly anything changed between the views.
+    """
     require_motion(scene)
     scene = with_revealed_level(scene, up, rng)
+    return scene, search(scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up)
+
+
+def conclude(
+    found: Search,
+    scene: Scene,
+    warnings: list[str],
+    rng: np.random.Generator,
+    *,
+    up: Array | None = UP,
+    pushed: Sequence[Push] = (),
+    known_to: float = KNOWN_TO,
+) -> JointEstimate:
+    """The second half of `estimate_joint`: the best candidate with its parts and intervals.
+
+    Raises:
+        AbstainError: The candidates do not determine one joint.
+    """
     view_a, view_b, changes = scene.before, scene.after, scene.changes
-    found = search(scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up)
     if not found.ranked:
         check_same_camera(view_a, view_b, changes, np.ones(len(view_a.points), dtype=bool), rng)
         raise AbstainError(
@@ -163,7 +204,7 @@ def estimate_joint(
     explained = explained_by(best.refined, scene, rng)
     check_same_camera(view_a, view_b, changes, ~parts.before, rng)
     check_second_part(best.motion, found.motions, scene, sides(scene, rng), fine, rng)
-    warnings += judge(ranked, scene, parts, explained.share, wishes.thin)
+    warnings = warnings + judge(ranked, scene, parts, explained.share, wishes.thin)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
     few = explained.judged < EDGE_ON_JUDGED or best.refined.used < EDGE_ON_USED
     edge_on = not scene.small() and few and best.motion.joint_type == "revolute"
@@ -185,6 +226,20 @@ def estimate_joint(
         intervals, best.refined.residual_m, view_a, view_b, parts, tuple(ranked), explained.share,
         tuple(warnings),
     )  # fmt: skip
+
+
+def weighed(
+    found: Search, belief: Belief, scene: Scene, joint_type: JointType | None, rng: np.random.Generator
+) -> Search:
+    """The candidates in the order that evidence and a network's belief give them together.
+
+    Where the network finds the best of them unlikely, its own motion is refined and joins them.
+    """
+    ranked = found.ranked
+    if ranked and belief.nats(ranked[0].motion) < belief.unlikely_nats:
+        own = [m for m in belief.motions() if joint_type in (None, m.joint_type)]
+        ranked = rank([*own, *(h.motion for h in ranked[:AGAIN])], scene, found.wishes, rng)
+    return replace(found, ranked=weighed_by(belief, ranked))
 
 
 def _one_way(

@@ -19,10 +19,11 @@ from s2r_host.perception.view import View
 Array = NDArray[np.floating]
 Index = NDArray[np.int64]
 
-POINTS = 512  # per view
-COARSE = (128, 32)  # points of the two coarser levels, per view
-NEIGHBOURS = 12
-FEATURES = 10
+POINTS = 384  # per view
+COARSE = (96, 32)  # points of the two coarser levels, per view
+NEIGHBOURS = 10
+FEATURES = 11
+MOST_GAP_M = 0.15  # beyond it the gap says no more
 MARGIN_M = 0.15  # around what moved; as much as the search for planes looks at
 POOLED = {Change.MOVED: 1536, Change.UNKNOWN: 768, Change.STATIC: 1024}  # most points kept of a view
 SHARES = {
@@ -41,6 +42,7 @@ class Pool:
         normals: Unit, towards the camera, shape (n, 3).
         change: `Change` labels, uint8, shape (n,).
         edge, normal_ok: See `view.View`, shape (n,).
+        gap_m: How far behind the point the other view's surface lies on its ray, 0 where it has none, shape (n,).
         index: Into the points of the view, shape (n,).
     """
 
@@ -49,6 +51,7 @@ class Pool:
     change: NDArray[np.uint8]
     edge: NDArray[np.bool_]
     normal_ok: NDArray[np.bool_]
+    gap_m: Array
     index: Index
 
 
@@ -76,6 +79,7 @@ class PairCloud:
         points: [m], shape (2, P, 3).
         normals: Shape (2, P, 3).
         flags: Edge, normal fits, moved, static, as 0 or 1, shape (2, P, 4).
+        gap_m: See `Pool`, shape (2, P).
         chosen: Which points of the pools, shape (2, P).
         centre, heading: See `PairPool`.
     """
@@ -83,14 +87,15 @@ class PairCloud:
     points: Array
     normals: Array
     flags: NDArray[np.float32]
+    gap_m: Array
     chosen: Index
     centre: Array
     heading: float
 
     def features(self) -> NDArray[np.float32]:
-        """Input of the network: centred points [dm], normals, flags; (2, P, `FEATURES`)."""
-        x = np.concatenate([10 * (self.points - self.centre), self.normals], axis=2)
-        return np.concatenate([x.astype(np.float32), self.flags], axis=2)
+        """Input of the network: centred points [dm], normals, flags, gap [dm]; (2, P, `FEATURES`)."""
+        columns = (10 * (self.points - self.centre), self.normals, self.flags, 10 * self.gap_m[..., None])
+        return np.concatenate(columns, axis=2).astype(np.float32)
 
 
 def pool(scene: Scene, rng: np.random.Generator) -> PairPool:
@@ -103,8 +108,8 @@ def pool(scene: Scene, rng: np.random.Generator) -> PairPool:
     low, high = np.percentile(scene.moved_points(), [2, 98], axis=0)
     box = low - MARGIN_M, high + MARGIN_M
     return PairPool(
-        _near(scene.before, scene.changes.before, scene.candidate_before, box, rng),
-        _near(scene.after, scene.changes.after, scene.candidate_after, box, rng),
+        _near(scene.before, scene.after, scene.changes.before, scene.candidate_before, box, rng),
+        _near(scene.after, scene.before, scene.changes.after, scene.candidate_after, box, rng),
         0.5 * (low + high),
         heading(scene.before.p_camera, 0.5 * (low + high)),
     )
@@ -142,6 +147,7 @@ def sample(pools: PairPool, rng: np.random.Generator) -> PairCloud:
         np.stack(points),
         np.stack(normals),
         np.stack(flags).astype(np.float32),
+        np.stack([view.gap_m[at] for view, at in zip(views, chosen, strict=True)]),
         chosen,
         pools.centre,
         pools.heading,
@@ -150,6 +156,7 @@ def sample(pools: PairPool, rng: np.random.Generator) -> PairCloud:
 
 def _near(
     view: View,
+    other: View,
     change: NDArray[np.uint8],
     candidate: NDArray[np.bool_],
     box: tuple[Array, Array],
@@ -161,8 +168,15 @@ def _near(
         index = np.flatnonzero(inside & (change == label))
         kept.append(index if len(index) <= most else rng.choice(index, most, replace=False))
     at = np.concatenate(kept)
+    gap = other.look(view.points[at], view.sigma_m[at]).gap_m
     return Pool(
-        view.points[at], view.normals[at], change[at], view.edge[at], view.normal_ok[at], at.astype(np.int64)
+        view.points[at],
+        view.normals[at],
+        change[at],
+        view.edge[at],
+        view.normal_ok[at],
+        np.clip(gap, -MOST_GAP_M, MOST_GAP_M),
+        at.astype(np.int64),
     )
 
 

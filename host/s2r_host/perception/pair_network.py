@@ -1,14 +1,12 @@
 """The trained pair network at work: votes of the points of two views, on ONNX Runtime.
 
 The pair is looked at several times, with other points and turned a little about the vertical; all votes make one poll
-(`pair_votes`). The poll's motion of either family, and those of the single passes, can join the hypotheses of
-`estimate.estimate_joint` as ``extra_axes``.
+(`pair_votes`), by which the candidates of `estimate.estimate_joint` are weighed (`pair_belief`).
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,39 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.errors import InputError
-from s2r_host.perception.estimate import Region, prepare
 from s2r_host.perception.evidence import Scene
-from s2r_host.perception.frames import DepthFrame
-from s2r_host.perception.hypotheses import Axis
+from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.network_belief import Trust
 from s2r_host.perception.object_cloud import pyramid
+from s2r_host.perception.pair_belief import PairBelief
 from s2r_host.perception.pair_cloud import COARSE, NEIGHBOURS, PairCloud, PairPool, facing, pool, sample
-from s2r_host.perception.pair_votes import Opinion, Votes, turned_back
+from s2r_host.perception.pair_space import beside
+from s2r_host.perception.pair_votes import PART, Votes, turned_back
 
 Array = NDArray[np.floating]
 
 WEIGHTS = Path(__file__).parent / "weights" / "pair"
-GRAPH, ABOUT = "pair.onnx", "about.json"
+GRAPH, SPACE, ABOUT = "pair.onnx", "space.onnx", "about.json"
 PASSES = 4
 TURNED_RAD = np.radians(15)  # about the frame that faces the camera, at random
-LEAST_BELIEF = 0.02  # in a family, below which its axes are not worth a look
-
-
-@dataclass(frozen=True, eq=False)
-class PairOpinion:
-    """What the network makes of a pair: the poll over all passes, and the passes one by one."""
-
-    poll: Opinion
-    passes: tuple[Opinion, ...]
-
-    def axes(self) -> list[Axis]:
-        """Candidate axes of every family that is believed in at all, the poll's first."""
-        found = []
-        for opinion, source in [(self.poll, "network"), *((one, "network, one pass") for one in self.passes)]:
-            if opinion.slides < 1 - LEAST_BELIEF:
-                found.append(Axis("revolute", opinion.turn.origin, opinion.turn.direction, source))
-            if opinion.slides > LEAST_BELIEF:
-                found.append(Axis("prismatic", opinion.slide.origin, opinion.slide.direction, source))
-        return found
 
 
 class PairNetworkRuntime:
@@ -61,7 +41,7 @@ class PairNetworkRuntime:
         Raises:
             InputError: A file is missing.
         """
-        for name in (GRAPH, ABOUT):
+        for name in (GRAPH, SPACE, ABOUT):
             if not (folder / name).exists():
                 raise InputError(
                     f"no pair network in {folder} ({name} is missing); train one: s2r train model --out {folder}"
@@ -71,8 +51,11 @@ class PairNetworkRuntime:
         self.folder = folder
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
-        self._session: Any = onnxruntime.InferenceSession(
-            str(folder / GRAPH), options, providers=["CPUExecutionProvider"]
+        self._session: Any
+        self._space_session: Any
+        self._session, self._space_session = (
+            onnxruntime.InferenceSession(str(folder / name), options, providers=["CPUExecutionProvider"])
+            for name in (GRAPH, SPACE)
         )
 
     @cached_property
@@ -80,53 +63,59 @@ class PairNetworkRuntime:
         """Where the weights come from: data hash, size of the data, settings, validation."""
         return json.loads((self.folder / ABOUT).read_text())
 
-    def look(self, scene: Scene, rng: np.random.Generator) -> PairOpinion | None:
-        """Judge two views whose changes are labelled; None if hardly a point is believed to have moved with a part.
+    def belief(self, scene: Scene, rng: np.random.Generator) -> PairBelief | None:
+        """What the network makes of two views; None if hardly a point is believed to have moved with a part.
 
         Args:
-            scene: Both views, z up.
+            scene: Both views with their changes, z up; a view without a camera is none that the network knows.
             rng: For the choice of points and the turns.
 
         Raises:
             NothingMovedError: Hardly anything changed between the views.
         """
-        return self.judge(pool(scene, rng), rng)
-
-    def judge(self, pools: PairPool, rng: np.random.Generator) -> PairOpinion | None:
-        """Judge prepared points; see `look`."""
-        votes = [self._pass(sample(pools, rng), rng) for _ in range(PASSES)]
-        poll = Votes.joined(votes).opinion()
-        if poll is None:
+        if scene.before.p_camera is None or scene.after.p_camera is None:
             return None
-        alone = (one.opinion() for one in votes)
-        return PairOpinion(poll, tuple(one for one in alone if one is not None))
+        pools = pool(scene, rng)
+        votes = Votes.joined([self._pass(sample(pools, rng), rng) for _ in range(PASSES)])
+        opinion = votes.opinion()
+        return None if opinion is None else PairBelief(opinion, votes, self.trust)
 
-    def axes_between(
-        self,
-        before: DepthFrame,
-        after: DepthFrame,
-        rng: np.random.Generator,
-        region: Region | None = None,
-    ) -> list[Axis]:
-        """Candidate axes for `estimate.estimate_joint`; none where the network has no opinion.
+    def space(
+        self, pools: PairPool, motion: JointMotion, query: Array, rng: np.random.Generator
+    ) -> NDArray[np.float32]:
+        """Probability that the part is at points of space [m] (Q, 3) in its pose of the first view, (Q,).
 
         Args:
-            before, after: The views, z up.
-            rng: As for `look`.
-            region: Box in which to look for motion.
-
-        Raises:
-            NothingMovedError: Hardly anything changed between the views.
-            BadViewError: The views are no usable pair.
+            pools: Both views.
+            motion: Of the part from the first view to the second.
+            query: The points.
+            rng: For the choice of points and the turns.
         """
-        scene, _ = prepare(before, after, region, None, None, rng)
-        opinion = self.look(scene, rng)
-        return [] if opinion is None else opinion.axes()
+        logit = np.zeros(len(query))
+        for _ in range(PASSES):
+            cloud = sample(pools, rng)
+            R = facing(cloud.heading + rng.uniform(-TURNED_RAD, TURNED_RAD))
+            votes, feature = self._session.run(None, dict(zip(self._names, _inputs(cloud, R), strict=True)))
+            part = 1.0 / (1.0 + np.exp(-votes[0, ..., PART].astype(float)))
+            near = beside(query, cloud, part, motion).turned(R)
+            feature = feature[0].reshape(-1, feature.shape[-1])
+            rows = np.concatenate([feature[near.index], near.geometry], axis=2)
+            (found,) = self._space_session.run(None, {"beside": rows.astype(np.float32)})
+            logit += found / PASSES
+        return (1.0 / (1.0 + np.exp(-logit))).astype(np.float32)
+
+    @cached_property
+    def trust(self) -> Trust:
+        """What the votes are worth beside geometry, as fitted; cautious where nothing was."""
+        return Trust(**self.about.get("trust", {}))
 
     def _pass(self, cloud: PairCloud, rng: np.random.Generator) -> Votes:
         R = facing(cloud.heading + rng.uniform(-TURNED_RAD, TURNED_RAD))
-        (found,) = self._session.run(None, dict(zip(self._names, _inputs(cloud, R), strict=True)))
-        return Votes(cloud.points.reshape(-1, 3), turned_back(found[0].reshape(-1, found.shape[-1]), R))
+        found, _ = self._session.run(None, dict(zip(self._names, _inputs(cloud, R), strict=True)))
+        second = np.repeat([False, True], len(cloud.points[0]))
+        return Votes(
+            cloud.points.reshape(-1, 3), turned_back(found[0].reshape(-1, found.shape[-1]), R), second
+        )
 
     @cached_property
     def _names(self) -> list[str]:

@@ -2,9 +2,10 @@
 
 Each point votes for both families, as in Ditto (Jiang et al., CVPR 2022, "Building Digital Twins of Articulated Objects
 from Interaction"): for a hinge its direction, the way from the point to its line, and the angle; for a slide its
-direction and the distance. Directions carry the sense of the motion from the first view to the second, so that angle
-and distance are positive. Votes are joined by geometric medians instead of Ditto's means: some points always belong to
-something else.
+direction and the distance. Votes come with the size of the error that the network expects of them, and each point says
+as well where the motion takes it (its flow, whatever the family). Directions carry the sense of the motion from the
+first view to the second, so that angle and distance are positive. Votes are joined by geometric medians instead of
+Ditto's means: some points always belong to something else.
 """
 
 from __future__ import annotations
@@ -23,7 +24,10 @@ Array = NDArray[np.floating]
 PART, SLIDES = 0, 1
 TURN_DIRECTION, TURN_OFFSET, TURN_ANGLE = slice(2, 5), slice(5, 8), 8
 SLIDE_DIRECTION, SLIDE_DISTANCE = slice(9, 12), 12
-VOTES = 13
+FLOW = slice(13, 16)  # from its view into the other one [dm]
+# Logarithms of the expected errors of direction [1], line [dm], state [rad or dm] and flow [dm].
+SPREAD_DIRECTION, SPREAD_LINE, SPREAD_STATE, SPREAD_FLOW = range(16, 20)
+VOTES = 20
 
 FEWEST = 24  # points that are believed to belong to the part; fewer say nothing
 STEPS = 12  # of Weiszfeld's iteration
@@ -36,14 +40,15 @@ class Opinion(NamedTuple):
     Attributes:
         turn, slide: Best motion of either family, frame of the views [m, rad].
         slides: Probability that it is the slide.
-        spread_rad: Median angle between the votes for the direction of the likelier family and that direction.
+        expected: Errors that the votes expect of themselves, of direction [1], line [m], state [rad or m] and flow
+            [m], medians over the part's points, shape (4,).
         part: Probability per point that it belongs to the part, shape of the points without their last axis.
     """
 
     turn: JointMotion
     slide: JointMotion
     slides: float
-    spread_rad: float
+    expected: Array
     part: Array
 
     def best(self) -> JointMotion:
@@ -58,10 +63,12 @@ class Votes:
     Attributes:
         points: [m], frame of the views, shape (n, 3).
         output: Columns as above, directions and offsets in the frame of the views, shape (n, `VOTES`).
+        second: Which of them are points of the second view, shape (n,).
     """
 
     points: Array
     output: Array
+    second: NDArray[np.bool_]
 
     @staticmethod
     def joined(some: list[Votes]) -> Votes:
@@ -69,6 +76,7 @@ class Votes:
         return Votes(
             np.concatenate([v.points for v in some]),
             np.concatenate([v.output for v in some]),
+            np.concatenate([v.second for v in some]),
         )
 
     def opinion(self) -> Opinion | None:
@@ -88,30 +96,38 @@ class Votes:
             "revolute",
             geometric_median(feet, weight),
             turn_direction,
-            max(_median(vote[:, TURN_ANGLE], weight), LEAST_TURN_RAD),
+            max(median(vote[:, TURN_ANGLE], weight), LEAST_TURN_RAD),
         )
         slide = JointMotion(
             "prismatic",
             p.mean(axis=0),
             slide_direction,
-            max(0.1 * _median(vote[:, SLIDE_DISTANCE], weight), LEAST_SLIDE_M),
+            max(0.1 * median(vote[:, SLIDE_DISTANCE], weight), LEAST_SLIDE_M),
         )
-        column, direction = (
-            (SLIDE_DIRECTION, slide_direction) if slides > 0.5 else (TURN_DIRECTION, turn_direction)
-        )
-        length = np.maximum(np.linalg.norm(vote[:, column], axis=1), 1e-9)
-        spread = float(np.median(np.arccos(np.clip(vote[:, column] @ direction / length, -1, 1))))
-        return Opinion(turn, slide, slides, spread, part)
+        told = np.exp(vote[:, SPREAD_DIRECTION : SPREAD_FLOW + 1])
+        expected = np.array([median(column, weight) for column in told.T])
+        expected *= [1.0, 0.1, 0.1 if slides > 0.5 else 1.0, 0.1]
+        return Opinion(turn, slide, slides, expected, part)
+
+    def where(self) -> tuple[Array, Array, Array]:
+        """What the flow says: points of the part in the first view, the same in the second [m] (n, 3), belief (n,)."""
+        part = 1.0 / (1.0 + np.exp(-self.output[:, PART].astype(float)))
+        mine = part > 0.5
+        p, there = self.points[mine], self.points[mine] + 0.1 * self.output[mine, FLOW]
+        second = self.second[mine, None]
+        return np.where(second, there, p), np.where(second, p, there), part[mine]
 
 
-def true_votes(points: Array, motion: JointMotion) -> NDArray[np.float32]:
+def true_votes(points: Array, motion: JointMotion, back: bool = False) -> NDArray[np.float32]:
     """What every point of the part should vote, shape (n, `VOTES`); columns of the other family are 0.
 
     Args:
         points: In either view [m], shape (n, 3): the line of a hinge stays where it is.
         motion: With delta >= 0.
+        back: The points are those of the second view, whose flow leads into the first.
     """
     vote = np.zeros((len(points), VOTES), np.float32)
+    vote[:, FLOW] = 10 * flow(points, motion, back)
     if motion.joint_type == "prismatic":
         vote[:, SLIDES] = 1.0
         vote[:, SLIDE_DIRECTION] = motion.direction
@@ -124,10 +140,18 @@ def true_votes(points: Array, motion: JointMotion) -> NDArray[np.float32]:
     return vote
 
 
+def flow(points: Array, motion: JointMotion, back: bool) -> Array:
+    """Where a motion takes points of one view in the other [m] (n, 3), as a way from where they are."""
+    X = motion.transform()
+    if back:
+        X = np.linalg.inv(X)
+    return points @ (X[:3, :3] - np.eye(3)).T + X[:3, 3]
+
+
 def turned_back(output: Array, R: Array) -> Array:
     """Votes (n, `VOTES`) of a cloud that was turned by R (3, 3), in the frame of the views."""
     output = np.array(output, dtype=float)
-    for column in (TURN_DIRECTION, TURN_OFFSET, SLIDE_DIRECTION):
+    for column in (TURN_DIRECTION, TURN_OFFSET, SLIDE_DIRECTION, FLOW):
         output[:, column] = output[:, column] @ R
     return output
 
@@ -147,7 +171,8 @@ def _direction(vote: Array, weight: Array) -> Array:
     return middle / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
 
 
-def _median(value: Array, weight: Array) -> float:
+def median(value: Array, weight: Array) -> float:
+    """Weighted median of values (n,)."""
     order = np.argsort(value, kind="stable")
     share = np.cumsum(weight[order])
     return float(value[order][np.searchsorted(share, 0.5 * share[-1])])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from s2r_host.learn.pair_draws import draw, exchanged
 from s2r_host.learn.pair_files import load_pairs, pair_files
 from s2r_host.perception import synthetic
 from s2r_host.perception.change import Change
@@ -13,8 +14,9 @@ from s2r_host.perception.estimate import prepare
 from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.pair_cloud import FEATURES, POINTS, SHARES, facing, pool, sample
-from s2r_host.perception.pair_network import PairNetworkRuntime, PairOpinion
-from s2r_host.perception.pair_votes import PART, VOTES, Votes, errors, true_votes
+from s2r_host.perception.pair_network import PairNetworkRuntime
+from s2r_host.perception.pair_space import beside
+from s2r_host.perception.pair_votes import PART, VOTES, Votes, errors, flow, true_votes
 
 UNIT_M = 1e-4
 
@@ -80,7 +82,7 @@ def _votes(points, motion, share_wrong, rng):
     output[:, 1] = 4.0 if motion.joint_type == "prismatic" else -4.0
     wrong = rng.uniform(size=len(points)) < share_wrong
     output[wrong, 2:] = rng.normal(size=(int(wrong.sum()), VOTES - 2))
-    return Votes(points, output)
+    return Votes(points, output, np.zeros(len(points), bool))
 
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=["turn", "slide"])
@@ -113,19 +115,18 @@ def test_hardly_any_point_of_a_part_is_no_opinion():
     assert votes.opinion() is None
 
 
-def test_axes_are_those_of_the_families_believed_in():
-    rng = np.random.default_rng(0)
-    opinion = _votes(rng.uniform(size=(100, 3)), MOTIONS[1], 0.0, rng).opinion()
-    assert opinion is not None
-    axes = PairOpinion(opinion, (opinion,)).axes()
-    assert [axis.joint_type for axis in axes] == ["prismatic", "prismatic"]
-    doubtful = opinion._replace(slides=0.6)
-    assert {axis.joint_type for axis in PairOpinion(doubtful, ()).axes()} == {"prismatic", "revolute"}
-
-
 def test_missing_weights_name_the_command_that_makes_them(tmp_path):
     with pytest.raises(InputError, match="s2r train model"):
         PairNetworkRuntime(tmp_path)
+
+
+def _solid(pair):
+    """A box around what is seen of the part, as one exact solid."""
+    p = pair.before.points_base()[pair.part_before]
+    p = p[np.isfinite(p).all(axis=1)]
+    low, high = np.percentile(p, [2, 98], axis=0)
+    pose = np.c_[np.eye(3), (low + high) / 2]
+    return np.concatenate([[6], (high - low) / 2, pose.ravel()])[None]
 
 
 def write_pair(path, k, spokes=1, **left_out):
@@ -149,7 +150,7 @@ def write_pair(path, k, spokes=1, **left_out):
         "part": np.packbits(np.stack(part), axis=-1), "q": np.array([0.0, pair.motion.delta]),
         "K": view.K, "T_base_camera": view.X_base_camera, "slides": pair.motion.joint_type == "prismatic",
         "axis_origin": pair.motion.origin, "axis_direction": pair.motion.direction, "spokes": spokes,
-        "kind": "laptop" if k % 2 else "chest",
+        "kind": "laptop" if k % 2 else "chest", "solids": _solid(pair),
     }  # fmt: skip
     np.savez(path, **{name: value for name, value in content.items() if name not in left_out})
 
@@ -160,6 +161,29 @@ def pair_folder(tmp_path_factory):
     for k in range(8):
         write_pair(folder / f"object-{'train' if k < 6 else 'validation'}-{k:05d}.npz", k)
     return folder
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=["turn", "slide"])
+def test_flow_of_either_view_leads_into_the_other(motion):
+    p = np.random.default_rng(0).uniform(size=(20, 3))
+    there = p + flow(p, motion, back=False)
+    np.testing.assert_allclose(there + flow(there, motion, back=True), p, atol=1e-12)
+    assert np.linalg.norm(there - p, axis=1).min() > 0.01
+
+
+def test_points_beside_a_query_come_from_both_views_in_the_first_pose(cloud, pair):
+    part = np.zeros((2, POINTS), np.float32)
+    part[1, 5] = 1.0
+    X = np.linalg.inv(pair.motion.transform())
+    back = cloud.points[1, 5] @ X[:3, :3].T + X[:3, 3]
+    query = np.stack([back, cloud.points[0, 3]])
+    near = beside(query, cloud, part, pair.motion)
+    assert POINTS + 5 in near.index[0]
+    assert near.index[1, 0] == 3
+    k = list(near.index[0]).index(POINTS + 5)
+    np.testing.assert_allclose(near.geometry[0, k, :3], 0.0, atol=1e-5)
+    assert near.geometry[0, k, 7] == 1.0
+    assert (np.delete(near.index, [0], axis=0) < POINTS).all() or POINTS + 5 in near.index[1]
 
 
 def test_points_are_kept_beside_the_views_and_say_the_same(pair_folder):
@@ -225,7 +249,9 @@ def test_a_varied_pair_still_moves_as_it_says(learn, cloud, motion, mirror, back
     X = motion.transform()
     p = cloud.points[0]
     moved = replace(cloud, points=np.stack([p, p @ X[:3, :3].T + X[:3, 3]]))
-    new, _, (turned,) = varied(moved, np.zeros((2, POINTS), bool), [motion], 0.2, mirror, 1.1, back)
+    if back:
+        moved, motion = exchanged(moved), replace(motion, direction=-motion.direction)
+    new, (turned,), _ = varied(moved, [motion], 0.2, mirror, 1.1)
     T = turned.transform()
     np.testing.assert_allclose(new.points[0] @ T[:3, :3].T + T[:3, 3], new.points[1], atol=1e-9)
 
@@ -244,14 +270,18 @@ def test_loss_takes_the_nearer_of_two_turns_and_is_least_at_the_truth(learn, pai
 
     (one,) = load_pairs(pair_files(pair_folder, "train")[1])
     other = replace(one.motion, direction=-one.motion.direction, delta=1.0)
-    data = batch([replace(one, other=other)], np.random.default_rng(0), vary=False)
+    rng = np.random.default_rng(0)
+    data = batch([draw(replace(one, other=other), rng)], rng, vary=False)
     assert tuple(data["votes"].shape) == (1, 2, 2, POINTS, VOTES)
 
     def of(votes):
         class Says(torch.nn.Module):
             def forward(self, *inputs):
                 assert len(inputs) == len(INPUTS)
-                return votes
+                return votes, torch.zeros(1, 2, POINTS, 1)
+
+            def occupied(self, beside):
+                return beside[:, 0, 0]
 
         return losses(Says(), data)[1]
 
@@ -260,6 +290,7 @@ def test_loss_takes_the_nearer_of_two_turns_and_is_least_at_the_truth(learn, pai
         assert right["direction"] < 1e-6
         assert right["line"] < 1e-6
         assert right["state"] < 1e-6
+        assert right["flow"] < 1e-6
     assert of(0.5 * (data["votes"][:, 0] + data["votes"][:, 1]))["direction"] > 0.5
 
 
@@ -270,7 +301,7 @@ def trained(learn, pair_folder, tmp_path_factory):
     from s2r_host.learn.train_model import ModelSettings, train_model
 
     out = tmp_path_factory.mktemp("run")
-    settings = ModelSettings(epochs=8, batch=2, rate=2e-3)
+    settings = ModelSettings(epochs=8, batch=3)
     with Progress(disable=True) as progress:
         return out, settings, train_model(pair_folder, out, settings, progress)
 
@@ -278,8 +309,9 @@ def trained(learn, pair_folder, tmp_path_factory):
 def test_network_learns_the_part_and_the_joint(trained):
     _, _, state = trained
     first, last = state["metrics"][0], state["metrics"][-1]
-    assert last["part"] < 0.8 * first["part"]
-    assert last["direction"] < first["direction"]
+    assert last["part"] < 0.95 * first["part"]
+    assert last["validation_part"] < first["validation_part"]
+    assert last["spread"] < first["spread"]
     assert state["kinds"] == {"chest": 3, "laptop": 3}
     assert state["parameters"] < 1_000_000
 
@@ -321,8 +353,13 @@ def test_command_trains_exports_and_goes_on(learn, pair_folder, tmp_path, scene)
     assert graph_difference(network, inputs, tmp_path / PAIR) < MOST_DIFFERENCE
     runtime = PairNetworkRuntime(tmp_path)
     assert runtime.about["data_sha256"] == about["data_sha256"]
-    opinion = runtime.look(scene, np.random.default_rng(0))
-    assert opinion is None or np.isfinite(opinion.poll.turn.origin).all()
+    belief = runtime.belief(scene, np.random.default_rng(0))
+    assert belief is None or np.isfinite(belief.opinion.turn.origin).all()
+    pools = pool(scene, np.random.default_rng(0))
+    found = runtime.space(pools, MOTIONS[0], pools.before.points[:7], np.random.default_rng(0))
+    assert found.shape == (7,)
+    assert (found > 0).all()
+    assert (found < 1).all()
 
 
 def test_turned_scene_gets_turned_votes(learn, tmp_path, scene):
@@ -339,19 +376,21 @@ def test_turned_scene_gets_turned_votes(learn, tmp_path, scene):
             kept = sum(t.flatten()[0] * 0 for t in rest)
             logit = torch.full_like(x[..., :1], 5.0) + kept
             zero = torch.zeros_like(x[..., :3])
-            return torch.cat([logit, -logit, x[..., 3:6], zero, logit, zero, logit], -1)
+            rest = torch.cat([zero, logit, logit, logit, logit], -1)
+            return torch.cat([logit, -logit, x[..., 3:6], zero, logit, zero, logit, rest], -1), x
 
-    from s2r_host.learn.export import example_pair
+    from s2r_host.learn.export import example_pair, export_pair
+    from s2r_host.learn.pair_network import PairNetwork
 
+    export_pair(PairNetwork(), tmp_path, {})
     write_graph(
         Normals(),
         example_pair(torch.Generator().manual_seed(0)),
         INPUTS,
-        ("votes",),
+        ("votes", "feature"),
         tmp_path / PAIR,
         many=False,
     )
-    (tmp_path / "about.json").write_text("{}")
     pools = pool(scene, np.random.default_rng(0))
     runtime = PairNetworkRuntime(tmp_path)
     cloud = sample(pools, np.random.default_rng(5))
