@@ -26,8 +26,8 @@ LIGHT = np.array([-0.5, -0.45, 0.74])
 def views_figure(before: Observation, after: Observation, belief: Belief | None) -> Figure:
     """Two rows: the camera's pictures and the clouds from a side; left and right the views that told the joint."""
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(12.5, 8.4), layout="constrained")
-        grid = figure.subplots(2, 2, height_ratios=[1.0, 1.1])
+        figure = Figure(figsize=(12.5, 7.0), layout="constrained")
+        grid = figure.subplots(2, 2, height_ratios=[1.0, 0.85])
         for column, view in enumerate((before, after)):
             part = None
             if belief is not None:

@@ -94,8 +94,8 @@ def state_figure(record: RunRecord) -> Figure:
             )
         axes.margins(y=0.12)
         axes.set_xlabel("time since the run began [s]")
-        axes.set_ylabel(f"{task.part} [{unit}], + = {task.positive}")
-        axes.legend(loc="center left", fontsize=8)
+        axes.set_ylabel(f"{task.part} [{unit}]")
+        axes.legend(loc="best", fontsize=8)
         return figure
 
 
