@@ -43,7 +43,14 @@ from s2r_host.perception import (
     estimate_joint,
 )
 from s2r_host.perception.change import compare
-from s2r_host.perception.estimate import Search, conclude, look_for_motion, prepare, weighed
+from s2r_host.perception.estimate import (
+    Search,
+    conclude,
+    look_for_motion,
+    prepare,
+    sure_enough,
+    weighed,
+)
 from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import line_distance
 from s2r_host.perception.pair_network import PairNetworkRuntime
@@ -140,11 +147,12 @@ def answer(route: str, looked: Looked, weights: str | None, seed: int) -> JointE
     rng = np.random.default_rng([seed, 5])
     if route in SEARCHING:
         first, scene, found, warnings, after = looked.found
+        known_to = VAGUELY if route == "vague" else KNOWN_TO
         if route == "combined":
             belief = runtime(weights).belief(first, np.random.default_rng([0, 1]))
             if belief is not None:
                 found = weighed(found, belief, scene, None, np.random.default_rng([0, 2]))
-        known_to = VAGUELY if route == "vague" else KNOWN_TO
+                known_to = sure_enough(known_to, found, belief)
         return conclude(found, scene, warnings, copy.deepcopy(after), known_to=known_to)
     if route == "network":
         scene, _ = prepare(looked.before, looked.after, None, None, None, rng)

@@ -18,6 +18,7 @@ from s2r_protocol.exits import ExitCode, RefusedError, S2RError, UsageError
 
 if TYPE_CHECKING:
     from s2r_host.perception.estimate import JointEstimate
+    from s2r_host.perception.network_belief import Network
 
 Step = Callable[[str], None]
 
@@ -61,11 +62,16 @@ Step = Callable[[str], None]
     is_flag=True,
     help="Answer also where a turn is known to half of itself only, instead of a tenth.",
 )
+@click.option(
+    "--network",
+    is_flag=True,
+    help="Let the shipped pair network weigh the motions too: answers some that geometry alone knows too vaguely.",
+)
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the sampling.")
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON on standard output.")
 def build_model(
     before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
-    joint_type: str | None, several: bool, vague: bool, seed: int, as_json: bool,
+    joint_type: str | None, several: bool, vague: bool, network: bool, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Estimate the joint that moved between two depth views and build a physics model of the object.
 
@@ -74,7 +80,9 @@ def build_model(
     """
     try:
         with _steps(quiet=as_json) as step:
-            result = _build(before, after, out, frame, camera, region, joint_type, several, vague, seed, step)
+            result = _build(
+                before, after, out, frame, camera, region, joint_type, several, vague, network, seed, step
+            )
     except RefusedError as error:
         _abstain(error, out, as_json)
     except S2RError as error:
@@ -87,9 +95,15 @@ def build_model(
             _print(part)
 
 
+def _network() -> Network:
+    from s2r_host.perception.pair_network import PairNetworkRuntime
+
+    return PairNetworkRuntime()
+
+
 def _build(
     before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
-    joint_type: str | None, several: bool, vague: bool, seed: int, step: Step,
+    joint_type: str | None, several: bool, vague: bool, network: bool, seed: int, step: Step,
 ) -> dict[str, Any]:  # fmt: skip
     step("reading both views")
     box = parse_region(region)
@@ -104,12 +118,15 @@ def _build(
     from s2r_host.perception.verdict import KNOWN_TO, VAGUELY
 
     known_to = VAGUELY if vague else KNOWN_TO
+    if network and frame == "camera":
+        raise UsageError("--network knows views with z up only; it does not go with --frame camera")
+    asked = _network() if network else None
     if not several:
         from s2r_host.perception.estimate import estimate_joint
 
         estimate = estimate_joint(
             view_before, view_after, region=box, joint_type=joint_type,  # type: ignore[arg-type]
-            known_to=known_to, seed=seed,
+            known_to=known_to, network=asked, seed=seed,
         )  # fmt: skip
         return _build_one(estimate, out, frame, seed, step)
     from s2r_host.perception.several import estimate_joints
@@ -119,7 +136,13 @@ def _build(
             "--several needs depth images or clouds with --camera: parts are told apart in the image"
         )
     found = estimate_joints(
-        view_before, view_after, region=box, joint_type=joint_type, known_to=known_to, seed=seed
+        view_before,
+        view_after,
+        region=box,
+        joint_type=joint_type,
+        known_to=known_to,
+        network=asked,
+        seed=seed,
     )
     parts = [
         _build_one(estimate, out / f"part_{k}", frame, seed, step)

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from s2r_host.perception import estimate_joint, synthetic
+from s2r_host.perception.estimate import KNOWN_TO_BOTH, Search, prepare, sure_enough
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.network_belief import Trust, weighed_by
 from s2r_host.perception.pair_belief import LEAST_PROBABILITY, PairBelief
+from s2r_host.perception.pair_network import WEIGHTS, PairNetworkRuntime
 from s2r_host.perception.pair_votes import (
     FLOW,
     PART,
@@ -107,3 +109,42 @@ def test_estimate_asks_the_network_and_finds_what_both_agree_on():
     assert found.joint_type == "revolute"
     assert found.axis_direction @ pair.motion.positive().direction > np.cos(np.radians(3))
     assert found.hypotheses[0].cost <= min(h.cost for h in found.hypotheses)
+
+
+def test_a_vague_turn_is_sure_enough_only_where_the_network_agrees():
+    reverse = replace(TURN, direction=-TURN.direction)
+    agreed, against = (Search([_hypothesis(m, 0.1)], [], None) for m in (TURN, reverse))  # type: ignore[arg-type]
+    assert sure_enough(0.1, agreed, _belief(TURN)) == KNOWN_TO_BOTH > 0.1
+    assert sure_enough(0.1, against, _belief(TURN)) == 0.1
+    assert sure_enough(0.5, agreed, _belief(TURN)) == 0.5
+    assert sure_enough(0.1, Search([], [], None), _belief(TURN)) == 0.1  # type: ignore[arg-type]
+
+
+def test_the_shipped_network_knows_a_lid_it_never_saw():
+    folder = WEIGHTS
+    assert sum(file.stat().st_size for file in folder.iterdir()) < 6e6
+    network = PairNetworkRuntime()
+    assert len(network.about["data_sha256"]) == 64
+    assert network.about["onnx_difference"] < 1e-4
+    pair = synthetic.laptop_pair(np.random.default_rng(3), turn_rad=0.6)
+    scene, _ = prepare(pair.before, pair.after, None, None, None, np.random.default_rng(0))
+    belief = network.belief(scene, np.random.default_rng(0))
+    assert belief is not None
+    best, truth = belief.opinion.best(), pair.motion.positive()
+    assert best.joint_type == "revolute"
+    assert best.direction @ truth.direction > np.cos(np.radians(20))
+    assert belief.nats(truth) > belief.nats(replace(truth, direction=-truth.direction)) + 0.5
+
+
+def test_shipped_graphs_compute_what_the_shipped_weights_do():
+    torch = pytest.importorskip("torch", reason="needs the extra 'learn'")
+    pytest.importorskip("onnx", reason="needs the extra 'learn'")
+    from safetensors.torch import load_file
+
+    from s2r_host.learn.export import MOST_DIFFERENCE, PAIR, example_pair, graph_difference
+    from s2r_host.learn.pair_network import PairNetwork
+
+    network = PairNetwork().eval()
+    network.load_state_dict(load_file(WEIGHTS / "weights.safetensors"))
+    inputs = example_pair(torch.Generator().manual_seed(7))
+    assert graph_difference(network, inputs, WEIGHTS / PAIR) < MOST_DIFFERENCE
