@@ -115,32 +115,34 @@ def icem_of(population: int, horizon: int = 10) -> IcemSettings:
     return replace(IcemSettings(), population=population, elites=max(2, population // 6), horizon=horizon)
 
 
-def threads(bench: Bench, rounds: int) -> list[dict]:
+def threads(bench: Bench, rounds: int, populations: tuple[int, ...]) -> list[dict]:
     """Wall time of sampling with one and two threads, one after the other; the speed-up is the median over the pairs.
 
     What else runs slows either: over the best of each, one lucky round of one thread would decide. What the rollouts
     alone gain is what the machine gives; the difference is ours.
     """
-    wall: dict[int, list[tuple[float, float]]] = {1: [], 2: []}
-    for _ in range(rounds):
-        for count, found in wall.items():
-            found.append(_walls(bench, PlanSettings(threads=count)))
-    walls = {count: np.array(found) for count, found in wall.items()}
-    return [
-        {
-            "threads": count,
-            "wall of 10 control steps, best, ms": round(1e3 * float(found[:, 0].min()), 1),
-            "speed-up, median of pairs": float(np.median(walls[1][:, 0] / found[:, 0])),
-            "of the best": float(walls[1][:, 0].min() / found[:, 0].min()),
-            "of the rollouts alone": float(np.median(walls[1][:, 1] / found[:, 1])),
-        }
-        for count, found in walls.items()
-    ]
+    rows = []
+    for population in populations:
+        pairs = np.array([[_walls(bench, count, population) for count in (1, 2)] for _ in range(rounds)])
+        one, two = pairs[:, 0], pairs[:, 1]
+        gain = one / two
+        rows.append(
+            {
+                "N": population,
+                "wall of 10 control steps, 1 and 2 threads, best, ms": f"{1e3 * one[:, 0].min():.0f}, "
+                f"{1e3 * two[:, 0].min():.0f}",
+                "speed-up, median of pairs": float(np.median(gain[:, 0])),
+                "quartiles": "{:.2f}, {:.2f}".format(*np.percentile(gain[:, 0], [25, 75])),
+                "of the rollouts alone": float(np.median(gain[:, 1])),
+            }
+        )
+    return rows
 
 
-def _walls(bench: Bench, settings: PlanSettings) -> tuple[float, float]:
-    """Wall time [s] of ten control steps of sampling, and of the rollouts in them."""
-    ahead = bench.lookahead(settings, Stage())
+def _walls(bench: Bench, count: int, population: int) -> tuple[float, float]:
+    """Wall time [s] of ten control steps of sampling on so many threads, and of the rollouts in them."""
+    settings = PlanSettings(threads=count, icem=icem_of(population))
+    ahead = bench.lookahead(settings, Stage(population=population))
     ahead.ranked(bench.world.data, bench.hook.q)
     batch: Any = TimedBatch(ahead._rollouts._batch)
     ahead._rollouts._batch = batch
@@ -275,7 +277,7 @@ def main() -> None:
         bench = Bench(folder, "drawer_open")
         parts = {
             "share": ("Share of raw throughput", lambda: share(bench, rounds, (20, 60, 150, 300))),
-            "threads": ("Threads", lambda: threads(bench, rounds)),
+            "threads": ("Threads", lambda: threads(bench, rounds, (24, 60, 120))),
             "serial": ("What stays on one thread", lambda: serial(bench, rounds)),
             "identical": ("Identical plans", lambda: identical(folder)),
             "samples": ("Samples and horizon", lambda: costs(bench, rounds)),
