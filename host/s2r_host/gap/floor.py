@@ -144,12 +144,13 @@ def generic_basis(s: Session, j: int, picks: np.ndarray) -> np.ndarray:
     sign, top = s.sign(j), np.max(np.abs(v)) + 1e-12
     edges = np.linspace(q.min(), q.max() + 1e-12, int(np.clip(len(picks) // 20, 12, GENERIC_BINS)))
     width = edges[1] - edges[0] + 1e-12
-    columns = [np.ones_like(q), v, np.abs(v), v * np.abs(v), a, s.load[:, j], np.abs(s.load[:, j]) * sign]
+    columns = [np.ones_like(q), v, np.abs(v), v * np.abs(v)]
     columns += [sign * np.exp(-((v / (share * top)) ** 2)) for share in (0.02, 0.1, 0.3)]
     # Late or lagging drives leave derivatives of the load. The effort itself is no column: with the load it spans
     # the residual exactly, and any floor would come out.
-    late = np.gradient(s.load[:, j], s.dt)
-    columns += [late, np.gradient(late, s.dt)]
+    if s.driven(j):
+        late = np.gradient(s.load[:, j], s.dt)
+        columns += [a, s.load[:, j], np.abs(s.load[:, j]) * sign, late, np.gradient(late, s.dt)]
     columns += [s.load[:, i] for i in range(s.q.shape[1]) if i != j]
     columns += loops(s, j)
     for centre in edges:

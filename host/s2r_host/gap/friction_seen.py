@@ -41,7 +41,9 @@ def _friction_fit(s: Session, j: int) -> np.ndarray:
     key = ("friction", j, float(s.cut[j]), float(s.v_eps[j]), float(s.lead[j]))
     if key not in s.cache:
         r = compare(s.u[:, j], s, j, True) - compare(s.load[:, j], s, j, False)
-        columns = [s.sign(j), s.v[:, j], s.a[:, j], s.load[:, j], np.ones(len(s.t))]
+        columns = [s.sign(j), s.v[:, j], np.ones(len(s.t))]
+        if s.driven(j):
+            columns += [s.a[:, j], s.load[:, j]]
         X = np.stack([compare(c, s, j, True) for c in columns], axis=1)
         if np.std(X[:, 0]) < ONE_WAY:  # dry friction and a constant are one thing then
             X[:, 0] = 0.0

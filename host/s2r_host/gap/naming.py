@@ -87,7 +87,9 @@ def brought(problem: Problem, search: Search, solution: Solution, i: int, named:
     term, found = solution.terms[i], []
     for name, k in search.effects[term.effect].brings(problem.ctx, term.joint, dict(term.shape)).items():
         size, variance = solution.theta[i][k : k + 1], float(solution.covariance[i][k, k])
-        if name not in search.effects or not size[0] > CLEAR_DEVIATIONS * np.sqrt(variance):
+        if name not in search.effects or any(t.key == (name, term.joint) for t in solution.terms):
+            continue  # it has a place of its own
+        if not size[0] > CLEAR_DEVIATIONS * np.sqrt(variance):
             continue
         values = search.effects[name].parameters(problem.ctx, term.joint, {}, size)
         table = {}

@@ -14,7 +14,7 @@ from s2r_host.gap.align import control_lag
 from s2r_host.gap.aligned import aligned, lags_of
 from s2r_host.gap.checks import check_efforts, check_joints, check_units
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.decide import decide, restate, unnamed_force
+from s2r_host.gap.decide import FEW_JOINTS, decide, restate, unnamed_force
 from s2r_host.gap.decision import LEFTOVER_LIMIT, Decision, doubt
 from s2r_host.gap.forward import Errors, evaluate
 from s2r_host.gap.friction_edge import find_edges
@@ -180,8 +180,11 @@ def _second_look(
     """The same under a floor that the channels' own noise bounds, where that is worth it and tells more.
 
     A guessed floor holds what its generic correction does not follow. More is a name, or that nothing explains what is
-    far above the bounded floor where the first look found no more than numbers.
+    far above the bounded floor where the first look found no more than numbers. On arms the numbers of all links would
+    move under such a floor to follow whatever no equation does.
     """
+    if len(problem.joints) > FEW_JOINTS:
+        return None
     finer = _stated(a, config, bounded=True)
     share = FINER if decision.verdict in UNTOUCHED else MUCH_FINER
     if all(finer.floor[j] >= share * problem.floor[j] for j in problem.joints):

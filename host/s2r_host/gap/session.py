@@ -22,6 +22,7 @@ LEAST_MOTION_CUT_HZ = 8.0
 NOISY_SPEED = 0.08
 LINE_SHARE = 0.6
 LINE_MARGIN = 1.5
+FREE_SHARE = 0.02  # of the load: less effort than that drives nothing
 
 
 @dataclass
@@ -72,6 +73,10 @@ class Session:
     def slip(self, joint: int) -> np.ndarray:
         """Speed that decides the direction of dry friction [rad/s or m/s], shape (time,)."""
         return self.v[:, joint] + self.lead[joint] * self.a[:, joint]
+
+    def driven(self, joint: int) -> bool:
+        """Does an effort act at all? Where a joint swings freely, what is left over is its load, to the last digit."""
+        return bool(np.std(self.u[:, joint]) > FREE_SHARE * np.std(self.load[:, joint]))
 
     def channel(self, kind: str, joint: str) -> np.ndarray | None:
         """A recorded channel on the work grid, or None."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.config import GapConfig
+from s2r_host.gap.friction_seen import dry_level
 from s2r_host.gap.known_noise import known_noise, motion_noise
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.pipeline import analyse
@@ -184,3 +185,27 @@ def test_motion_that_still_falls_above_its_band_is_no_noise(tmp_path):
     )
     assert motion_noise(model, s, 0) > 0.0
     assert motion_noise(model, s, 0, sure=True) == 0.0
+
+
+def test_friction_of_a_free_swing_is_seen_although_its_load_is_all_that_is_left_over(tmp_path):
+    weight, inertia, friction = 2.0, 0.05, 0.1
+    path = tmp_path / "swing.xml"
+    path.write_text(
+        """<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/>
+        <inertial pos="0 0 -.1" mass="2.0387" diaginertia=".0296 .0296 .01"/></body></worldbody></mujoco>""",
+        encoding="utf-8",
+    )
+    q, dq, rows = 1.4, 0.0, []
+    for k in range(8000):
+        if k % 4 == 0:
+            rows.append((k * STEP, q, dq))
+        free = dq - STEP * weight * np.sin(q) / inertia
+        dq = np.sign(free) * max(abs(free) - STEP * friction / inertia, 0.0)
+        q += STEP * dq
+    t, turned_by, speed = np.array(rows).T
+    channels = {"q": {"hinge": turned_by}, "dq": {"hinge": speed}, "tau": {"hinge": np.zeros(len(t))}}
+    model = RigidModel(path)
+    law = Controller("none", {}, {}, {}, None)
+    s = make_session(model, Recording("swing", t, channels, law, "measured", "effort", "a", "", ()), 0)
+    assert dry_level(s, 0) == pytest.approx(friction, rel=0.2)
+    assert not s.driven(0)
