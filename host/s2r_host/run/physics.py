@@ -211,7 +211,7 @@ def before_target(session: Session, record: RunRecord) -> None:
     stayed = any(abs(done.measured.s - target) < near for done in record.attempts)
     if abs(pull) > dry and not stayed:
         session.journal.warn(
-            f"let go at {session.show(target)}, the {session.settings.task.part} will move on by itself: it is pulled "
+            f"let go at {record.show(target)}, the {session.settings.task.part} will move on by itself: it is pulled "
             f"with {pull:+.2f} against a dry friction of {dry:.2f}; it stays only where something holds it"
         )
     held = 0.0 if slides else HELD * abs(_bias(mujoco.MjModel.from_xml_path(str(belief.growing)), target))
