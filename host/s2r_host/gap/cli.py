@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from s2r_protocol.cli.options import SEED
 from s2r_protocol.exits import ExitCode
 
 LISTS = ("--fit", "--holdout", "--repeat")
@@ -51,13 +52,7 @@ class _ListCommand(click.Command):
 )
 @click.option("--workers", default=1, show_default=True, type=click.IntRange(1), help="Processes of a batch.")
 @click.option("--json", "as_json", is_flag=True, help="Print gap.json on stdout.")
-@click.option(
-    "--seed",
-    default=0,
-    show_default=True,
-    type=click.IntRange(0),
-    help="Seed of everything drawn at random.",
-)
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of everything drawn at random.")
 def gap(
     model_path: Path | None, fit: tuple[Path, ...], holdout: tuple[Path, ...], repeat: tuple[Path, ...],
     config_path: Path | None, out: Path, batch_path: Path | None, workers: int, as_json: bool, seed: int,

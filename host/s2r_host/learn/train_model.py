@@ -21,7 +21,7 @@ from s2r_host.learn.pair_network import PairNetwork
 from s2r_host.learn.push_files import data_hash
 from s2r_host.learn.train import cosine_rate, follow, on_device
 from s2r_host.perception.pair_cloud import facing
-from s2r_host.perception.pair_votes import Votes, errors, turned_back
+from s2r_host.perception.pair_votes import Votes, errors
 
 logger = logging.getLogger(__name__)
 
@@ -142,8 +142,7 @@ def evaluate(network: PairNetwork, samples: list[PairSample], settings: ModelSet
             for name, value in parts.items():
                 sums[name] = sums.get(name, 0.0) + value / len(samples)
             cloud = drawn.cloud
-            output = turned_back(out[0].flatten(0, 1).cpu().numpy(), facing(cloud.heading))
-            votes = Votes(cloud.points.reshape(-1, 3), output, np.repeat([False, True], len(cloud.points[0])))
+            votes = Votes.of(cloud, out[0].cpu().numpy(), facing(cloud.heading))
             found = votes.opinion()
             if found is None:
                 silent += 1

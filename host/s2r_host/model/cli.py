@@ -18,7 +18,6 @@ from s2r_protocol.exits import ExitCode, RefusedError, S2RError, UsageError
 
 if TYPE_CHECKING:
     from s2r_host.perception.estimate import JointEstimate
-    from s2r_host.perception.network_belief import Network
 
 Step = Callable[[str], None]
 
@@ -95,12 +94,6 @@ def build_model(
             _print(part)
 
 
-def _network() -> Network:
-    from s2r_host.perception.pair_network import PairNetworkRuntime
-
-    return PairNetworkRuntime()
-
-
 def _build(
     before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
     joint_type: str | None, several: bool, vague: bool, network: bool, seed: int, step: Step,
@@ -109,6 +102,8 @@ def _build(
     box = parse_region(region)
     if before.resolve() == after.resolve():
         raise UsageError(f"--before and --after are the same file ({before}); two views are needed")
+    if network and frame == "camera":
+        raise UsageError("--network knows views with z up only; it does not go with --frame camera")
     from s2r_host.perception.frames import DepthFrame
     from s2r_host.perception.loading import load_frame
 
@@ -118,9 +113,11 @@ def _build(
     from s2r_host.perception.verdict import KNOWN_TO, VAGUELY
 
     known_to = VAGUELY if vague else KNOWN_TO
-    if network and frame == "camera":
-        raise UsageError("--network knows views with z up only; it does not go with --frame camera")
-    asked = _network() if network else None
+    asked = None
+    if network:
+        from s2r_host.perception.pair_network import PairNetworkRuntime
+
+        asked = PairNetworkRuntime()
     if not several:
         from s2r_host.perception.estimate import estimate_joint
 

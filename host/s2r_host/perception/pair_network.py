@@ -22,7 +22,7 @@ from s2r_host.perception.object_cloud import pyramid
 from s2r_host.perception.pair_belief import PairBelief
 from s2r_host.perception.pair_cloud import COARSE, NEIGHBOURS, PairCloud, PairPool, facing, pool, sample
 from s2r_host.perception.pair_space import beside
-from s2r_host.perception.pair_votes import PART, Votes, turned_back
+from s2r_host.perception.pair_votes import PART, Votes
 
 Array = NDArray[np.floating]
 
@@ -112,10 +112,7 @@ class PairNetworkRuntime:
     def _pass(self, cloud: PairCloud, rng: np.random.Generator) -> Votes:
         R = facing(cloud.heading + rng.uniform(-TURNED_RAD, TURNED_RAD))
         found, _ = self._session.run(None, dict(zip(self._names, _inputs(cloud, R), strict=True)))
-        second = np.repeat([False, True], len(cloud.points[0]))
-        return Votes(
-            cloud.points.reshape(-1, 3), turned_back(found[0].reshape(-1, found.shape[-1]), R), second
-        )
+        return Votes.of(cloud, found[0], R)
 
     @cached_property
     def _names(self) -> list[str]:

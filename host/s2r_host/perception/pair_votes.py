@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.motion import JointMotion, line_distance
+from s2r_host.perception.pair_cloud import PairCloud
 
 Array = NDArray[np.floating]
 
@@ -69,6 +70,13 @@ class Votes:
     points: Array
     output: Array
     second: NDArray[np.bool_]
+
+    @staticmethod
+    def of(cloud: PairCloud, output: Array, R: Array) -> Votes:
+        """What the network put out, (2, P, `VOTES`), for a cloud that was turned by R (3, 3)."""
+        flat = output.reshape(-1, output.shape[-1])
+        second = np.repeat([False, True], len(cloud.points[0]))
+        return Votes(cloud.points.reshape(-1, 3), turned_back(flat, R), second)
 
     @staticmethod
     def joined(some: list[Votes]) -> Votes:

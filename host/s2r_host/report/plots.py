@@ -80,7 +80,7 @@ def state_figure(record: RunRecord) -> Figure:
         t, s, sigma, names = (list(column) for column in zip(*_seen(record), strict=True))
         axes.errorbar(
             t,
-            scale * (np.array(s) - origin),
+            scale * np.array(s),
             yerr=2.0 * scale * np.array(sigma),
             fmt="o",
             color=SEEN,
@@ -89,9 +89,7 @@ def state_figure(record: RunRecord) -> Figure:
             label="seen by the camera (± 2σ)",
         )
         for ti, si, name in zip(t, s, names, strict=True):
-            axes.annotate(
-                name, (ti, scale * (si - origin)), xytext=(6, -12), textcoords="offset points", color=SEEN
-            )
+            axes.annotate(name, (ti, scale * si), xytext=(6, -12), textcoords="offset points", color=SEEN)
         axes.margins(y=0.12)
         axes.set_xlabel("time since the run began [s]")
         axes.set_ylabel(f"{task.part} [{unit}]")
@@ -107,14 +105,15 @@ def _times(goals: Sequence[Goal]) -> list[tuple[Goal, float, float]]:
 
 
 def _seen(record: RunRecord) -> list[tuple[float, float, float, str]]:
-    """(time, state, standard error, name) of every look at the part."""
+    """(time, state as targets are counted, standard error, name) of every look at the part."""
     known = {record.zero_view: (0.0, 0.0), record.origin_view: (record.origin, 0.0)}
     if record.s_found is not None:
         known[record.found_view] = (record.s_found, 0.0)
     for done in record.attempts:
         sigma = done.measured.sigma
         known[done.view.name] = (done.measured.s, sigma if np.isfinite(sigma) else 0.0)
-    return [(view.taken_s, *known[view.name], view.name) for view in record.views if view.name in known]
+    looks = [(view, *known[view.name]) for view in record.views if view.name in known]
+    return [(view.taken_s, s - record.origin, sigma, view.name) for view, s, sigma in looks]
 
 
 def stages_figure(stages: Sequence[Stage]) -> Figure:

@@ -84,7 +84,6 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
             if settings.from_pushed
             else (before.name, state_in(record.belief, before, told.before))
         )
-        session.origin = record.origin
         low, high = (record.show(limit, 0) for limit in model.range)
         stage.note = f"{len(model.pieces)} pieces, range {low} to {high}"
         for text in model.warnings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -72,12 +73,25 @@ class PlannedManipulation:
 
 
 def prepare_manipulation(
-    session: Session, belief: Belief, number: int, s_initial: float, view: Observation
+    session: Session,
+    belief: Belief,
+    number: int,
+    s_initial: float,
+    view: Observation,
+    show: Callable[[float], str],
 ) -> PlannedManipulation:
     """Plan, time law, replay, way out; on failure again with other chance, then with less doubt about the object.
 
     Where no place behind the part carries it all the way, a plan to a state on the way is better than none: the next
     manipulation goes on from there, from another place.
+
+    Args:
+        session: Links and the target.
+        belief: In the object.
+        number: Of the manipulation, from 1.
+        s_initial: Where the part is [m or rad].
+        view: The newest look.
+        show: Tells people a joint value.
 
     Raises:
         TargetError: No try succeeded; the text has the first one's reason.
@@ -101,11 +115,11 @@ def prepare_manipulation(
             logger.info("to stop at %.4f on the way: %s", stop, error)
         else:
             session.journal.warn(
-                f"no plan takes the {task.part} all the way ({reasons[0]}); first to {session.show(stop)}"
+                f"no plan takes the {task.part} all the way ({reasons[0]}); first to {show(stop)}"
             )
             return planned
     raise TargetError(
-        f"no plan takes the {task.part} from {session.show(s_initial)} to {session.show(session.target)} "
+        f"no plan takes the {task.part} from {show(s_initial)} to {show(session.target)} "
         f"({len(reasons)} tries): {reasons[0]}; try another target or placement"
     )
 

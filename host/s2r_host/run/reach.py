@@ -50,7 +50,7 @@ def reach(
         number = len(record.attempts) + 1
         try:
             with journal.stage(f"plan {number}") as stage:
-                planned = prepare_manipulation(session, record.belief, number, s_now, view)
+                planned = prepare_manipulation(session, record.belief, number, s_now, view, record.show)
                 stage.note = (
                     f"{planned.result.control_steps} steps, {planned.delivery.trajectory.duration_s:.1f} s, "
                     f"ends at {record.show(planned.foreseen)}"

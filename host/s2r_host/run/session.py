@@ -88,15 +88,10 @@ class Session:
     recorder: RunRecorder
     rng: np.random.Generator
     executed: list[Executed] = field(default_factory=list)
-    # Joint values [m or rad] as the belief counts them: the target in force, told before it is planned for, and the
-    # state that the command line's targets count from.
-    target: float = math.nan
-    origin: float = 0.0
+    target: float = (
+        math.nan
+    )  # joint value in force [m or rad], counted as the belief's; told before it is planned for
     pace: float = 1.0  # share of the usual speed at which plans move the part, which is to be felt at several
-
-    def show(self, s: float, digits: int = 2) -> str:
-        """A joint value of the belief for people: counted as the command line's targets are, with its unit."""
-        return self.settings.task.unit.show(s - self.origin, digits)
 
     def look(self, name: str) -> Capture:
         """Take a picture and keep it."""

@@ -93,4 +93,4 @@ def _count_anew(
         goals.append(Goal(target, attempts, s_before))
     record.belief, record.origin, record.s_found, record.goals = belief, origin, s_found, goals
     record.zero_view, record.told_view = zero.name, told.name
-    session.target, session.origin = goals[-1].target, origin
+    session.target = goals[-1].target

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,13 +71,11 @@ def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
         TruthFileError, WorldFileError: A file is missing or damaged.
     """
     run = json.loads((folder / "run/run.json").read_text())
-    world = load_world(folder / "world.json")
     truth = _truth_of_part(folder, run)
-    way, as_found = sense(world, run) if run["joint"] else 1.0, float(truth.s[0])
-    s_true = way * (float(truth.s[-1]) - as_found)
+    s_true = float(truth.s[-1])
     counted = float(run["s_origin"])  # the host's own joint may count from a later view
     target = float(run["s_target"]) - counted
-    at = {a["number"]: way * (truth.s_at_tick(a["tick_start"]) - as_found) for a in run["attempts"]}
+    at = {a["number"]: truth.s_at_tick(a["tick_start"]) for a in run["attempts"]}
     goals = run["goals"]
     begun = [at[number] for number in goals[-1]["attempts"]] if goals else []
     left_at = [*(at[goal["attempts"][0]] for goal in goals[1:]), s_true]
@@ -98,16 +96,21 @@ def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
         attempts=len(run["attempts"]),
         wall_s=float(run["wall_s"]),
         commitment=published,
-        commitment_holds=world.commitment == published,
+        commitment_holds=load_world(folder / "world.json").commitment == published,
         report=str(folder / "run/report.html"),
     )
 
 
 def _truth_of_part(folder: Path, run: dict[str, Any]) -> Truth:
-    """The truth log of the part that planned motions moved most, or pushes where no motion was planned."""
+    """The truth log of the part that planned motions moved most, or pushes where no motion was planned.
+
+    Its joint value counts as the demo's target does: from as found, in the sense of the host's joint.
+    """
     truth = read_truth(folder / "truth.csv")
     ticks = [attempt["tick_start"] for attempt in run["attempts"] if attempt["tick_start"] is not None]
-    return truth.of_moved(ticks[0] if ticks else int(truth.master_tick[0]))
+    moved = truth.of_moved(ticks[0] if ticks else int(truth.master_tick[0]))
+    way = sense(load_world(folder / "world.json"), run) if run["joint"] else 1.0
+    return replace(moved, s=way * (moved.s - moved.s[0]))
 
 
 def draw_truth(folder: Path, verdict: DemoVerdict, goal: Goal) -> Path:
@@ -120,9 +123,7 @@ def draw_truth(folder: Path, verdict: DemoVerdict, goal: Goal) -> Path:
     run = json.loads((folder / "run/run.json").read_text())
     truth = _truth_of_part(folder, run)
     figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
-    way = sense(load_world(folder / "world.json"), run) if run["joint"] else 1.0
-    done = way * goal.factor * (truth.s - truth.s[0])
-    axes.plot(truth.t, done, color="#20639b", label="truth, opened after the run")
+    axes.plot(truth.t, goal.factor * truth.s, color="#20639b", label="truth, opened after the run")
     counted = float(run["s_origin"])
     targets = [aimed["s_target"] - counted for aimed in run["goals"]] or [verdict.s_target]
     for k, target in enumerate(targets):
