@@ -563,40 +563,38 @@ nb::tuple sample_polynomials(const Vector& knots, const Coefficients& coefficien
   return nb::make_tuple(p, v, a, j);
 }
 
-std::vector<double> shortest_blends(const std::tuple<Matrix, Matrix, Matrix>& path,
-                                    const std::tuple<Matrix, Matrix, Matrix>& load, double step_s, int load_stride,
-                                    const std::vector<double>& candidates, const Vector& ddq_limit,
-                                    const Vector& dddq_limit, const Vector& tau_limit, const std::vector<int>& first,
-                                    const std::vector<int>& last, const std::vector<double>& hint) {
-  const auto& [dq, ddq, dddq] = path;
+using BlendsFound = std::tuple<std::vector<double>, int, std::tuple<Array, Array, Array>>;
+
+BlendsFound shortest_blends(const Vector& knots, const Coefficients& coefficients,
+                            const std::tuple<Matrix, Matrix, Matrix>& load, double load_step_s, double cell_s,
+                            const std::vector<double>& durations, const Vector& ddq_limit, const Vector& dddq_limit,
+                            const Vector& tau_limit) {
   const auto& [rest, move, inertia] = load;
-  const int dof = check_dof(dq.shape(1), "dq");
-  for (const Matrix* m : {&ddq, &dddq})
-    if (m->shape(0) != dq.shape(0) || m->shape(1) != dq.shape(1)) throw nb::value_error("path: shapes differ");
+  const int dof = check_dof(coefficients.shape(2), "coefficients");
+  if (coefficients.shape(0) == 0 || knots.shape(0) != coefficients.shape(0) + 1)
+    throw nb::value_error("blends: knots do not fit segments");
   for (const Matrix* m : {&rest, &move, &inertia})
-    if (m->shape(0) != rest.shape(0) || m->shape(1) != dq.shape(1)) throw nb::value_error("load: shapes differ");
-  if (candidates.empty() || load_stride < 1 || last.size() != first.size() || hint.size() != first.size())
-    throw nb::value_error("blends: no candidates, no stride, or first, last and hint of different lengths");
-  for (std::size_t i = 0; i < first.size(); ++i)
-    if (first[i] < 0 || last[i] < first[i]) throw nb::value_error("blends: a segment runs backwards");
-  std::vector<Candidate> list;
-  list.reserve(candidates.size());
-  for (const double duration : candidates) {
-    if (!(duration > 0.0 && step_s > 0.0)) throw nb::value_error("blends: durations and step must be positive");
-    list.push_back({duration, sample_blend(duration, step_s), sample_blend(duration, step_s * load_stride)});
-  }
-  const PathGrid grid{.dof = dof,
-                      .points = static_cast<int>(dq.shape(0)),
-                      .load_points = static_cast<int>(rest.shape(0)),
-                      .load_stride = load_stride,
-                      .dq = dq.data(),
-                      .ddq = ddq.data(),
-                      .dddq = dddq.data(),
+    if (m->shape(0) != rest.shape(0) || m->shape(1) != coefficients.shape(2))
+      throw nb::value_error("load: shapes differ");
+  if (durations.empty() || !std::ranges::is_sorted(durations) || !(durations.front() > 0.0))
+    throw nb::value_error("blends: durations must be positive and rise");
+  if (!(load_step_s > 0.0 && cell_s > 0.0)) throw nb::value_error("blends: steps must be positive");
+  const Polynomials plan{.dof = dof,
+                         .segments = static_cast<int>(coefficients.shape(0)),
+                         .knots = knots.data(),
+                         .coefficients = coefficients.data()};
+  const LoadGrid grid{.points = static_cast<int>(rest.shape(0)),
+                      .step_s = load_step_s,
                       .rest = rest.data(),
                       .path = move.data(),
                       .inertia = inertia.data()};
-  return find_blends(grid, list, to_joints(ddq_limit, dof, "ddq_limit"), to_joints(dddq_limit, dof, "dddq_limit"),
-                     to_joints(tau_limit, dof, "tau_limit"), first, last, hint);
+  const BlendLimits limits{.ddq = to_joints(ddq_limit, dof, "ddq_limit"),
+                           .dddq = to_joints(dddq_limit, dof, "dddq_limit"),
+                           .tau = to_joints(tau_limit, dof, "tau_limit")};
+  const Blends found = find_blends(plan, grid, durations, limits, cell_s);
+  return {found.durations,
+          found.none.segment,
+          {to_array(found.none.ddq, dof), to_array(found.none.dddq, dof), to_array(found.none.tau, dof)}};
 }
 
 using GateVerdict = std::tuple<std::size_t, int, int, double, double>;  // index, cause, joint, value, limit
@@ -864,10 +862,11 @@ NB_MODULE(_native, m) {
         "Per-joint jerk-limited stop: durations (dof,) and q, dq, ddq (m, dof) at the times.");
   m.def("gate_check", &gate_check, "q"_a, "dq"_a, "dt"_a, "limits"_a, "margin"_a = 1.02,
         "First violation (index, cause, joint, value, limit) of setpoints (m, dof), or None; rests at the first.");
-  m.def("shortest_blends", &shortest_blends, "path"_a, "load"_a, "step_s"_a, "load_stride"_a, "candidates"_a,
-        "ddq_limit"_a, "dddq_limit"_a, "tau_limit"_a, "first"_a, "last"_a, "hint"_a,
-        "Per segment the shortest of the candidate durations [s] in which path time may\n"
-        "stop or resume anywhere in it; NaN where there is none. See s2r_executor.stop_ramps.");
+  m.def("shortest_blends", &shortest_blends, "knots"_a, "coefficients"_a, "load"_a, "load_step_s"_a, "cell_s"_a,
+        "durations"_a, "ddq_limit"_a, "dddq_limit"_a, "tau_limit"_a,
+        "Per segment the shortest of the durations [s] in which path time may stop or resume\n"
+        "anywhere in it, NaN where there is none; the first such segment or -1, and the largest\n"
+        "acceleration, jerk and torque (dof,) of the longest there. See s2r_executor.stop_ramps.");
   m.def(
       "bus_load",
       [](const std::string& packing, int dof, std::int64_t tick_ns) {

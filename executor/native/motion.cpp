@@ -42,8 +42,12 @@ void Motion::drop_plan() noexcept {
   reference_.dq = reference_.ddq = {};
 }
 
-// The ramp may reach into segments whose own ramp is longer: take the longest within reach.
-double Motion::reachable_stop_duration(double rate) const noexcept {
+// From a steady rate to rest and back a segment's own duration holds for all that it covers. Any other change may reach
+// into segments whose own is longer: take the longest within reach.
+double Motion::ramp_duration(double target) const noexcept {
+  const bool to_rest = target == 0.0, from_rest = ramp_.rate() == 0.0;
+  if (ramp_.steady() && (to_rest || from_rest)) return cursor_.stop_duration(s_, s_);
+  const double rate = std::max({ramp_.rate(), ramp_.target(), target});
   double duration = cursor_.stop_duration(s_, s_);
   for (int i = 0; i < plan_->knots; ++i) {
     const double longer = cursor_.stop_duration(s_, s_ + rate * duration);
@@ -59,7 +63,7 @@ double Motion::remaining() const noexcept {
 
 void Motion::change_rate(double target) noexcept {
   if (mode_ != Mode::kPath) return;
-  const double duration = reachable_stop_duration(std::max(ramp_.rate(), target));
+  const double duration = ramp_duration(target);
   if (target < ramp_.rate() && ramp_.distance_of_change(target, duration) >= remaining()) return;
   ramp_.change(target, duration);
 }
@@ -67,9 +71,7 @@ void Motion::change_rate(double target) noexcept {
 void Motion::begin_path_stop() noexcept {
   if (mode_ != Mode::kPath) return;
   child_ = nullptr;
-  const bool steady = ramp_.steady();
-  const double duration =
-      steady ? cursor_.stop_duration(s_, s_) : reachable_stop_duration(std::max(ramp_.rate(), ramp_.target()));
+  const double duration = ramp_duration(0.0);
   if (ramp_.distance_of_change(0.0, duration) >= remaining()) return;
   ramp_.change(0.0, duration);
 }

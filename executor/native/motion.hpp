@@ -59,8 +59,8 @@ class Motion {
   void begin_fade(const PathPoint& left_over) noexcept;
   void add_fade() noexcept;
   bool faded() const noexcept { return fade_t_ >= kFadeDuration_s; }
-  double remaining() const noexcept;  // path time until rest [s]
-  double reachable_stop_duration(double rate) const noexcept;
+  double remaining() const noexcept;                   // path time until rest [s]
+  double ramp_duration(double target) const noexcept;  // of a change of rate that begins now [s]
 
   // A plan may start a hair off the reference (the START and SPLICE tolerances). The difference fades out over this
   // time instead of being a step: 1e-4 rad costs at most 60 * 1e-4 / 0.2^3 = 0.75 rad/s3 of jerk.

@@ -1,7 +1,10 @@
 // For admission, not for the loop: the shortest legal change of rate that may begin anywhere in a segment.
+//
+// Nothing is sampled in path time: a quintic's jerk can peak between two samples of any grid. The plan's derivatives
+// are bounded over cells of path time, and while the rate passes through one step of the blend, wherever in the segment
+// the blend began, path time lies in a known run of cells.
 #pragma once
 
-#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -9,34 +12,37 @@
 
 namespace s2r {
 
-// One point of a blend of duration T: grid points since its start, and the rate with its first two derivatives.
-struct BlendPoint {
-  int offset = 0;
-  double r = 0.0, dr = 0.0, ddr = 0.0;
+// A plan as admission has it: power-basis coefficients in local time, lowest first, (segments x 6 x dof).
+struct Polynomials {
+  int dof = 0, segments = 0;
+  const double *knots = nullptr, *coefficients = nullptr;
 };
 
-// A plan on a uniform grid of path time: q', q'', q''' (points x dof); and on every stride-th point what torque is made
-// of: standing still, what q'' and q'^2 add, M q'.
-struct PathGrid {
-  int dof = 0, points = 0, load_points = 0, load_stride = 1;
-  const double *dq = nullptr, *ddq = nullptr, *dddq = nullptr;
+// What torque is made of on a uniform grid of path time (points x dof): standing still, what q'' and q'^2 add, M q'.
+// It varies with the pose and has a margin of its own, so that it is sampled.
+struct LoadGrid {
+  int points = 0;
+  double step_s = 0.0;
   const double *rest = nullptr, *path = nullptr, *inertia = nullptr;
 };
 
-// One duration with its blend on both grids.
-struct Candidate {
-  double duration = 0.0;
-  std::vector<BlendPoint> motion, load;
+struct BlendLimits {
+  Joints ddq, dddq, tau;
 };
 
-// The blend S(x) = 6x^5 - 15x^4 + 10x^3 over `duration`, sampled at up to 17 points of a grid of path time [s].
-std::vector<BlendPoint> sample_blend(double duration, double step);
+// The segment that no blend can start in, and what the longest one needs there: largest absolute values.
+struct NoBlend {
+  int segment = -1;
+  Joints ddq{}, dddq{}, tau{};
+};
 
-// For each segment [first, last] of grid points the shortest candidate for which a stop begun at any of its points, and
-// a resume from a pause there, stays inside the limits; NaN where there is none. hint: shorter ones are not tried, but
-// the last one always is.
-std::vector<double> find_blends(const PathGrid& grid, std::span<const Candidate> candidates, const Joints& ddq_limit,
-                                const Joints& dddq_limit, const Joints& tau_limit, std::span<const int> first,
-                                std::span<const int> last, std::span<const double> hint);
+struct Blends {
+  std::vector<double> durations;  // per segment [s]; NaN where there is none
+  NoBlend none;                   // of the first such segment
+};
+
+// The path is cut into cells of cell_s, or longer ones where there were too many. durations: candidates, rising [s].
+Blends find_blends(const Polynomials& plan, const LoadGrid& load, std::span<const double> durations,
+                   const BlendLimits& limits, double cell_s);
 
 }  // namespace s2r

@@ -302,21 +302,20 @@ def gate_check(
     """
 
 def shortest_blends(
-    path: tuple[NDArray[numpy.float64], NDArray[numpy.float64], NDArray[numpy.float64]],
+    knots: NDArray[numpy.float64],
+    coefficients: NDArray[numpy.float64],
     load: tuple[NDArray[numpy.float64], NDArray[numpy.float64], NDArray[numpy.float64]],
-    step_s: float,
-    load_stride: int,
-    candidates: Sequence[float],
+    load_step_s: float,
+    cell_s: float,
+    durations: Sequence[float],
     ddq_limit: NDArray[numpy.float64],
     dddq_limit: NDArray[numpy.float64],
     tau_limit: NDArray[numpy.float64],
-    first: Sequence[int],
-    last: Sequence[int],
-    hint: Sequence[float],
-) -> list[float]:
+) -> tuple[list[float], int, tuple[NDArray[numpy.float64], NDArray[numpy.float64], NDArray[numpy.float64]]]:
     """
-    Per segment the shortest of the candidate durations [s] in which path time may
-    stop or resume anywhere in it; NaN where there is none. See s2r_executor.stop_ramps.
+    Per segment the shortest of the durations [s] in which path time may stop or resume
+    anywhere in it, NaN where there is none; the first such segment or -1, and the largest
+    acceleration, jerk and torque (dof,) of the longest there. See s2r_executor.stop_ramps.
     """
 
 def bus_load(packing: str, dof: int, tick_ns: int) -> float:

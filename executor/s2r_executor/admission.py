@@ -14,7 +14,7 @@ from s2r_executor.checks.form import check_form, check_start
 from s2r_executor.config import AdmissionConfig
 from s2r_executor.plan import AdmittedPlan, CommandRefusedError, PlanRequest
 from s2r_executor.quintic import sample, spline_through
-from s2r_executor.stop_ramps import on_grids, stop_durations
+from s2r_executor.stop_ramps import load_along, stop_durations
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.faults import Refusal
 
@@ -96,13 +96,10 @@ class Admission:
         margins["torque"] = check_torque(grid, tau, limits.tau_max, config.torque_margin, names)
         self._collision.check(spline, grid)
         tau_limit = (1 - config.torque_margin) * limits.tau_max
-        grids = on_grids(spline, self._dynamics.torque)
-        stops = stop_durations(
-            spline, limits, self._dynamics.torque, names, tau_limit, config.stop_duration_max_s, grids
-        )
-        rest = grids[1]
-        rest_t = rest.step_s * np.arange(len(rest.gravity))
-        tau_rest = np.stack([np.interp(plan.t, rest_t, g) for g in rest.gravity.T], axis=1)
+        load = load_along(spline, self._dynamics.torque)
+        stops = stop_durations(spline, load, limits, names, tau_limit, config.stop_duration_max_s)
+        load_t = load.step_s * np.arange(len(load.gravity))
+        tau_rest = np.stack([np.interp(plan.t, load_t, g) for g in load.gravity.T], axis=1)
         return AdmittedPlan(
             t=plan.t,
             q=plan.q,

@@ -8,7 +8,7 @@ import pytest
 from s2r_executor.checks.dynamics import InverseDynamics
 from s2r_executor.plan import CommandRefusedError
 from s2r_executor.quintic import sample, spline_through
-from s2r_executor.stop_ramps import ALLOWANCE, blend, stop_durations
+from s2r_executor.stop_ramps import ALLOWANCE, load_along, stop_durations
 from s2r_protocol.faults import Refusal
 
 GATE_MARGIN = 1.02
@@ -20,9 +20,15 @@ def dynamics(arm):
 
 
 def durations(spline, arm, dynamics, longest_s=2.0):
-    return stop_durations(
-        spline, arm.limits, dynamics.torque, arm.joint_names, 0.9 * arm.limits.tau_max, longest_s
-    )
+    load = load_along(spline, dynamics.torque)
+    return stop_durations(spline, load, arm.limits, arm.joint_names, 0.9 * arm.limits.tau_max, longest_s)
+
+
+def blend(x):
+    """S(x) = 6x⁵ − 15x⁴ + 10x³, its first two derivatives, and its integral from 0."""
+    s = x**3 * (10 + x * (-15 + 6 * x))
+    ds, dds = 30 * x**2 * (1 - x) ** 2, 60 * x * (1 - x) * (1 - 2 * x)
+    return s, ds, dds, x**4 * (2.5 + x * (-3 + x))
 
 
 def wavy_spline(arm, seed, share=0.7):
