@@ -107,7 +107,7 @@ Shape = Annotated[Rod | Box, Field(discriminator="type")]
 class ArmSource(_Strict):
     """Everything ``arm.yaml`` says. Joints form one chain from ``base``; mounts hang off it."""
 
-    name: str
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]  # part of the wire's keys
     vendor: str
     base: str
     links: tuple[Link, ...]

@@ -7,8 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 import click
+import numpy as np
 
 from s2r_protocol.arms import ArmDescription, load_arm
+from s2r_protocol.arms.home_pose import holding_torques, lowest_shape, longest_offset
 from s2r_protocol.cli.findings import print_findings
 from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.machine import Finding, Level
@@ -16,6 +18,10 @@ from s2r_protocol.machine.can_interface import check_interface, list_interfaces
 from s2r_protocol.machine.realtime import Verdict, judge, read_facts, worst
 from s2r_protocol.machine.software import check_software
 from s2r_protocol.machine.surroundings import check_surroundings
+
+
+_LONGEST_OFFSET_M = 3.0  # the longest link of an arm that stands on a table is a third of it
+_HOLDING_SHARE = 0.9  # what admission leaves of a torque limit
 
 
 def check_machine(bus: str = "", packing: str = "fd") -> list[Finding]:
@@ -105,7 +111,42 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
         text = "no shape is named finger_*: nothing may touch the object"
         fix = "name the fingertip's shapes finger_left, …"
         findings.append(Finding("fingertip", Level.PROBLEM, text, fix))
-    return findings
+    return [*findings, _offsets(arm), *_home_pose(arm)]
+
+
+def _offsets(arm: ArmDescription) -> Finding:
+    name, length_m = longest_offset(arm.source)
+    text = f"largest offset between frames: {length_m:.3g} m ('{name}')"
+    if length_m <= _LONGEST_OFFSET_M:
+        return Finding("lengths", Level.OK, text)
+    return Finding("lengths", Level.PROBLEM, text, "lengths are metres, not millimetres")
+
+
+def _home_pose(arm: ArmDescription) -> list[Finding]:
+    """Every motion on the stand-in begins at home: over the table, and held by torques to spare."""
+    torques = np.abs(holding_torques(arm.source, arm.q_home))
+    joint = int(np.argmax(torques / arm.limits.tau_max))
+    name, torque, limit = arm.joint_names[joint], torques[joint], arm.limits.tau_max[joint]
+    held = f"'{name}' holds {torque:.3g} N·m of its {limit:.3g} N·m at home"
+    shape, height_m = lowest_shape(arm.source, arm.q_home)
+    over = f"'{shape}' is the lowest shape at home, {height_m:.3g} m over the base"
+    heavy, low = torque > _HOLDING_SHARE * limit, height_m <= 0.0
+    return [
+        Finding(
+            "torque",
+            Level.PROBLEM if heavy else Level.OK,
+            held,
+            "check masses, lengths and tau_max, or choose a home pose that hangs less far out"
+            if heavy
+            else "",
+        ),
+        Finding(
+            "table",
+            Level.PROBLEM if low else Level.OK,
+            over,
+            "choose a home pose over the table on which the base stands" if low else "",
+        ),
+    ]
 
 
 def _make_certificates(folder: Path, names: tuple[str, ...], days: int) -> list[Finding]:

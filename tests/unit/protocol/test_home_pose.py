@@ -1,0 +1,67 @@
+"""Sums over the chain against Pinocchio, and what `s2r doctor --arm` makes of absurd descriptions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from s2r_protocol.arms import load_arm
+from s2r_protocol.arms.home_pose import holding_torques, longest_offset, lowest_shape
+from s2r_protocol.cli.doctor import check_arm
+from s2r_protocol.machine import Level
+
+ARM = load_arm("xmate3pro")
+
+
+def edited(tmp_path, old: str, new: str):
+    text = (ARM.directory / "arm.yaml").read_text()
+    assert old in text
+    (tmp_path / "arm.yaml").write_text(text.replace(old, new))
+    return load_arm(tmp_path)
+
+
+def problems(arm) -> dict[str, str]:
+    return {f.topic: f.text for f in check_arm(arm) if f.level == Level.PROBLEM}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_holding_torques_are_pinocchios(seed):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(ARM.limits.q_min, ARM.limits.q_max)
+    model = pin.buildModelFromXML(ARM.urdf)
+    expected = pin.computeGeneralizedGravity(model, model.createData(), q)
+    np.testing.assert_allclose(holding_torques(ARM.source, q), expected, atol=1e-9)
+
+
+def test_lowest_shape_follows_the_arm_down():
+    up, down = ARM.q_home, np.array([0.0, 2.0, 0.0, 2.05, 0.0, 2.05, 0.0])
+    assert lowest_shape(ARM.source, up)[1] > 0.1
+    name, height = lowest_shape(ARM.source, down)
+    assert height < 0.0
+    assert name != "base_body"
+
+
+def test_the_shipped_arm_has_no_problem():
+    assert problems(ARM) == {}
+    assert longest_offset(ARM.source) == ("joint2", pytest.approx(0.3426))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "topic", "says"),
+    [
+        ("origin: [0.0, 0.0, 0.34260]", "origin: [0.0, 0.0, 342.60]", "lengths", "'joint2'"),
+        ("tau_max: 108.0", "tau_max: 9.0", "torque", "'joint2' holds"),
+        ("q_home: [0.45, -0.3,", "q_home: [0.45, 1.9,", "table", "lowest shape"),
+    ],
+)
+def test_an_absurd_description_is_told_with_its_place(old, new, topic, says, tmp_path):
+    found = problems(edited(tmp_path, old, new))
+    assert list(found) == [topic]
+    assert says in found[topic]
+
+
+@pytest.mark.parametrize("name", ["my arm", "lab/arm", "**", ""])
+def test_a_name_that_is_no_part_of_a_key_is_refused(name, tmp_path):
+    with pytest.raises(ValueError, match="name: String should match"):
+        edited(tmp_path, "name: xmate3pro", f'name: "{name}"')
