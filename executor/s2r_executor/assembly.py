@@ -15,6 +15,7 @@ from s2r_executor.front_end import FrontEnd
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.preflight import run_preflight
 from s2r_executor.recorder import Recorder
+from s2r_executor.status import silent_joints
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import NotReadyError
 from s2r_protocol.faults import ExecutorState
@@ -24,6 +25,7 @@ from s2r_protocol.session.open import endpoint_for
 logger = logging.getLogger(__name__)
 
 _WATCH_PERIOD_S = 0.004
+_SILENCE_S = 2.0  # drives that are switched on answer within milliseconds
 
 
 class Executor:
@@ -40,7 +42,8 @@ class Executor:
         self.arm = load_arm(config.arm)
         self._ended = threading.Event()
         self._failure: BaseException | None = None
-        self._watched_s = time.monotonic()
+        self._watched_s = self._started_s = time.monotonic()
+        self._heard = False
         for endpoint in config.listen:  # refused before anything is started
             endpoint_for(endpoint, config.tls is not None, "listen on")
         self.preflight = run_preflight(config)
@@ -133,17 +136,33 @@ class Executor:
         )
 
     def check(self) -> None:
-        """Look after the parts.
+        """Look after the parts; say once if the drives are silent.
 
         Raises:
             CoreDiedError: The core ended by itself.
             NotReadyError: The watch loop failed.
         """
         self.process.check()
+        if not self._heard:
+            self._listen_for_drives()
         if self._failure is not None:
             raise NotReadyError(
                 f"the executor's watch loop failed: {self._failure}; restart it"
             ) from self._failure
+
+    def _listen_for_drives(self) -> None:
+        silent = silent_joints(self.process.core.snapshot(), self.arm.joint_names)
+        if silent and time.monotonic() - self._started_s < _SILENCE_S:
+            return
+        self._heard = True
+        if silent:
+            logger.warning(
+                "no answer yet from the drives of %s on %s with packing '%s': look at power, cables and bus, and "
+                "whether the packing is theirs",
+                ", ".join(silent),
+                self.config.bus,
+                self.config.packing,
+            )
 
     @property
     def watch_age_s(self) -> float:

@@ -401,4 +401,5 @@ def status_to_message(status: ExecutorStatus) -> pb.Status:
         tau_meas=core.tau_meas,
         lease_holder=status.lease_holder,
         plan_done=bool(core.plan_done),
+        silent_joints=status.silent_joints,
     )

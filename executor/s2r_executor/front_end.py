@@ -27,7 +27,7 @@ from s2r_executor.plan import AdmittedPlan, CommandRefusedError, PlanRequest
 from s2r_executor.quintic import sample, spline_through
 from s2r_executor.recorder import PlanIdentity, Recorder, RecordingAnswer, RecordingLoss
 from s2r_executor.stalls import Patience, StallWatch
-from s2r_executor.status import ExecutorStatus, why_not_moving
+from s2r_executor.status import ExecutorStatus, silent_joints, why_not_moving
 from s2r_executor.tick_timing import TickTiming
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.codec import Address
@@ -129,6 +129,7 @@ class FrontEnd:
             plan_seq=self._seq_of_plan.get(core.plan_id, 0),
             lease_holder=holder,
             why_not_moving=why_not_moving(core, self.arm.joint_names, holder),
+            silent_joints=silent_joints(core, self.arm.joint_names),
         )
 
     def recording(self, plan_seq: int) -> RecordingAnswer:

@@ -8,6 +8,8 @@ from s2r_executor.core import CoreSnapshot
 from s2r_executor.fault_table import FAULTS
 from s2r_protocol.faults import Cause, ExecutorState
 
+_NEVER_TICKS = 65_535  # where the core stops counting the age of an answer, and where it begins (core.cpp)
+
 
 @dataclass(frozen=True, eq=False)
 class ExecutorStatus:
@@ -18,12 +20,14 @@ class ExecutorStatus:
         plan_seq: The host's number of the running or last plan; 0 = none since start.
         lease_holder: Empty if there is none.
         why_not_moving: One sentence.
+        silent_joints: Joints whose drive has not answered yet; their measured values mean nothing.
     """
 
     core: CoreSnapshot
     plan_seq: int
     lease_holder: str
     why_not_moving: str
+    silent_joints: tuple[str, ...]
 
     @property
     def state(self) -> ExecutorState:
@@ -39,6 +43,13 @@ class ExecutorStatus:
 def known_cause(number: int) -> Cause:
     """The cause with this number; an unknown one is an internal fault, never ignored."""
     return Cause(number) if number in Cause._value2member_map_ else Cause.INTERNAL
+
+
+def silent_joints(core: CoreSnapshot, joint_names: tuple[str, ...]) -> tuple[str, ...]:
+    """Joints whose drive has not answered since the core started, or not for a minute and more."""
+    return tuple(
+        name for name, age in zip(joint_names, core.feedback_age, strict=True) if age >= _NEVER_TICKS
+    )
 
 
 def describe_cause(core: CoreSnapshot, joint_names: tuple[str, ...]) -> str:
@@ -65,6 +76,12 @@ def why_not_moving(core: CoreSnapshot, joint_names: tuple[str, ...], lease_holde
         case ExecutorState.BOOT:
             return "The core is starting and checks its configuration and the bus."
         case ExecutorState.DISARMED:
+            silent = silent_joints(core, joint_names)
+            if silent:
+                return (
+                    f"No answer from the drives of {', '.join(silent)}: look at power, cables and bus, and whether "
+                    "the executor's --packing is theirs."
+                )
             return "The drives are off: take the lease and send ARM." + stopped
         case ExecutorState.ARMING:
             return "The drives are being switched on."

@@ -238,6 +238,7 @@ def _linked(endpoint: str, arm: ArmDescription, keys: ArmKeys, tls: Path | None)
     from s2r_host.link import ExecutorLink
 
     with ExecutorLink(endpoint, arm, keys, tls=tls) as link:
+        link.wait_for_drives()
         yield link
 
 

@@ -221,6 +221,21 @@ class ExecutorLink:
             lambda now: now.state == ExecutorState.HOLD, "arming", stalled_s=timeout_s, wall_limit_s=timeout_s
         )
 
+    def wait_for_drives(self, timeout_s: float = 3.0) -> None:
+        """Until every drive has answered the executor once: before that nobody knows where the arm is.
+
+        Raises:
+            PeerUnreachableError: Some did not; names their joints.
+        """
+        deadline = time.monotonic() + timeout_s
+        while silent := self.status().silent_joints:
+            if time.monotonic() > deadline:
+                raise PeerUnreachableError(
+                    f"the executor at {self._endpoint} hears nothing from the drives of {', '.join(silent)}; look at "
+                    "power, cables and bus, and whether its --packing is theirs ('s2r executor --commission')"
+                )
+            time.sleep(0.05)
+
     def disarm(self) -> None:
         """Switch the drives off (HOLD -> DISARMED)."""
         self._control(pb.DISARM)

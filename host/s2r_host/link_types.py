@@ -121,6 +121,7 @@ class ExecutorStatus:
     q_meas: np.ndarray
     dq_meas: np.ndarray
     tau_meas: np.ndarray
+    silent_joints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -156,6 +157,7 @@ def status_from_message(body: pb.Status) -> ExecutorStatus:
         q_meas=np.array(body.q_meas),
         dq_meas=np.array(body.dq_meas),
         tau_meas=np.array(body.tau_meas),
+        silent_joints=tuple(body.silent_joints),
     )
 
 

@@ -40,7 +40,7 @@ def arm():
 
 
 @contextmanager
-def running_plant(folder):
+def running_plant(folder, packing="fd"):
     """Stand-in and executor, as fast as they go; their endpoints, the truth log and a place for the run."""
     folder.mkdir(exist_ok=True)
     bus, truth = f"unix:{folder}/bus", folder / "truth.csv"
@@ -52,7 +52,7 @@ def running_plant(folder):
         "--bus",
         bus,
         "--packing",
-        "fd",
+        packing,
         "--clock",
         "lockstep",
         "--pace",
@@ -215,6 +215,15 @@ def test_wrong_arm_model_is_refused_before_anything_moves(plant, arm, tmp_path):
     assert done.returncode == ExitCode.REFUSED
     assert "start both with the same arm description" in done.stderr
     assert status(plant, arm).state == ExecutorState.DISARMED
+
+
+def test_drives_that_speak_another_packing_are_named_and_nothing_is_planned(tmp_path):
+    with running_plant(tmp_path, packing="classic") as plant:
+        done = run(plant)
+        log = (tmp_path / "executor.log").read_text()
+    assert done.returncode == ExitCode.UNREACHABLE, done.stderr
+    assert "the drives of joint1, joint2" in done.stderr.replace("\n", " ")
+    assert "with packing 'classic'" in log
 
 
 def test_empty_view_is_refused_before_anything_moves(plant, arm):

@@ -166,6 +166,7 @@ def _introduce(record: RunRecord, session: Session) -> None:
 
 def _home(session: Session, record: RunRecord) -> None:
     with session.journal.stage("home") as stage:
+        session.link.wait_for_drives()
         q_home = session.arm.arm.q_home
         if abs(session.status().q_ref - q_home).max() < 1e-3:
             stage.note = "already there"

@@ -167,7 +167,7 @@ class Verdict(_message.Message):
     def __init__(self, accepted: _Optional[bool] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ..., joint: _Optional[str] = ..., t: _Optional[float] = ..., quantity: _Optional[str] = ..., value: _Optional[float] = ..., limit: _Optional[float] = ..., seq: _Optional[int] = ..., duration: _Optional[float] = ..., epoch: _Optional[int] = ...) -> None: ...
 
 class Status(_message.Message):
-    __slots__ = ("state", "cause", "why_not_moving", "tick", "epoch", "plan_seq", "plan_t", "speed_scale", "q_ref", "dq_ref", "q_meas", "dq_meas", "tau_meas", "lease_holder", "ddq_ref", "plan_done")
+    __slots__ = ("state", "cause", "why_not_moving", "tick", "epoch", "plan_seq", "plan_t", "speed_scale", "q_ref", "dq_ref", "q_meas", "dq_meas", "tau_meas", "lease_holder", "ddq_ref", "plan_done", "silent_joints")
     STATE_FIELD_NUMBER: _ClassVar[int]
     CAUSE_FIELD_NUMBER: _ClassVar[int]
     WHY_NOT_MOVING_FIELD_NUMBER: _ClassVar[int]
@@ -184,6 +184,7 @@ class Status(_message.Message):
     LEASE_HOLDER_FIELD_NUMBER: _ClassVar[int]
     DDQ_REF_FIELD_NUMBER: _ClassVar[int]
     PLAN_DONE_FIELD_NUMBER: _ClassVar[int]
+    SILENT_JOINTS_FIELD_NUMBER: _ClassVar[int]
     state: int
     cause: int
     why_not_moving: str
@@ -200,7 +201,8 @@ class Status(_message.Message):
     lease_holder: str
     ddq_ref: _containers.RepeatedScalarFieldContainer[float]
     plan_done: bool
-    def __init__(self, state: _Optional[int] = ..., cause: _Optional[int] = ..., why_not_moving: _Optional[str] = ..., tick: _Optional[int] = ..., epoch: _Optional[int] = ..., plan_seq: _Optional[int] = ..., plan_t: _Optional[float] = ..., speed_scale: _Optional[float] = ..., q_ref: _Optional[_Iterable[float]] = ..., dq_ref: _Optional[_Iterable[float]] = ..., q_meas: _Optional[_Iterable[float]] = ..., dq_meas: _Optional[_Iterable[float]] = ..., tau_meas: _Optional[_Iterable[float]] = ..., lease_holder: _Optional[str] = ..., ddq_ref: _Optional[_Iterable[float]] = ..., plan_done: _Optional[bool] = ...) -> None: ...
+    silent_joints: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, state: _Optional[int] = ..., cause: _Optional[int] = ..., why_not_moving: _Optional[str] = ..., tick: _Optional[int] = ..., epoch: _Optional[int] = ..., plan_seq: _Optional[int] = ..., plan_t: _Optional[float] = ..., speed_scale: _Optional[float] = ..., q_ref: _Optional[_Iterable[float]] = ..., dq_ref: _Optional[_Iterable[float]] = ..., q_meas: _Optional[_Iterable[float]] = ..., dq_meas: _Optional[_Iterable[float]] = ..., tau_meas: _Optional[_Iterable[float]] = ..., lease_holder: _Optional[str] = ..., ddq_ref: _Optional[_Iterable[float]] = ..., plan_done: _Optional[bool] = ..., silent_joints: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class RecordingRequest(_message.Message):
     __slots__ = ("plan_seq",)

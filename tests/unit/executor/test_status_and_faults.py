@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from s2r_executor.fault_table import FAULTS, markdown
-from s2r_executor.status import describe_cause, known_cause, why_not_moving
+from s2r_executor.status import describe_cause, known_cause, silent_joints, why_not_moving
 from s2r_protocol.faults import Cause, ExecutorState
 
 NAMES = tuple(f"joint{i}" for i in range(1, 8))
@@ -23,6 +23,7 @@ def snapshot(state=ExecutorState.HOLD, cause=Cause.NONE, **more):
         "cause_joint": -1,
         "cause_value": 0.0,
         "cause_limit": 0.0,
+        "feedback_age": [0] * len(NAMES),
     }
     return SimpleNamespace(**{**values, "plan_t": 1.5, "speed_scale": 1.0, **more})
 
@@ -50,6 +51,14 @@ def test_joint_value_and_limit_are_named():
         snapshot(cause=Cause.FOLLOWING, cause_joint=1, cause_value=0.0612, cause_limit=0.05), NAMES
     )
     assert text == "joint 'joint2': a joint does not follow its reference (0.0612, limit 0.05)"
+
+
+def test_drives_that_have_never_answered_are_named_before_anything_else():
+    ages = [0, 3, 65_535, 0, 65_535, 0, 0]
+    core = snapshot(ExecutorState.DISARMED, feedback_age=ages)
+    assert silent_joints(core, NAMES) == ("joint3", "joint5")
+    assert "the drives of joint3, joint5" in why_not_moving(core, NAMES, "")
+    assert "send ARM" in why_not_moving(snapshot(ExecutorState.DISARMED), NAMES, "")
 
 
 def test_an_unknown_cause_number_counts_as_internal():
