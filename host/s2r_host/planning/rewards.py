@@ -157,4 +157,5 @@ def rewards(facts: StepFacts, task: Task, weights: RewardWeights) -> np.ndarray:
         + r_press(facts.press_N, weights)
         + r_load(facts.load, weights)
     )
-    return total.mean(axis=1)
+    # A product again: mean() takes twice as long.
+    return total @ np.full(total.shape[1], 1.0 / total.shape[1])
