@@ -44,26 +44,31 @@ class Hook:
     follow: float
 
     @cached_property
-    def _frame(self) -> tuple[np.ndarray, float, float, float]:
-        """Axes in the part's frame as columns, (3, 3): the push, the rest of the way out along the tool, across both.
+    def axes(self) -> np.ndarray:
+        """Directions in the part's frame, (4, 3): the push; out along the tool; beside that in their plane; across."""
+        ahead, away = self.push_part / np.linalg.norm(self.push_part), -self.R_part_tool[:, 2]
+        beside, across = np.linalg.qr(np.column_stack([away, ahead]), mode="complete")[0][:, 1:].T
+        return np.stack([ahead, away, beside, across])
 
-        Also the length of the push [m], and the shares of the first two axes in the way out.
-        """
-        push_m = float(np.linalg.norm(self.push_part))
-        ahead, away = self.push_part / push_m, -self.R_part_tool[:, 2]
-        across = np.linalg.qr(np.column_stack([ahead, away]), mode="complete")[0][:, 1:]
-        return np.column_stack([ahead, across]), push_m, float(away @ ahead), float(away @ across[:, 0])
+    @cached_property
+    def _push(self) -> tuple[float, float, float]:
+        """Length of the push [m], and the shares of its direction out along the tool and beside that."""
+        ahead, away, beside, _ = self.axes
+        return float(np.linalg.norm(self.push_part)), float(ahead @ away), float(ahead @ beside)
 
     @cached_property
     def push_as_part_moves(self) -> np.ndarray:
         """Times (1, cos s, sin s) where the push points with the part at s, in the part's frame at s = 0, (3, 3)."""
-        ahead, axis = self._frame[0][:, 0], self.axis_part
+        ahead, axis = self.axes[0], self.axis_part
         still = (ahead @ axis) * axis if axis.any() else ahead
         return np.column_stack([still, ahead - still, np.cross(axis, ahead)])
 
     @cached_property
-    def _grip_wxyz(self) -> np.ndarray:
-        return quat_of(self.R_part_tool)
+    def grips_wxyz(self) -> np.ndarray:
+        """The tool's orientation at the place in the part's frame, and turned by half a turn about the axis, (2, 4)."""
+        grip, turned = quat_of(self.R_part_tool), np.empty(4)
+        mujoco.mju_mulQuat(turned, np.concatenate([[0.0], self.axis_part]), grip)
+        return np.stack([grip, turned])
 
     @property
     def whole_route(self) -> np.ndarray:
@@ -82,23 +87,28 @@ class Hook:
         can back out: beside the place the fingertip is wanted higher. Straight distance has a minimum in front of
         the handle, where a third of the plans got stuck.
         """
-        axes, push_m, level, rise = self._frame
-        place = (p_tip_part - self.p_part) @ axes
-        x, y, z = place[..., 0], place[..., 1], place[..., 2]
-        x = x - np.minimum(np.maximum(x, 0.0), push_m)
-        height = level * x + rise * y
-        beside = np.sqrt((rise * x - level * y) ** 2 + z**2)
+        return self.distance_along(np.moveaxis((p_tip_part - self.p_part) @ self.axes.T, -1, 0))
+
+    def distance_along(self, place: np.ndarray) -> np.ndarray:
+        """The same for tool tips given as ways from the place along the four ``axes`` [m], (4, ...)."""
+        push_m, level, rise = self._push
+        ahead, away, beside, across = place
+        met = np.minimum(np.maximum(ahead, 0.0), push_m)
+        height = away - level * met
+        beside = np.sqrt((beside - rise * met) ** 2 + across**2)
         wanted = np.minimum(FUNNEL_M, _FUNNEL_SLOPE * beside)
         return np.sqrt(beside**2 + (height - wanted) ** 2)
 
-    def turn(self, quat_part_wxyz: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """Angle [rad] between the tool's orientation in the part (..., 4) and the wanted one at joint value s (...)."""
-        grip = self._grip_wxyz
-        cosine = quat_part_wxyz @ grip
+    def turn(self, cosines: np.ndarray, s: np.ndarray) -> np.ndarray:
+        """Angle [rad] between the tool's orientation in the part and the wanted one at joint value s, (...).
+
+        Args:
+            cosines: The orientation's products with ``grips_wxyz``, (2, ...).
+            s: The object's joint [m or rad], (...).
+        """
+        cosine = cosines[0]
         if self.follow != 1.0:
             # Wanted is the grip turned about the hinge's axis by the share that the tool does not follow.
             half = -0.5 * (1.0 - self.follow) * (s - self.s_start)
-            turned, axis = np.empty(4), np.concatenate([[0.0], self.axis_part])
-            mujoco.mju_mulQuat(turned, axis, grip)
-            cosine = np.cos(half) * cosine + np.sin(half) * (quat_part_wxyz @ turned)
+            cosine = np.cos(half) * cosine + np.sin(half) * cosines[1]
         return 2.0 * np.arccos(np.minimum(np.abs(cosine), 1.0))

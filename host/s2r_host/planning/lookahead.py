@@ -35,13 +35,13 @@ class Lookahead:
         self._low = np.tile(limits.q_min + settings.joint_margin_rad, (self.sampler.horizon, 1))
         self._high = np.tile(limits.q_max - settings.joint_margin_rad, (self.sampler.horizon, 1))
         self.task = task  # may be replaced between control steps
-        self._settings, self._hook = settings, hook
+        self._settings = settings
         self._route = Route(np.concatenate([q_start[None], hook.whole_route]), settings.action_max_rad)
         beliefs = ()
         if settings.ensemble > 1:  # drawn apart from the sampler's noise
             beliefs = draw_ensemble(settings.doubt, settings.ensemble, np.random.default_rng([*chance, 1]))
         capacity = self.sampler.capacity(len(settings.proposal_speeds))
-        self._rollouts = Rollouts(scene, stage, settings, capacity, beliefs)
+        self._rollouts = Rollouts(scene, stage, settings, hook, capacity, beliefs)
 
     @property
     def env_steps(self) -> int:
@@ -57,13 +57,16 @@ class Lookahead:
         """
         sampler, rollouts = self.sampler, self._rollouts
         sampler.begin()
+        qpos, qvel = data.qpos, data.qvel
         proposals = self._route.proposals(target, sampler.horizon, self._settings.proposal_speeds)
         for _ in range(sampler.iterations):
             samples = sampler.sample(proposals)
             targets = self.targets(target, samples)
-            facts = rollouts.run(data.qpos, data.qvel, targets, self._hook, self.task.s_initial)
+            facts = rollouts.run(qpos, qvel, targets, self.task.s_initial)
             values = rewards(facts, self.task, self._settings.weights)
-            sampler.update(samples, values.reshape(len(samples), rollouts.members).mean(axis=1))
+            if rollouts.members > 1:
+                values = values.reshape(len(samples), rollouts.members).mean(axis=1)
+            sampler.update(samples, values)
         return sampler.ranked()
 
     def targets(self, target: np.ndarray, actions: np.ndarray) -> np.ndarray:
@@ -74,7 +77,7 @@ class Lookahead:
         count, steps, dof = actions.shape
         found = np.empty((count, steps + 1, dof))
         found[:, 0], found[:, 1:] = target, actions
-        np.cumsum(found, axis=1, out=found)
+        np.add.accumulate(found, axis=1, out=found)
         following = found[:, 1:]
         np.maximum(following, self._low[:steps], out=following)
         np.minimum(following, self._high[:steps], out=following)

@@ -13,6 +13,7 @@ import numpy as np
 
 from s2r_host.planning.belief import Belief, let_part_pass, spread_over
 from s2r_host.planning.hook import Hook
+from s2r_host.planning.readings import Readings
 from s2r_host.planning.rewards import StepFacts
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings, Stage
@@ -21,8 +22,6 @@ _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
 _MOVED = 1e-4  # [m or rad] an object that has gone less far has not been pushed
 _LEAST_LEVER_M = 0.02
 _RECORD = ("qpos", "qvel", "sensordata")
-# The coarse model's sensors: tool pose (7), the robot's contacts (1), per finger contacts (1) and force (3).
-_ROBOT_CONTACTS, _FIRST_FINGER, _PER_FINGER = 7, 8, 4
 
 
 class Rollouts:
@@ -33,13 +32,19 @@ class Rollouts:
         scene: Scene,
         stage: Stage,
         settings: PlanSettings,
+        hook: Hook,
         capacity: int,
         beliefs: tuple[Belief, ...] = (),
     ) -> None:
-        """Args: scene; stage; settings; ``capacity``, most sequences per call; believable objects, none: as given."""
+        """Play with some believable objects, or with the one as given.
+
+        Args: scene; stage; settings; the place for the fingertip; ``capacity``, most sequences per call; the objects.
+        """
         self.members = max(1, len(beliefs))
-        self._scene = scene
-        self._servo = settings.servo
+        self._scene, self._hook, self._dof = scene, hook, scene.dof
+        # Per torque limit: the servos' torque from a distance to their target, and from speed.
+        self._stiffness = settings.servo.kp / scene.arm.limits.tau_max
+        self._damping = settings.servo.kd / scene.arm.limits.tau_max
         at_zero = mujoco.MjData(scene.fine)
         at_zero.qpos[scene.s_qpos] = 0.0
         mujoco.mj_kinematics(scene.fine, at_zero)
@@ -50,10 +55,9 @@ class Rollouts:
         model = scene.rollout_model(stage)
         if not scene.on_table and any(belief.moves_joint for belief in beliefs):
             let_part_pass(model, scene)
-        # A row of sensors times this: the force of all finger shapes together, in the part's frame at s = 0.
-        self._force_of = np.zeros((model.nsensordata, 3))
-        for finger in range(_FIRST_FINGER, model.nsensordata, _PER_FINGER):
-            self._force_of[finger + 1 : finger + _PER_FINGER] = self._R_world_part
+        self._readings = Readings(
+            model.nsensordata, self._substeps, self._R_world_part, hook, prismatic=scene.prismatic
+        )
         self._batch = mujoco.batch.Batch(model, nsim=capacity * self.members, nthread=settings.threads)
         self._shifts = np.array([b.shift_m for b in beliefs]).reshape(-1, 3)
         self._along = np.array([b.along for b in beliefs])
@@ -66,15 +70,12 @@ class Rollouts:
         self._records: dict[tuple[int, int], dict[mujoco.batch.RecordItem, np.ndarray]] = {}
         self.env_steps = 0
 
-    def run(
-        self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, hook: Hook, s_initial: float
-    ) -> StepFacts:
+    def run(self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, s_initial: float) -> StepFacts:
         """Play sequences of joint targets from one state.
 
         Args:
             qpos, qvel: Start state of arm and object, (nq,), (nv,).
             targets: Joint targets including the one in force at the start, (rollout, steps + 1, dof) [rad].
-            hook: The place that the fingertip is measured against.
             s_initial: The object's joint before anything touched it.
 
         Returns:
@@ -86,7 +87,7 @@ class Rollouts:
         rollouts, steps = targets.shape[0], targets.shape[1] - 1
         self._qpos[:rollouts] = qpos
         if self.members > 1:
-            s = self._where_pushed(float(qpos[self._scene.s_qpos]), hook, s_initial)
+            s = self._where_pushed(float(qpos[self._scene.s_qpos]), s_initial)
             self._qpos[:rollouts, self._scene.s_qpos] = np.resize(s, rollouts)
         self._qvel[:rollouts] = qvel
         self._warmstart[:rollouts] = 0.0  # the same start for every rollout, whatever was computed before
@@ -100,9 +101,9 @@ class Rollouts:
             shape[1], control, _CONTROL, _RECORD, ids=np.arange(rollouts), out=self._records.get(shape)
         )
         self.env_steps += rollouts * steps
-        return self._facts(record, qvel, targets, hook)
+        return self._facts(record, qvel, targets)
 
-    def _where_pushed(self, s: float, hook: Hook, s_initial: float) -> np.ndarray:
+    def _where_pushed(self, s: float, s_initial: float) -> np.ndarray:
         """The joint of every believable object where the believed one has been pushed to s, (members,).
 
         The fingertip is at the part. One that stands nearer was met earlier and has gone further by now, one that
@@ -111,57 +112,32 @@ class Rollouts:
         gone = s - s_initial
         if abs(gone) < _MOVED:
             return np.full(self.members, s)
-        push, lever = hook.push_as_part_moves @ (1.0, np.cos(s), np.sin(s)), 1.0
+        push, lever = self._hook.push_as_part_moves @ (1.0, np.cos(s), np.sin(s)), 1.0
         if not self._scene.prismatic:
-            arm = hook.p_part - self._scene.fine.jnt_pos[self._scene.joint_id]
+            arm = self._hook.p_part - self._scene.fine.jnt_pos[self._scene.joint_id]
             lever = max(_LEAST_LEVER_M, float(np.linalg.norm(np.cross(self._axis_part, arm))))
         ahead = np.sign(gone) * (self._shifts @ (self._R_world_part @ push)) / lever + self._along
         return s_initial + np.sign(gone) * np.maximum(np.sign(gone) * (gone - ahead), 0.0)
 
-    def _facts(self, record: dict, qvel: np.ndarray, targets: np.ndarray, hook: Hook) -> StepFacts:
-        scene, n, dof = self._scene, self._substeps, self._scene.dof
-        # Sensors and contacts describe the state before a substep: one substep behind qpos.
-        qpos, ends, sensors = record["qpos"], record["qvel"][:, n - 1 :: n], record["sensordata"]
-        s, q, dq = qpos[:, n - 1 :: n, scene.s_qpos], qpos[:, n - 1 :: n, :dof], ends[..., :dof].copy()
-        ddq = dq.copy()
-        ddq[:, 1:] -= dq[:, :-1]
-        ddq[:, 0] -= qvel[:dof]
-        ddq /= self._control_dt_s
-        touches = sensors[..., _FIRST_FINGER]
-        for finger in range(_FIRST_FINGER + _PER_FINGER, sensors.shape[2], _PER_FINGER):
-            touches = touches + sensors[..., finger]
-        press_N = self._press(sensors, touches, qpos[..., scene.s_qpos], hook)
-        # Where the next control step begins, or the last substep: the sensors lag.
-        tool = sensors[:, _after(n, sensors.shape[1]), :_ROBOT_CONTACTS]
-        load = targets[:, 1:] - q
-        load *= self._servo.kp
-        load -= self._servo.kd * dq
-        load /= scene.arm.limits.tau_max
+    def _facts(self, record: dict, qvel: np.ndarray, targets: np.ndarray) -> StepFacts:
+        n, dof, s = self._substeps, self._dof, record["qpos"][..., self._scene.s_qpos]
+        qpos, speeds = record["qpos"][:, n - 1 :: n], record["qvel"][:, n - 1 :: n]
+        dq = speeds[..., :dof]
+        before = np.empty(dq.shape)
+        before[:, 0], before[:, 1:] = qvel[:dof], dq[:, :-1]
+        ddq = dq - before
+        ddq *= 1.0 / self._control_dt_s
+        load = targets[:, 1:] - qpos[..., :dof]
+        load *= self._stiffness
+        load -= self._damping * dq
         return StepFacts(
-            distance_m=hook.distance(tool[..., :3]),
-            turn_rad=hook.turn(tool[..., 3:], qpos[:, _after(n, sensors.shape[1]), scene.s_qpos]),
-            s=s,
-            ds=ends[..., scene.s_dof],
-            touches=_any_within(touches > 0, n),
-            collides=_any_within(sensors[..., _ROBOT_CONTACTS] > touches, n),
-            press_N=functools.reduce(np.maximum, (press_N[:, k::n] for k in range(n))),
+            s=qpos[..., self._scene.s_qpos],
+            ds=speeds[..., self._scene.s_dof],
             dq=dq,
             ddq=ddq,
             load=load,
+            **self._readings.of(record["sensordata"], s),
         )
-
-    def _press(self, sensors: np.ndarray, touches: np.ndarray, s: np.ndarray, hook: Hook) -> np.ndarray:
-        """Size of the fingertip's force across the part's motion [N], (rollout, substep); zero where none touches."""
-        press_N = np.zeros(touches.shape)
-        at = np.flatnonzero(touches)
-        force_N = sensors.reshape(touches.size, -1).take(at, axis=0) @ self._force_of
-        push_N, cosine_N, sine_N = (force_N @ hook.push_as_part_moves).T
-        if not self._scene.prismatic:
-            angle = s.reshape(-1)[at]
-            push_N = push_N + np.cos(angle) * cosine_N + np.sin(angle) * sine_N
-        across = np.vecdot(force_N, force_N) - push_N**2
-        press_N.reshape(-1)[at] = np.sqrt(np.maximum(across, 0.0))
-        return press_N
 
 
 def ramp(targets: np.ndarray, substeps: int) -> np.ndarray:
@@ -174,17 +150,3 @@ def _lines(steps: int, substeps: int) -> np.ndarray:
     """Weights of the control steps at every substep of straight lines between them, (steps * substeps, steps + 1)."""
     step = np.arange(1, steps * substeps + 1) / substeps
     return np.maximum(1.0 - np.abs(step[:, None] - np.arange(steps + 1)), 0.0)
-
-
-@functools.cache
-def _after(substeps: int, count: int) -> np.ndarray:
-    """Per control step the substep whose sensors describe its end, of ``count`` substeps."""
-    return np.minimum(np.arange(substeps, count + 1, substeps), count - 1)
-
-
-def _any_within(flags: np.ndarray, substeps: int) -> np.ndarray:
-    """Per control step, True if the flag, which lags one substep, was up at any of its substeps."""
-    found = flags[:, _after(substeps, flags.shape[1])]
-    for k in range(1, substeps):
-        found |= flags[:, k::substeps]
-    return found

@@ -164,11 +164,12 @@ def test_funnel_wants_the_fingertip_higher_beside_the_place(hooks):
 
 def test_turn_is_the_angle_to_the_hook_s_orientation(hooks):
     hook = hooks[0]
-    assert hook.turn(quat_of(hook.R_part_tool), np.array(0.1)) == pytest.approx(0.0, abs=1e-6)
-    assert hook.turn(-quat_of(hook.R_part_tool), np.array(0.1)) == pytest.approx(0.0, abs=1e-6)
+    grip = hook.grips_wxyz @ quat_of(hook.R_part_tool)
+    assert hook.turn(grip, np.array(0.1)) == pytest.approx(0.0, abs=1e-6)
+    assert hook.turn(-grip, np.array(0.1)) == pytest.approx(0.0, abs=1e-6)
     c, s = np.cos(0.3), np.sin(0.3)
     turned = hook.R_part_tool @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    assert hook.turn(quat_of(turned), np.array(0.1)) == pytest.approx(0.3)
+    assert hook.turn(hook.grips_wxyz @ quat_of(turned), np.array(0.1)) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,10 +1,10 @@
-"""Sensors of a user's scene leave the planner's own where the rollouts look for them."""
+"""Sensors of a user's scene leave the planner's own where they are read after rollouts."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from s2r_host.planning.rollouts import _FIRST_FINGER, _ROBOT_CONTACTS
+from s2r_host.planning import readings
 from s2r_host.planning.scene import Scene, build_scene
 from s2r_host.planning.scene_spec import ROBOT_CONTACTS
 from s2r_host.planning.settings import PlanSettings
@@ -24,4 +24,6 @@ def test_the_planners_sensors_are_where_the_rollouts_read_them(tmp_path):
     plain, measured = _scene(SCENE), _scene(path)
     assert measured.coarse.nsensordata == plain.coarse.nsensordata
     assert measured.fine_contacts == plain.fine_contacts
-    assert measured.coarse.sensor(ROBOT_CONTACTS).adr[0] == _ROBOT_CONTACTS == _FIRST_FINGER - 1
+    assert (
+        measured.coarse.sensor(ROBOT_CONTACTS).adr[0] == readings.ROBOT_CONTACTS == readings.FIRST_FINGER - 1
+    )
