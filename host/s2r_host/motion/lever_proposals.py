@@ -26,17 +26,18 @@ class LeverPushSettings:
         give_m: Way of the fingertip that does not turn it: a camera sees a lever wider than it is, arm and lever yield.
         depth_m: Least and most the fingertip goes for that.
         standoff_m: Free way before the touch.
-        places: Along the lever, 0 at its root, 1 at its tip.
+        places: Along the lever, 0 at its root, 1 at its tip. A finger that goes straight slides outwards while the
+            lever turns, by a tenth of its radius over 25°: begun too near to the tip, it slips off.
         below_m: How far the fingertip reaches past the lever's line when it pushes with its side.
         leans: Share of "down" in the finger's axis; the rest points along the push, from outside to the body, or
             outwards: the only way to reach what leads away from the arm.
     """
 
-    turn_rad: float = 0.37
+    turn_rad: float = 0.43
     give_m: float = 0.010
     depth_m: tuple[float, float] = (0.02, 0.065)
     standoff_m: float = 0.035
-    places: tuple[float, ...] = (0.9, 0.7, 0.5)
+    places: tuple[float, ...] = (0.8, 0.65, 0.5)
     below_m: float = 0.012
     leans: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
 
