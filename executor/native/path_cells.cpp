@@ -64,7 +64,8 @@ void look_ahead(Band& band, std::size_t shift) noexcept {
 void PathCells::widen(int new_width) {
   while (width < new_width) {
     const int shift = std::min(width, new_width - width);
-    for (Band* band : {&dq, &ddq, &dddq}) look_ahead(*band, static_cast<std::size_t>(shift * dof));
+    for (Band* band : {&dq, &ddq, &dddq})
+      look_ahead(*band, static_cast<std::size_t>(shift) * static_cast<std::size_t>(dof));
     width += shift;
   }
 }
