@@ -23,6 +23,7 @@ LONGEST_SHARE, LEAST_POWER = 0.3, 0.8  # of the time; of the power
 SLOW = 0.1  # of the top speed
 SLOW_SHARE = 0.5  # of the power, from which on it is the turning back that is loud
 LEAST_EFFORT = 0.1  # of the effort (rms)
+DECLARED = 2.0  # times the accuracy that a recording declares
 LEAST_WINDOWS = 20
 MERGE_S = 0.4
 FAINT = 0.1  # of the strongest burst's power: numbers that give way to a push err a little elsewhere
@@ -73,7 +74,8 @@ def _in_block(model: RigidModel, block: Block, left: np.ndarray) -> Bursts | Non
     level, quiet = (float(np.sqrt(np.mean(left[rows] ** 2))) for rows in (loud, ~loud))
     if float(np.sum(left[loud & slow] ** 2)) > SLOW_SHARE * then:
         return None
-    if level < LEAST_EFFORT * float(np.std(s.u[:, block.joint])):
+    declared = s.rec.effort_sigma.get(model.joints[block.joint], 0.0)
+    if level < max(LEAST_EFFORT * float(np.std(s.u[:, block.joint])), DECLARED * declared):
         return None
     clear = loud & (power > FAINT * float(power.max()))
     spans = time_spans(s.t[picks][clear] + s.rec.start_s, MERGE_S)

@@ -13,6 +13,7 @@ from s2r_host.gap.naming import Named
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 from s2r_host.gap.solution import Solution
+from s2r_host.gap.strokes import left_over, together
 
 LEFTOVER_LIMIT = 1.45
 EXPLAINED_CLOSE, EXPLAINED_SLOPE, EXPLAINED_FAR = 0.6, 0.25, 0.88
@@ -72,9 +73,10 @@ def explained_least_of(problem: Problem, search: Search, solution: Solution, lef
 def leftover(problem: Problem, rows: np.ndarray, *, held: bool = True) -> float:
     """Largest ratio of a block's leftover rms to its floor; of the rows held out when there are any and it is asked."""
     worst = 0.0
-    for block in problem.blocks:
-        mask = block.held if held and block.held.any() else ~block.held
-        worst = max(worst, problem.rms(rows, block, mask) / problem.floor[block.joint])
+    for blocks in together(problem):
+        left = left_over(problem, rows, blocks, held=True) if held else None
+        left = left_over(problem, rows, blocks, held=False) if left is None else left
+        worst = max(worst, left or 0.0)
     return worst
 
 
@@ -85,9 +87,10 @@ def explained(problem: Problem, search: Search, solution: Solution) -> float:
     """
     rows = search.finish([], [], []).prediction
     before = after = 0.0
-    for block in problem.blocks:
-        mask = block.held if block.held.any() else ~block.held
-        floor = problem.floor[block.joint] ** 2
-        before += max(0.0, problem.rms(rows, block, mask) ** 2 / floor - 1.0)
-        after += max(0.0, problem.rms(solution.prediction, block, mask) ** 2 / floor - 1.0)
+    for blocks in together(problem):
+        held = any(b.held.any() for b in blocks)
+        was, now = (left_over(problem, x, blocks, held=held) or 0.0 for x in (rows, solution.prediction))
+        count = len(blocks)
+        before += count * max(0.0, was**2 - 1.0)
+        after += count * max(0.0, now**2 - 1.0)
     return 1.0 - after / before if before > 0 else 0.0

@@ -94,7 +94,8 @@ def rms(samples: list[np.ndarray]) -> float:
 
 def at_least_declared(joint: str, noise: list[np.ndarray], fit: list[Session]) -> list[np.ndarray]:
     """The noise samples, made larger where the recordings declare a less accurate effort than they show."""
-    declared = max((s.rec.effort_sigma.get(joint, 0.0) for s in fit), default=0.0)
+    squares = [s.rec.effort_sigma.get(joint, 0.0) ** 2 for s in fit]
+    declared = float(np.sqrt(np.average(squares, weights=[len(s.t) for s in fit]))) if fit else 0.0
     seen = rms(noise) if noise else 0.0
     return [x * (declared / seen) for x in noise] if 0.0 < seen < declared else noise
 

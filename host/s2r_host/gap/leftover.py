@@ -6,6 +6,7 @@ import numpy as np
 
 from s2r_host.gap.regression import TEMPER, Regression, unwhiten
 from s2r_host.gap.solution import Scored, Solution, Term
+from s2r_host.gap.strokes import left_over, together
 
 FLOOR_SLACK = 1.2
 FLOOR_SLACK_AFTER = 1.4
@@ -25,9 +26,10 @@ class Leftover(Regression):
         left = self.without_drift(y - B @ x, TEMPER, self.added_friction(chosen, x))
         raw = self.unwhitened(self.within_doubt(left))
         slack = FLOOR_SLACK_AFTER if chosen else FLOOR_SLACK
-        for block in p.blocks:
-            for mask in (block.held, ~block.held):
-                if mask.any() and p.rms(raw, block, mask) > slack * p.floor[block.joint]:
+        for blocks in together(p):
+            for held in (True, False):
+                left_now = left_over(p, raw, blocks, held=held)
+                if left_now is not None and left_now > slack:
                     return False
         return not self.comes_back(chosen)
 

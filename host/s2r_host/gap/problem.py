@@ -260,8 +260,8 @@ def _fill_base(problem: Problem, sessions: list[Session]) -> None:
         deviation = parameter.prior
         if parameter.name == "effort_offset":
             j = problem.ctx.model.index(parameter.place)
-            if j not in problem.joints:
-                continue
+            if j not in problem.joints or all(s.rec.effort_sigma.get(parameter.place) for s in sessions):
+                continue  # a declared accuracy says how far the zero may be off; what is beyond it acts on the joint
             tops = [float(np.std(s.u[:, j])) for s in sessions if s.has_u[j]]
             deviation = max(0.003 * max(tops), 0.3 * problem.floor[j])
         if parameter.name == "timing" and stamps_agree(

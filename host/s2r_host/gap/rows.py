@@ -17,6 +17,9 @@ LEAST_CUT_HZ = 2.5
 ROWS_PER_CUT = 2.4  # rows per period of the cut
 KEPT_SHARE = 0.7  # of a recording, after the margins at its ends
 LEAST_ROWS = 32  # a recording with fewer holds nothing to learn from and to predict
+COMPANY_ROWS = (
+    12  # the same beside other recordings of the motion, which check it: touches of a part are short
+)
 SLOPE_CUT_HZ = 50.0
 
 
@@ -60,17 +63,17 @@ def make_blocks(
 ) -> tuple[list[Block], list[np.ndarray]]:
     """Blocks of all joints and recordings, and their residual efforts; without ``hold`` 30 % of each are held.
 
-    Recordings too short for the band in which efforts are compared are left out.
+    Recordings too short for the band in which efforts are compared are left out, those in company later.
     """
     blocks: list[Block] = []
     raw: list[np.ndarray] = []
-    start = 0
+    start, least = 0, least_rows(sessions)
     for s in sessions:
         for j in joints:
             if not s.has_u[j]:
                 continue
             picks = picks_of(s, j)
-            if len(picks) < LEAST_ROWS:
+            if len(picks) < least:
                 continue
             rows = slice(start, start + len(picks))
             start += len(picks)
@@ -123,6 +126,11 @@ def band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray
     strong = np.flatnonzero((power_u / power_n > least) & (f <= s.cut[j]))
     highest = float(f[strong[-1]]) if strong.size else 0.0
     return float(np.clip(1.5 * highest, LEAST_CUT_HZ, s.cut[j]))
+
+
+def least_rows(sessions: list[Session]) -> int:
+    """Rows below which a recording among these is left out."""
+    return LEAST_ROWS if len(sessions) == 1 else COMPANY_ROWS
 
 
 def least_cut(s: Session) -> float:

@@ -191,6 +191,7 @@ def turned_not_shifted(slot: list[Scored]) -> list[Scored]:
     if not slot[0].term.effect.startswith(f"{PREFIX}com"):
         return slot
     turned = [s for s in slot if s.term.effect in ("encoder_offset", "gravity_tilt")]
-    if not turned or turned[0].gain < slot[0].gain - max(ALIKE_GAIN, ALIKE_SHARE * slot[0].gain):
+    least = max(ONE_CAUSE, slot[0].gain - max(ALIKE_GAIN, ALIKE_SHARE * slot[0].gain))
+    if not turned or turned[0].gain < least:  # a name needs evidence of its own
         return slot
     return [*turned, *(s for s in slot if s not in turned and not s.term.effect.startswith(f"{PREFIX}com"))]

@@ -35,6 +35,10 @@ STEPS = 60
 CLEAR_M, EVERY_ROWS = 0.01, 4  # nearer than this a fingertip may touch: the part is known to millimetres
 NEAR = 0.02  # of the search range: as far as a part goes between two rows
 WINDOW_S = 0.08  # of the smoothing of the joint's position
+LEVER_SHARE = 0.05  # of an effort: millimetres that place and axis are off, on a lever of a hand's breadth
+LEAST_WAY = (
+    0.02  # of the search range: a fingertip that hardly moves the part jams, or leans on what it rests on
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +107,7 @@ def touches(
         if followed is None:
             continue
         together = _unbroken(followed[0], NEAR * most)
-        if len(together) * EVERY_S < LEAST_TOUCH_S:
+        if len(together) * EVERY_S < LEAST_TOUCH_S or np.ptp(followed[0][together]) < LEAST_WAY * most:
             continue
         rows, s, p = rows[together], followed[0][together], followed[1][together]
         force = tip_force(own, samples.part(rows), p)
@@ -217,7 +221,9 @@ class _Apart:
         return float(least)
 
 
-def write_log(touched: Sequence[Touch], joint: str, folder: Path, name: str, session: str) -> list[Path]:
+def write_log(
+    touched: Sequence[Touch], joint: str, folder: Path, name: str, session: str, *, hinged: bool
+) -> list[Path]:
     """Write one recording (CSV and YAML, as ``s2r gap`` takes them) per touch; earlier ones of the name go.
 
     Args:
@@ -226,6 +232,7 @@ def write_log(touched: Sequence[Touch], joint: str, folder: Path, name: str, ses
         folder: Created when missing.
         name: Of the files; a number is added.
         session: What was recorded in one go.
+        hinged: The joint is a hinge: efforts are forces times levers.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for old in (*folder.glob(f"{name}-*.csv"), *folder.glob(f"{name}-*.yaml")):
@@ -241,7 +248,7 @@ def write_log(touched: Sequence[Touch], joint: str, folder: Path, name: str, ses
         side = {
             "controller": {"type": "none"},
             "effort": "measured",
-            "effort_sigma": {joint: float(np.median(one.sigma))},
+            "effort_sigma": {joint: _accuracy(one, hinged)},
             "input": "effort",
             "session": session,
             "notes": "joint followed by the fingertip, effort from the arm's joint torques",
@@ -249,3 +256,9 @@ def write_log(touched: Sequence[Touch], joint: str, folder: Path, name: str, ses
         path.with_suffix(".yaml").write_text(yaml.safe_dump(side), encoding="utf-8")
         paths.append(path)
     return paths
+
+
+def _accuracy(touch: Touch, hinged: bool) -> float:
+    """How far the effort of a touch may be off, by the gauge and by the lever it acts on [N or N·m]."""
+    lever = LEVER_SHARE * np.abs(touch.effort) if hinged else 0.0
+    return float(np.median(np.hypot(touch.sigma, lever)))

@@ -62,11 +62,11 @@ class OwnTorques:
         return nominal + _regressor(self.dynamics, samples) @ self.parameters
 
     def sigma(self, samples: Samples) -> np.ndarray:
-        """How far they may be off [N·m], (n, dof): a slow joint's dry friction may point either way."""
-        slow = np.abs(samples.dq) < SLOW_RAD_S
+        """How far they may be off [N·m], (n, dof): a joint at rest holds by dry friction of any size either way."""
+        unsure = self.coulomb * (1.0 - np.abs(np.tanh(samples.dq / SIGN_RAD_S)))
         Y = _regressor(self.dynamics, samples)
         learnt = np.einsum("njk,kl,njl->nj", Y, self.covariance, Y)
-        return np.sqrt(learnt + self.rest**2 + np.where(slow, self.coulomb**2, 0.0))
+        return np.sqrt(learnt + self.rest**2 + unsure**2)
 
 
 def learn_own_torques(arm: ArmDescription, free: Sequence[Samples]) -> OwnTorques | None:

@@ -88,7 +88,8 @@ class Feeling:
             return []
         for label, push in self._pushes.items():
             felt = touches(own, self.arm, push.samples, push.part, push.s_to, push.most)
-            write_log(felt, JOINT, self.folder, label.replace(" ", "-"), SESSION)
+            name, hinged = label.replace(" ", "-"), not belief.template.slides
+            write_log(felt, JOINT, self.folder, name, SESSION, hinged=hinged)
             self.by_motion[label] = felt
         return self.by_motion[pushed.label]
 

@@ -48,8 +48,9 @@ STEP_S = 1e-3
 TRANSMISSION = frozenset({"backlash", "joint_elasticity", "joint_play", "flexible_part", "contact_slip"})
 DRIVE = frozenset({"actuator_delay", "bandwidth", "clock_skew", "encoder_offset", "encoder_eccentricity",
                    "effort_scale", "saturation", "session_friction", "thermal_drift"})  # fmt: skip
-# The object's joint has no drive and no sensor: its recordings are made of the arm's.
-NO_DRIVE = (*sorted(DRIVE), "motor_coupling")
+# The object's joint has no drive and no sensor: its recordings are made of the arm's. The mass of its part was learnt
+# from the same recordings, so that a load beside it would only stand for what friction or a spring does.
+NO_DRIVE = (*sorted(DRIVE), "motor_coupling", "payload")
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,20 +238,44 @@ def _asked(session: Session, record: RunRecord, folder: Path) -> PhysicsLesson:
     logs = sorted((session.settings.out / "object-log").glob("*.csv"))
     if not logs or belief.felt is None:
         return PhysicsLesson(0, folder, "insufficient", notes=("the arm has not felt the part yet",))
-    felt = belief.felt
-    believed = with_numbers(
-        belief.model.mjcf_path, JOINT, felt.mass_share, felt.friction, felt.damping, folder / "believed.xml"
-    )
-    config = GapConfig(NO_DRIVE, simulate=False, baselines=False, next_experiment=False)
     try:
-        analysis = analyse(believed, logs, [], [], config, lambda _text: None)
-        answer = make_answer(analysis, session.settings.seed)
+        analysis, answer = ask_gap(
+            believed_object(belief, folder / "believed.xml"), logs, session.settings.seed
+        )
         write_outputs(analysis, folder)
         write_report(analysis, answer, folder / "report.html")
         write_answer(answer, folder)
     except S2RError as error:
         return PhysicsLesson(0, folder, "refused", notes=(f"gap refused the recordings: {error}",))
     return _lesson(folder, analysis, answer)
+
+
+def believed_object(belief: Belief, path: Path) -> Path:
+    """Write the object as built, with mass, friction and damping as felt: the model that recordings are held against.
+
+    Args:
+        belief: Of an object that was felt.
+        path: Where the file goes.
+    """
+    felt = belief.felt
+    assert felt is not None
+    return with_numbers(belief.model.mjcf_path, JOINT, felt.mass_share, felt.friction, felt.damping, path)
+
+
+def ask_gap(believed: Path, logs: Sequence[Path], seed: int) -> tuple[Analysis, dict[str, Any]]:
+    """What the gap tool says to recordings of the object's joint.
+
+    Args:
+        believed: The object (MJCF).
+        logs: Recordings of its joint.
+        seed: Of the run.
+
+    Raises:
+        S2RError: They were refused.
+    """
+    config = GapConfig(NO_DRIVE, simulate=False, baselines=False, next_experiment=False)
+    analysis = analyse(believed, list(logs), [], [], config, lambda _text: None)
+    return analysis, make_answer(analysis, seed)
 
 
 def _lesson(folder: Path, analysis: Analysis, answer: dict[str, Any]) -> PhysicsLesson:

@@ -144,7 +144,7 @@ def test_a_pushed_slide_is_recorded_where_the_fingertip_is_with_the_force_it_too
     )
     assert way == pytest.approx(truth - truth[0], abs=1e-3)
     assert np.median(one.effort) == pytest.approx(sign * PUSHED_N, abs=1.2)
-    (path,) = write_log(found, "object_joint", tmp_path, "push", "a")
+    (path,) = write_log(found, "object_joint", tmp_path, "push", "a", hinged=False)
     recorded = read_recording(path)
     assert recorded.joints == ("object_joint",)
     assert recorded.effort == "measured"

@@ -11,6 +11,7 @@ from s2r_host.gap.session import Session
 MIN_PERIODS = 1.2
 MAX_PERIODS = 2000
 SEEDS = 16
+TOGETHER = 4  # seeds from all recordings taken as one
 RUB_PERIODS = (0.5, 0.75, 1.0)
 RUB_ODDS = -3.0
 
@@ -100,20 +101,32 @@ class Cogging(Effect):
 
 
 def _peaks(ctx: Context, joint: int, first: float, top: float, turned: bool) -> list[float]:
-    """Orders at which the residual's spectrum over position peaks, strongest first."""
+    """Orders at which the residual's spectrum over position peaks, strongest first.
+
+    Strokes shorter than a period have no peak of their own: of several, taken as one, the strongest come first.
+    """
     low, high = ctx.span(joint)
     orders = np.arange(first, top, 2 * np.pi / (high - low) / 4.0)
-    power = np.zeros(len(orders))
+    power, whole = np.zeros(len(orders)), np.zeros(len(orders), dtype=complex)
+    count = 0
     for s in ctx.sessions:
         r = ctx.residual.get((s.index, joint))
         if r is None:
             continue
+        count += 1
         picks = slice(None, None, max(1, int(0.24 / float(s.cut[joint]) / s.dt)))
         r, q = r[picks] * np.hanning(len(r[picks])) ** 0.1, s.q[picks, joint]
         if turned:
             r = r * s.sign(joint)[picks]
         for i in range(0, len(orders), 64):
-            power[i : i + 64] += np.abs(np.exp(-1j * np.outer(orders[i : i + 64], q)) @ r) ** 2
+            spectrum = np.exp(-1j * np.outer(orders[i : i + 64], q)) @ r
+            power[i : i + 64] += np.abs(spectrum) ** 2
+            whole[i : i + 64] += spectrum
+    alone = _strongest(orders, power)
+    return [*_strongest(orders, np.abs(whole) ** 2)[:TOGETHER], *alone] if count > 1 else alone
+
+
+def _strongest(orders: np.ndarray, power: np.ndarray) -> list[float]:
     peaks, _ = find_peaks(power)
     best = peaks[np.argsort(-power[peaks])]
     return [float(orders[i]) for i in (best if best.size else [int(np.argmax(power))])]
