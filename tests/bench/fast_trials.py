@@ -113,7 +113,7 @@ class DirectLink:
     def wait_at_rest(self) -> SimpleNamespace:
         return self.status()
 
-    reset = stop = close = lambda self: None
+    reset = stop = close = wait_for_drives = lambda self: None
 
     def _walk(self, commands: tuple[DriveCommand, ...]) -> None:
         for command in commands:
