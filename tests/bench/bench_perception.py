@@ -16,7 +16,7 @@ Several routes on the same pairs, one line each (weights from `s2r train model`)
         --route geometry,network,combined,no-interaction --out runs/perception-routes
 
 geometry: what `estimate_joint` does by itself. vague: the same, also where a turn is known to half of itself only.
-network: the pair network's votes alone. combined: the hypotheses of geometry weighed by them.
+network: the pair network's votes alone. combined, vague-combined: the hypotheses of geometry weighed by them.
 no-interaction: the network given the first view twice, as in the ablation of Sim2Real² without interaction.
 """
 
@@ -70,8 +70,8 @@ CATEGORIES = {
 }
 COMMANDED = {"prismatic": 0.10, "revolute": np.radians(45)}
 SEEN_PX = 150
-SEARCHING = ("geometry", "vague", "combined")
-ROUTES = ("geometry", "vague", "network", "combined", "no-interaction")
+SEARCHING = ("geometry", "vague", "combined", "vague-combined")
+ROUTES = (*SEARCHING, "network", "no-interaction")
 
 
 def true_motion(pair: Pair) -> JointMotion:
@@ -147,8 +147,8 @@ def answer(route: str, looked: Looked, weights: str | None, seed: int) -> JointE
     rng = np.random.default_rng([seed, 5])
     if route in SEARCHING:
         first, scene, found, warnings, after = looked.found
-        known_to = VAGUELY if route == "vague" else KNOWN_TO
-        if route == "combined":
+        known_to = VAGUELY if route.startswith("vague") else KNOWN_TO
+        if route.endswith("combined"):
             belief = runtime(weights).belief(first, np.random.default_rng([0, 1]))
             if belief is not None:
                 found = weighed(found, belief, scene, None, np.random.default_rng([0, 2]))
@@ -327,7 +327,7 @@ def main() -> None:
     )
     parser.add_argument(
         "--route",
-        help="geometry, vague, network, combined, no-interaction: some of them, comma-separated, on the same pairs",
+        help=f"{', '.join(ROUTES)}: some of them, comma-separated, on the same pairs",
     )
     parser.add_argument("--weights", type=Path, help="folder of a trained pair network")
     parser.add_argument("--jobs", type=int, default=1, help="processes")

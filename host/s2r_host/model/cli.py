@@ -62,15 +62,16 @@ Step = Callable[[str], None]
     help="Answer also where a turn is known to half of itself only, instead of a tenth.",
 )
 @click.option(
-    "--network",
-    is_flag=True,
-    help="Let the shipped pair network weigh the motions too: answers some that geometry alone knows too vaguely.",
+    "--network/--no-network",
+    default=None,
+    help="Whether the shipped pair network weighs the motions too: it answers some that geometry alone knows too "
+    "vaguely. [default: it does; not with --frame camera, as it knows views with z up only]",
 )
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the sampling.")
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON on standard output.")
 def build_model(
     before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
-    joint_type: str | None, several: bool, vague: bool, network: bool, seed: int, as_json: bool,
+    joint_type: str | None, several: bool, vague: bool, network: bool | None, seed: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Estimate the joint that moved between two depth views and build a physics model of the object.
 
@@ -96,7 +97,7 @@ def build_model(
 
 def _build(
     before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
-    joint_type: str | None, several: bool, vague: bool, network: bool, seed: int, step: Step,
+    joint_type: str | None, several: bool, vague: bool, network: bool | None, seed: int, step: Step,
 ) -> dict[str, Any]:  # fmt: skip
     step("reading both views")
     box = parse_region(region)
@@ -114,7 +115,7 @@ def _build(
 
     known_to = VAGUELY if vague else KNOWN_TO
     asked = None
-    if network:
+    if network is not False and frame != "camera":
         from s2r_host.perception.pair_network import PairNetworkRuntime
 
         asked = PairNetworkRuntime()
