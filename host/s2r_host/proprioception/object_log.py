@@ -37,7 +37,7 @@ NEAR = 0.02  # of the search range: as far as a part goes between two rows
 WINDOW_S = 0.08  # of the smoothing of the joint's position
 LEVER_SHARE = 0.05  # of an effort: millimetres that place and axis are off, on a lever of a hand's breadth
 LEAST_WAY = (
-    0.02  # of the search range: a fingertip that hardly moves the part jams, or leans on what it rests on
+    0.02  # of the search range: a fingertip that moves the part less jams, or leans on what it rests on
 )
 
 

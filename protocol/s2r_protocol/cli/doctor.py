@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from s2r_protocol.arms import ArmDescription, load_arm
-from s2r_protocol.arms.home_pose import holding_torques, lowest_shape, longest_offset
+from s2r_protocol.arms.home_pose import holding_torques, longest_offset, lowest_shape
 from s2r_protocol.cli.findings import print_findings
 from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.machine import Finding, Level
@@ -18,7 +18,6 @@ from s2r_protocol.machine.can_interface import check_interface, list_interfaces
 from s2r_protocol.machine.realtime import Verdict, judge, read_facts, worst
 from s2r_protocol.machine.software import check_software
 from s2r_protocol.machine.surroundings import check_surroundings
-
 
 _LONGEST_OFFSET_M = 3.0  # the longest link of an arm that stands on a table is a third of it
 _HOLDING_SHARE = 0.9  # what admission leaves of a torque limit
