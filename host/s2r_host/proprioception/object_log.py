@@ -78,7 +78,13 @@ class PushedPart:
 
 
 def touches(
-    own: OwnTorques, arm: ArmModel, samples: Samples, part: PushedPart, s_end: float, most: float
+    own: OwnTorques,
+    arm: ArmModel,
+    samples: Samples,
+    part: PushedPart,
+    s_start: float,
+    s_end: float,
+    most: float,
 ) -> list[Touch]:
     """The stretches of a motion in which the fingertip moved the part.
 
@@ -87,7 +93,8 @@ def touches(
         arm: Its fingertip.
         samples: The motion.
         part: What was pushed.
-        s_end: Joint value after the motion [m or rad]: the model's surface counts from there.
+        s_start: Joint value before the motion [m or rad].
+        s_end: After it: the model's surface counts from there.
         most: How far the joint may be from ``s_end`` at most [m or rad].
     """
     force = tip_force(own, samples)
@@ -98,12 +105,12 @@ def touches(
     pushing = (size > np.maximum(LEAST_FORCE_N, OVER_NOISE * noise)) & (sign * towards > OVER_NOISE * doubt)
     pushing = binary_closing(pushing, np.ones(2 * round(GAP_S / EVERY_S / 2) + 1))
     pushing &= ~_blows(towards, pushing)
-    found, edge = [], round(EDGE_S / EVERY_S)
+    found, edge, s_now = [], round(EDGE_S / EVERY_S), s_start
     for stretch in _stretches(pushing):
         rows = stretch[edge:-edge]
         if len(rows) * EVERY_S < LEAST_TOUCH_S:
             continue
-        followed = _followed(arm, samples.q[rows], part, s_end, most)
+        followed = _followed(arm, samples.q[rows], part, s_now, s_end, most)
         if followed is None:
             continue
         together = _unbroken(followed[0], NEAR * most)
@@ -115,6 +122,7 @@ def touches(
         window = 2 * round(WINDOW_S / EVERY_S / 2) + 1
         smooth, ds = (np.asarray(savgol_filter(s, window, 2, deriv=order, delta=EVERY_S)) for order in (0, 1))
         found.append(Touch(samples.t[rows], smooth, ds, effort, sigma))
+        s_now = float(s[-1])
     return _anchored(found, s_end)
 
 
@@ -161,11 +169,13 @@ def _anchored(found: list[Touch], s_end: float) -> list[Touch]:
 
 
 def _followed(
-    arm: ArmModel, q: np.ndarray, part: PushedPart, s_end: float, most: float
+    arm: ArmModel, q: np.ndarray, part: PushedPart, s_now: float, s_end: float, most: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Joint values at which the part just touches the fingertip, (n,), and where, (n, 3); None if it nowhere does.
 
-    The part is ahead of the fingertip; moved back towards it, it touches at some value and overlaps beyond.
+    The part is ahead of the fingertip; moved back towards it, it touches at some value and overlaps beyond. Another
+    place of the part, the inside of a drawer's back for one, may do so too, at another value: the touch begins with
+    the one nearest to ``s_now``, where the part was until then.
     """
     back = -most if part.positive else most
     found: list[float] = []
@@ -177,7 +187,12 @@ def _followed(
         if span is None:
             values = np.linspace(s_end - back, s_end + back, STEPS)
             spans = (_bracket(apart, (float(a), float(b))) for a, b in pairwise(values))
-            span = next((one for one in spans if one is not None), None)
+            expected = s_now if near is None else near
+            span = min(
+                (one for one in spans if one is not None),
+                key=lambda one: abs(sum(one) / 2.0 - expected),
+                default=None,
+            )
         if span is None:
             return None
         found.append(float(brentq(apart, *span, xtol=TOUCH)))  # pyright: ignore[reportArgumentType]

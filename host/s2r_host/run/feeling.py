@@ -26,10 +26,11 @@ SEARCH_M, SEARCH_RAD = 0.2, 0.8  # beyond what a part was moved it is not looked
 
 @dataclass(frozen=True, eq=False)
 class _Push:
-    """A motion that pushed the part: how the arm moved, the part as then believed, and where it was afterwards."""
+    """A motion that pushed the part: how the arm moved, the part as then believed, where it was before and after."""
 
     samples: Samples
     part: PushedPart
+    s_from: float
     s_to: float
     most: float
 
@@ -82,12 +83,12 @@ class Feeling:
         )
         most = SEARCH_M if belief.template.slides else SEARCH_RAD
         self._free.append(samples.part(slice(0, free_rows(self.arm, samples, part, s_from))))
-        self._pushes[pushed.label] = _Push(samples, part, s_to, abs(s_to - s_from) + most)
+        self._pushes[pushed.label] = _Push(samples, part, s_from, s_to, abs(s_to - s_from) + most)
         own = learn_own_torques(self.arm.arm, self._free)
         if own is None:
             return []
         for label, push in self._pushes.items():
-            felt = touches(own, self.arm, push.samples, push.part, push.s_to, push.most)
+            felt = touches(own, self.arm, push.samples, push.part, push.s_from, push.s_to, push.most)
             name, hinged = label.replace(" ", "-"), not belief.template.slides
             write_log(felt, JOINT, self.folder, name, SESSION, hinged=hinged)
             self.by_motion[label] = felt

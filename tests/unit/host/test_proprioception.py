@@ -10,7 +10,15 @@ from s2r_host.log.tables import Joints
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.obstacles import Obstacle
 from s2r_host.perception.motion import JointMotion
-from s2r_host.proprioception.object_log import PushedPart, Touch, _blows, free_rows, touches, write_log
+from s2r_host.proprioception.object_log import (
+    PushedPart,
+    Touch,
+    _blows,
+    _followed,
+    free_rows,
+    touches,
+    write_log,
+)
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
 from s2r_host.proprioception.samples import samples_of
@@ -133,7 +141,7 @@ def test_a_pushed_slide_is_recorded_where_the_fingertip_is_with_the_force_it_too
     part = PushedPart(
         [Obstacle("part_plate", coal.Box(0.05, 0.3, 0.3), X)], slide.pose, slide.velocity, positive
     )
-    found = touches(own, arm, samples(joints), part, 0.05 * sign, 0.2)
+    found = touches(own, arm, samples(joints), part, 0.0, 0.05 * sign, 0.2)
     assert len(found) == 1
     one = found[0]
     assert one.t[0] == pytest.approx(TOUCH * DURATION + 0.05, abs=0.06)
@@ -149,6 +157,23 @@ def test_a_pushed_slide_is_recorded_where_the_fingertip_is_with_the_force_it_too
     assert recorded.joints == ("object_joint",)
     assert recorded.effort == "measured"
     assert recorded.channels["tau"]["object_joint"] == pytest.approx(one.effort, rel=1e-5)
+
+
+@pytest.mark.parametrize("s_now", [0.0, 0.16])
+def test_of_two_faces_that_the_fingertip_may_have_met_it_is_the_one_where_the_part_was(pushed, s_now):
+    """A plate at the fingertip, and one 16 cm behind it, as the back of a drawer is."""
+    joints, p, along = pushed
+    X = np.eye(4)
+    X[:3, :3] = np.column_stack([along, *np.linalg.svd(along[None])[2][1:]])
+    X[:3, 3] = p[-1] + 0.07 * along
+    behind = X.copy()
+    behind[:3, 3] -= 0.16 * along
+    slide = PartTemplate(np.zeros((1, 3)), np.ones((1, 3)), JointMotion("prismatic", np.zeros(3), along, 0.0))
+    plates = [Obstacle("part_plate", coal.Box(0.05, 0.3, 0.3), place) for place in (X, behind)]
+    part = PushedPart(plates, slide.pose, slide.velocity, True)
+    followed = _followed(ArmModel(ARM), samples(joints).q[-3:], part, s_now, 0.05, 0.2)
+    assert followed is not None
+    assert followed[0] == pytest.approx(s_now, abs=0.06)
 
 
 def test_a_push_is_free_until_the_fingertip_comes_near_the_part(pushed):
@@ -174,7 +199,7 @@ def test_a_motion_through_the_air_touches_nothing(own):
     part = PushedPart(
         [Obstacle("part_plate", coal.Box(0.05, 0.3, 0.3), np.eye(4))], slide.pose, slide.velocity, True
     )
-    assert touches(own, ArmModel(ARM), samples(joints), part, 0.0, 0.2) == []
+    assert touches(own, ArmModel(ARM), samples(joints), part, 0.0, 0.0, 0.2) == []
 
 
 LID = """<mujoco><compiler angle="radian"/><worldbody><body name="object_base"/><body name="object_part">
