@@ -50,7 +50,7 @@ DRIVE = frozenset({"actuator_delay", "bandwidth", "clock_skew", "encoder_offset"
                    "effort_scale", "saturation", "session_friction", "thermal_drift"})  # fmt: skip
 # The object's joint has no drive and no sensor: its recordings are made of the arm's. The mass of its part was learnt
 # from the same recordings, so that a load beside it would only stand for what friction or a spring does.
-NO_DRIVE = (*sorted(DRIVE), "motor_coupling", "payload")
+NO_DRIVE = (*sorted(DRIVE), "motor_coupling", "payload", "armature")
 
 
 @dataclass(frozen=True, eq=False)
