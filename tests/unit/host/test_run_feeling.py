@@ -99,7 +99,7 @@ def test_earlier_pushes_are_felt_anew_with_the_arm_known_by_then(tmp_path, monke
     """Two touches at first, one when the arm is known better: the second recording of it is gone, too."""
     x, calls = np.linspace(0.0, 0.1, 200), []
 
-    def found(own, arm, samples, part, s_end, most):
+    def found(own, arm, samples, part, s_start, s_end, most):
         calls.append((samples.name, s_end))
         return [touch(np.full(200, 3.0), x)] * (2 if len(calls) == 1 else 1)
 
