@@ -10,7 +10,6 @@ import click
 import numpy as np
 
 from s2r_protocol.arms import ArmDescription, load_arm
-from s2r_protocol.arms.home_pose import holding_torques, longest_offset, lowest_shape
 from s2r_protocol.cli.findings import print_findings
 from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.machine import Finding, Level
@@ -114,6 +113,10 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
 
 
 def _offsets(arm: ArmDescription) -> Finding:
+    from s2r_protocol.arms.home_pose import (
+        longest_offset,  # loads Pinocchio, which the machine's check does not need
+    )
+
     name, length_m = longest_offset(arm.source)
     text = f"largest offset between frames: {length_m:.3g} m ('{name}')"
     if length_m <= _LONGEST_OFFSET_M:
@@ -123,11 +126,13 @@ def _offsets(arm: ArmDescription) -> Finding:
 
 def _home_pose(arm: ArmDescription) -> list[Finding]:
     """Every motion on the stand-in begins at home: over the table, and held by torques to spare."""
-    torques = np.abs(holding_torques(arm.source, arm.q_home))
+    from s2r_protocol.arms.home_pose import holding_torques, lowest_shape
+
+    torques = np.abs(holding_torques(arm, arm.q_home))
     joint = int(np.argmax(torques / arm.limits.tau_max))
     name, torque, limit = arm.joint_names[joint], torques[joint], arm.limits.tau_max[joint]
     held = f"'{name}' holds {torque:.3g} N·m of its {limit:.3g} N·m at home"
-    shape, height_m = lowest_shape(arm.source, arm.q_home)
+    shape, height_m = lowest_shape(arm, arm.q_home)
     over = f"'{shape}' is the lowest shape at home, {height_m:.3g} m over the base"
     heavy, low = torque > _HOLDING_SHARE * limit, height_m <= 0.0
     return [

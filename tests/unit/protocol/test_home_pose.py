@@ -1,9 +1,9 @@
-"""Sums over the chain against Pinocchio, and what `s2r doctor --arm` makes of absurd descriptions."""
+"""Against MuJoCo, and what `s2r doctor --arm` makes of absurd descriptions."""
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from s2r_protocol.arms import load_arm
@@ -26,18 +26,19 @@ def problems(arm) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_holding_torques_are_pinocchios(seed):
+def test_holding_torques_are_mujocos(seed):
     rng = np.random.default_rng(seed)
     q = rng.uniform(ARM.limits.q_min, ARM.limits.q_max)
-    model = pin.buildModelFromXML(ARM.urdf)
-    expected = pin.computeGeneralizedGravity(model, model.createData(), q)
-    np.testing.assert_allclose(holding_torques(ARM.source, q), expected, atol=1e-9)
+    data = mujoco.MjData(mujoco.MjModel.from_xml_string(ARM.mjcf))
+    data.qpos = q
+    mujoco.mj_forward(data.model, data)
+    np.testing.assert_allclose(holding_torques(ARM, q), data.qfrc_bias, atol=1e-9)
 
 
 def test_lowest_shape_follows_the_arm_down():
     up, down = ARM.q_home, np.array([0.0, 2.0, 0.0, 2.05, 0.0, 2.05, 0.0])
-    assert lowest_shape(ARM.source, up)[1] > 0.1
-    name, height = lowest_shape(ARM.source, down)
+    assert lowest_shape(ARM, up)[1] > 0.1
+    name, height = lowest_shape(ARM, down)
     assert height < 0.0
     assert name != "base_body"
 
