@@ -23,6 +23,9 @@ from rich.progress import track
 
 from s2r_host.run.physics import ask_gap
 from s2r_protocol.exits import S2RError
+from s2r_sim.missing.score import told
+
+NOTHING_TOLD: Row = {"effects": [], "parameters_off": [], "notes": [], "wall_s": 0.0}
 
 
 def cases(each: int, clean: int) -> list[tuple[str, int]]:
@@ -52,24 +55,12 @@ def asked(folder: Path) -> Row:
     """The gap tool's answer to one folder; it gets no other."""
     believed = folder / "believed.xml"
     if not believed.is_file():
-        return {"verdict": "no recordings", "effects": [], "parameters_off": [], "notes": [], "wall_s": 0.0}
+        return NOTHING_TOLD | {"verdict": "no recordings"}
     try:
         _, answer = ask_gap(believed, sorted((folder / "object-log").glob("*.csv")), 0)
     except S2RError as error:
-        return {
-            "verdict": "refused",
-            "effects": [],
-            "parameters_off": [],
-            "notes": [str(error)],
-            "wall_s": 0.0,
-        }
-    return {
-        "verdict": answer["verdict"],
-        "effects": [[e["name"], e["could_also_be"], e["probability"]] for e in answer["effects"]],
-        "parameters_off": [entry["name"] for entry in answer["parameters_off"]],
-        "notes": answer["notes"],
-        "wall_s": answer["wall_s"],
-    }
+        return NOTHING_TOLD | {"verdict": "refused", "notes": [str(error)]}
+    return told(answer) | {"notes": answer["notes"], "wall_s": answer["wall_s"]}
 
 
 def answer_of(folder: Path, anew: bool) -> Row:

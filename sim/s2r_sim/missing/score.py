@@ -51,12 +51,15 @@ def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
 
 
 def _answer(lesson: Row) -> Row:
+    return told(lesson) | {"carried": lesson["carried"], "lost_motion": lesson["lost_motion"]}
+
+
+def told(answer: Row) -> Row:
+    """What counts of the gap tool's answer: verdict, effects (name, what else it could be, probability), numbers."""
     return {
-        "verdict": lesson["verdict"],
-        "effects": [[e["name"], e["could_also_be"], e["probability"]] for e in lesson["effects"]],
-        "parameters_off": [entry["name"] for entry in lesson["parameters_off"]],
-        "carried": lesson["carried"],
-        "lost_motion": lesson["lost_motion"],
+        "verdict": answer["verdict"],
+        "effects": [[e["name"], e["could_also_be"], e["probability"]] for e in answer["effects"]],
+        "parameters_off": [entry["name"] for entry in answer["parameters_off"]],
     }
 
 
