@@ -15,7 +15,7 @@ from s2r_executor.front_end import FrontEnd
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.preflight import run_preflight
 from s2r_executor.recorder import Recorder
-from s2r_executor.status import silent_joints
+from s2r_executor.status import describe_silence, silent_joints
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import NotReadyError
 from s2r_protocol.faults import ExecutorState
@@ -156,13 +156,8 @@ class Executor:
             return
         self._heard = True
         if silent:
-            logger.warning(
-                "no answer yet from the drives of %s on %s with packing '%s': look at power, cables and bus, and "
-                "whether the packing is theirs",
-                ", ".join(silent),
-                self.config.bus,
-                self.config.packing,
-            )
+            bus, packing = self.config.bus, self.config.packing
+            logger.warning("%s (%s, with packing '%s')", describe_silence(silent), bus, packing)
 
     @property
     def watch_age_s(self) -> float:

@@ -52,6 +52,14 @@ def silent_joints(core: CoreSnapshot, joint_names: tuple[str, ...]) -> tuple[str
     )
 
 
+def describe_silence(silent: tuple[str, ...]) -> str:
+    """As a clause, what to do about joints whose drives do not answer."""
+    return (
+        f"no answer from the drives of {', '.join(silent)}: look at power, cables and bus, and whether the "
+        "executor's --packing is theirs"
+    )
+
+
 def describe_cause(core: CoreSnapshot, joint_names: tuple[str, ...]) -> str:
     """The cause as a clause: "joint 'joint2': following error 0.061 exceeds 0.05"."""
     cause = known_cause(core.cause)
@@ -78,10 +86,8 @@ def why_not_moving(core: CoreSnapshot, joint_names: tuple[str, ...], lease_holde
         case ExecutorState.DISARMED:
             silent = silent_joints(core, joint_names)
             if silent:
-                return (
-                    f"No answer from the drives of {', '.join(silent)}: look at power, cables and bus, and whether "
-                    "the executor's --packing is theirs."
-                )
+                clause = describe_silence(silent)
+                return f"{clause[0].upper()}{clause[1:]}."
             return "The drives are off: take the lease and send ARM." + stopped
         case ExecutorState.ARMING:
             return "The drives are being switched on."
