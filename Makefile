@@ -19,7 +19,7 @@ prove:  ## every fault, every long proof (table into docs/safety.md), the execut
 check:  ## what CI runs, without the set-up
 	scripts/check
 
-build:  ## rebuild the native core after a C++ edit
+build:  ## rebuild the native parts after a C++ edit
 	scripts/bootstrap --rebuild test
 
 docs:   ## build the documentation site into build/site/; it opens without a network

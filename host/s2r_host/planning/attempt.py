@@ -251,7 +251,7 @@ class Attempt:
     def _note(self, step: int, predicted: float, rank: int, report: Report) -> None:
         data, body = self.world.data, self.scene.part_body
         tip = data.site_xpos[self.scene.tool_site] - data.xpos[body]
-        distance_m = float(self.hook.distance(data.xmat[body].reshape(3, 3).T @ tip))
+        distance_m = float(self.hook.distance((data.xmat[body].reshape(3, 3).T @ tip)[None])[0])
         self.steps_done = step + 1
         self.trace.append(
             StepTrace(

@@ -8,6 +8,7 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
+from s2r_host import _native
 from s2r_host.planning.hand_probe import quat_of
 
 # Height over a place beside it, and how fast that falls towards the place.
@@ -51,12 +52,6 @@ class Hook:
         return np.stack([ahead, away, beside, across])
 
     @cached_property
-    def _push(self) -> tuple[float, float, float]:
-        """Length of the push [m], and the shares of its direction out along the tool and beside that."""
-        ahead, away, beside, _ = self.axes
-        return float(np.linalg.norm(self.push_part)), float(ahead @ away), float(ahead @ beside)
-
-    @cached_property
     def push_as_part_moves(self) -> np.ndarray:
         """Times (1, cos s, sin s) where the push points with the part at s, in the part's frame at s = 0, (3, 3)."""
         ahead, axis = self.axes[0], self.axis_part
@@ -64,11 +59,21 @@ class Hook:
         return np.column_stack([still, ahead - still, np.cross(axis, ahead)])
 
     @cached_property
-    def grips_wxyz(self) -> np.ndarray:
-        """The tool's orientation at the place in the part's frame, and turned by half a turn about the axis, (2, 4)."""
+    def place(self) -> _native.Place:
+        """The same place as rollouts are judged by."""
         grip, turned = quat_of(self.R_part_tool), np.empty(4)
         mujoco.mju_mulQuat(turned, np.concatenate([[0.0], self.axis_part]), grip)
-        return np.stack([grip, turned])
+        return _native.Place(
+            p=self.p_part.tolist(),
+            push_m=float(np.linalg.norm(self.push_part)),
+            axes=self.axes.tolist(),
+            push_along=self.push_as_part_moves.T.tolist(),
+            grips=[grip.tolist(), turned.tolist()],
+            s_start=self.s_start,
+            follow=self.follow,
+            funnel_m=FUNNEL_M,
+            funnel_slope=_FUNNEL_SLOPE,
+        )
 
     @property
     def whole_route(self) -> np.ndarray:
@@ -81,34 +86,5 @@ class Hook:
         return len(self.approach) + TOUCH_WAYPOINT
 
     def distance(self, p_tip_part: np.ndarray) -> np.ndarray:
-        """Distance [m] that the reward sees, for tool tips in the part's frame (..., 3).
-
-        To the nearest point between the place and the touch, but through a funnel along the axis by which the hand
-        can back out: beside the place the fingertip is wanted higher. Straight distance has a minimum in front of
-        the handle, where a third of the plans got stuck.
-        """
-        return self.distance_along(np.moveaxis((p_tip_part - self.p_part) @ self.axes.T, -1, 0))
-
-    def distance_along(self, place: np.ndarray) -> np.ndarray:
-        """The same for tool tips given as ways from the place along the four ``axes`` [m], (4, ...)."""
-        push_m, level, rise = self._push
-        ahead, away, beside, across = place
-        met = np.minimum(np.maximum(ahead, 0.0), push_m)
-        height = away - level * met
-        beside = np.sqrt((beside - rise * met) ** 2 + across**2)
-        wanted = np.minimum(FUNNEL_M, _FUNNEL_SLOPE * beside)
-        return np.sqrt(beside**2 + (height - wanted) ** 2)
-
-    def turn(self, cosines: np.ndarray, s: np.ndarray) -> np.ndarray:
-        """Angle [rad] between the tool's orientation in the part and the wanted one at joint value s, (...).
-
-        Args:
-            cosines: The orientation's products with ``grips_wxyz``, (2, ...).
-            s: The object's joint [m or rad], (...).
-        """
-        cosine = cosines[0]
-        if self.follow != 1.0:
-            # Wanted is the grip turned about the hinge's axis by the share that the tool does not follow.
-            half = -0.5 * (1.0 - self.follow) * (s - self.s_start)
-            cosine = np.cos(half) * cosine + np.sin(half) * cosines[1]
-        return 2.0 * np.arccos(np.minimum(np.abs(cosine), 1.0))
+        """Distance [m] that the reward sees, for tool tips in the part's frame (n, 3), (n,); see ``place.hpp``."""
+        return self.place.distances(p_tip_part)

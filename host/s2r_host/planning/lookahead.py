@@ -8,7 +8,7 @@ import numpy as np
 from s2r_host.planning.belief import draw_ensemble
 from s2r_host.planning.hook import Hook
 from s2r_host.planning.proposals import Route
-from s2r_host.planning.rewards import Task, rewards
+from s2r_host.planning.rewards import Task
 from s2r_host.planning.rollouts import Rollouts
 from s2r_host.planning.sampler import SamplerFactory
 from s2r_host.planning.scene import Scene
@@ -62,10 +62,7 @@ class Lookahead:
         for _ in range(sampler.iterations):
             samples = sampler.sample(proposals)
             targets = self.targets(target, samples)
-            facts = rollouts.run(qpos, qvel, targets, self.task.s_initial)
-            values = rewards(facts, self.task, self._settings.weights)
-            if rollouts.members > 1:
-                values = values.reshape(len(samples), rollouts.members).mean(axis=1)
+            values = rollouts.values(qpos, qvel, targets, self.task)
             sampler.update(samples, values)
         return sampler.ranked()
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from s2r_host.planning.belief import Belief, let_part_pass, spread_over
 from s2r_host.planning.hook import Hook
-from s2r_host.planning.readings import Readings
-from s2r_host.planning.rewards import StepFacts
+from s2r_host.planning.rewards import Task, make_scorer
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings, Stage
 
@@ -41,23 +40,17 @@ class Rollouts:
         Args: scene; stage; settings; the place for the fingertip; ``capacity``, most sequences per call; the objects.
         """
         self.members = max(1, len(beliefs))
-        self._scene, self._hook, self._dof = scene, hook, scene.dof
-        # Per torque limit: the servos' torque from a distance to their target, and from speed.
-        self._stiffness = settings.servo.kp / scene.arm.limits.tau_max
-        self._damping = settings.servo.kd / scene.arm.limits.tau_max
+        self._scene, self._hook = scene, hook
         at_zero = mujoco.MjData(scene.fine)
         at_zero.qpos[scene.s_qpos] = 0.0
         mujoco.mj_kinematics(scene.fine, at_zero)
         self._R_world_part = at_zero.xmat[scene.part_body].reshape(3, 3)
         self._axis_part = scene.fine.jnt_axis[scene.joint_id]
-        self._control_dt_s = settings.control_dt_s
         self._substeps = round(settings.control_dt_s / stage.timestep_s)
         model = scene.rollout_model(stage)
         if not scene.on_table and any(belief.moves_joint for belief in beliefs):
             let_part_pass(model, scene)
-        self._readings = Readings(
-            model.nsensordata, self._substeps, self._R_world_part, hook, prismatic=scene.prismatic
-        )
+        self._scorer = make_scorer(scene, stage, settings, hook, self._R_world_part)
         self._batch = mujoco.batch.Batch(model, nsim=capacity * self.members, nthread=settings.threads)
         self._shifts = np.array([b.shift_m for b in beliefs]).reshape(-1, 3)
         self._along = np.array([b.along for b in beliefs])
@@ -70,24 +63,22 @@ class Rollouts:
         self._records: dict[tuple[int, int], dict[mujoco.batch.RecordItem, np.ndarray]] = {}
         self.env_steps = 0
 
-    def run(self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, s_initial: float) -> StepFacts:
-        """Play sequences of joint targets from one state.
+    def values(self, qpos: np.ndarray, qvel: np.ndarray, targets: np.ndarray, task: Task) -> np.ndarray:
+        """What sequences of joint targets from one state are worth, (rollout,): their reward's mean over the steps.
 
         Args:
             qpos, qvel: Start state of arm and object, (nq,), (nv,).
             targets: Joint targets including the one in force at the start, (rollout, steps + 1, dof) [rad].
-            s_initial: The object's joint before anything touched it.
+            task: What the reward compares with.
 
-        Returns:
-            What the reward needs, with ``steps`` entries along time; with several beliefs, ``members`` rollouts in
-            succession for every sequence. Good until the next call.
+        With several believable objects every sequence is worth the mean over them.
         """
         if self.members > 1:
             targets = np.repeat(targets, self.members, axis=0)
         rollouts, steps = targets.shape[0], targets.shape[1] - 1
         self._qpos[:rollouts] = qpos
         if self.members > 1:
-            s = self._where_pushed(float(qpos[self._scene.s_qpos]), s_initial)
+            s = self._where_pushed(float(qpos[self._scene.s_qpos]), task.s_initial)
             self._qpos[:rollouts, self._scene.s_qpos] = np.resize(s, rollouts)
         self._qvel[:rollouts] = qvel
         self._warmstart[:rollouts] = 0.0  # the same start for every rollout, whatever was computed before
@@ -101,7 +92,8 @@ class Rollouts:
             shape[1], control, _CONTROL, _RECORD, ids=np.arange(rollouts), out=self._records.get(shape)
         )
         self.env_steps += rollouts * steps
-        return self._facts(record, qvel, targets)
+        found = self._scorer.values(record["qpos"], record["qvel"], record["sensordata"], targets, qvel, task)
+        return found.reshape(-1, self.members).mean(axis=1) if self.members > 1 else found
 
     def _where_pushed(self, s: float, s_initial: float) -> np.ndarray:
         """The joint of every believable object where the believed one has been pushed to s, (members,).
@@ -118,26 +110,6 @@ class Rollouts:
             lever = max(_LEAST_LEVER_M, float(np.linalg.norm(np.cross(self._axis_part, arm))))
         ahead = np.sign(gone) * (self._shifts @ (self._R_world_part @ push)) / lever + self._along
         return s_initial + np.sign(gone) * np.maximum(np.sign(gone) * (gone - ahead), 0.0)
-
-    def _facts(self, record: dict, qvel: np.ndarray, targets: np.ndarray) -> StepFacts:
-        n, dof, s = self._substeps, self._dof, record["qpos"][..., self._scene.s_qpos]
-        qpos, speeds = record["qpos"][:, n - 1 :: n], record["qvel"][:, n - 1 :: n]
-        dq = speeds[..., :dof]
-        before = np.empty(dq.shape)
-        before[:, 0], before[:, 1:] = qvel[:dof], dq[:, :-1]
-        ddq = dq - before
-        ddq *= 1.0 / self._control_dt_s
-        load = targets[:, 1:] - qpos[..., :dof]
-        load *= self._stiffness
-        load -= self._damping * dq
-        return StepFacts(
-            s=qpos[..., self._scene.s_qpos],
-            ds=speeds[..., self._scene.s_dof],
-            dq=dq,
-            ddq=ddq,
-            load=load,
-            **self._readings.of(record["sensordata"], s),
-        )
 
 
 def ramp(targets: np.ndarray, substeps: int) -> np.ndarray:

@@ -15,7 +15,7 @@ joint value differs from it is taken for that offset, as long as it is small. A 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -237,7 +237,8 @@ class ReactivePlanner:
         """
         world, settings = self._world, self.settings
         start = running.sample(splice_t)
-        self._ahead.task = replace(self._task, s_target=target)
+        given = self._task
+        self._ahead.task = Task(given.s_initial, target, given.tolerance, given.prismatic)
         sequences, _ = self._ahead.ranked(world.data, start[0] + self._lead * start[1])
         self._ahead.sampler.advance()
         ahead = self._ahead.targets(start[0], sequences[: settings.tried])[:, settings.ahead_steps]

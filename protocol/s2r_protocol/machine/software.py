@@ -1,4 +1,4 @@
-"""Python, installed packages, the native core and the system libraries they need."""
+"""Python, installed packages, the native parts and the system libraries they need."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _PARTS = {"": "zenoh", "sim": "mujoco", "host": "open3d"}
 
 
 def check_software() -> list[Finding]:
-    """Look at what is installed; nothing is imported but the native core's location."""
-    return [*_python(), *_platform(), *_packages(), *_native_core(), *_system_libraries()]
+    """Look at what is installed; nothing is imported but the native parts' location."""
+    return [*_python(), *_platform(), *_packages(), *_native_parts(), *_system_libraries()]
 
 
 def is_installed(module: str) -> bool:
@@ -86,11 +86,16 @@ def _part(extra: str, module: str, wanted: list) -> Finding:  # of packaging's R
     return Finding(topic, Level.OK, f"{len(mine)} in the wanted versions")
 
 
-def _native_core() -> list[Finding]:
-    spec = importlib.util.find_spec("s2r_executor._native") if is_installed("s2r_executor") else None
+def _native_parts() -> list[Finding]:
+    wanted = {"native core": "s2r_executor._native", "native planner": "s2r_host._native"}
+    return [_native(topic, module) for topic, module in wanted.items()]
+
+
+def _native(topic: str, module: str) -> Finding:
+    spec = importlib.util.find_spec(module) if is_installed(module.split(".")[0]) else None
     if spec is None:
-        return [Finding("native core", Level.PROBLEM, "s2r_executor._native is not built", "make build")]
-    return [Finding("native core", Level.OK, f"built: {spec.origin}")]
+        return Finding(topic, Level.PROBLEM, f"{module} is not built", "make build")
+    return Finding(topic, Level.OK, f"built: {spec.origin}")
 
 
 def _system_libraries() -> list[Finding]:

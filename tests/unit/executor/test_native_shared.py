@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 _native = pytest.importorskip("s2r_executor._native", reason="the native core is not built")
 
-ROOT = Path(__file__).parents[3]
 CONFIG = {
     "dof": 2,
     "tick_ns": 1_000_000,
@@ -131,11 +127,3 @@ def test_records_and_events_can_be_saved_as_they_come(tmp_path):
     np.savez(tmp_path / "black-box.npz", records=shared.records(), events=shared.events())
     with np.load(tmp_path / "black-box.npz") as content:
         assert content["records"].dtype["q_ref"].shape == (2,)
-
-
-def test_committed_stub_is_that_of_the_built_module():
-    spec = importlib.util.spec_from_file_location("make_stub", ROOT / "executor/native/make_stub.py")
-    make_stub = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(make_stub)
-    committed = (ROOT / "executor/s2r_executor/_native.pyi").read_text(encoding="utf-8")
-    assert make_stub.make_stub() == committed, "run executor/native/make_stub.py"

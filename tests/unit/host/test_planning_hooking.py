@@ -146,7 +146,7 @@ def test_hooks_have_joint_solutions_without_contact_from_the_touch_to_the_target
 def test_distance_is_zero_from_the_place_to_the_touch_and_grows_elsewhere(hooks):
     hook = hooks[0]
     for share in (0.0, 0.5, 1.0):
-        assert hook.distance(hook.p_part + share * hook.push_part) == pytest.approx(0.0, abs=1e-9)
+        assert hook.distance((hook.p_part + share * hook.push_part)[None]) == pytest.approx(0.0, abs=1e-9)
     beside = np.cross(hook.R_part_tool[:, 2], hook.push_part)
     beside /= np.linalg.norm(beside)
     values = hook.distance(hook.p_part + np.array([0.005, 0.02, 0.1])[:, None] * beside)
@@ -158,18 +158,18 @@ def test_funnel_wants_the_fingertip_higher_beside_the_place(hooks):
     away = -hook.R_part_tool[:, 2]
     beside = np.cross(away, hook.push_part)
     beside *= 0.03 / np.linalg.norm(beside)
-    low, high = (hook.distance(hook.p_part + beside + height * away) for height in (0.0, 0.05))
+    low, high = hook.distance(hook.p_part + beside + np.array([0.0, 0.05])[:, None] * away)
     assert high < low
 
 
 def test_turn_is_the_angle_to_the_hook_s_orientation(hooks):
     hook = hooks[0]
-    grip = hook.grips_wxyz @ quat_of(hook.R_part_tool)
-    assert hook.turn(grip, np.array(0.1)) == pytest.approx(0.0, abs=1e-6)
-    assert hook.turn(-grip, np.array(0.1)) == pytest.approx(0.0, abs=1e-6)
+    grip = quat_of(hook.R_part_tool)
+    assert hook.place.turn(grip.tolist(), 0.1) == pytest.approx(0.0, abs=1e-6)
+    assert hook.place.turn((-grip).tolist(), 0.1) == pytest.approx(0.0, abs=1e-6)
     c, s = np.cos(0.3), np.sin(0.3)
     turned = hook.R_part_tool @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    assert hook.turn(hook.grips_wxyz @ quat_of(turned), np.array(0.1)) == pytest.approx(0.3)
+    assert hook.place.turn(quat_of(turned).tolist(), 0.1) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("seed", range(5))
