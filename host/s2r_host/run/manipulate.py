@@ -77,12 +77,12 @@ def carry_out_manipulation(
 
 
 def measure_now(
-    session: Session, belief: Belief, name: str, s_expected: float
+    session: Session, belief: Belief, name: str, s_expected: float, *, since_told: bool
 ) -> tuple[Observation, Measurement]:
-    """Look, and fit the part's state.
+    """Look, and fit the part's state; see :func:`measure_in`.
 
     Raises:
         EmptyCloudError, SceneError: The part is not seen.
     """
     view = observe(session, name)
-    return view, measure_in(belief, view, s_expected)
+    return view, measure_in(belief, view, s_expected, since_told=since_told)

@@ -2,23 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
+from s2r_host.perception.colour_turn import Turn, combined, turn_by_colour
+from s2r_host.perception.view import DepthView
 from s2r_host.run.belief import Belief
 from s2r_host.run.measure import Measurement, measure_state
 from s2r_host.run.observe import Observation
 
 MARGIN_M = 0.03  # of the part's outermost points, beyond the joint's believed range
+LEVER_M = 0.2  # a part that reaches no further from its hinge is as thin as a lever's, or has spokes
+# Depth of thin parts errs by so much at the outermost points, and other than its noise tells (31 drawn faucets).
+DEPTH_ERRS_M = 0.0013
 
 
-def measure_in(belief: Belief, view: Observation, s_expected: float) -> Measurement:
-    """Fit the joint value of the part in a view; ``s_expected`` breaks ties [m or rad].
+def measure_in(
+    belief: Belief, view: Observation, s_expected: float, *, since_told: bool = False
+) -> Measurement:
+    """Fit the joint value of the part in a view.
+
+    Args:
+        belief: In the part.
+        view: The look.
+        s_expected: Breaks ties [m or rad].
+        since_told: What counts is how far a lever is from where the second view that told its joint shows it, not the
+            first.
 
     Raises:
         SceneError: The part is not seen.
     """
     (low, high), margin = belief.model.range, MARGIN_M / belief.template.reach_m
-    return measure_state(
+    found = measure_state(
         belief.template, view.capture.frame, view.arm_mask, (low - margin, high + margin), s_expected
     )
+    if belief.template.slides or belief.template.reach_m > LEVER_M:
+        return found
+    return _with_colour(belief, view, found, since_told)
 
 
 def state_in(belief: Belief, view: Observation, zero: Observation) -> float:
@@ -28,3 +49,23 @@ def state_in(belief: Belief, view: Observation, zero: Observation) -> float:
         SceneError: The part is not seen.
     """
     return 0.0 if view is zero else measure_in(belief, view, 0.0).s
+
+
+def _with_colour(belief: Belief, view: Observation, found: Measurement, since_told: bool) -> Measurement:
+    """With what edges in colour tell of the turn since one of the views that told the joint."""
+    told = belief.estimate
+    since, part, s = (
+        (told.view_after, told.parts.after, told.delta)
+        if since_told
+        else (told.view_before, told.parts.before, 0.0)
+    )
+    now = DepthView(view.capture.frame, view.arm_mask)
+    if not isinstance(since, DepthView) or since.shape != now.shape:
+        return found
+    seen = turn_by_colour(since, part, now, replace(belief.template.motion, delta=found.s - s))
+    if seen is None:
+        return found
+    spread = found.sigma if np.isfinite(found.sigma) else 0.0
+    depth = Turn(found.s - s, float(np.hypot(spread, DEPTH_ERRS_M / belief.template.reach_m)))
+    both = combined(depth, seen)
+    return replace(found, s=s + both.delta, sigma=both.sigma)

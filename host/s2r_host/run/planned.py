@@ -30,7 +30,9 @@ from s2r_protocol.exits import RefusedError
 
 logger = logging.getLogger(__name__)
 
-DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25)  # share of the usual doubt about the object, one per try
+# Share of the usual doubt about the object, one per try. In the end a plan that only just holds is better than none:
+# where the part then is will be seen, and there is nothing yet to spoil.
+DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.0)
 # A correction is worth less than what a daring one can spoil: the part is nearly where it should be.
 CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
 STOP_DOUBT, MOST_STOPS = 0.5, 3  # of a plan that ends on the way

@@ -66,7 +66,10 @@ def reach(
             else:
                 planned, executed = carry_out_manipulation(session, planned)
         with journal.stage(f"measure {number}") as stage:
-            view, measured = measure_now(session, record.belief, f"C{number}", planned.foreseen)
+            since_told = record.origin_view == record.told_view
+            view, measured = measure_now(
+                session, record.belief, f"C{number}", planned.foreseen, since_told=since_told
+            )
             record.views.append(view)
             done = DoneManipulation(planned, executed, view, measured, s_now, session.target)
             goal.attempts.append(done)

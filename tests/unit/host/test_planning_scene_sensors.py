@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from s2r_host.planning import readings
 from s2r_host.planning.scene import Scene, build_scene
 from s2r_host.planning.scene_spec import ROBOT_CONTACTS
 from s2r_host.planning.settings import PlanSettings
@@ -24,6 +23,5 @@ def test_the_planners_sensors_are_where_the_rollouts_read_them(tmp_path):
     plain, measured = _scene(SCENE), _scene(path)
     assert measured.coarse.nsensordata == plain.coarse.nsensordata
     assert measured.fine_contacts == plain.fine_contacts
-    assert (
-        measured.coarse.sensor(ROBOT_CONTACTS).adr[0] == readings.ROBOT_CONTACTS == readings.FIRST_FINGER - 1
-    )
+    # Where host/native/scorer.cpp reads them: the tool's pose, then the robot's contacts.
+    assert measured.coarse.sensor(ROBOT_CONTACTS).adr[0] == 7
