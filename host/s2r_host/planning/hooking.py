@@ -92,8 +92,9 @@ def _hooks_apart(
             break
         patience.check(f"looking for places for the fingertip at {points} points")
         search = PlaceSearch(
-            scene, world.data, probe, sign, points, ways=coming, room_m=settings.room_m, deep=settings.deep
-        )
+            scene, world.data, probe, sign, points,
+            ways=coming, room_m=settings.room_m, deep=settings.deep, missed=settings.missed,
+        )  # fmt: skip
         first = search.take(_FIRST)
         if not len(first):
             continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -26,6 +27,10 @@ _PUSH_M = (
 _BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out
 _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
 _ALIKE_M, _ALIKE_TRACE = 0.02, 2.9  # places this near to each other, turned this little, share their fate
+_MISSED_M, _MISSED_COST = (
+    0.025,
+    5.0,
+)  # a place so near to one that moved nothing; as much as turning the hand over
 _AT_A_TIME = 128  # candidates looked at before it is asked whether they are enough
 
 
@@ -70,14 +75,23 @@ class Places:
 _NONE = Places(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=int))
 
 
-def tightness(places: Places, room_m: float) -> np.ndarray:
+def missed_now(scene: Scene, data: mujoco.MjData, missed: Sequence[Sequence[float]]) -> np.ndarray:
+    """Places in the part's frame [m], as settings have them, in the world frame, (n, 3)."""
+    given = np.array(missed, dtype=float).reshape(-1, 3)
+    return data.xpos[scene.part_body] + given @ data.xmat[scene.part_body].reshape(3, 3).T
+
+
+def tightness(places: Places, room_m: float, missed: np.ndarray) -> np.ndarray:
     """Cost of places that leave little room or are far from the touch, (n,), in units of radians of travel.
+
+    So have those near one of some others, (m, 3) [m], from which nothing was moved.
 
     Room towards the part counts most: a fingertip that comes down within a few millimetres of an edge lands on it
     when the object stands a little nearer than believed, and jams there.
     """
     near, far = np.maximum(room_m - places.push_m, 0.0), np.maximum(places.push_m - (room_m + 0.004), 0.0)
-    return 0.2 * places.blocked + 150.0 * near + 5.0 * far
+    again = (np.linalg.norm(places.p[:, None] - missed, axis=2) < _MISSED_M).any(axis=1)
+    return 0.2 * places.blocked + 150.0 * near + 5.0 * far + _MISSED_COST * again
 
 
 class PlaceSearch:
@@ -98,6 +112,7 @@ class PlaceSearch:
         ways: str = "usual",
         room_m: float = USUAL_ROOM_M,
         deep: bool = False,
+        missed: Sequence[Sequence[float]] = (),
     ) -> None:
         """Look behind the faces of the part; nothing is tried yet.
 
@@ -112,8 +127,10 @@ class PlaceSearch:
             room_m: Way from a place to the touch that is wished for [m]. For more than the usual, places further
                 behind the part are looked at, too.
             deep: None that only grazes the part.
+            missed: Places in the part's frame [m], (3,) each, from which nothing was moved: those near them come last.
         """
         self._probe, self._room_m = probe, room_m
+        self._missed = missed_now(scene, data, missed)
         p, R, way = find_candidates(scene, data, sign, points, ways=ways, room_m=room_m, deep=deep)
         least = least_costs(scene, data, p, R)
         order = np.argsort(least, kind="stable")
@@ -152,7 +169,7 @@ class PlaceSearch:
         rows = self._next + np.flatnonzero(~self._alike[self._next :])[:_AT_A_TIME]
         self._next = int(rows[-1]) + 1 if len(rows) == _AT_A_TIME else len(self._least)
         rows, places = self._tried_at(rows)
-        costs = self._least[rows] + tightness(places, self._room_m)
+        costs = self._least[rows] + tightness(places, self._room_m, self._missed)
         for index, (row, cost) in enumerate(zip(rows.tolist(), costs.tolist(), strict=True)):
             heapq.heappush(self._tried, (cost, row))
             self._places_of[row] = places, index

@@ -180,6 +180,7 @@ class PlanSettings:
         room_m: Way from a place to the touch that is wished for: more where it is less known where the part ends.
         deep: The fingertip reaches past the point it is to push by no less than its own thickness: where the part may
             end earlier than believed, what grazes its edge slips over it.
+        missed: Fingertip places in the part's frame [m] from which a push has moved nothing; those like them come last.
         apart_m: Distance that the robot keeps from everything at a place, on its way there and on with the part, where
             any place leaves so much; the fingertip keeps it from all but the part. 0: it is enough to touch nothing.
         along_route: Where sampling gets stuck, the route it was offered is also played as it is: a last resort for
@@ -213,6 +214,7 @@ class PlanSettings:
     hooks: int = 4
     room_m: float = USUAL_ROOM_M
     deep: bool = False
+    missed: tuple[tuple[float, float, float], ...] = ()
     apart_m: float = 0.0
     along_route: bool = False
     ensemble: int = 1

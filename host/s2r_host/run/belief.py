@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -46,6 +46,8 @@ class Belief:
             at the side of the part that such motions push, see :mod:`s2r_host.run.contact`.
         shifts: What was corrected -> how far along or about the axis it was moved from the built model [m or rad].
         felt: Mass and friction of the part as the arm felt them; None before it felt anything.
+        missed: Places for the fingertip in the part's frame [m] from which a push meant to let the joint grow (True) or
+            fall moved nothing and met nothing: the part is not there as believed.
         braking: Lowest and highest factor on the dry friction at the next target, where a lesson about physics left
             out says them (:mod:`s2r_host.run.physics`).
     """
@@ -58,6 +60,7 @@ class Belief:
     shifts: dict[str, float]
     felt: ObjectNumbers | None = None
     braking: tuple[float, float] | None = None
+    missed: tuple[tuple[bool, tuple[float, float, float]], ...] = ()
 
     def path(self, positive: bool) -> Path:
         """The object file for motions that let the joint grow (``positive``) or fall."""
@@ -66,6 +69,15 @@ class Belief:
     def touched(self, positive: bool) -> bool:
         """Whether the side of a hinge's part that is pushed to let the joint grow or fall has been touched before."""
         return SIDES[positive] in self.shifts
+
+    def missed_when(self, positive: bool) -> tuple[tuple[float, float, float], ...]:
+        """The places from which a push that lets the joint grow or fall has missed the part."""
+        return tuple(place for grows, place in self.missed if grows == positive)
+
+    def with_missed(self, positive: bool, place: np.ndarray) -> Belief:
+        """With one more of them, (3,) [m]."""
+        x, y, z = (float(value) for value in place)
+        return replace(self, missed=(*self.missed, (positive, (x, y, z))))
 
     @property
     def axis(self) -> np.ndarray:

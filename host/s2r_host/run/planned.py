@@ -202,6 +202,7 @@ def _request(
             doubt=doubt_about(belief, growing=growing).scaled(doubt),
             room_m=room_about(belief, growing=growing, share=doubt),
             deep=deep_about(belief, doubt),
+            missed=belief.missed_when(growing),
         ),
     )
 

@@ -96,9 +96,14 @@ def reach(
                 "of its way, or something is in it; try another target"
             )
             return view
+        positive = done.s_target > done.s_initial
+        if not anew and _missed(done, task):
+            record.belief = record.belief.with_missed(positive, planned.result.p_part)
+            journal.say(
+                f"the {task.part} was not where it was pushed: next time from elsewhere, if anything else does"
+            )
         s_now, learns = done.measured.s, "touch" not in settings.without and not anew
         if learns and left and not planned.stopped and abs(offset) < task.far_off:
-            positive = planned.request.s_target > planned.request.s_initial
             record.belief = corrected(record.belief, planned.pushed_geom, offset, positive, folder)
             journal.say(
                 f"belief corrected: pushed side of {planned.pushed_geom} by {task.unit.show(-offset)}"
@@ -127,6 +132,12 @@ def _better_left_alone(attempts: Sequence[DoneManipulation], tolerance: float, l
     ends = [min(abs(done.delta), tolerance) for done in attempts if not done.planned.stopped]
     usual = sum(ends) / max(len(ends), 1)
     return len(ends) > 1 and now <= tolerance and now <= (LUCKY if left > 1 else WORTH_A_TRY) * usual
+
+
+def _missed(done: DoneManipulation, task: Task) -> bool:
+    """The fingertip went all the way that was to move the part far, met nothing, and the part stayed."""
+    far = abs(done.s_target - done.s_initial) > task.far_off
+    return far and not done.planned.stopped and abs(done.measured.s - done.s_initial) < task.good_enough
 
 
 def _held_up(attempts: Sequence[DoneManipulation], same: float) -> bool:

@@ -43,7 +43,9 @@ def look(turn_rad: float, *, smeared: bool = True, coloured: bool = True) -> tup
 def told(before: float, after: float, believed: float, **options: bool) -> Turn | None:
     (first, mask), (second, _) = look(before, **options), look(after, **options)
     view = DepthView(first)
-    motion = JointMotion("revolute", HINGE + np.array([0.001, -0.001, 0.0]), np.array([0.0, 0.0, 1.0]), believed)
+    motion = JointMotion(
+        "revolute", HINGE + np.array([0.001, -0.001, 0.0]), np.array([0.0, 0.0, 1.0]), believed
+    )
     return turn_by_colour(view, mask.ravel()[view.flat], DepthView(second), motion)
 
 

@@ -60,7 +60,9 @@ def test_places_come_in_the_order_of_their_cost_however_they_are_asked_for(world
     at_once = PlaceSearch(world.scene, world.data, probe, 1.0, 30).take(45)
     assert one_by_one.p.tolist() == at_once.p.tolist()
     assert one_by_one.blocked.tolist() == at_once.blocked.tolist()
-    costs = least_costs(world.scene, world.data, at_once.p, at_once.R) + tightness(at_once, 0.012)
+    costs = least_costs(world.scene, world.data, at_once.p, at_once.R) + tightness(
+        at_once, 0.012, np.zeros((0, 3))
+    )
     assert (np.diff(costs) >= 0.0).all()
     for k, (p, R) in enumerate(zip(at_once.p, at_once.R, strict=True)):
         near = np.linalg.norm(at_once.p[:k] - p, axis=1) < 0.02
@@ -141,6 +143,19 @@ def test_hooks_have_joint_solutions_without_contact_from_the_touch_to_the_target
         assert p_end - p_start == pytest.approx([-0.15, 0.0, 0.0], abs=3e-3)
         assert (hook.route > ARM.limits.q_min).all()
         assert (hook.route < ARM.limits.q_max).all()
+
+
+def test_places_from_which_nothing_was_moved_come_last(world, hooks):
+    def found(missed):
+        settings = PlanSettings(missed=tuple(map(tuple, missed.tolist())))
+        return find_hooks(world.scene, world, "object.xml", 0.15, settings)
+
+    first = hooks[0].p_part
+    assert np.linalg.norm(found(first[None])[0].p_part - first) > 0.025
+    x, y = np.meshgrid(np.arange(-0.3, 0.31, 0.02), np.arange(-0.3, 0.31, 0.02))
+    everywhere = np.stack([x.ravel(), y.ravel(), np.full(x.size, first[2])], axis=1)
+    everywhere = np.concatenate([everywhere + np.array([0.0, 0.0, dz]) for dz in np.arange(-0.1, 0.11, 0.02)])
+    assert found(everywhere)  # rather than none
 
 
 def test_distance_is_zero_from_the_place_to_the_touch_and_grows_elsewhere(hooks):

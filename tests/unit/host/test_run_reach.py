@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from s2r_host.run.reach import _better_left_alone, _held_up, _there
+from s2r_host.run.reach import _better_left_alone, _held_up, _missed, _there
 from s2r_host.run.task import TASKS
 
 
@@ -65,3 +65,16 @@ def test_no_correction_is_smaller_than_what_the_measurement_tells(off, sigma, th
     manipulation = done(0.5 - off * task.good_enough)
     manipulation.measured.sigma = sigma * task.good_enough
     assert _there(manipulation, task) == there
+
+
+@pytest.mark.parametrize(
+    ("s", "target", "stopped", "missed"),
+    [
+        (0.005, 0.4, False, True),
+        (0.2, 0.4, False, False),  # it moved
+        (0.005, 0.4, True, False),  # something was there, and did not give way
+        (0.005, 0.1, False, False),  # a correction as small as this may be all friction
+    ],
+)
+def test_a_part_that_stayed_though_nothing_stopped_the_arm_was_missed(s, target, stopped, missed):
+    assert _missed(done(s, target=target, stopped=stopped), TASKS["faucet"]) == missed
