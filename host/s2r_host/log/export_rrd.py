@@ -39,6 +39,8 @@ def export_rrd(recording: Recording, path: Path, arm_name: str | None = None) ->
     shapes = ArmShapes(arm_of(recording, arm_name))
     stream = rr.RecordingStream("s2r", recording_id=recording.path.stem)
     measured = recording.joints()
+    with path.open("ab"):  # an OSError that names the file; Rerun's own is a bare RuntimeError
+        pass
     stream.save(str(path), default_blueprint=_layout(tuple(measured.names)))
     stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _log_arm(rr, stream, shapes, measured, "arm/measured", _MEASURED)

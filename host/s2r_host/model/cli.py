@@ -30,7 +30,10 @@ Step = Callable[[str], None]
     "--after", type=click.Path(path_type=Path), required=True, help="Second view, after the motion."
 )
 @click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="Folder for model, JSON and pictures."
+    "--out",
+    type=click.Path(file_okay=False, writable=True, path_type=Path),
+    required=True,
+    help="Folder for model, JSON and pictures.",
 )
 @click.option(
     "--frame",
@@ -184,7 +187,7 @@ def parse_region(text: str | None) -> tuple[float, float, float, float, float, f
         raise UsageError(
             f"--region {text}: {error}; expected xmin,xmax,ymin,ymax,zmin,zmax in metres"
         ) from error
-    if len(values) != 6 or any(a >= b for a, b in zip(values[0::2], values[1::2], strict=False)):
+    if len(values) != 6 or not all(a < b for a, b in zip(values[0::2], values[1::2], strict=True)):
         raise UsageError(
             f"--region {text}: expected six numbers xmin,xmax,ymin,ymax,zmin,zmax with min < max"
         )

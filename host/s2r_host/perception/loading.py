@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from s2r_host.perception.errors import BadViewError, InputError
 from s2r_host.perception.frames import FEWEST_POINTS, Cloud, DepthFrame, _check_points
+from s2r_host.perception.ply_whole import check_whole
 
 FrameName = Literal["base", "camera"]
 
@@ -54,6 +55,12 @@ def load_camera(path: Path) -> Camera:
         ) from error
     if X is not None and X.shape != (4, 4):
         raise InputError(f"camera file {path}: base_T_camera has shape {X.shape}, expected (4, 4)")
+    if X is not None and not np.isfinite(X).all():
+        raise InputError(f"camera file {path}: base_T_camera has numbers that are not finite")
+    if not (np.isfinite([fx, fy, cx, cy]).all() and fx > 0 and fy > 0):
+        raise InputError(
+            f"camera file {path}: fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g}; expected finite pixels, fx and fy above 0"
+        )
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
     return Camera(K, width, height, X)
 
@@ -145,10 +152,7 @@ def _load_png(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
 def _load_ply(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame | Cloud:
     import open3d as o3d
 
-    with path.open("rb") as file:
-        begins = file.read(4)
-    if begins.split(b"\n")[0].rstrip() != b"ply":
-        raise InputError(f"view {path}: not a PLY file; it begins with {begins!r} instead of b'ply\\n'")
+    check_whole(path)
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         cloud = o3d.io.read_point_cloud(path, remove_nan_points=False, remove_infinite_points=False)
     points = np.asarray(cloud.points, dtype=np.float64)

@@ -26,7 +26,7 @@ from s2r_host.log.tables import read_recording
 from s2r_host.log.view import write_html
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.root import main
-from s2r_protocol.exits import UsageError
+from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.faults import ExecutorState
 
 ARM = load_arm("xmate3pro")
@@ -180,6 +180,15 @@ def test_the_lerobot_dataset_is_read_by_an_independent_reader(whole, tmp_path):
     assert info["features"]["observation.state"]["shape"] == [21]
     reader = pytest.importorskip("rerun.experimental").LeRobotReader
     assert reader(str(tmp_path / "set")) is not None
+
+
+def test_an_export_to_rrd_that_cannot_be_written_is_the_users_file_and_no_bug(whole):
+    pytest.importorskip("rerun")
+    assert exit_code("log", "export", whole, "--to", "rrd", "--out", "/proc/x.rrd") == ExitCode.USAGE
+
+
+def test_a_tolerance_of_nan_is_refused(whole):
+    assert exit_code("log", "diff", whole, whole, "--tolerance", "nan") == ExitCode.USAGE
 
 
 def test_rerun_accepts_the_recording_and_its_export(whole, tmp_path):

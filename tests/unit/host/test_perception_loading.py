@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from s2r_host.perception import BadViewError, Cloud, DepthFrame, InputError, load_frame
-from s2r_host.perception.loading import virtual_pinhole
+from s2r_host.perception.loading import load_camera, virtual_pinhole
 from s2r_protocol.exits import ExitCode
 
 K = np.array([[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1]])
@@ -126,6 +126,55 @@ def test_a_file_that_is_no_ply_is_refused_with_what_it_begins_with(tmp_path):
     (tmp_path / "a.ply").write_bytes(b"solid drawer")
     with pytest.raises(InputError, match=r"not a PLY file; it begins with b'soli'"):
         load_frame(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize("lost", [1, 30_000])
+def test_a_ply_that_is_cut_off_is_refused_with_what_is_there(tmp_path, lost):
+    head = b"ply\nformat binary_little_endian 1.0\nelement vertex 4000\n"
+    head += b"".join(b"property float %c\n" % axis for axis in b"xyz") + b"end_header\n"
+    whole = head + plane_points().astype("<f4").tobytes()
+    (tmp_path / "a.ply").write_bytes(whole)
+    assert len(load_frame(tmp_path / "a.ply").points) == 4000
+    (tmp_path / "a.ply").write_bytes(whole[:-lost])
+    with pytest.raises(InputError, match=rf"{4000 - -(-lost // 12)} of the 4000 points .* cut off"):
+        load_frame(tmp_path / "a.ply")
+
+
+def test_an_ascii_ply_that_is_cut_off_is_refused(tmp_path):
+    path = write_ply(tmp_path / "a.ply", plane_points())
+    path.write_text("\n".join(path.read_text().splitlines()[:2000]))
+    with pytest.raises(InputError, match=r"of the 4000 points that its header tells of are there"):
+        load_frame(path)
+
+
+def test_a_ply_whose_header_does_not_end_or_has_no_coordinates_is_refused(tmp_path):
+    (tmp_path / "a.ply").write_text("ply\nformat ascii 1.0\nelement vert")
+    with pytest.raises(InputError, match="no 'end_header'"):
+        load_frame(tmp_path / "a.ply")
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float a\nend_header\n1\n"
+    )
+    with pytest.raises(InputError, match="no x, y, z; a depth view needs"):
+        load_frame(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize(("key", "value", "words"), [("fx", -1.0, "fx -1"), ("cy", float("nan"), "cy nan")])
+def test_a_camera_file_with_impossible_intrinsics_is_named(tmp_path, key, value, words):
+    camera = write_camera(tmp_path / "camera.json")
+    content = json.loads(camera.read_text())
+    content["intrinsics"][key] = value
+    camera.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=rf"camera.json: .*{words}"):
+        load_camera(camera)
+
+
+def test_a_camera_file_with_a_pose_of_nan_is_named(tmp_path):
+    camera = write_camera(tmp_path / "camera.json")
+    content = json.loads(camera.read_text())
+    content["base_T_camera"] = np.full((4, 4), np.nan).tolist()
+    camera.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"camera\.json: base_T_camera has numbers that are not finite"):
+        load_camera(camera)
 
 
 def test_absent_file_is_named(tmp_path):
