@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import html
 import json
-import multiprocessing
 import traceback
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ from typing import Any
 import yaml
 
 from s2r_host.gap.errors import GapUsageError
+from s2r_host.gap.workers import each_done
 from s2r_protocol.exits import ExitCode, S2RError
 
 KEYS = {"name", "model", "fit", "holdout", "repeat", "config", "robot", "date"}
@@ -99,7 +98,7 @@ def run_batch(
     out.mkdir(parents=True, exist_ok=True)
     todo = [j for j in jobs if not answered(out / j.name)]
     told(len(jobs) - len(todo))
-    for _ in _finished(todo, out, workers, seed):
+    for _ in each_done(run_job, [(job, out / job.name, seed) for job in todo], workers):
         told(1)
     rows = [_row(j, out / j.name) for j in jobs]
     (out / "summary.json").write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -110,15 +109,6 @@ def run_batch(
 def answered(folder: Path) -> bool:
     """Is there a whole answer, or a refusal, from an earlier run? A failed run is tried again."""
     return (folder / "gap.json").is_file() or (folder / "refused.json").is_file()
-
-
-def _finished(todo: list[Job], out: Path, workers: int, seed: int) -> Iterator[None]:
-    if not todo:
-        return
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for done in as_completed([pool.submit(run_job, j, out / j.name, seed) for j in todo]):
-            done.result()
-            yield None
 
 
 def run_job(job: Job, folder: Path, seed: int) -> None:

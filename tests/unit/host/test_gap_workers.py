@@ -1,0 +1,61 @@
+"""Workers of a batch: every job is done, and a Ctrl-C leaves what is queued alone."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from operator import mul
+
+import pytest
+
+from s2r_host.gap.workers import each_done
+
+JOBS = """
+import sys, time
+from pathlib import Path
+
+def work(number, folder):
+    Path(folder, str(number)).touch()
+    time.sleep(3.0)
+
+if __name__ == "__main__":
+    from s2r_host.gap.workers import each_done
+    list(each_done(work, [(k, sys.argv[1]) for k in range(8)], 2))
+"""
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_all_jobs_are_done(workers):
+    assert sorted(each_done(mul, [(k, 2) for k in range(5)], workers)) == [0, 2, 4, 6, 8]
+
+
+def test_what_a_job_raises_is_raised():
+    with pytest.raises(ZeroDivisionError):
+        list(each_done(divmod, [(1, 0)], 1))
+
+
+def test_no_jobs_are_no_work():
+    assert list(each_done(mul, [], 2)) == []
+
+
+@pytest.mark.parametrize("whole_terminal", [True, False])
+def test_after_ctrl_c_nothing_more_is_begun(tmp_path, whole_terminal):
+    script, begun = tmp_path / "jobs.py", tmp_path / "begun"
+    script.write_text(JOBS)
+    begun.mkdir()
+    process = subprocess.Popen(
+        [sys.executable, script, begun], start_new_session=True, stderr=subprocess.DEVNULL
+    )
+    try:
+        deadline = time.monotonic() + 120.0
+        while len(list(begun.iterdir())) < 2:
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.05)
+        (os.killpg if whole_terminal else os.kill)(process.pid, signal.SIGINT)
+        assert process.wait(timeout=120.0) != 0
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert len(list(begun.iterdir())) == 2
