@@ -26,12 +26,10 @@ from s2r_host.planning.hooking import find_hooks
 from s2r_host.planning.lookahead import Lookahead
 from s2r_host.planning.planner import plan_manipulation, scene_of
 from s2r_host.planning.rewards import Task
-from s2r_host.planning.rollouts import ramp
 from s2r_host.planning.sampler import icem_sampler
 from s2r_protocol.arms import load_arm
 
 ARM = load_arm("xmate3pro")
-CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
 
 
 class Bench:
@@ -67,30 +65,47 @@ class Bench:
         cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
         return cpu, wall, (ahead.env_steps - before) * substeps
 
-    def raw(self, settings: PlanSettings, stage: Stage, samples: int, count: int) -> tuple[float, float, int]:
-        """The same of bare batch rollouts: the same model, state and kind of controls, the same records."""
-        model = self.scene.rollout_model(stage)
-        batch = mujoco.batch.Batch(model, nsim=samples, nthread=settings.threads)
-        qpos, qvel, warm = (batch.bind(name) for name in ("qpos", "qvel", "qacc_warmstart"))
+    def raw(self, settings: PlanSettings, stage: Stage, count: int) -> tuple[float, float, int]:
+        """The same of the bare rollouts of so many control steps: the very calls of sampling, made once more."""
         ahead = self.lookahead(settings, stage)
-        ahead.sampler.begin()
-        actions = np.resize(ahead.sampler.sample(), (samples, settings.icem.horizon, ARM.dof))
-        substeps = round(settings.control_dt_s / stage.timestep_s)
-        control = ramp(ahead.targets(self.hook.q, actions), substeps)
-        record = ("qpos", "qvel", "sensordata")
+        heard: Any = HeardBatch(ahead._rollouts._batch)
+        ahead._rollouts._batch = heard
+        ahead.ranked(self.world.data, self.hook.q)
+        batch = mujoco.batch.Batch(
+            self.scene.rollout_model(stage), nsim=heard.batch.nsim, nthread=settings.threads
+        )
+        qpos, qvel, warm = (batch.bind(name) for name in ("qpos", "qvel", "qacc_warmstart"))
+        records: dict[int, Any] = {}
         cpu = wall = 0.0
+        steps = 0
         for k in range(count + 1):
-            qpos[:], qvel[:], warm[:] = self.world.data.qpos, self.world.data.qvel, 0.0
-            began_cpu, began_wall = time.process_time(), time.perf_counter()
-            batch.rollout(control.shape[1], control, CONTROL, record)
-            if k:
-                cpu += time.process_time() - began_cpu
-                wall += time.perf_counter() - began_wall
-        return cpu, wall, count * samples * control.shape[1]
+            for nstep, control, spec, record, ids in heard.calls:
+                qpos[:], qvel[:], warm[:] = self.world.data.qpos, self.world.data.qvel, 0.0
+                began_cpu, began_wall = time.process_time(), time.perf_counter()
+                records[len(ids)] = batch.rollout(
+                    nstep, control, spec, record, ids=ids, out=records.get(len(ids))
+                )
+                if k:
+                    cpu += time.process_time() - began_cpu
+                    wall += time.perf_counter() - began_wall
+                    steps += len(ids) * nstep
+        return cpu, wall, steps
+
+
+class HeardBatch:
+    """A batch that keeps what its rollouts were called with."""
+
+    def __init__(self, batch: mujoco.batch.Batch) -> None:
+        self.batch, self.calls = batch, []
+
+    def rollout(self, nstep: int, control: np.ndarray, spec: int, record: Any, *, ids: Any, out: Any) -> Any:
+        """As the batch does it."""
+        self.calls.append((nstep, control.copy(), spec, record, ids))
+        return self.batch.rollout(nstep, control, spec, record, ids=ids, out=out)
 
 
 def share(bench: Bench, rounds: int, populations: tuple[int, ...]) -> list[dict]:
-    """Physics steps per CPU second while sampling, over those of bare rollouts, by samples per iteration."""
+    """Physics steps per CPU second while sampling, over those of the same rollouts alone, by samples per iteration."""
     rows = []
     for population in populations:
         settings = PlanSettings(threads=1, icem=icem_of(population))
@@ -99,7 +114,7 @@ def share(bench: Bench, rounds: int, populations: tuple[int, ...]) -> list[dict]
         for _ in range(rounds):
             cpu, _, steps = bench.thinking(settings, stage, 10)
             rates["plan"] = max(rates["plan"], steps / cpu)
-            cpu, _, steps = bench.raw(settings, stage, population, 20)
+            cpu, _, steps = bench.raw(settings, stage, 10)
             rates["raw"] = max(rates["raw"], steps / cpu)
         rows.append(
             {
@@ -233,7 +248,7 @@ def pieces(folder: Path, rounds: int) -> list[dict]:
         bench = Bench(folder, "drawer_open", pieces=count) if count > 1 else Bench(folder, "drawer_open")
         settings = PlanSettings(threads=1)
         best = min(bench.thinking(settings, Stage(), 4)[0] / 4 for _ in range(rounds))
-        rate = max(n / c for c, _, n in (bench.raw(settings, Stage(), 60, 10) for _ in range(rounds)))
+        rate = max(n / c for c, _, n in (bench.raw(settings, Stage(), 10) for _ in range(rounds)))
         rows.append(
             {
                 "pieces per box": count if count > 1 else "boxes",
@@ -253,7 +268,7 @@ def contacts(bench: Bench, rounds: int) -> list[dict]:
         flags = bench.scene.coarse.opt.disableflags
         if off:
             bench.scene.coarse.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-        rate = max(n / c for c, _, n in (bench.raw(settings, stage, 60, 10) for _ in range(rounds)))
+        rate = max(n / c for c, _, n in (bench.raw(settings, stage, 10) for _ in range(rounds)))
         bench.scene.coarse.opt.disableflags = flags
         rows.append({"model": name, "raw steps per CPU s": round(rate)})
     return rows
