@@ -103,10 +103,11 @@ def reach(
                 f"the {task.part} was not where it was pushed: next time from elsewhere, if anything else does"
             )
         s_now, learns = done.measured.s, "touch" not in settings.without and not anew
-        if learns and left and not planned.stopped and abs(offset) < task.far_off:
-            record.belief = corrected(record.belief, planned.pushed_geom, offset, positive, folder)
+        lesson = _lesson(offset, task.far_off, positive=positive)
+        if learns and left and not planned.stopped and lesson:
+            record.belief = corrected(record.belief, planned.pushed_geom, lesson, positive, folder)
             journal.say(
-                f"belief corrected: pushed side of {planned.pushed_geom} by {task.unit.show(-offset)}"
+                f"belief corrected: pushed side of {planned.pushed_geom} by {task.unit.show(-lesson)}"
             )
     return view
 
@@ -132,6 +133,18 @@ def _better_left_alone(attempts: Sequence[DoneManipulation], tolerance: float, l
     ends = [min(abs(done.delta), tolerance) for done in attempts if not done.planned.stopped]
     usual = sum(ends) / max(len(ends), 1)
     return len(ends) > 1 and now <= tolerance and now <= (LUCKY if left > 1 else WORTH_A_TRY) * usual
+
+
+def _lesson(offset: float, far_off: float, *, positive: bool) -> float:
+    """By how much the pushed side is to be moved, for the part ended ``offset`` beyond where it was foreseen.
+
+    One that ended far short has slipped off the fingertip, which says nothing about its side. One that ended far beyond
+    went on by itself, as it will next time.
+    """
+    if abs(offset) < far_off:
+        return offset
+    beyond = (offset > 0.0) == positive
+    return float(np.copysign(far_off, offset)) if beyond else 0.0
 
 
 def _missed(done: DoneManipulation, task: Task) -> bool:

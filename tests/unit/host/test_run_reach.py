@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from s2r_host.run.reach import _better_left_alone, _held_up, _missed, _there
+from s2r_host.run.reach import _better_left_alone, _held_up, _lesson, _missed, _there
 from s2r_host.run.task import TASKS
 
 
@@ -78,3 +78,20 @@ def test_no_correction_is_smaller_than_what_the_measurement_tells(off, sigma, th
 )
 def test_a_part_that_stayed_though_nothing_stopped_the_arm_was_missed(s, target, stopped, missed):
     assert _missed(done(s, target=target, stopped=stopped), TASKS["faucet"]) == missed
+
+
+@pytest.mark.parametrize(
+    ("offset", "positive", "lesson"),
+    [
+        (0.05, True, 0.05),
+        (-0.05, True, -0.05),
+        (0.3, True, 0.1),  # it went on by itself, and will again
+        (-0.3, True, 0.0),  # the fingertip slipped
+        (-0.3, False, -0.1),
+        (0.3, False, 0.0),
+    ],
+)
+def test_a_part_that_went_far_beyond_is_a_lesson_and_one_that_fell_far_short_is_none(
+    offset, positive, lesson
+):
+    assert _lesson(offset, 0.1, positive=positive) == pytest.approx(lesson)
