@@ -354,7 +354,10 @@ class ExecutorLink:
         wall_limit_s: float | None = None,
         latched_ok: bool = False,
     ) -> ExecutorStatus:
-        """Watch the published state (or ask, when none arrives); a yes is confirmed by asking."""
+        """Watch the published state (or ask, when none arrives); a yes and a latch are confirmed by asking.
+
+        What was published last may be older than the newest command: a fault that has just been reset is still in it.
+        """
         watch = TickWatch(f"executor at {self._endpoint}", what, stalled_s, wall_limit_s)
         while True:
             now: SeenState = self._feed.state() or self.status()
@@ -363,7 +366,9 @@ class ExecutorLink:
                 if condition(status):
                     return status
             if now.state in LATCHED and not latched_ok:
-                raise stop_error(now)
+                status = self.status()
+                if status.state in LATCHED:
+                    raise stop_error(status)
             watch.check(now)
             time.sleep(0.01)
 

@@ -282,6 +282,19 @@ def test_published_states_are_followed_without_asking(executor, link, path):
     assert executor.status.tick - asked < 15  # far fewer questions than the 30 states that were published
 
 
+def test_a_fault_that_was_reset_just_now_does_not_end_the_arming(executor, link):
+    """The newest published state is from before the reset."""
+    stale = {"state": int(ExecutorState.FAULT), "cause": int(Cause.COLLISION)}
+    executor.session.put(STATE_KEY, pack(STATE, stale))
+    deadline = time.monotonic() + 5.0
+    while link.state() is None:
+        assert time.monotonic() < deadline
+        executor.session.put(STATE_KEY, pack(STATE, stale))
+        time.sleep(0.01)
+    assert link.state().state == ExecutorState.FAULT
+    assert link.arm_drives().state == ExecutorState.HOLD
+
+
 @contextlib.contextmanager
 def published(executor):
     """The executor's state goes out every 20 ms, as a live one's does."""
