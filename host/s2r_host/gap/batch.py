@@ -176,7 +176,7 @@ def since_when(rows: list[dict]) -> list[dict]:
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;color:#1d2433;max-width:1000px;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.4rem}h2{font-size:1.1rem;margin-top:2rem}table{border-collapse:collapse;width:100%;font-size:.9rem}
 td,th{padding:.3rem .5rem;border-bottom:1px solid #e4e7ec;text-align:left;vertical-align:top}th{color:#667085}
-.found{color:#d1495b}.fine{color:#1f7a8c}"""
+.found{color:#d1495b}.fine{color:#1f7a8c}.open{color:#667085}"""
 
 
 def _page(rows: list[dict]) -> str:
@@ -202,7 +202,7 @@ def _line(row: dict) -> str:
     link = name if not row.get("report") else f"<a href='{name}/report.html'>{name}</a>"
     what = ", ".join(f"{e['name']} on {e['joint']} ({e['probability']:.2f})" for e in row["effects"])
     what = what or ", ".join(f"{p['name']} of {p['place']}" for p in row.get("parameters_off", []))
-    kind = "fine" if row["verdict"] == "nothing_missing" else "found"
+    kind = {"nothing_missing": "fine", "insufficient": "open"}.get(row["verdict"], "found")
     return (
         f"<tr><td>{link}<td>{html.escape(row['robot'])}<td>{html.escape(row['date'])}"
         f"<td class={kind}>{row['verdict'].replace('_', ' ')}<td>{html.escape(row.get('reason') or what)}"

@@ -59,7 +59,8 @@ def gap(
 ) -> int:  # fmt: skip
     """Find where simulation and recordings part, and name the physics left out.
 
-    Exit code 0: nothing missing; 7: a difference was found; 2: bad usage; 4: a file was refused.
+    Exit code 0: nothing missing; 7: a difference was found; 2: bad usage; 4: a file was refused. Of a batch: 7 if any
+    run found a difference, else 4 if files of any were refused.
     """
     from s2r_host.gap.errors import GapUsageError
 
@@ -83,10 +84,16 @@ def _batch(path: Path, out: Path, workers: int, as_json: bool, seed: int) -> Exi
     if as_json:
         click.echo(json.dumps(rows, ensure_ascii=False))
     click.echo(f"{len(rows)} runs: {out / 'summary.html'}", err=True)
-    if any(r["verdict"] == "failed" for r in rows):
+    return batch_code({r["verdict"] for r in rows})
+
+
+def batch_code(verdicts: set[str]) -> ExitCode:
+    """The exit code of a batch: the worst of its runs, a difference before a refusal."""
+    if "failed" in verdicts:
         return ExitCode.BUG
-    fine = all(r["verdict"] in ("nothing_missing", "insufficient") for r in rows)
-    return ExitCode.OK if fine else ExitCode.DIFFERENCE
+    if verdicts - {"nothing_missing", "insufficient", "refused"}:
+        return ExitCode.DIFFERENCE
+    return ExitCode.REFUSED if "refused" in verdicts else ExitCode.OK
 
 
 def run_gap(

@@ -7,6 +7,7 @@ import pytest
 from s2r_host.gap import batch
 from s2r_host.gap.answer import write_answer
 from s2r_host.gap.batch import Job, read_jobs, run_batch, run_job, since_when
+from s2r_host.gap.cli import batch_code
 from s2r_host.gap.errors import GapRecordingError, GapUsageError
 
 
@@ -91,3 +92,17 @@ def test_the_answer_is_written_whole_and_last(tmp_path):
     assert batch.answered(folder)
     assert not (folder / "gap.json.part").exists()
     assert json.loads((folder / "gap.json").read_text(encoding="utf-8")) == {"verdict": "unknown"}
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "code"),
+    [
+        ({"nothing_missing", "insufficient"}, 0),
+        ({"nothing_missing", "refused"}, 4),
+        ({"refused", "physics_missing"}, 7),
+        ({"parameter_off"}, 7),
+        ({"failed", "physics_missing"}, 1),
+    ],
+)
+def test_a_batch_ends_with_the_worst_of_its_runs(verdicts, code):
+    assert batch_code(verdicts) == code
