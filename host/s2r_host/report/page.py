@@ -295,6 +295,11 @@ def _inputs(record: RunRecord) -> str:
         ("sealed world", record.world_commitment or "not offered by the camera"),
         ("seed", str(record.settings.seed)),
         ("versions", ", ".join(f"{name} {version}" for name, version in values["versions"].items())),
-        ("files", "run.json, run.mcap (depth, plans, estimates, executor recordings), model/, object-log/"),
+        ("files", ", ".join(_files(record.settings.out))),
     ]
     return section("Inputs", table(("", ""), rows, mono=True))
+
+
+def _files(out: Path) -> list[str]:
+    folders = sorted(entry.name + "/" for entry in out.iterdir() if entry.is_dir()) if out.is_dir() else []
+    return ["run.json", "run.mcap (depth, plans, estimates, executor recordings)", *folders]

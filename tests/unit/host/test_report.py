@@ -41,6 +41,13 @@ def test_failed_run_still_gets_a_report_with_the_reason(record, tmp_path):
     assert "push 1" in text
 
 
+def test_only_folders_that_the_run_wrote_are_listed(record, tmp_path):
+    (record.settings.out / "object-log").mkdir(parents=True)
+    text = write_report(record, tmp_path / "report.html").read_text()
+    assert "executor recordings), object-log/<" in text
+    assert "model/" not in text
+
+
 def test_report_needs_no_network_and_no_script(record, tmp_path):
     text = write_report(record, tmp_path / "report.html").read_text()
     loaded = re.findall(r"(?:src|href|url)\s*[=(]\s*[\"']?(https?:[^\"'\s>)]+)", text)
