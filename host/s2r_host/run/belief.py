@@ -47,7 +47,7 @@ class Belief:
         shifts: What was corrected -> how far along or about the axis it was moved from the built model [m or rad].
         felt: Mass and friction of the part as the arm felt them; None before it felt anything.
         missed: Places for the fingertip in the part's frame [m] from which a push meant to let the joint grow (True) or
-            fall moved nothing and met nothing: the part is not there as believed.
+            fall moved nothing: things are not there as believed.
         braking: Lowest and highest factor on the dry friction at the next target, where a lesson about physics left
             out says them (:mod:`s2r_host.run.physics`).
     """
@@ -71,7 +71,7 @@ class Belief:
         return SIDES[positive] in self.shifts
 
     def missed_when(self, positive: bool) -> tuple[tuple[float, float, float], ...]:
-        """The places from which a push that lets the joint grow or fall has missed the part."""
+        """The places from which a push that lets the joint grow or fall has moved nothing."""
         return tuple(place for grows, place in self.missed if grows == positive)
 
     def with_missed(self, positive: bool, place: np.ndarray) -> Belief:

@@ -147,10 +147,10 @@ def _lesson(offset: float, far_off: float, *, positive: bool) -> float:
     return float(np.copysign(far_off, offset)) if beyond else 0.0
 
 
-def _missed(done: DoneManipulation, task: Task) -> bool:
-    """The fingertip went all the way that was to move the part far, met nothing, and the part stayed."""
+def _in_vain(done: DoneManipulation, task: Task) -> bool:
+    """The part was to be moved far and stayed: the fingertip met nothing, or something that does not give way."""
     far = abs(done.s_target - done.s_initial) > task.far_off
-    return far and not done.planned.stopped and abs(done.measured.s - done.s_initial) < task.good_enough
+    return far and abs(done.measured.s - done.s_initial) < task.good_enough
 
 
 def _held_up(attempts: Sequence[DoneManipulation], same: float) -> bool:
