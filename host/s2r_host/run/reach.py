@@ -99,7 +99,9 @@ def reach(
         positive = done.s_target > done.s_initial
         if not anew and _in_vain(done, task):
             record.belief = record.belief.with_missed(positive, planned.result.p_part)
-            journal.say(f"the {task.part} stayed: next time it is pushed from elsewhere, if anything else does")
+            journal.say(
+                f"the {task.part} stayed: next time it is pushed from elsewhere, if anything else does"
+            )
         s_now, learns = done.measured.s, "touch" not in settings.without and not anew
         lesson = _lesson(offset, task.far_off, positive=positive)
         if learns and left and not planned.stopped and lesson:
