@@ -12,7 +12,7 @@ import pytest
 from s2r_host.gap.workers import each_done
 
 JOBS = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 
 def work(number, folder):
@@ -21,6 +21,7 @@ def work(number, folder):
 
 if __name__ == "__main__":
     from s2r_host.gap.workers import each_done
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
     list(each_done(work, [(k, sys.argv[1]) for k in range(8)], 2))
 """
 
