@@ -67,7 +67,7 @@ struct Records {
     require(size(qpos.shape(2)) > layout.s_qpos && size(qvel.shape(2)) > layout.s_dof && qpos.shape(2) >= dof &&
                 qvel.shape(2) >= dof,
             "qpos and qvel must hold the arm and the object's joint");
-    require(sensors.shape(2) >= 8 && sensors.shape(2) % 4 == 0,
+    require(size(sensors.shape(2)) >= kFirstFinger && (size(sensors.shape(2)) - kFirstFinger) % kPerFinger == 0,
             "sensors must be the tool's pose, the robot's contacts and four numbers per fingertip shape");
   }
 

@@ -5,11 +5,6 @@
 #include <utility>
 
 namespace s2r::planning {
-namespace {
-
-constexpr int kOrientation = 3, kRobotContacts = 7, kFirstFinger = 8, kPerFinger = 4;
-
-}  // namespace
 
 Scorer::Scorer(const Place& place, RewardWeights weights, RolloutLayout layout)
     : place_(place), weights_(std::move(weights)), layout_(std::move(layout)) {

@@ -32,6 +32,9 @@ struct Rollout {
   const double* dq_start = nullptr;                                   // joint speeds at the start, (dof)
 };
 
+// Columns of the sensors.
+constexpr int kOrientation = 3, kRobotContacts = 7, kFirstFinger = 8, kPerFinger = 4;
+
 class Scorer {
  public:
   Scorer(const Place& place, RewardWeights weights, RolloutLayout layout);

@@ -28,10 +28,8 @@ SMOOTH_PX = 0.8
 LEAST_CONTRAST = 6.0  # 8-bit levels a pixel
 BESIDE_PX = 3  # depth ends short of the outline, or beyond it
 REACH_PX = 60  # about the part, in which it is looked for
-STILL_PX, STILL_SIDE = (
-    1.2,
-    0.95,
-)  # an edge that both looks have within so far, at an angle of that cosine, has stayed
+# An edge that both looks have within so far, at an angle of that cosine, has stayed.
+STILL_PX, STILL_SIDE = 1.2, 0.95
 SAME_SIDE = 0.85  # cosine between edges that may be the same one
 NEIGHBOURS = 8
 GATES_PX = np.geomspace(8.0, 2.5, 10)  # largest distance of edges taken for the same, round by round

@@ -27,10 +27,8 @@ _PUSH_M = (
 _BACK_M = (0.02, 0.05, 0.09)  # how far the hand must be able to back out
 _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight one
 _ALIKE_M, _ALIKE_TRACE = 0.02, 2.9  # places this near to each other, turned this little, share their fate
-_MISSED_M, _MISSED_COST = (
-    0.025,
-    5.0,
-)  # a place so near to one that moved nothing; as much as turning the hand over
+# Of a place so near to one that moved nothing: as much as turning the hand over.
+_MISSED_M, _MISSED_COST = 0.025, 5.0
 _AT_A_TIME = 128  # candidates looked at before it is asked whether they are enough
 
 

@@ -15,7 +15,7 @@ from s2r_host import _native
 from s2r_host._native import Task
 from s2r_host.planning.hook import Hook
 from s2r_host.planning.scene import Scene
-from s2r_host.planning.settings import PlanSettings, RewardWeights, Stage
+from s2r_host.planning.settings import PlanSettings, RewardWeights
 
 __all__ = ["Task", "make_scorer", "native_weights"]
 
@@ -29,16 +29,19 @@ def native_weights(weights: RewardWeights, dof: int) -> _native.RewardWeights:
 
 
 def make_scorer(
-    scene: Scene, stage: Stage, settings: PlanSettings, hook: Hook, R_world_part: np.ndarray
+    scene: Scene, settings: PlanSettings, hook: Hook, substeps: int, R_world_part: np.ndarray
 ) -> _native.Scorer:
-    """What judges rollouts; args: the models, settings, place, and the part's orientation at s = 0, (3, 3)."""
+    """What judges rollouts.
+
+    Args: the models; settings; place; physics steps of a control step; the part's orientation at s = 0, (3, 3).
+    """
     tau_max = scene.arm.limits.tau_max
     return _native.Scorer(
         place=hook.place,
         weights=native_weights(settings.weights, scene.dof),
         s_qpos=scene.s_qpos,
         s_dof=scene.s_dof,
-        substeps=round(settings.control_dt_s / stage.timestep_s),
+        substeps=substeps,
         control_dt_s=settings.control_dt_s,
         stiffness=(settings.servo.kp / tau_max).tolist(),  # both per torque limit
         damping=(settings.servo.kd / tau_max).tolist(),

@@ -50,7 +50,7 @@ class Rollouts:
         model = scene.rollout_model(stage)
         if not scene.on_table and any(belief.moves_joint for belief in beliefs):
             let_part_pass(model, scene)
-        self._scorer = make_scorer(scene, stage, settings, hook, self._R_world_part)
+        self._scorer = make_scorer(scene, settings, hook, self._substeps, self._R_world_part)
         self._batch = mujoco.batch.Batch(model, nsim=capacity * self.members, nthread=settings.threads)
         self._shifts = np.array([b.shift_m for b in beliefs]).reshape(-1, 3)
         self._along = np.array([b.along for b in beliefs])

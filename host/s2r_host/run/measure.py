@@ -14,7 +14,6 @@ import numpy as np
 
 from s2r_host.errors import SceneError
 from s2r_host.perception.estimate import JointEstimate
-from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.view import DepthView
 from s2r_host.run.image_cost import ImageCost
@@ -135,8 +134,7 @@ def part_template(estimate: JointEstimate) -> PartTemplate:
 
 def measure_state(
     template: PartTemplate,
-    frame: DepthFrame,
-    ignore: np.ndarray | None = None,
+    view: DepthView,
     s_range: tuple[float, float] = (-0.25, 0.5),
     s_expected: float | None = None,
 ) -> Measurement:
@@ -144,15 +142,13 @@ def measure_state(
 
     Args:
         template: Of :func:`part_template`.
-        frame: The new view.
-        ignore: Pixels to forget (the arm), shape (h, w), bool.
+        view: The new view, without the arm.
         s_range: Where to look [m or rad].
         s_expected: Breaks ties between equally good places [m or rad].
 
     Raises:
         SceneError: The part is not found.
     """
-    view = DepthView(frame, ignore)
     image = ImageCost(view, template.p_still)
     s_image, sigma_image = _scan(template, image, s_range, s_expected)
     seen = _seen(template, image, s_image, s_range)

@@ -34,12 +34,11 @@ def measure_in(
         SceneError: The part is not seen.
     """
     (low, high), margin = belief.model.range, MARGIN_M / belief.template.reach_m
-    found = measure_state(
-        belief.template, view.capture.frame, view.arm_mask, (low - margin, high + margin), s_expected
-    )
+    now = DepthView(view.capture.frame, view.arm_mask)
+    found = measure_state(belief.template, now, (low - margin, high + margin), s_expected)
     if belief.template.slides or belief.template.reach_m > LEVER_M:
         return found
-    return _with_colour(belief, view, found, since_told)
+    return _with_colour(belief, now, found, since_told)
 
 
 def state_in(belief: Belief, view: Observation, zero: Observation) -> float:
@@ -51,7 +50,7 @@ def state_in(belief: Belief, view: Observation, zero: Observation) -> float:
     return 0.0 if view is zero else measure_in(belief, view, 0.0).s
 
 
-def _with_colour(belief: Belief, view: Observation, found: Measurement, since_told: bool) -> Measurement:
+def _with_colour(belief: Belief, now: DepthView, found: Measurement, since_told: bool) -> Measurement:
     """With what edges in colour tell of the turn since one of the views that told the joint."""
     told = belief.estimate
     since, part, s = (
@@ -59,7 +58,6 @@ def _with_colour(belief: Belief, view: Observation, found: Measurement, since_to
         if since_told
         else (told.view_before, told.parts.before, 0.0)
     )
-    now = DepthView(view.capture.frame, view.arm_mask)
     if not isinstance(since, DepthView) or since.shape != now.shape:
         return found
     seen = turn_by_colour(since, part, now, replace(belief.template.motion, delta=found.s - s))

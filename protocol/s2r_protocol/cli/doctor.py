@@ -113,9 +113,8 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
 
 
 def _offsets(arm: ArmDescription) -> Finding:
-    from s2r_protocol.arms.home_pose import (
-        longest_offset,  # loads Pinocchio, which the machine's check does not need
-    )
+    # Loads Pinocchio, which the machine's check does not need.
+    from s2r_protocol.arms.home_pose import longest_offset
 
     name, length_m = longest_offset(arm.source)
     text = f"largest offset between frames: {length_m:.3g} m ('{name}')"

@@ -7,6 +7,7 @@ from s2r_host.errors import SceneError
 from s2r_host.perception.estimate import estimate_joint
 from s2r_host.perception.motion import JointMotion, rotation
 from s2r_host.perception.synthetic import Box, laptop_pair, look_at, pair
+from s2r_host.perception.view import DepthView
 from s2r_host.run.measure import PartTemplate, measure_state, part_template
 
 K = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]])
@@ -57,7 +58,7 @@ def template():
 
 @pytest.mark.parametrize("s", [-0.045, 0.0, 0.1, 0.15, 0.2])
 def test_state_is_measured_to_a_millimetre(template, s):
-    measured = measure_state(template, views(10, s).after)
+    measured = measure_state(template, DepthView(views(10, s).after))
     assert measured.s == pytest.approx(s, abs=1e-3)
     assert measured.sigma < 1e-3
     assert abs(measured.s - s) < 6 * measured.sigma + 3e-4
@@ -65,8 +66,8 @@ def test_state_is_measured_to_a_millimetre(template, s):
 
 def test_expectation_does_not_pull_the_measurement(template):
     frame = views(11, 0.15).after
-    free = measure_state(template, frame)
-    told = measure_state(template, frame, s_expected=0.10)
+    free = measure_state(template, DepthView(frame))
+    told = measure_state(template, DepthView(frame), s_expected=0.10)
     assert told.s == pytest.approx(free.s, abs=2e-5)
 
 
@@ -74,7 +75,7 @@ def test_ignored_pixels_do_not_count(template):
     frame = views(12, 0.15).after
     ignore = np.zeros(frame.depth_m.shape, bool)
     ignore[:, :300] = True
-    measured = measure_state(template, frame, ignore)
+    measured = measure_state(template, DepthView(frame, ignore))
     assert measured.s == pytest.approx(0.15, abs=1.5e-3)
 
 
@@ -83,7 +84,7 @@ def test_a_hidden_part_is_refused_instead_of_guessed(template):
     ignore = np.ones(frame.depth_m.shape, bool)
     ignore[:60] = False
     with pytest.raises(SceneError, match=r"not found|only"):
-        measure_state(template, frame, ignore)
+        measure_state(template, DepthView(frame, ignore))
 
 
 @pytest.mark.parametrize("turn", [0.1, 0.22])
@@ -92,7 +93,9 @@ def test_a_lid_is_measured_to_half_a_degree(turn):
     known = laptop_pair(np.random.default_rng(3), turn_rad=0.35)
     estimate = estimate_joint(known.before, known.after, joint_type="revolute", seed=0)
     measured = measure_state(
-        part_template(estimate), laptop_pair(np.random.default_rng(3), turn).after, s_range=(-1.0, 1.0)
+        part_template(estimate),
+        DepthView(laptop_pair(np.random.default_rng(3), turn).after),
+        s_range=(-1.0, 1.0),
     )
     assert np.degrees(measured.s) == pytest.approx(np.degrees(turn), abs=0.5)
     assert np.degrees(measured.sigma) < 0.5
@@ -104,7 +107,7 @@ def test_a_lid_edge_on_or_from_its_other_side_is_measured_by_its_outline(turn):
     estimate = estimate_joint(known.before, known.after, joint_type="revolute", seed=0)
     template = part_template(estimate).with_back(0.006)
     frame = laptop_pair(np.random.default_rng(3), turn).after
-    measured = measure_state(template, frame, s_range=(turn - 0.4, turn + 0.4))
+    measured = measure_state(template, DepthView(frame), s_range=(turn - 0.4, turn + 0.4))
     assert np.degrees(measured.s) == pytest.approx(np.degrees(turn), abs=1.5)
 
 
@@ -112,7 +115,7 @@ def test_a_lid_that_is_nowhere_near_its_range_is_refused():
     known = laptop_pair(np.random.default_rng(3), turn_rad=0.35)
     estimate = estimate_joint(known.before, known.after, joint_type="revolute", seed=0)
     with pytest.raises(SceneError, match=r"only \d+%"):
-        measure_state(part_template(estimate), known.after, s_range=(-0.6, -0.5))
+        measure_state(part_template(estimate), DepthView(known.after), s_range=(-0.6, -0.5))
 
 
 def test_the_back_of_a_plate_is_its_front_moved_and_turned_over():
