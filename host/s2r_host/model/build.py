@@ -13,6 +13,7 @@ from s2r_host.model.bar import bar_pieces
 from s2r_host.model.belief import Physics, prior
 from s2r_host.model.drawer import Drawer, drawer_pieces, looks_like_drawer, measure_drawer
 from s2r_host.model.errors import ModelError
+from s2r_host.model.knob import around_knob, knob_pieces
 from s2r_host.model.pieces import Piece
 from s2r_host.model.plates import base_pieces, part_pieces
 from s2r_host.model.points import ObservedObject, observe
@@ -95,9 +96,11 @@ def build_model(
         joint_range = _slide_range(drawer, estimate)
         warnings += _drawer_warnings(drawer)
     else:
-        bar = _bar(estimate, seen)
-        part, warnings = (bar, []) if bar is not None else part_pieces(seen, rng, cpu_limit_s)
-        sure = [piece for piece in bar or [] if piece.name == "bar"]
+        known = _known_shape(estimate, seen)
+        part, warnings = (known, []) if known is not None else part_pieces(seen, rng, cpu_limit_s)
+        sure = [piece for piece in known or [] if piece.name == "bar"]
+        if estimate.knob is not None:
+            sure = [around_knob(estimate.knob)]
         stayed = without_swept(seen, sure, estimate.motion)
         base, more = base_pieces(stayed, estimate.axis_origin_m, estimate.axis_direction, rng, cpu_limit_s)
         pieces, warnings = part + base, warnings + more
@@ -116,8 +119,10 @@ def build_model(
     )  # fmt: skip
 
 
-def _bar(estimate: JointEstimate, seen: ObservedObject) -> list[Piece] | None:
-    """Pieces of a lever; None for whatever else it is."""
+def _known_shape(estimate: JointEstimate, seen: ObservedObject) -> list[Piece] | None:
+    """Pieces of a knob or a lever; None for whatever else it is."""
+    if estimate.knob is not None:
+        return knob_pieces(estimate.knob)
     if estimate.joint_type != "revolute":
         return None
     return bar_pieces(seen, estimate.axis_origin_m, estimate.axis_direction)

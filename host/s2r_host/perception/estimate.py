@@ -24,6 +24,7 @@ from s2r_host.perception.evidence import (
 )
 from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.intervals import Intervals, intervals90
+from s2r_host.perception.knob_outline import KnobOutline
 from s2r_host.perception.levers import line_within
 from s2r_host.perception.motion import JointMotion, JointType, Push, line_distance
 from s2r_host.perception.network_belief import Belief, Network, weighed_by
@@ -73,6 +74,7 @@ class JointEstimate:
         hypotheses: All refined candidates, best first.
         explained: Share of the surely moved points that land on a matching surface.
         warnings: Sentences for the user.
+        knob: The moving part's outline in the first view, where it is a knob with spokes.
     """
 
     joint_type: JointType
@@ -88,6 +90,7 @@ class JointEstimate:
     hypotheses: tuple[Hypothesis, ...]
     explained: float
     warnings: tuple[str, ...]
+    knob: KnobOutline | None = None
 
     @property
     def motion(self) -> JointMotion:

@@ -58,6 +58,8 @@ def outline(depth_m: Array, colour: NDArray[np.uint8], K: Array, wanted: Mask) -
     n = _outward(np.where(depth_m > 0, depth_m, far), v, u)
     ok = np.isfinite(n).all(axis=1)
     pixel, u, v, n = pixel[ok], u[ok], v[ok], n[ok]
+    if not len(pixel):
+        return Outline(pixel, np.empty((0, 3)), np.empty((0, 3)))
     along = np.arange(-INSIDE_PX, OUTSIDE_PX + 1e-9, STEP_PX)
     x = (u[:, None] + along * n[:, :1]).astype(np.float32)
     y = (v[:, None] + along * n[:, 1:]).astype(np.float32)

@@ -130,7 +130,7 @@ def estimate_part(
         seed=seed,
     )
     if positive is None:
-        return estimate if _grows_usually(estimate.axis_direction) else estimate.reversed()
+        return grown_usually(estimate)
     along = float(estimate.axis_direction @ positive)
     if abs(along) < LEAST_ALIGNED:
         raise SceneError(
@@ -148,9 +148,11 @@ def _around(before: Observation, after: Observation) -> Region:
     return low[0], high[0], low[1], high[1], low[2], high[2]
 
 
-def _grows_usually(axis: np.ndarray) -> bool:
-    """Counter-clockwise from above; about a level axis the upper side moves towards the arm (-x)."""
-    return bool(axis[2] > 0.0) if abs(axis[2]) > UPRIGHT_AXIS else bool(axis[1] < 0.0)
+def grown_usually(estimate: JointEstimate) -> JointEstimate:
+    """A hinge that grows counter-clockwise from above; a level one so that its upper side moves to the arm (-x)."""
+    axis = estimate.axis_direction
+    usual = axis[2] > 0.0 if abs(axis[2]) > UPRIGHT_AXIS else axis[1] < 0.0
+    return estimate if usual else estimate.reversed()
 
 
 def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:

@@ -17,6 +17,7 @@ from s2r_host.motion.push_proposals import PushProposal, push_proposals
 from s2r_host.motion.scene import Scene
 from s2r_host.perception.affordance import Affordance
 from s2r_host.perception.frames import DepthFrame
+from s2r_host.perception.knob_outline import KnobOutline
 from s2r_host.perception.network_pushes import shipped
 from s2r_host.run.at import proposals_at, scene_at
 from s2r_host.run.back_off import back_off
@@ -82,7 +83,12 @@ class DonePush:
 
 
 def prepare_push(
-    session: Session, view: Observation, number: int = 1, skip: int = 0, earlier: Sequence[DonePush] = ()
+    session: Session,
+    view: Observation,
+    number: int = 1,
+    skip: int = 0,
+    earlier: Sequence[DonePush] = (),
+    knobs: Sequence[KnobOutline] = (),
 ) -> PlannedPush:
     """Surface, proposals, motions and time laws.
 
@@ -92,6 +98,7 @@ def prepare_push(
         number: Of the push, counts from 1.
         skip: So many of the best proposals are left out: they were tried, and told nothing.
         earlier: Pushes that told nothing.
+        knobs: Knobs with spokes in view.
 
     Raises:
         SceneError: Nothing in view looks like the task's part.
@@ -99,7 +106,7 @@ def prepare_push(
         TrajectoryError: A motion cannot be timed.
     """
     settings = session.settings
-    offered = pushables(settings, view.scene, _without_arm(view), session.rng, earlier)
+    offered = pushables(settings, view.scene, _without_arm(view), session.rng, earlier, knobs)
     pushable, motion = _reachable(session, offered, skip)
     paths: list[tuple[np.ndarray, str, float, float]] = [
         (motion.approach, f"push {number}: approach", settings.travel_speed, FREE),
@@ -167,6 +174,7 @@ def pushables(
     frame: DepthFrame,
     rng: np.random.Generator,
     earlier: Sequence[DonePush] = (),
+    knobs: Sequence[KnobOutline] = (),
 ) -> Iterator[Pushable]:
     """What a view offers to push, the likeliest first.
 
@@ -176,6 +184,7 @@ def pushables(
         frame: The same view, the arm's pixels set to 0.
         rng: For the push network.
         earlier: Pushes that told nothing.
+        knobs: Knobs with spokes in view.
 
     Raises:
         SceneError: Nothing in view looks like the task's part.
@@ -183,7 +192,7 @@ def pushables(
         InputError: The network's weights are missing.
     """
     if settings.task is FAUCET:
-        yield from _levers(settings, scene, shipped().affordance(frame, rng), earlier)
+        yield from _levers(settings, scene, shipped().affordance(frame, rng), earlier, knobs)
     elif settings.task is LAPTOP:
         lid = find_lid(scene)
         lid_push = settings.lid_push
@@ -195,11 +204,15 @@ def pushables(
 
 
 def _levers(
-    settings: RunSettings, scene: Scene, found: Affordance, earlier: Sequence[DonePush]
+    settings: RunSettings,
+    scene: Scene,
+    found: Affordance,
+    earlier: Sequence[DonePush],
+    knobs: Sequence[KnobOutline],
 ) -> Iterator[Pushable]:
     """What may be the lever, after what earlier pushes have shown."""
     geometry = GuessSettings(settings.lever_push, settings.network_push)
-    for guess in lever_guesses(scene, found, geometry, [one.tried for one in earlier]):
+    for guess in lever_guesses(scene, found, geometry, [one.tried for one in earlier], knobs):
         proposals = proposals_at(guess.proposals, settings.at)
         yield Pushable(None, piece_scene(scene, guess.p), proposals, fresh=True)
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from s2r_host.errors import SceneError
+from s2r_host.motion.knob_proposals import knob_proposals
 from s2r_host.motion.knobs import Knob, find_knobs
 from s2r_host.motion.lever_axes import UP, LeverAxis, aside_m, level_axis, upright_axis, with_room_first
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
@@ -21,6 +22,7 @@ from s2r_host.motion.levers import LeverCandidate, find_levers, pieces
 from s2r_host.motion.push_proposals import PushProposal
 from s2r_host.motion.scene import Scene
 from s2r_host.perception.affordance import Affordance
+from s2r_host.perception.knob_outline import KnobOutline
 from s2r_host.perception.network_pushes import NetworkPushSettings, proposals_of
 
 # Logits fitted on drawn faucets that nothing is reported of: `python tests/bench/bench_lever_guesses.py --fit`.
@@ -34,6 +36,8 @@ SEEN_BY_NETWORK = 0.25
 BELIEVED = 0.4  # belief that a point belongs to the part, from which on it is taken for a piece of it
 LEAST_POINTS = 100
 KNOB_DEPTH_M = 0.014  # least way of the fingertip: the spoke of a knob is short
+OUTLINED = 50.0  # odds of a knob whose spokes colours tell: what has them is there to be turned
+OWN = 0.5  # share of a piece's points that are a knob's, from which on it is no lever of its own
 KNOB = 1.5  # odds of a knob with spokes that the network fully believes in, against one it does not at all
 
 # How often the end that was taken for the tip is the one that the piece turns about, in views of drawn faucets that
@@ -78,6 +82,7 @@ class Guess:
         p: Its points [m], (n, 3).
         line: Unit direction along which, either way, it gives way, (3,).
         p_free, p_held: Its free end, which is pushed, and the one it turns about [m], (3,); None where unknown.
+        p_axis: A point of the upright axis that a knob turns about [m], (3,); None where unknown.
         weight: Against other guesses; not normalised.
         proposals: Ways to push it, best first, without those that were tried.
         turns: It is a knob: ``line`` is one of the many along which it gives way.
@@ -89,7 +94,15 @@ class Guess:
     proposals: Iterator[PushProposal]
     p_free: np.ndarray | None = None
     p_held: np.ndarray | None = None
+    p_axis: np.ndarray | None = None
     turns: bool = False
+
+    def way(self, push: Tried | PushProposal) -> np.ndarray:
+        """Which way a push goes: of a knob, which gives way all around, the axis in whose sense it turns, (3,)."""
+        if self.p_axis is None:
+            return push.direction
+        turn = np.cross(push.p_contact - self.p_axis, push.direction)
+        return np.asarray(np.sign(turn[2]) * UP)
 
     def at_free_end(self, p: np.ndarray) -> bool:
         """Whether a point (3,) is nearer to the free end than to the other."""
@@ -107,7 +120,11 @@ class GuessSettings:
 
 
 def lever_guesses(
-    scene: Scene, found: Affordance, settings: GuessSettings, tried: Sequence[Tried] = ()
+    scene: Scene,
+    found: Affordance,
+    settings: GuessSettings,
+    tried: Sequence[Tried] = (),
+    outlined: Sequence[KnobOutline] = (),
 ) -> list[Guess]:
     """All guesses about a view, the likeliest first.
 
@@ -116,6 +133,7 @@ def lever_guesses(
         found: The push network's verdict on the same view.
         settings: Geometry of the pushes.
         tried: Pushes that told nothing, in this view or in earlier ones.
+        outlined: Knobs whose outline is known, as they stand in this view.
     """
     try:
         levers = find_levers(scene)
@@ -124,11 +142,12 @@ def lever_guesses(
     guesses = [
         guess for k in range(len(levers)) for guess in _about_lever(levers, k, found, settings.lever_push)
     ]
-    knobs = find_knobs(scene)
+    knobs = [knob for knob in find_knobs(scene) if not any(one.covers(knob.p).any() for one in outlined)]
     guesses += [_about_knob(knob, found, settings.lever_push) for knob in knobs]
-    guesses += _about_the_rest(
-        scene, [*(one.p for one in levers), *(one.p for one in knobs)], found, settings.network_push
-    )
+    shown = [guess for one in outlined if (guess := _about_outlined(one, scene, found)) is not None]
+    known = [*(one.p for one in levers), *(one.p for one in knobs), *(one.p for one in shown)]
+    guesses = [g for g in guesses if not any(one.covers(g.p).mean() > OWN for one in outlined)] + shown
+    guesses += _about_the_rest(scene, known, found, settings.network_push)
     weights = [guess.weight * _evidence(guess, guesses, tried) for guess in guesses]
     return [
         replace(guesses[k], weight=weights[k], proposals=_untried(guesses[k], tried))
@@ -211,6 +230,19 @@ def _about_knob(knob: Knob, found: Affordance, settings: LeverPushSettings) -> G
     return Guess(knob.p, axis.way(first.p_tip), KNOB * belief, pushes, turns=True)
 
 
+def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Guess | None:
+    """A knob whose outline is known; None where the view shows nothing of it."""
+    p = scene.p_base[outline.covers(scene.p_base)]
+    if len(p) < LEAST_POINTS:
+        return None
+    belief, _ = belief_about(found, p)
+    angle = outline.angle
+    line = np.array([-np.sin(angle), np.cos(angle), 0.0])
+    return Guess(
+        p, line, OUTLINED * (0.5 + belief), knob_proposals(outline), p_axis=outline.p_axis, turns=True
+    )
+
+
 def wrong_end(lever: LeverCandidate) -> float:
     """Chance that the piece turns about the end that was taken for its tip."""
     rise_m = float(lever.p_tip[2] - lever.p_root[2])
@@ -248,7 +280,7 @@ def _evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) ->
             factor *= SEEN_MOVED if push.sure else MOVED
         elif about and along and guess.at_free_end(push.p_contact):
             if push.held_out:
-                held_ways.append(push.direction)
+                held_ways.append(guess.way(push))
             else:
                 factor *= MISSED
     if held_ways:
@@ -258,13 +290,17 @@ def _evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) ->
 
 
 def _untried(guess: Guess, tried: Sequence[Tried]) -> Iterator[PushProposal]:
-    """Without what was tried in vain: the same place the same way, or a way in which the piece held out."""
+    """Without what was tried in vain: the same place the same way, or a way in which the piece held out.
+
+    A knob is pushed that way, too, once nothing else is left.
+    """
     near = cKDTree(guess.p)
     held = [
         one
         for one in tried
         if one.held_out and near.query(one.p_contact)[0] < ABOUT_M and guess.at_free_end(one.p_contact)
     ]
+    later = []
     for push in guess.proposals:
         again = any(
             push.direction @ one.direction > SAME_WAY
@@ -272,5 +308,11 @@ def _untried(guess: Guess, tried: Sequence[Tried]) -> Iterator[PushProposal]:
             for one in tried
             if not one.moved
         )
-        if not again and all(push.direction @ one.direction < SAME_WAY for one in held):
+        if again:
+            continue
+        if all(guess.way(push) @ guess.way(one) < SAME_WAY for one in held):
             yield push
+        else:
+            later.append(push)
+    if guess.p_axis is not None:  # a fingertip that jams beside one spoke may turn the knob by another
+        yield from later

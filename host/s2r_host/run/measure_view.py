@@ -6,7 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from s2r_host.errors import SceneError
 from s2r_host.perception.colour_turn import Turn, combined, turn_by_colour
+from s2r_host.perception.knob_joint import EDGE_M
+from s2r_host.perception.knob_outline import KnobOutline, turned_outline
 from s2r_host.perception.view import DepthView
 from s2r_host.run.belief import Belief
 from s2r_host.run.measure import Measurement, measure_state
@@ -16,6 +19,7 @@ MARGIN_M = 0.03  # of the part's outermost points, beyond the joint's believed r
 LEVER_M = 0.2  # a part that reaches no further from its hinge is as thin as a lever's, or has spokes
 # Depth of thin parts errs by so much at the outermost points, and other than its noise tells (31 drawn faucets).
 DEPTH_ERRS_M = 0.0013
+KNOB_SIGMA_RAD = np.deg2rad(0.5)
 
 
 def measure_in(
@@ -33,12 +37,28 @@ def measure_in(
     Raises:
         SceneError: The part is not seen.
     """
+    if belief.estimate.knob is not None:
+        return _by_outline(belief, view, belief.estimate.knob, s_expected)
     (low, high), margin = belief.model.range, MARGIN_M / belief.template.reach_m
     now = DepthView(view.capture.frame, view.arm_mask)
     found = measure_state(belief.template, now, (low - margin, high + margin), s_expected)
     if belief.template.slides or belief.template.reach_m > LEVER_M:
         return found
     return _with_colour(belief, now, found, since_told)
+
+
+def _by_outline(belief: Belief, view: Observation, knob: KnobOutline, s_expected: float) -> Measurement:
+    """How far a knob with spokes has turned, by its outline in colour.
+
+    Raises:
+        SceneError: It is not seen.
+    """
+    sense = float(np.sign(belief.template.axis[2]))
+    turned = turned_outline(knob, view.capture.frame, sense * s_expected)
+    if turned is None:
+        raise SceneError("the outline of the knob is not seen where it should be; is it hidden?")
+    s = sense * (turned.angle - knob.angle)
+    return Measurement(s, KNOB_SIGMA_RAD, EDGE_M, turned.explained)
 
 
 def state_in(belief: Belief, view: Observation, zero: Observation) -> float:

@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 # Share of the usual doubt about the object, one per try. In the end a plan that only just holds is better than none:
 # where the part then is will be seen, and there is nothing yet to spoil.
 DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.0)
-# A correction is worth less than what a daring one can spoil: the part is nearly where it should be.
+# A correction of a part that is nearly where it should be is worth less than what a daring one can spoil.
 CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
 STOP_DOUBT, MOST_STOPS = 0.5, 3  # of a plan that ends on the way
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
@@ -101,8 +101,9 @@ def prepare_manipulation(
     """
     task = session.settings.task
     reasons: list[str] = []
-    far = abs(session.target - s_initial) > task.far_off  # then it is no correction: there is little to spoil
-    for k, doubt in enumerate(DOUBTS if number == 1 or far else CORRECTION_DOUBTS):
+    to_go = abs(session.target - s_initial)
+    far = to_go > task.far_off  # then it is no correction: there is little to spoil
+    for k, doubt in enumerate(DOUBTS if number == 1 or to_go > task.tolerance else CORRECTION_DOUBTS):
         try:
             return _prepare_once(session, belief, number, s_initial, session.target, view, k, doubt)
         except RefusedError as error:

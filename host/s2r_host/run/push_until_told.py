@@ -11,12 +11,13 @@ from s2r_host.errors import SceneError
 from s2r_host.perception.errors import AbstainError, NothingMovedError
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.motion import Push
-from s2r_host.run.belief import estimate_part
+from s2r_host.run.belief import estimate_part, grown_usually
 from s2r_host.run.first_push import DonePush, carry_out_push, prepare_push
+from s2r_host.run.knob_watch import KnobWatch
 from s2r_host.run.observe import Observation, observe, seen_to_move
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
-from s2r_host.run.task import DRAWER, Task
+from s2r_host.run.task import DRAWER, FAUCET, Task
 
 ELSEWHERE_M = 0.08  # from one push to another: perhaps on another drawer
 
@@ -50,12 +51,15 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
     """
     settings, journal, task = session.settings, session.journal, session.settings.task
     views, skip = [first], 0
+    knobs = KnobWatch(first) if task is FAUCET else None
     pushes: list[DonePush] = []
     positive: np.ndarray | None = None
     for number in range(1, settings.pushes + 1):
         again = "" if number == 1 else f" {number}"
         with journal.stage(f"first push{again}: proposals") as stage:
-            planned = record.planned_push = prepare_push(session, views[-1], number, skip, pushes)
+            planned = record.planned_push = prepare_push(
+                session, views[-1], number, skip, pushes, () if knobs is None else knobs.now
+            )
             skip += planned.motion.tried
             positive = planned.positive if positive is None else positive
             stage.note = f"proposal {skip} is reachable"
@@ -67,12 +71,19 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
         with journal.stage(f"view B{again}") as stage:
             views.append(record.add_view(observe(session, f"B{number if again else ''}")))
             stage.note = f"{len(views[-1].scene.p_base)} object points"
+        if knobs is not None:
+            knobs.look(views[-1])
         moved = seen_to_move(*views[-2:])
         if moved is not None:
             pushes[-1] = replace(pushes[-1], moved=moved, sure=True)
         try:
             with journal.stage(f"estimate joint{again}") as stage:
-                before, estimate = _compared(session, views, pushes, positive)
+                knob = None if knobs is None else knobs.joint()
+                before, estimate = (
+                    _compared(session, views, pushes, positive)
+                    if knob is None
+                    else (first, grown_usually(knob))
+                )
                 seen = f", since view {before.name}" if before is not first else ""
                 stage.note = f"moved {task.unit.show(estimate.delta)}{seen}, {100 * estimate.explained:.0f} % explained"
         except (AbstainError, SceneError) as error:

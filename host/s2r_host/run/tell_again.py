@@ -44,7 +44,7 @@ def tell_again(session: Session, record: RunRecord, view: Observation) -> bool:
     name = max(known, key=lambda name: abs(s_now - known[name]))
     moved = s_now - known[name]
     further = abs(moved) > FURTHER * abs(belief.estimate.delta)
-    if belief.template.slides or settings.learn_physics or not further:
+    if belief.template.slides or belief.estimate.knob is not None or settings.learn_physics or not further:
         return False
     with journal.stage(f"tell joint again {number}") as stage:
         try:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_host.planning.belief import Belief
+from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.part_alone import is_coupled
 from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import plan_manipulation, scene_of
@@ -29,7 +30,10 @@ logger = logging.getLogger(__name__)
 
 SEED_STEP = 1000  # between the seeds of attempts at one task
 _CORRECTIONS = 5
-_FRAGILE = 4.0  # success bands that a slightly different object may be off; more means that the part was lost
+# Success bands that a slightly different object may be off, and, of what displaces a hinge, times its own turn at the
+# fingertip: beside a knob's axis 3 mm are 6 degrees. More means that the part was lost.
+_FRAGILE, _DISPLACED = 4.0, 1.25
+_LEAST_LEVER_M = 0.02
 _FRAGILE_PRESS = 1.5  # of the press that the believed object may feel
 _FRAGILE_CONTACT = 1.25  # of the joint torque that contact may cause
 _LARGEST_M = 0.04  # a larger correction means that the fingertip lost the part
@@ -235,6 +239,7 @@ def _fragility(
             "the executor takes half of it for a collision"
         ), False
     scenes = [perturbation.applied(scene) for perturbation in perturbations]
+    lever_m = _lever_m(delivery, scene)
     for perturbation, played in zip(
         perturbations, replays(delivery.trajectory, request, scenes), strict=True
     ):
@@ -247,7 +252,8 @@ def _fragility(
         if played.contact_share > _FRAGILE_CONTACT * request.settings.contact_margin:
             share = f"{played.contact_share:.0%} of a joint's torque limit"
             return f"fragile: with the {perturbation} contact takes {share}", False
-        if abs(played.error) > _FRAGILE * tolerance:
+        displaced = _DISPLACED * float(np.linalg.norm(perturbation.shift_m)) / lever_m
+        if abs(played.error) > max(_FRAGILE * tolerance, displaced):
             falls = _falls_with(request, scene, perturbation)
             if falls is not None:
                 return (
@@ -256,6 +262,17 @@ def _fragility(
                 ), False
             return f"fragile: with the {perturbation} it ends {played.error:+.4f} from the target", False
     return None, False
+
+
+def _lever_m(delivery: Delivery, scene: Scene) -> float:
+    """How far a fingertip goes that takes the part along by one unit of the joint: 1 for a slide, its radius [m]."""
+    if scene.prismatic:
+        return 1.0
+    played = delivery.replay
+    world = FineWorld(scene, played.q_meas[-1], played.final)
+    joint, p_tip = scene.joint_id, world.data.site_xpos[scene.tool_site]
+    arm = np.cross(world.data.xaxis[joint], p_tip - world.data.xanchor[joint])
+    return max(_LEAST_LEVER_M, float(np.linalg.norm(arm)))
 
 
 def cannot_stay(request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...] | None = None) -> bool:

@@ -89,3 +89,8 @@ def test_outlines_that_both_views_show_are_left_out():
     assert np.allclose(before.without(after).points[:, 0], 0.05)
     turned = Edges(*strip(0.001, -1.0), sharp=True)  # something else ends there, on the other side
     assert len(before.without(turned).points) == len(before.points)
+
+
+def test_a_thing_without_a_jump_in_depth_has_no_outline(plate):
+    _, colour = plate
+    assert not len(outline(np.full((240, 320), FAR), colour, K, np.ones((240, 320), bool)).p_C)

@@ -1,0 +1,40 @@
+"""A knob with spokes: a round hub and a box per spoke, as its outline in colour has them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.model.pieces import Piece, box, hull
+from s2r_host.perception.knob_outline import KnobOutline
+
+THICK_M = 0.012  # of spokes, which no camera tells; a fingertip meets them near their top
+CORNERS = 16  # of the prism that stands for the hub
+
+
+def knob_pieces(outline: KnobOutline) -> list[Piece]:
+    """Hub and spokes of the moving part, in the pose of the outline."""
+    top = float(outline.p_axis[2])
+    angle = 2.0 * np.pi * (np.arange(CORNERS) + 0.5) / CORNERS
+    ring = outline.hub_m / np.cos(np.pi / CORNERS) * np.column_stack([np.cos(angle), np.sin(angle)])
+    corners = [
+        np.column_stack([outline.p_axis[:2] + ring, np.full(CORNERS, z)]) for z in (outline.foot_m, top)
+    ]
+    pieces = [hull("hub", "part", np.concatenate(corners))]
+    half = 0.5 * outline.width_m
+    for k, turn in enumerate(outline.angles()):
+        X = np.eye(4)
+        X[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+        X[:3, 3] = outline.p_axis
+        low = np.array([0.0, -half, -min(THICK_M, top - outline.foot_m)])
+        pieces.append(box(f"spoke{k}", "part", X, low, np.array([outline.reach_m, half, 0.0])))
+    return pieces
+
+
+def around_knob(outline: KnobOutline) -> Piece:
+    """Everything that the knob may take up, whatever way it is turned: nothing else stands there."""
+    angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
+    ring = outline.p_axis[:2] + outline.reach_m * np.column_stack([np.cos(angle), np.sin(angle)])
+    heights = outline.foot_m + 0.006, float(outline.p_axis[2])
+    return hull(
+        "around", "part", np.concatenate([np.column_stack([ring, np.full(CORNERS, z)]) for z in heights])
+    )

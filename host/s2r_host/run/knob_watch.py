@@ -1,0 +1,56 @@
+"""Knobs with spokes in view, and how far each has turned from look to look."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from s2r_host.motion.knobs import find_knobs
+from s2r_host.motion.levers import deck_height
+from s2r_host.perception.estimate import JointEstimate
+from s2r_host.perception.knob_joint import knob_joint
+from s2r_host.perception.knob_outline import KnobOutline, fit_outline, turned_outline
+from s2r_host.perception.view import DepthView
+from s2r_host.run.observe import Observation
+
+LEAST_TURN_RAD = np.radians(3.0)  # by which a knob has surely turned
+
+
+class KnobWatch:
+    """What of a first look are knobs with spokes, followed through the looks after it.
+
+    Spokes are alike: from one look to the next a knob must turn by less than half their spacing.
+    """
+
+    def __init__(self, first: Observation) -> None:
+        """Find them."""
+        self._first = self._last = first
+        self._found: list[KnobOutline] = []
+        deck_m = deck_height(first.scene.p_base)
+        for knob in find_knobs(first.scene):
+            middle = knob.spokes[0].p_root
+            reach_m = max(float(np.linalg.norm(spoke.p_tip - middle)) for spoke in knob.spokes)
+            outline = fit_outline(first.capture.frame, middle, reach_m, deck_m)
+            if outline is not None:
+                self._found.append(outline)
+        self.now: list[KnobOutline] = list(self._found)
+
+    def look(self, view: Observation) -> None:
+        """Follow them into another look; one that is hidden there stays as it was."""
+        for k, outline in enumerate(self.now):
+            turned = turned_outline(outline, view.capture.frame)
+            if turned is not None:
+                self.now[k] = replace(outline, angle=turned.angle, explained=turned.explained)
+        self._last = view
+
+    def joint(self) -> JointEstimate | None:
+        """The joint of the one that turned furthest since the first look; None where none surely did."""
+        if not self._found:
+            return None
+        turns = [abs(now.angle - found.angle) for found, now in zip(self._found, self.now, strict=True)]
+        k = int(np.argmax(turns))
+        if turns[k] < LEAST_TURN_RAD:
+            return None
+        before, after = (DepthView(view.capture.frame, view.arm_mask) for view in (self._first, self._last))
+        return knob_joint(before, after, self._found[k], self.now[k])
