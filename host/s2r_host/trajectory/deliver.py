@@ -31,8 +31,8 @@ logger = logging.getLogger(__name__)
 SEED_STEP = 1000  # between the seeds of attempts at one task
 _CORRECTIONS = 5
 # Success bands that a slightly different object may be off, and, of what displaces a hinge, times its own turn at the
-# fingertip: beside a knob's axis 3 mm are 6 degrees. More means that the part was lost.
-_FRAGILE, _DISPLACED = 4.0, 1.25
+# fingertip, up to half of what is asked for: beside a knob's axis 3 mm are 6 degrees. More means that the part was lost.
+_FRAGILE, _DISPLACED, _LOST = 4.0, 1.25, 0.5
 _LEAST_LEVER_M = 0.02
 _FRAGILE_PRESS = 1.5  # of the press that the believed object may feel
 _FRAGILE_CONTACT = 1.25  # of the joint torque that contact may cause
@@ -239,7 +239,7 @@ def _fragility(
             "the executor takes half of it for a collision"
         ), False
     scenes = [perturbation.applied(scene) for perturbation in perturbations]
-    lever_m = _lever_m(delivery, scene)
+    lever_m, lost = _lever_m(delivery, scene), _LOST * abs(request.s_target - request.s_initial)
     for perturbation, played in zip(
         perturbations, replays(delivery.trajectory, request, scenes), strict=True
     ):
@@ -253,7 +253,7 @@ def _fragility(
             share = f"{played.contact_share:.0%} of a joint's torque limit"
             return f"fragile: with the {perturbation} contact takes {share}", False
         displaced = _DISPLACED * float(np.linalg.norm(perturbation.shift_m)) / lever_m
-        if abs(played.error) > max(_FRAGILE * tolerance, displaced):
+        if abs(played.error) > max(_FRAGILE * tolerance, min(displaced, lost)):
             falls = _falls_with(request, scene, perturbation)
             if falls is not None:
                 return (
