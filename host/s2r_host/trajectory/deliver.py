@@ -31,7 +31,7 @@ logger = logging.getLogger(__name__)
 SEED_STEP = 1000  # between the seeds of attempts at one task
 _CORRECTIONS = 5
 # Success bands that a slightly different object may be off, and, of what displaces a hinge, times its own turn at the
-# fingertip, up to half of what is asked for: beside a knob's axis 3 mm are 6 degrees. More means that the part was lost.
+# fingertip, up to half of what is asked for: beside a knob's axis 3 mm are 6 degrees. More means the part was lost.
 _FRAGILE, _DISPLACED, _LOST = 4.0, 1.25, 0.5
 _LEAST_LEVER_M = 0.02
 _FRAGILE_PRESS = 1.5  # of the press that the believed object may feel
