@@ -47,12 +47,15 @@ def shadow(p_base: np.ndarray, p_camera: np.ndarray, depth_m: float = SHADOW_DEP
 
 
 def cloud_obstacle(
-    p_base: np.ndarray, p_camera: np.ndarray | None = None, name: str = "observed object"
+    p_base: np.ndarray,
+    p_camera: np.ndarray | None = None,
+    name: str = "observed object",
+    shadow_m: float = SHADOW_DEPTH_M,
 ) -> Obstacle:
-    """The observed points as an octree of 1 cm voxels; with ``p_camera`` the space behind them is filled too."""
+    """The observed points as an octree of 1 cm voxels; with ``p_camera`` so much space behind them is filled too."""
     points = voxels(p_base)
     if p_camera is not None and len(points):
-        points = voxels(shadow(points, p_camera))
+        points = voxels(shadow(points, p_camera, shadow_m))
     return Obstacle(name, coal.makeOctree(points, VOXEL_M), np.eye(4))
 
 

@@ -17,7 +17,7 @@ from s2r_host.motion.front import Front
 from s2r_host.motion.inverse import InverseKinematics, seeds_around
 from s2r_host.motion.joint_motion import plan_joint_motion
 from s2r_host.motion.lid import Lid
-from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
+from s2r_host.motion.obstacles import SHADOW_DEPTH_M, Obstacle, cloud_obstacle, table_obstacle
 from s2r_host.motion.push_proposals import PushProposal
 from s2r_host.motion.scene import Scene
 from s2r_host.perception.motion import Push
@@ -50,12 +50,24 @@ def push_scene(scene: Scene, front: Front) -> PushScene:
     )
 
 
-def piece_scene(scene: Scene, piece: np.ndarray, margin_m: float = 0.004) -> PushScene:
-    """A piece of the observed points, shape (m, 3), moves; the rest of them stays."""
+def piece_scene(
+    scene: Scene, piece: np.ndarray, shadow_m: float = SHADOW_DEPTH_M, margin_m: float = 0.004
+) -> PushScene:
+    """A piece of the observed points, shape (m, 3), moves; the rest of them stays.
+
+    Args:
+        scene: All of them.
+        piece: The piece [m].
+        shadow_m: So deep behind what was seen unseen space counts as solid [m].
+        margin_m: Points this near to the piece are of it.
+    """
     moves = cKDTree(piece).query(scene.p_base, distance_upper_bound=margin_m)[0] <= margin_m
     return PushScene(
-        static=(table_obstacle(), cloud_obstacle(scene.p_base[~moves], scene.p_camera)),
-        part=cloud_obstacle(piece, scene.p_camera, name=PART),
+        static=(
+            table_obstacle(),
+            cloud_obstacle(scene.p_base[~moves], scene.p_camera, shadow_m=shadow_m),
+        ),
+        part=cloud_obstacle(piece, scene.p_camera, name=PART, shadow_m=shadow_m),
     )
 
 

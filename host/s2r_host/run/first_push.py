@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, tee
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from s2r_host.errors import ArmStoppedError, NoMotionError, SceneError
 from s2r_host.motion.front import find_front
 from s2r_host.motion.lid import find_lid
 from s2r_host.motion.lid_proposals import lid_proposals
+from s2r_host.motion.obstacles import SHADOW_DEPTH_M
 from s2r_host.motion.push import PushMotion, PushScene, lid_scene, piece_scene, plan_push, push_scene
 from s2r_host.motion.push_proposals import PushProposal, push_proposals
 from s2r_host.motion.scene import Scene
@@ -28,6 +29,9 @@ from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import FAUCET, LAPTOP
 from s2r_host.run.travel import FREE, LEAVING, NEVER, timed
 
+# How deep what hides behind a faucet may be: usually, and where no push at the likeliest piece has room. Levers and
+# spouts are thin, and the executor stops the arm at what is there after all.
+SHADOWS_M = (SHADOW_DEPTH_M, 0.02)
 PUSH = 1  # place of the push itself among the motions: approach, push, back, home
 
 
@@ -213,8 +217,9 @@ def _levers(
     """What may be the lever, after what earlier pushes have shown."""
     geometry = GuessSettings(settings.lever_push, settings.network_push)
     for guess in lever_guesses(scene, found, geometry, [one.tried for one in earlier], knobs):
-        proposals = proposals_at(guess.proposals, settings.at)
-        yield Pushable(None, piece_scene(scene, guess.p), proposals, fresh=True)
+        for shadow_m, proposals in zip(SHADOWS_M, tee(guess.proposals, len(SHADOWS_M)), strict=True):
+            pushed = piece_scene(scene, guess.p, shadow_m)
+            yield Pushable(None, pushed, proposals_at(proposals, settings.at), fresh=True)
 
 
 def _without_arm(view: Observation) -> DepthFrame:

@@ -15,6 +15,7 @@ from s2r_host.perception.view import DepthView
 from s2r_host.run.observe import Observation
 
 LEAST_TURN_RAD = np.radians(3.0)  # by which a knob has surely turned
+STAYS_M = 0.0015  # an axis; what shifts further is a bar that turns about one of its ends, and no knob
 
 
 class KnobWatch:
@@ -37,11 +38,16 @@ class KnobWatch:
         self.now: list[KnobOutline] = list(self._found)
 
     def look(self, view: Observation) -> None:
-        """Follow them into another look; one that is hidden there stays as it was."""
-        for k, outline in enumerate(self.now):
+        """Follow them into another look; one that is hidden there stays as it was, one that shifts was none."""
+        followed = []
+        for found, outline in zip(self._found, self.now, strict=True):
             turned = turned_outline(outline, view.capture.frame)
-            if turned is not None:
-                self.now[k] = replace(outline, angle=turned.angle, explained=turned.explained)
+            if turned is None:
+                followed.append((found, outline))
+            elif np.linalg.norm(turned.p_axis - outline.p_axis) < STAYS_M:
+                now = replace(outline, angle=turned.angle, explained=turned.explained)
+                followed.append((found, now))
+        self._found, self.now = [found for found, _ in followed], [now for _, now in followed]
         self._last = view
 
     def joint(self) -> JointEstimate | None:
