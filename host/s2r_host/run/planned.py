@@ -32,7 +32,7 @@ logger = logging.getLogger(__name__)
 
 # Share of the usual doubt about the object, one per try. In the end a plan that only just holds is better than none:
 # where the part then is will be seen, and there is nothing yet to spoil.
-DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.0)
+DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.0, 0.0, 0.0)
 # A correction of a part that is nearly where it should be is worth less than what a daring one can spoil.
 CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
 STOP_DOUBT, MOST_STOPS = 0.5, 3  # of a plan that ends on the way
