@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ logger = logging.getLogger(__name__)
 DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.0, 0.0, 0.0)
 # A correction of a part that is nearly where it should be is worth less than what a daring one can spoil.
 CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
-STOP_DOUBT, MOST_STOPS = 0.5, 3  # of a plan that ends on the way
+STOP_DOUBTS, MOST_STOPS = (0.5, 0.0), 3  # of a plan that ends on the way
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -109,11 +110,10 @@ def prepare_manipulation(
         except RefusedError as error:
             reasons.append(str(error))
             logger.info("try %d to plan manipulation %d: %s", k + 1, number, error)
-    for k, stop in enumerate(_stops(session, belief, s_initial) if far else ()):
+    stops = _stops(session, belief, s_initial) if far else []
+    for k, (doubt, stop) in enumerate(product(STOP_DOUBTS, stops)):
         try:
-            planned = _prepare_once(
-                session, belief, number, s_initial, stop, view, len(DOUBTS) + k, STOP_DOUBT
-            )
+            planned = _prepare_once(session, belief, number, s_initial, stop, view, len(DOUBTS) + k, doubt)
         except RefusedError as error:
             logger.info("to stop at %.4f on the way: %s", stop, error)
         else:
@@ -135,7 +135,7 @@ def _stops(session: Session, belief: Belief, s_initial: float) -> list[float]:
     low, high = belief.model.range
     if belief.template.slides or not low <= session.target <= high:
         return []
-    request = _request(session, belief, 0, s_initial, session.target, 0, STOP_DOUBT)
+    request = _request(session, belief, 0, s_initial, session.target, 0, STOP_DOUBTS[0])
     scene = scene_of(request)
     world = FineWorld(scene, np.asarray(request.q_initial), s_initial)
     try:
