@@ -8,7 +8,7 @@ from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 from s2r_host.gap.solution import Solution
 
-WRONG_SHARE, CLEAR = 0.35, 2.0  # of a part; deviations, by noise three times as strong as seen
+WRONG_SHARE, CLEAR = 0.35, 1.2  # of a part; deviations, by noise three times as strong as seen
 FAR = 5.0  # deviations of a number of the model; right names ask for 4.0 at most in the tuning sets
 MAY_MOVE = ("timing", "edge", "effort_offset")  # of the comparison, not of the machine
 
