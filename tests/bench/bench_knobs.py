@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from s2r_host.motion.knobs import find_knobs
-from s2r_host.motion.levers import deck_height
+from s2r_host.motion.knobs import find_knobs, knob_deck
 from s2r_host.motion.scene import observed_scene
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.knob_outline import fit_outline, turned_outline
@@ -72,7 +71,7 @@ def job(number: int) -> dict[str, Any]:
         if np.linalg.norm(middle[:2] - p_axis[:2]) > NEAR_M:
             continue
         row["found"] = True
-        outline = fit_outline(frames[0], middle, reach_m, deck_height(scene.p_base))
+        outline = fit_outline(frames[0], middle, reach_m, knob_deck(scene.p_base))
         if outline is None:
             continue
         row["outlined"] = True

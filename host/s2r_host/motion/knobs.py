@@ -12,7 +12,6 @@ from scipy import ndimage
 
 from s2r_host.motion.levers import (
     COLUMN_RADIUS_M,
-    DECK_BAND_M,
     LEAST_POINTS,
     LeverCandidate,
     column,
@@ -22,6 +21,7 @@ from s2r_host.motion.levers import (
 from s2r_host.motion.scene import Scene
 
 LEAST_KNOB_POINTS = 100
+LOW_BAND_M = 0.005  # above the deck: knobs may be as low as 15 mm
 RADIUS_M = (0.02, 0.065)
 COMPACT = 0.55  # width over length of its outline from above
 MOST_HEIGHT_M = 0.09  # of its top over the deck
@@ -47,11 +47,16 @@ class Knob:
     spokes: tuple[LeverCandidate, ...]
 
 
+def knob_deck(p: np.ndarray) -> float:
+    """Height of what knobs stand on [m], however thin; of points (n, 3)."""
+    return deck_height(p, 0.0)
+
+
 def find_knobs(scene: Scene) -> list[Knob]:
     """What may be a knob, the one with most points first; maybe none."""
     p = scene.p_base
-    deck_m = deck_height(p)
-    above = p[p[:, 2] > deck_m + DECK_BAND_M]
+    deck_m = knob_deck(p)
+    above = p[p[:, 2] > deck_m + LOW_BAND_M]
     if len(above) < LEAST_POINTS:
         return []
     axis = column(above, deck_m, scene.p_camera)

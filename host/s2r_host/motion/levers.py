@@ -125,8 +125,11 @@ def _candidates(
     return found if stub is None else [stub]
 
 
-def deck_height(p: np.ndarray) -> float:
-    """Top of the plate or block the object stands on: the highest of the widest level surfaces, wider than a spout."""
+def deck_height(p: np.ndarray, least_m: float = THIN_DECK_M) -> float:
+    """Top of the plate or block the object stands on: the highest of the widest level surfaces, wider than a spout.
+
+    Thin plates count as ``least_m`` high: of levers nothing is that low.
+    """
     cells = np.floor(p / CELL_M).astype(int)
     low = cells.min(axis=0)
     cells = np.unique(cells - low, axis=0)
@@ -135,7 +138,7 @@ def deck_height(p: np.ndarray) -> float:
     wide = [_deck_cells(top, level) for level in range(int(top.max()) + 1)]
     enough = np.flatnonzero(np.array(wide) >= max(DECK_CELLS, DECK_SHARE * max(wide)))
     if len(enough):
-        return max(THIN_DECK_M, float((low[2] + enough[-1] + 1) * CELL_M))
+        return max(least_m, float((low[2] + enough[-1] + 1) * CELL_M))
     return THIN_DECK_M
 
 

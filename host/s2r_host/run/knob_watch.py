@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from s2r_host.motion.knobs import find_knobs
-from s2r_host.motion.levers import deck_height
+from s2r_host.motion.knobs import find_knobs, knob_deck
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.knob_joint import knob_joint
 from s2r_host.perception.knob_outline import KnobOutline, fit_outline, turned_outline
@@ -28,7 +27,7 @@ class KnobWatch:
         """Find them."""
         self._first = self._last = first
         self._found: list[KnobOutline] = []
-        deck_m = deck_height(first.scene.p_base)
+        deck_m = knob_deck(first.scene.p_base)
         for knob in find_knobs(first.scene):
             middle = knob.spokes[0].p_root
             reach_m = max(float(np.linalg.norm(spoke.p_tip - middle)) for spoke in knob.spokes)

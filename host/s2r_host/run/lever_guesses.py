@@ -18,7 +18,14 @@ from s2r_host.motion.knob_proposals import knob_proposals
 from s2r_host.motion.knobs import Knob, find_knobs
 from s2r_host.motion.lever_axes import UP, LeverAxis, aside_m, level_axis, upright_axis, with_room_first
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
-from s2r_host.motion.levers import LeverCandidate, find_levers, pieces
+from s2r_host.motion.levers import (
+    DECK_BAND_M,
+    LeverCandidate,
+    column,
+    deck_height,
+    find_levers,
+    pieces,
+)
 from s2r_host.motion.push_proposals import PushProposal
 from s2r_host.motion.scene import Scene
 from s2r_host.perception.affordance import Affordance
@@ -34,9 +41,14 @@ BESIDE_M = 0.025  # by which a line passes the body's axis if the lever is at th
 # A piece that only the network sees; such pieces were on the part in a quarter of the views.
 SEEN_BY_NETWORK = 0.25
 BELIEVED = 0.4  # belief that a point belongs to the part, from which on it is taken for a piece of it
+# Such a piece mostly is the lever on top of the body, half hidden by the spout: it turns about the body's axis. The
+# network's line of its motion is off by 30 degrees and more there.
+ON_BODY, LEAST_REACH_M, FAR_END = 0.75, 0.035, 90.0  # chance; radius of its far end; percentile of its points
+USUAL_WIDTH_M = 0.025  # of a lever as a camera sees it
 LEAST_POINTS = 100
 KNOB_DEPTH_M = 0.014  # least way of the fingertip: the spoke of a knob is short
-OUTLINED = 50.0  # odds of a knob whose spokes colours tell: what has them is there to be turned
+# Odds of a knob whose spokes colours tell: what has them is there to be turned. With two it may be a piece of a bar.
+OUTLINED, OUTLINED_BAR = 50.0, 3.0
 OWN = 0.5  # share of a piece's points that are a knob's, from which on it is no lever of its own
 KNOB = 1.5  # odds of a knob with spokes that the network fully believes in, against one it does not at all
 
@@ -147,7 +159,7 @@ def lever_guesses(
     shown = [guess for one in outlined if (guess := _about_outlined(one, scene, found)) is not None]
     known = [*(one.p for one in levers), *(one.p for one in knobs), *(one.p for one in shown)]
     guesses = [g for g in guesses if not any(one.covers(g.p).mean() > OWN for one in outlined)] + shown
-    guesses += _about_the_rest(scene, known, found, settings.network_push)
+    guesses += _about_the_rest(scene, known, found, settings)
     weights = [guess.weight * _evidence(guess, guesses, tried) for guess in guesses]
     return [
         replace(guesses[k], weight=weights[k], proposals=_untried(guesses[k], tried))
@@ -236,11 +248,10 @@ def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Gu
     if len(p) < LEAST_POINTS:
         return None
     belief, _ = belief_about(found, p)
+    odds = OUTLINED if outline.spokes > 2 else OUTLINED_BAR
     angle = outline.angle
     line = np.array([-np.sin(angle), np.cos(angle), 0.0])
-    return Guess(
-        p, line, OUTLINED * (0.5 + belief), knob_proposals(outline), p_axis=outline.p_axis, turns=True
-    )
+    return Guess(p, line, odds * (0.5 + belief), knob_proposals(outline), p_axis=outline.p_axis, turns=True)
 
 
 def wrong_end(lever: LeverCandidate) -> float:
@@ -252,20 +263,55 @@ def wrong_end(lever: LeverCandidate) -> float:
 
 
 def _about_the_rest(
-    scene: Scene, known: Sequence[np.ndarray], found: Affordance, settings: NetworkPushSettings
+    scene: Scene, known: Sequence[np.ndarray], found: Affordance, settings: GuessSettings
 ) -> Iterator[Guess]:
     """Pieces that do not look like levers or knobs, but that the network believes to move."""
     p = scene.p_base
     rest = found.part[cKDTree(found.cloud.points).query(p)[1]] >= BELIEVED
     for piece in known:
         rest &= cKDTree(piece).query(p)[0] > 0.0
-    pushes = list(proposals_of(found, settings))
+    pushes = list(proposals_of(found, settings.network_push))
     for piece in pieces(p[rest], LEAST_POINTS):
+        belief, _ = belief_about(found, piece)
+        weight = SEEN_BY_NETWORK * belief
+        on_body = _about_body(piece, scene, ON_BODY * weight, settings.lever_push)
+        if on_body is not None:
+            yield on_body
+            weight *= 1.0 - ON_BODY
         near = cKDTree(piece)
         own = [push for push in pushes if near.query(push.p_contact)[0] < ABOUT_M]
         if own:
-            belief, _ = belief_about(found, piece)
-            yield Guess(piece, own[0].direction, SEEN_BY_NETWORK * belief, iter(own))
+            yield Guess(piece, own[0].direction, weight, iter(own))
+
+
+def _about_body(piece: np.ndarray, scene: Scene, weight: float, settings: LeverPushSettings) -> Guess | None:
+    """A piece that turns about the body's upright axis; None where it lies too near to that."""
+    deck_m = deck_height(scene.p_base)
+    above = scene.p_base[scene.p_base[:, 2] > deck_m + DECK_BAND_M]
+    p_body = column(above, deck_m, scene.p_camera)
+    away = np.linalg.norm(piece[:, :2] - p_body, axis=1)
+    p_tip = np.median(piece[away >= np.percentile(away, FAR_END)], axis=0)
+    reach_m = float(np.linalg.norm(p_tip[:2] - p_body))
+    if reach_m < LEAST_REACH_M:
+        return None
+    p_root = np.append(p_body, np.median(piece[away <= np.median(away), 2]))
+    outward = np.append((p_tip[:2] - p_body) / reach_m, 0.0)
+    lever = LeverCandidate(
+        p=piece,
+        p_root=p_root,
+        p_tip=p_tip,
+        width_m=USUAL_WIDTH_M,
+        bend=0.0,
+        towards_user=float(-outward[0]),
+        outward=outward,
+        above_deck_m=float(piece[:, 2].min()) - deck_m,
+        radial=1.0,
+        rooted=False,
+        p_body=p_body,
+    )
+    axis = LeverAxis(p_root, UP)
+    proposals = lever_proposals(lever, with_room_first(axis, lever), settings)
+    return Guess(piece, axis.way(p_tip), weight, proposals, p_tip, p_root)
 
 
 def _evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) -> float:

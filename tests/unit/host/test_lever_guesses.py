@@ -191,3 +191,23 @@ def test_a_level_lever_beside_the_body_swings_and_one_that_leads_away_from_it_do
     on_top = piece((0.56, 0.0, 0.2), (0.46, 0.0, 0.21))
     assert np.dot(SWINGS, swing_features(beside, no_line)) > 0.0
     assert np.dot(SWINGS, swing_features(on_top, no_line)) < -3.0
+
+
+def test_what_only_the_network_sees_is_turned_about_the_body_before_it_is_pushed_as_the_network_says():
+    """What the spout half hides is no straight piece, and the network's line of its motion is far off there."""
+    rng = np.random.default_rng(1)
+    angle, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0.0, 0.2, 4000)
+    post = np.column_stack([0.6 + 0.02 * np.cos(angle), 0.02 * np.sin(angle), z])
+    lump = np.array([0.58, 0.06, 0.19]) + rng.uniform(-0.014, 0.014, (1500, 3))
+    scene = Scene(np.concatenate([post, lump]), np.array([0.0, -0.45, 0.55]))
+    found = undecided(scene)
+    slanted = PushProposal(lump[0], np.array([0.0, 1.0, 0.0]), np.array([0.6, 0.0, -0.8]), 0.9, 0.9)
+    on_lump = np.linalg.norm(found.cloud.points - lump.mean(axis=0), axis=1) < 0.04
+    found = replace(found, part=np.where(on_lump, 0.9, 0.0), proposals=(slanted,))
+    first, second = guesses(scene, found=found)[:2]
+    assert first.weight > second.weight
+    assert first.p_held is not None
+    assert abs(first.line @ UP) < 1e-9
+    out = np.array([-0.02, 0.06, 0.0]) / np.hypot(0.02, 0.06)
+    assert abs(first.line @ out) < 0.3
+    assert second.line @ slanted.direction > 0.99
