@@ -1,4 +1,4 @@
-"""Running a tool over all cases of a set: a spawn pool, resumable, each case in a folder of its own.
+"""Running a tool over all cases of a set: several at a time, resumable, each case in a folder of its own.
 
 The tool sees a temporary folder with ``model.xml`` and the three recordings and nothing else; sealed answers,
 manifest and other cases are not beside it.
@@ -7,19 +7,20 @@ manifest and other cases are not beside it.
 from __future__ import annotations
 
 import json
-import multiprocessing
 import shlex
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Protocol
 
 from s2r_conceal.errors import ConcealError
 from s2r_conceal.seal import check_files, publish_verdicts, read_manifest
 
+INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)  # how a program ends that a Ctrl-C has reached
 ROLES = ("fit", "holdout", "repeat")
 INPUTS = ("model.xml", *(f"{role}.{kind}" for role in ROLES for kind in ("csv", "yaml")))
 
@@ -58,11 +59,16 @@ def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar
     todo = [c for c in manifest["cases"] if not (folder / "verdicts" / f"{c}.json").is_file()]
     bar.length = len(manifest["cases"])
     bar.update(len(manifest["cases"]) - len(todo))
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    # Threads: each of them waits for a process of its own.
+    with ThreadPoolExecutor(workers) as pool:
         pending = [pool.submit(run_case, folder, case, words, timeout_s) for case in todo]
-        for done in as_completed(pending):
-            done.result()
-            bar.update(1)
+        try:
+            for done in as_completed(pending):
+                done.result()
+                bar.update(1)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)  # else what is queued would be worked off first
+            raise
     return publish_verdicts(folder)
 
 
@@ -144,7 +150,11 @@ def _program(command: str) -> list[str]:
 
 
 def run_case(folder: Path, case: str, words: list[str], timeout_s: float) -> None:
-    """Run the tool on one case and write its verdict file, whole or not at all."""
+    """Run the tool on one case and write its verdict file, whole or not at all.
+
+    Raises:
+        ConcealError: The tool was interrupted, which is no verdict.
+    """
     with tempfile.TemporaryDirectory(prefix="s2r-case-") as scratch:
         place = Path(scratch)
         for name in INPUTS:
@@ -169,6 +179,10 @@ def _run(place: Path, words: list[str], timeout_s: float) -> dict[str, Any]:
             words, cwd=place, capture_output=True, text=True, timeout=timeout_s, check=False
         )
         code, said = ended.returncode, ended.stderr
+        if code in INTERRUPTED:
+            raise ConcealError(
+                "the tool was interrupted; what is answered so far stays, start again to go on"
+            )
     except subprocess.TimeoutExpired:
         code, said = None, f"no answer within {timeout_s:g} s"
     found = place / "out" / "gap.json"

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import sys
 import xml.etree.ElementTree as ET
 
@@ -284,3 +285,14 @@ def test_only_what_failed_is_drawn_anew_on_an_arm(monkeypatch):
     found, _ = draw.calibrated(cases)
     assert seen == [3, 1]
     assert [a is b for a, b in zip(found, cases, strict=True)] == [True, False, True]
+
+
+def test_an_interrupted_tool_has_given_no_verdict_and_what_is_queued_is_left_alone(drawn, tmp_path):
+    folder = tmp_path / "set"
+    shutil.copytree(drawn[0] / "one", folder, ignore=shutil.ignore_patterns("verdicts", "verdicts.sha256"))
+    tool, calls = tmp_path / "tool.py", tmp_path / "calls"
+    tool.write_text(f"open({str(calls)!r}, 'a').write('x')\nraise SystemExit(130)\n")
+    with pytest.raises(ConcealError, match="interrupted"):
+        run_all(folder, f"{sys.executable} {tool}", 1, 60.0, _Bar())
+    assert not list((folder / "verdicts").iterdir())
+    assert len(calls.read_text()) <= 2
