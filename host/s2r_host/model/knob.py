@@ -9,17 +9,13 @@ from s2r_host.perception.knob_outline import KnobOutline
 
 THICK_M = 0.012  # of spokes, which no camera tells; a fingertip meets them near their top
 CORNERS = 16  # of the prism that stands for the hub
+ON_FOOT_M = 0.006  # above what it stands on, where that is seen no more
 
 
 def knob_pieces(outline: KnobOutline) -> list[Piece]:
     """Hub and spokes of the moving part, in the pose of the outline."""
     top = float(outline.p_axis[2])
-    angle = 2.0 * np.pi * (np.arange(CORNERS) + 0.5) / CORNERS
-    ring = outline.hub_m / np.cos(np.pi / CORNERS) * np.column_stack([np.cos(angle), np.sin(angle)])
-    corners = [
-        np.column_stack([outline.p_axis[:2] + ring, np.full(CORNERS, z)]) for z in (outline.foot_m, top)
-    ]
-    pieces = [hull("hub", "part", np.concatenate(corners))]
+    pieces = [_prism("hub", outline, outline.hub_m / np.cos(np.pi / CORNERS), outline.foot_m, 0.5)]
     half = 0.5 * outline.width_m
     for k, turn in enumerate(outline.angles()):
         X = np.eye(4)
@@ -32,9 +28,12 @@ def knob_pieces(outline: KnobOutline) -> list[Piece]:
 
 def around_knob(outline: KnobOutline) -> Piece:
     """Everything that the knob may take up, whatever way it is turned: nothing else stands there."""
-    angle = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
-    ring = outline.p_axis[:2] + outline.reach_m * np.column_stack([np.cos(angle), np.sin(angle)])
-    heights = outline.foot_m + 0.006, float(outline.p_axis[2])
-    return hull(
-        "around", "part", np.concatenate([np.column_stack([ring, np.full(CORNERS, z)]) for z in heights])
-    )
+    return _prism("around", outline, outline.reach_m, outline.foot_m + ON_FOOT_M, 0.0)
+
+
+def _prism(name: str, outline: KnobOutline, corner_m: float, low_m: float, first: float) -> Piece:
+    """An upright prism about the axis, from a height to the knob's top; ``first`` corner, in steps from x."""
+    angle = 2.0 * np.pi * (np.arange(CORNERS) + first) / CORNERS
+    ring = outline.p_axis[:2] + corner_m * np.column_stack([np.cos(angle), np.sin(angle)])
+    ends = [np.column_stack([ring, np.full(CORNERS, z)]) for z in (low_m, float(outline.p_axis[2]))]
+    return hull(name, "part", np.concatenate(ends))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 from scipy.optimize import least_squares
 
+from s2r_host.motion.robot_mask import back_project
 from s2r_host.perception.frames import DepthFrame
 
 Array = NDArray[np.floating]
@@ -29,10 +30,8 @@ TOP_M = 0.010  # about the middle, where the hub's top is seen
 LEAST_TOP = 25  # depth readings there
 BELOW_M = 0.02  # height of a side that may be seen; further down it is in the shade of what is above
 BESIDE_M = 0.006  # beyond the tips: what is there is not the knob's
-ABOVE_FOOT_M, ABOVE_TOP_M = (
-    0.004,
-    0.008,
-)  # within these heights of what it stands on, and of its top, it is seen
+# It is seen from so far above what it stands on, to so far above its top.
+ABOVE_FOOT_M, ABOVE_TOP_M = 0.004, 0.008
 COLOURS = 8  # of what is around it
 CONTRAST = 6.0  # 8-bit levels over which a colour goes from the knob's to another
 EDGE_M = 0.0007  # over which the outline is drawn
@@ -118,16 +117,13 @@ def fit_outline(frame: DepthFrame, p_middle: Array, reach_m: float, foot_m: floa
     return best if best.explained > LEAST_EXPLAINED else None
 
 
-def turned_outline(
-    outline: KnobOutline, frame: DepthFrame, expected: float = 0.0, reach: float | None = None
-) -> KnobOutline | None:
+def turned_outline(outline: KnobOutline, frame: DepthFrame, expected: float = 0.0) -> KnobOutline | None:
     """The same knob in another look from any place, turned.
 
     Args:
         outline: In an earlier look.
         frame: The new one.
-        expected: About how far it has turned [rad]; spokes are alike, so that turns are told up to their spacing.
-        reach: So far from there it is looked for [rad]; half the spacing if left out.
+        expected: About how far it has turned [rad]: to half the spacing of the spokes, which are alike.
 
     Returns:
         With ``angle`` changed by the turn; None where no turn explains the colours.
@@ -135,8 +131,7 @@ def turned_outline(
     if frame.colour is None:
         return None
     seen = _Seen.of(frame, outline.p_axis, outline.reach_m)
-    reach = 0.5 * outline.pitch if reach is None else reach
-    turns = np.arange(-reach, reach + 1e-9, TURN_STEP_RAD)
+    turns = np.arange(-0.5 * outline.pitch, 0.5 * outline.pitch + 1e-9, TURN_STEP_RAD)
     coarse = seen.coarse()
     starts = [replace(outline, angle=outline.angle + expected + turn) for turn in turns]
     start = min(starts, key=lambda one: coarse.cost(one))
@@ -150,7 +145,7 @@ def turned_outline(
         weight = seen.weight(at(x0))
         found = least_squares(
             lambda x, weight=weight: np.concatenate([seen.residuals(at(x), weight), x[:2]]),
-            x0, diff_step=1e-3, loss="linear", max_nfev=30,
+            x0, diff_step=1e-3, max_nfev=30,
         )  # fmt: skip
         x0 = found.x
     turned = at(x0)
@@ -275,17 +270,11 @@ def _fitted(seen: _Seen, start: KnobOutline) -> KnobOutline:
             angle=float(x[5]),
         )
 
-    low = 100.0 * np.array([-SHIFT_M, -SHIFT_M, HUB_M[0], BEYOND_M[0], WIDTH_M[0], -0.5])
-    high = 100.0 * np.array([SHIFT_M, SHIFT_M, HUB_M[1], BEYOND_M[1], WIDTH_M[1], 0.5])
-    low[5], high[5] = start.angle - 1.0, start.angle + 1.0
-    x = np.array(
-        [
-            0.0,
-            0.0,
-            *(100.0 * np.array([start.hub_m, start.reach_m - start.hub_m, start.width_m])),
-            start.angle,
-        ]
-    )
+    sizes = np.array([start.hub_m, start.reach_m - start.hub_m, start.width_m])
+    (least, most), shift = np.transpose([HUB_M, BEYOND_M, WIDTH_M]), np.full(2, SHIFT_M)
+    low = np.append(100.0 * np.concatenate([-shift, least]), start.angle - 1.0)
+    high = np.append(100.0 * np.concatenate([shift, most]), start.angle + 1.0)
+    x = np.append(100.0 * np.concatenate([np.zeros(2), sizes]), start.angle)
     x = np.clip(x, low + 1e-3, high - 1e-3)
     for _ in range(ROUNDS):
         weight = seen.weight(at(x))
@@ -310,12 +299,7 @@ def _top(frame: DepthFrame, p_middle: Array) -> Array | None:
     near = ((us - u) ** 2 + (vs - v) ** 2 < r * r) & (frame.depth_m > 0.0)
     if near.sum() < LEAST_TOP:
         return None
-    z = frame.depth_m[near]
-    p_C = np.column_stack(
-        [(us[near] - frame.K[0, 2]) / frame.K[0, 0] * z, (vs[near] - frame.K[1, 2]) / frame.K[1, 1] * z, z]
-    )
-    p = p_C @ frame.X_base_camera[:3, :3].T + frame.X_base_camera[:3, 3]
-    return np.append(p_middle[:2], float(np.median(p[:, 2])))
+    return np.append(p_middle[:2], float(np.median(back_project(frame)[near][:, 2])))
 
 
 def _pixels(frame: DepthFrame, p: Array) -> Array:

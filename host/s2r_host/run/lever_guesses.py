@@ -271,10 +271,17 @@ def _about_the_rest(
     for piece in known:
         rest &= cKDTree(piece).query(p)[0] > 0.0
     pushes = list(proposals_of(found, settings.network_push))
+    deck_m = deck_height(p)
+    above = p[p[:, 2] > deck_m + DECK_BAND_M]
+    p_body = column(above, deck_m, scene.p_camera) if len(above) else None
     for piece in pieces(p[rest], LEAST_POINTS):
         belief, _ = belief_about(found, piece)
         weight = SEEN_BY_NETWORK * belief
-        on_body = _about_body(piece, scene, ON_BODY * weight, settings.lever_push)
+        on_body = (
+            None
+            if p_body is None
+            else _about_body(piece, p_body, deck_m, ON_BODY * weight, settings.lever_push)
+        )
         if on_body is not None:
             yield on_body
             weight *= 1.0 - ON_BODY
@@ -284,11 +291,10 @@ def _about_the_rest(
             yield Guess(piece, own[0].direction, weight, iter(own))
 
 
-def _about_body(piece: np.ndarray, scene: Scene, weight: float, settings: LeverPushSettings) -> Guess | None:
+def _about_body(
+    piece: np.ndarray, p_body: np.ndarray, deck_m: float, weight: float, settings: LeverPushSettings
+) -> Guess | None:
     """A piece that turns about the body's upright axis; None where it lies too near to that."""
-    deck_m = deck_height(scene.p_base)
-    above = scene.p_base[scene.p_base[:, 2] > deck_m + DECK_BAND_M]
-    p_body = column(above, deck_m, scene.p_camera)
     away = np.linalg.norm(piece[:, :2] - p_body, axis=1)
     p_tip = np.median(piece[away >= np.percentile(away, FAR_END)], axis=0)
     reach_m = float(np.linalg.norm(p_tip[:2] - p_body))

@@ -211,3 +211,8 @@ def test_what_only_the_network_sees_is_turned_about_the_body_before_it_is_pushed
     out = np.array([-0.02, 0.06, 0.0]) / np.hypot(0.02, 0.06)
     assert abs(first.line @ out) < 0.3
     assert second.line @ slanted.direction > 0.99
+
+
+def test_where_nothing_stands_above_the_deck_there_is_no_body_to_turn_about():
+    flat = np.random.default_rng(1).uniform([0.5, -0.1, 0.001], [0.7, 0.1, 0.012], (4000, 3))
+    assert guesses(Scene(flat, np.array([0.0, -0.45, 0.55]))) == []
