@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import math
+import textwrap
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from s2r_protocol.exits import UsageError
 
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
 Vector3 = tuple[float, float, float]
+SHORTEST_ROD_M = 1e-3
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -89,6 +95,16 @@ class Rod(_Strict):
     a: Vector3
     b: Vector3
     radius: Positive
+
+    @model_validator(mode="after")
+    def _ends_are_apart(self) -> Rod:
+        length_m = math.dist(self.a, self.b)
+        if length_m < SHORTEST_ROD_M:  # MuJoCo cannot tell its direction
+            raise ValueError(
+                f"shape '{self.name}': a and b are {length_m:g} m apart, at least {SHORTEST_ROD_M:g} m are needed; "
+                "a ball is a capsule of that length"
+            )
+        return self
 
 
 class Box(_Strict):
@@ -201,12 +217,20 @@ def read_source(path: Path) -> ArmSource:
     try:
         return ArmSource.model_validate(raw)
     except ValidationError as error:
-        problems = "\n".join(f"  {_where(e['loc'], raw)}: {_plain(e['msg'])}" for e in error.errors())
+        problems = "\n".join(f"  {_where(e['loc'], raw)}: {_plain(e)}" for e in error.errors())
         raise ArmDescriptionError(f"{path} is not a complete arm description:\n{problems}") from error
 
 
-def _plain(message: str) -> str:
-    return message.removeprefix("Value error, ")
+def _plain(error: ErrorDetails) -> str:
+    """What is wrong with which value; our own checks name theirs."""
+    kind, message = error["type"], error["msg"].removeprefix("Value error, ")
+    if kind == "missing":
+        return "is missing"
+    if kind == "extra_forbidden":
+        return "there is no such key"
+    if kind in ("value_error", "union_tag_invalid"):
+        return message
+    return f"{message}, it is {textwrap.shorten(repr(error['input']), 60)}"
 
 
 def _where(loc: tuple[int | str, ...], raw: dict[str, Any]) -> str:

@@ -19,6 +19,8 @@ from s2r_protocol.machine.software import check_software
 from s2r_protocol.machine.surroundings import check_surroundings
 
 _LONGEST_OFFSET_M = 3.0  # the longest link of an arm that stands on a table is a third of it
+_FARTHEST_LIMIT_RAD = 10 * np.pi  # no cable takes more turns; most limits in degrees are farther
+_CERTIFICATE_DAYS = 365
 _HOLDING_SHARE = 0.9  # what admission leaves of a torque limit
 
 
@@ -109,7 +111,16 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
         text = "no shape is named finger_*: nothing may touch the object"
         fix = "name the fingertip's shapes finger_left, …"
         findings.append(Finding("fingertip", Level.PROBLEM, text, fix))
-    return [*findings, _offsets(arm), *_home_pose(arm)]
+    return [*findings, _offsets(arm), _angles(arm), *_home_pose(arm)]
+
+
+def _angles(arm: ArmDescription) -> Finding:
+    far = np.maximum(np.abs(arm.limits.q_min), np.abs(arm.limits.q_max))
+    joint = int(np.argmax(far))
+    text = f"farthest joint limit: {far[joint]:.4g} rad ('{arm.joint_names[joint]}')"
+    if far[joint] <= _FARTHEST_LIMIT_RAD:
+        return Finding("angles", Level.OK, text)
+    return Finding("angles", Level.PROBLEM, text, "angles are radians, not degrees")
 
 
 def _offsets(arm: ArmDescription) -> Finding:
@@ -180,7 +191,9 @@ def _make_certificates(folder: Path, names: tuple[str, ...], days: int) -> list[
     multiple=True,
     help="With --make-certs: host name or address under which executor and camera are reached. Repeatable.",
 )
-@click.option("--days", default=365, show_default=True, help="With --make-certs: how long they hold.")
+@click.option(
+    "--days", default=_CERTIFICATE_DAYS, show_default=True, help="With --make-certs: how long they hold."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def doctor(
     arm: str | None,
@@ -195,6 +208,12 @@ def doctor(
 
     Exit 0: ready, perhaps with notes. 2: the arm description is incomplete. 3: this machine is not ready.
     """
+    if make_certs is None and (names or days != _CERTIFICATE_DAYS):
+        raise UsageError("--name and --days say what --make-certs DIR shall make; add it")
+    if arm is not None and (bus or make_certs is not None):
+        raise UsageError(
+            "--arm checks a description, --bus this machine, --make-certs writes files: one at a time"
+        )
     if make_certs is not None:
         findings = _make_certificates(make_certs, names, days)
     else:

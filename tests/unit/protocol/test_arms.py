@@ -125,13 +125,13 @@ def _break(raw, what):
     joints, links = raw["joints"], raw["links"]
     if what == "missing mass":
         del links[4]["mass"]
-        return r"links\[4\] \(link4\).mass: Field required"
+        return r"links\[4\] \(link4\).mass: is missing"
     if what == "negative limit":
         joints[1]["ddq_max"] = -6.0
-        return r"joints\[1\] \(joint2\).ddq_max: Input should be greater than 0"
+        return r"joints\[1\] \(joint2\).ddq_max: Input should be greater than 0, it is -6.0"
     if what == "unknown key":
         joints[0]["speed"] = 1.0
-        return r"joints\[0\] \(joint1\).speed"
+        return r"joints\[0\] \(joint1\).speed: there is no such key"
     if what == "unknown parent":
         raw["tool"]["parent"] = "hand"
         return "tool: unknown link 'hand'; this arm has base, link1"
@@ -149,7 +149,10 @@ def _break(raw, what):
         return "link 'gripper' has 2 parents"
     if what == "nan":
         joints[0]["tau_max"] = float("nan")
-        return r"joints\[0\] \(joint1\).tau_max"
+        return r"joints\[0\] \(joint1\).tau_max: Input should be a finite number, it is nan"
+    if what == "rod without length":
+        raw["shapes"][1]["b"] = raw["shapes"][1]["a"]
+        return "shape 'link1_body': a and b are 0 m apart, at least 0.001 m"
     raise AssertionError(what)
 
 
@@ -165,6 +168,7 @@ def _break(raw, what):
         "home outside",
         "two parents",
         "nan",
+        "rod without length",
     ],
 )
 def test_an_incomplete_description_is_refused_by_name(arm, tmp_path, what):

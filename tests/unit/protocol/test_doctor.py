@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli import doctor as module
 from s2r_protocol.exits import UsageError
+from s2r_protocol.machine import Level
 from s2r_protocol.machine.realtime import read_facts
 
 
@@ -54,6 +55,16 @@ def test_the_shipped_arm_is_complete():
     assert result.return_value == 0
     findings = {f["topic"]: f for f in json.loads(result.output)}
     assert findings["model hash"]["text"] == load_arm("xmate3pro").model_hash.hex()
+
+
+def test_limits_in_degrees_are_a_problem(tmp_path):
+    raw = yaml.safe_load((load_arm("xmate3pro").directory / "arm.yaml").read_text())
+    raw["joints"][2]["q"] = [-170.0, 170.0]
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(raw))
+    findings = {f.topic: f for f in module.check_arm(load_arm(tmp_path))}
+    assert findings["angles"].level == Level.PROBLEM
+    assert "170 rad ('joint3')" in findings["angles"].text
+    assert findings["angles"].fix == "angles are radians, not degrees"
 
 
 def test_an_arm_without_a_named_fingertip_is_told_what_to_do(tmp_path):
