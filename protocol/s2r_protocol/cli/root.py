@@ -78,15 +78,21 @@ def s2r() -> None:
 
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
-_USERS_FILES = _FULL | {
-    errno.EACCES,
-    errno.EPERM,
-    errno.EROFS,
-    errno.ENOENT,
-    errno.ENOTDIR,
-    errno.EISDIR,
-    errno.EEXIST,
+_RIGHTS = "this user may not do that there; change its rights, or name a place of your own"
+_SPACE = "make room, or name a place on another disk"
+_NEXT_STEP = {
+    errno.EACCES: _RIGHTS,
+    errno.EPERM: _RIGHTS,
+    errno.EROFS: "name a place that can be written to",
+    errno.ENOENT: "correct the path; for a new file or folder the one above it must exist",
+    errno.ENOTDIR: "correct the path: what stands before the last / must be a folder",
+    errno.EISDIR: "name a file in it",
+    errno.EEXIST: "name another, or move that one away",
+    errno.ENAMETOOLONG: "name a shorter one",
+    errno.ENOSPC: _SPACE,
+    errno.EDQUOT: _SPACE,
 }
+"""What a user can do about a file or folder; any other OSError is a bug."""
 
 
 def _report_bug() -> ExitCode:
@@ -96,6 +102,16 @@ def _report_bug() -> ExitCode:
     traceback.print_exc()
     click.echo("s2r: this is a bug in s2r; please report it with the lines above", err=True)
     return ExitCode.BUG
+
+
+def _report_file(error: OSError) -> ExitCode:
+    """A file or folder the user named, and what to do about it. A full disk has no name: it may show at any write."""
+    full = error.errno in _FULL
+    if error.errno not in _NEXT_STEP or (error.filename is None and not full):
+        return _report_bug()
+    where = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
+    click.echo(f"s2r: {where}{error.strerror}; {_NEXT_STEP[error.errno]}", err=True)
+    return ExitCode.NOT_READY if full else ExitCode.USAGE
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -125,11 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         error.show()
         code = ExitCode.USAGE
     except OSError as error:
-        if error.filename is None or error.errno not in _USERS_FILES:
-            code = _report_bug()
-        else:  # a file or folder the user named
-            click.echo(f"s2r: {os.fsdecode(error.filename)}: {error.strerror}", err=True)
-            code = ExitCode.NOT_READY if error.errno in _FULL else ExitCode.USAGE
+        code = _report_file(error)
     except ImportError:
         # A native module that Ctrl-C meets while it loads turns it into "initialization failed".
         if asked_to_end:

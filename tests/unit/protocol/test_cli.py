@@ -1,5 +1,7 @@
 """The root command: lazy, and every end has its documented exit code."""
 
+import errno
+import re
 import subprocess
 import sys
 
@@ -38,6 +40,22 @@ def test_errors_end_with_a_sentence_and_their_code(monkeypatch, capsys, error, c
     assert got == code
     assert "Traceback" not in err
     assert str(error) in err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "says"),
+    [
+        (PermissionError(errno.EACCES, "Permission denied", "lab/r"), 2, "lab/r: Permission denied; .*a place of"),
+        (FileNotFoundError(errno.ENOENT, "No such file or directory", "lab/r"), 2, "lab/r: .*the one above it must"),
+        (OSError(errno.ENOSPC, "No space left on device", "lab/r"), 3, "lab/r: No space left on device; make room"),
+        (OSError(errno.ENOSPC, "No space left on device"), 3, "s2r: No space left on device; make room"),
+        (FileNotFoundError(errno.ENOENT, "No such file or directory"), 1, "Traceback(.|\n)*this is a bug"),
+    ],
+)  # fmt: skip
+def test_what_a_file_system_refuses_names_the_file_and_the_way_out(monkeypatch, capsys, error, code, says):
+    got, err = _exit_code(monkeypatch, error, capsys)
+    assert got == code
+    assert re.search(says, err), err
 
 
 def test_an_unexpected_error_is_a_bug_with_its_traceback(monkeypatch, capsys):
