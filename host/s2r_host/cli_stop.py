@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from s2r_host.errors import CommandRefusedError, PeerUnreachableError
-from s2r_host.link_session import ask, open_session
+from s2r_host.link_session import ask, open_session, silence_hint
 from s2r_protocol import codec
 from s2r_protocol.cli.options import tls_option
 from s2r_protocol.exits import UsageError
@@ -40,6 +40,7 @@ def send_stop(
                 raise PeerUnreachableError(
                     f"no executor answered at {endpoint} within {timeout_s:g} s: nothing was stopped. "
                     "Use the emergency stop if the arm moves; otherwise correct --executor, --cell or --arm"
+                    f"{silence_hint(tls)}"
                 )
             time.sleep(0.02)
         hello = codec.open_body(codec.open_envelope(replies[0]), pb.HelloReply)

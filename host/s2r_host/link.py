@@ -25,7 +25,7 @@ from s2r_host.errors import ArmMismatchError, CommandRefusedError, PeerUnreachab
 from s2r_host.link_camera import CameraLink, Capture
 from s2r_host.link_heartbeat import Heart
 from s2r_host.link_observations import JointSample, ObservationFeed, StateSample
-from s2r_host.link_session import ask, open_session
+from s2r_host.link_session import ask, open_session, silence_hint
 from s2r_host.link_types import (
     LATCHED,
     MOVING,
@@ -112,6 +112,7 @@ class ExecutorLink:
         self._epoch = 0
         self._heart: Heart | None = None
         self._met = False
+        self._hint = silence_hint(tls)
         self._session: zenoh.Session = open_session(endpoint, self._keys, tls)
         try:
             self.identity, _ = self._greet(connect_timeout_s)
@@ -130,6 +131,17 @@ class ExecutorLink:
             PeerUnreachableError: No answer.
         """
         return self._greet(self._timeout_s)[1]
+
+    def meet(self) -> None:
+        """Say hello anew; an executor that was started again meanwhile is checked like the first.
+
+        Raises:
+            PeerUnreachableError: No answer.
+            ArmMismatchError: It now runs another arm model or other limits.
+        """
+        identity, _ = self._greet(self._timeout_s)
+        check_same_arm(identity, self._arm)
+        self.identity = identity
 
     def state(self) -> StateSample | None:
         """The newest published state, without asking; None when none arrived within 0.2 s. For any thread."""
@@ -439,7 +451,7 @@ class ExecutorLink:
                     )
                 raise PeerUnreachableError(
                     f"no executor answered at {self._endpoint} within {timeout_s:g} s; "
-                    "start it with 's2r executor' or correct --executor"
+                    f"start it with 's2r executor' or correct --executor, --cell or --arm{self._hint}"
                 )
             time.sleep(0.1)
         self._met = True

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from s2r_host.errors import PeerUnreachableError
-from s2r_host.link_session import ask, open_session
+from s2r_host.link_session import ask, open_session, silence_hint
 from s2r_protocol import codec
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
@@ -59,6 +59,7 @@ class CameraLink:
         self._connect_timeout_s = connect_timeout_s
         self._sender = f"host:{os.getpid()}"
         self._seq = 0
+        self._hint = silence_hint(tls)
         self._session = open_session(endpoint, self._keys, tls)
 
     def capture(self, camera: str = "front", timeout_s: float = 20.0) -> Capture:
@@ -111,6 +112,6 @@ class CameraLink:
             if time.monotonic() > deadline:
                 raise PeerUnreachableError(
                     f"no camera '{camera}' answered at {self._endpoint} within {self._connect_timeout_s:g} s; "
-                    "start it with 's2r sim-arm' or correct --camera"
+                    f"start it with 's2r sim-arm' or correct --camera{self._hint}"
                 )
             time.sleep(0.1)

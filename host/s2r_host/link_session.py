@@ -10,6 +10,16 @@ from s2r_protocol.keys import ArmKeys
 from s2r_protocol.session import Role, connect
 
 
+def silence_hint(tls: Path | None) -> str:
+    """What silence may mean besides: with certificates a peer of another name or lab is not spoken to at all."""
+    if tls is None:
+        return ""
+    return (
+        f". With --tls {tls} its address must also be one that was named to 's2r doctor --make-certs DIR --name', "
+        "and both certificates of one lab"
+    )
+
+
 def open_session(endpoint: str, keys: ArmKeys, tls: Path | None = None) -> zenoh.Session:
     """A session with one executor or camera; see :func:`s2r_protocol.session.connect`.
 

@@ -69,7 +69,7 @@ CASES = [
     ("build-model --before {junk} --after {empty} --seed -1 --out {tmp}/m", USAGE, "-1 is not in the range x>=0"),
     ("conceal draw --seed -1 --out {tmp}/c", USAGE, "-1 is not in the range x>=0"),
     ("bench paper --trials 1 --compare {tmp} --out {tmp}/b", USAGE, "give LABEL=DIR"),
-    ("world draw --seed 1 --out {empty}/w.json", USAGE, "w.json: Not a directory"),
+    ("world draw --seed 1 --out {empty}/w.json", USAGE, "w.json: Not a directory; correct the path"),
     ("world commit {tmp}/none.json", USAGE, "none.json"),
     ("replay {tmp}/none", USAGE, "does not exist"),
     ("replay {tmp}", USAGE, "holds no run.mcap"),
@@ -92,12 +92,18 @@ CASES = [
     ("console --host 0.0.0.0", USAGE, "without a token.*--token-file"),
     ("console --host 0.0.0.0 --token-file {empty}", USAGE, "without a token"),
     ("console --token-file {junk}", USAGE, "needs at least 16"),
+    ("console --token-file {binary}", USAGE, "binary is not text; make one with: openssl"),
     ("console --port 99999", USAGE, "99999 is not in the range"),
     ("console --executor tcp/10.0.0.5:1 --runs {tmp}/r --port 0", USAGE, "without certificates"),
     ("build-model --before {tmp}/a.ply --after {tmp}/b.ply --out {tmp}/m", USAGE, "a.ply"),
     ("doctor --arm panda", USAGE, "no arm 'panda'"),
-    ("ros2 --listen tcp/0.0.0.0:7449", USAGE, "without certificates"),
-    ("ros2 --router tcp/10.0.0.5:7447", USAGE, "without certificates"),
+    ("doctor --name robot", USAGE, "--name and --days.*--make-certs"),
+    ("doctor --arm xmate3pro --bus can:can0", USAGE, "one at a time"),
+    ("doctor --make-certs {tmp}/lab --name robot:7447", USAGE, "--name 'robot:7447' is neither an address nor a"),
+    ("doctor --make-certs {empty}/lab", NOT_READY, "cannot be written to .*Not a directory; name a folder"),
+    ("ros2 --listen tcp/0.0.0.0:7449", USAGE, "--listen.*ROS 2 brings no certificates"),
+    ("ros2 --router tcp/10.0.0.5:7447", USAGE, "--router.*ROS 2 brings no certificates.*on their machine"),
+    ("ros2 --router 7447", USAGE, "--router 7447: .*tcp/127.0.0.1:PORT"),
     ("ros2 --domain 300", USAGE, "300 is not in the range"),
     ("gap --out {tmp}/g", USAGE, "no model given"),
     ("gap --model {tmp}/m.xml --fit {junk} --out {tmp}/g --seed -1", USAGE, "-1 is not in the range x>=0"),
@@ -118,6 +124,7 @@ def places(tmp_path):
     (tmp_path / "run/run.json").write_text("{}")
     (tmp_path / "junk.mcap").write_text("plain words\n")
     (tmp_path / "empty").touch()
+    (tmp_path / "binary").write_bytes(b"\x98\xff\x00")
     (tmp_path / "keys.yaml").write_text("core:\n  speed: 9\n")
     names = {
         "tmp": "tmp",
@@ -125,6 +132,7 @@ def places(tmp_path):
         "full": "full",
         "junk": "junk.mcap",
         "empty": "empty",
+        "binary": "binary",
         "yaml": "keys.yaml",
     }
     return {name: str(tmp_path / path) for name, path in names.items()}

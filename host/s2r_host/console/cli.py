@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 
 from s2r_protocol.cli.options import tls_option
+from s2r_protocol.exits import UsageError
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
@@ -69,7 +70,7 @@ def console(
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     from s2r_host.console.gate import Address, Gate
 
-    token = token_file.read_text(encoding="utf-8").strip() if token_file is not None else ""
+    token = _read_token(token_file) if token_file is not None else ""
     address = Address(host, port, token)
     from s2r_host.console.app import Console
     from s2r_protocol.arms import load_arm
@@ -92,3 +93,12 @@ def console(
         page.close()
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _read_token(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except UnicodeDecodeError as error:
+        raise UsageError(
+            f"--token-file {path} is not text; make one with: openssl rand -hex 16 > {path}"
+        ) from error

@@ -6,14 +6,21 @@ import contextlib
 import logging
 import signal
 import threading
+import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from s2r_protocol.cli.options import tls_option
+from s2r_protocol.session import AddressError, endpoint_for
+
+if TYPE_CHECKING:
+    import zenoh
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_LISTEN = "tcp/127.0.0.1:7449"
+_ROUTER_WAIT_S = 1.0
 
 
 @click.command()
@@ -59,6 +66,7 @@ def ros2(
     from s2r_protocol.session import connect as join
     from s2r_protocol.session import listen as serve
 
+    _check_loopback("--router" if router else "--listen", router or listen)
     description = load_arm(arm)
     keys = ArmKeys(cell, description.name)
     ended = threading.Event()
@@ -71,9 +79,38 @@ def ros2(
         ):
             where = f"the router at {router}" if router else listen
             click.echo(f"s2r ros2: /{keys.base}/joint_trajectory, domain {domain}, {where}")
+            if router and not _is_met(session):
+                click.echo(
+                    f"s2r ros2: nobody answers at {router} yet; is 'rmw_zenohd' running there?", err=True
+                )
             if ready_file is not None:
                 ready_file.write_text(f"/{keys.base}/joint_trajectory\n", encoding="utf-8")
             ended.wait()
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _check_loopback(option: str, address: str) -> None:
+    """Refuse an address that leaves this machine; the usual advice, certificates, does not exist on ROS 2's side.
+
+    Raises:
+        AddressError: It does, or is malformed.
+    """
+    try:
+        endpoint_for(address, has_tls=False)
+    except AddressError as error:
+        raise AddressError(
+            f"{option} {address}: ROS 2 brings no certificates, so only tcp/127.0.0.1:PORT is used towards its nodes. "
+            "Run 's2r ros2' on their machine; --executor and --tls reach the arm from there"
+        ) from error
+
+
+def _is_met(session: zenoh.Session) -> bool:
+    """Whether the router, or whoever is in its place, is connected; it may also come later."""
+    deadline = time.monotonic() + _ROUTER_WAIT_S
+    while not (met := bool(session.info.routers_zid() or session.info.peers_zid())):
+        if time.monotonic() > deadline:
+            break
+        time.sleep(0.02)
+    return met

@@ -13,6 +13,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
+from s2r_host.errors import CommandRefusedError
 from s2r_host.link import ExecutorLink
 from s2r_host.ros2.knots import RosTrajectoryError, plan_of
 from s2r_protocol.exits import S2RError
@@ -80,7 +81,7 @@ class TrajectoryRelay:
         try:
             message = unpack(TRAJECTORY, sample.payload.to_bytes())
             if not message["points"]:
-                self._link.stop()
+                self._stop()
                 self._say(_INFO, "stop accepted: the trajectory has no points")
             elif not self._busy.acquire(blocking=False):
                 raise RosTrajectoryError("a trajectory is being carried out; an empty one stops it")
@@ -90,6 +91,13 @@ class TrajectoryRelay:
             self._say(_WARN, f"refused: not a {TRAJECTORY}: {error}")
         except S2RError as error:
             self._say(_WARN, f"refused: {error}")
+
+    def _stop(self) -> None:
+        try:
+            self._link.stop()
+        except CommandRefusedError:  # by an executor started since; asking first would delay every stop
+            self._link.meet()
+            self._link.stop()
 
     def _work(self) -> None:
         while (message := self._waiting.get()) is not None:
@@ -106,6 +114,7 @@ class TrajectoryRelay:
 
     def _carry_out(self, message: dict[str, Any]) -> str:
         link = self._link
+        link.meet()  # the relay outlives executors
         with link.leased():
             if self._enable_drives:
                 link.arm_drives()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import datetime
 import ipaddress
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ from s2r_protocol.session.tls import CA_CERTIFICATE, CA_KEY, CertificateError, R
 CA_DAYS = 3650
 ROLE_DAYS = 365
 _BACKDATED = datetime.timedelta(minutes=5)  # clocks in a lab differ a little
+_HOST_NAME = re.compile(r"(?!-)[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*")
 _ALWAYS_NAMED = ("localhost", "127.0.0.1", "::1")
 
 
@@ -62,7 +64,9 @@ def make_certificates(
         for role in Role:
             issued.append(_issue(folder, role, authority, authority_key, _names(names), days, now))
     except OSError as error:
-        raise CertificateError(f"certificates cannot be written to {folder}: {error}") from error
+        raise CertificateError(
+            f"certificates cannot be written to {folder}: {error.strerror}; name a folder that you may write to"
+        ) from error
     return issued
 
 
@@ -75,11 +79,18 @@ def check_certificate(files: TlsFiles, now: datetime.datetime | None = None) -> 
 
     now = now or datetime.datetime.now(datetime.UTC)
     try:
-        authority = x509.load_pem_x509_certificate(files.ca.read_bytes())
-        certificate = x509.load_pem_x509_certificate(files.certificate.read_bytes())
-        key = serialization.load_pem_private_key(files.key.read_bytes(), None)
-    except (OSError, ValueError, TypeError) as error:
-        raise CertificateError(f"{files.role}: {files.certificate.parent}: {error}") from error
+        path = files.ca
+        authority = x509.load_pem_x509_certificate(path.read_bytes())
+        path = files.certificate
+        certificate = x509.load_pem_x509_certificate(path.read_bytes())
+        path = files.key
+        key = serialization.load_pem_private_key(path.read_bytes(), None)
+    except OSError as error:
+        raise CertificateError(f"{files.role}: {path} cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError) as error:
+        raise CertificateError(
+            f"{files.role}: {path} is damaged; copy it once more from where 's2r doctor --make-certs' wrote it"
+        ) from error
     try:
         certificate.verify_directly_issued_by(authority)
     except (ValueError, TypeError, InvalidSignature) as error:
@@ -119,10 +130,15 @@ def _authority(
     certificate_path, key_path = folder / CA_CERTIFICATE, folder / CA_KEY
     if certificate_path.exists() and key_path.exists():
         try:
-            key = serialization.load_pem_private_key(key_path.read_bytes(), None)
-            certificate = x509.load_pem_x509_certificate(certificate_path.read_bytes())
+            path = key_path
+            key = serialization.load_pem_private_key(path.read_bytes(), None)
+            path = certificate_path
+            certificate = x509.load_pem_x509_certificate(path.read_bytes())
         except (ValueError, TypeError) as error:
-            raise CertificateError(f"the authority in {folder} cannot be read: {error}") from error
+            raise CertificateError(
+                f"{path} is damaged; put its backup there, or name an empty folder for a new authority, "
+                "whose certificates every machine of the lab then needs"
+            ) from error
         if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
             raise CertificateError(f"{key_path} is not the key of {certificate_path}")
         return certificate, key, None
@@ -204,10 +220,11 @@ def _names(extra: Sequence[str]) -> list[x509.GeneralName]:
         try:
             names.append(x509.IPAddress(ipaddress.ip_address(text)))
         except ValueError:
-            try:
-                names.append(x509.DNSName(text))
-            except ValueError as error:
-                raise UsageError(f"{text!r} is neither an address nor a host name: {error}") from error
+            if not _HOST_NAME.fullmatch(text):
+                raise UsageError(
+                    f"--name {text!r} is neither an address nor a host name; use one as in arm.lab or 10.0.0.7"
+                ) from None
+            names.append(x509.DNSName(text))
     return names
 
 

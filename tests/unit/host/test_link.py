@@ -45,6 +45,7 @@ class FakeExecutor:
 
     def __init__(self, endpoint: str, arm) -> None:
         self.arm = arm
+        self.boot_id = 77
         self.status = pb.Status(
             state=ExecutorState.DISARMED, q_ref=[0.0] * 7, q_meas=[0.0] * 7, epoch=3, speed_scale=1.0
         )
@@ -79,7 +80,7 @@ class FakeExecutor:
 
     def on_hello(self, envelope):
         return pb.HelloReply(
-            boot_id=77,
+            boot_id=self.boot_id,
             epoch=self.status.epoch,
             arm=self.arm.name,
             model_hash=self.arm.model_hash,
@@ -195,6 +196,16 @@ def test_heartbeat_lives_exactly_as_long_as_the_lease(executor, link):
     assert counts == list(range(1, len(counts) + 1))
     assert len(counts) >= 5
     assert executor.status.lease_holder == ""
+
+
+def test_an_executor_started_again_is_met_anew(executor, link):
+    executor.boot_id = 78
+    link.meet()
+    with link.leased():
+        deadline = time.monotonic() + 5.0
+        while not executor.beats and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert codec.open_envelope(executor.beats[-1].payload.to_bytes()).boot_id == 78
 
 
 def test_lease_held_by_another_is_refused_by_name(executor, link):

@@ -129,7 +129,7 @@ def test_a_certificate_of_another_role_authority_or_key_is_named(lab, tmp_path_f
         ("executor.pem", (lab / "host.pem").read_bytes(), "is for 'host', expected 'executor'"),
         ("executor.pem", (other / "executor.pem").read_bytes(), "was not issued by the authority"),
         ("executor.key", (other / "executor.key").read_bytes(), "is not the key of"),
-        ("executor.pem", b"rubbish", "executor: "),
+        ("executor.pem", b"rubbish", "executor: .*executor.pem is damaged; copy it once more"),
     ):
         before = (lab / name).read_bytes()
         (lab / name).write_bytes(content)
@@ -141,6 +141,15 @@ def test_a_certificate_of_another_role_authority_or_key_is_named(lab, tmp_path_f
 def test_a_missing_file_is_named_with_the_way_to_get_it(tmp_path):
     with pytest.raises(CertificateError, match=r"ca.pem cannot be read \(No such file.*--make-certs"):
         TlsFiles.of(tmp_path, Role.HOST)
+
+
+@pytest.mark.parametrize("name", ["ca.pem", "ca.key"])
+def test_a_damaged_authority_is_named_and_never_replaced(tmp_path, name):
+    make_certificates(tmp_path)
+    (tmp_path / name).write_text("rubbish")
+    with pytest.raises(CertificateError, match=f"{name} is damaged; put its backup there"):
+        make_certificates(tmp_path)
+    assert (tmp_path / name).read_text() == "rubbish"
 
 
 def test_odd_wishes_are_refused(tmp_path):
