@@ -51,7 +51,9 @@ class CanLine:
 
                 self._bus = StandInBus(address)
         except (can.CanError, OSError) as error:
-            raise UnreachableError(f"bus {address} cannot be opened: {error}") from error
+            raise UnreachableError(
+                f"bus {address} cannot be opened: {error}; {_next_step(address)}"
+            ) from error
 
     def send(self, frame: CanFrame) -> None:
         """Put a frame on the bus."""
@@ -140,3 +142,7 @@ class SdoClient:
         if head[0] == sdo.ABORT:
             raise SdoAbortError(node, index, subindex, struct.unpack("<I", head[3])[0])
         return head
+
+
+def _next_step(address: str) -> str:
+    return f"see 's2r doctor --bus {address}'" if address.startswith("can:") else "is 's2r sim-arm' running?"

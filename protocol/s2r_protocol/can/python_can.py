@@ -1,6 +1,6 @@
 """``python-can`` interface "s2r": loggers, sniffers and ``canopen`` attach to the stand-in's bus.
 
-``can.Bus(interface="s2r", channel="unix:/run/s2r.sock")``, or ``can.logger -i s2r -c unix:/run/s2r.sock``.
+``can.Bus(interface="s2r", channel="unix:/run/s2r.sock")``, or ``python -m can.logger -i s2r -c unix:/run/s2r.sock``.
 """
 
 from __future__ import annotations
