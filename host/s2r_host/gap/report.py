@@ -150,7 +150,7 @@ def _per_joint(answer: dict) -> str:
         for joint, e in table.items()
     )  # fmt: skip
     return (
-        "<table><tr><th>position, held out, open-loop windows<th class=num>before<th class=num>after</tr>"
+        "<table><tr><th>of each joint, held out, open-loop windows<th class=num>before<th class=num>after</tr>"
         f"{rows}</table>"
     )
 
