@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from s2r_host.plan_process import PlanOrder, plan_in_process
-from s2r_protocol.cli.options import SEED
+from s2r_protocol.cli.options import SEED, FiniteRange
 from s2r_protocol.exits import S2RError, UsageError
 
 
@@ -35,7 +35,7 @@ from s2r_protocol.exits import S2RError, UsageError
 @click.option(
     "--time-limit",
     "time_limit_s",
-    type=click.FloatRange(min=1.0),
+    type=FiniteRange(min=1.0),
     default=120.0,
     show_default=True,
     help="Give up after so many seconds.",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from s2r_protocol.cli.options import tls_option
+from s2r_protocol.cli.options import FiniteRange, tls_option
 from s2r_protocol.exits import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 @click.option("--list", "only_list", is_flag=True, help="Only list the plans.")
 @click.option(
     "--speed",
-    type=click.FloatRange(0, 1, min_open=True),
+    type=FiniteRange(0, 1, min_open=True),
     default=1.0,
     show_default=True,
     help="Share of the recorded speed.",
@@ -42,9 +42,7 @@ DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 @click.option(
     "--from", "t_start", type=float, default=0.0, show_default=True, help="Begin at this plan time [s]."
 )
-@click.option(
-    "--step", "step_s", type=click.FloatRange(0), default=0.0, help="Pause after each so many seconds."
-)
+@click.option("--step", "step_s", type=FiniteRange(0), default=0.0, help="Pause after each so many seconds.")
 @click.option(
     "--loop",
     "loops",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from s2r_protocol.cli.options import SEED
+from s2r_protocol.cli.options import SEED, FiniteRange
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -39,7 +39,14 @@ def _counts(_context: click.Context, _option: click.Parameter, text: str) -> dic
     help="GROUP=NUMBER,…: single, clean, unknown, pairs, triples, masked, insufficient, wrong_log.",
 )
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for the set.")
-@click.option("--duration", "duration_s", default=20.0, show_default=True, help="Length of a recording [s].")
+@click.option(
+    "--duration",
+    "duration_s",
+    type=FiniteRange(1, 3600),
+    default=20.0,
+    show_default=True,
+    help="Length of a recording [s].",
+)
 @click.option("--workers", default=1, show_default=True, help="Processes at a time.")
 @click.option(
     "--key", type=click.Path(path_type=Path), default=None, help="Key file [default: OUT.key.json]."
@@ -69,7 +76,9 @@ def draw(
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--command", "command", required=True, help="The tool, e.g. 's2r gap'; options may follow.")
 @click.option("--workers", default=1, show_default=True, help="Processes at a time.")
-@click.option("--timeout", "timeout_s", default=900.0, show_default=True, help="Seconds per case.")
+@click.option(
+    "--timeout", "timeout_s", type=FiniteRange(1), default=900.0, show_default=True, help="Seconds per case."
+)
 @click.option("--batch", is_flag=True, help="One call with --batch JOBS instead of one call per case.")
 @click.option(
     "--config",

@@ -9,13 +9,16 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from s2r_protocol.exits import UsageError
+from s2r_sim import batch_worker
 from s2r_sim.errors import WorkerLostError
 from s2r_sim.ray_cluster import on_ray
 
@@ -58,6 +61,7 @@ def run_jobs(
     columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with (
         results.open("a") as file,
+        _said_when_interrupted(known, todo, results, label),
         Progress(*columns, console=Console(stderr=True), refresh_per_second=1) as bar,
     ):
         if file.tell() and not results.read_text().endswith("\n"):
@@ -72,6 +76,19 @@ def run_jobs(
     return [known[_key(job)] for job in todo]
 
 
+@contextmanager
+def _said_when_interrupted(
+    known: dict[str, dict[str, Any]], todo: list[Job], results: Path, label: str
+) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        kept = sum(_key(job) in known for job in todo)
+        text = f"{kept} of {len(todo)} {label} are kept in {results}; the same command goes on from there"
+        click.echo(text, err=True)
+        raise
+
+
 def _on_workers(work: Work, jobs: list[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
     if workers <= 1:
         for job in jobs:
@@ -81,19 +98,22 @@ def _on_workers(work: Work, jobs: list[Job], workers: int) -> Iterator[tuple[Job
     while queue:
         waiting: dict[Future[dict[str, Any]], Job] = {}
         try:
-            with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+            context = multiprocessing.get_context("spawn")
+            with ProcessPoolExecutor(workers, context, initializer=batch_worker.listen) as pool:
                 try:
                     while queue or waiting:
                         while queue and len(waiting) < 2 * workers:
                             # Taken from the queue once it is handed over: a pool that has just broken refuses it.
-                            waiting[pool.submit(work, *queue[0])] = queue[0]
+                            waiting[pool.submit(batch_worker.call, work, queue[0])] = queue[0]
                             del queue[0]
                         finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
                         for future in finished:
                             result = future.result()
                             yield waiting.pop(future), result
                 except (KeyboardInterrupt, GeneratorExit):
-                    pool.shutdown(wait=False, cancel_futures=True)  # only what is begun is waited for
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    for worker in multiprocessing.active_children():
+                        worker.terminate()  # a signal that only we got
                     raise
         except BrokenProcessPool:
             # Which of them killed its worker is not known: all that were begun are begun anew.
@@ -114,7 +134,7 @@ def _keep_to(conditions: dict[str, Any], results: Path) -> None:
         UsageError: Names the condition, both values and what to do.
     """
     path = results.with_suffix(".conditions.json")
-    if path.is_file():
+    if path.is_file() and results_in(results):  # without a result nothing can be mixed
         before = json.loads(path.read_text())
         for name, value in conditions.items():
             if before.get(name) != value:

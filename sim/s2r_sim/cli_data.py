@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -47,10 +48,8 @@ def pushes(
         kind_named(name)
     out.mkdir(parents=True, exist_ok=True)
     number = int(Split[split.upper()])
-    todo = [
-        (name, number, seed, pushes, str(out)) for seed in range(first, first + objects) for name in names
-    ]
-    rows = run_jobs(push_object, todo, out / f"{split}.jsonl", jobs, "objects", ray)
+    todo = [(name, number, seed, pushes) for seed in range(first, first + objects) for name in names]
+    rows = run_jobs(partial(push_object, folder=str(out)), todo, out / f"{split}.jsonl", jobs, "objects", ray)
     done, good = sum(row["pushes"] for row in rows), sum(row["useful"] for row in rows)
     click.echo(f"{len(rows)} objects, {done} pushes, {100 * good / max(done, 1):.1f} % useful, in {out}")
 
@@ -92,9 +91,9 @@ def pairs(
         kind_named(name)
     out.mkdir(parents=True, exist_ok=True)
     number = int(Split[split.upper()])
-    more = (True,) if quick else ()
-    todo = [(name, number, seed, str(out), *more) for seed in range(first, first + objects) for name in names]
-    rows = run_jobs(pair_object, todo, out / f"{split}.jsonl", jobs, "objects", ray)
+    todo = [(name, number, seed) for seed in range(first, first + objects) for name in names]
+    work = partial(pair_object, folder=str(out), quick=quick)
+    rows = run_jobs(work, todo, out / f"{split}.jsonl", jobs, "objects", ray, {"--quick": quick})
     click.echo(f"{len(rows)} objects, {sum(row['pairs'] for row in rows)} pairs, in {out}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,21 @@ attempts_option = click.option(
 
 SEED = click.IntRange(min=0)
 """Type of every ``--seed``: numpy's generators take no negative number."""
+
+
+class FiniteRange(click.FloatRange):
+    """A number within bounds; click's own lets NaN through every bound."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number.
+
+        Raises:
+            click.BadParameter: It is no finite number within the bounds.
+        """
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number", param, ctx)
+        return number
 
 
 class _UnusedFolder(click.Path):

@@ -75,6 +75,7 @@ def missing(
     for label in labels:
         if label not in HIDDEN:
             raise UsageError(f"unknown case {label!r}; there are {', '.join(HIDDEN)}")
+    shifts = read_what_if(what_if) if what_if is not None else []  # refused before the hours of work
     todo = [
         (label, number, arm, later)
         for number in range(first, first + objects)
@@ -84,6 +85,10 @@ def missing(
     results = out / "results.jsonl"
     if page_only:
         rows = [row for row in results_in(results) if row["case"] in labels]
+        if not rows:
+            raise UsageError(
+                f"--page-only: {results} holds no result of these cases; the page is left as it is"
+            )
     else:
         rows = run_jobs(partial(run_case, out), todo, results, jobs, "runs", ray)
     order = list(HIDDEN)
@@ -93,7 +98,6 @@ def missing(
     command = (
         f"s2r bench missing{chosen} --objects {objects} --first {first} --later {later}{alone} --out DIR"
     )
-    shifts = read_what_if(what_if) if what_if is not None else []
     write_page(rows, page or out / "physics-left-out.md", command, note, shifts)
     found = summaries(rows)
     if as_json:

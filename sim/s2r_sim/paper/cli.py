@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from s2r_protocol.cli.options import FiniteRange
 from s2r_protocol.exits import UsageError
 
 
@@ -29,6 +30,7 @@ from s2r_protocol.exits import UsageError
 )
 @click.option(
     "--pace",
+    type=FiniteRange(0, 1000),
     default=0.0,
     show_default=True,
     help="Simulated over real seconds, 0: no limit; --reactive is to be measured with 1.",
@@ -85,12 +87,17 @@ def paper(
         if name not in KINDS:
             raise UsageError(f"unknown kind {name!r}; there are {', '.join(KINDS)}")
     others = _others(compare)  # refused before the hours of work
+    words = _words(run_options)
     todo = [(name, number, attempts) for number in range(first, first + trials) for name in names]
     if page_only:
         rows = [row for row in results_in(out / "results.jsonl") if row["kind"] in names]
+        if not rows:
+            raise UsageError(
+                f"--page-only: {out / 'results.jsonl'} holds no result of these kinds; the page is left as it is"
+            )
     else:
         rows = run_jobs(
-            partial(run_trial, out, tuple(shlex.split(run_options)), pace, arm),
+            partial(run_trial, out, words, pace, arm),
             todo,
             out / "results.jsonl",
             jobs,
@@ -115,6 +122,13 @@ def paper(
             f"below 10 / 30 / 50 %: {ten} / {thirty} / {fifty}  failures {entry['failures'] or '-'}"
         )
     click.echo(f"page: {page or out / 'results.md'}")
+
+
+def _words(run_options: str) -> tuple[str, ...]:
+    try:
+        return tuple(shlex.split(run_options))
+    except ValueError as error:
+        raise UsageError(f"--run-options {run_options!r}: {error}; close every quotation") from error
 
 
 def _others(compare: tuple[str, ...]) -> dict[str, list[dict[str, Any]]]:

@@ -2,6 +2,11 @@
 
 import importlib
 import json
+import re
+import signal
+import subprocess
+import sys
+import time
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
@@ -9,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from s2r_protocol.exits import NotReadyError, UsageError
+from s2r_protocol.exits import ExitCode, NotReadyError, UsageError
 from s2r_sim.batch import run_jobs
 from s2r_sim.errors import WorkerLostError
 
 MODULE = '''
-import os, signal
+import os, signal, time
 from pathlib import Path
 
 def noted(folder, number):
@@ -29,6 +34,15 @@ def dies_once(folder, number):
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return noted(folder, number)
+
+def long(folder, number):
+    """Says that it began, and that it closed what it had opened."""
+    try:
+        (Path(folder) / f"began-{number}").touch()
+        time.sleep(0.0 if number == 0 else 60.0)
+    finally:
+        (Path(folder) / f"closed-{number}").touch()
+    return {"square": number**2}
 
 def dies(number):
     if number == 2:
@@ -70,6 +84,44 @@ def test_results_made_with_other_options_are_not_mixed(tmp_path, work):
     with pytest.raises(UsageError, match=r"--pace 0\.0, not 1\.0: give another --out"):
         run_jobs(work.noted, jobs(tmp_path, 4), results, 1, "jobs", conditions={**given, "--pace": 1.0})
     assert len(results.read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_the_first_process_ends_the_jobs_begun_and_says_what_is_kept(tmp_path, work, number):
+    """As by a service manager: the workers are not in a terminal that tells them as well."""
+    script = (
+        "import sys; from s2r_protocol.cli import root; from s2r_sim.batch import run_jobs; import click\n"
+        f"sys.path.insert(0, {str(tmp_path)!r}); import {work.__name__} as work\n"
+        f"jobs = [({str(tmp_path)!r}, n) for n in range(6)]\n"
+        f"batch = lambda: run_jobs(work.long, jobs, work.Path({str(tmp_path)!r}) / 'results.jsonl', 2, 'jobs')\n"
+        "if __name__ == '__main__':\n"
+        "    root._load = lambda name: click.Command(name, callback=batch)\n"
+        "    root.main(['stop'])\n"
+    )
+    (tmp_path / "script.py").write_text(script)
+    process = subprocess.Popen([sys.executable, tmp_path / "script.py"], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not ((tmp_path / "began-1").exists() and (tmp_path / "began-2").exists()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(number)
+    asked = time.monotonic()
+    _, said = process.communicate(timeout=30)
+    assert time.monotonic() - asked < 10
+    assert process.returncode == ExitCode.INTERRUPTED
+    assert re.search(r"1 of 6 jobs are kept in .*results.jsonl; the same command goes on from there", said), (
+        said
+    )
+    assert "Traceback" not in said
+    names = lambda what: sorted(path.name[-1] for path in tmp_path.glob(f"{what}-*"))  # noqa: E731
+    assert names("began") == names("closed") == ["0", "1", "2"]
+
+
+def test_conditions_without_a_result_bind_nobody(tmp_path, work):
+    results = tmp_path / "results.jsonl"
+    run_jobs(work.noted, [], results, 1, "jobs", conditions={"--run-options": "--bogus"})
+    rows = run_jobs(work.noted, jobs(tmp_path, 1), results, 1, "jobs", conditions={"--run-options": ""})
+    assert squares(rows) == [0]
 
 
 def test_a_killed_worker_costs_time_only(tmp_path, work):
