@@ -76,10 +76,20 @@ def find_front(scene: Scene) -> Front:
     candidates = _planes(points, normals, facing)
     if not candidates:
         raise SceneError(
-            f"no upright plane of at least {1e4 * MIN_AREA_M2:.0f} cm² faces the robot "
-            f"({int(facing.sum())} of {len(points)} cells face it); is a drawer in view?"
+            f"no upright plane of at least {1e4 * MIN_AREA_M2:.0f} cm² faces the robot: {_what_faces(points[facing])}"
         )
     return min(candidates, key=lambda front: -front.offset_m)
+
+
+def _what_faces(points: np.ndarray) -> str:
+    """What was seen instead of a front, and what to do."""
+    if not len(points):
+        return "nothing that was seen does; is a drawer in view?"
+    low, high = points[:, 2].min(), points[:, 2].max()
+    return (
+        f"{1e4 * len(points) * CELL_M**2:.0f} cm² of what was seen do, in smaller patches, {low:.2f} to {high:.2f} m "
+        "over the base; if that is the front, half hidden: clear the camera's view of it"
+    )
 
 
 def _cell_means(points: np.ndarray, centres: np.ndarray) -> np.ndarray:

@@ -152,16 +152,21 @@ def plan_push(
         return PushMotion(approach, push, push[::-1].copy(), home, proposal, tried, reasons)
     if not tried:
         raise NoMotionError(
-            "no push proposal is left: no point of the part qualifies, or all that do were tried; move the object "
-            "closer to the middle of the arm's workspace, or move its part by hand to where it stands free"
+            "no push proposal is left: no point of the part qualifies, or all that do were tried; turn the object so "
+            "that the camera sees more of the part, or move the part by hand to where it stands free"
         )
     counted = "; ".join(
         f"{count} × {reason}" for reason, count in sorted(reasons.items(), key=lambda kv: -kv[1])
     )
-    raise NoMotionError(
-        f"none of {tried} push proposals can be carried out ({counted}); "
-        "move the object closer to the middle of the arm's workspace"
-    )
+    raise NoMotionError(f"none of {tried} push proposals can be carried out ({counted}); {_advice(reasons)}")
+
+
+def _advice(reasons: dict[str, int]) -> str:
+    """What follows from why most proposals fell out."""
+    blocked = sum(count for reason, count in reasons.items() if "not free" in reason)
+    if 2 * blocked > sum(reasons.values()):
+        return "make room for the hand at the part: what is in its way is named there"
+    return "move the object closer to the middle of the arm's workspace"
 
 
 def _hand_hits(free: CollisionChecker, pushing: CollisionChecker, proposal: PushProposal) -> str | None:

@@ -14,7 +14,7 @@ from s2r_host.motion.front import Front, find_front
 from s2r_host.motion.inverse import InverseKinematics, seeds_around
 from s2r_host.motion.joint_motion import plan_joint_motion
 from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
-from s2r_host.motion.push import plan_push, push_scene
+from s2r_host.motion.push import _advice, plan_push, push_scene
 from s2r_host.motion.push_proposals import (
     PushSettings,
     handle_points,
@@ -238,6 +238,16 @@ def test_a_drawer_in_front_of_the_arm_can_be_pushed(arm, home, scene):
     assert np.array_equal(motion.push, again.push)
 
 
+def test_a_half_hidden_front_is_refused_with_what_was_seen_of_it():
+    points, _ = drawer_scene()
+    front = find_front(points)
+    near = np.abs(points.p_base @ front.normal - front.offset_m) < 0.005
+    strip = np.abs(points.p_base[:, 2] - front.p_plane[:, 2].mean()) < 0.005
+    beside = np.abs(points.p_base[:, 1] - front.p_plane[:, 1].mean()) < 0.1
+    with pytest.raises(SceneError, match=r"\d+ cm² of what was seen do, .* clear the camera's view of it"):
+        find_front(Scene(points.p_base[near & strip & beside], P_CAMERA))
+
+
 def test_a_drawer_out_of_reach_is_refused_with_counted_reasons(arm, home):
     points, _ = drawer_scene()
     far = Scene(points.p_base + np.array([1.0, 0, 0]), P_CAMERA)
@@ -253,10 +263,16 @@ def test_a_drawer_out_of_reach_is_refused_with_counted_reasons(arm, home):
         )
 
 
+def test_the_advice_follows_from_why_proposals_fell_out():
+    blocked, far = "stand-off not free (gripper_housing, cell_7)", "straight push out of reach"
+    assert _advice({blocked: 3, far: 2}).startswith("make room for the hand")
+    assert _advice({blocked: 2, far: 3}).startswith("move the object closer")
+
+
 def test_no_proposal_left_is_said_as_such(arm, home):
     points, _ = drawer_scene()
     parts = push_scene(points, find_front(points))
-    with pytest.raises(NoMotionError, match="no push proposal is left"):
+    with pytest.raises(NoMotionError, match=r"no push proposal is left.*sees more of the part"):
         plan_push(arm, parts, iter(()), home, home, np.random.default_rng(0))
 
 
