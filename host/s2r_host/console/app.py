@@ -41,7 +41,7 @@ FRAME_S = 1 / 30
 TEXT_S = 0.2
 SLOW_S = 1.0
 PANEL_WIDTH = 500
-STOP_LABEL = "\u2002STOP (software stop; key: space)"  # the space keeps the icon off the word
+STOP_LABEL = "STOP (software stop; key: space)"
 _APART_RAD = 4e-3  # a ghost nearer than this only muddies the arm it hides in
 
 

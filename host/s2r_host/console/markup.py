@@ -32,10 +32,11 @@ def block(*parts: str) -> str:
 
 
 def styles() -> str:
-    """Rules the page's own widgets cannot be given otherwise: a STOP that cannot be missed, room between the blocks."""
+    """Rules the page's own widgets cannot be given otherwise: a STOP that cannot be missed, its icon off the word."""
     return (
         "<style>"
         'button[style*="-red-"]{height:58px!important;font-size:19px!important;font-weight:700!important}'
+        'button[style*="-red-"] [data-position="left"]{margin-right:20px!important}'
         'div:has(>button[style*="-red-"]){position:sticky;top:0;z-index:10}'
         "</style>"
     )
