@@ -18,6 +18,7 @@ from s2r_host.trajectory import Trajectory
 from s2r_protocol.arms import ArmDescription, load_arm
 from s2r_protocol.can.python_can import StandInBus
 from s2r_protocol.cli.peers import stand_in_cell
+from s2r_protocol.exits import UsageError
 from s2r_protocol.faults import ExecutorState
 
 MARGIN = 0.3
@@ -83,6 +84,7 @@ class LabExecutor(ExecutorLink):
             duration_s: By default as long as 30 % of the speed and acceleration limits need.
 
         Raises:
+            UsageError: Not one value per joint, or no duration.
             CommandRefusedError: Admission said no.
             ArmStoppedError: It was stopped on the way.
         """
@@ -90,10 +92,16 @@ class LabExecutor(ExecutorLink):
 
     def start_by(self, step_rad: Sequence[float] | float, duration_s: float | None = None):  # noqa: ANN201 - a Verdict
         """As :meth:`move_by`, but return as soon as the motion has begun."""
-        arm = self.lab.arm
-        step = np.broadcast_to(np.asarray(step_rad, float), (arm.dof,)).copy()
+        arm, given = self.lab.arm, np.asarray(step_rad, float)
+        if given.shape not in ((), (arm.dof,)):
+            joints = ", ".join(arm.joint_names)
+            raise UsageError(f"step_rad has shape {given.shape}: give one value, or one for each of {joints}")
+        if duration_s is not None and not 0.0 < duration_s < np.inf:
+            raise UsageError(f"duration_s = {duration_s:g} s: a motion takes more than 0 s")
+        step = np.broadcast_to(given, (arm.dof,)).copy()
         q = np.asarray(self.status().q_ref)
-        return self.send_plan(quintic_motion(q, step, duration_s or shortest_s(arm, step)), "test motion")
+        duration_s = shortest_s(arm, step) if duration_s is None else duration_s
+        return self.send_plan(quintic_motion(q, step, duration_s), "test motion")
 
 
 def shortest_s(arm: ArmDescription, step: np.ndarray) -> float:
@@ -150,8 +158,11 @@ class VirtualTime:
         """Wait until the arm's clock has gone on by so much; its time then [s].
 
         Raises:
+            UsageError: Not a time.
             TimeoutError: It stands still.
         """
+        if not 0.0 <= seconds < np.inf:
+            raise UsageError(f"virtual_time.wait({seconds:g}): give 0 s or more")
         goal, deadline = self.now_s + seconds, time.monotonic() + wall_limit_s
         while (now := self.now_s) < goal:
             if time.monotonic() > deadline:

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
     from s2r_host.testing.cell import BusFaults, Lab, LabExecutor, VirtualTime
+
+_CHOICES = ("seed", "clock", "pace", "faults")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -52,8 +54,7 @@ def standin(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Lab]:
     config = request.config
     hardware: str | None = config.getoption("--s2r-hardware")
     arm = str(config.getoption("--s2r-arm"))
-    marker = request.node.get_closest_marker("s2r")
-    wanted = dict(marker.kwargs) if marker is not None else {}
+    wanted = _wanted(request.node.get_closest_marker("s2r"))
     lab: Lab
     if hardware is not None:
         if wanted.get("faults"):
@@ -62,6 +63,17 @@ def standin(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Lab]:
         return
     with stand_in_lab(tmp_path / "standin", arm, **wanted) as lab:
         yield lab
+
+
+def _wanted(marker: pytest.Mark | None) -> dict[str, Any]:
+    """What a test's marker asks of the stand-in; anything else would be lost without a word."""
+    if marker is None:
+        return {}
+    other = [*map(repr, marker.args), *(name for name in marker.kwargs if name not in _CHOICES)]
+    if other:
+        text = f"@pytest.mark.s2r takes {', '.join(f'{name}=…' for name in _CHOICES)}, not {', '.join(other)}"
+        pytest.fail(text, pytrace=False)
+    return dict(marker.kwargs)
 
 
 @pytest.fixture
