@@ -10,10 +10,12 @@ def test_the_arm_ends_where_it_was_sent(executor):
     q_before = executor.status().q_ref
     status = executor.move_by(0.1)
     np.testing.assert_allclose(status.q_meas, q_before + 0.1, atol=5e-3)
+    executor.move_by(-0.1)  # on the arm the next test, and the next run, begin where this one ends
 
 
 @pytest.mark.s2r(pace=0.25)  # slow motion: there is time to ask while it moves
 def test_a_stop_in_motion_brings_it_to_rest_before_the_plans_end(executor, virtual_time):
+    q_before = executor.status().q_ref
     motion = executor.start_by(0.3, duration_s=4.0)
     begun = virtual_time.wait(0.8)
     executor.stop()
@@ -21,6 +23,7 @@ def test_a_stop_in_motion_brings_it_to_rest_before_the_plans_end(executor, virtu
     assert virtual_time.now_s - begun < 2.0
     with pytest.raises(ArmStoppedError, match="STOP_REQUESTED"):
         executor.wait_done(motion)
+    executor.move_by(q_before - executor.status().q_ref)
 
 
 def test_a_plan_that_is_too_fast_is_refused_by_name(executor):
