@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import logging
 import os
@@ -123,12 +124,27 @@ def run_commissioning(config: ExecutorConfig, as_json: bool) -> ExitCode:
     return ExitCode.OK if found.passed else ExitCode.REFUSED
 
 
+def _check_record(folder: Path | None) -> None:
+    """Refuse a folder that takes no recordings. Once the arm moves, a recorder that fails stops nothing.
+
+    Raises:
+        OSError: It cannot be made, or not be written to.
+    """
+    if folder is None:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
+
+
 def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:
     """Run until SIGINT or SIGTERM: then stop on the path, disarm, close.
 
     Raises:
+        OSError: The folder for recordings takes none.
         S2RError: The native parts, the bus or an address are not available, or the core died.
     """
+    _check_record(config.record)
     # Heavy imports stay here: `s2r executor --help` needs none of them.
     from s2r_executor.assembly import Executor
 

@@ -50,6 +50,8 @@ CASES = [
     ("executor --set cell.x=1", USAGE, "cell"),
     ("executor --host-timeout 9", USAGE, "host_timeout_s = 9.*less than or equal to 5"),
     ("executor --bus unix:{tmp}/no.sock --listen tcp/0.0.0.0:7447", (USAGE, UNREACHABLE), "certificates|no.sock"),
+    ("executor --bus unix:{tmp}/no.sock --record {empty}/r", USAGE, "empty/r: Not a directory; correct the path"),
+    ("executor --bus unix:{tmp}/no.sock --record {empty}", USAGE, "empty: File exists|is a file"),
     ("executor --arm panda", USAGE, "no arm 'panda'"),
     ("config show --set core.feedback_stop_ticks=0", USAGE, "core.feedback_stop_ticks"),
     ("config show --config {yaml}", USAGE, "there is no such key"),
