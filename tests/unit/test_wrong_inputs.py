@@ -120,6 +120,7 @@ CASES = [
     ("demo --out {full}", USAGE, "exists and is not empty"),
     ("demo --seed -1 --out {tmp}/d", USAGE, "-1 is not in the range x>=0"),
     ("demo --attempts 0 --out {tmp}/d", USAGE, "0 is not in the range x>=1"),
+    ("demo --pace nan --out {tmp}/d", USAGE, "--pace': nan is not a finite number"),
     ("demo --clock sundial", USAGE, "'sundial' is not one of"),
 ]  # fmt: skip
 

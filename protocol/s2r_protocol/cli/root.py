@@ -61,7 +61,7 @@ def _refuse_missing_extra(name: str, error: ModuleNotFoundError) -> None:
         return
     raise NotReadyError(
         f"'s2r {name}' needs the module {error.name!r}, which is not installed here. "
-        f"Install it with: pip install 'sim2real2[{command.extra}]'"
+        f"Install it with: pip install 'sim2real2[{command.extra}]', in a checkout: pip install '.[{command.extra}]'"
     ) from error
 
 

@@ -78,8 +78,8 @@ def check_certificate(files: TlsFiles, now: datetime.datetime | None = None) -> 
     """
 
     now = now or datetime.datetime.now(datetime.UTC)
+    path = files.ca
     try:
-        path = files.ca
         authority = x509.load_pem_x509_certificate(path.read_bytes())
         path = files.certificate
         certificate = x509.load_pem_x509_certificate(path.read_bytes())
@@ -129,8 +129,8 @@ def _authority(
 
     certificate_path, key_path = folder / CA_CERTIFICATE, folder / CA_KEY
     if certificate_path.exists() and key_path.exists():
+        path = key_path
         try:
-            path = key_path
             key = serialization.load_pem_private_key(path.read_bytes(), None)
             path = certificate_path
             certificate = x509.load_pem_x509_certificate(path.read_bytes())

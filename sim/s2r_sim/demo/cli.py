@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, attempts_option
+from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, FiniteRange, attempts_option
 from s2r_protocol.exits import ExitCode
 
 if TYPE_CHECKING:
@@ -43,7 +43,11 @@ if TYPE_CHECKING:
 @click.option("--reactive", is_flag=True, help="The host watches the part while it moves it, see s2r run.")
 @click.option("--clock", type=click.Choice(["lockstep", "real"]), default="lockstep", show_default=True)
 @click.option(
-    "--pace", default=1.0, show_default=True, help="Lock-step: simulated over real seconds; 0: no limit."
+    "--pace",
+    type=FiniteRange(0, 1000),
+    default=1.0,
+    show_default=True,
+    help="Lock-step: simulated over real seconds; 0: no limit.",
 )
 @click.option("--packing", type=click.Choice(["fd", "classic"]), default="fd", show_default=True)
 @click.option("--out", type=UNUSED_FOLDER, help="Folder, new or empty [default: runs/demo-<seed>-<time>].")
