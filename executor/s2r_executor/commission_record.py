@@ -66,7 +66,9 @@ def read_identities(path: Path) -> dict[int, dict[str, int]] | None:
         record = json.loads(path.read_text(encoding="utf-8"))
         return {int(node): dict(identity) for node, identity in record["identities"].items()}
     except (OSError, ValueError, KeyError, AttributeError) as error:
-        raise CommissioningError(f"{path} is no commissioning record: {error}") from error
+        raise CommissioningError(
+            f"{path} is no commissioning record ({error}); remove it and commission anew"
+        ) from error
 
 
 def check_record(path: Path, config: ExecutorConfig, arm: ArmDescription) -> None:

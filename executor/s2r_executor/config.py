@@ -100,6 +100,10 @@ class CoreConfig(_Strict):
     estop_discrepancy_s: Positive = 0.05
 
 
+Softer = Literal["kernel", "governor", "CPUs", "RT throttling", "hypervisor", "transmit queue"]
+"""Topics of the preflight that make a machine DEGRADED, never REFUSED."""
+
+
 class PreflightConfig(_Strict):
     """What a machine that cannot keep every deadline may still do on a hardware bus.
 
@@ -109,7 +113,7 @@ class PreflightConfig(_Strict):
     """
 
     degraded_speed: Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)] = 0.25
-    accept: tuple[str, ...] = ()
+    accept: tuple[Softer, ...] = ()
 
 
 class RecorderConfig(_Strict):

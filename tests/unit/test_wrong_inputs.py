@@ -53,6 +53,7 @@ CASES = [
     ("executor --bus unix:{tmp}/no.sock --record {empty}/r", USAGE, "empty/r: Not a directory; correct the path"),
     ("executor --bus unix:{tmp}/no.sock --record {empty}", USAGE, "empty: File exists|is a file"),
     ("executor --arm panda", USAGE, "no arm 'panda'"),
+    ("config show --set preflight.accept=[hypervisr]", USAGE, "preflight.accept.*'hypervisr'.*'hypervisor'"),
     ("config show --set core.feedback_stop_ticks=0", USAGE, "core.feedback_stop_ticks"),
     ("config show --config {yaml}", USAGE, "there is no such key"),
     ("completion powershell", USAGE, "'powershell' is not one of"),

@@ -1,10 +1,12 @@
 """May this machine drive this bus, and how fast?"""
 
+from typing import get_args
+
 import pytest
 
 from s2r_executor import preflight
-from s2r_executor.config import load_config
-from s2r_protocol.exits import NotReadyError
+from s2r_executor.config import Softer, load_config
+from s2r_protocol.exits import NotReadyError, UsageError
 from s2r_protocol.machine.realtime import Check, RealtimeFacts, Verdict
 
 GOOD = {
@@ -72,8 +74,17 @@ def test_what_the_laboratory_accepts_costs_nothing_and_is_logged(caplog):
 
 
 def test_missing_rights_cannot_be_accepted():
-    with pytest.raises(NotReadyError):
+    with pytest.raises(UsageError, match=r"preflight.accept.0 = 'FIFO priority': it should be 'kernel'"):
         decide(config={"preflight.accept": ["FIFO priority"]}, fifo="Operation not permitted")
+
+
+def test_every_topic_that_slows_a_machine_can_be_accepted_by_its_name():
+    worst = {
+        "preemption": "none", "governors": ("powersave",), "isolated": "", "rt_runtime_share": 0.1,
+        "hypervisor": True, "tx_queue": 10,
+    }  # fmt: skip
+    answer = decide(config={"preflight.accept": list(get_args(Softer))}, **worst)
+    assert (answer.verdict, answer.speed_cap) == (Verdict.RT_OK, 1.0)
 
 
 def test_the_stand_in_is_never_refused_nor_slowed():
