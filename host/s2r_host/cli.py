@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 
 from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, attempts_option, tls_option
+from s2r_protocol.exits import UsageError
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
@@ -121,6 +122,10 @@ def run(
     place = None if at is None else parse_point(at)
     first = None if target == "ask" else parse_target(target, task)
     then = tuple(parse_target(one, task, "--then") for one in further)
+    if learn_physics and len(then) < 2:
+        raise UsageError(
+            f"--learn-physics learns after every third target, and there are only {1 + len(then)}: add some with --then"
+        )
 
     from s2r_protocol.arms import load_arm
     from s2r_protocol.keys import ArmKeys
