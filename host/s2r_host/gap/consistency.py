@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from s2r_host.gap.effects.base import Context, Shape
+from s2r_host.gap.evidence import Marginal
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
-from s2r_host.gap.solution import Solution
+from s2r_host.gap.session import Session
+from s2r_host.gap.solution import Solution, Term
+
+ColumnOf = Callable[[Context, Session, int, Shape, np.ndarray], np.ndarray | None]
 
 WRONG_SHARE, CLEAR = 0.35, 1.2  # of a part; deviations, by noise three times as strong as seen
 FAR = 5.0  # deviations of a number of the model; right names ask for 4.0 at most in the tuning sets
@@ -14,28 +21,35 @@ MAY_MOVE = ("timing", "edge", "effort_offset")  # of the comparison, not of the 
 
 
 def disagreement(problem: Problem, search: Search, solution: Solution) -> str | None:
-    """A sentence when a part of a chosen effect is clearly not as large as the whole effect says."""
+    """A sentence when a chosen effect has a part of another size than the whole says, or brings what it has not."""
     fit = ~problem.held
     base = search.marginal(solution.terms, fit, solution.noise)
     for term, theta in zip(solution.terms, solution.theta, strict=True):
-        effect, shape = search.effects[term.effect], dict(term.shape)
-        parts: dict[int, np.ndarray] = {}
-        for s in {b.session.index: b.session for b in problem.blocks}.values():
-            part = effect.part(problem.ctx, s, term.joint, shape, theta)
-            if part is not None:
-                parts[s.index] = part
-        if not parts:
-            continue
-        column = problem.whiten(parts, term.joint, parts)[fit][:, None]
-        w = base.weigh(column, np.array([False]), None)
-        deviation = float(np.sqrt(solution.noise / max(float(w.S[0, 0]), 1e-30)))
-        off = float(w.theta[0])
-        if abs(off) > WRONG_SHARE and abs(off) > CLEAR * deviation:
-            return (
-                f"the weight's part of {term.effect} would have to be {1.0 + off:.2f} times what its inertia's part "
-                f"says (one deviation {deviation:.2f})"
-            )
+        effect = search.effects[term.effect]
+        for column_of, words in (
+            (effect.part, f"{effect.part_is} would have to be {{:.2f}} times what the rest of {term.effect} says"),
+            (effect.foreign, f"beside {term.effect}, {effect.foreign_is} would have to be {{:.2f}} times as large"),
+        ):  # fmt: skip
+            off, deviation = _excess(problem, base, term, theta, column_of, solution.noise)
+            if abs(off) > WRONG_SHARE and abs(off) > CLEAR * deviation:
+                size = 1.0 + off if column_of == effect.part else off
+                return f"{words.format(size)} (one deviation {deviation:.2f})"
     return None
+
+
+def _excess(
+    problem: Problem, base: Marginal, term: Term, theta: np.ndarray, column_of: ColumnOf, noise: float
+) -> tuple[float, float]:
+    """What a column asks for on top of the whole explanation, in its own size, and one deviation."""
+    fit, shape = ~problem.held, dict(term.shape)
+    rows: dict[int, np.ndarray] = {}
+    for s in {b.session.index: b.session for b in problem.blocks}.values():
+        column = column_of(problem.ctx, s, term.joint, shape, theta)
+        if column is None:
+            return 0.0, 0.0
+        rows[s.index] = column
+    w = base.weigh(problem.whiten(rows, term.joint, rows)[fit][:, None], np.array([False]), None)
+    return float(w.theta[0]), float(np.sqrt(noise / max(float(w.S[0, 0]), 1e-30)))
 
 
 def stretched(problem: Problem, solution: Solution) -> str | None:

@@ -132,6 +132,8 @@ class Effect:
     side: ClassVar[str] = "plant"
     scope: ClassVar[str] = "joint"
     confusable: ClassVar[tuple[str, ...]] = ()
+    part_is: ClassVar[str] = ""
+    foreign_is: ClassVar[str] = ""
     contains: ClassVar[tuple[str, ...]] = ()
     explained_least: ClassVar[float] = 1.0
     # Relative error (one deviation) of a parameter beyond its noise where the equation is known to be coarse; read from
@@ -172,7 +174,16 @@ class Effect:
     ) -> np.ndarray | None:
         """A physically distinct part of the required effort, as large as the whole says; None when there is only one.
 
-        Another cause may imitate the sum of the parts, but not their ratio.
+        Another cause may imitate the sum of the parts, but not their ratio. ``part_is`` says what it is.
+        """
+        return None
+
+    def foreign(
+        self, ctx: Context, s: Session, joint: int, shape: Shape, theta: np.ndarray
+    ) -> np.ndarray | None:
+        """What an imitator would add, as large as the effect itself; None when none is known.
+
+        Beside the true effect nothing of it is left. ``foreign_is`` says what it is.
         """
         return None
 

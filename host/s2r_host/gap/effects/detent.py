@@ -16,6 +16,7 @@ class Detent(Effect):
     signature = "a narrow pull with a sign change, a break-away peak beside it"
     separating_motion = "slow approach from both sides"
     confusable = ("soft_end_stop", "cogging", "stribeck")
+    foreign_is = "a force that stays on beyond its place"
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Positions over the travel, three widths."""
@@ -32,6 +33,12 @@ class Detent(Effect):
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Derivative of a Gaussian well."""
         return Columns([_pull(s.q[:, joint], shape["q0"], shape["w"])], (True,))
+
+    def foreign(
+        self, ctx: Context, s: Session, joint: int, shape: Shape, theta: np.ndarray
+    ) -> np.ndarray | None:
+        """A step from one peak to the other: a body that is picked up at the place weighs on from there."""
+        return theta[0] * np.sign(s.q[:, joint] - shape["q0"])
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Position, width, peak."""

@@ -22,6 +22,7 @@ class EncoderEccentricity(Effect):
     signature = "load evaluated at an angle that errs once or twice per turn"
     separating_motion = "two whole turns with an absolute reference"
     confusable = ("cogging", "encoder_offset")
+    part_is = "what the weight shows"
     side = "sensor"
 
     def applies(self, ctx: Context, joint: int) -> bool:

@@ -8,6 +8,7 @@ from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, 
 from s2r_host.gap.session import Session
 
 BOTH_WAYS = -1.0  # log odds
+DEEP = 0.5  # of the zone
 
 
 class SoftClose(Effect):
@@ -22,6 +23,7 @@ class SoftClose(Effect):
     signature = "proportional to speed, near one end, in most fittings in one direction"
     separating_motion = "open and close at two speeds"
     confusable = ("soft_end_stop", "viscous_friction", "asymmetric_friction")
+    part_is = "the brake of the deeper half"
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Edges over the outer 60 % of the travel, both ends; one-way and both ways."""
@@ -52,10 +54,19 @@ class SoftClose(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Speed inside the zone, only on the way in where it is one-way; the pull inside the zone."""
-        v, side = s.v[:, joint], shape["side"]
+        side = shape["side"]
         inside = _zone(side * (s.q[:, joint] - shape["q0"]), shape["ramp"])
-        braked = v * inside * ((side * v > 0) | (shape["back"] > 0))
-        return Columns([braked, -side * inside], (True, True), secondary=(False, True))
+        return Columns([_braked(s, joint, shape), -side * inside], (True, True), secondary=(False, True))
+
+    def part(
+        self, ctx: Context, s: Session, joint: int, shape: Shape, theta: np.ndarray
+    ) -> np.ndarray | None:
+        """The brake deep in the zone; what is caught at its edge loses speed there and nowhere else."""
+        low, high = ctx.span(joint)
+        side = shape["side"]
+        deepest = side * ((high if side > 0 else low) - shape["q0"])
+        deep = side * (s.q[:, joint] - shape["q0"]) > DEEP * deepest
+        return theta[0] * _braked(s, joint, shape) * deep
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Where the damper begins, its damping once it is fully in, and the force of the spring that pulls in."""
@@ -78,6 +89,13 @@ class SoftClose(Effect):
             return inside * ((b * v if both or side * v > 0 else 0.0) - side * pull), 0.0
 
         return step
+
+
+def _braked(s: Session, joint: int, shape: Shape) -> np.ndarray:
+    """Effort per unit of damping."""
+    v, side = s.v[:, joint], shape["side"]
+    inside = _zone(side * (s.q[:, joint] - shape["q0"]), shape["ramp"])
+    return v * inside * ((side * v > 0) | (shape["back"] > 0))
 
 
 def _zone(depth: np.ndarray, ramp: float) -> np.ndarray:
