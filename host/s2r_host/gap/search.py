@@ -11,6 +11,7 @@ from s2r_host.gap.complete import complete
 from s2r_host.gap.everywhere import late_everywhere
 from s2r_host.gap.friction_seen import nominal_friction_of
 from s2r_host.gap.problem import Problem
+from s2r_host.gap.returned import spring_and_loop
 from s2r_host.gap.scan import NO_LOSS, Scan
 from s2r_host.gap.solution import Scored, Solution, Term
 
@@ -76,6 +77,8 @@ class Search(Scan):
             slots.append(scored)
             chosen, slots = self._replace(chosen, slots)
         chosen, slots = self._prune(chosen, slots)
+        if len(chosen) < self.completed + max_effects:
+            chosen, slots = spring_and_loop(self, chosen, slots)
         if len(chosen) > self.completed > 0:
             chosen, slots = self._prune_completed(chosen, slots)
         return self.finish(self.settled(chosen), slots, scans)
