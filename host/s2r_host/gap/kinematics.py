@@ -166,12 +166,12 @@ def _track(model: RigidModel, s: Session, joint: int) -> _Track | None:
         u = np.interp(grid, s.t, s.u[:, joint])
         leak = np.stack([band(u), band(u**2)], axis=1)
     windup = np.stack([band(link), band(turn)], axis=1)
-    settled = _settled(link, dt)[margin:-margin]
+    settled = load_keeps_sign(link, dt)[margin:-margin]
     lesser = min(float(np.mean(link > 0)), float(np.mean(link < 0)))
     return _Track(grid[margin:-margin], band(even(q - way)), honest, windup, settled, lesser, leak, noise)
 
 
-def _settled(link: np.ndarray, dt: float) -> np.ndarray:
+def load_keeps_sign(link: np.ndarray, dt: float) -> np.ndarray:
     """Rows at which the load has not just changed its sign nor is about to, shape (time,)."""
     before, after = (int(np.ceil(x / dt)) for x in CROSSING_S)
     settled = np.ones(len(link), dtype=bool)

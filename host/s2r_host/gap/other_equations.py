@@ -16,11 +16,8 @@ from s2r_host.gap.unrepeated import Wander
 
 SAME_CAUSE = 8.0  # log odds
 DRIFT_ODDS, DRIFT_COMMON, DRIFT_LEAST, DRIFT_ERROR = 18.0, 0.7, 0.02, 0.05
-# What a position read behind a compliant gear looks like to the plant's equation.
-BEHIND_THE_SENSOR = (
-    "clock_skew", "actuator_delay", "bandwidth", "flexible_part", "backlash", "joint_elasticity", "payload",
-    "armature", "presliding",
-)  # fmt: skip
+# What is left of a compliant gear in the plant's equation of the link alone (behind_gear.py).
+BEHIND_THE_SENSOR = ("flexible_part", "backlash", "joint_elasticity")
 
 
 def add_law(problem: Problem, finding: LawFinding, decision: Decision, why: str = "") -> None:

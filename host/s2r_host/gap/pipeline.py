@@ -12,6 +12,7 @@ import numpy as np
 from s2r_host.gap import insufficient
 from s2r_host.gap.align import control_lag
 from s2r_host.gap.aligned import aligned, lags_of
+from s2r_host.gap.behind_gear import links_alone
 from s2r_host.gap.checks import check_efforts, check_joints, check_units
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.decide import FEW_JOINTS, decide, restate, unnamed_force
@@ -219,6 +220,13 @@ def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem
             raw.lead[:], raw.v_eps[:] = moved.lead, moved.v_eps
         problem = build_problem(a.model, fit, hold, repeats, bounded=bounded)
         problem.law = late + [f for f in problem.law if f.name != "clock_skew"]
+    behind = [c.joint for c in problem.contradictions if c.finding is not None]
+    if behind:
+        links = [links_alone(a.model, x, behind) for x in (fit, hold, repeats)]
+        find_edges(links[0] + links[1] + links[2], a.model)
+        seen = problem.law, problem.contradictions
+        problem = build_problem(a.model, *links, bounded=bounded)
+        problem.law, problem.contradictions = seen
     problem.law = [f for f in problem.law if f.name not in config.skip]
     problem.contradictions = [
         replace(c, finding=None) if c.finding is not None and c.finding.name in config.skip else c

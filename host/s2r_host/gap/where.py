@@ -8,7 +8,7 @@ import numpy as np
 
 from s2r_host.gap.bursts import Bursts
 from s2r_host.gap.decision import Decision
-from s2r_host.gap.kinematics import Contradiction
+from s2r_host.gap.kinematics import Contradiction, load_keeps_sign
 from s2r_host.gap.naming import Named
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
@@ -16,6 +16,7 @@ from s2r_host.gap.session import Session
 from s2r_host.gap.time_spans import time_spans
 
 ACTING, MERGE_S = 0.2, 0.06
+TRANSMISSIONS = ("joint_elasticity", "backlash")  # known from position and speed alone, without coefficients
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,9 @@ def acting(search: Search, decision: Decision, joint: int) -> tuple[Session, np.
         if named.name == "session_friction":
             best = _drifting(search.problem, joint)
             continue
+        if not named.theta.size and named.name in TRANSMISSIONS:
+            best = _between(search.problem, named.name, joint)
+            continue
         for s in ctx.sessions:
             seen = _in_position(search, named, s, joint)
             if seen is not None:
@@ -142,6 +146,14 @@ def _in_position(search: Search, named: Named, s: Session, joint: int) -> np.nda
     if sense is None:
         return None
     return np.abs(np.array([sense(float(q)) - float(q) for q in s.q[:, joint]]))
+
+
+def _between(problem: Problem, name: str, joint: int) -> tuple[Session, np.ndarray]:
+    """A spring winds up with the effort behind it, play is crossed where that changes its sign."""
+    s, m = problem.ctx.sessions[0], problem.ctx.model.model
+    motor = float(m.dof_armature[joint]) * s.a[:, joint] + float(m.dof_damping[joint]) * s.v[:, joint]
+    link = s.load[:, joint] - motor
+    return s, np.abs(link) if name == "joint_elasticity" else (~load_keeps_sign(link, s.dt)).astype(float)
 
 
 def _drifting(problem: Problem, joint: int) -> tuple[Session, np.ndarray] | None:
