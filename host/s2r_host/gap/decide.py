@@ -197,7 +197,7 @@ def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
             continue  # its sign came out wrong: it has no size
         slot = solution.slots[i] if i < len(solution.slots) else []
         named = named_effect(problem, search, solution, i, slot)
-        if term.effect.startswith(PREFIX) or is_parameter(problem, term, solution.theta[i], slot):
+        if term.effect.startswith(PREFIX) or is_parameter(problem, named, slot):
             decision.parameters_off += off_entries(problem, search, named)
         else:
             decision.effects.append(named)

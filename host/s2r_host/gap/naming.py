@@ -85,8 +85,11 @@ def named_effect(problem: Problem, search: Search, solution: Solution, i: int, s
 def brought(problem: Problem, search: Search, solution: Solution, i: int, named: Named) -> list[Named]:
     """Simpler effects that term ``i`` holds because the model lacks them, where their size is clear."""
     term, found = solution.terms[i], []
-    for name, k in search.effects[term.effect].brings(problem.ctx, term.joint, dict(term.shape)).items():
-        size, variance = solution.theta[i][k : k + 1], float(solution.covariance[i][k, k])
+    theta, effect = solution.theta[i], search.effects[term.effect]
+    for name, weights in effect.brings(problem.ctx, term.joint, dict(term.shape), theta).items():
+        w = np.zeros(len(theta))
+        w[: len(weights)] = weights
+        size, variance = np.array([w @ theta]), float(w @ solution.covariance[i] @ w)
         if name not in search.effects or any(t.key == (name, term.joint) for t in solution.terms):
             continue  # it has a place of its own
         if not size[0] > CLEAR_DEVIATIONS * np.sqrt(variance):

@@ -11,7 +11,7 @@ from s2r_host.gap.naming import Z90, Named, named_effect
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.rejected import rejected_at_floor
 from s2r_host.gap.search import Search
-from s2r_host.gap.solution import Scored, Solution, Term
+from s2r_host.gap.solution import Scored, Solution
 from s2r_host.gap.wrong_number import (
     ALIKE_GAIN,
     ALIKE_SHARE,
@@ -35,12 +35,13 @@ LEAST_OF_FIT = 0.05  # of the misfit of the fit rows
 SMALL_CHANGE = 1.6  # of what the model has: its number may be off by so much
 
 
-def is_parameter(problem: Problem, term: Term, theta: np.ndarray, slot: list[Scored]) -> bool:
+def is_parameter(problem: Problem, named: Named, slot: list[Scored]) -> bool:
     """Is this a wrong number rather than new physics?
 
-    So is a small addition to friction or damping the model already has, and mass, motor inertia or effort scale where
-    a number of the model explains the place as well.
+    So is an addition to friction or damping the model already has that is not clearly large, and mass, motor inertia or
+    effort scale where a number of the model explains the place as well.
     """
+    term = named.term
     if term.effect in AS_PARAMETER:
         own = next((s.gain for s in slot if s.term.key == term.key), np.inf)
         rival = max((s.gain for s in slot if s.term.effect.startswith(PREFIX)), default=-np.inf)
@@ -48,7 +49,9 @@ def is_parameter(problem: Problem, term: Term, theta: np.ndarray, slot: list[Sco
     if term.effect not in FRICTION:
         return False
     nominal = nominal_friction_of(problem.ctx.model, term.effect, term.joint)
-    return nominal > 0 and abs(float(theta[0])) < SMALL_CHANGE * nominal
+    low, high = next(iter(named.parameters.values()))["interval90"]
+    least = 0.0 if low < 0.0 < high else min(abs(low), abs(high))
+    return nominal > 0 and least < SMALL_CHANGE * nominal
 
 
 def parameters_only(problem: Problem, search: Search) -> Decision:
@@ -80,7 +83,7 @@ def parameters_only(problem: Problem, search: Search) -> Decision:
     solution = search.finish([slot[0].term], [slot], [])
     named = named_effect(problem, search, solution, 0, slot)
     decision = Decision("parameter_off", solution, rejected=rejected_at_floor(problem, search))
-    is_number = is_parameter(problem, named.term, solution.theta[0], slot)
+    is_number = is_parameter(problem, named, slot)
     search.looseness = 1.0
     if named.name in (*LIKE_PARAMETERS, *FRICTION) and not is_number:
         if _of_one_part(problem, search, solution):

@@ -96,8 +96,19 @@ def test_thinning_friction_brings_what_the_model_lacks(model, tmp_path):
     bare = RigidModel(write_model(tmp_path / "bare.xml", friction=0.0, damping=DAMPING))
     shape = {"T": 20.0, "target": ALL, "k": 0.03}
     effect = catalogue()["thermal_drift"]
-    assert effect.brings(Context(model, []), 0, shape) == {}
-    assert effect.brings(Context(bare, []), 0, shape) == {"coulomb_friction": 0}
+    theta = np.array([0.5, -0.2])
+    assert effect.brings(Context(model, []), 0, shape, theta) == {}
+    assert effect.brings(Context(bare, []), 0, shape, theta) == {"coulomb_friction": (1.0,)}
+
+
+@pytest.mark.parametrize(("half", "brought"), [(0.3, set()), (-0.1, {"coulomb_friction"})])
+def test_what_both_directions_have_is_friction_of_its_own(tmp_path, half, brought):
+    bare = RigidModel(write_model(tmp_path / "bare.xml", friction=0.0, damping=DAMPING))
+    theta = np.array([half, 0.05, 0.3, 0.2])
+    found = catalogue()["asymmetric_friction"].brings(
+        Context(bare, []), 0, {"dry": 1.0, "viscous": 1.0}, theta
+    )
+    assert found == dict.fromkeys(brought, (1.0, 0.0, 1.0, 0.0))
 
 
 WIDTH = 0.02  # rad over which a bristle bends

@@ -8,6 +8,9 @@ from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, 
 from s2r_host.gap.session import Session
 
 EVEN = 0.1  # half difference, as a share of what both directions have in common
+COMMON = (
+    0.2  # of the friction in the greater direction, from which the lesser one counts as friction of its own
+)
 
 
 class AsymmetricFriction(Effect):
@@ -59,6 +62,26 @@ class AsymmetricFriction(Effect):
         level = values.pop(0) if shape["dry"] else 0.0
         slope = values.pop(0) if shape["viscous"] else 0.0
         return {"dry": dry, "viscous": viscous, "level": level, "slope": slope}
+
+    def brings(
+        self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray
+    ) -> dict[str, tuple[float, ...]]:
+        """What the lesser direction has is no asymmetry; where the model has none of its kind, it lacks that too."""
+        m, part, k = ctx.model.model, self._split(shape, theta), len(theta) // 2
+        found = {}
+        for name, known, half, both in (
+            ("coulomb_friction", m.dof_frictionloss[joint], "dry", "level"),
+            ("viscous_friction", m.dof_damping[joint], "viscous", "slope"),
+        ):
+            if known > 0 or not shape[half]:
+                continue
+            lesser, greater = part[both] - abs(part[half]), part[both] + abs(part[half])
+            if lesser > COMMON * greater:
+                weights = np.zeros(2 * k)
+                at = k - 1 if half == "viscous" else 0
+                weights[at], weights[k + at] = -np.sign(part[half]), 1.0
+                found[name] = tuple(map(float, weights))
+        return found
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Values per direction, added to what the model has."""

@@ -165,8 +165,13 @@ class Effect:
         """Physical parameters from shape and coefficients."""
         raise NotImplementedError
 
-    def brings(self, ctx: Context, joint: int, shape: Shape) -> dict[str, int]:
-        """Simpler effects that this one holds because the model lacks them: name -> which coefficient is their size."""
+    def brings(
+        self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray
+    ) -> dict[str, tuple[float, ...]]:
+        """Simpler effects that this one holds because the model lacks them: name -> weights of the coefficients.
+
+        The weighted sum is their size; weights that are not given are zero.
+        """
         return {}
 
     def part(

@@ -55,9 +55,11 @@ class Presliding(Effect):
             "displacement": Value(shape["width"], ctx.model.unit(name), shape_key="width"),
         }
 
-    def brings(self, ctx: Context, joint: int, shape: Shape) -> dict[str, int]:
+    def brings(
+        self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray
+    ) -> dict[str, tuple[float, ...]]:
         """The dry friction that the bristle builds up to, where the model has none."""
-        return {"coulomb_friction": 0} if float(ctx.model.model.dof_frictionloss[joint]) <= 0.0 else {}
+        return {"coulomb_friction": (1.0,)} if float(ctx.model.model.dof_frictionloss[joint]) <= 0.0 else {}
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Bristle state as applied force."""

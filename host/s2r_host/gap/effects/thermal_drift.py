@@ -135,19 +135,21 @@ class ThermalDrift(Effect):
             "time_constant": Value(shape["T"], "s", shape_key="T"),
         }
 
-    def brings(self, ctx: Context, joint: int, shape: Shape) -> dict[str, int]:
+    def brings(
+        self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray
+    ) -> dict[str, tuple[float, ...]]:
         """Friction the model lacks, cold."""
         m = ctx.model.model
         dry, viscous = m.dof_frictionloss[joint] > 0, m.dof_damping[joint] > 0
         if shape["target"] != ALL:
             lacks = {FRICTION: not dry, DAMPING: not viscous}.get(shape["target"], False)
             return (
-                {"coulomb_friction" if shape["target"] == FRICTION else "viscous_friction": 1}
+                {"coulomb_friction" if shape["target"] == FRICTION else "viscous_friction": (0.0, 1.0)}
                 if lacks
                 else {}
             )
         missing = [n for n, known in (("coulomb_friction", dry), ("viscous_friction", viscous)) if not known]
-        return {name: i for i, name in enumerate(missing)}
+        return {name: (*(0.0,) * i, 1.0) for i, name in enumerate(missing)}
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Time-dependent force or friction loss; heat by the effort counts as its mean."""
