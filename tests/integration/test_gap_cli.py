@@ -171,6 +171,16 @@ def test_no_recording_is_bad_usage(clean, tmp_path, capsys):
     assert "--fit" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("again", ["--holdout", "--repeat", "--fit"])
+def test_a_recording_against_itself_is_refused(clean, tmp_path, capsys, again):
+    fit, out = str(clean["fit"]), tmp_path / "out"
+    with pytest.raises(SystemExit) as ended:
+        main(["gap", "--model", str(clean["model"]), "--fit", fit, again, fit, "--out", str(out)])
+    assert ended.value.code == 2
+    assert f"'{fit}' is given twice" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_a_missing_model_is_refused(clean, tmp_path):
     from s2r_host.gap.errors import GapModelError
 

@@ -113,9 +113,11 @@ def run_gap(
 
     if not fit:
         raise GapUsageError("no recording given: use --fit REC [REC ...]")
+    _refuse_twice([*fit, *holdout, *repeat])
     config = read_config(config_path)
     if out.exists() and not out.is_dir():
         raise GapUsageError(f"--out '{out}' is a file; give a folder")
+    out.mkdir(parents=True, exist_ok=True)  # a place that takes no files is told at once
 
     def log(text: str) -> None:
         if not quiet:
@@ -134,6 +136,20 @@ def run_gap(
         click.echo(json.dumps(answer, ensure_ascii=False))
     log(summary(answer))
     return ExitCode.OK if answer["verdict"] in ("nothing_missing", "insufficient") else ExitCode.DIFFERENCE
+
+
+def _refuse_twice(recordings: list[Path]) -> None:
+    """Raises GapUsageError where one recording is given twice: it would be held against itself."""
+    from s2r_host.gap.errors import GapUsageError
+
+    seen: set[Path] = set()
+    for path in recordings:
+        if (real := path.resolve()) in seen:
+            raise GapUsageError(
+                f"recording '{path}' is given twice among --fit, --holdout and --repeat; held against itself it shows "
+                "neither noise nor a prediction: give it once (without --holdout 30 % of each --fit are held out)"
+            )
+        seen.add(real)
 
 
 def summary(answer: dict) -> str:

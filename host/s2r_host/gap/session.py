@@ -25,7 +25,7 @@ LINE_MARGIN = 1.5
 FREE_SHARE = 0.02  # of the load: less effort than that drives nothing
 
 
-@dataclass
+@dataclass(eq=False)
 class Session:
     """Signals of one recording, resampled to an even grid, in the joint order of the model.
 
