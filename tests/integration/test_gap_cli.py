@@ -127,13 +127,17 @@ def test_a_taken_out_effect_is_not_named_after_its_neighbour(tmp_path):
     assert answer["where"][0]["joint"] == "elbow"
 
 
-def test_without_effort_it_asks_for_effort(clean, tmp_path):
-    path = tmp_path / "fit.csv"
-    rows = clean["fit"].read_text(encoding="utf-8").splitlines()
+def without_effort(recording, path):
+    rows = recording.read_text(encoding="utf-8").splitlines()
     kept = [i for i, name in enumerate(rows[0].split(",")) if not name.startswith("tau")]
     path.write_text("\n".join(",".join(r.split(",")[i] for i in kept) for r in rows), encoding="utf-8")
-    shutil.copy(clean["fit"].with_suffix(".yaml"), path.with_suffix(".yaml"))
-    case = {"model": clean["model"], "fit": path, "repeat": path}
+    shutil.copy(recording.with_suffix(".yaml"), path.with_suffix(".yaml"))
+    return path
+
+
+def test_without_effort_it_asks_for_effort(clean, tmp_path):
+    fit, repeat = (without_effort(clean[name], tmp_path / f"{name}.csv") for name in ("fit", "repeat"))
+    case = {"model": clean["model"], "fit": fit, "repeat": repeat}
     code, answer = gap(case, tmp_path / "out", holdout=False)
     assert code == 0
     assert answer["verdict"] == "insufficient"
