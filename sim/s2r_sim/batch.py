@@ -152,6 +152,25 @@ def results_in(results: Path) -> list[dict[str, Any]]:
     return list(dict(_read(results)).values())
 
 
+def results_for_page(
+    results: Path, wanted: Callable[[dict[str, Any]], bool], what: str
+) -> list[dict[str, Any]]:
+    """Those of a file that a page is to show.
+
+    Args:
+        results: The file.
+        wanted: Which.
+        what: They are, in the plural.
+
+    Raises:
+        UsageError: There are none, and the page would become an empty one.
+    """
+    rows = [row for row in results_in(results) if wanted(row)]
+    if not rows:
+        raise UsageError(f"--page-only: {results} holds no result of these {what}; the page is left as it is")
+    return rows
+
+
 def _key(job: Job) -> str:
     return json.dumps(list(job))
 

@@ -158,8 +158,7 @@ def _track(model: RigidModel, s: Session, joint: int) -> _Track | None:
     noise = float(np.sqrt((0.4 * resolution(q)) ** 2 + (white**2 * dt * WALK_S) + rough**2 + step**2))
     v = zero_phase(even(dq), (min(NOISE_HZ, 0.4 / dt),), dt)
     honest = np.stack([band(even(q)), band(v), band(np.gradient(v, dt))], axis=1)
-    link = s.load[:, joint] - float(model.model.dof_armature[joint]) * s.a[:, joint]
-    link = np.interp(grid, s.t, link - float(model.model.dof_damping[joint]) * s.v[:, joint])
+    link = np.interp(grid, s.t, transmitted(model, s, joint))
     turn = np.tanh(link / (0.05 * float(np.std(link)) + 1e-12))
     leak = None
     if s.has_u[joint]:
@@ -169,6 +168,12 @@ def _track(model: RigidModel, s: Session, joint: int) -> _Track | None:
     settled = load_keeps_sign(link, dt)[margin:-margin]
     lesser = min(float(np.mean(link > 0)), float(np.mean(link < 0)))
     return _Track(grid[margin:-margin], band(even(q - way)), honest, windup, settled, lesser, leak, noise)
+
+
+def transmitted(model: RigidModel, s: Session, joint: int) -> np.ndarray:
+    """Effort behind the gear: what the model needs less the motor's share [N·m or N], shape (time,)."""
+    link = s.load[:, joint] - float(model.model.dof_armature[joint]) * s.a[:, joint]
+    return link - float(model.model.dof_damping[joint]) * s.v[:, joint]
 
 
 def load_keeps_sign(link: np.ndarray, dt: float) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from s2r_host.gap.bursts import Bursts
 from s2r_host.gap.decision import Decision
-from s2r_host.gap.kinematics import Contradiction, load_keeps_sign
+from s2r_host.gap.kinematics import Contradiction, load_keeps_sign, transmitted
 from s2r_host.gap.naming import Named
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
@@ -150,9 +150,8 @@ def _in_position(search: Search, named: Named, s: Session, joint: int) -> np.nda
 
 def _between(problem: Problem, name: str, joint: int) -> tuple[Session, np.ndarray]:
     """A spring winds up with the effort behind it, play is crossed where that changes its sign."""
-    s, m = problem.ctx.sessions[0], problem.ctx.model.model
-    motor = float(m.dof_armature[joint]) * s.a[:, joint] + float(m.dof_damping[joint]) * s.v[:, joint]
-    link = s.load[:, joint] - motor
+    s = problem.ctx.sessions[0]
+    link = transmitted(problem.ctx.model, s, joint)
     return s, np.abs(link) if name == "joint_elasticity" else (~load_keeps_sign(link, s.dt)).astype(float)
 
 

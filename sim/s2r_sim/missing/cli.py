@@ -65,7 +65,7 @@ def missing(
     Each object is run twice, with and without ``s2r run --learn-physics``. An interrupted campaign goes on where it
     was.
     """
-    from s2r_sim.batch import results_in, run_jobs
+    from s2r_sim.batch import results_for_page, run_jobs
     from s2r_sim.missing.cases import HIDDEN
     from s2r_sim.missing.page import summaries, write_page
     from s2r_sim.missing.trial import ARMS, run_case
@@ -84,11 +84,7 @@ def missing(
     ]
     results = out / "results.jsonl"
     if page_only:
-        rows = [row for row in results_in(results) if row["case"] in labels]
-        if not rows:
-            raise UsageError(
-                f"--page-only: {results} holds no result of these cases; the page is left as it is"
-            )
+        rows = results_for_page(results, lambda row: row["case"] in labels, "cases")
     else:
         rows = run_jobs(partial(run_case, out), todo, results, jobs, "runs", ray)
     order = list(HIDDEN)

@@ -76,7 +76,7 @@ def paper(
     Each trial runs stand-in, executor and host in lock-step: look, push, model, plan, execute, measure. An interrupted
     campaign goes on where it was.
     """
-    from s2r_sim.batch import results_in, run_jobs
+    from s2r_sim.batch import results_for_page, run_jobs
     from s2r_sim.paper.page import write_page
     from s2r_sim.paper.summary import merit
     from s2r_sim.paper.trial import run_trial
@@ -90,11 +90,7 @@ def paper(
     words = _words(run_options)
     todo = [(name, number, attempts) for number in range(first, first + trials) for name in names]
     if page_only:
-        rows = [row for row in results_in(out / "results.jsonl") if row["kind"] in names]
-        if not rows:
-            raise UsageError(
-                f"--page-only: {out / 'results.jsonl'} holds no result of these kinds; the page is left as it is"
-            )
+        rows = results_for_page(out / "results.jsonl", lambda row: row["kind"] in names, "kinds")
     else:
         rows = run_jobs(
             partial(run_trial, out, words, pace, arm),

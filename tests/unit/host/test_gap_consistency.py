@@ -2,18 +2,15 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from s2r_host.gap.consistency import disagreement
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
 from s2r_host.gap.search import Search
-from s2r_host.gap.session import make_session
 from s2r_host.gap.solution import Term
 
-DT, PLACE, WIDTH, EDGE, RAMP = 0.004, 0.1, 0.08, 0.3, 0.01
+PLACE, WIDTH, EDGE, RAMP = 0.1, 0.08, 0.3, 0.01
 DETENT = Term("detent", 0, (("q0", PLACE), ("w", WIDTH)))
 SOFT_CLOSE = Term("soft_close", 0, (("back", 0.0), ("q0", EDGE), ("ramp", RAMP), ("side", 1.0)))
 
@@ -40,19 +37,6 @@ def model(tmp_path_factory):
     return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
 
 
-def recorded(model, index, phase, hidden):
-    rng = np.random.default_rng(index)
-    t = np.arange(0, 20, DT)
-    q = 0.6 * np.sin(1.7 * t + phase) + 0.2 * np.sin(5.3 * t + 2.0 * phase)
-    dq = np.gradient(q, DT)
-    noise = np.asarray(lfilter([0.2], [1.0, -0.9], rng.normal(size=len(t))))
-    u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0]
-    u = u + hidden(q, dq) + 0.02 * noise / np.std(noise)
-    channels = {"q": {"elbow": q}, "dq": {"elbow": dq}, "tau": {"elbow": u}}
-    rec = Recording(f"r{index}", t, channels, Controller("none"), "measured", "effort", "a", "", ())
-    return make_session(model, rec, index)
-
-
 @pytest.mark.parametrize(
     ("term", "hidden", "said"),
     [
@@ -62,8 +46,8 @@ def recorded(model, index, phase, hidden):
         (SOFT_CLOSE, caught, "the brake of the deeper half"),
     ],
 )
-def test_an_imitation_is_told_by_its_parts(model, term, hidden, said):
-    fit, again, held = (recorded(model, k, phase, hidden) for k, phase in ((0, 0.0), (1, 0.0), (2, 1.0)))
+def test_an_imitation_is_told_by_its_parts(model, swung, term, hidden, said):
+    fit, again, held = (swung(model, k, phase, hidden) for k, phase in ((0, 0.0), (1, 0.0), (2, 1.0)))
     problem = build_problem(model, [fit], [held], [again])
     search = Search(problem)
     found = disagreement(problem, search, search.finish([term], [[]], []))

@@ -54,9 +54,8 @@ class SoftClose(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Speed inside the zone, only on the way in where it is one-way; the pull inside the zone."""
-        side = shape["side"]
-        inside = _zone(side * (s.q[:, joint] - shape["q0"]), shape["ramp"])
-        return Columns([_braked(s, joint, shape), -side * inside], (True, True), secondary=(False, True))
+        pulled = -shape["side"] * _inside(s, joint, shape)
+        return Columns([_braked(s, joint, shape), pulled], (True, True), secondary=(False, True))
 
     def part(
         self, ctx: Context, s: Session, joint: int, shape: Shape, theta: np.ndarray
@@ -93,9 +92,13 @@ class SoftClose(Effect):
 
 def _braked(s: Session, joint: int, shape: Shape) -> np.ndarray:
     """Effort per unit of damping."""
-    v, side = s.v[:, joint], shape["side"]
-    inside = _zone(side * (s.q[:, joint] - shape["q0"]), shape["ramp"])
-    return v * inside * ((side * v > 0) | (shape["back"] > 0))
+    v = s.v[:, joint]
+    return v * _inside(s, joint, shape) * ((shape["side"] * v > 0) | (shape["back"] > 0))
+
+
+def _inside(s: Session, joint: int, shape: Shape) -> np.ndarray:
+    """How far in the zone each row is, 0 to 1."""
+    return _zone(shape["side"] * (s.q[:, joint] - shape["q0"]), shape["ramp"])
 
 
 def _zone(depth: np.ndarray, ramp: float) -> np.ndarray:
