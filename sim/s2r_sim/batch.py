@@ -111,9 +111,10 @@ def _on_workers(work: Work, jobs: list[Job], workers: int) -> Iterator[tuple[Job
                             result = future.result()
                             yield waiting.pop(future), result
                 except (KeyboardInterrupt, GeneratorExit):
-                    pool.shutdown(wait=False, cancel_futures=True)
                     for worker in multiprocessing.active_children():
                         worker.terminate()  # a signal that only we got
+                    # Waited for: Python 3.11 may wake the pool's thread at exit while that closes its pipe.
+                    pool.shutdown(wait=True, cancel_futures=True)
                     raise
         except BrokenProcessPool:
             # Which of them killed its worker is not known: all that were begun are begun anew.
