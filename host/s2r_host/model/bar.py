@@ -2,7 +2,8 @@
 
 Cameras show one or two sides of a bar, fattened at the edges by the matching window. The flat pieces that suit lids and
 fronts make of it a broad thin plate with splinters around it; a prism along its line is nearer to what a fingertip
-meets. What its cross-section is say its faces and its outlines in both views (:mod:`s2r_host.model.section`).
+meets. What its cross-section is has its outline told already (:mod:`s2r_host.perception.lever_outline`); else its faces
+and its outlines in both views say it (:mod:`s2r_host.model.section`).
 """
 
 from __future__ import annotations
@@ -15,12 +16,11 @@ from numpy.typing import NDArray
 from s2r_host.model.pieces import Piece, box, hull
 from s2r_host.model.points import Look, ObservedObject
 from s2r_host.model.section import Section, SectionLook, fit_section
+from s2r_host.perception.lever_shape import LeverShape
+from s2r_host.perception.line import HUB_M, main_line
 
 Array = NDArray[np.floating]
 
-HUB_M = 0.03  # about the axis, where hub and column are
-LINE_M = 0.022  # points this near to the line are the bar's
-LEAST_SHARE = 0.6  # of the points outside of the hub
 LEAST_LENGTH_M, MOST_WIDTH_M = 0.045, 0.055
 LEAST_SLENDER = 1.5  # length beside the hub over width
 FAT_M = 0.0025  # by which an outline is too wide on each side
@@ -31,22 +31,27 @@ ALONG = 0.35  # cosine; outlines that face more along the bar are those of its e
 LEAST_SEEN, LEAST_EDGE = 20, 8  # points
 LONGEST_HIDDEN_M, ROOT_STEP_M = 0.06, 0.004  # of a bar, between its hub and where it is seen to have moved
 CORNERS = 12  # of the prism that stands for a rod
-FIT_STEPS = 6
 LEAST_POINTS = 150
 
 
-def bar_pieces(seen: ObservedObject, p_axis: Array, axis: Array) -> list[Piece] | None:
+def bar_pieces(
+    seen: ObservedObject, p_axis: Array, axis: Array, outlined: LeverShape | None = None
+) -> list[Piece] | None:
     """A prism for the bar and a block for its hub, or None where the part is no bar.
 
     Args:
         seen: The part, in the pose of the first view.
         p_axis, axis: A point on the hinge's axis [m] and its unit vector, (3,) each.
+        outlined: The bar, where its outline in both views told it.
     """
+    radius = _radius(seen.part, p_axis, axis)
+    hub = _hub(seen.part[radius <= HUB_M], p_axis, axis)
+    if outlined is not None:
+        return [_outlined_prism(outlined), *hub]
     if seen.p_camera is None:
         return None
-    radius = _radius(seen.part, p_axis, axis)
     out = seen.part[radius > HUB_M]
-    fit = _line(out)
+    fit = main_line(out)
     if fit is None:
         return None
     centre, along, near = fit
@@ -68,7 +73,14 @@ def bar_pieces(seen: ObservedObject, p_axis: Array, axis: Array) -> list[Piece] 
     if _spread_m(looks) > MOST_WIDTH_M or length < LEAST_SLENDER * width:
         return None
     low = min(float(low), _root(seen, section, X, float(low), p_axis, axis))
-    return [_prism(section, X, low, float(high)), *_hub(seen.part[radius <= HUB_M], p_axis, axis)]
+    return [_prism(section, X, low, float(high)), *hub]
+
+
+def _outlined_prism(lever: LeverShape) -> Piece:
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = lever.frame, lever.p_middle
+    section = Section(np.zeros(2), np.zeros(2), lever.half_m, lever.rod, cost=0.0)
+    return _prism(section, X, lever.root_m, lever.end_m)
 
 
 def _radius(p: Array, p_axis: Array, axis: Array) -> Array:
@@ -151,22 +163,6 @@ def _prism(section: Section, X: Array, low: float, high: float) -> Piece:
     ring = section.half[0] / np.cos(np.pi / CORNERS) * np.column_stack([np.cos(angle), np.sin(angle)])
     corners = np.concatenate([np.column_stack([np.full(CORNERS, end), ring]) for end in (low, high)])
     return hull("bar", "part", corners @ Y[:3, :3].T + Y[:3, 3])
-
-
-def _line(p: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """Centre, unit vector and points of the line that most of some points lie near; None if there is none."""
-    if len(p) < LEAST_POINTS:
-        return None
-    near = np.ones(len(p), dtype=bool)
-    centre, along = p.mean(axis=0), np.zeros(3)
-    for _ in range(FIT_STEPS):
-        if near.sum() < LEAST_POINTS:
-            return None
-        centre = np.median(p[near], axis=0)
-        along = np.linalg.eigh(np.cov((p[near] - centre).T))[1][:, 2]
-        off = (p - centre) - np.outer((p - centre) @ along, along)
-        near = np.linalg.norm(off, axis=1) < LINE_M
-    return (centre, along, near) if near.mean() > LEAST_SHARE else None
 
 
 def _hub(p: Array, p_axis: Array, axis: Array) -> list[Piece]:

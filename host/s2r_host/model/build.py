@@ -124,7 +124,7 @@ def _known_shape(estimate: JointEstimate, seen: ObservedObject) -> list[Piece] |
         return knob_pieces(estimate.knob)
     if estimate.joint_type != "revolute":
         return None
-    return bar_pieces(seen, estimate.axis_origin_m, estimate.axis_direction)
+    return bar_pieces(seen, estimate.axis_origin_m, estimate.axis_direction, estimate.lever)
 
 
 def _slide_range(drawer: Drawer, estimate: JointEstimate) -> tuple[float, float]:

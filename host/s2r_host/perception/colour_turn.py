@@ -10,13 +10,12 @@ and where the hinge is is known to some millimetres only, both may give way.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from s2r_host.perception.colour_edges import colour_edges
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.refine import perturbed
 from s2r_host.perception.view import DepthView
@@ -24,14 +23,9 @@ from s2r_host.perception.view import DepthView
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
-SMOOTH_PX = 0.8
-LEAST_CONTRAST = 6.0  # 8-bit levels a pixel
 BESIDE_PX = 3  # depth ends short of the outline, or beyond it
 REACH_PX = 60  # about the part, in which it is looked for
-# An edge that both looks have within so far, at an angle of that cosine, has stayed.
-STILL_PX, STILL_SIDE = 1.2, 0.95
 SAME_SIDE = 0.85  # cosine between edges that may be the same one
-NEIGHBOURS = 8
 GATES_PX = np.geomspace(8.0, 2.5, 10)  # largest distance of edges taken for the same, round by round
 HIDDEN_M = 0.02  # behind what the second look shows: not seen
 # How exactly edges are told, and how many neighbours err alike; what is known beforehand of the hinge's place [m], of
@@ -89,64 +83,6 @@ def _changed(motion: JointMotion, free: Array) -> JointMotion:
     return perturbed(motion, np.array([0.0, 0.0, free[0], free[1], free[2]]))
 
 
-@dataclass(frozen=True, eq=False)
-class _Edges:
-    """Edges in an image: where, sub-pixel, (n, 2), and unit vectors across them, (n, 2)."""
-
-    uv: Array
-    across: Array
-
-    @cached_property
-    def tree(self) -> cKDTree:
-        """Of the places."""
-        return cKDTree(self.uv)
-
-    def of(self, chosen: Mask) -> _Edges:
-        """Some of them."""
-        return _Edges(self.uv[chosen], self.across[chosen])
-
-    def nearest(self, uv: Array, across: Array, reach_px: float, side: float) -> NDArray[np.int64]:
-        """For other edges (m, 2) the nearest of these at about the same angle, -1 where there is none, (m,)."""
-        if not len(self.uv):
-            return np.full(len(uv), -1)
-        distance, index = self.tree.query(uv, k=NEIGHBOURS, distance_upper_bound=reach_px)
-        fits = np.isfinite(distance)
-        index = np.where(fits, index, 0)
-        fits &= np.abs(np.einsum("nki,ni->nk", self.across[index], across)) > side
-        first = np.argmax(fits, axis=1)
-        return np.where(fits.any(axis=1), index[np.arange(len(index)), first], -1)
-
-    def without(self, other: _Edges) -> _Edges:
-        """Without those that another view has at the same place."""
-        return self.of(other.nearest(self.uv, self.across, STILL_PX, STILL_SIDE) < 0)
-
-
-def _edges(colour: NDArray[np.uint8], where: Mask) -> _Edges:
-    """Ridges of the change of colour within some pixels (h, w), all channels together (Di Zenzo's gradient)."""
-    image = cv2.GaussianBlur(colour.astype(np.float32), (0, 0), SMOOTH_PX)
-    gx, gy = (cv2.Sobel(image, cv2.CV_32F, *axes, scale=0.125) for axes in ((1, 0), (0, 1)))
-    xx, yy, xy = ((a * b).sum(axis=2) for a, b in ((gx, gx), (gy, gy), (gx, gy)))
-    change = np.sqrt(0.5 * (xx + yy + np.sqrt((xx - yy) ** 2 + 4.0 * xy**2)))
-    v, u = np.nonzero((change > LEAST_CONTRAST) & where)
-    if not len(v):
-        return _Edges(np.empty((0, 2)), np.empty((0, 2)))
-    angle = 0.5 * np.arctan2(2.0 * xy[v, u], xx[v, u] - yy[v, u])
-    across = np.column_stack([np.cos(angle), np.sin(angle)]).astype(float)
-    uv = np.column_stack([u, v]).astype(float)
-    low, high = (_at(change, uv + side * across) for side in (-1.0, 1.0))
-    here = change[v, u]
-    ridge = (here >= low) & (here > high)
-    along = 0.5 * (low - high) / np.minimum(low - 2.0 * here + high, -1e-6)
-    uv = uv + np.clip(along, -0.5, 0.5)[:, None] * across
-    return _Edges(uv[ridge], across[ridge])
-
-
-def _at(image: Array, uv: Array) -> Array:
-    """Values between pixels, (n,)."""
-    x, y = uv.astype(np.float32).T
-    return np.asarray(cv2.remap(image, x[:, None], y[:, None], cv2.INTER_LINEAR)[:, 0], np.float32)
-
-
 class _Search:
     """The part's edges of one view, to be found in another."""
 
@@ -163,7 +99,7 @@ class _Search:
         near = cv2.erode(near, np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8), borderValue=float("inf"))
         assert before.colour is not None
         assert after.colour is not None
-        all_before, all_after = _edges(before.colour, around), _edges(after.colour, around)
+        all_before, all_after = colour_edges(before.colour, around), colour_edges(after.colour, around)
         edges = all_before.without(all_after)
         u, v = np.rint(edges.uv).astype(int).T
         own = beside[v, u] & np.isfinite(near[v, u])

@@ -23,9 +23,12 @@ from s2r_host.perception.evidence import (
     probe,
 )
 from s2r_host.perception.frames import Cloud, DepthFrame
-from s2r_host.perception.intervals import Intervals, intervals90
+from s2r_host.perception.intervals import Z90, Intervals, intervals90
 from s2r_host.perception.knob_outline import KnobOutline
+from s2r_host.perception.lever_outline import LeverOutline, lever_outline
+from s2r_host.perception.lever_shape import LeverShape
 from s2r_host.perception.levers import line_within
+from s2r_host.perception.line import HUB_M
 from s2r_host.perception.motion import JointMotion, JointType, Push, line_distance
 from s2r_host.perception.network_belief import Belief, Network, weighed_by
 from s2r_host.perception.ranking import Hypothesis, explained_by, rank
@@ -50,7 +53,6 @@ LEAST_CARRIED = 0.7  # of the moved points; a motion that explains fewer tells b
 AGAIN = 8  # of them that are refined again once the whole lever is known
 EDGE_ON_JUDGED = 0.7  # of the moved points; fewer can be judged where a plate is seen edge-on
 EDGE_ON_USED = 1200  # surface points in the refinement, of the 5000 or so of a lid seen well
-HUB_M = 0.03  # about the axis, where a lever's hub is
 # Of 39 faucets (validation 1100 to 1138) geometry knew seven turns too vaguely. Five of them it knew to a fifth and the
 # network agreed: the hinges were 1 to 5 mm off. The other two were 24 mm off and reversed.
 KNOWN_TO_BOTH, AGREES_NATS = 0.2, -0.6
@@ -75,6 +77,7 @@ class JointEstimate:
         explained: Share of the surely moved points that land on a matching surface.
         warnings: Sentences for the user.
         knob: The moving part's outline in the first view, where it is a knob with spokes.
+        lever: The moving part as a solid in the first view, where its outline tells that it is a lever.
     """
 
     joint_type: JointType
@@ -91,6 +94,7 @@ class JointEstimate:
     explained: float
     warnings: tuple[str, ...]
     knob: KnobOutline | None = None
+    lever: LeverShape | None = None
 
     @property
     def motion(self) -> JointMotion:
@@ -222,7 +226,13 @@ def conclude(
     intervals = intervals90([(h.refined, h.weight) for h in ranked], centre, wishes.thin, edge_on)
     require_narrow(intervals, best.motion, known_to)
     require_standing(best.motion, parts, scene, up)
-    motion = _with_origin_near(best.motion, centre)
+    motion = best.motion
+    lever = _outlined(motion, scene, parts) if wishes.thin else None
+    if lever is not None:
+        half = Z90 * lever.turn_sigma
+        motion = lever.hinge.positive()
+        intervals = replace(intervals, delta=(motion.delta - half, motion.delta + half))
+    motion = _with_origin_near(motion, centre)
     logger.info(
         "joint %s, delta %.4f, residual %.2f mm, cost %.3f of %d hypotheses",
         motion.joint_type, motion.delta, best.refined.residual_m * 1e3, best.cost, len(ranked),
@@ -231,8 +241,20 @@ def conclude(
         motion.joint_type, motion.origin, motion.direction, motion.delta,
         "rad" if motion.joint_type == "revolute" else "m",
         intervals, best.refined.residual_m, view_a, view_b, parts, tuple(ranked), explained.share,
-        tuple(warnings),
+        tuple(warnings), lever=None if lever is None else lever.shape,
     )  # fmt: skip
+
+
+def _outlined(motion: JointMotion, scene: Scene, parts: Parts) -> LeverOutline | None:
+    """The part as a lever whose outline in colour tells its hinge and turn sharper than depth; None if it does not."""
+    before, after = scene.before, scene.after
+    if (
+        motion.joint_type == "prismatic"
+        or not isinstance(before, DepthView)
+        or not isinstance(after, DepthView)
+    ):
+        return None
+    return lever_outline(before, parts.before, after, parts.after, motion)
 
 
 def weighed(

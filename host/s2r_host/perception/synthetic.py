@@ -211,6 +211,50 @@ def faucet_view(rng: np.random.Generator, yaw_rad: float, lever_m: float = 0.12)
     return FaucetView(pair(static, [], still, K, shape, X, rng).before, head, tip)
 
 
+@dataclass(frozen=True, eq=False)
+class LeverLook:
+    """A look in colour at a lever on a table that turns about an upright hinge at its end.
+
+    Attributes:
+        frame: Its depth smeared over some pixels, as a stereo matcher does it.
+        part: Pixels of the lever, (h, w).
+    """
+
+    frame: DepthFrame
+    part: NDArray[np.bool_]
+
+
+LEVER_HINGE = np.array([0.6, 0.0, 0.1])  # [m]
+LEVER_HALF_M = np.array([0.04, 0.007, 0.007])
+LEVER_COLOURS = np.array(
+    [[90, 90, 90], [150, 150, 140], [200, 190, 180], [60, 70, 90]], np.uint8
+)  # xyz, table
+
+
+def lever_look(turn_rad: float, half_m: Array = LEVER_HALF_M, p_camera: Array | None = None) -> LeverLook:
+    """The look with the lever turned by so much from x.
+
+    Args:
+        turn_rad: The turn.
+        half_m: Half its edges, (3,).
+        p_camera: Where it is seen from, (3,); None for the usual place.
+    """
+    K, shape = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]]), (480, 640)
+    X = look_at(np.array([0.0, -0.5, 0.6]) if p_camera is None else p_camera, LEVER_HINGE)
+    v, u = np.mgrid[: shape[0], : shape[1]]
+    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(shape)], axis=-1)
+    R = rotation(np.array([0.0, 0.0, 1.0]), turn_rad)
+    middle = LEVER_HINGE + half_m[0] * R[:, 0]
+    way = rays @ X[:3, :3].T
+    near, far = ((side * half_m - (X[:3, 3] - middle) @ R) / (way @ R) for side in (-1.0, 1.0))
+    near, far = np.minimum(near, far), np.maximum(near, far)
+    face, enters = near.argmax(axis=-1), near.max(axis=-1)
+    part = enters < far.min(axis=-1)
+    table = (0.06 - X[2, 3]) / way[..., 2]
+    depth = cv2.blur(np.where(part, enters, table).astype(np.float32), (9, 5))
+    return LeverLook(DepthFrame(depth, K, X, LEVER_COLOURS[np.where(part, face, 3)]), part)
+
+
 def beam(start: Array, end: Array, width_m: float, thick_m: float) -> Box:
     """A bar between two points, its width level."""
     x = (end - start) / np.linalg.norm(end - start)

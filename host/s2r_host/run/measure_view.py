@@ -8,8 +8,10 @@ import numpy as np
 
 from s2r_host.errors import SceneError
 from s2r_host.perception.colour_turn import Turn, combined, turn_by_colour
+from s2r_host.perception.intervals import Z90
 from s2r_host.perception.knob_joint import EDGE_M
 from s2r_host.perception.knob_outline import KnobOutline, turned_outline
+from s2r_host.perception.lever_outline import LeverOutline, turn_since
 from s2r_host.perception.view import DepthView
 from s2r_host.run.belief import Belief
 from s2r_host.run.measure import Measurement, measure_state
@@ -44,7 +46,7 @@ def measure_in(
     found = measure_state(belief.template, now, (low - margin, high + margin), s_expected)
     if belief.template.slides or belief.template.reach_m > LEVER_M:
         return found
-    return _with_colour(belief, now, found, since_told)
+    return _with_outline(belief, now, _with_colour(belief, now, found, since_told), since_told)
 
 
 def _by_outline(belief: Belief, view: Observation, knob: KnobOutline, s_expected: float) -> Measurement:
@@ -87,3 +89,19 @@ def _with_colour(belief: Belief, now: DepthView, found: Measurement, since_told:
     depth = Turn(found.s - s, float(np.hypot(spread, DEPTH_ERRS_M / belief.template.reach_m)))
     both = combined(depth, seen)
     return replace(found, s=s + both.delta, sigma=both.sigma)
+
+
+def _with_outline(belief: Belief, now: DepthView, found: Measurement, since_told: bool) -> Measurement:
+    """As a lever's outline tells it, where that told the joint and is found again."""
+    told, before, after = belief.estimate, belief.estimate.view_before, belief.estimate.view_after
+    if told.lever is None or not isinstance(before, DepthView) or not isinstance(after, DepthView):
+        return found
+    low, high = told.intervals90.delta
+    outline = LeverOutline(told.motion, 0.5 * (high - low) / Z90, told.lever)
+    turns = turn_since(outline, ((before, told.parts.before), (after, told.parts.after)), now, found.s)
+    if turns is None:
+        return found
+    since_first, since_second = turns
+    if since_told:
+        return replace(found, s=told.delta + since_second.delta, sigma=since_second.sigma)
+    return replace(found, s=since_first.delta, sigma=since_first.sigma)
