@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 
 from s2r_host.errors import ArmStoppedError
 from s2r_host.run.back_off import back_off
-from s2r_host.run.belief import Belief
 from s2r_host.run.measure import Measurement
-from s2r_host.run.measure_view import measure_in
-from s2r_host.run.observe import Observation, observe
+from s2r_host.run.observe import Observation
 from s2r_host.run.planned import PlannedManipulation
 from s2r_host.run.session import Executed, Session
 
@@ -74,15 +72,3 @@ def carry_out_manipulation(
         back_off(session, error, manipulation.trajectory.q, f"{manipulation.label}: backing off")
         planned = replace(planned, stopped=True)
     return planned, tuple(session.executed[begun:])
-
-
-def measure_now(
-    session: Session, belief: Belief, name: str, s_expected: float, *, since_told: bool
-) -> tuple[Observation, Measurement]:
-    """Look, and fit the part's state; see :func:`measure_in`.
-
-    Raises:
-        EmptyCloudError, SceneError: The part is not seen.
-    """
-    view = observe(session, name)
-    return view, measure_in(belief, view, s_expected, since_told=since_told)

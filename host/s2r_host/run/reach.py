@@ -6,17 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from s2r_host.errors import SceneError
 from s2r_host.run.contact import corrected
 from s2r_host.run.feeling import Feeling
 from s2r_host.run.lessons import belief_with_felt
-from s2r_host.run.manipulate import DoneManipulation, carry_out_manipulation, measure_now
-from s2r_host.run.observe import Observation
-from s2r_host.run.planned import prepare_manipulation
+from s2r_host.run.manipulate import DoneManipulation, carry_out_manipulation
+from s2r_host.run.measure import Measurement
+from s2r_host.run.measure_view import measure_in
+from s2r_host.run.observe import Observation, observe
+from s2r_host.run.planned import PlannedManipulation, prepare_manipulation
 from s2r_host.run.reactive import carry_out_reactively
 from s2r_host.run.record import RunRecord
-from s2r_host.run.session import Session
+from s2r_host.run.session import Executed, Session
 from s2r_host.run.task import Task
-from s2r_host.run.tell_again import tell_again
+from s2r_host.run.tell_again import tell_again, tell_lost
 from s2r_protocol.exits import RefusedError
 
 # Over the usual error of this object's manipulations: hardly to be bettered, and likely to be bettered by one more.
@@ -65,21 +68,15 @@ def reach(
                 planned, executed = carry_out_reactively(session, record.belief, planned, view)
             else:
                 planned, executed = carry_out_manipulation(session, planned)
-        with journal.stage(f"measure {number}") as stage:
-            since_told = record.origin_view == record.told_view
-            view, measured = measure_now(
-                session, record.belief, f"C{number}", planned.foreseen, since_told=since_told
-            )
-            record.views.append(view)
-            done = DoneManipulation(planned, executed, view, measured, s_now, session.target)
-            goal.attempts.append(done)
-            stage.note = f"{record.show(measured.s)}, δ {task.unit.show(done.delta)}"
+        done, lost = _measured(session, record, planned, executed, view, s_now)
+        view, measured, goal = done.view, done.measured, record.goals[-1]
+        goal.attempts.append(done)
         session.recorder.add_note(
             "state",
             {"number": number, "s": measured.s, "sigma": measured.sigma, "delta": done.delta},
         )
-        folder, offset = settings.out / f"model-{number + 1}", measured.s - planned.foreseen
-        anew = tell_again(session, record, view)
+        folder, offset = settings.out / f"model-{number + 1}", measured.s - done.foreseen
+        anew = lost or tell_again(session, record, view)
         if anew:
             feeling.forget_part()
             goal = record.goals[-1]
@@ -110,6 +107,51 @@ def reach(
                 f"belief corrected: pushed side of {planned.pushed_geom} by {task.unit.show(-lesson)}"
             )
     return view
+
+
+def _measured(
+    session: Session,
+    record: RunRecord,
+    planned: PlannedManipulation,
+    executed: tuple[Executed, ...],
+    before: Observation,
+    s_now: float,
+) -> tuple[DoneManipulation, bool]:
+    """Look, and fit the part's state; where the joint believed does not let it be where it is, that is told anew.
+
+    Returns:
+        The manipulation with what came of it, and whether the joint is another one since.
+
+    Raises:
+        EmptyCloudError, SceneError: The part is not seen, and no other joint tells where it went.
+    """
+    journal, number, problem = session.journal, len(record.attempts) + 1, ""
+    assert record.belief is not None
+
+    def measured(s_expected: float) -> Measurement:
+        assert record.belief is not None
+        since_told = record.origin_view == record.told_view
+        return measure_in(record.belief, view, s_expected, since_told=since_told)
+
+    with journal.stage(f"measure {number}") as stage:
+        view = record.add_view(observe(session, f"C{number}"))
+        try:
+            done = DoneManipulation(
+                planned, executed, view, measured(planned.foreseen), s_now, session.target
+            )
+        except SceneError as error:
+            stage.note = problem = str(error)
+        else:
+            stage.note = f"{record.show(done.measured.s)}, δ {session.settings.task.unit.show(done.delta)}"
+            return done, False
+    s = tell_lost(session, record, before, view)
+    if s is None:
+        raise SceneError(problem)
+    goal = record.goals[-1]
+    s_initial = goal.last.measured.s if goal.attempts else goal.s_before
+    return DoneManipulation(
+        planned, executed, view, measured(s), s_initial, session.target, s_initial - s_now
+    ), True
 
 
 def _there(done: DoneManipulation, task: Task) -> bool:

@@ -63,6 +63,42 @@ def tell_again(session: Session, record: RunRecord, view: Observation) -> bool:
     return True
 
 
+def tell_lost(session: Session, record: RunRecord, before: Observation, view: Observation) -> float | None:
+    """The part's state in the newest view by another joint, where the one believed does not let it be where it is.
+
+    A joint told wrongly by a small motion loses its part in a large one. That large motion tells it better. Belief,
+    goals and target are of the new joint then, as in :func:`tell_again`.
+
+    Args:
+        session: Links and the target.
+        record: So far, without the newest manipulation.
+        before: The look before that.
+        view: The look after it.
+
+    Returns:
+        Joint value [m or rad]; None where no other joint is told, or the part is of a kind that is not told anew.
+    """
+    belief, settings, journal = record.belief, session.settings, session.journal
+    assert belief is not None
+    if belief.template.slides or belief.estimate.knob is not None or settings.learn_physics:
+        return None
+    number = len(record.attempts) + 1
+    journal.warn("the part is not where the joint believed lets it be; looking for another joint")
+    for name in dict.fromkeys((before.name, record.found_view, record.zero_view)):
+        with journal.stage(f"tell joint anew {number}, from view {name}") as stage:
+            try:
+                zero = record.view(name)
+                estimate = estimate_part(zero, view, settings.task, belief.axis, (), settings.seed)
+                new = build_belief(estimate, settings.out / f"model-told-anew-{number}-{name}", settings.seed)
+                _count_anew(session, record, new, zero, view)
+            except (AbstainError, SceneError, ModelError) as error:
+                stage.note = f"not told: {error}"
+                continue
+            stage.note = f"another hinge: moved {settings.task.unit.show(estimate.delta)} since view {name}"
+        return float(estimate.delta)
+    return None
+
+
 def _contradicts(belief: Belief, estimate: JointEstimate, moved: float, good_enough: float) -> bool:
     """Whether a joint is surer than the believed one, and differs from it by more than corrections make good."""
     old = belief.estimate

@@ -18,7 +18,7 @@ from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.measure import Measurement, part_template
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.task import TASKS
-from s2r_host.run.tell_again import tell_again
+from s2r_host.run.tell_again import tell_again, tell_lost
 
 PIVOT, UP = np.array([0.6, 0.0, 0.18]), np.array([0.0, 0.0, 1.0])
 K, SHAPE = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]]), (360, 640)
@@ -65,7 +65,7 @@ def begun(views, estimate, s_now: float, tmp_path) -> tuple[Any, RunRecord]:
     model: Any = SimpleNamespace(range=(-1.5, 1.5))
     belief = Belief(estimate, model, part_template(estimate), NOT_USED, NOT_USED, {})
     settings: Any = SimpleNamespace(task=TASKS["faucet"], seed=0, out=tmp_path, learn_physics=False)
-    journal: Any = SimpleNamespace(stage=Stage)
+    journal: Any = SimpleNamespace(stage=Stage, warn=lambda text: None)
     target = estimate.delta + ASKED_RAD
     measured = Measurement(s_now, 0.01, 0.001, 0.9)
     done = DoneManipulation(NOT_USED, (), views[-1], measured, estimate.delta, target)
@@ -143,3 +143,38 @@ def test_a_joint_that_the_new_view_confirms_is_kept(views, estimate, tmp_path):
 def test_a_short_motion_tells_nothing_new(views, estimate, tmp_path):
     session, record = begun(views[:2], estimate, 1.1 * estimate.delta, tmp_path)
     assert not tell_again(session, record, views[1])
+
+
+@pytest.fixture
+def lost(views, estimate):
+    """The joint told so wrongly that the part is nowhere on its way in the newest view."""
+    tilted = np.array([0.0, np.sin(0.6), np.cos(0.6)])
+    return replace(
+        estimate, axis_origin_m=estimate.axis_origin_m + np.array([0.0, -0.12, 0.0]), axis_direction=tilted
+    )
+
+
+def test_a_part_that_is_not_on_its_way_is_told_anew_from_the_look_before(views, lost, tmp_path):
+    session, record = begun(views, lost, NOT_USED, tmp_path)
+    record.goals[-1].attempts.clear()
+    record.goals[-1] = replace(record.goals[-1], s_before=lost.delta)
+    s = tell_lost(session, record, views[1], views[2])
+    assert s == pytest.approx(NOW_RAD - PUSHED_RAD, abs=0.03)
+    assert (record.zero_view, record.told_view) == ("B", "C1")
+    assert off_m(record.belief) < 0.006
+    assert record.origin == record.s_found == record.goals[-1].s_before == 0.0
+    assert session.target == record.goals[-1].target == pytest.approx(ASKED_RAD)
+
+
+def test_a_drawer_and_a_view_without_the_part_are_not_told_anew(views, estimate, lost, tmp_path):
+    frame = views[1].capture.frame
+    noise = np.random.default_rng(0).normal(0.0, 3e-4, frame.depth_m.shape)
+    same = look("C1", replace(frame, depth_m=np.where(frame.depth_m > 0.0, frame.depth_m + noise, 0.0)))
+    session, record = begun([*views[:2], same], lost, NOT_USED, tmp_path)
+    before = record.belief
+    assert tell_lost(session, record, views[1], same) is None  # nothing moved since
+    assert record.belief is before
+    assert (record.zero_view, record.told_view) == ("A", "B")
+    slide = replace(estimate, joint_type="prismatic")
+    session, record = begun(views, slide, NOT_USED, tmp_path)
+    assert tell_lost(session, record, views[1], views[2]) is None
