@@ -11,7 +11,6 @@ from s2r_host.run.contact import corrected
 from s2r_host.run.feeling import Feeling
 from s2r_host.run.lessons import belief_with_felt
 from s2r_host.run.manipulate import DoneManipulation, carry_out_manipulation
-from s2r_host.run.measure import Measurement
 from s2r_host.run.measure_view import measure_in
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.planned import PlannedManipulation, prepare_manipulation
@@ -126,32 +125,25 @@ def _measured(
         EmptyCloudError, SceneError: The part is not seen, and no other joint tells where it went.
     """
     journal, number, problem = session.journal, len(record.attempts) + 1, ""
-    assert record.belief is not None
-
-    def measured(s_expected: float) -> Measurement:
-        assert record.belief is not None
-        since_told = record.origin_view == record.told_view
-        return measure_in(record.belief, view, s_expected, since_told=since_told)
-
+    belief, since_told = record.belief, record.origin_view == record.told_view
+    assert belief is not None
     with journal.stage(f"measure {number}") as stage:
         view = record.add_view(observe(session, f"C{number}"))
         try:
-            done = DoneManipulation(
-                planned, executed, view, measured(planned.foreseen), s_now, session.target
-            )
+            measured = measure_in(belief, view, planned.foreseen, since_told=since_told)
         except SceneError as error:
             stage.note = problem = str(error)
         else:
-            stage.note = f"{record.show(done.measured.s)}, δ {session.settings.task.unit.show(done.delta)}"
+            done = DoneManipulation(planned, executed, view, measured, s_now, session.target)
+            stage.note = f"{record.show(measured.s)}, δ {session.settings.task.unit.show(done.delta)}"
             return done, False
-    s = tell_lost(session, record, before, view)
-    if s is None:
+    told = tell_lost(session, record, before, view)
+    if told is None:
         raise SceneError(problem)
     goal = record.goals[-1]
     s_initial = goal.last.measured.s if goal.attempts else goal.s_before
-    return DoneManipulation(
-        planned, executed, view, measured(s), s_initial, session.target, s_initial - s_now
-    ), True
+    shift = s_initial - s_now
+    return DoneManipulation(planned, executed, view, told, s_initial, session.target, shift), True
 
 
 def _there(done: DoneManipulation, task: Task) -> bool:

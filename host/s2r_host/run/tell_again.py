@@ -14,8 +14,10 @@ from s2r_host.errors import SceneError
 from s2r_host.model.errors import ModelError
 from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.estimate import JointEstimate
+from s2r_host.perception.intervals import Z90
 from s2r_host.perception.motion import line_distance
 from s2r_host.run.belief import Belief, build_belief, estimate_part
+from s2r_host.run.measure import Measurement
 from s2r_host.run.measure_view import state_in
 from s2r_host.run.observe import Observation
 from s2r_host.run.record import Goal, RunRecord
@@ -63,7 +65,9 @@ def tell_again(session: Session, record: RunRecord, view: Observation) -> bool:
     return True
 
 
-def tell_lost(session: Session, record: RunRecord, before: Observation, view: Observation) -> float | None:
+def tell_lost(
+    session: Session, record: RunRecord, before: Observation, view: Observation
+) -> Measurement | None:
     """The part's state in the newest view by another joint, where the one believed does not let it be where it is.
 
     A joint told wrongly by a small motion loses its part in a large one. That large motion tells it better. Belief,
@@ -76,7 +80,7 @@ def tell_lost(session: Session, record: RunRecord, before: Observation, view: Ob
         view: The look after it.
 
     Returns:
-        Joint value [m or rad]; None where no other joint is told, or the part is of a kind that is not told anew.
+        As the new joint is told; None where none is, or the part is of a kind that is not told anew.
     """
     belief, settings, journal = record.belief, session.settings, session.journal
     assert belief is not None
@@ -95,7 +99,9 @@ def tell_lost(session: Session, record: RunRecord, before: Observation, view: Ob
                 stage.note = f"not told: {error}"
                 continue
             stage.note = f"another hinge: moved {settings.task.unit.show(estimate.delta)} since view {name}"
-        return float(estimate.delta)
+        low, high = estimate.intervals90.delta
+        sigma = 0.5 * (high - low) / Z90
+        return Measurement(float(estimate.delta), sigma, estimate.residual_m, estimate.explained)
     return None
 
 
