@@ -187,8 +187,10 @@ def test_an_export_to_rrd_that_cannot_be_written_is_the_users_file_and_no_bug(wh
     assert exit_code("log", "export", whole, "--to", "rrd", "--out", "/proc/x.rrd") == ExitCode.USAGE
 
 
-def test_a_tolerance_of_nan_is_refused(whole):
-    assert exit_code("log", "diff", whole, whole, "--tolerance", "nan") == ExitCode.USAGE
+@pytest.mark.parametrize("tolerance", ["nan", "inf"])
+def test_a_tolerance_that_every_residual_would_pass_is_refused(whole, capsys, tolerance):
+    assert exit_code("log", "diff", whole, whole, "--tolerance", tolerance) == ExitCode.USAGE
+    assert f"'--tolerance': {tolerance} is not a finite number" in capsys.readouterr().err
 
 
 def test_rerun_accepts_the_recording_and_its_export(whole, tmp_path):
