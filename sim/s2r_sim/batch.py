@@ -35,6 +35,7 @@ def run_jobs(
     label: str,
     ray: str | None = None,
     conditions: dict[str, Any] | None = None,
+    still_there: Callable[[dict[str, Any]], bool] | None = None,
 ) -> list[dict[str, Any]]:
     """Call ``work(*job)`` for every job that has no line in ``results`` yet; all lines, in the order of the jobs.
 
@@ -46,6 +47,8 @@ def run_jobs(
         label: For the progress bar.
         ray: Address of a Ray cluster to run on instead, "local" for one of ``workers`` processors on this machine.
         conditions: What all jobs were done with and their names do not say, in JSON; kept beside the results.
+        still_there: Whether the files that a result of an earlier call speaks of are as it left them; a job whose
+            files are not is done again.
 
     Raises:
         UsageError: The results that are there were made with other conditions.
@@ -56,6 +59,8 @@ def run_jobs(
     if conditions is not None:
         _keep_to(conditions, results)
     known = dict(_read(results))
+    if still_there is not None:
+        _forget_lost(known, todo, still_there, results, label)
     left = [job for job in todo if _key(job) not in known]
     results.parent.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -74,6 +79,26 @@ def run_jobs(
             file.flush()
             bar.advance(task)
     return [known[_key(job)] for job in todo]
+
+
+def _forget_lost(
+    known: dict[str, dict[str, Any]],
+    todo: list[Job],
+    still_there: Callable[[dict[str, Any]], bool],
+    results: Path,
+    label: str,
+) -> None:
+    """Take out of ``known`` what the jobs asked for have lost since, and say so."""
+    before = [(key, known[key]) for job in todo if (key := _key(job)) in known]
+    lost = [(key, result) for key, result in before if not still_there(result)]
+    for key, _ in lost:
+        known.pop(key, None)  # a job may be asked for twice
+    if lost:
+        click.echo(
+            f"{len(lost)} of {len(before)} {label} in {results} are done again: what they wrote is missing or damaged, "
+            f"first {lost[0][1].get('file', lost[0][0])}",
+            err=True,
+        )
 
 
 @contextmanager

@@ -36,6 +36,7 @@ def pushes(
     """One noisy view per object, and what random pushes at it do."""
     from s2r_sim.batch import run_jobs
     from s2r_sim.objects.catalogue import kind_named
+    from s2r_sim.objects.npz_whole import file_of_result_is_whole
     from s2r_sim.objects.push_data import push_object
     from s2r_sim.objects.splits import Split
 
@@ -49,7 +50,8 @@ def pushes(
     out.mkdir(parents=True, exist_ok=True)
     number = int(Split[split.upper()])
     todo = [(name, number, seed, pushes) for seed in range(first, first + objects) for name in names]
-    rows = run_jobs(partial(push_object, folder=str(out)), todo, out / f"{split}.jsonl", jobs, "objects", ray)
+    work, whole = partial(push_object, folder=str(out)), partial(file_of_result_is_whole, folder=out)
+    rows = run_jobs(work, todo, out / f"{split}.jsonl", jobs, "objects", ray, still_there=whole)
     done, good = sum(row["pushes"] for row in rows), sum(row["useful"] for row in rows)
     click.echo(f"{len(rows)} objects, {done} pushes, {100 * good / max(done, 1):.1f} % useful, in {out}")
 
@@ -79,6 +81,7 @@ def pairs(
     """Noisy views of objects before and after their part moved, for 's2r train model'."""
     from s2r_sim.batch import run_jobs
     from s2r_sim.objects.catalogue import kind_named
+    from s2r_sim.objects.npz_whole import file_of_result_is_whole
     from s2r_sim.objects.pair_data import pair_object
     from s2r_sim.objects.splits import Split
 
@@ -92,8 +95,11 @@ def pairs(
     out.mkdir(parents=True, exist_ok=True)
     number = int(Split[split.upper()])
     todo = [(name, number, seed) for seed in range(first, first + objects) for name in names]
-    work = partial(pair_object, folder=str(out), quick=quick)
-    rows = run_jobs(work, todo, out / f"{split}.jsonl", jobs, "objects", ray, {"--quick": quick})
+    work, whole = (
+        partial(pair_object, folder=str(out), quick=quick),
+        partial(file_of_result_is_whole, folder=out),
+    )
+    rows = run_jobs(work, todo, out / f"{split}.jsonl", jobs, "objects", ray, {"--quick": quick}, whole)
     click.echo(f"{len(rows)} objects, {sum(row['pairs'] for row in rows)} pairs, in {out}")
 
 

@@ -77,6 +77,23 @@ def test_what_is_in_the_file_is_not_done_again(tmp_path, work):
     assert (tmp_path / "calls").read_text().split() == ["0", "1", "2", "3", "4"]
 
 
+def test_a_result_whose_files_are_gone_is_made_again_and_said(tmp_path, work, capsys):
+    results = tmp_path / "results.jsonl"
+    run_jobs(work.noted, jobs(tmp_path, 3), results, 1, "jobs")
+    there = lambda result: result["square"] != 1  # noqa: E731
+    assert squares(run_jobs(work.noted, jobs(tmp_path, 4), results, 1, "jobs", still_there=there)) == [
+        0,
+        1,
+        4,
+        9,
+    ]
+    assert (tmp_path / "calls").read_text().split() == ["0", "1", "2", "1", "3"]
+    assert (
+        f"1 of 3 jobs in {results} are done again: what they wrote is missing or damaged"
+        in capsys.readouterr().err
+    )
+
+
 def test_results_made_with_other_options_are_not_mixed(tmp_path, work):
     results, given = tmp_path / "results.jsonl", {"--pace": 0.0, "--arm": "xmate3pro"}
     run_jobs(work.noted, jobs(tmp_path, 2), results, 1, "jobs", conditions=given)

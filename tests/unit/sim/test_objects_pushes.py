@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from s2r_protocol.cli.root import main
 from s2r_sim.batch import run_jobs
+from s2r_sim.objects.npz_whole import is_whole
 from s2r_sim.objects.pairs import part_points
 from s2r_sim.objects.push_data import push_object, with_room
 from s2r_sim.objects.pushes import PushScene, useful
@@ -88,3 +90,35 @@ def test_data_job_goes_on_where_it_stopped(tmp_path):
     with np.load(tmp_path / "lid-train-00001.npz") as content:
         assert content["point"].shape == (3, 3)
         np.testing.assert_allclose(np.linalg.norm(content["direction"], axis=1), 1.0, atol=1e-5)
+
+
+def test_a_file_that_was_damaged_or_removed_after_it_was_written_is_drawn_again(tmp_path, capfd):
+    command = ["data", "pushes", "--kinds", "lid", "--objects", "3", "--pushes", "2", "--out", str(tmp_path)]
+    with pytest.raises(SystemExit) as ended:
+        main(command)
+    assert not ended.value.code
+    cut, gone, kept = (tmp_path / f"lid-train-{seed:05d}.npz" for seed in range(3))
+    stamp, whole = kept.stat().st_mtime_ns, cut.read_bytes()
+    cut.write_bytes(
+        whole[: len(whole) // 2] + bytes(64) + whole[len(whole) // 2 + 64 :]
+    )  # as a bad disk does
+    gone.unlink()
+    with pytest.raises(SystemExit) as ended:
+        main(command)
+    assert not ended.value.code
+    assert "2 of 3 objects in" in (said := capfd.readouterr().err)
+    assert "are done again: what they wrote is missing or damaged, first lid-train-00000.npz" in said
+    for path in (cut, gone, kept):
+        with np.load(path) as content:
+            assert content["point"].shape == (2, 3)
+    assert kept.stat().st_mtime_ns == stamp
+
+
+@pytest.mark.parametrize("size", [0, 10, 300])
+def test_what_is_cut_off_is_not_whole(tmp_path, size):
+    path = tmp_path / "x.npz"
+    np.savez_compressed(path, depth=np.random.default_rng(1).integers(0, 9000, (40, 40)))
+    assert is_whole(path)
+    path.write_bytes(path.read_bytes()[:size])
+    assert not is_whole(path)
+    assert not is_whole(tmp_path / "none.npz")
