@@ -66,7 +66,7 @@ def check(file: Path, as_json: bool) -> int:
 @click.option("--out", type=click.Path(path_type=Path), help="New file [default: FILE with .recovered.mcap].")
 @click.option("--json", "as_json", is_flag=True, help="Print what was saved on standard output.")
 def recover(file: Path, out: Path | None, as_json: bool) -> int:
-    """Write everything readable of FILE into a new, complete recording."""
+    """Write everything readable of FILE into a new, complete recording. Exit 4 if that is nothing."""
     from s2r_host.log.recover import recover as mend
 
     source = recording_file(file)
@@ -76,7 +76,9 @@ def recover(file: Path, out: Path | None, as_json: bool) -> int:
         click.echo(json.dumps(values, indent=1))
         return int(ExitCode.OK)
     span_s = (saved.last_ns - saved.first_ns) * 1e-9
-    click.echo(f"{saved.messages} messages over {span_s:.2f} s saved in {saved.path}")
+    click.echo(
+        f"{saved.messages} messages over {span_s:.2f} s and {saved.attachments} attachments saved in {saved.path}"
+    )
     damage = saved.damage
     if damage.any:
         click.echo(

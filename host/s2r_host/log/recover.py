@@ -20,6 +20,7 @@ class Recovered:
 
     Attributes:
         messages: In the new file.
+        attachments: In the new file.
         orphans: Messages whose channel was lost with a damaged chunk.
         first_ns, last_ns: Log times of the first and last message, 0 without one.
         damage: What could not be read.
@@ -27,6 +28,7 @@ class Recovered:
 
     path: Path
     messages: int
+    attachments: int
     orphans: int
     first_ns: int
     last_ns: int
@@ -37,7 +39,7 @@ def recover(source: Path, target: Path) -> Recovered:
     """Copy every readable record of ``source`` into ``target``, which appears only when it is complete.
 
     Raises:
-        RecordingError: Source is no MCAP file, or target exists.
+        RecordingError: Source is no MCAP file, or is damaged so that nothing of it can be saved; or target exists.
     """
     if target.exists():
         raise RecordingError(f"{target} exists; name another file with --out")
@@ -46,6 +48,13 @@ def recover(source: Path, target: Path) -> Recovered:
     try:
         with part.open("wb") as stream:
             counts = _copy(scan, Writer(stream, compression=CompressionType.ZSTD))
+        messages, attachments, *_ = counts
+        if scan.damage.any and not messages and not attachments:
+            size = source.stat().st_size
+            raise RecordingError(
+                f"nothing of {source} could be saved: no message and no attachment of its {size} bytes "
+                f"is readable ({scan.damage.reason}), so {target} was not written; look for a copy of the recording"
+            )
         os.replace(part, target)
     except BaseException:
         with contextlib.suppress(FileNotFoundError):
@@ -54,10 +63,11 @@ def recover(source: Path, target: Path) -> Recovered:
     return Recovered(target, *counts, scan.damage)
 
 
-def _copy(scan: Scan, writer: Writer) -> tuple[int, int, int, int]:
+def _copy(scan: Scan, writer: Writer) -> tuple[int, int, int, int, int]:
+    """Messages, attachments, orphans, first and last log time [ns] of what was copied."""
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
-    messages = orphans = last = 0
+    messages = attachments = orphans = last = 0
     first: int | None = None
     begun = False
     for record in scan.records():
@@ -93,9 +103,10 @@ def _copy(scan: Scan, writer: Writer) -> tuple[int, int, int, int]:
                 writer.add_attachment(
                     record.create_time, record.log_time, record.name, record.media_type, record.data
                 )
+                attachments += 1
             case Metadata():
                 writer.add_metadata(record.name, dict(record.metadata))
     if not begun:
         writer.start(profile=scan.profile, library="s2r log recover")
     writer.finish()
-    return messages, orphans, first or 0, last
+    return messages, attachments, orphans, first or 0, last

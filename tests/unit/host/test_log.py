@@ -153,6 +153,18 @@ def test_what_is_no_recording_is_refused_by_name(tmp_path):
         check(text)
 
 
+def test_a_recovery_that_saves_nothing_is_refused_and_leaves_no_file(whole, tmp_path, capsys):
+    stump, mended = tmp_path / "stump.mcap", tmp_path / "mended.mcap"
+    stump.write_bytes(whole.read_bytes()[:60])  # its first record, and a piece of the next
+    assert exit_code("log", "recover", stump, "--out", mended) == ExitCode.REFUSED
+    said = capsys.readouterr().err
+    assert (
+        f"nothing of {stump} could be saved: no message and no attachment of its 60 bytes is readable" in said
+    )
+    assert "look for a copy" in said
+    assert list(tmp_path.iterdir()) == [stump]
+
+
 def test_recover_never_overwrites(whole, tmp_path):
     there = tmp_path / "there.mcap"
     there.write_bytes(b"")
