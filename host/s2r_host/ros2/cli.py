@@ -73,7 +73,9 @@ def ros2(
     before = {n: signal.signal(n, lambda *_: ended.set()) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
         with (
-            join(router, Role.HOST, keys) if router else serve([listen], Role.HOST, keys) as session,
+            join(router, Role.HOST, keys)
+            if router
+            else serve([listen], Role.HOST, keys, who="s2r ros2") as session,
             ExecutorLink(executor, description, keys, tls=tls) as link,
             contextlib.closing(TrajectoryRelay(session, link, description, keys, domain, enable_drives)),
         ):

@@ -37,7 +37,9 @@ class AddressError(UsageError):
     """An address is malformed, or would open the arm to a network without certificates."""
 
 
-def listen(endpoints: Sequence[str], role: Role, keys: ArmKeys, tls: Path | None = None) -> zenoh.Session:
+def listen(
+    endpoints: Sequence[str], role: Role, keys: ArmKeys, tls: Path | None = None, who: str = ""
+) -> zenoh.Session:
     """A peer that listens and connects to nobody.
 
     Args:
@@ -45,6 +47,7 @@ def listen(endpoints: Sequence[str], role: Role, keys: ArmKeys, tls: Path | None
         role: Who this process is.
         keys: Cell and arm.
         tls: Folder with the certificates, or None for this machine only.
+        who: What people call this process where its role does not say it.
 
     Raises:
         AddressError: An endpoint leaves this machine and there are no certificates.
@@ -61,8 +64,9 @@ def listen(endpoints: Sequence[str], role: Role, keys: ArmKeys, tls: Path | None
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
+        name = who or str(role)
         raise ListenError(
-            f"{role} cannot listen on {', '.join(addresses)}: {_reason(error)}. Is another {role} running? "
+            f"{name} cannot listen on {', '.join(addresses)}: {_reason(error)}. Is another {name} running? "
             "Stop it or choose another address with --listen"
         ) from error
 

@@ -7,7 +7,8 @@ import stat
 import pytest
 from cryptography import x509
 
-from s2r_protocol.exits import UsageError
+from s2r_protocol.cli.root import main
+from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.session import AddressError, CertificateError, Role, TlsFiles
 from s2r_protocol.session.certificates import check_certificate, make_certificates
@@ -56,6 +57,21 @@ def test_a_taken_address_is_named_without_the_places_in_zenohs_sources():
         f"executor cannot listen on {endpoint}: Address already in use (os error 98). "
         "Is another executor running? Stop it or choose another address with --listen"
     )
+
+
+def test_a_process_whose_role_does_not_name_it_says_what_it_is(capsys):
+    """A relay is a host to the arm, but two of them are no two hosts to who started them."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(SystemExit) as ended:
+            main(["ros2", "--listen", endpoint])
+    assert ended.value.code == ExitCode.NOT_READY
+    assert f"s2r ros2 cannot listen on {endpoint}: Address already in use" in (
+        said := capsys.readouterr().err
+    )
+    assert "Is another s2r ros2 running? Stop it or choose another address with --listen" in said
 
 
 @pytest.mark.parametrize("endpoint", ["udp/127.0.0.1:7447", "quic/127.0.0.1:7447", "ws/127.0.0.1:1"])
