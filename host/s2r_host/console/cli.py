@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import os
 import signal
 import threading
 from pathlib import Path
+from types import FrameType
 
 import click
 
 from s2r_protocol.cli.options import tls_option
-from s2r_protocol.exits import UsageError
+from s2r_protocol.exits import ExitCode, UsageError
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
@@ -68,29 +71,44 @@ def console(
     Without control the page only views, and STOP works always. It is a software stop, not an emergency stop.
     """
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
-    from s2r_host.console.gate import Address, Gate
+    ended, shown = threading.Event(), threading.Event()
 
-    token = _read_token(token_file) if token_file is not None else ""
-    address = Address(host, port, token)
-    from s2r_host.console.app import Console
-    from s2r_protocol.arms import load_arm
-    from s2r_protocol.keys import ArmKeys
+    def end(number: int, frame: FrameType | None) -> None:
+        if not shown.is_set():
+            # Loading and building the page take seconds and hold nothing that outlives the process: no lease, no job.
+            # What would be raised is lost there: trimesh catches all at its optional imports, viser's threads stay.
+            os.write(2, b"s2r: interrupted\n")  # a stream may be in the middle of a line of its own
+            os._exit(ExitCode.INTERRUPTED)
+        ended.set()
 
-    description = load_arm(arm)
-    ended = threading.Event()
-    before = {n: signal.signal(n, lambda *_: ended.set()) for n in (signal.SIGINT, signal.SIGTERM)}
-    page = Console(description, ArmKeys(cell, description.name), executor, camera, runs_root, tls, view_only)
+    before = {n: signal.signal(n, end) for n in (signal.SIGINT, signal.SIGTERM)}
     try:
-        with Gate(address, page.port) as gate:
+        from s2r_host.console.gate import Address, Gate
+
+        token = _read_token(token_file) if token_file is not None else ""
+        address = Address(host, port, token)
+        from s2r_host.console.app import Console
+        from s2r_protocol.arms import load_arm
+        from s2r_protocol.keys import ArmKeys
+
+        description = load_arm(arm)
+        with (
+            contextlib.closing(
+                Console(
+                    description, ArmKeys(cell, description.name), executor, camera, runs_root, tls, view_only
+                )
+            ) as page,
+            Gate(address, page.port) as gate,
+        ):
             page.start()
-            shown = "127.0.0.1" if host in ("0.0.0.0", "::") else host
-            url = f"http://{f'[{shown}]' if ':' in shown else shown}:{gate.port}/"
+            named = "127.0.0.1" if host in ("0.0.0.0", "::") else host
+            url = f"http://{f'[{named}]' if ':' in named else named}:{gate.port}/"
             click.echo(f"s2r console: {url}{'?token=…' if token else ''}")
+            shown.set()
             if ready_file is not None:
                 ready_file.write_text(url + "\n", encoding="utf-8")
             ended.wait()
     finally:
-        page.close()
         for number, handler in before.items():
             signal.signal(number, handler)
 

@@ -165,6 +165,9 @@ class Gate:
             await self._relay(head, reader, writer)
         except (TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, ConnectionError):
             logger.debug("a browser's connection ended early")
+        except asyncio.CancelledError:
+            # By `close`, which waits for it: Python 3.11 reports a cancelled handler of a connection as an error.
+            logger.debug("the console ends; a browser's connection was dropped")
         finally:
             self._tasks.discard(task)
             writer.close()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from s2r_host.console.feed import Health
-from s2r_host.console.gate import Address, ConsoleAddressError, Request, judge
+from s2r_host.console.gate import Address, ConsoleAddressError, Gate, Request, judge
 from s2r_host.console.live_run import cloud_of
 from s2r_host.console.operator import NoControlError, Operator
 from s2r_host.console.run_index import RunIndex
@@ -56,6 +56,55 @@ def test_a_second_console_on_the_same_port_says_so_and_ends():
     assert f"cannot listen on 127.0.0.1:{port}" in run.stderr
     assert "Choose another with --port" in run.stderr
     assert "Traceback" not in run.stderr
+
+
+def test_an_interrupt_that_an_import_catches_still_ends_the_console(tmp_path):
+    """As trimesh does at its optional imports: what is raised there is lost."""
+    script = (
+        "import os, signal, sys, s2r_host.console.gate as gate\n"
+        "def judge(*arguments):\n"
+        "    try:\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "    except BaseException:\n"
+        "        pass\n"
+        "    return None\n"
+        "gate.Address.__post_init__ = judge\n"
+        "from s2r_protocol.cli.root import main\n"
+        "main(['console', '--executor', 'tcp/127.0.0.1:1', '--port', '0', '--runs', sys.argv[1]])\n"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert (run.returncode, run.stderr) == (130, "s2r: interrupted\n")
+
+
+def test_an_interrupt_while_the_page_is_built_ends_it_at_once(tmp_path):
+    script = (
+        "import os, signal, sys, time, s2r_host.console.app as app\n"
+        "def build(console):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    time.sleep(60.0)\n"
+        "app.Console._build = build\n"
+        "from s2r_protocol.cli.root import main\n"
+        "main(['console', '--executor', 'tcp/127.0.0.1:1', '--port', '0', '--runs', sys.argv[1]])\n"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=50, check=False)
+    assert (run.returncode, run.stderr) == (130, "s2r: interrupted\n")
+
+
+def test_browsers_that_are_there_when_the_console_ends_raise_no_error(caplog):
+    with socket.socket() as inner:
+        inner.bind(("127.0.0.1", 0))
+        inner.listen()
+        with Gate(Address("127.0.0.1", 0), inner.getsockname()[1]) as gate:
+            browser = socket.create_connection(("127.0.0.1", gate.port))
+            browser.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{gate.port}\r\n\r\n".encode())
+            passed, _ = inner.accept()
+            assert passed.recv(14) == b"GET / HTTP/1.1"
+        assert browser.recv(1) == b""
+        browser.close()
+        passed.close()
+    assert [record.getMessage() for record in caplog.records if record.name == "asyncio"] == []
 
 
 def test_a_name_is_not_loopback():
