@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from pathlib import Path
 
 import click
@@ -38,7 +37,12 @@ def _counts(_context: click.Context, _option: click.Parameter, text: str) -> dic
     callback=_counts,
     help="GROUP=NUMBER,…: single, clean, unknown, pairs, triples, masked, insufficient, wrong_log.",
 )
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="New folder for the set.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="New folder for the set; an interrupted draw goes on.",
+)
 @click.option(
     "--duration",
     "duration_s",
@@ -47,7 +51,9 @@ def _counts(_context: click.Context, _option: click.Parameter, text: str) -> dic
     show_default=True,
     help="Length of a recording [s].",
 )
-@click.option("--workers", default=1, show_default=True, help="Processes at a time.")
+@click.option(
+    "--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time."
+)
 @click.option(
     "--key", type=click.Path(path_type=Path), default=None, help="Key file [default: OUT.key.json]."
 )
@@ -65,8 +71,7 @@ def draw(
 
     key = key or out.with_name(out.name + ".key.json")
     with click.progressbar(length=sum(counts.values()), label="drawing") as bar:
-        chosen = secrets.randbits(63) if seed is None else seed
-        draw_set(chosen, rig, counts, out, key, bar.update, duration_s, workers=workers)
+        draw_set(seed, rig, counts, out, key, bar.update, duration_s, workers=workers)
     click.echo(
         f"{sum(counts.values())} cases in {out}; answers sealed, key in {key}: keep it away from the tool"
     )
@@ -75,7 +80,9 @@ def draw(
 @conceal.command()
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--command", "command", required=True, help="The tool, e.g. 's2r gap'; options may follow.")
-@click.option("--workers", default=1, show_default=True, help="Processes at a time.")
+@click.option(
+    "--workers", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time."
+)
 @click.option(
     "--timeout", "timeout_s", type=FiniteRange(1), default=900.0, show_default=True, help="Seconds per case."
 )

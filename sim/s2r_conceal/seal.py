@@ -11,8 +11,9 @@ from __future__ import annotations
 import hashlib
 import hmac
 import json
+import os
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,23 +25,32 @@ _TAG_BYTES, _NONCE_BYTES = 32, 16
 
 @dataclass(frozen=True)
 class Key:
-    """What opens a sealed set. ``drawn_with`` says how to draw the set again."""
+    """What opens a sealed set. ``drawn_with`` says how to draw the set again, ``unfinished`` that it is being drawn."""
 
     key: bytes
     salt: bytes
     drawn_with: dict[str, Any]
+    unfinished: bool = False
 
     @classmethod
-    def fresh(cls, drawn_with: dict[str, Any]) -> Key:
+    def fresh(cls, drawn_with: dict[str, Any], unfinished: bool = False) -> Key:
         """A new random key."""
-        return cls(secrets.token_bytes(32), secrets.token_bytes(32), drawn_with)
+        return cls(secrets.token_bytes(32), secrets.token_bytes(32), drawn_with, unfinished)
+
+    def finished(self) -> Key:
+        """The same key, of a set that is drawn."""
+        return replace(self, unfinished=False)
 
     def write(self, path: Path) -> None:
         """Write the key file, readable by its owner only."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        body = {"key": self.key.hex(), "salt": self.salt.hex(), "drawn_with": self.drawn_with}
-        path.write_text(json.dumps(body, indent=1) + "\n")
-        path.chmod(0o600)
+        body: dict[str, Any] = {"key": self.key.hex(), "salt": self.salt.hex(), "drawn_with": self.drawn_with}
+        if self.unfinished:
+            body["unfinished"] = True
+        half = path.with_name(path.name + ".half")  # a key cut short would open nothing any more
+        half.touch(mode=0o600)
+        half.write_text(json.dumps(body, indent=1) + "\n")
+        os.replace(half, path)
 
     @classmethod
     def read(cls, path: Path) -> Key:
@@ -51,7 +61,12 @@ class Key:
         """
         try:
             body = json.loads(path.read_text())
-            return cls(bytes.fromhex(body["key"]), bytes.fromhex(body["salt"]), body["drawn_with"])
+            return cls(
+                bytes.fromhex(body["key"]),
+                bytes.fromhex(body["salt"]),
+                body["drawn_with"],
+                bool(body.get("unfinished")),
+            )
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise SealError(f"{path} is no key file of 's2r conceal draw': {error}") from error
 
@@ -75,15 +90,27 @@ def unseal(sealed: bytes, key: Key, published: str) -> dict[str, Any]:
     Raises:
         SealError: Wrong key, changed file, or answers other than those committed to.
     """
-    tag, body = sealed[:_TAG_BYTES], sealed[_TAG_BYTES:]
-    if not hmac.compare_digest(tag, _tag(body, key.key)):
-        raise SealError(f"{SEALED} does not open: another key, or the file was changed")
-    nonce = body[:_NONCE_BYTES]
-    text = _stream(body[_NONCE_BYTES:], key.key, nonce)
+    text = _text(sealed, key)
     found = sha256(key.salt + text)
     if found != published:
         raise SealError(f"the answers' hash is {found}, but {MANIFEST} published {published} before")
     return json.loads(text)
+
+
+def open_sealed(sealed: bytes, key: Key) -> dict[str, Any]:
+    """Open what the key itself vouches for: nothing of it was published.
+
+    Raises:
+        SealError: Wrong key, or a changed file.
+    """
+    return json.loads(_text(sealed, key))
+
+
+def _text(sealed: bytes, key: Key) -> bytes:
+    tag, body = sealed[:_TAG_BYTES], sealed[_TAG_BYTES:]
+    if not hmac.compare_digest(tag, _tag(body, key.key)):
+        raise SealError(f"{SEALED} does not open: another key, or the file was changed")
+    return _stream(body[_NONCE_BYTES:], key.key, body[:_NONCE_BYTES])
 
 
 def _stream(text: bytes, key: bytes, nonce: bytes) -> bytes:
@@ -107,9 +134,14 @@ def publish(folder: Path, answers: dict[str, Any], key: Key) -> None:
         "schema": 1,
         "answers_sha256_salted": published,
         "answers_file_sha256": sha256(sealed),
-        "cases": {c.name: {f.name: sha256(f.read_bytes()) for f in sorted(c.iterdir())} for c in cases},
+        "cases": {c.name: hashes_of(c) for c in cases},
     }
     (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n")
+
+
+def hashes_of(case: Path) -> dict[str, str]:
+    """SHA-256 of every file of a case by name; of none where there is no such folder."""
+    return {f.name: sha256(f.read_bytes()) for f in sorted(case.iterdir())} if case.is_dir() else {}
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

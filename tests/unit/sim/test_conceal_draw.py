@@ -15,10 +15,10 @@ from s2r_conceal import draw
 from s2r_conceal.calibrate import calibrate
 from s2r_conceal.cases import draw_cases
 from s2r_conceal.effects.table import EFFECTS
-from s2r_conceal.errors import ConcealError, DrawError
+from s2r_conceal.errors import ConcealError, DrawError, SealError
 from s2r_conceal.masks import Mask, rows
 from s2r_conceal.plans import CLEAN_VARIANTS, GROUPS, possible
-from s2r_conceal.record import active_mask
+from s2r_conceal.record import active_mask, record
 from s2r_conceal.rigs import rig_named
 from s2r_conceal.run import run_all
 from s2r_conceal.score_files import read_track, score_folder
@@ -197,6 +197,94 @@ def test_a_tool_runs_over_the_set_resumably_and_is_scored(drawn, tmp_path):
 def test_a_tool_that_does_not_exist_is_named(drawn):
     with pytest.raises(ConcealError, match="no such program"):
         run_all(drawn[0] / "one", "no-such-tool-anywhere", 1, 10.0, _Bar())
+
+
+@pytest.fixture
+def interrupted(tmp_path, monkeypatch, capsys):
+    """A draw of three parts of one case each that a Ctrl-C ends in the third, and one that runs through."""
+    monkeypatch.setitem(draw.BATCH, "one_joint", 1)
+    whole, half = tmp_path / "whole", tmp_path / "half"
+    answers = _draw(whole, {"clean": 3}, 0.5)
+    recorded = []
+
+    def record_two(*arguments):
+        recorded.append(arguments)
+        if len(recorded) == 3:
+            raise KeyboardInterrupt
+        return record(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(draw, "record", record_two)
+        with pytest.raises(KeyboardInterrupt):
+            _draw(half, {"clean": 3}, 0.5)
+    assert f"2 of 3 cases are kept in {half}; the same command goes on" in capsys.readouterr().err
+    return whole, half, answers
+
+
+def _drawn_again(monkeypatch):
+    """Draws what is missing; how many cases are recorded."""
+    count = []
+    monkeypatch.setattr(draw, "record", lambda part, *rest: count.append(len(part)) or record(part, *rest))
+    return count
+
+
+def _bytes(folder):
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.glob("case-*/*"))}
+
+
+def test_an_interrupted_draw_goes_on_to_the_same_set(interrupted, monkeypatch):
+    whole, half, answers = interrupted
+    key = half.with_suffix(".key")
+    assert Key.read(key).unfinished
+    with pytest.raises(SealError, match="draw a set first"):
+        read_manifest(half)
+    count = _drawn_again(monkeypatch)
+    draw.draw_set(None, "one_joint", {"clean": 3}, half, key, duration_s=0.5, substeps=2)
+    assert count == [1]
+    assert _bytes(half) == _bytes(whole)
+    assert not Key.read(key).unfinished
+    assert {path.name for path in half.iterdir()} == {path.name for path in whole.iterdir()}
+    manifest = read_manifest(half)
+    opened = unseal((half / "answers.sealed").read_bytes(), Key.read(key), manifest["answers_sha256_salted"])
+    assert opened == json.loads(json.dumps(answers))
+
+
+def test_what_is_kept_of_an_interrupted_draw_tells_no_truth(interrupted):
+    _, half, _ = interrupted
+    assert {path.name for path in half.iterdir()} == {"case-0001", "case-0002", "unfinished"}
+    parts = sorted((half / "unfinished").iterdir())
+    assert [path.name for path in parts] == ["from-0001.sealed", "from-0002.sealed"]
+    for path in parts:
+        assert not any(word in path.read_bytes() for word in (b"clean", b"truths", b"case"))
+
+
+def test_a_recording_changed_before_the_draw_goes_on_is_drawn_again(interrupted, monkeypatch):
+    whole, half, _ = interrupted
+    (half / "case-0001" / "fit.csv").write_text("t,q.joint1\n0,0\n")
+    (half / "case-0001" / "hint.txt").write_text("a tool was here")
+    count = _drawn_again(monkeypatch)
+    _draw(half, {"clean": 3}, 0.5)
+    assert count == [1, 1]
+    assert _bytes(half) == _bytes(whole)
+
+
+def test_an_interrupted_draw_goes_on_with_its_own_options_and_key_only(interrupted, tmp_path):
+    whole, half, _ = interrupted
+    key = half.with_suffix(".key")
+    with pytest.raises(
+        DrawError, match=r"begun with cases \{'clean': 3\}, not \{'clean': 4\}: give the same options"
+    ):
+        _draw(half, {"clean": 4}, 0.5)
+    with pytest.raises(DrawError, match=r"begun with another seed: give the same options"):
+        draw.draw_set(4, "one_joint", {"clean": 3}, half, key, duration_s=0.5, substeps=2)
+    with pytest.raises(DrawError, match=r"no key file .*other\.key to go on with: name it with --key"):
+        draw.draw_set(3, "one_joint", {"clean": 3}, half, tmp_path / "other.key", duration_s=0.5, substeps=2)
+    with pytest.raises(
+        DrawError, match=r"whole\.key opens a set that is drawn; name another file with --key"
+    ):
+        draw.draw_set(
+            3, "one_joint", {"clean": 3}, tmp_path / "new", whole.with_suffix(".key"), duration_s=0.5
+        )
 
 
 def test_a_key_inside_the_set_is_refused(tmp_path):
