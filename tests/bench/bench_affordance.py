@@ -33,7 +33,7 @@ from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposa
 from s2r_host.motion.scene import observed_scene
 from s2r_host.perception.affordance import WEIGHTS, Affordance, PushNetworkRuntime
 from s2r_host.perception.errors import BadViewError
-from s2r_host.perception.frames import DepthFrame
+from s2r_host.perception.frames import DepthFrame, project
 from s2r_host.perception.object_cloud import ObjectCloud, object_cloud
 from s2r_host.run.first_push import pushables
 from s2r_host.run.settings import RunSettings
@@ -152,8 +152,8 @@ def shows(label: np.ndarray, frame: DepthFrame, point: np.ndarray) -> int:
 
 def pixel(frame: DepthFrame, point: np.ndarray) -> tuple[int, int]:
     """Column and row of a point of the base frame."""
-    x, y, z = frame.K @ (np.linalg.inv(frame.X_base_camera) @ np.append(point, 1.0))[:3]
-    return round(x / z), round(y / z)
+    (u, v), _ = project(point, frame.K, frame.X_base_camera)
+    return round(u), round(v)
 
 
 def draw(

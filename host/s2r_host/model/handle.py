@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 
 from s2r_host.model.pieces import Piece, box
 from s2r_host.perception.estimate import JointEstimate
+from s2r_host.perception.frames import project
 from s2r_host.perception.view import DepthView
 
 Array = NDArray[np.floating]
@@ -221,10 +222,9 @@ def _window(view: DepthView, X_base_face: Array, handle: Handle) -> _Window | No
          for y in (handle.bar_low[1] - margin, handle.bar_high[1] + margin)
          for z in (handle.bar_low[2] - margin, handle.bar_high[2] + margin)]
     )  # fmt: skip
-    c = (corners - X_face_camera[:3, 3]) @ X_face_camera[:3, :3]
-    if (c[:, 2] < 0.05).any():
+    uv, z = project(corners, view.K, X_face_camera)
+    if (z < 0.05).any():
         return None
-    uv = c[:, :2] / c[:, 2:] * [view.K[0, 0], view.K[1, 1]] + view.K[:2, 2]
     u0, v0 = np.floor(uv.min(axis=0)).astype(int)
     u1, v1 = np.ceil(uv.max(axis=0)).astype(int) + 1
     u0, v0 = max(u0, 0), max(v0, 0)

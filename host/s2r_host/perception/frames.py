@@ -17,6 +17,7 @@ FloatArray = NDArray[np.floating]
 NEAREST_M = 0.05
 FARTHEST_M = 20.0
 FEWEST_POINTS = 200
+LEAST_AHEAD_M = 1e-3  # of the camera, for a point to have a pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +73,26 @@ def backproject(
     z = np.where(depth_m > 0, depth_m, np.nan).astype(np.float64)
     p_C = np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=-1)
     return p_C @ X_base_camera[:3, :3].T + X_base_camera[:3, 3]
+
+
+def project(
+    p: NDArray[np.floating], K: NDArray[np.floating], X_base_camera: NDArray[np.floating]
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Where points show in a camera's image: the inverse of :func:`backproject`.
+
+    Args:
+        p: In the base frame [m], shape (..., 3).
+        K: Pinhole matrix, shape (3, 3).
+        X_base_camera: Pose of the OpenCV camera frame in the base frame, shape (4, 4).
+
+    Returns:
+        Pixels (u right, v down; 0, 0 is the middle of the first), shape (..., 2), NaN for points that are not in front
+        of the camera, and depths along the optical axis [m], shape (...).
+    """
+    p_C = (p - X_base_camera[:3, 3]) @ X_base_camera[:3, :3]
+    z = p_C[..., 2]
+    ahead = np.where(z > LEAST_AHEAD_M, z, np.nan)[..., None]
+    return p_C[..., :2] / ahead * [K[0, 0], K[1, 1]] + K[:2, 2], z
 
 
 def _check_depth(depth_m: FloatArray) -> None:

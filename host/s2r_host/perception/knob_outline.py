@@ -18,7 +18,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.optimize import least_squares
 
 from s2r_host.motion.robot_mask import back_project
-from s2r_host.perception.frames import DepthFrame
+from s2r_host.perception.frames import DepthFrame, project
 
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -176,7 +176,7 @@ class _Seen:
         grid = (np.arange(cells) + 0.5) * CELL_M - HALF_M
         xy = np.stack(np.meshgrid(grid, grid), axis=-1) + p_top[:2]
         p = np.concatenate([xy, np.full((*xy.shape[:2], 1), p_top[2])], axis=-1)
-        uv = _pixels(frame, p)
+        uv, _ = project(p, frame.K, frame.X_base_camera)
         assert frame.colour is not None
         colour = cv2.remap(
             frame.colour.astype(np.float32),
@@ -293,17 +293,10 @@ def _fitted(seen: _Seen, start: KnobOutline) -> KnobOutline:
 def _top(frame: DepthFrame, p_middle: Array) -> Array | None:
     """The middle of a knob's top at the height that depth has about it, (3,)."""
     h, w = frame.depth_m.shape
-    u, v = _pixels(frame, p_middle[None])[0]
+    (u, v), _ = project(p_middle, frame.K, frame.X_base_camera)
     r = frame.K[0, 0] * TOP_M / max(float(np.linalg.norm(frame.X_base_camera[:3, 3] - p_middle)), 0.05)
     vs, us = np.mgrid[0:h, 0:w]
     near = ((us - u) ** 2 + (vs - v) ** 2 < r * r) & (frame.depth_m > 0.0)
     if near.sum() < LEAST_TOP:
         return None
     return np.append(p_middle[:2], float(np.median(back_project(frame)[near][:, 2])))
-
-
-def _pixels(frame: DepthFrame, p: Array) -> Array:
-    """Pixels (..., 2) of points (..., 3)."""
-    X = np.linalg.inv(frame.X_base_camera)
-    projected = (p @ X[:3, :3].T + X[:3, 3]) @ frame.K.T
-    return np.asarray(projected[..., :2] / projected[..., 2:])

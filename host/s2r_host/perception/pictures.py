@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from s2r_host.perception.estimate import JointEstimate
+from s2r_host.perception.frames import project
 from s2r_host.perception.view import DepthView, View
 
 Array = NDArray[np.floating]
@@ -133,11 +134,9 @@ def _axis_ends(estimate: JointEstimate) -> tuple[Array, Array]:
 
 
 def _axis_in_image(axes: Axes, estimate: JointEstimate, view: DepthView) -> None:
-    ends = np.stack(_axis_ends(estimate))
-    p = ends @ view.X_camera_base[:3, :3].T + view.X_camera_base[:3, 3]
-    if (p[:, 2] < 0.05).any():
+    uv, z = project(np.stack(_axis_ends(estimate)), view.K, view.X_base_camera)
+    if (z < 0.05).any():
         return
-    uv = p[:, :2] / p[:, 2:] * [view.K[0, 0], view.K[1, 1]] + view.K[:2, 2]
     axes.annotate(
         "",
         uv[1],

@@ -13,6 +13,7 @@ from matplotlib.patheffects import withStroke
 
 from s2r_host.motion.robot_mask import back_project
 from s2r_host.motion.scene import Region
+from s2r_host.perception.frames import project
 from s2r_host.report.style import ARM, AXIS, PART, RC, REST
 from s2r_host.run.belief import Belief
 from s2r_host.run.observe import Observation
@@ -66,7 +67,7 @@ def _picture(axes: Axes, view: Observation, part: np.ndarray | None, belief: Bel
     )
     axes.set_axis_off()
     if belief is not None:
-        _draw_axis(axes, lambda p: _pixels(frame.K, frame.X_base_camera, p), belief, image.shape[:2])
+        _draw_axis(axes, lambda p: project(p, frame.K, frame.X_base_camera)[0], belief, image.shape[:2])
 
 
 def _cloud(axes: Axes, view: Observation, part: np.ndarray | None, belief: Belief | None) -> None:
@@ -119,13 +120,6 @@ def _draw_axis(axes: Axes, project: Projection, belief: Belief, shape: tuple[int
     if shape is not None:
         axes.set_xlim(0, shape[1])
         axes.set_ylim(shape[0], 0)
-
-
-def _pixels(K: np.ndarray, X_base_camera: np.ndarray, p: np.ndarray) -> np.ndarray:
-    local = (p - X_base_camera[:3, 3]) @ X_base_camera[:3, :3]
-    return np.stack(
-        [K[0, 0] * local[:, 0] / local[:, 2] + K[0, 2], K[1, 1] * local[:, 1] / local[:, 2] + K[1, 2]], axis=1
-    )
 
 
 def _oblique(eye: np.ndarray) -> Projection:
