@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_host.learn.archive import read_archive
 from s2r_host.learn.solids import drawn_around, inside, moved
 from s2r_host.perception.change import compare, measured_noise_scale, without_specks
 from s2r_host.perception.errors import InputError, NothingMovedError
@@ -111,18 +112,14 @@ def load_pairs(file: Path) -> list[PairSample]:
     """All pairs of an object; from the points kept beside its file if they are there, else they are made now.
 
     Raises:
-        InputError: The file lacks something, as files of other versions do.
+        InputError: The file is damaged, or lacks something, as files of other versions do.
     """
     kept = file.parent / FOLDER / file.name
     if kept.exists() and kept.stat().st_mtime >= file.stat().st_mtime:
         samples = _read(kept)
         if samples is not None:
             return samples
-    with np.load(file) as archive:
-        missing = [name for name in _NEEDED if name not in archive]
-        if missing:
-            raise InputError(f"{file} has no {', '.join(missing)}; make it anew with 's2r data pairs'")
-        content = {name: archive[name] for name in archive.files}
+    content = read_archive(file, _NEEDED, "s2r data pairs")
     samples = _prepare(content)
     _write(kept, samples)
     return samples

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from s2r_host.learn.archive import read_archive
 from s2r_host.perception.errors import BadViewError, InputError
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.object_cloud import ObjectCloud, Pyramid, SeenObject, pyramid
@@ -85,15 +86,12 @@ def load_pushes(file: Path, seed: int, times: int = 1) -> list[PushSample]:
     Pushes whose finger touched something before it began are left out: they never happen.
 
     Raises:
-        InputError: The file lacks something, as files of older versions do.
+        InputError: The file is damaged, or lacks something, as files of older versions do.
     """
-    with np.load(file) as archive:
-        missing = [name for name in _NEEDED if name not in archive]
-        if missing:
-            raise InputError(f"{file} has no {', '.join(missing)}; make it anew with 's2r data pushes'")
-        if archive["depth"].dtype != np.uint16:
-            raise InputError(f"{file} has depth of an older version; make it anew with 's2r data pushes'")
-        content = _cropped({name: archive[name] for name in archive.files})
+    content = read_archive(file, _NEEDED, "s2r data pushes")
+    if content["depth"].dtype != np.uint16:
+        raise InputError(f"{file} has depth of an older version; make it anew with 's2r data pushes'")
+    content = _cropped(content)
     try:
         depth_m = UNIT_M * content["depth"].astype(np.float32)
         seen = SeenObject(DepthFrame(depth_m, content["K"], content["T_base_camera"], None))
