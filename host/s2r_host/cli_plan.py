@@ -11,7 +11,7 @@ import click
 
 from s2r_host.plan_process import PlanOrder, plan_in_process
 from s2r_protocol.cli.options import SEED, FiniteRange
-from s2r_protocol.exits import S2RError, UsageError
+from s2r_protocol.exits import S2RError
 
 
 @click.command()
@@ -70,8 +70,6 @@ def plan(
     Writes plan.csv (t, q.<joint>; every 2 ms), knots.csv, plan.json, trace.csv, strip.png and model/ into --out.
     Scene and object start at their qpos0. Exit 4 with a reason when there is no plan; plan.json then has it as well.
     """
-    if not time_limit_s > 0.0:  # NaN passes click's range
-        raise UsageError(f"--time-limit {time_limit_s} is not allowed: a number of seconds, 1 or more")
     order = PlanOrder(
         scene=str(scene),
         joint=joint,

@@ -70,6 +70,7 @@ CASES = [
     ("world draw --seed -1 --out {tmp}/w.json", USAGE, "-1 is not in the range x>=0"),
     ("world object --kind drawer --seed -1 --out {tmp}/o", USAGE, "-1 is not in the range x>=0"),
     ("plan --scene {junk} --joint j --target 1 --seed -1 --out {tmp}/p", USAGE, "-1 is not in the range x>=0"),
+    ("conceal draw --workers 0 --out {tmp}/c", USAGE, "0 is not in the range x>=1"),
     ("build-model --before {junk} --after {empty} --seed -1 --out {tmp}/m", USAGE, "-1 is not in the range x>=0"),
     ("conceal draw --seed -1 --out {tmp}/c", USAGE, "-1 is not in the range x>=0"),
     ("conceal draw --duration nan --out {tmp}/c", USAGE, "--duration': nan is not a finite number"),

@@ -22,6 +22,7 @@ from s2r_protocol.exits import UsageError
 logger = logging.getLogger(__name__)
 
 BASE_NAME = "arm_base"
+DESCRIPTIONS = (".xml", ".urdf")  # MuJoCo goes by the name, not by the content
 _FIELDS = (
     "qpos0", "body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "jnt_range", "jnt_stiffness",
     "dof_damping", "dof_frictionloss", "dof_armature", "geom_pos", "geom_quat", "geom_size", "geom_friction",
@@ -67,10 +68,17 @@ def read_spec(path: str | Path, joint: str) -> mujoco.MjSpec:
         SceneFileError: The file cannot be read or has no such joint.
     """
     if not Path(path).is_file():
-        raise SceneFileError(f"object file {path}: no such file")
+        what = "it is a folder; name the .xml or .urdf in it" if Path(path).is_dir() else "no such file"
+        raise SceneFileError(f"object file {path}: {what}")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, mujoco.FatalError) as error:
+        if Path(path).suffix.lower() not in DESCRIPTIONS:
+            allowed = " or ".join(DESCRIPTIONS)
+            raise SceneFileError(
+                f"object file {path}: not read as a description of an object: its name should end in {allowed}, "
+                "which say that it is MJCF or URDF"
+            ) from error
         raise SceneFileError(f"object file {path}: {one_line(error)}") from error
     names = [j.name for j in spec.joints]
     if joint not in names:

@@ -13,6 +13,7 @@ from s2r_host.plan_process import PlanOrder
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.free_space import FINE_STEP_RAD, FreeSpace
 from s2r_host.planning.scene import GeomKind, SceneFileError, build_scene
+from s2r_host.planning.scene_file import read_spec
 from s2r_host.planning.settings import PlanSettings
 from s2r_host.trajectory.plan_worker import carried_out
 from s2r_protocol.arms import load_arm
@@ -286,3 +287,13 @@ def test_a_way_that_is_to_be_gone_is_looked_at_finely(scene_file):
     way = stretched + np.outer([-0.0299, 0.0299], np.eye(ARM.dof)[0])
     assert space.path_is_free(way, 0.0)
     assert not space.path_is_free(way, 0.0, FINE_STEP_RAD)
+
+
+def test_what_is_no_description_is_told_by_its_name(tmp_path):
+    """MuJoCo's own words for it are 'could not find decoder for resource'."""
+    notes = tmp_path / "notes.txt"
+    notes.write_text("plain words")
+    with pytest.raises(SceneFileError, match=r"notes\.txt: .*its name should end in \.xml or \.urdf"):
+        read_spec(notes, "lever")
+    with pytest.raises(SceneFileError, match=r"it is a folder; name the \.xml or \.urdf in it"):
+        read_spec(tmp_path, "lever")
