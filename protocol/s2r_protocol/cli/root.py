@@ -104,6 +104,16 @@ def _report_bug() -> ExitCode:
     return ExitCode.BUG
 
 
+def _while_importing(error: BaseException) -> bool:
+    """Whether an error came out of a module that was being loaded."""
+    trace = error.__traceback__
+    while trace is not None:
+        if trace.tb_frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        trace = trace.tb_next
+    return False
+
+
 def _report_file(error: OSError) -> ExitCode:
     """A file or folder the user named, and what to do about it. A full disk has no name: it may show at any write."""
     full = error.errno in _FULL
@@ -142,13 +152,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = ExitCode.USAGE
     except OSError as error:
         code = _report_file(error)
-    except ImportError:
-        # A native module that Ctrl-C meets while it loads turns it into "initialization failed".
-        if asked_to_end:
+    except Exception as error:  # noqa: BLE001 - the last line of defence: a bug must end with exit 1 and its traceback
+        # What Ctrl-C meets while it loads makes another error of it: native modules "initialization failed", trimesh,
+        # which goes on without what it did not get, a TypeError.
+        if asked_to_end and (isinstance(error, ImportError) or _while_importing(error)):
             click.echo("s2r: interrupted", err=True)
             code = ExitCode.INTERRUPTED
         else:
             code = _report_bug()
-    except Exception:  # noqa: BLE001 - the last line of defence: a bug must end with exit 1 and its traceback
-        code = _report_bug()
     sys.exit(int(code or ExitCode.OK))

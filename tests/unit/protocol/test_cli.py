@@ -1,6 +1,7 @@
 """The root command: lazy, and every end has its documented exit code."""
 
 import errno
+import os
 import re
 import subprocess
 import sys
@@ -120,6 +121,31 @@ def test_ctrl_c_that_meets_a_native_module_while_it_loads_is_no_bug():
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
     assert run.returncode == 130, run.stderr
     assert run.stderr == "s2r: interrupted\n"
+
+
+@pytest.mark.parametrize(("interrupted", "code"), [(True, 130), (False, 1)])
+def test_what_a_module_makes_of_an_interrupt_while_it_loads_is_no_bug(tmp_path, interrupted, code):
+    """Trimesh catches it at an optional import, and stumbles over what it did not get."""
+    kill = "os.kill(os.getpid(), signal.SIGINT)" if interrupted else "raise ImportError"
+    (tmp_path / "mesh_like.py").write_text(
+        f"import os, signal\ntry:\n    {kill}\nexcept BaseException as error:\n    Path = error\n"
+        "def area() -> Path | None: ...\n"
+    )
+    script = (
+        "import importlib, click\nfrom s2r_protocol.cli import root\n"
+        "load = lambda: importlib.import_module('mesh_like')\n"
+        "root._load = lambda name: click.Command(name, callback=load)\n"
+        "root.main(['stop'])\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+    )
+    assert run.returncode == code, run.stderr
+    assert (run.stderr == "s2r: interrupted\n") is interrupted
 
 
 def test_help_imports_none_of_the_heavy_packages():
