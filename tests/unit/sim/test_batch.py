@@ -116,9 +116,12 @@ def test_a_signal_to_the_first_process_ends_the_jobs_begun_and_says_what_is_kept
         "    root.main(['stop'])\n"
     )
     (tmp_path / "script.py").write_text(script)
+    results = tmp_path / "results.jsonl"
     process = subprocess.Popen([sys.executable, tmp_path / "script.py"], stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
-    while not ((tmp_path / "began-1").exists() and (tmp_path / "began-2").exists()):
+    begun = [tmp_path / f"began-{number}" for number in (1, 2)]
+    # A worker begins its next job before the first process has written the result of the one before.
+    while not (all(path.exists() for path in begun) and results.exists() and results.read_text()):
         assert time.monotonic() < deadline
         time.sleep(0.02)
     process.send_signal(number)
