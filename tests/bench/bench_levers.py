@@ -1,11 +1,11 @@
-"""Levers told by the outline of a solid, against depth and colour without one, in the same looks.
+"""Levers told by the outline of a solid, against depth alone and depth with edges of colour, in the same looks.
 
     python tests/bench/bench_levers.py --count 60 --jobs 2 --out runs/levers
 
 Faucets with one lever, drawn for this alone, seen by the stand-in's stereo camera with its noise and its hand-eye
 error: before and after a turn of 12 to 35 degrees, which tell the joint, and in a third look, in which it is measured.
-What moves the lever is left out: no arm, no contact. Both ways are given the same joint by depth to begin with; what
-joint, model and measurement come to is told for all levers, and for those whose outline was told.
+What moves the lever is left out: no arm, no contact. All ways begin with the same joint, told by depth; what joint,
+model and measurement come to is told for all levers, and for those whose outline was told.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from s2r_sim.objects.scene import qpos_at, table_scene
 STREAM = 20261126
 TOLD_RAD, LATER_RAD = np.radians((12.0, 35.0)), np.radians((8.0, 40.0))
 EXPECTED_RAD = np.radians(3.0)  # by which a plan's outcome is off
-WAYS = ("depth", "outline")
+WAYS = ("depth", "depth and colour", "outline")
 
 
 def drawn(number: int) -> tuple[FaucetSpec, np.random.Generator]:
@@ -77,7 +77,7 @@ def job(number: int) -> dict[str, Any]:
     row["outlined"] = estimate.lever is not None
     by_depth = _by_depth(estimate)
     guess = float(rng.normal(0.0, EXPECTED_RAD))
-    for way, one in zip(WAYS, (by_depth, estimate), strict=True):
+    for way, one in zip(WAYS, (by_depth, by_depth, estimate), strict=True):
         sense = float(np.sign(one.axis_direction @ data.xaxis[joint]))
         turned, later = sense * (q[1] - q[0]), sense * (q[2] - q[1])
         row[way] = {
@@ -86,7 +86,7 @@ def job(number: int) -> dict[str, Any]:
             "hinge_off_m": float(
                 line_distance(data.xanchor[joint], data.xaxis[joint], one.axis_origin_m[None])[0]
             ),
-            **_measured(one, frames[2], later, guess),
+            **_measured(one, frames[2], later, guess, colour=way != WAYS[0]),
         }
         if one.lever is not None and not (one.lever.rod or spec.round_lever):
             true = np.sort([spec.lever_width_m, spec.lever_thick_m])
@@ -109,8 +109,12 @@ def _by_depth(estimate: JointEstimate) -> JointEstimate:
     )
 
 
-def _measured(estimate: JointEstimate, frame: DepthFrame, turned: float, guess: float) -> dict[str, Any]:
+def _measured(
+    estimate: JointEstimate, frame: DepthFrame, turned: float, guess: float, *, colour: bool
+) -> dict[str, Any]:
     """The error of the measured turn since the second look."""
+    if not colour:
+        frame = replace(frame, colour=None)
     look = SimpleNamespace(capture=SimpleNamespace(frame=frame), arm_mask=np.zeros(frame.depth_m.shape, bool))
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -124,7 +128,7 @@ def _measured(estimate: JointEstimate, frame: DepthFrame, turned: float, guess: 
 
 
 def told(rows: list[dict[str, Any]], kind: str) -> list[str]:
-    """Two lines of the table."""
+    """The lines of the table."""
 
     def spread(values: list[float], factor: float) -> str:
         off = factor * np.abs(values)
