@@ -201,3 +201,20 @@ def test_friction_by_load_needs_a_joint_that_is_moved_both_ways(ctx):
     assert by_load.blocked(ctx, 0) is None
     pulled = replace(s, q=np.linspace(0.0, 1.0, len(s.t))[:, None], v=np.ones_like(s.v))
     assert "one way" in by_load.blocked(Context(ctx.model, [pulled]), 0)
+
+
+def test_a_ripple_shows_a_period(ctx):
+    """A sine of half a period is a slope: it would stand for whatever else pulls slowly along the travel."""
+    cogging = catalogue()["cogging"]
+    low, high = ctx.span(0)
+    for periods, seen in ((0.6, False), (5.0, True)):
+        odds = cogging.log_prior(ctx, 0, {"order": 2 * np.pi * periods / (high - low), "rub": 0.0})
+        assert (odds > -100.0) is seen
+
+
+def test_grams_on_a_long_stick_are_no_load(ctx):
+    """They are an inertia without weight, which a motor has."""
+    payload = catalogue()["payload"]
+    farthest = max(shape["reach"] for shape in payload.shapes(ctx, -1))
+    low, high = payload.bounds(ctx, -1)["reach"]
+    assert low < 1.0 < farthest < high <= 2.0 * farthest

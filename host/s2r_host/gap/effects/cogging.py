@@ -14,6 +14,7 @@ SEEDS = 16
 TOGETHER = 4  # seeds from all recordings taken as one
 RUB_PERIODS = (0.5, 0.75, 1.0)
 RUB_ODDS = -3.0
+IMPOSSIBLE = -1e3  # log odds
 
 
 class Cogging(Effect):
@@ -55,7 +56,10 @@ class Cogging(Effect):
         return found
 
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
-        """A friction that changes along the travel is the rarer machine."""
+        """A friction that changes along the travel is the rarer machine; less than a period is no ripple."""
+        low, high = ctx.span(joint)
+        if not shape["rub"] and shape["order"] * (high - low) < 2.0 * np.pi * MIN_PERIODS:
+            return IMPOSSIBLE
         return RUB_ODDS * shape["rub"]
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:

@@ -12,6 +12,7 @@ from s2r_host.gap.session import Session
 REACH = (0.5, 1.0, 1.5, 2.0)
 FAR_REACH = (3.0, 5.0)  # what an arm holds may hang well beyond its last body
 LEAST_REACH = 0.3
+MOST_REACH = 1.5  # of the farthest reach tried: grams at the end of a long stick are an inertia, not a load
 NODES = (0.0, 1.0, 2.0)  # reaches at which a load is evaluated; a quadratic goes through three
 
 
@@ -31,7 +32,7 @@ class Payload(Effect):
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Every last body, at several distances along its centre of mass."""
-        reach = REACH if len(ctx.model.joints) == 1 else REACH + FAR_REACH
+        reach = _reaches(ctx)
         return [{"body": float(b), "reach": x} for b in leaves(ctx.model) for x in reach]
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
@@ -40,7 +41,7 @@ class Payload(Effect):
 
     def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
         """A load hangs from the body: near the joint a slow motion would ask for any mass, at a distance of nothing."""
-        return {"reach": (LEAST_REACH, np.inf)}
+        return {"reach": (LEAST_REACH, MOST_REACH * max(_reaches(ctx)))}
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Load per added kilogram: weight and centre of mass go with the reach, inertia with its square."""
@@ -69,6 +70,11 @@ class Payload(Effect):
         extra.mass, extra.inertia, extra.explicitinertial = float(theta[0]), np.full(3, 1e-8), 1
         extra.ipos = np.zeros(3)  # not given, MuJoCo takes the place twice, and writes no weight to the file
         return True
+
+
+def _reaches(ctx: Context) -> tuple[float, ...]:
+    """Distances of a load tried first, in distances of the body's own centre of mass."""
+    return REACH if len(ctx.model.joints) == 1 else REACH + FAR_REACH
 
 
 def _per_kilogram(ctx: Context, s: Session, body: int, reach: float) -> np.ndarray:
