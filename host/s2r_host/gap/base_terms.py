@@ -10,6 +10,8 @@ from s2r_host.gap.session import Session
 
 PREFIX = "parameter:"
 SKIPPED = ("timing", "edge", "damping", "frictionloss")  # friction has effects of its own name
+USUAL, USUAL_ZERO = 0.06, 0.006  # of a value; of the deviation of an effort from its mean
+FAR = 8.0  # log odds
 LEAST_ARM = 0.02  # of the body's size: a centre nearer to the origin has no direction
 
 
@@ -34,8 +36,9 @@ class BaseTerm(Effect):
         return Columns([m.column(s) for m in self.members])
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
-        """Nominal values are rarely off by more than 5 %."""
-        return -min(8.0, 0.5 * (float(np.max(np.abs(theta), initial=0.0)) / 0.06) ** 2)
+        """Nominal values are rarely off by more than 5 %, the zero of an effort by more than 1 % of its swing."""
+        usual = np.array([_usual(ctx, m) for m in self.members[: len(theta)]])
+        return -min(FAR, 0.5 * float(np.max(np.abs(theta) / usual, initial=0.0)) ** 2)
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Members in their own units."""
@@ -79,6 +82,15 @@ class CentreDistance(BaseTerm):
     def moves(self, theta: np.ndarray) -> np.ndarray:
         """Along the direction."""
         return float(theta[0]) * self.direction
+
+
+def _usual(ctx: Context, m: BaseParameter) -> float:
+    """Error that a base parameter usually has, in its own unit of size."""
+    if m.name != "effort_offset":
+        return USUAL
+    j = ctx.model.index(m.place)
+    swings = [float(np.std(s.u[:, j])) for s in ctx.sessions if s.has_u[j]]
+    return USUAL_ZERO * max(swings, default=0.0) / m.size or USUAL
 
 
 def with_directions_held(terms: dict[str, BaseTerm]) -> dict[str, BaseTerm]:

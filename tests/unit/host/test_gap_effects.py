@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from s2r_host.gap.base_terms import BaseTerm
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context, StepState
 from s2r_host.gap.model import RigidModel
+from s2r_host.gap.nuisance import base_parameters
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
 from s2r_host.gap.session import make_session
@@ -218,3 +220,13 @@ def test_grams_on_a_long_stick_are_no_load(ctx):
     farthest = max(shape["reach"] for shape in payload.shapes(ctx, -1))
     low, high = payload.bounds(ctx, -1)["reach"]
     assert low < 1.0 < farthest < high <= 2.0 * farthest
+
+
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
+def test_how_far_a_zero_of_the_effort_is_off_counts_in_shares_of_the_effort(ctx, unit):
+    offset = next(p for p in base_parameters(ctx.model) if p.name == "effort_offset")
+    zero = BaseTerm("parameter:effort@elbow", [offset])
+    in_unit = Context(ctx.model, [replace(s, u=unit * s.u) for s in ctx.sessions])
+    share = float(np.std(in_unit.sessions[0].u[:, 0]))
+    assert zero.size_prior(in_unit, -1, {}, np.array([0.001 * share])) > -0.1
+    assert zero.size_prior(in_unit, -1, {}, np.array([0.1 * share])) == -8.0
