@@ -133,14 +133,18 @@ def slot_probabilities(search: Search, slot: list[Scored]) -> dict[tuple[str, in
     scores = {s.term.key: s.gain for s in slot}
     winner = max(scores, key=lambda k: scores[k])
     top = scores[winner]
-    heat = 1.0 + HEAT * max(top, 0.0)
     weights = {("", 0): float(np.exp(max(-top, -60.0)))}
     for key, gain in scores.items():
         contains = winner[0] in search.effects[key[0]].contains
-        cooled = 1.0 if contains else heat + (ALIKE_HEAT if alike(winner[0], key[0]) else 0.0)
+        cooled = 1.0 if contains else cooling(top, winner[0], key[0])
         weights[key] = float(np.exp(max((gain - top) / cooled, -60.0)))
     total = sum(weights.values())
     return {k: CEILING * w / total for k, w in weights.items() if k[0]}
+
+
+def cooling(top: float, winner: str, other: str) -> float:
+    """By how much a lead of log odds counts less, where ``top`` are the winner's against nothing at all."""
+    return 1.0 + HEAT * max(top, 0.0) + (ALIKE_HEAT if alike(winner, other) else 0.0)
 
 
 def alike(one: str, other: str) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from s2r_host.gap.decision import Decision
 from s2r_host.gap.kinematics import Contradiction
 from s2r_host.gap.law import LawFinding
-from s2r_host.gap.naming import CEILING, MODEL_ERROR, Z90, Named
+from s2r_host.gap.naming import CEILING, MODEL_ERROR, SET_LEAST, Z90, Named, cooling
 from s2r_host.gap.parameters_off import off_entry
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
@@ -40,9 +40,11 @@ def add_law(problem: Problem, finding: LawFinding, decision: Decision, why: str 
         return
     decision.effects = [e for e in decision.effects if e.joint != joint or not _same_cause(e, finding.name)]
     weights = {finding.name: 1.0} | {
-        n: float(np.exp(max(g - finding.gain, -60.0))) for n, g in finding.rivals.items()
+        n: float(np.exp(max((g - finding.gain) / cooling(finding.gain, finding.name, n), -60.0)))
+        for n, g in finding.rivals.items()
     }
-    also = [n for n, w in weights.items() if w > 0.05 and n not in (finding.name, "controller_gain")]
+    likely = sorted((n for n in finding.rivals if n != "controller_gain"), key=lambda n: -weights[n])
+    also = [n for n in likely if weights[n] > SET_LEAST * sum(weights.values())][:1]
     decision.effects.append(
         Named(
             Term(finding.name, finding.joint, tuple(sorted(finding.shape.items()))), finding.name, joint,

@@ -22,6 +22,7 @@ from s2r_host.gap.wrong_number import (
     one_cause,
     tries_of,
     turned_not_shifted,
+    with_number,
 )
 
 # What an effect of this name is called as a wrong number, and the value the model gives it.
@@ -94,12 +95,30 @@ def parameters_only(problem: Problem, search: Search) -> Decision:
             return decision
         decision.verdict, decision.effects = "physics_missing", [named]
         if base_matters(search, problem, solution.terms):  # a load beside a tilt
-            decision.parameters_off = base_entries(problem, solution)
+            solution = _with_one_more(problem, search, decision)
     else:
         decision.parameters_off = off_entries(problem, search, named)
     decision.explained = explained(problem, search, solution)
     decision.leftover = leftover(problem, solution.prediction)
     return decision
+
+
+def _with_one_more(problem: Problem, search: Search, decision: Decision) -> Solution:
+    """List what is off beside a named effect: one number where that explains as much as several that moved a little.
+
+    Returns:
+        The solution that the list belongs to.
+    """
+    more = with_number(problem, search, decision.solution)
+    if more is not None:
+        search.looseness, both = more
+        own = named_effect(problem, search, both, len(both.terms) - 1, both.slots[-1])
+        search.looseness = 1.0
+        if own.name.startswith(PREFIX) or is_parameter(problem, own, both.slots[-1]):
+            decision.solution, decision.parameters_off = both, off_entries(problem, search, own)
+            return both
+    decision.parameters_off = base_entries(problem, decision.solution)
+    return decision.solution
 
 
 def _of_one_part(problem: Problem, search: Search, solution: Solution) -> bool:
@@ -114,8 +133,13 @@ def _of_one_part(problem: Problem, search: Search, solution: Solution) -> bool:
 
 def off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
     """Entries of ``parameters_off`` for an explanation that is a wrong number, with what else it could be."""
-    also = {"could_also_be": named.could_also_be} if named.could_also_be else {}
-    return [entry | also for entry in _off_entries(problem, search, named)]
+    found = []
+    for entry in _off_entries(problem, search, named):
+        also = [
+            n for n in named.could_also_be if n != entry["name"]
+        ]  # a motor's inertia is a number, and an effect
+        found.append(entry | ({"could_also_be": also} if also else {}))
+    return found
 
 
 def _off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:

@@ -8,6 +8,7 @@ from s2r_host.gap import checks
 from s2r_host.gap.checks import check_units
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.model import RigidModel
+from s2r_host.gap.parameters_off import parameters_only
 from s2r_host.gap.problem import build_problem
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
@@ -22,17 +23,18 @@ def model(tmp_path_factory):
     return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
 
 
-def recorded(model, index, phase, hidden=0.0, unit=1.0, ahead=0.0, dry=0.0):
+def recorded(model, index, phase, hidden=0.0, unit=1.0, ahead=0.0, dry=0.0, tilted=0.0, scale=1.0):
     """A motion and the effort the model needs, slow noise of 0.05 N·m and a hidden force tied to the clock.
 
     A share ``ahead`` of the effort is fed forward, the rest is what the controller asks for; ``dry`` is friction [N·m].
+    The base stands ``tilted`` [rad], and of the effort that is reported a share ``scale`` arrives.
     """
     rng = np.random.default_rng(index)
     t = np.arange(0, 20, DT)
     q = 0.6 * np.sin(1.7 * t + phase) + 0.2 * np.sin(5.3 * t + 2.0 * phase)
     dq = np.gradient(q, DT)
     noise = np.asarray(lfilter([0.2], [1.0, -0.96], rng.normal(size=len(t))))
-    u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0]
+    u = model.inverse((q + tilted)[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0] / scale
     u = u + 0.05 * noise / np.std(noise) + hidden * np.sin(2.0 * np.pi * 1.37 * t)
     u = u + dry * np.sign(dq)
     q_cmd, dq_cmd = q + (1.0 - ahead) * u / KP, dq
@@ -88,3 +90,16 @@ def test_degrees_are_seen_by_the_load_where_friction_hides_half_of_it(model):
 @pytest.mark.parametrize("ahead", [0.0, 0.9, 1.0])
 def test_positions_in_radians_pass(model, ahead):
     check_units(model, recorded(model, 0, 0.0, ahead=ahead))
+
+
+def test_one_scale_is_named_beside_a_tilt_instead_of_several_numbers(model):
+    """A drive that gives 6 % less shifts weight, inertia and friction alike; mass and friction apart are two causes."""
+    sessions = [
+        recorded(model, k, phase, tilted=0.06, scale=0.94) for k, phase in ((0, 0.0), (1, 0.0), (2, 1.0))
+    ]
+    problem = build_problem(model, sessions[:1], sessions[2:], sessions[1:2])
+    decision = parameters_only(problem, Search(problem))
+    assert decision.verdict == "physics_missing"
+    assert decision.effects[0].name in ("gravity_tilt", "encoder_offset")
+    assert [p["name"] for p in decision.parameters_off] == ["effort_scale"]
+    assert decision.parameters_off[0]["to"] == pytest.approx(0.94, abs=0.02)

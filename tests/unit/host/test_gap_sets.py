@@ -5,11 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from s2r_host.gap.decision import Decision
 from s2r_host.gap.effects import encoder_offset, gravity_tilt
 from s2r_host.gap.effects.asymmetric_friction import EFFECT as ASYMMETRIC
 from s2r_host.gap.effects.backlash import EFFECT as BACKLASH
 from s2r_host.gap.effects.effort_scale import EFFECT as SCALE
+from s2r_host.gap.law import LawFinding
 from s2r_host.gap.naming import CEILING, Named, slot_probabilities
+from s2r_host.gap.other_equations import add_law
 from s2r_host.gap.parameters_off import off_entries
 from s2r_host.gap.search import Search
 from s2r_host.gap.shapes import Shapes
@@ -83,6 +86,21 @@ def test_a_wrong_number_says_what_else_it_could_be():
     assert entry(["payload"])["could_also_be"] == ["payload"]
     assert entry(["payload"])["to"] == 0.97
     assert "could_also_be" not in entry([])
+    assert "could_also_be" not in entry(["effort_scale"])  # its own name is no rival
+
+
+def test_a_lag_that_the_law_shows_may_be_a_delay_where_both_come_close():
+    """A drive is neither a pure delay nor a pure lag: a lead of a hundredth of all evidence is the equations' error."""
+    problem = SimpleNamespace(ctx=SimpleNamespace(model=SimpleNamespace(joints=["elbow"])))
+    table = {
+        "time_constant": {"value": 0.005, "unit": "s", "interval90": [0.004, 0.006], "identifiable": True}
+    }
+    for rival, also in ((1904.0, ["actuator_delay"]), (1700.0, [])):
+        gains = {"actuator_delay": rival, "controller_gain": 1910.0, "clock_skew": 268.0}
+        decision = Decision("nothing_missing", SimpleNamespace())  # pyright: ignore[reportArgumentType]
+        add_law(problem, LawFinding("bandwidth", 0, 1920.0, 0.9, table, {"T": 0.005}, gains), decision)  # pyright: ignore[reportArgumentType]
+        assert decision.verdict == "physics_missing"
+        assert decision.effects[0].could_also_be == also
 
 
 @pytest.mark.parametrize(("step", "narrowest"), [(5e-6, 2e-4), (2e-4, 1.2e-3), (2e-5, 4e-4)])
