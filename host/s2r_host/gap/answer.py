@@ -42,6 +42,9 @@ def make_answer(a: Analysis, seed: int) -> dict:
     effects = [e.as_json(together) for e in a.decision.effects] if a.decision else []
     if a.verdict in ("insufficient", "nothing_missing"):
         effects = []
+    named = {(e["name"], e["joint"]) for e in effects}
+    # What one search rejects another may name, e.g. once the recorded effort was held against the control law.
+    rejected = [r for r in a.decision.rejected if (r["name"], r["joint"]) not in named] if a.decision else []
     answer = clean(
         {
             "schema": SCHEMA,
@@ -52,7 +55,7 @@ def make_answer(a: Analysis, seed: int) -> dict:
             "where": [p.as_json() for p in a.places],
             "effects": effects,
             "parameters_off": a.decision.parameters_off if a.decision else [],
-            "rejected": a.decision.rejected if a.decision else [],
+            "rejected": rejected,
             "fit": fit_json(a),
             "baselines": a.baselines,
             "next_experiment": a.next_experiment,

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from s2r_host.gap.errors import GapUsageError
 from s2r_host.gap.workers import each_done
+from s2r_host.gap.yaml_files import read_yaml
 from s2r_protocol.exits import ExitCode, S2RError
 
 KEYS = {"name", "model", "fit", "holdout", "repeat", "config", "robot", "date"}
@@ -48,10 +47,9 @@ def read_jobs(path: Path) -> list[Job]:
     Raises:
         GapUsageError: Unreadable, an unknown key, a missing one, or a name used twice.
     """
-    try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise GapUsageError(f"batch '{path}': {str(error).splitlines()[0]}") from error
+    raw = read_yaml(
+        path, "batch", "correct the path; a batch is a YAML list of jobs, each with name, model and fit"
+    )
     if not isinstance(raw, list) or not raw:
         raise GapUsageError(f"batch '{path}': write a list of jobs, each with name, model and fit")
     jobs = [_job(path, entry, i) for i, entry in enumerate(raw)]

@@ -6,10 +6,9 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.errors import GapUsageError
+from s2r_host.gap.yaml_files import read_yaml
 
 
 @dataclass(frozen=True)
@@ -52,10 +51,7 @@ def read_config(path: Path | None) -> GapConfig:
     """
     if path is None:
         return GapConfig()
-    try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise GapUsageError(f"config '{path}': {str(error).splitlines()[0]}") from error
+    raw = read_yaml(path, "config", "correct the path, or leave --config out for the defaults") or {}
     allowed = set(GapConfig.__dataclass_fields__)
     if not isinstance(raw, dict) or set(raw) - allowed:
         raise GapUsageError(f"config '{path}': keys are {', '.join(sorted(allowed))}")

@@ -160,13 +160,7 @@ def _rejected(answer: dict) -> str:
     if not answer["rejected"]:
         return ""
     groups: dict[tuple[str, str], list[dict]] = {}
-    named = {(e["name"], e["joint"]) for e in answer["effects"]}
     for r in answer["rejected"]:
-        if (
-            r["name"],
-            r["joint"],
-        ) in named:  # of another search, e.g. before the recorded effort was looked at
-            continue
         groups.setdefault((r["name"], r["why"]), []).append(r)
     order = sorted(
         groups.items(), key=lambda x: (x[0][1].startswith("cannot"), -max(r["holdout_gain"] for r in x[1]))

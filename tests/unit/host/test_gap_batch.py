@@ -8,6 +8,7 @@ from s2r_host.gap import batch
 from s2r_host.gap.answer import write_answer
 from s2r_host.gap.batch import Job, read_jobs, run_batch, run_job, since_when
 from s2r_host.gap.cli import batch_code
+from s2r_host.gap.config import read_config
 from s2r_host.gap.errors import GapRecordingError, GapUsageError
 
 
@@ -35,6 +36,19 @@ def test_jobs_are_read_with_paths_beside_the_file(tmp_path):
 def test_a_bad_list_is_refused_with_the_reason(tmp_path, text, said):
     with pytest.raises(GapUsageError, match=said):
         read_jobs(_list(tmp_path, text))
+
+
+def test_a_list_or_configuration_that_is_not_there_is_refused_with_the_next_step(tmp_path):
+    with pytest.raises(
+        GapUsageError, match=r"batch '.*no.yaml': No such file or directory; correct the path"
+    ):
+        read_jobs(tmp_path / "no.yaml")
+    with pytest.raises(
+        GapUsageError, match=r"config '.*no.yaml': No such file or directory; .* leave --config out"
+    ):
+        read_config(tmp_path / "no.yaml")
+    with pytest.raises(GapUsageError, match="is no YAML"):
+        read_config(_list(tmp_path, "skip: [cogging"))
 
 
 def _answer(folder, verdict, effects=()):

@@ -1,14 +1,26 @@
 """The report says nothing twice."""
 
+from types import SimpleNamespace
+
+import numpy as np
+
+from s2r_host.gap.answer import make_answer
+from s2r_host.gap.decision import Decision
+from s2r_host.gap.naming import Named
+from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.report import _per_joint, _rejected
+from s2r_host.gap.solution import Term
 
 
 def test_what_is_named_is_not_among_the_rejected():
     row = {"name": "clock_skew", "joint": "joint1", "why": "no evidence", "holdout_gain": 0.0}
-    answer = {
-        "effects": [{"name": "clock_skew", "joint": "joint1"}],
-        "rejected": [row, {**row, "joint": "joint2"}],
-    }
+    named = Named(Term("clock_skew", 0), "clock_skew", "joint1", 0.9, [], "", {}, np.zeros(0))
+    nothing = SimpleNamespace(raw_held=(0.0, 0.0))
+    decision = Decision("physics_missing", nothing, [named], rejected=[row, {**row, "joint": "joint2"}])  # pyright: ignore[reportArgumentType]
+    model = SimpleNamespace(joints=["joint1"], unit=lambda joint: "rad")
+    analysis = Analysis(model, [], [], [], None, None, decision, [], None, None, None, "physics_missing")  # pyright: ignore[reportArgumentType]
+    answer = make_answer(analysis, 0)
+    assert [r["joint"] for r in answer["rejected"]] == ["joint2"]
     assert "clock_skew on joint2<" in _rejected(answer)
 
 
