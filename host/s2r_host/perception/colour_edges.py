@@ -14,7 +14,7 @@ Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 SMOOTH_PX = 0.8
-LEAST_CONTRAST = 6.0  # 8-bit levels a pixel
+LEAST_CONTRAST = 4.0  # 8-bit levels a pixel
 # An edge that two looks from one place have within so far, at an angle of that cosine, has stayed.
 STILL_PX, STILL_SIDE = 1.2, 0.95
 NEIGHBOURS = 8

@@ -40,6 +40,7 @@ MOST_STEP = 2.0  # of what is known beforehand, in one round
 JUDGED_PX, MISSED_PX2 = 3.0, 9.0
 DRAWN_PX, BESIDE_PX = 3.5, 6.0
 CHANGED_PX2 = 0.1  # of what gives way by as much as it was known beforehand
+CLEAR_M = 0.012  # of the hub, which hides and uncovers other things
 RIM_PX = 3.0  # inside of a rod's outline: further in its shading has edges, too
 
 
@@ -269,7 +270,8 @@ def _unexplained(looks: list[Look], believed: Believed) -> float:
     shares = []
     for look, shape in zip(looks, believed.shapes(), strict=True):
         assert look.view.p_camera is not None
-        uv = look.pixels(shape.outline(look.view.p_camera)[0].on(shape))[0]
+        drawn = shape.outline(look.view.p_camera)[0]
+        uv = look.pixels(drawn.of(drawn.at_end | (drawn.at[:, 0] > shape.root_m + CLEAR_M)).on(shape))[0]
         near = (
             (look.edges.uv > uv.min(axis=0) - BESIDE_PX) & (look.edges.uv < uv.max(axis=0) + BESIDE_PX)
         ).all(axis=1)

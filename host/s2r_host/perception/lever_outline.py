@@ -34,7 +34,7 @@ START_TURNS_RAD, START_SLOPES, START_WIDER_M = (
     (-0.2, 0.0, 0.2),
     (0.0, 0.003, 0.006),
 )
-MOST_COST = 3.2  # px²; what costs more is told no better than by depth
+MOST_COST = 3.5  # px²; what costs more is told no better than by depth
 ERRORS_SHARED = 1.3  # edges err alike, and the solid is none of its kind: errors are larger than they seem
 AGAIN_RAD, LEAST_FOUND = np.radians(1.5), 0.6
 

@@ -3,7 +3,7 @@
 A first push turns a lever by ten degrees, of which a camera tells its hinge to a centimetre; a manipulation turns it
 by thirty. Where what the newest view shows contradicts the joint believed so far, the object is modelled anew, and what
 was done so far is told in the new joint's values. A joint that the new view confirms is kept, with all that touching
-its part has taught.
+its part has taught; so is one that was told by an outline in colour, which needs no larger motion.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ def tell_again(session: Session, record: RunRecord, view: Observation) -> bool:
     name = max(known, key=lambda name: abs(s_now - known[name]))
     moved = s_now - known[name]
     further = abs(moved) > FURTHER * abs(belief.estimate.delta)
-    if belief.template.slides or belief.estimate.knob is not None or settings.learn_physics or not further:
+    outlined = belief.estimate.knob is not None or belief.estimate.lever is not None
+    if belief.template.slides or outlined or settings.learn_physics or not further:
         return False
     with journal.stage(f"tell joint again {number}") as stage:
         try:
