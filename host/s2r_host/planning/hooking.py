@@ -94,6 +94,7 @@ def _hooks_apart(
         search = PlaceSearch(
             scene, world.data, probe, sign, points,
             ways=coming, room_m=settings.room_m, deep=settings.deep, missed=settings.missed,
+            proven=settings.proven,
         )  # fmt: skip
         first = search.take(_FIRST)
         if not len(first):

@@ -29,6 +29,8 @@ _ROOM_M = (0.003, 0.006)  # sideways steps that tell a roomy place from a tight 
 _ALIKE_M, _ALIKE_TRACE = 0.02, 2.9  # places this near to each other, turned this little, share their fate
 # Of a place so near to one that moved nothing: as much as turning the hand over.
 _MISSED_M, _MISSED_COST = 0.025, 5.0
+# Of a place whose touch, seen along the motion, is so near to one that has moved the part.
+_PROVEN_M, _PROVEN_GAIN = 0.010, 2.0
 _AT_A_TIME = 128  # candidates looked at before it is asked whether they are enough
 
 
@@ -73,9 +75,9 @@ class Places:
 _NONE = Places(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=int))
 
 
-def missed_now(scene: Scene, data: mujoco.MjData, missed: Sequence[Sequence[float]]) -> np.ndarray:
+def in_world(scene: Scene, data: mujoco.MjData, places: Sequence[Sequence[float]]) -> np.ndarray:
     """Places in the part's frame [m], as settings have them, in the world frame, (n, 3)."""
-    given = np.array(missed, dtype=float).reshape(-1, 3)
+    given = np.array(places, dtype=float).reshape(-1, 3)
     return data.xpos[scene.part_body] + given @ data.xmat[scene.part_body].reshape(3, 3).T
 
 
@@ -90,6 +92,22 @@ def tightness(places: Places, room_m: float, missed: np.ndarray) -> np.ndarray:
     near, far = np.maximum(room_m - places.push_m, 0.0), np.maximum(places.push_m - (room_m + 0.004), 0.0)
     again = (np.linalg.norm(places.p[:, None] - missed, axis=2) < _MISSED_M).any(axis=1)
     return 0.2 * places.blocked + 150.0 * near + 5.0 * far + _MISSED_COST * again
+
+
+def gain_of_proven(p: np.ndarray, way: np.ndarray, proven: np.ndarray) -> np.ndarray:
+    """What places are worth for having moved the part before, (n,), in the units of :func:`tightness`.
+
+    What a motion taught about the surface it pushed holds where it touched it; elsewhere along a bar the same turn is
+    another distance, and a hinge a little off another turn.
+
+    Args:
+        p: Tool tips [m], (n, 3).
+        way: Unit directions of the part's motion there, (n, 3).
+        proven: Tool tips that have moved it [m], (m, 3).
+    """
+    apart = p[:, None] - proven
+    across = apart - np.einsum("nmi,ni->nm", apart, way)[..., None] * way[:, None]
+    return _PROVEN_GAIN * (np.linalg.norm(across, axis=2) < _PROVEN_M).any(axis=1)
 
 
 class PlaceSearch:
@@ -111,6 +129,7 @@ class PlaceSearch:
         room_m: float = USUAL_ROOM_M,
         deep: bool = False,
         missed: Sequence[Sequence[float]] = (),
+        proven: Sequence[Sequence[float]] = (),
     ) -> None:
         """Look behind the faces of the part; nothing is tried yet.
 
@@ -126,11 +145,12 @@ class PlaceSearch:
                 behind the part are looked at, too.
             deep: None that only grazes the part.
             missed: Places in the part's frame [m], (3,) each, from which nothing was moved: those near them come last.
+            proven: The same of such from which the part was moved: those like them come first.
         """
         self._probe, self._room_m = probe, room_m
-        self._missed = missed_now(scene, data, missed)
+        self._missed = in_world(scene, data, missed)
         p, R, way = find_candidates(scene, data, sign, points, ways=ways, room_m=room_m, deep=deep)
-        least = least_costs(scene, data, p, R)
+        least = least_costs(scene, data, p, R) - gain_of_proven(p, way, in_world(scene, data, proven))
         order = np.argsort(least, kind="stable")
         self._p, self._R, self._way, self._least = p[order], R[order], way[order], least[order]
         self._next = 0  # row of the first that the hand has not been tried at

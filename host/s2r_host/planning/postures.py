@@ -13,7 +13,7 @@ from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.free_space import FINE_STEP_RAD, FreeSpace
 from s2r_host.planning.hook import FUNNEL_M, Hook
 from s2r_host.planning.kinematics import ToolKinematics
-from s2r_host.planning.places import Places, missed_now, tightness
+from s2r_host.planning.places import Places, gain_of_proven, in_world, tightness
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.settings import PlanSettings
 
@@ -47,7 +47,8 @@ class Postures:
         self._tool = ToolKinematics(scene, settings.joint_margin_rad, settings.threads)
         self._space = FreeSpace(scene, settings.threads, apart_m, world.others)
         self._room_m = settings.room_m
-        self._missed = missed_now(scene, world.data, settings.missed)
+        self._missed = in_world(scene, world.data, settings.missed)
+        self._proven = in_world(scene, world.data, settings.proven)
         self._pose_data = mujoco.MjData(scene.fine)
         self._pose_data.qpos[:] = world.data.qpos
         self._part = [self._part_pose_at(self._s + k * (s_target - self._s)) for k in _SHARES]
@@ -85,6 +86,7 @@ class Postures:
         costs = (
             travel
             + tightness(at, self._room_m, self._missed)[rows]
+            - gain_of_proven(at.p, at.way, self._proven)[rows]
             + 4.0 * blocked
             + _EFFORT * np.maximum(effort - _EASY, 0.0)
         )

@@ -181,6 +181,7 @@ class PlanSettings:
         deep: The fingertip reaches past the point it is to push by no less than its own thickness: where the part may
             end earlier than believed, what grazes its edge slips over it.
         missed: Fingertip places in the part's frame [m] from which a push has moved nothing; those like them come last.
+        proven: The same of such from which one has moved it as was learnt from: those like them come first.
         apart_m: Distance that the robot keeps from everything at a place, on its way there and on with the part, where
             any place leaves so much; the fingertip keeps it from all but the part. 0: it is enough to touch nothing.
         along_route: Where sampling gets stuck, the route it was offered is also played as it is: a last resort for
@@ -215,6 +216,7 @@ class PlanSettings:
     room_m: float = USUAL_ROOM_M
     deep: bool = False
     missed: tuple[tuple[float, float, float], ...] = ()
+    proven: tuple[tuple[float, float, float], ...] = ()
     apart_m: float = 0.0
     along_route: bool = False
     ensemble: int = 1

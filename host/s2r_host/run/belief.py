@@ -48,6 +48,7 @@ class Belief:
         felt: Mass and friction of the part as the arm felt them; None before it felt anything.
         missed: Places for the fingertip in the part's frame [m] from which a push meant to let the joint grow (True) or
             fall moved nothing: things are not there as believed.
+        proven: The same of pushes that moved it, and whose outcome taught where its surface is.
         braking: Lowest and highest factor on the dry friction at the next target, where a lesson about physics left
             out says them (:mod:`s2r_host.run.physics`).
     """
@@ -61,6 +62,7 @@ class Belief:
     felt: ObjectNumbers | None = None
     braking: tuple[float, float] | None = None
     missed: tuple[tuple[bool, tuple[float, float, float]], ...] = ()
+    proven: tuple[tuple[bool, tuple[float, float, float]], ...] = ()
 
     def path(self, positive: bool) -> Path:
         """The object file for motions that let the joint grow (``positive``) or fall."""
@@ -73,6 +75,15 @@ class Belief:
     def missed_when(self, positive: bool) -> tuple[tuple[float, float, float], ...]:
         """The places from which a push that lets the joint grow or fall has moved nothing."""
         return tuple(place for grows, place in self.missed if grows == positive)
+
+    def proven_when(self, positive: bool) -> tuple[tuple[float, float, float], ...]:
+        """The places from which a push that lets the joint grow or fall has moved it."""
+        return tuple(place for grows, place in self.proven if grows == positive)
+
+    def with_proven(self, positive: bool, place: np.ndarray) -> Belief:
+        """With one more of them, (3,) [m]."""
+        x, y, z = (float(value) for value in place)
+        return replace(self, proven=(*self.proven, (positive, (x, y, z))))
 
     def with_missed(self, positive: bool, place: np.ndarray) -> Belief:
         """With one more of them, (3,) [m]."""

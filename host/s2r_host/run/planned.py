@@ -204,6 +204,7 @@ def _request(
             room_m=room_about(belief, growing=growing, share=doubt),
             deep=deep_about(belief, doubt),
             missed=belief.missed_when(growing),
+            proven=belief.proven_when(growing),
         ),
     )
 

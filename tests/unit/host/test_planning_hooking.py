@@ -158,6 +158,16 @@ def test_places_from_which_nothing_was_moved_come_last(world, hooks):
     assert found(everywhere)  # rather than none
 
 
+def test_the_place_from_which_the_part_was_moved_comes_first_again(world, hooks):
+    for other in hooks[1:]:
+        settings = PlanSettings(proven=(tuple(other.p_part.tolist()),))
+        again = find_hooks(world.scene, world, "object.xml", 0.15, settings)[0].p_part
+        assert np.linalg.norm(np.delete(again - other.p_part, 0)) < 0.011  # a slide: along x
+    far = (5.0, 0.0, 0.0)
+    unmoved = find_hooks(world.scene, world, "object.xml", 0.15, PlanSettings(proven=((*far[:2], 5.0),)))
+    assert unmoved[0].p_part == pytest.approx(hooks[0].p_part)
+
+
 def test_distance_is_zero_from_the_place_to_the_touch_and_grows_elsewhere(hooks):
     hook = hooks[0]
     for share in (0.0, 0.5, 1.0):
