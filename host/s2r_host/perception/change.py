@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from s2r_host.perception.colour_change import colour_changed
 from s2r_host.perception.view import DepthView, Seen, View
 
 Array = NDArray[np.floating]
@@ -20,6 +21,10 @@ PIECE_M = 0.03
 LEAST_PIECE = 100  # points of the largest piece of a view that is small beside the other view's
 LEAST_SHARE = 0.15  # of the largest moved piece; smaller ones count only beside it
 BESIDE_M = 0.12
+SHADOW_PX, BEFORE_M = (
+    30,
+    0.03,
+)  # how wide the shadows of what is near are; how far before its surroundings it stands
 SURE_M = 0.005  # how much deeper than the noise band the other view must see to call a point moved
 
 
@@ -39,9 +44,20 @@ class Changes:
     after: NDArray[np.uint8]
 
 
-def compare(before: View, after: View) -> Changes:
-    """Label every point of both views against the other one."""
-    return Changes(_label(before, after), _label(after, before))
+def compare(before: View, after: View, *, by_colour: bool = False) -> Changes:
+    """Label every point of both views against the other one.
+
+    Args:
+        before, after: The views.
+        by_colour: Where one has a surface before what is around it and the other, from the same place, no return but
+            another colour, the surface was not there: beside and behind what is near, stereo cameras return nothing.
+    """
+    changes = Changes(_label(before, after), _label(after, before))
+    if not by_colour or not isinstance(before, DepthView) or not isinstance(after, DepthView):
+        return changes
+    for view, other, label in ((before, after, changes.before), (after, before, changes.after)):
+        label[_clean_image(_left_a_shadow(view, other), view)] = Change.MOVED
+    return changes
 
 
 def without_specks(before: View, after: View, changes: Changes) -> Changes:
@@ -96,6 +112,18 @@ def _label(view: View, other: View) -> NDArray[np.uint8]:
         moved = _clean_cloud(far, view)
     label[moved] = Change.MOVED
     return label
+
+
+def _left_a_shadow(view: DepthView, other: DepthView) -> Mask:
+    """Which points stand before what the other view shows around their pixel, where itself it shows but a colour."""
+    changed = colour_changed(view, other)
+    if changed is None:
+        return np.zeros(len(view.points), bool)
+    window = np.ones((2 * SHADOW_PX + 1,) * 2, np.uint8)
+    around = cv2.dilate(other.depth, window).ravel()[view.flat]
+    z = view.depth.ravel()[view.flat]
+    empty = (other.depth.ravel()[view.flat] <= 0.0) & ~other.ignored.ravel()[view.flat]
+    return np.asarray(changed.ravel()[view.flat] & empty & (z < around - BEFORE_M))
 
 
 def _clean_image(moved: Mask, view: DepthView) -> Mask:

@@ -6,6 +6,8 @@ where nothing moves they stay, and the rim of what moves by a few pixels changes
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +17,35 @@ from s2r_host.perception.frames import DepthFrame
 Mask = NDArray[np.bool_]
 
 SMOOTH_PX = 1.0
-FAINT, CLEAR = 6.0, 25.0  # 8-bit levels, after smoothing
+FAINT, CHANGED, CLEAR = 6.0, 12.0, 25.0  # 8-bit levels, after smoothing
 # On 44 pairs of looks at drawn faucets that stayed, around the thing 116 pixels at most changed faintly and 7 clearly;
 # levers that turned by 2 degrees or more changed 240 and more faintly, or 60 and more clearly.
 LEAST_FAINT, LEAST_CLEAR = 180, 20
+
+
+class Coloured(Protocol):
+    """A look in colour."""
+
+    @property
+    def colour(self) -> NDArray[np.uint8] | None:
+        """Its image, (h, w, 3)."""
+        ...
+
+    @property
+    def K(self) -> NDArray[np.floating]:
+        """Pinhole matrix, (3, 3)."""
+        ...
+
+    @property
+    def X_base_camera(self) -> NDArray[np.floating]:
+        """Pose of the camera, (4, 4)."""
+        ...
+
+
+def colour_changed(before: Coloured, after: Coloured) -> Mask | None:
+    """Pixels (h, w) of two looks whose colours differ clearly; None where colours cannot tell, as below."""
+    change = _change(before, after)
+    return None if change is None else change > CHANGED
 
 
 def colour_moved(before: DepthFrame, after: DepthFrame, where: Mask) -> bool | None:
@@ -28,12 +55,19 @@ def colour_moved(before: DepthFrame, after: DepthFrame, where: Mask) -> bool | N
         before, after: Two looks.
         where: Pixels to compare, shape (h, w), without the robot.
     """
+    change = _change(before, after)
+    if change is None:
+        return None
+    return bool((change[where] > FAINT).sum() >= LEAST_FAINT or (change[where] > CLEAR).sum() >= LEAST_CLEAR)
+
+
+def _change(before: Coloured, after: Coloured) -> NDArray[np.float32] | None:
+    """8-bit levels of the channel that differs most, (h, w)."""
     if before.colour is None or after.colour is None or before.colour.shape != after.colour.shape:
         return None
     if not np.allclose(before.K, after.K) or not np.allclose(before.X_base_camera, after.X_base_camera):
         return None
-    change = np.abs(_smooth(before.colour) - _smooth(after.colour)).max(axis=2)[where]
-    return bool((change > FAINT).sum() >= LEAST_FAINT or (change > CLEAR).sum() >= LEAST_CLEAR)
+    return np.asarray(np.abs(_smooth(before.colour) - _smooth(after.colour)).max(axis=2), np.float32)
 
 
 def _smooth(colour: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -38,7 +38,15 @@ from s2r_host.perception.sampled import sampled
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
 from s2r_host.perception.segment import Parts, segment
 from s2r_host.perception.symmetry import other_turn, refuse_two_turns
-from s2r_host.perception.verdict import KNOWN_TO, judge, require_motion, require_narrow, require_standing
+from s2r_host.perception.verdict import (
+    KNOWN_TO,
+    LEAST_MOVED_M2,
+    area_of_motion,
+    judge,
+    require_motion,
+    require_narrow,
+    require_standing,
+)
 from s2r_host.perception.view import CloudView, DepthView, View
 from s2r_host.perception.wishes import Wishes
 
@@ -322,8 +330,12 @@ def prepare(
     """
     view_a, view_b, warnings = _views(before, after, ignore_before, ignore_after, rng)
     check_pair(view_a, view_b)
-    changes = without_specks(view_a, view_b, compare(view_a, view_b))
-    return Scene(view_a, view_b, changes, _in_region(view_a, region), _in_region(view_b, region)), warnings
+    where = _in_region(view_a, region), _in_region(view_b, region)
+    scene = Scene(view_a, view_b, without_specks(view_a, view_b, compare(view_a, view_b)), *where)
+    if area_of_motion(scene) < LEAST_MOVED_M2:
+        changes = compare(view_a, view_b, by_colour=True)
+        scene = Scene(view_a, view_b, without_specks(view_a, view_b, changes), *where)
+    return scene, warnings
 
 
 @dataclass(frozen=True, eq=False)

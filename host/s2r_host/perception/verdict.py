@@ -36,12 +36,17 @@ def require_motion(scene: Scene) -> None:
     Raises:
         NothingMovedError: Less than `LEAST_MOVED_M2` of surface changed.
     """
-    area = max(moved_area(scene.before, scene.moved_before()), moved_area(scene.after, scene.moved_after()))
+    area = area_of_motion(scene)
     if area < LEAST_MOVED_M2:
         raise NothingMovedError(
             f"no motion seen: {area * 1e4:.1f} cm² of surface changed, at least {LEAST_MOVED_M2 * 1e4:.0f} cm² are"
             " needed; move the part further (3 cm or 15 degrees) between the views"
         )
+
+
+def area_of_motion(scene: Scene) -> float:
+    """Surface that surely moved [m²], of the view that shows more of it."""
+    return max(moved_area(scene.before, scene.moved_before()), moved_area(scene.after, scene.moved_after()))
 
 
 def moved_area(view: View, index: NDArray[np.int64]) -> float:

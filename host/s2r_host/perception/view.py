@@ -87,11 +87,11 @@ class DepthView:
     def __init__(self, frame: DepthFrame, ignore: Mask | None = None, noise_scale: float = 1.0) -> None:
         stride = max(1, -(-frame.depth_m.shape[1] // WIDEST_PX))
         depth = np.array(frame.depth_m, dtype=np.float64)
-        if ignore is not None:
-            depth[ignore] = 0.0
+        self.ignored: Mask = np.zeros(depth.shape, bool) if ignore is None else ignore
+        depth[self.ignored] = 0.0
         self.stride = stride
         self.full_shape: tuple[int, int] = (depth.shape[0], depth.shape[1])
-        depth = depth[::stride, ::stride]
+        depth, self.ignored = depth[::stride, ::stride], self.ignored[::stride, ::stride]
         self.K = frame.K.copy()
         self.K[:2] /= stride
         self.depth = depth

@@ -7,11 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from s2r_host.perception.change import Change, Changes, compare
 from s2r_host.perception.colour_change import colour_moved
 from s2r_host.perception.frames import DepthFrame
+from s2r_host.perception.synthetic import LeverLook, lever_look
+from s2r_host.perception.view import DepthView
 
 SHAPE = (240, 320)
 EVERYWHERE = np.ones(SHAPE, bool)
+HALF_M = np.array([0.06, 0.01, 0.007])  # of a lever
 
 
 def looked(left: int, noise: float = 0.0, seed: int = 0) -> DepthFrame:
@@ -46,3 +50,40 @@ def test_without_colours_or_from_another_place_they_do_not_tell() -> None:
     moved_camera[0, 3] = 0.01
     assert colour_moved(before, replace(after, colour=None), EVERYWHERE) is None
     assert colour_moved(before, replace(after, X_base_camera=moved_camera), EVERYWHERE) is None
+
+
+def shadowed() -> tuple[tuple[LeverLook, LeverLook], tuple[DepthFrame, DepthFrame]]:
+    """Two looks at a lever, each without a return where the other one has the lever alone."""
+    one, two = lever_look(2.2, HALF_M), lever_look(1.5, HALF_M)
+
+    def frame(look: LeverLook, other: LeverLook) -> DepthFrame:
+        return replace(look.frame, depth_m=np.where(other.part & ~look.part, 0.0, look.frame.depth_m))
+
+    return (one, two), (frame(one, two), frame(two, one))
+
+
+def moved(changes: Changes) -> list[np.ndarray]:
+    return [label == Change.MOVED for label in (changes.before, changes.after)]
+
+
+@pytest.mark.parametrize("by_colour", [False, True])
+def test_a_lever_that_left_nothing_but_a_shadow_has_moved_by_its_colours(by_colour: bool) -> None:
+    looks, frames = shadowed()
+    views = [DepthView(frame) for frame in frames]
+    found = moved(compare(*views, by_colour=by_colour))
+    for view, look, other, label in zip(views, looks, looks[::-1], found, strict=True):
+        own = (look.part & ~other.part).ravel()[view.flat]
+        assert label[own].mean() > 0.7 if by_colour else not label[own].any()
+        assert label[~look.part.ravel()[view.flat]].mean() < 0.001
+
+
+def test_where_the_robot_was_left_out_nothing_has_moved() -> None:
+    (one, two), (before, after) = shadowed()
+    views = DepthView(before, two.part & ~one.part), DepthView(after, one.part & ~two.part)
+    assert not any(label.any() for label in moved(compare(*views, by_colour=True)))
+
+
+def test_without_colours_a_shadow_tells_nothing() -> None:
+    _, frames = shadowed()
+    views = [DepthView(replace(frame, colour=None)) for frame in frames]
+    assert not any(label.any() for label in moved(compare(*views, by_colour=True)))
