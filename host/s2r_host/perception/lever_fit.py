@@ -99,18 +99,20 @@ class Believed:
         turns: From the first look to each of the others [rad].
         turn_sigmas: How well those are known [rad].
         shape: The bar in the first look.
+        tilt_sigma: How well the hinge's direction is known, each way across it [rad].
     """
 
     hinge: JointMotion
     turns: Array
     turn_sigmas: Array
     shape: LeverShape
+    tilt_sigma: float = TILT_RAD
 
     @property
     def sigma(self) -> Array:
         """Of all that gives way, in the order of :meth:`changed`."""
         shape = [SHIFT_M, SHIFT_M, SLOPE, SLOPE, END_M, WIDE_M, WIDE_M, ROLL_RAD]
-        return np.r_[HINGE_M, HINGE_M, TILT_RAD, TILT_RAD, self.turn_sigmas, shape]
+        return np.r_[HINGE_M, HINGE_M, self.tilt_sigma, self.tilt_sigma, self.turn_sigmas, shape]
 
     def changed(self, x: Array) -> Believed:
         """With hinge (shift 2, tilt 2), turns and shape (8) changed."""

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.colour_turn import Turn, combined, turn_by_colour
-from s2r_host.perception.lever_fit import Believed, Fitted, fit, looks_at
+from s2r_host.perception.intervals import MOUNTED_RAD
+from s2r_host.perception.lever_fit import TILT_RAD, Believed, Fitted, fit, looks_at
 from s2r_host.perception.lever_shape import LeverShape
 from s2r_host.perception.line import HUB_M, main_line
 from s2r_host.perception.motion import JointMotion, line_distance, unit
@@ -55,7 +56,13 @@ class LeverOutline:
 
 
 def lever_outline(
-    before: DepthView, part_before: Mask, after: DepthView, part_after: Mask, motion: JointMotion
+    before: DepthView,
+    part_before: Mask,
+    after: DepthView,
+    part_after: Mask,
+    motion: JointMotion,
+    *,
+    mounted: bool = False,
 ) -> LeverOutline | None:
     """The lever that two looks from one place show.
 
@@ -63,6 +70,7 @@ def lever_outline(
         before, after: The looks.
         part_before, part_after: Their points that are the lever's, (n,) each.
         motion: Its hinge and turn, as depth tells them.
+        mounted: The hinge's direction is taken to be exactly upright.
 
     Returns:
         None without colour, where the camera moved, or where no bar explains the looks.
@@ -75,7 +83,9 @@ def lever_outline(
     found = []
     for rod in (False, True):
         shape = replace(start, rod=rod, half_m=np.full(2, start.half_m[0]) if rod else start.half_m)
-        prior = Believed(motion, np.array([turn.delta]), np.array([turn.sigma]), shape.from_hinge(motion))
+        tilt = MOUNTED_RAD if mounted else TILT_RAD
+        told = np.array([turn.delta]), np.array([turn.sigma])
+        prior = Believed(motion, *told, shape.from_hinge(motion), tilt)
         for x in _starts(len(prior.sigma), rod):
             fitted = fit(looks, prior, x, GATES_PX)
             if fitted is not None and not fitted.believed.shape.thinnest:
@@ -84,10 +94,19 @@ def lever_outline(
     return None if best is None or best.cost > MOST_COST else _told(best)
 
 
-def turn_since(
+@dataclass(frozen=True)
+class Turns:
+    """How far a lever has turned in a third look since each of the two that told it, and how much of it is found."""
+
+    since_first: Turn
+    since_second: Turn
+    found: float
+
+
+def turns_since(
     told: LeverOutline, looks: Sequence[tuple[DepthView, Mask]], now: DepthView, expected: float
-) -> tuple[Turn, Turn] | None:
-    """How far a lever has turned in a third look since the first and since the second of those that told it.
+) -> Turns | None:
+    """How far a lever has turned in a third look.
 
     Args:
         told: The lever as those two tell it.
@@ -111,7 +130,8 @@ def turn_since(
     first, again = fitted.believed.turns
     C = ERRORS_SHARED**2 * fitted.covariance[4:6, 4:6]
     between = float(np.sqrt(max(C[0, 0] + C[1, 1] - 2.0 * C[0, 1], 0.0)))
-    return Turn(float(again), float(np.sqrt(C[1, 1]))), Turn(float(again - first), between)
+    since_first = Turn(float(again), float(np.sqrt(C[1, 1])))
+    return Turns(since_first, Turn(float(again - first), between), float(fitted.found[2]))
 
 
 def _seen_bar(

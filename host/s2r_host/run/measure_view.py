@@ -11,7 +11,7 @@ from s2r_host.perception.colour_turn import Turn, combined, turn_by_colour
 from s2r_host.perception.intervals import Z90
 from s2r_host.perception.knob_joint import EDGE_M
 from s2r_host.perception.knob_outline import KnobOutline, turned_outline
-from s2r_host.perception.lever_outline import LeverOutline, turn_since
+from s2r_host.perception.lever_outline import LeverOutline, turns_since
 from s2r_host.perception.view import DepthView
 from s2r_host.run.belief import Belief
 from s2r_host.run.measure import Measurement, measure_state
@@ -43,10 +43,17 @@ def measure_in(
         return _by_outline(belief, view, belief.estimate.knob, s_expected)
     (low, high), margin = belief.model.range, MARGIN_M / belief.template.reach_m
     now = DepthView(view.capture.frame, view.arm_mask)
-    found = measure_state(belief.template, now, (low - margin, high + margin), s_expected)
+    try:
+        found = measure_state(belief.template, now, (low - margin, high + margin), s_expected)
+    except SceneError:
+        told = _by_solid(belief, now, s_expected, since_told)
+        if told is None:
+            raise
+        return told
     if belief.template.slides or belief.template.reach_m > LEVER_M:
         return found
-    return _with_outline(belief, now, _with_colour(belief, now, found, since_told), since_told)
+    found = _with_colour(belief, now, found, since_told)
+    return _by_solid(belief, now, found.s, since_told) or found
 
 
 def _by_outline(belief: Belief, view: Observation, knob: KnobOutline, s_expected: float) -> Measurement:
@@ -91,17 +98,16 @@ def _with_colour(belief: Belief, now: DepthView, found: Measurement, since_told:
     return replace(found, s=s + both.delta, sigma=both.sigma)
 
 
-def _with_outline(belief: Belief, now: DepthView, found: Measurement, since_told: bool) -> Measurement:
-    """As a lever's outline tells it, where that told the joint and is found again."""
+def _by_solid(belief: Belief, now: DepthView, s_expected: float, since_told: bool) -> Measurement | None:
+    """As a lever's outline tells it; None where that did not tell the joint, or is not found again."""
     told, before, after = belief.estimate, belief.estimate.view_before, belief.estimate.view_after
     if told.lever is None or not isinstance(before, DepthView) or not isinstance(after, DepthView):
-        return found
+        return None
     low, high = told.intervals90.delta
     outline = LeverOutline(told.motion, 0.5 * (high - low) / Z90, told.lever)
-    turns = turn_since(outline, ((before, told.parts.before), (after, told.parts.after)), now, found.s)
-    if turns is None:
-        return found
-    since_first, since_second = turns
-    if since_told:
-        return replace(found, s=told.delta + since_second.delta, sigma=since_second.sigma)
-    return replace(found, s=since_first.delta, sigma=since_first.sigma)
+    looks = (before, told.parts.before), (after, told.parts.after)
+    seen = turns_since(outline, looks, now, s_expected)
+    if seen is None:
+        return None
+    since, s = (seen.since_second, told.delta) if since_told else (seen.since_first, 0.0)
+    return Measurement(s + since.delta, since.sigma, EDGE_M, seen.found)

@@ -11,7 +11,7 @@ import pytest
 
 from s2r_host.model.bar import bar_pieces
 from s2r_host.model.points import ObservedObject
-from s2r_host.perception.lever_outline import LeverOutline, lever_outline, turn_since
+from s2r_host.perception.lever_outline import LeverOutline, lever_outline, turns_since
 from s2r_host.perception.lever_shape import LEAST_HALF_M, ROOT_M, LeverShape
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.synthetic import LEVER_HINGE, LeverLook, lever_look
@@ -67,17 +67,17 @@ def test_the_turn_of_a_lever_that_points_away_from_the_camera_is_told(off):
 @pytest.mark.parametrize("later", [0.8, 1.3, 2.0])
 def test_a_third_look_is_measured_since_both(later):
     (first, second, lever), third = usual(), lever_look(later, HALF_M)
-    turns = turn_since(lever, (seen(first), seen(second)), DepthView(third.frame), later - 2.4 + 0.03)
+    turns = turns_since(lever, (seen(first), seen(second)), DepthView(third.frame), later - 2.4 + 0.03)
     assert turns is not None
-    assert turns[0].delta == pytest.approx(later - 2.4, abs=0.022)
-    assert turns[1].delta == pytest.approx(later - 1.9, abs=0.022)
-    assert turns[1].sigma < 0.02
+    assert turns.since_first.delta == pytest.approx(later - 2.4, abs=0.022)
+    assert turns.since_second.delta == pytest.approx(later - 1.9, abs=0.022)
+    assert turns.since_second.sigma < 0.02
 
 
 def test_a_lever_that_is_gone_is_not_measured():
     first, second, lever = usual()
     away = lever_look(0.2, np.array([0.03, 0.004, 0.004]))
-    assert turn_since(lever, (seen(first), seen(second)), DepthView(away.frame), -1.0) is None
+    assert turns_since(lever, (seen(first), seen(second)), DepthView(away.frame), -1.0) is None
 
 
 def test_without_colour_or_from_two_places_there_is_no_outline():
@@ -102,6 +102,7 @@ def test_a_box_s_outline_is_that_of_its_picture():
     """All corners of what a camera sees of it are on the outline's hull, and no outline point is outside of them."""
     look, box = lever_look(0.0), shape(rod=False)
     view = DepthView(look.frame)
+    assert view.p_camera is not None
     corners = np.array([[x, y, z] for x in (0.02, 0.09) for y in (-0.01, 0.01) for z in (-0.005, 0.005)])
     drawn = box.outline(view.p_camera)[0].on(box)
 
