@@ -235,7 +235,7 @@ def conclude(
     require_narrow(intervals, best.motion, known_to)
     require_standing(best.motion, parts, scene, up)
     motion = best.motion
-    lever = _outlined(best, scene, parts) if wishes.thin else None
+    lever = _outlined(motion, scene, parts) if wishes.thin else None
     if lever is not None:
         half = Z90 * lever.turn_sigma
         motion = lever.hinge.positive()
@@ -253,17 +253,16 @@ def conclude(
     )  # fmt: skip
 
 
-def _outlined(best: Hypothesis, scene: Scene, parts: Parts) -> LeverOutline | None:
+def _outlined(motion: JointMotion, scene: Scene, parts: Parts) -> LeverOutline | None:
     """The part as a lever whose outline in colour tells its hinge and turn sharper than depth; None if it does not."""
-    before, after, motion = scene.before, scene.after, best.motion
+    before, after = scene.before, scene.after
     if (
         motion.joint_type == "prismatic"
         or not isinstance(before, DepthView)
         or not isinstance(after, DepthView)
     ):
         return None
-    mounted = best.refined.exact == 2
-    return lever_outline(before, parts.before, after, parts.after, motion, mounted=mounted)
+    return lever_outline(before, parts.before, after, parts.after, motion)
 
 
 def weighed(

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.colour_turn import Turn, combined, turn_by_colour
-from s2r_host.perception.intervals import MOUNTED_RAD
-from s2r_host.perception.lever_fit import TILT_RAD, Believed, Fitted, fit, looks_at
+from s2r_host.perception.lever_fit import Believed, Fitted, fit, looks_at
 from s2r_host.perception.lever_shape import LeverShape
 from s2r_host.perception.line import HUB_M, main_line
 from s2r_host.perception.motion import JointMotion, line_distance, unit
@@ -56,13 +55,7 @@ class LeverOutline:
 
 
 def lever_outline(
-    before: DepthView,
-    part_before: Mask,
-    after: DepthView,
-    part_after: Mask,
-    motion: JointMotion,
-    *,
-    mounted: bool = False,
+    before: DepthView, part_before: Mask, after: DepthView, part_after: Mask, motion: JointMotion
 ) -> LeverOutline | None:
     """The lever that two looks from one place show.
 
@@ -70,7 +63,6 @@ def lever_outline(
         before, after: The looks.
         part_before, part_after: Their points that are the lever's, (n,) each.
         motion: Its hinge and turn, as depth tells them.
-        mounted: The hinge's direction is taken to be exactly upright.
 
     Returns:
         None without colour, where the camera moved, or where no bar explains the looks.
@@ -83,9 +75,7 @@ def lever_outline(
     found = []
     for rod in (False, True):
         shape = replace(start, rod=rod, half_m=np.full(2, start.half_m[0]) if rod else start.half_m)
-        tilt = MOUNTED_RAD if mounted else TILT_RAD
-        told = np.array([turn.delta]), np.array([turn.sigma])
-        prior = Believed(motion, *told, shape.from_hinge(motion), tilt)
+        prior = Believed(motion, np.array([turn.delta]), np.array([turn.sigma]), shape.from_hinge(motion))
         for x in _starts(len(prior.sigma), rod):
             fitted = fit(looks, prior, x, GATES_PX)
             if fitted is not None and not fitted.believed.shape.thinnest:
