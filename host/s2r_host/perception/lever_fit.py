@@ -31,8 +31,8 @@ FACE_M = 0.0015  # the same of the median depth of half a bar
 LEAST_FACE, LEAST_HALF = 30, 10  # readings on it
 LEAST_EDGES = 30
 # What is known beforehand: the hinge across itself [m] and its tilt [rad]; the bar across itself [m], its slopes, its
-# end and half widths [m], its roll [rad]. An upright hinge may tilt as well: the camera's own pose is off by tenths of a
-# degree, and with a quarter of this freedom a tenth of the hinges is told 8 instead of 6 mm off.
+# end and half widths [m], its roll [rad]. An upright hinge may tilt as well: the camera's own pose is off by tenths of
+# a degree, and with a quarter of this freedom a tenth of the hinges is told 8 instead of 6 mm off.
 HINGE_M, TILT_RAD = 0.006, np.radians(1.0)
 SHIFT_M, SLOPE, END_M, WIDE_M, ROLL_RAD = 0.006, 0.15, 0.012, 0.004, 0.1
 STEP = 1e-5
