@@ -18,6 +18,7 @@ from s2r_host.model.points import Look, ObservedObject
 from s2r_host.model.section import Section, SectionLook, fit_section
 from s2r_host.perception.lever_shape import LeverShape
 from s2r_host.perception.line import HUB_M, main_line
+from s2r_host.perception.motion import line_distance
 
 Array = NDArray[np.floating]
 
@@ -44,7 +45,7 @@ def bar_pieces(
         p_axis, axis: A point on the hinge's axis [m] and its unit vector, (3,) each.
         outlined: The bar, where its outline in both views told it.
     """
-    radius = _radius(seen.part, p_axis, axis)
+    radius = line_distance(p_axis, axis, seen.part)
     hub = _hub(seen.part[radius <= HUB_M], p_axis, axis)
     if outlined is not None:
         return [_outlined_prism(outlined), *hub]
@@ -83,11 +84,6 @@ def _outlined_prism(lever: LeverShape) -> Piece:
     return _prism(section, X, lever.root_m, lever.end_m)
 
 
-def _radius(p: Array, p_axis: Array, axis: Array) -> Array:
-    """Distance of points (n, 3) from the axis [m], (n,)."""
-    return np.linalg.norm(np.cross(p - p_axis, axis), axis=1)
-
-
 def _in_section(
     look: Look, X: Array, span: tuple[float, float], p_axis: Array, axis: Array
 ) -> SectionLook | None:
@@ -99,7 +95,9 @@ def _in_section(
     def of_bar(p: Array) -> NDArray[np.bool_]:
         q = local(p)
         inside = (q[:, 0] > span[0] + END_M) & (q[:, 0] < span[1] - END_M)
-        return inside & (np.linalg.norm(q[:, 1:], axis=1) < WITHIN_M) & (_radius(p, p_axis, axis) > HUB_M)
+        return (
+            inside & (np.linalg.norm(q[:, 1:], axis=1) < WITHIN_M) & (line_distance(p_axis, axis, p) > HUB_M)
+        )
 
     surface = local(look.p[of_bar(look.p)])
     if len(surface) < LEAST_SEEN:
@@ -133,7 +131,7 @@ def _root(seen: ObservedObject, section: Section, X: Array, low: float, p_axis: 
     t = np.arange(low, low - LONGEST_HIDDEN_M, -ROOT_STEP_M)
     line = np.column_stack([t, section.centre + t[:, None] * section.slope])
     p = line @ X[:3, :3].T + X[:3, 3]
-    stop = (_radius(p, p_axis, axis) < HUB_M) | seen.empty["part"](p)
+    stop = (line_distance(p_axis, axis, p) < HUB_M) | seen.empty["part"](p)
     if not stop.any() or seen.empty["part"](p[int(np.argmax(stop))][None])[0]:
         return low
     return float(t[int(np.argmax(stop))])

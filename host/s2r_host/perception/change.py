@@ -44,20 +44,24 @@ class Changes:
     after: NDArray[np.uint8]
 
 
-def compare(before: View, after: View, *, by_colour: bool = False) -> Changes:
-    """Label every point of both views against the other one.
+def compare(before: View, after: View) -> Changes:
+    """Label every point of both views against the other one."""
+    return Changes(_label(before, after), _label(after, before))
 
-    Args:
-        before, after: The views.
-        by_colour: Where one has a surface before what is around it and the other, from the same place, no return but
-            another colour, the surface was not there: beside and behind what is near, stereo cameras return nothing.
+
+def with_shadows(before: View, after: View, changes: Changes) -> Changes:
+    """With what moved by its colours: beside and behind what is near, stereo cameras return nothing.
+
+    Where one view has a surface before what is around it and the other, from the same place, no return but another
+    colour, the surface was not there.
     """
-    changes = Changes(_label(before, after), _label(after, before))
-    if not by_colour or not isinstance(before, DepthView) or not isinstance(after, DepthView):
+    if not isinstance(before, DepthView) or not isinstance(after, DepthView):
         return changes
+    labels = []
     for view, other, label in ((before, after, changes.before), (after, before, changes.after)):
-        label[_clean_image(_left_a_shadow(view, other), view)] = Change.MOVED
-    return changes
+        shadow = _clean_image(_left_a_shadow(view, other), view)
+        labels.append(np.where(shadow, Change.MOVED, label).astype(np.uint8))
+    return Changes(*labels)
 
 
 def without_specks(before: View, after: View, changes: Changes) -> Changes:

@@ -42,6 +42,17 @@ class Coloured(Protocol):
         ...
 
 
+def comparable(before: Coloured, after: Coloured) -> bool:
+    """Whether both looks have colour, from one place: then what stays has the same colours in both."""
+    return (
+        before.colour is not None
+        and after.colour is not None
+        and before.colour.shape == after.colour.shape
+        and np.allclose(before.K, after.K)
+        and np.allclose(before.X_base_camera, after.X_base_camera)
+    )
+
+
 def colour_changed(before: Coloured, after: Coloured) -> Mask | None:
     """Pixels (h, w) of two looks whose colours differ clearly; None where colours cannot tell, as below."""
     change = _change(before, after)
@@ -63,9 +74,7 @@ def colour_moved(before: DepthFrame, after: DepthFrame, where: Mask) -> bool | N
 
 def _change(before: Coloured, after: Coloured) -> NDArray[np.float32] | None:
     """8-bit levels of the channel that differs most, (h, w)."""
-    if before.colour is None or after.colour is None or before.colour.shape != after.colour.shape:
-        return None
-    if not np.allclose(before.K, after.K) or not np.allclose(before.X_base_camera, after.X_base_camera):
+    if not comparable(before, after) or before.colour is None or after.colour is None:
         return None
     return np.asarray(np.abs(_smooth(before.colour) - _smooth(after.colour)).max(axis=2), np.float32)
 

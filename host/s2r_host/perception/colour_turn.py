@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.colour_edges import colour_edges
+from s2r_host.perception.frames import project
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.refine import perturbed
 from s2r_host.perception.view import DepthView
@@ -140,11 +141,9 @@ class _Search:
         z = self._z + deeper_m
         p_C = np.column_stack([(uv - K[:2, 2]) / K[[0, 1], [0, 1]] * z[:, None], z])
         p = p_C @ X[:3, :3].T + X[:3, 3]
-        T, Y = motion.transform(), self._after.X_camera_base
+        T = motion.transform()
         p = p @ T[:3, :3].T + T[:3, 3]
-        p_C = p @ Y[:3, :3].T + Y[:3, 3]
-        projected = p_C @ self._after.K.T
-        return np.column_stack([projected[:, :2] / projected[:, 2:], p_C[:, 2]])
+        return np.column_stack(project(p, self._after.K, self._after.X_base_camera))
 
 
 def combined(depth: Turn, colour: Turn) -> Turn:

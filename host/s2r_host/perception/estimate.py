@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception import hypotheses as hyp
-from s2r_host.perception.change import compare, measured_noise_scale, without_specks
+from s2r_host.perception.change import compare, measured_noise_scale, with_shadows, without_specks
 from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.evidence import (
     Probe,
@@ -331,9 +331,10 @@ def prepare(
     view_a, view_b, warnings = _views(before, after, ignore_before, ignore_after, rng)
     check_pair(view_a, view_b)
     where = _in_region(view_a, region), _in_region(view_b, region)
-    scene = Scene(view_a, view_b, without_specks(view_a, view_b, compare(view_a, view_b)), *where)
+    changes = compare(view_a, view_b)
+    scene = Scene(view_a, view_b, without_specks(view_a, view_b, changes), *where)
     if area_of_motion(scene) < LEAST_MOVED_M2:
-        changes = compare(view_a, view_b, by_colour=True)
+        changes = with_shadows(view_a, view_b, changes)
         scene = Scene(view_a, view_b, without_specks(view_a, view_b, changes), *where)
     return scene, warnings
 

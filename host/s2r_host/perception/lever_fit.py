@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from s2r_host.perception.colour_edges import ColourEdges, colour_edges
+from s2r_host.perception.frames import project
 from s2r_host.perception.lever_shape import LeverShape, OutlinePoints
-from s2r_host.perception.motion import JointMotion, perpendicular_basis, rotation
+from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.refine import perturbed
 from s2r_host.perception.view import DepthView
 
 Array = NDArray[np.floating]
@@ -61,10 +63,7 @@ class Look:
 
     def pixels(self, p: Array) -> tuple[Array, Array]:
         """Of points (n, 3): pixels (n, 2) and depths [m] (n,)."""
-        X = self.view.X_camera_base
-        p_C = p @ X[:3, :3].T + X[:3, 3]
-        projected = p_C @ self.view.K.T
-        return projected[:, :2] / projected[:, 2:], p_C[:, 2]
+        return project(p, self.view.K, self.view.X_base_camera)
 
 
 def looks_at(views: list[tuple[DepthView, Mask | None]], drawn: list[Array]) -> list[Look]:
@@ -80,7 +79,7 @@ def looks_at(views: list[tuple[DepthView, Mask | None]], drawn: list[Array]) -> 
         if part is not None:
             around.ravel()[view.flat[part]] = 1
         if len(p):
-            uv = Look(view, ColourEdges(p[:0, :2], p[:0, :2]), None).pixels(p)[0]
+            uv, _ = project(p, view.K, view.X_base_camera)
             cv2.fillConvexPoly(around, cv2.convexHull(np.rint(uv).astype(np.int32)), 1)
     where = cv2.dilate(around, np.ones((2 * REACH_PX + 1,) * 2, np.uint8)) > 0
     edges = [colour_edges(view.colour, where) for view, _ in views if view.colour is not None]
@@ -115,13 +114,7 @@ class Believed:
 
     def changed(self, x: Array) -> Believed:
         """With hinge (shift 2, tilt 2), turns and shape (8) changed."""
-        e1, e2 = perpendicular_basis(self.hinge.direction)
-        tilt, turns = x[2] * e1 + x[3] * e2, 4 + len(self.turns)
-        angle = float(np.linalg.norm(tilt))
-        direction = self.hinge.direction
-        if angle > 1e-12:
-            direction = rotation(tilt / angle, angle) @ direction
-        hinge = replace(self.hinge, origin=self.hinge.origin + x[0] * e1 + x[1] * e2, direction=direction)
+        hinge, turns = perturbed(self.hinge, np.r_[x[2:4], x[:2], 0.0]), 4 + len(self.turns)
         y = x[turns:]
         shape = self.shape.changed(y[:2], y[2:4], float(y[4]), y[5:7], float(y[7]))
         return replace(self, hinge=hinge, turns=self.turns + x[4:turns], shape=shape.from_hinge(hinge))

@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_host.perception.colour_change import comparable
 from s2r_host.perception.colour_turn import Turn, combined, turn_by_colour
 from s2r_host.perception.lever_fit import Believed, Fitted, fit, looks_at
 from s2r_host.perception.lever_shape import LeverShape
@@ -68,7 +69,7 @@ def lever_outline(
         None without colour, where the camera moved, or where no bar explains the looks.
     """
     start = _seen_bar(before, part_before, after, part_after, motion)
-    if start is None or not _comparable(before, after):
+    if start is None or not comparable(before, after):
         return None
     turn = _turn(before, part_before, after, motion)
     looks = looks_at([(before, part_before), (after, part_after)], [np.empty((0, 3))] * 2)
@@ -108,7 +109,7 @@ def turns_since(
         None where its outline is not found there.
     """
     (before, part_before), (after, part_after) = looks
-    if not (_comparable(before, after) and _comparable(before, now)):
+    if not (comparable(before, after) and comparable(before, now)):
         return None
     turns, sigmas = np.array([told.hinge.delta, expected]), np.array([told.turn_sigma, AGAIN_RAD])
     prior = Believed(told.hinge, turns, sigmas, told.shape)
@@ -152,17 +153,6 @@ def _seen_bar(
     centre = centre + NEAR_SIDE_M * unit(sight - (sight @ along) * along)
     end_m = float(np.percentile(local[:, 0], 99.5))
     return LeverShape(centre, frame, 0.0, end_m, half, rod=False)
-
-
-def _comparable(one: DepthView, other: DepthView) -> bool:
-    """Whether both have colour, from one place: then what stays has the same edges in both."""
-    return (
-        one.colour is not None
-        and other.colour is not None
-        and one.shape == other.shape
-        and np.allclose(one.K, other.K)
-        and np.allclose(one.X_base_camera, other.X_base_camera)
-    )
 
 
 def _turn(before: DepthView, part: Mask, after: DepthView, motion: JointMotion) -> Turn:

@@ -6,6 +6,7 @@ import json
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,6 +59,16 @@ def test_a_second_console_on_the_same_port_says_so_and_ends():
     assert "Traceback" not in run.stderr
 
 
+def console_after(script: str, runs: Path, timeout_s: float) -> subprocess.CompletedProcess[str]:
+    """A console in a process of its own that has run a script first."""
+    script += (
+        "from s2r_protocol.cli.root import main\n"
+        "main(['console', '--executor', 'tcp/127.0.0.1:1', '--port', '0', '--runs', sys.argv[1]])\n"
+    )
+    command = [sys.executable, "-c", script, str(runs)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, check=False)
+
+
 def test_an_interrupt_that_an_import_catches_still_ends_the_console(tmp_path):
     """As trimesh does at its optional imports: what is raised there is lost."""
     script = (
@@ -69,11 +80,8 @@ def test_an_interrupt_that_an_import_catches_still_ends_the_console(tmp_path):
         "        pass\n"
         "    return None\n"
         "gate.Address.__post_init__ = judge\n"
-        "from s2r_protocol.cli.root import main\n"
-        "main(['console', '--executor', 'tcp/127.0.0.1:1', '--port', '0', '--runs', sys.argv[1]])\n"
     )
-    command = [sys.executable, "-c", script, str(tmp_path)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    run = console_after(script, tmp_path, timeout_s=120)
     assert (run.returncode, run.stderr) == (130, "s2r: interrupted\n")
 
 
@@ -84,11 +92,8 @@ def test_an_interrupt_while_the_page_is_built_ends_it_at_once(tmp_path):
         "    os.kill(os.getpid(), signal.SIGINT)\n"
         "    time.sleep(60.0)\n"
         "app.Console._build = build\n"
-        "from s2r_protocol.cli.root import main\n"
-        "main(['console', '--executor', 'tcp/127.0.0.1:1', '--port', '0', '--runs', sys.argv[1]])\n"
     )
-    command = [sys.executable, "-c", script, str(tmp_path)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=50, check=False)
+    run = console_after(script, tmp_path, timeout_s=50)
     assert (run.returncode, run.stderr) == (130, "s2r: interrupted\n")
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from s2r_host.perception.change import Change, Changes, compare
+from s2r_host.perception.change import Change, Changes, compare, with_shadows
 from s2r_host.perception.colour_change import colour_moved
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.synthetic import LeverLook, lever_look
@@ -70,7 +70,8 @@ def moved(changes: Changes) -> list[np.ndarray]:
 def test_a_lever_that_left_nothing_but_a_shadow_has_moved_by_its_colours(by_colour: bool) -> None:
     looks, frames = shadowed()
     views = [DepthView(frame) for frame in frames]
-    found = moved(compare(*views, by_colour=by_colour))
+    changes = compare(views[0], views[1])
+    found = moved(with_shadows(views[0], views[1], changes) if by_colour else changes)
     for view, look, other, label in zip(views, looks, looks[::-1], found, strict=True):
         own = (look.part & ~other.part).ravel()[view.flat]
         assert label[own].mean() > 0.7 if by_colour else not label[own].any()
@@ -80,10 +81,10 @@ def test_a_lever_that_left_nothing_but_a_shadow_has_moved_by_its_colours(by_colo
 def test_where_the_robot_was_left_out_nothing_has_moved() -> None:
     (one, two), (before, after) = shadowed()
     views = DepthView(before, two.part & ~one.part), DepthView(after, one.part & ~two.part)
-    assert not any(label.any() for label in moved(compare(*views, by_colour=True)))
+    assert not any(label.any() for label in moved(with_shadows(*views, compare(*views))))
 
 
 def test_without_colours_a_shadow_tells_nothing() -> None:
     _, frames = shadowed()
     views = [DepthView(replace(frame, colour=None)) for frame in frames]
-    assert not any(label.any() for label in moved(compare(*views, by_colour=True)))
+    assert not any(label.any() for label in moved(with_shadows(views[0], views[1], compare(*views))))
