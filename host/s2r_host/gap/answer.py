@@ -14,6 +14,7 @@ from s2r_host.gap.pipeline import Analysis, floor_json
 from s2r_host.gap.replay import Twin
 
 SCHEMA = 1
+ROUNDED = 2e-5  # twice what six digits of three moments of inertia may add up to, of the largest
 PATCH_TEXT = '''"""Effects found by `s2r gap` that stock MuJoCo has no attribute for.
 
     import mujoco, patch
@@ -138,7 +139,7 @@ def write_outputs(a: Analysis, folder: Path) -> None:
 
 def write_model(twin: Twin, folder: Path) -> None:
     """The patched model, loadable by stock MuJoCo, and the callback module where it needs one."""
-    twin.spec.compile()
+    survive_rounding(twin)
     path = folder / "model_patched.xml"
     path.write_text(twin.spec.to_xml(), encoding="utf-8")
     mujoco.MjModel.from_xml_path(str(path))
@@ -157,6 +158,29 @@ def write_model(twin: Twin, folder: Path) -> None:
         for t in twin.live
     ]
     stale.write_text(PATCH_TEXT.replace("{terms}", json.dumps(terms, indent=4)), encoding="utf-8")
+
+
+def survive_rounding(twin: Twin) -> None:
+    """Compile the patched model and thicken what is flat or thin in it by next to nothing.
+
+    MuJoCo writes six digits, and refuses moments of inertia of which one is more than the sum of the others: of a disc
+    or a rod they are equal, and rounding decides.
+    """
+    compiled = twin.spec.compile()
+    for i in range(1, compiled.nbody):
+        moments = compiled.body_inertia[i]
+        largest = float(moments.max())
+        if largest <= 0.0 or float(moments.sum()) - 2.0 * largest > ROUNDED * largest:
+            continue
+        body = twin.spec.body(compiled.body(i).name)
+        body.mass, body.ipos, body.iquat = (
+            compiled.body_mass[i],
+            compiled.body_ipos[i],
+            compiled.body_iquat[i],
+        )
+        body.inertia = moments + ROUNDED * largest * (moments == moments.min())
+        body.explicitinertial, body.fullinertia = 1, np.full(6, np.nan)
+    twin.spec.compile()
 
 
 def write_predictions(before: Errors, after: Errors, a: Analysis, path: Path) -> None:

@@ -7,10 +7,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from s2r_host.gap.answer import write_model
 from s2r_host.gap.effects.backlash import EFFECT as BACKLASH
 from s2r_host.gap.effects.base import Context
 from s2r_host.gap.effects.spring_return import add_spring
 from s2r_host.gap.model import RigidModel
+from s2r_host.gap.replay import build_twin
 
 MODEL = """<mujoco><compiler angle="{angle}"/><worldbody><body>
   <joint name="door" stiffness="{old}" springref="{rest}" armature=".01"/><geom size=".1" pos=".3 0 0"/>
@@ -56,3 +58,21 @@ def test_what_has_no_name_gets_one_that_is_free(tmp_path):
     assert len(set(names)) == 2
     assert all(model.spec.copy().body(name) is not None for name in names)
     assert isinstance(model.spec.copy().compile(), mujoco.MjModel)
+
+
+@pytest.mark.parametrize("moments", [(1.0, 1.0, 2.0 - 1e-8), (1.0, 1.0 - 5e-7, 1e-6)], ids=["disc", "rod"])
+def test_a_patched_model_of_a_flat_or_thin_part_loads(tmp_path, moments):
+    for size in np.random.default_rng(5).uniform(0.01, 0.3, 20):
+        path = tmp_path / "flat.xml"
+        x, y, z = size * np.array(moments)
+        inertial = f'pos="0 0 .02" mass="4" fullinertia="{x:.12g} {y:.12g} {z:.12g} 0 0 0"'
+        path.write_text(
+            f'<mujoco><worldbody><body name="table"><joint/><inertial {inertial}/></body></worldbody></mujoco>',
+            encoding="utf-8",
+        )
+        model = RigidModel(path)
+        write_model(build_twin(model, Context(model, []), []), tmp_path)
+        patched = mujoco.MjModel.from_xml_path(str(tmp_path / "model_patched.xml"))
+        assert np.sort(patched.body_inertia[1]) == pytest.approx(
+            np.sort([x, y, z]), rel=5e-5, abs=3e-5 * size
+        )
