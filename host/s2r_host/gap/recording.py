@@ -74,8 +74,8 @@ class Recording:
 
     @property
     def dt(self) -> float:
-        """Median step [s]."""
-        return float(np.median(np.diff(self.t)))
+        """Median step [s], without the rounding of the time stamps: a log is slow by its rate, not by its last bit."""
+        return float(f"{np.median(np.diff(self.t)):.7g}")
 
     def get(self, kind: str, joint: str) -> np.ndarray | None:
         """One channel or None."""

@@ -164,7 +164,7 @@ def _usable_rows(path: Path, t: np.ndarray, warnings: list[str]) -> np.ndarray:
     dropped = int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1, 0)))
     if dropped:
         warnings.append(f"{dropped} samples are missing between the time stamps")
-    rate_hz = 1.0 / float(np.median(steps))
+    rate_hz = round(1.0 / float(np.median(steps)), 3)
     if rate_hz < 100.0:
         warnings.append(
             f"sampled at {rate_hz:.0f} Hz: effects faster than {rate_hz / 5:.0f} Hz cannot be seen"

@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 from s2r_host.gap.errors import GapRecordingError
+from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.recording_files import read_recording
 
 T = np.arange(0, 1, 0.01)
@@ -114,3 +115,10 @@ def test_the_declared_accuracy_of_the_effort_is_read_under_the_models_joint(tmp_
 def test_an_accuracy_that_is_no_positive_number_is_refused(tmp_path, sigma):
     with pytest.raises(GapRecordingError, match="effort_sigma"):
         read_recording(simple(tmp_path, {"effort_sigma": sigma}))
+
+
+@pytest.mark.parametrize("start", [0.0, 37.3, 1.7e5])
+def test_the_step_of_a_log_is_that_of_its_rate_whenever_it_began(start):
+    t = start + 0.01 * np.arange(1000)
+    rec = Recording("r", t - t[0], {}, Controller(), "measured", "effort", "a", "", ())
+    assert rec.dt == 0.01
