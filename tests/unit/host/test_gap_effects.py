@@ -230,3 +230,20 @@ def test_how_far_a_zero_of_the_effort_is_off_counts_in_shares_of_the_effort(ctx,
     share = float(np.std(in_unit.sessions[0].u[:, 0]))
     assert zero.size_prior(in_unit, -1, {}, np.array([0.001 * share])) > -0.1
     assert zero.size_prior(in_unit, -1, {}, np.array([0.1 * share])) == -8.0
+
+
+def test_creeping_to_a_stop_is_no_presliding(ctx):
+    low, high = ctx.span(0)
+    least, most = catalogue()["presliding"].bounds(ctx, 0)["width"]
+    assert least >= 2e-4 * (high - low)
+    assert most == pytest.approx(0.05 * (high - low))
+
+
+def test_a_motor_inertia_that_the_model_states_is_believed(tmp_path, ctx):
+    elasticity = catalogue()["joint_elasticity"]
+    stated = Context(RigidModel(write_model(tmp_path / "m.xml", armature=0.02)), ctx.sessions)
+    share = 0.02 / float(np.mean(np.concatenate([s.mass[:, 0] for s in ctx.sessions])))
+    assert elasticity.log_prior(stated, 0, {"motor": share}) == pytest.approx(0.0)
+    assert elasticity.log_prior(stated, 0, {"motor": 0.0}) == -8.0
+    assert elasticity.log_prior(ctx, 0, {"motor": 0.0}) == 0.0
+    assert elasticity.bounds(stated, 0)["motor"][0] == 0.0

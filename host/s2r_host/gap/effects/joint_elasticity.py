@@ -15,6 +15,8 @@ from s2r_host.gap.states import deflection, filtered
 FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
 DAMPING = (0.02, 0.08, 0.25)
 MOTOR_SHARES = (0.0, 0.15, 0.4)
+MOST_MOTOR = 0.9  # of the inertia
+STATED, FAR_MOTOR = 0.2, 8.0  # relative error of a motor inertia that a model states, log odds
 PASSES = 2
 SOFT = 0.2  # change of gravity with the windup, at resonance, from which passes do not settle: integrated instead
 
@@ -43,13 +45,25 @@ class JointElasticity(Effect):
         return {"f": ("log", 0.12), "zeta": ("log", 0.4), "motor": ("linear", 0.08)}
 
     def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
-        """No spring so soft that only its damper is left."""
-        return {"f": (0.5 * FREQUENCIES_HZ[0], 2.0 * FREQUENCIES_HZ[-1]), "zeta": (0.003, 1.0)}
+        """No spring so soft that only its damper is left, no motor lighter than nothing."""
+        return {
+            "f": (0.5 * FREQUENCIES_HZ[0], 2.0 * FREQUENCIES_HZ[-1]),
+            "zeta": (0.003, 1.0),
+            "motor": (0.0, MOST_MOTOR),
+        }
+
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """A motor's inertia is known where the model states one; slow motions tell it from the spring in no way."""
+        armature = float(ctx.model.model.dof_armature[joint])
+        if armature == 0.0:
+            return 0.0
+        off = shape["motor"] * mean_inertia(ctx, joint) / armature - 1.0
+        return -min(FAR_MOTOR, 0.5 * (off / STATED) ** 2)
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Motor inertia plus transmitted effort, minus the rigid load."""
         M, L, a = s.mass[:, joint], s.load[:, joint], s.a[:, joint]
-        motor = float(np.clip(shape["motor"], 0.0, 0.9)) * mean_inertia(ctx, joint)
+        motor = float(np.clip(shape["motor"], 0.0, MOST_MOTOR)) * mean_inertia(ctx, joint)
         at_motor = float(ctx.model.model.dof_damping[joint]) * s.v[:, joint]
         load = L - at_motor - np.minimum(motor, 0.95 * M) * a
         w = 2 * np.pi * shape["f"]

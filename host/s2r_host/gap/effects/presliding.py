@@ -9,6 +9,9 @@ from s2r_host.gap.session import Session
 from s2r_host.gap.states import bristle
 
 SHARES = (0.0005, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03)
+SLIVER = (
+    2.5e-4  # of the motion: what creeps so little while it comes to rest is no loop that a reversal shows
+)
 
 
 class Presliding(Effect):
@@ -36,9 +39,10 @@ class Presliding(Effect):
         return {"width": ("log", 0.35)}
 
     def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
-        """Narrower than a few encoder steps it is Coulomb friction, wider it is called hysteresis."""
+        """Narrower than a few encoder steps or a sliver of the motion it is Coulomb friction, wider hysteresis."""
         low, high = ctx.span(joint)
-        return {"width": (2.0 * max(float(s.q_lsb[joint]) for s in ctx.sessions), 0.05 * (high - low))}
+        least = max(2.0 * max(float(s.q_lsb[joint]) for s in ctx.sessions), SLIVER * (high - low))
+        return {"width": (least, 0.05 * (high - low))}
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Bristle state; where the model has dry friction it may be replaced."""
