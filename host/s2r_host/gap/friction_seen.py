@@ -62,12 +62,13 @@ def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = Fals
     at_rest, moving = stiction(s, j)
     holds = np.full(len(still), STICK_DOUBT * max(at_rest, moving))
     # One stroke does not tell friction from what else it pulls at, and what a latch holds at rest is looked for.
-    rests = guessed and count_reversals(s, j) >= 2
+    # What comes back in a second run of a free swing is that friction held it again.
+    rests = (guessed or not s.driven(j)) and count_reversals(s, j) >= 2
     if rests:
         at_rest_for_long = rests_of(s, j)[block.picks]
         holds[at_rest_for_long] = max(REST_DOUBT * moving, holds[0])
         still[at_rest_for_long] = 1.0
-    doubt = holds * np.clip(still, 0.0, 1.0) / max(floor, 1e-12)
+    doubt = holds * np.clip(np.abs(still), 0.0, 1.0) / max(floor, 1e-12)  # filters ring beside a rest
     open_to = np.clip(compare(_between_rows(model, s, j), s, j, True), 0.0, None)
     between = np.maximum(open_to, step_doubt(s, j, model.joints[j]))[block.picks] / max(floor, 1e-12)
     weight = 1.0 / np.sqrt(1.0 + doubt**2 + between**2)

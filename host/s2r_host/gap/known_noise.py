@@ -64,6 +64,28 @@ def motion_noise(model: RigidModel, s: Session, j: int, *, sure: bool = False) -
     return float(np.median(np.abs(s.mass[:, j])) * np.sqrt(min(moved, default=0.0)))
 
 
+def motion_density(model: RigidModel, s: Session, j: int, f: np.ndarray) -> np.ndarray:
+    """Power density of a joint's inertial effort by the noise of its position or speed, of flat spectra alone.
+
+    Args:
+        model: The nominal model.
+        s: The recording.
+        j: The joint.
+        f: Frequencies [Hz], shape (frequency,).
+
+    Returns:
+        One-sided density below the cut [N²·m²/Hz or N²/Hz], shape (frequency,); zero where no channel shows noise.
+    """
+    w, cut = 2.0 * np.pi * f, float(s.cut[j])
+    moved = []
+    for kind, power in (("q", 4), ("dq", 2)):
+        x = s.rec.get(kind, model.joints[j])
+        if x is not None:
+            moved.append(_white(x, s.rec.dt, flat=True) * w**power / (1.0 + (f / cut) ** 4) ** 2)
+    least = min(moved, key=np.sum, default=np.zeros(len(f)))
+    return least * float(np.median(np.abs(s.mass[:, j]))) ** 2
+
+
 def _white(x: np.ndarray, dt: float, *, flat: bool = False) -> float:
     """One-sided power density of a channel's white noise, from the upper third of its band [unit²/Hz].
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from s2r_host.gap.friction_seen import TRUSTED
 from s2r_host.gap.regression import TEMPER, Regression, unwhiten
 from s2r_host.gap.solution import Scored, Solution, Term
 from s2r_host.gap.strokes import left_over, together
@@ -86,10 +87,13 @@ class Leftover(Regression):
             b = unwhiten(left[again.rows] / second.weight[again.rows], second.whiteners[again.joint])
             b = b * second.weight[again.rows]
             n = min(len(a), len(b))
-            if n < LEAST_ROWS:
+            weights = self.problem.weight[first.rows][:n], second.weight[again.rows][:n]
+            moves = np.minimum(*weights) ** 2 >= TRUSTED  # what friction holds at rest comes back, too
+            if moves.sum() < LEAST_ROWS:
                 continue
-            correlation = float(np.corrcoef(a[:n], b[:n])[0, 1])
-            power = float(np.mean(a[:n] * b[:n])) / self.problem.floor[first.joint] ** 2
+            a, b = a[:n][moves], b[:n][moves]
+            correlation = float(np.corrcoef(a, b)[0, 1])
+            power = float(np.mean(a * b)) / self.problem.floor[first.joint] ** 2
             if correlation > COMMON_CORRELATION and power > COMMON_POWER:
                 return True
         return False

@@ -19,8 +19,6 @@ from s2r_host.gap.rows import Block, band, compare, least_cut, make_blocks
 from s2r_host.gap.session import Session
 from s2r_host.gap.unrepeated import Wander, wandering
 
-SIGNAL_TO_NOISE = 20.0
-SIGNAL_TO_GUESS = 3.0  # against a leftover, which is noise and model error together
 EDGE_SHARE = 0.5
 EQUATIONS = 2e-3  # of the effort: steps of an integration and filters err so much where nothing else does
 TIMING_KNOWN = 0.3  # of the usual doubt, where the control law shows when its effort was logged
@@ -120,8 +118,10 @@ class Problem:
             if trusted.sum() < LEAST_ROWS:
                 return float(np.sqrt(np.mean((self.weight[block.rows] * rows[block.rows])[mask] ** 2)))
             mask = trusted
-        weight = self.weight[block.rows][mask] ** 2
-        return float(np.sqrt(weight @ rows[block.rows][mask] ** 2 / max(float(weight.sum()), 1e-12)))
+        trust = self.weight[block.rows][mask]  # a doubted row may be off by its floor over its trust
+        return float(
+            np.sqrt(trust**2 @ (trust * rows[block.rows][mask]) ** 2 / max(float(trust @ trust), 1e-12))
+        )
 
     def columns(self, per_session: dict[int, Columns], joint: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Whitened matrix (rows, k) and fixed column of an effect evaluated on every session."""
@@ -167,7 +167,7 @@ def build_problem(
     joints = [j for j in joints if any(b.joint == j and b.session in fit for b in blocks)]
     noise, source = noise_samples(model, joints, fit, repeats, blocks, raw)
     for j in joints:
-        cut = band(j, fit, blocks, noise[j], SIGNAL_TO_NOISE if source == "repeat" else SIGNAL_TO_GUESS)
+        cut = band(model, j, fit, blocks, noise[j], guessed=source != "repeat")
         for s in sessions + repeats:
             s.cut[j] = min(max(cut, least_cut(s)), float(s.cut[j]))
     blocks, raw = make_blocks(model, sessions, hold, joints)
@@ -176,7 +176,7 @@ def build_problem(
     held = [b.held for b in blocks]
     whiteners, floor = {}, {}
     for j in joints:
-        scale = max(float(np.std(s.u[:, j])) for s in sessions if s.has_u[j])
+        scale = max(_moved_effort(s, j) for s in sessions if s.has_u[j])
         least = max(EQUATIONS * scale, 1e-12)
         whitener = fit_whitener(noise[j], least)
         own = max(rms(noise[j]), least)
@@ -205,6 +205,11 @@ def build_problem(
     problem.law = [f for j in joints if (f := check_law(model, fit, hold, j)) is not None]
     problem.contradictions = [c for j in joints if (c := contradiction(model, fit, j)) is not None]
     return problem
+
+
+def _moved_effort(s: Session, j: int) -> float:
+    """Spread of the effort that an equation has to balance: where none drives a joint, that of its inertia."""
+    return float(np.std(s.u[:, j] if s.driven(j) else s.mass[:, j] * s.a[:, j]))
 
 
 def _second_runs(

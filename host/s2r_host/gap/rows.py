@@ -8,10 +8,13 @@ import numpy as np
 from scipy.signal import welch
 
 from s2r_host.gap.effects.base import count_reversals
+from s2r_host.gap.known_noise import motion_density
 from s2r_host.gap.model import RigidModel
+from s2r_host.gap.rest import stillness
 from s2r_host.gap.session import Session, lowpass, nominal_friction
 
 HOLDOUT_SHARE = 0.3
+MOVES = 0.5  # stillness below which a joint moves
 STROKE_PARTS = 10
 LEAST_CUT_HZ = 2.5
 ROWS_PER_CUT = 2.4  # rows per period of the cut
@@ -21,6 +24,8 @@ COMPANY_ROWS = (
     12  # the same beside other recordings of the motion, which check it: touches of a part are short
 )
 SLOPE_CUT_HZ = 50.0
+SIGNAL_TO_NOISE = 20.0
+SIGNAL_TO_GUESS = 3.0  # against a leftover, which is noise and model error together
 
 
 @dataclass
@@ -90,19 +95,35 @@ def held_inside(s: Session, picks: np.ndarray, *, alone: bool) -> np.ndarray:
 
     A stroke, in which no joint turns round, brakes at its end and goes slowly nowhere else: with that held out nothing
     that depends on speed could be learnt. Of several strokes, which check each other, it is three of ten stretches of
-    each. What one stroke ``alone`` says of places it has not seen only its end can try.
+    each. What one stroke ``alone`` says of places it has not seen only its end can try. A rest before or after all
+    motion is no part of it: where nothing moves, nothing can be predicted.
     """
     if alone or any(count_reversals(s, j) for j in range(s.q.shape[1])):
-        return picks >= (1.0 - HOLDOUT_SHARE) * len(s.t)
+        moving = np.flatnonzero(
+            (np.stack([stillness(s, j) for j in range(s.q.shape[1])]) < MOVES).any(axis=0)
+        )
+        first, last = (moving[0], moving[-1] + 1) if moving.size else (0, len(s.t))
+        return picks >= first + (1.0 - HOLDOUT_SHARE) * (last - first)
     return (np.arange(len(picks)) * STROKE_PARTS // len(picks)) % 3 == 1
 
 
-def band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray], least: float) -> float:
+def band(
+    model: RigidModel,
+    j: int,
+    fit: list[Session],
+    blocks: list[Block],
+    noise: list[np.ndarray],
+    *,
+    guessed: bool,
+) -> float:
     """Highest frequency at which the effort still stands well above the noise [Hz].
 
     Beyond it a regressor is made of noise, and whatever filters that noise would look like physics: the
-    direct method of closed-loop identification is biased there (Janot et al., IDIM-IV, 2014).
+    direct method of closed-loop identification is biased there (Janot et al., IDIM-IV, 2014). Feedback puts the noise
+    of a speed into the effort, so that a correction that holds both takes it for physics, too: noise that is guessed so
+    is at least what the channels of the motion show.
     """
+    least = SIGNAL_TO_GUESS if guessed else SIGNAL_TO_NOISE
     power_u: np.ndarray | None = None
     power_n: np.ndarray | None = None
     block = max((b for b in blocks if b.joint == j), key=lambda b: len(b.picks))
@@ -123,6 +144,10 @@ def band(j: int, fit: list[Session], blocks: list[Block], noise: list[np.ndarray
     if power_u is None or power_n is None:
         return float(s.cut[j])
     power_n = np.maximum(power_n / len(noise), 1e-30)
+    if guessed:
+        power_n = np.maximum(
+            power_n, np.mean([motion_density(model, x, j, f) for x in fit if x.has_u[j]], axis=0)
+        )
     strong = np.flatnonzero((power_u / power_n > least) & (f <= s.cut[j]))
     highest = float(f[strong[-1]]) if strong.size else 0.0
     return float(np.clip(1.5 * highest, LEAST_CUT_HZ, s.cut[j]))

@@ -1,18 +1,21 @@
 """Noise floors without a second run: bounded by the channels' own noise, and blind to rests."""
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.friction_seen import dry_level
+from s2r_host.gap.friction_seen import dry_level, trust
 from s2r_host.gap.known_noise import known_noise, motion_noise
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.pipeline import analyse
 from s2r_host.gap.problem import build_problem
 from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.rest import stillness
+from s2r_host.gap.rows import compare
 from s2r_host.gap.session import make_session
 
 DT, STEP = 0.004, 0.001
@@ -209,3 +212,66 @@ def test_friction_of_a_free_swing_is_seen_although_its_load_is_all_that_is_left_
     s = make_session(model, Recording("swing", t, channels, law, "measured", "effort", "a", "", ()), 0)
     assert dry_level(s, 0) == pytest.approx(friction, rel=0.2)
     assert not s.driven(0)
+
+
+def test_what_feedback_makes_of_a_noisy_speed_is_left_out_of_the_band(tmp_path):
+    model, s = slow_turning(tmp_path, 5e-3)
+    channels, t = s.rec.channels, s.rec.t
+    noise = channels["dq"]["table"] - 0.35 * np.cos(0.5 * t)
+    fed_back = {"table": channels["tau"]["table"] - 2.0 * noise}
+    rec = replace(s.rec, channels=channels | {"tau": fed_back})
+    problem = build_problem(model, [make_session(model, rec, 0)], [], [])
+    assert problem.blocks[0].session.cut[0] < 10.0
+
+
+@pytest.fixture
+def swing(tmp_path):
+    """A pendulum let go, as its encoder and an idle torque sensor show it until long after friction has stopped it."""
+    path = tmp_path / "swing.xml"
+    path.write_text(
+        """<mujoco><worldbody><body><joint name="hinge" axis="0 1 0" damping=".05" frictionloss=".1"/>
+        <inertial pos="0 0 -.2" mass="2.03874" diaginertia=".0184504 .0184504 .01"/></body></worldbody></mujoco>""",
+        encoding="utf-8",
+    )
+    rng, rows = np.random.default_rng(1), []
+    q, dq = 1.2, 0.0
+    for k in range(24 * 1000):
+        if k % 4 == 0:
+            rows.append((k * STEP, q + 5e-5 * rng.normal(), dq + 2e-3 * rng.normal(), 1e-4 * rng.normal()))
+        free = dq - STEP * (4.0 * np.sin(q) + 0.05 * dq) / 0.1
+        dq = np.sign(free) * max(abs(free) - STEP * 0.1 / 0.1, 0.0)
+        q += STEP * dq
+    t, turned_by, speed, effort = np.array(rows).T
+    channels = {"q": {"hinge": turned_by}, "dq": {"hinge": speed}, "tau": {"hinge": effort}}
+    model = RigidModel(path)
+    rec = Recording("swing", t, channels, Controller("none"), "measured", "effort", "a", "", ())
+    return model, make_session(model, rec, 0)
+
+
+def test_the_floor_of_a_free_swing_is_read_from_what_gravity_and_inertia_balance(swing):
+    model, s = swing
+    floor = build_problem(model, [s], [], [replace(s, index=1)]).floor[0]
+    assert floor >= 1.9e-3 * np.std(s.mass[:, 0] * s.a[:, 0])
+
+
+def test_where_friction_stops_a_free_swing_says_little_although_it_comes_back(swing):
+    model, s = swing
+    block = build_problem(model, [s], [], [replace(s, index=1)]).blocks[0]
+    stopped = s.t[block.picks] > 8.0
+    assert np.max(trust(model, block, 1e-3)[stopped]) < 0.01  # of 0.1 N·m of friction
+
+
+def test_a_rest_at_the_end_is_not_all_that_is_held_out(swing):
+    model, s = swing
+    block = build_problem(model, [s], [], []).blocks[0]
+    held = np.abs(s.v[block.picks, 0][block.held])
+    assert np.mean(held > 0.1) > 0.05
+    assert np.mean(np.abs(s.v[block.picks, 0][~block.held]) > 0.1) > 0.5
+
+
+def test_filters_that_ring_beside_a_turn_make_no_row_certain(tmp_path):
+    model, s = slow_turning(tmp_path, 1e-4)
+    block = build_problem(model, [s], [], [replace(s, index=1)]).blocks[0]
+    still = compare(stillness(s, 0), s, 0, True)[block.picks]
+    assert np.min(still) < -0.01
+    assert np.max(trust(model, block, 1e-5)[still < -0.01]) < 0.2

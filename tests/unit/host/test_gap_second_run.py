@@ -1,5 +1,8 @@
 """What comes back in the second run of a motion is no noise; what comes in another unit is refused."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -9,7 +12,7 @@ from s2r_host.gap.checks import check_units
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.parameters_off import parameters_only
-from s2r_host.gap.problem import build_problem
+from s2r_host.gap.problem import Problem, build_problem
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
 from s2r_host.gap.search import Search
@@ -103,3 +106,32 @@ def test_one_scale_is_named_beside_a_tilt_instead_of_several_numbers(model):
     assert decision.effects[0].name in ("gravity_tilt", "encoder_offset")
     assert [p["name"] for p in decision.parameters_off] == ["effort_scale"]
     assert decision.parameters_off[0]["to"] == pytest.approx(0.94, abs=0.02)
+
+
+def resting(model, index):
+    """Half a minute of which a joint rests two thirds, stopped at one place in every run by its friction of 0.5 N·m."""
+    rng, t = np.random.default_rng(index), np.arange(0, 30, DT)
+    turning = np.minimum(t, 4.5 * np.pi / 1.7)
+    q = 0.6 * np.sin(1.7 * turning)
+    dq = np.where(t > turning, 0.0, 1.02 * np.cos(1.7 * turning))
+    u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0]
+    held = np.where(np.sin(0.7 * t) > 0.0, 0.4, -0.3)
+    u += np.where(t > turning, held, 0.5 * np.sign(dq)) + 0.01 * rng.normal(size=len(t))
+    channels = {"q": {"elbow": q}, "dq": {"elbow": dq}, "tau": {"elbow": u}}
+    rec = Recording(f"r{index}", t, channels, Controller("none"), "measured", "effort", "a", "", ())
+    return make_session(model, rec, index)
+
+
+def test_what_friction_holds_at_rest_may_come_back(tmp_path):
+    model = RigidModel(write_model(tmp_path / "model.xml", friction=0.5))
+    problem = build_problem(model, [resting(model, 0)], [], [resting(model, 1)])
+    assert not Search(problem).comes_back([])
+
+
+def test_rows_that_friction_leaves_open_are_no_leftover():
+    rng = np.random.default_rng(3)
+    weight = np.repeat([1.0, 0.02], 200)
+    rows = rng.normal(size=400) / weight
+    stated: Any = SimpleNamespace(floor_source="repeat", weight=weight)
+    block: Any = SimpleNamespace(rows=slice(0, 400))
+    assert Problem.rms(stated, rows, block, np.ones(400, dtype=bool)) == pytest.approx(1.0, abs=0.1)
