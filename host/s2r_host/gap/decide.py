@@ -129,7 +129,17 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
                     "why": odd or f"nearest, but leaves {decision.leftover:.1f} floors unexplained"}
             )  # fmt: skip
         decision.verdict, decision.effects = "unknown", []
+        decision.parameters_off = possible(decision.parameters_off)
     return decision
+
+
+def possible(entries: list[dict]) -> list[dict]:
+    """Wrong numbers of the model without those that cannot be: where the answer is 'unknown' they only filled in."""
+    return [p for p in entries if not _below_zero(p)]
+
+
+def _below_zero(entry: dict) -> bool:
+    return entry["name"] in NEVER_NEGATIVE and entry["interval90"][1] < 0.0
 
 
 def impossible(problem: Problem, decision: Decision) -> str | None:
@@ -141,7 +151,7 @@ def impossible(problem: Problem, decision: Decision) -> str | None:
             if most < 0.0:
                 return f"it would take more than all of the {e.name} of '{e.joint}' away, which cannot be"
     for p in decision.parameters_off:
-        if p["name"] in NEVER_NEGATIVE and p["interval90"][1] < 0.0:
+        if _below_zero(p):
             place = p.get("body") or p.get("joint")
             return f"it would take {p['name']} of '{place}' to be {p['to']:.3g} {p['unit']}, which cannot be"
     return None

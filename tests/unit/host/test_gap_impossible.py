@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from s2r_host.gap.decide import impossible
+from s2r_host.gap.decide import impossible, possible
 from s2r_host.gap.decision import EXPLAINED_CLOSE, too_much_left
 from s2r_host.gap.parameters_off import _of_one_part
 
@@ -36,6 +36,15 @@ def test_a_size_below_zero_is_impossible(entries, said):
     problem: Any = None
     found = impossible(problem, decision)
     assert found is None if said is None else said in found
+
+
+def test_what_cannot_be_is_not_listed_beside_an_unknown_effect():
+    heavy, doubtful, offset = (
+        entry("mass", 3.5, 0.1),
+        entry("armature", -0.05, 0.1),
+        entry("com_x", -1.0, 0.1),
+    )
+    assert possible([entry("inertia", -0.14, 0.03), heavy, doubtful, offset]) == [heavy, doubtful, offset]
 
 
 @pytest.mark.parametrize(("level", "fits"), [(-0.5, True), (-1.5, False), (0.8, True)])
