@@ -71,7 +71,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         # A load of a hundredth of the mass stays below the floor in the sum, and is certain all the same.
         log("the nominal model reaches the noise floor")
         search.looseness = 1.0
-        return parameters_only(problem, search)
+        return _one_number(problem, search, Decision("nothing_missing", search.finish([], [], [])))
     search.looseness = 1.0
     numbers_do = search.at_floor([])
     if numbers_do and not search.stands_out([], []) and not hides(search):
@@ -104,8 +104,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
             decision.verdict = "unknown"
             decision.reasons.append("no effect of the catalogue removes the leftover")
         elif base_matters(search, problem) or len(problem.joints) > 1:
-            # The many numbers of an arm, all of them loose, hide the one that is off.
-            decision = parameters_only(problem, search)
+            return _one_number(problem, search, decision)
         return decision
     odd = disagreement(problem, search, solution)
     remains = decision.leftover > LEFTOVER_LIMIT * doubt(problem)
@@ -130,6 +129,18 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
             )  # fmt: skip
         decision.verdict, decision.effects = "unknown", []
         decision.parameters_off = possible(decision.parameters_off)
+    return decision
+
+
+def _one_number(problem: Problem, search: Search, decision: Decision) -> Decision:
+    """The number that is off beside what reaches the noise floor without one: the nominal model, or all of them loose.
+
+    It is not the one where it leaves, on rows that were held out, what they do not.
+    """
+    one = parameters_only(problem, search)
+    if not too_much_left(problem, search, one):
+        return one
+    decision.rejected = one.rejected
     return decision
 
 

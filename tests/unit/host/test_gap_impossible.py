@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from s2r_host.gap import decide
 from s2r_host.gap.decide import impossible, possible
-from s2r_host.gap.decision import EXPLAINED_CLOSE, too_much_left
+from s2r_host.gap.decision import EXPLAINED_CLOSE, Decision, too_much_left
 from s2r_host.gap.parameters_off import _of_one_part
 
 
@@ -89,3 +90,17 @@ def test_a_leftover_at_the_floor_that_comes_back_leaves_too_much_only_where_litt
     )  # fmt: skip
     decision: Any = SimpleNamespace(leftover=1.2, explained=explained, solution=SimpleNamespace(terms=terms))
     assert too_much_left(problem, search, decision) == too_much
+
+
+@pytest.mark.parametrize(
+    ("left", "explained", "verdict"), [(2.4, -0.5, "nothing_missing"), (1.0, 0.9, "parameter_off")]
+)
+def test_a_number_that_leaves_what_all_of_them_do_not_is_not_the_one(monkeypatch, left, explained, verdict):
+    problem: Any = SimpleNamespace(
+        floor_source="estimated", floor_doubt=1.0, ctx=SimpleNamespace(sessions=[])
+    )
+    search: Any = SimpleNamespace(comes_back=lambda _: False, completed=0, effects={})
+    solution: Any = SimpleNamespace(terms=[])
+    one = Decision("parameter_off", solution, leftover=left, explained=explained)
+    monkeypatch.setattr(decide, "parameters_only", lambda *_: one)
+    assert decide._one_number(problem, search, Decision("nothing_missing", solution)).verdict == verdict
