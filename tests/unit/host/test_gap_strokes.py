@@ -3,6 +3,7 @@
 import csv
 
 import numpy as np
+import pytest
 import yaml
 
 from s2r_host.gap.config import GapConfig
@@ -67,7 +68,7 @@ def test_short_strokes_of_one_session_are_held_against_the_floor_as_one(tmp_path
     (group,) = together(problem)
     assert len(group) == len(problem.blocks) == 8
     rows = np.full(len(problem.y), 2.0 * problem.floor[0])
-    assert left_over(problem, rows, group, held=True) == 2.0
+    assert left_over(problem, rows, group, held=True) == pytest.approx(2.0)
     for block in problem.blocks:
         block.held[:] = False
     assert left_over(problem, rows, group, held=True) is None
