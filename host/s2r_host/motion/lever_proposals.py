@@ -13,7 +13,8 @@ from s2r_host.motion.levers import LeverCandidate
 from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
 
 DOWN = np.array([0.0, 0.0, -1.0])
-SHORTEST, LEAST_DOWN = 0.3, -0.1  # of a finger's axis before it is made a unit vector; sine below level
+SHORTEST = 0.3  # of a finger's axis before it is made a unit vector
+LEAST_ACROSS = 0.2  # sine between a finger's axis and what its wide side is turned to
 SIDEWAYS = 0.7  # cosine between finger and push, below which it pushes with its side
 
 
@@ -31,6 +32,7 @@ class LeverPushSettings:
         below_m: How far the fingertip reaches past the lever's line when it pushes with its side.
         leans: Share of "down" in the finger's axis; the rest points along the push, from outside to the body, or
             outwards: the only way to reach what leads away from the arm.
+        highest: Sine by which the finger may point upwards.
     """
 
     turn_rad: float = 0.43
@@ -40,6 +42,13 @@ class LeverPushSettings:
     places: tuple[float, ...] = (0.8, 0.65, 0.5)
     below_m: float = 0.012
     leans: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
+    highest: float = -0.1
+
+
+# After all others: below or beside a spout only so much has room, with the hand level with the lever or below it, too.
+SHORT = LeverPushSettings(
+    turn_rad=0.22, depth_m=(0.015, 0.035), places=(0.8, 0.6), leans=(1.0, 0.5, 0.25, 0.0, -0.25), highest=0.4
+)
 
 
 def lever_proposals(
@@ -50,18 +59,19 @@ def lever_proposals(
     Args:
         lever: What to push.
         axis: What it is believed to turn about, first in that axis' sense.
-        settings: Geometry of the pushes.
+        settings: Geometry of the pushes; those of :data:`SHORT` follow.
     """
     settings = settings or LeverPushSettings()
     line = axis.way(lever.p_tip)
-    for place, lean, direction in product(settings.places, settings.leans, (line, -line)):
-        for level in (direction, -lever.outward, lever.outward):
-            z = lean * DOWN + (1.0 - lean) * level
-            length = float(np.linalg.norm(z))
-            if length > SHORTEST and z[2] < LEAST_DOWN * length:
-                yield from _pushes(lever, axis, place, z / length, direction, settings)
-            if lean == 1.0:
-                break
+    for one in (settings, SHORT):
+        for place, lean, direction in product(one.places, one.leans, (line, -line)):
+            for level in (direction, -lever.outward, lever.outward):
+                z = lean * DOWN + (1.0 - abs(lean)) * level
+                length = float(np.linalg.norm(z))
+                if length > SHORTEST and z[2] < one.highest * length:
+                    yield from _pushes(lever, axis, place, z / length, direction, one)
+                if lean == 1.0:
+                    break
 
 
 def _pushes(
@@ -89,10 +99,12 @@ def _pushes(
 
 def _rolls(z: np.ndarray, direction: np.ndarray, aside: np.ndarray) -> Iterator[np.ndarray]:
     """The finger's wide side across the push, either way round, then along it; ``aside`` for pushes straight down."""
-    x = np.cross(direction, DOWN)
-    x = aside if np.linalg.norm(x) < 0.2 else x
-    x = x - (x @ z) * z
-    x /= np.linalg.norm(x)
+    for x in (np.cross(direction, DOWN), aside, DOWN):
+        x = x - (x @ z) * z
+        length = float(np.linalg.norm(x))
+        if length > LEAST_ACROSS:
+            break
+    x /= length
     y = np.cross(z, x)
     for a, b in ((x, y), (-x, -y), (y, -x), (-y, x)):
         yield np.column_stack([a, b, z])

@@ -31,7 +31,7 @@ from s2r_host.run.travel import FREE, LEAVING, NEVER, timed
 
 # How deep what hides behind a faucet may be: usually, and where no push at the likeliest piece has room. Levers and
 # spouts are thin, and the executor stops the arm at what is there after all.
-SHADOWS_M = (SHADOW_DEPTH_M, 0.02)
+SHADOWS_M = (SHADOW_DEPTH_M, 0.02, 0.005)
 PUSH = 1  # place of the push itself among the motions: approach, push, back, home
 
 

@@ -33,8 +33,12 @@ from s2r_host.perception.knob_outline import KnobOutline
 from s2r_host.perception.network_pushes import NetworkPushSettings, proposals_of
 
 # Logits fitted on drawn faucets that nothing is reported of: `python tests/bench/bench_lever_guesses.py --fit`.
-IS_LEVER = (-0.61, -0.11, 1.24, -0.66, 3.04, -4.13, -3.59, -0.72, -0.74, 1.17)  # of `lever_features`
-SWINGS = (-3.05, 5.48, 1.16, -3.62, -1.14, 2.68)  # of `swing_features`
+IS_LEVER = (-0.58, -0.07, 1.14, -0.87, 2.34, -4.36, -3.73, -0.73, -0.55, 0.97)  # of `lever_features`
+SWINGS = (-3.48, 5.51, 1.45, -3.18, -0.50, 2.77)  # of `swing_features`
+# The same without what the network believes. In some views that is nonsense, which pushes that fail soon tell.
+IS_LEVER_BY_SHAPE = (-0.31, 0.28, 0.0, -1.38, 0.0, -4.47, -3.48, -1.00, -0.63, 1.16)
+SWINGS_BY_SHAPE = (-3.85, 6.19, 0.0, -3.29, -0.30, 2.80)
+MISLED = 0.5  # chance of that
 # Ends of two pieces this near are one place; so much lower, and at an angle of that cosine, the spout goes on there.
 MEET_M, LOWER_M, BENT = 0.03, 0.01, 0.95
 BESIDE_M = 0.025  # by which a line passes the body's axis if the lever is at the side of the body
@@ -50,6 +54,7 @@ KNOB_DEPTH_M = 0.014  # least way of the fingertip: the spoke of a knob is short
 # Odds of a knob whose spokes colours tell: what has them is there to be turned. With two it may be a piece of a bar.
 OUTLINED, OUTLINED_BAR = 50.0, 3.0
 OWN = 0.5  # share of a piece's points that are a knob's, from which on it is no lever of its own
+UNDECIDED = 0.5  # belief of a network that says nothing
 KNOB = 1.5  # odds of a knob with spokes that the network fully believes in, against one it does not at all
 
 # How often the end that was taken for the tip is the one that the piece turns about, in views of drawn faucets that
@@ -96,6 +101,7 @@ class Guess:
         p_free, p_held: Its free end, which is pushed, and the one it turns about [m], (3,); None where unknown.
         p_axis: A point of the upright axis that a knob turns about [m], (3,); None where unknown.
         weight: Against other guesses; not normalised.
+        by_shape: The same if the network's beliefs say nothing.
         proposals: Ways to push it, best first, without those that were tried.
         turns: It is a knob: ``line`` is one of the many along which it gives way.
     """
@@ -103,6 +109,7 @@ class Guess:
     p: np.ndarray
     line: np.ndarray
     weight: float
+    by_shape: float
     proposals: Iterator[PushProposal]
     p_free: np.ndarray | None = None
     p_held: np.ndarray | None = None
@@ -160,11 +167,21 @@ def lever_guesses(
     known = [*(one.p for one in levers), *(one.p for one in knobs), *(one.p for one in shown)]
     guesses = [g for g in guesses if not any(one.covers(g.p).mean() > OWN for one in outlined)] + shown
     guesses += _about_the_rest(scene, known, found, settings)
-    weights = [guess.weight * _evidence(guess, guesses, tried) for guess in guesses]
+    weights = [
+        chance * _evidence(guess, guesses, tried)
+        for chance, guess in zip(_chances(guesses), guesses, strict=True)
+    ]
     return [
         replace(guesses[k], weight=weights[k], proposals=_untried(guesses[k], tried))
         for k in np.argsort(weights, kind="stable")[::-1]
     ]
+
+
+def _chances(guesses: Sequence[Guess]) -> np.ndarray:
+    """How likely each guess is before any push (n,): with the network's beliefs, or without where they are nonsense."""
+    weights = np.array([(guess.weight, guess.by_shape) for guess in guesses]).reshape(-1, 2)
+    shares = weights / np.maximum(weights.sum(axis=0), 1e-12)
+    return np.asarray(shares @ (1.0 - MISLED, MISLED))
 
 
 def lever_features(levers: Sequence[LeverCandidate], k: int, beliefs: Sequence[float]) -> tuple[float, ...]:
@@ -222,14 +239,15 @@ def _about_lever(
     lever = levers[k]
     beliefs = [belief_about(found, other.p)[0] for other in levers]
     believed = belief_about(found, lever.p)[1]
-    odds = float(np.exp(np.dot(IS_LEVER, lever_features(levers, k, beliefs))))
-    swings = float(1.0 / (1.0 + np.exp(-np.dot(SWINGS, swing_features(lever, believed)))))
+    looks, swing = lever_features(levers, k, beliefs), swing_features(lever, believed)
+    odds = np.exp([np.dot(IS_LEVER, looks), np.dot(IS_LEVER_BY_SHAPE, looks)])
+    swings = 1.0 / (1.0 + np.exp([-np.dot(SWINGS, swing), -np.dot(SWINGS_BY_SHAPE, swing)]))
     wrong = wrong_end(lever)
     for one, share in ((lever, 1.0 - wrong), (lever.turned_round(), wrong)):
         for axis, chance in ((upright_axis(one), 1.0 - swings), (level_axis(one), swings)):
             pushes = lever_proposals(one, with_room_first(axis, one), settings)
-            weight = odds * share * chance
-            yield Guess(lever.p, axis.way(one.p_tip), weight, pushes, one.p_tip, one.p_root)
+            weight, by_shape = (float(one) for one in odds * share * chance)
+            yield Guess(lever.p, axis.way(one.p_tip), weight, by_shape, pushes, one.p_tip, one.p_root)
 
 
 def _about_knob(knob: Knob, found: Affordance, settings: LeverPushSettings) -> Guess:
@@ -239,7 +257,8 @@ def _about_knob(knob: Knob, found: Affordance, settings: LeverPushSettings) -> G
     spokes = [(spoke, LeverAxis(spoke.p_root, UP)) for spoke in knob.spokes]
     pushes = chain.from_iterable(lever_proposals(spoke, axis, exact) for spoke, axis in spokes)
     first, axis = spokes[0]
-    return Guess(knob.p, axis.way(first.p_tip), KNOB * belief, pushes, turns=True)
+    line, weight, by_shape = axis.way(first.p_tip), KNOB * belief, KNOB * UNDECIDED
+    return Guess(knob.p, line, weight, by_shape, pushes, p_axis=first.p_root, turns=True)
 
 
 def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Guess | None:
@@ -251,7 +270,8 @@ def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Gu
     odds = OUTLINED if outline.spokes > 2 else OUTLINED_BAR
     angle = outline.angle
     line = np.array([-np.sin(angle), np.cos(angle), 0.0])
-    return Guess(p, line, odds * (0.5 + belief), knob_proposals(outline), p_axis=outline.p_axis, turns=True)
+    weight, by_shape = odds * (UNDECIDED + belief), odds * 2.0 * UNDECIDED
+    return Guess(p, line, weight, by_shape, knob_proposals(outline), p_axis=outline.p_axis, turns=True)
 
 
 def wrong_end(lever: LeverCandidate) -> float:
@@ -288,7 +308,7 @@ def _about_the_rest(
         near = cKDTree(piece)
         own = [push for push in pushes if near.query(push.p_contact)[0] < ABOUT_M]
         if own:
-            yield Guess(piece, own[0].direction, weight, iter(own))
+            yield Guess(piece, own[0].direction, weight, 0.0, iter(own))
 
 
 def _about_body(
@@ -317,7 +337,7 @@ def _about_body(
     )
     axis = LeverAxis(p_root, UP)
     proposals = lever_proposals(lever, with_room_first(axis, lever), settings)
-    return Guess(piece, axis.way(p_tip), weight, proposals, p_tip, p_root)
+    return Guess(piece, axis.way(p_tip), weight, 0.0, proposals, p_tip, p_root)
 
 
 def _evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) -> float:
@@ -344,15 +364,16 @@ def _evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) ->
 def _untried(guess: Guess, tried: Sequence[Tried]) -> Iterator[PushProposal]:
     """Without what was tried in vain: the same place the same way, or a way in which the piece held out.
 
-    A knob is pushed that way, too, once nothing else is left.
+    Where it gave way last it is pushed on first: what several pushes moved adds up. A knob is pushed the way it held
+    out, too, once nothing else is left: a fingertip that jams beside one spoke may turn it by another.
     """
     near = cKDTree(guess.p)
-    held = [
-        one
-        for one in tried
-        if one.held_out and near.query(one.p_contact)[0] < ABOUT_M and guess.at_free_end(one.p_contact)
+    about = [
+        one for one in tried if near.query(one.p_contact)[0] < ABOUT_M and guess.at_free_end(one.p_contact)
     ]
-    later = []
+    held = [guess.way(one) for one in about if one.held_out and not (guess.turns and one.moved)]
+    gave_way = [guess.way(one) for one in about if one.moved and one.sure][-1:]
+    other, later = [], []
     for push in guess.proposals:
         again = any(
             push.direction @ one.direction > SAME_WAY
@@ -362,9 +383,13 @@ def _untried(guess: Guess, tried: Sequence[Tried]) -> Iterator[PushProposal]:
         )
         if again:
             continue
-        if all(guess.way(push) @ guess.way(one) < SAME_WAY for one in held):
-            yield push
-        else:
+        way = guess.way(push)
+        if any(way @ one >= SAME_WAY for one in held):
             later.append(push)
-    if guess.p_axis is not None:  # a fingertip that jams beside one spoke may turn the knob by another
+        elif any(way @ one < SAME_WAY for one in gave_way):
+            other.append(push)
+        else:
+            yield push
+    yield from other
+    if guess.p_axis is not None:
         yield from later

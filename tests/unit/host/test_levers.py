@@ -5,7 +5,7 @@ import pytest
 
 from s2r_host.errors import SceneError
 from s2r_host.motion.lever_axes import level_axis, upright_axis
-from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
+from s2r_host.motion.lever_proposals import SHORT, LeverPushSettings, lever_proposals
 from s2r_host.motion.levers import deck_height, find_levers
 from s2r_host.motion.scene import Scene, observed_scene
 from s2r_host.perception.motion import JointMotion
@@ -67,12 +67,25 @@ def test_a_lever_is_pushed_across_its_line_from_free_space():
     assert {bool(p.direction @ some[0].direction > 0) for p in some} == {True, False}
     for p in some:
         way = float((p.p_end - p.p_contact) @ p.direction)
-        assert settings.depth_m[0] <= way <= settings.depth_m[1]
+        assert SHORT.depth_m[0] <= way <= settings.depth_m[1]
         start = p.X_base_tool[:3, 3]
         assert (lever.p_root - start) @ p.direction > settings.standoff_m
         R = p.X_base_tool[:3, :3]
         assert np.allclose(R.T @ R, np.eye(3), atol=1e-9)
-        assert R[2, 2] < 0.0  # the finger never points up
+        assert R[2, 2] < SHORT.highest
+
+
+def test_short_pushes_come_last_and_some_of_them_from_below():
+    scene, _ = faucet(np.pi / 2)
+    lever = find_levers(scene)[0]
+    some = list(lever_proposals(lever, upright_axis(lever)))
+    up = np.array([p.X_base_tool[2, 2] for p in some])
+    way = np.array([float((p.p_end - p.p_contact) @ p.direction) for p in some])
+    short = way < 0.75 * way[0]
+    first = int(np.argmax(short))
+    assert short[first:].all()
+    assert up[:first].max() < 0.0
+    assert up[first:].max() > 0.2
 
 
 def test_a_lever_that_swings_upright_is_pushed_square_to_its_line_in_that_plane():
@@ -87,7 +100,7 @@ def test_a_lever_that_swings_upright_is_pushed_square_to_its_line_in_that_plane(
     for p in some:
         R = p.X_base_tool[:3, :3]
         assert np.allclose(R.T @ R, np.eye(3), atol=1e-9)
-        assert R[2, 2] < 0.0
+        assert R[2, 2] < SHORT.highest
 
 
 @pytest.mark.parametrize("degrees", [60, 90, 120])
