@@ -31,6 +31,7 @@ HIDDEN_M = 0.02  # behind what the look shows: not seen
 EDGE_PX = 1.0  # how exactly an edge is told, neighbours erring alike
 FACE_M = 0.0015  # the same of the median depth of half a bar
 LEAST_FACE, LEAST_HALF = 30, 10  # readings on it
+LEAST_AHEAD_M = 0.05  # of the camera
 LEAST_EDGES = 30
 # What is known beforehand: the hinge across itself [m] and its tilt [rad]; the bar across itself [m], its slopes, its
 # end and half widths [m], its roll [rad]. An upright hinge may tilt as well: the camera's own pose is off by tenths of
@@ -160,7 +161,7 @@ def fit(looks: list[Look], prior: Believed, start: Array, gates_px: Array) -> Fi
     for gate in gates_px:
         edges = _Matched.of(looks, prior.changed(x), gate)
         r, dz = edges.residuals(prior.changed(x)), _off_faces(looks, prior.changed(x))
-        if len(r) < LEAST_EDGES:
+        if len(r) < LEAST_EDGES or not np.isfinite(r).all():
             return None
         J, Jz = np.empty((len(r), len(x))), np.empty((len(dz), len(x)))
         for k, step in enumerate(STEP * np.eye(len(x))):
@@ -197,11 +198,13 @@ class _Matched:
             assert look.view.p_camera is not None
             one, other = shape.outline(look.view.p_camera)
             uv, across, z = _across(look, shape, one, other)
+            ahead = z > LEAST_AHEAD_M  # a start may lead the fit astray, up to the camera
+            uv, across = np.where(ahead[:, None], uv, -1.0), np.where(ahead[:, None], across, 0.0)
             h, w = look.view.shape
-            u, v = np.rint(np.nan_to_num(uv, nan=-1.0)).astype(int).T
+            u, v = np.rint(uv).astype(int).T
             inside = (u >= 0) & (u < w) & (v >= 0) & (v < h)
             seen = look.view.depth[v.clip(0, h - 1), u.clip(0, w - 1)]
-            shown = inside & ~((seen > 0.0) & (seen < z - HIDDEN_M))
+            shown = ahead & inside & ~((seen > 0.0) & (seen < z - HIDDEN_M))
             index = np.where(shown, look.edges.nearest(uv, across, gate_px, SAME_SIDE), -1)
             use = index >= 0
             points.append((one.of(use), other.of(use), index[use]))

@@ -144,6 +144,7 @@ class LeverShape:
         return self._points(lines)
 
     def _points(self, lines: list[tuple[Array, Array, bool]]) -> tuple[OutlinePoints, OutlinePoints]:
+        lines = [(np.empty((0, 3)), np.zeros(3), False), *lines]  # a camera within a bar sees none
         p = np.concatenate([line for line, _, _ in lines])
         onward = np.concatenate([np.broadcast_to(step, line.shape) for line, step, _ in lines])
         at_end = np.concatenate([np.full(len(line), end) for line, _, end in lines])

@@ -63,6 +63,7 @@ LEADS_DOWN_M, LEVEL_M = -0.015, 0.005
 WRONG_END_DOWN, WRONG_END_LEVEL, WRONG_END = 0.75, 0.25, 0.03
 
 ABOUT_M = 0.04  # a push that touched this near to a piece was about it
+ALIKE_M = 0.006  # and about another that is so little further away: pieces overlap
 SAME_M = 0.025  # two pushes that touched closer than this touched the same place
 SAME_WAY = 0.7  # cosine
 # How likely a push ends like this, about a piece and along its line, if that piece and line are right.
@@ -346,7 +347,7 @@ def _evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) ->
     held_ways: list[np.ndarray] = []
     for push in tried:
         gap = {id(one.p): float(np.linalg.norm(one.p - push.p_contact, axis=1).min()) for one in guesses}
-        about = gap[id(guess.p)] < ABOUT_M and gap[id(guess.p)] <= min(gap.values()) + 1e-9
+        about = gap[id(guess.p)] < ABOUT_M and gap[id(guess.p)] <= min(gap.values()) + ALIKE_M
         along = guess.turns or abs(float(guess.line @ push.direction)) > SAME_WAY
         if about and push.moved:
             factor *= SEEN_MOVED if push.sure else MOVED
