@@ -155,6 +155,31 @@ def test_the_network_belief_decides_between_pieces_that_look_alike(view):
     assert weight_of_lever(trusted) > weight_of_lever(found) > weight_of_lever(doubted)
 
 
+def test_a_network_that_believes_in_the_wrong_piece_is_doubted_after_pushes_on_it(view):
+    scene, lever = view
+    found = undecided(scene)
+    near_lever = np.linalg.norm(found.cloud.points - np.mean(lever, axis=0), axis=1) < 0.07
+    misled = replace(found, part=np.where(near_lever, 0.0, 1.0))
+    tried = []
+    while not about_lever(push := first_push(guesses(scene, tried, misled)), lever):
+        tried.append(Tried(push.p_contact, push.direction, held_out=True, moved=False))
+        assert len(tried) <= 4
+
+
+def test_what_surely_gave_way_is_pushed_on_the_same_way_first(view):
+    scene, lever = view
+    first = first_push(guesses(scene))
+    back = next(
+        push
+        for guess in guesses(scene)
+        for push in guess.proposals
+        if about_lever(push, lever) and push.direction @ first.direction < -0.9
+    )
+    again = first_push(guesses(scene, [Tried(back.p_contact, back.direction, False, moved=True, sure=True)]))
+    assert about_lever(again, lever)
+    assert again.direction @ back.direction > 0.7
+
+
 def test_where_nothing_looks_like_a_lever_the_network_is_asked():
     rng = np.random.default_rng(1)
     angle, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0.0, 0.2, 4000)

@@ -116,6 +116,12 @@ def test_a_box_s_outline_is_that_of_its_picture():
     assert len(cv2.convexHull(pixels(drawn).astype(np.float32))) >= 4
 
 
+def test_a_camera_within_a_bar_sees_nothing_of_it():
+    box = replace(shape(rod=False), root_m=0.2)
+    one, other = box.outline(box.p_middle)
+    assert len(one.on(box)) == len(other.on(box)) == 0
+
+
 @pytest.mark.parametrize("rod", [False, True])
 def test_readings_on_a_lever_s_face_are_not_behind_it(rod):
     lever, eye = shape(rod=rod), np.array([0.1, -0.4, 0.6])
