@@ -99,7 +99,7 @@ def build_model(
         known = _known_shape(estimate, seen)
         part, warnings = (known, []) if known is not None else part_pieces(seen, rng, cpu_limit_s)
         bars = [piece for piece in known or [] if piece.name == "bar"]
-        sure = bars if estimate.knob is None else [around_knob(estimate.knob)]
+        sure = bars if estimate.knob is None else around_knob(estimate.knob)
         stayed = without_swept(seen, sure, estimate.motion)
         base, more = base_pieces(stayed, estimate.axis_origin_m, estimate.axis_direction, rng, cpu_limit_s)
         pieces, warnings = part + base, warnings + more

@@ -32,6 +32,8 @@ BELOW_M = 0.02  # height of a side that may be seen; further down it is in the s
 BESIDE_M = 0.006  # beyond the tips: what is there is not the knob's
 # It is seen from so far above what it stands on, to so far above its top.
 ABOVE_FOOT_M, ABOVE_TOP_M = 0.004, 0.008
+# What it stands on is seen in a ring beside it, lower than its top, most of it within a few millimetres.
+RING_M, LEAST_HEIGHT_M, LEVEL_M, LEAST_RING = (0.008, 0.035), 0.006, 0.002, 100
 COLOURS = 8  # of what is around it
 CONTRAST = 6.0  # 8-bit levels over which a colour goes from the knob's to another
 EDGE_M = 0.0007  # over which the outline is drawn
@@ -115,6 +117,17 @@ def fit_outline(frame: DepthFrame, p_middle: Array, reach_m: float, foot_m: floa
     rough = [_fitted(coarse, start) for start in _starts(coarse, p_top, reach_m, foot_m)[:STARTS]]
     best = _fitted(seen, max(rough, key=lambda one: one.explained))
     return best if best.explained > LEAST_EXPLAINED else None
+
+
+def on_its_foot(outline: KnobOutline, p: Array) -> KnobOutline:
+    """The same knob on what most points (n, 3) beside it lie on; as it is where the view shows little of that."""
+    away = np.linalg.norm(p[:, :2] - outline.p_axis[:2], axis=1) - outline.reach_m
+    z = p[(away > RING_M[0]) & (away < RING_M[1]) & (p[:, 2] < outline.p_axis[2] - LEAST_HEIGHT_M), 2]
+    if len(z) < LEAST_RING:
+        return outline
+    level = np.round(z / LEVEL_M).astype(int)
+    usual = np.argmax(np.bincount(level - level.min())) + level.min()
+    return replace(outline, foot_m=float(np.median(z[np.abs(level - usual) <= 1])))
 
 
 def turned_outline(outline: KnobOutline, frame: DepthFrame, expected: float = 0.0) -> KnobOutline | None:

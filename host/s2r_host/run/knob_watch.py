@@ -9,7 +9,7 @@ import numpy as np
 from s2r_host.motion.knobs import find_knobs, knob_deck
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.knob_joint import knob_joint
-from s2r_host.perception.knob_outline import KnobOutline, fit_outline, turned_outline
+from s2r_host.perception.knob_outline import KnobOutline, fit_outline, on_its_foot, turned_outline
 from s2r_host.perception.view import DepthView
 from s2r_host.run.observe import Observation
 
@@ -33,7 +33,7 @@ class KnobWatch:
             reach_m = max(float(np.linalg.norm(spoke.p_tip - middle)) for spoke in knob.spokes)
             outline = fit_outline(first.capture.frame, middle, reach_m, deck_m)
             if outline is not None:
-                self._found.append(outline)
+                self._found.append(on_its_foot(outline, first.scene.p_base))
         self.now: list[KnobOutline] = list(self._found)
 
     def look(self, view: Observation) -> None:

@@ -17,11 +17,12 @@ from s2r_host.model.points import ObservedObject
 from s2r_host.model.swept import without_swept
 from s2r_host.motion.knob_proposals import KnobPushSettings, knob_proposals
 from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M
+from s2r_host.motion.robot_mask import back_project
 from s2r_host.motion.scene import Scene, observed_scene
 from s2r_host.perception.affordance import Affordance
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.knob_joint import knob_joint
-from s2r_host.perception.knob_outline import KnobOutline, fit_outline, turned_outline
+from s2r_host.perception.knob_outline import KnobOutline, fit_outline, on_its_foot, turned_outline
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.object_cloud import ObjectCloud
 from s2r_host.perception.synthetic import look_at
@@ -153,8 +154,29 @@ def test_what_smeared_depth_has_between_the_spokes_is_not_of_the_base() -> None:
     rest = np.vstack([rest, np.append((outline.p_axis + 0.028 * out)[:2], DECK_M)])
     nothing = np.empty((0, 3))
     seen = ObservedObject(nothing, nothing, rest, np.tile(up, (3, 1)), up, 0.0, None)
-    left = without_swept(seen, [around_knob(outline)], JointMotion("revolute", outline.p_axis, up, 0.3))
+    left = without_swept(seen, around_knob(outline), JointMotion("revolute", outline.p_axis, up, 0.3))
     np.testing.assert_allclose(left.rest, rest[1:])
+
+
+def test_noise_a_little_above_the_deck_beside_a_knob_is_not_of_the_base_but_the_deck_is() -> None:
+    outline, up = knob(), np.array([0.0, 0.0, 1.0])
+    beside = outline.p_axis + np.array([outline.reach_m + 0.02, 0.0, 0.0])
+    rest = np.array(
+        [[*beside[:2], DECK_M + 0.007], [*beside[:2], DECK_M + 0.001], [*beside[:2], DECK_M + 0.03]]
+    )
+    nothing = np.empty((0, 3))
+    seen = ObservedObject(nothing, nothing, rest, np.tile(up, (3, 1)), up, 0.0, None)
+    left = without_swept(seen, around_knob(outline), JointMotion("revolute", outline.p_axis, up, 0.3))
+    np.testing.assert_allclose(left.rest, rest[1:])
+
+
+def test_a_knob_stands_on_what_most_points_beside_it_lie_on() -> None:
+    """The grid that finds decks has 6 mm cells: a foot 8 mm too high left the knob's sides in the base."""
+    outline = replace(knob(), foot_m=DECK_M + 0.008)
+    frame = look(knob(), noise_m=0.001)
+    p = back_project(frame)[frame.depth_m > 0.0].reshape(-1, 3)
+    assert on_its_foot(outline, p).foot_m == pytest.approx(DECK_M, abs=0.001)
+    assert on_its_foot(outline, p[:50]).foot_m == outline.foot_m
 
 
 def undecided(scene: Scene) -> Affordance:
