@@ -7,8 +7,8 @@ One noisy view per faucet, drawn like those of `s2r bench paper` but with number
 --pushes adds views as `bench_affordance.py` draws them, of the validation split, where levers are near a stop as well.
 The likeliest guess is pushed at its first proposal, reachable or not. A push that meets the lever along its way
 (cosine above 0.5, at least 3 cm from the axis) ends the search, any other is taken to be held out by what it meets.
---fit prints the logits of what a lever looks like and of which way it goes (logistic regression, ridge 1), which
-`s2r_host.run.lever_guesses` holds as constants.
+--fit prints the logits of what a lever looks like and of which way it goes (logistic regression, ridge 1), with the
+network's beliefs and by shape alone, which `s2r_host.run.lever_guesses` holds as constants.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ from s2r_sim.objects.splits import Split, split_rng
 from s2r_sim.paper.trials import draw_trial
 
 MOST = 6
+OF_NETWORK = {"looks": [2, 4], "swings": [2]}  # of the features
 ALONG, LEAST_RADIUS_M, ON_PART = 0.5, 0.03, 0.6
 
 
@@ -154,8 +155,15 @@ def main() -> None:
         shares = " | ".join(f"{100 * np.mean(np.array(mine) <= k):.0f} %" for k in (1, 2, 3, 4, 6))
         print(f"| {style} | {len(mine)} | {shares} |")
     if args.fit:
-        for name in ("looks", "swings"):
-            print(name, fitted(np.array([one for row in rows for one in row[name]], float)).round(2).tolist())
+        for name, of_network in OF_NETWORK.items():
+            data = np.array([one for row in rows for one in row[name]], float)
+            by_shape = np.insert(fitted(np.delete(data, of_network, axis=1)), _places(of_network), 0.0)
+            print(name, fitted(data).round(2).tolist(), "by shape", by_shape.round(2).tolist())
+
+
+def _places(removed: list[int]) -> list[int]:
+    """Where columns go back in that were removed, counted in what is left."""
+    return [column - k for k, column in enumerate(removed)]
 
 
 if __name__ == "__main__":
