@@ -77,8 +77,9 @@ def learn_own_torques(arm: ArmDescription, free: Sequence[Samples]) -> OwnTorque
 
     Args:
         arm: Its description.
-        free: Motions without contact.
+        free: Motions without contact; of one that was in contact from the first row on nothing is left.
     """
+    free = [one for one in free if len(one)]
     if sum(len(one) for one in free) < LEAST_ROWS:
         return None
     dynamics = InverseDynamics(arm)

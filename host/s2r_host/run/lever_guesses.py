@@ -15,10 +15,11 @@ from scipy.spatial import cKDTree
 
 from s2r_host.errors import SceneError
 from s2r_host.motion.knob_proposals import knob_proposals
-from s2r_host.motion.knobs import Knob, find_knobs
+from s2r_host.motion.knobs import LOW_BAND_M, Knob, find_knobs, knob_deck
 from s2r_host.motion.lever_axes import UP, LeverAxis, aside_m, level_axis, upright_axis, with_room_first
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
 from s2r_host.motion.levers import (
+    COLUMN_RADIUS_M,
     DECK_BAND_M,
     LeverCandidate,
     column,
@@ -53,6 +54,11 @@ LEAST_POINTS = 100
 KNOB_DEPTH_M = 0.014  # least way of the fingertip: the spoke of a knob is short
 # Odds of a knob whose spokes colours tell: what has them is there to be turned. With two it may be a piece of a bar.
 OUTLINED, OUTLINED_BAR = 50.0, 3.0
+# A hub on the deck without anything that leads away from it: its lever points at the camera. Odds; widest and highest
+# that a hub is; how far from the body and from what other levers turn about; how far out and
+# up from its top the lever is felt for.
+HUB, HUB_WIDTH_M, HUB_HEIGHT_M, HUB_APART_M = 0.7, 0.055, 0.06, 0.05
+OUT_M, RISE_M = 0.06, 0.02
 OWN = 0.5  # share of a piece's points that are a knob's, from which on it is no lever of its own
 UNDECIDED = 0.5  # belief of a network that says nothing
 KNOB = 1.5  # odds of a knob with spokes that the network fully believes in, against one it does not at all
@@ -168,6 +174,8 @@ def lever_guesses(
     known = [*(one.p for one in levers), *(one.p for one in knobs), *(one.p for one in shown)]
     guesses = [g for g in guesses if not any(one.covers(g.p).mean() > OWN for one in outlined)] + shown
     guesses += _about_the_rest(scene, known, found, settings)
+    taken = [*(one.p_root for one in levers if one.rooted), *(one.spokes[0].p_root for one in knobs)]
+    guesses += _about_hubs(scene, [*taken, *(one.p_axis for one in outlined)], found, settings.lever_push)
     weights = [
         chance * _evidence(guess, guesses, tried)
         for chance, guess in zip(_chances(guesses), guesses, strict=True)
@@ -273,6 +281,42 @@ def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Gu
     line = np.array([-np.sin(angle), np.cos(angle), 0.0])
     weight, by_shape = odds * (UNDECIDED + belief), odds * 2.0 * UNDECIDED
     return Guess(p, line, weight, by_shape, knob_proposals(outline), p_axis=outline.p_axis, turns=True)
+
+
+def _about_hubs(
+    scene: Scene, taken: Sequence[np.ndarray], found: Affordance, settings: LeverPushSettings
+) -> Iterator[Guess]:
+    """Hubs that stand apart on the deck, of what points at the camera: no straight piece leads away from them.
+
+    Args:
+        scene: Observed points.
+        taken: What known levers and knobs turn about [m], (3,) each.
+        found: The network's verdict.
+        settings: Geometry of the pushes.
+    """
+    deck_m = knob_deck(scene.p_base)
+    above = scene.p_base[scene.p_base[:, 2] > deck_m + LOW_BAND_M]
+    if len(above) < LEAST_POINTS:
+        return
+    p_body = column(above, deck_m, scene.p_camera)
+    for piece in pieces(above[np.linalg.norm(above[:, :2] - p_body, axis=1) > COLUMN_RADIUS_M]):
+        size, middle = np.ptp(piece, axis=0), piece.mean(axis=0)
+        apart_m = min(float(np.linalg.norm((middle - one)[:2])) for one in [np.append(p_body, 0.0), *taken])
+        low = piece[:, 2].min() < deck_m + DECK_BAND_M and size[2] < HUB_HEIGHT_M
+        if not low or max(size[:2]) > HUB_WIDTH_M or apart_m < HUB_APART_M:
+            continue
+        outward = (scene.p_camera - middle) * (1.0, 1.0, 0.0)
+        outward /= np.linalg.norm(outward)
+        p_root = np.append(middle[:2], piece[:, 2].max())
+        p_tip = p_root + OUT_M * outward + RISE_M * UP
+        lever = LeverCandidate(
+            piece, p_root, p_tip, USUAL_WIDTH_M, 0.0, 0.0, outward, 0.0, 1.0, rooted=True, p_body=p_body
+        )
+        axis = with_room_first(LeverAxis(p_root, UP), lever)
+        belief, _ = belief_about(found, piece)
+        pushes = lever_proposals(lever, axis, settings)
+        line = axis.way(p_tip)
+        yield Guess(piece, line, HUB * belief, HUB * UNDECIDED, pushes, p_tip, p_root)
 
 
 def wrong_end(lever: LeverCandidate) -> float:

@@ -88,7 +88,7 @@ def reach(
             return view
         if _held_up(goal.attempts, task.good_enough):
             journal.warn(
-                f"the {task.part} was stopped twice at {record.show(done.measured.s)}: it seems to be at the end "
+                f"the {task.part} was stopped again at {record.show(done.measured.s)}: it seems to be at the end "
                 "of its way, or something is in it; try another target"
             )
             return view
@@ -189,14 +189,18 @@ def _in_vain(done: DoneManipulation, task: Task) -> bool:
 
 
 def _held_up(attempts: Sequence[DoneManipulation], same: float) -> bool:
-    """Two manipulations in a row were stopped on the same way and left the part at the same place."""
-    if len(attempts) < 2:
+    """Manipulations in a row were stopped on the same way and left the part at the same place.
+
+    Two of them where it had moved before that. One that never got it going may have met something else, and so may
+    the next from elsewhere: of those it takes three.
+    """
+    stayed = all(abs(done.measured.s - done.s_initial) < same for done in attempts[-2:])
+    count = 3 if stayed else 2
+    last = attempts[-count:]
+    if len(last) < count:
         return False
-    one, two = attempts[-2:]
-    same_way = (one.s_target - one.s_initial) * (two.s_target - two.s_initial) > 0.0
-    return (
-        one.planned.stopped
-        and two.planned.stopped
-        and same_way
-        and abs(two.measured.s - one.measured.s) < same
+    same_way = all(
+        (last[0].s_target - last[0].s_initial) * (one.s_target - one.s_initial) > 0.0 for one in last
     )
+    same_place = all(abs(one.measured.s - last[0].measured.s) < same for one in last)
+    return same_way and same_place and all(one.planned.stopped for one in last)

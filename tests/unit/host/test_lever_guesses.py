@@ -241,6 +241,27 @@ def test_what_only_the_network_sees_is_turned_about_the_body_before_it_is_pushed
     assert second.line @ slanted.direction > 0.99
 
 
+def test_a_bare_hub_on_the_deck_has_a_lever_that_points_at_the_camera():
+    """Seen from its end a lever is no straight piece; two draws of `s2r bench paper` were never pushed at theirs."""
+    rng = np.random.default_rng(1)
+    deck = np.column_stack([rng.uniform([0.5, -0.16], [0.7, 0.16], (6000, 2)), np.full(6000, 0.02)])
+    angle, z = rng.uniform(0, 2 * np.pi, 3000), rng.uniform(0.02, 0.18, 3000)
+    post = np.column_stack([0.6 + 0.02 * np.cos(angle), 0.02 * np.sin(angle), z])
+    hub = np.array([0.6, -0.12, 0.0]) + rng.uniform([-0.014, -0.014, 0.02], [0.014, 0.014, 0.05], (800, 3))
+    camera = np.array([0.0, -0.45, 0.55])
+    found = [
+        guess
+        for guess in guesses(Scene(np.concatenate([deck, post, hub]), camera))
+        if guess.p_held is not None and np.linalg.norm(guess.p_held[:2] - [0.6, -0.12]) < 0.01
+    ]
+    assert found
+    towards = (camera - found[0].p_held)[:2] / np.linalg.norm((camera - found[0].p_held)[:2])
+    assert (found[0].p_free - found[0].p_held)[:2] @ towards > 0.05
+    assert abs(found[0].line[:2] @ towards) < 0.05
+    push = next(found[0].proposals)
+    assert 0.02 < np.linalg.norm(push.p_contact[:2] - found[0].p_held[:2]) < 0.08
+
+
 def test_where_nothing_stands_above_the_deck_there_is_no_body_to_turn_about():
     flat = np.random.default_rng(1).uniform([0.5, -0.1, 0.001], [0.7, 0.1, 0.012], (4000, 3))
     assert guesses(Scene(flat, np.array([0.0, -0.45, 0.55]))) == []

@@ -84,7 +84,10 @@ def own():
         np.array([0.9, -0.5, 0.6, 0.7, -0.8, 0.6, 0.9]),
         np.array([-0.4, 0.6, -0.8, 0.5, 0.9, -0.7, -1.0]),
     )
-    learnt = learn_own_torques(ARM, [samples(motion(way, there_and_back=True)[0]) for way in ways])
+    free = [samples(motion(way, there_and_back=True)[0]) for way in ways]
+    learnt = learn_own_torques(
+        ARM, [*free, free[0].part(slice(0, 0))]
+    )  # of one that was in contact all the time
     assert learnt is not None
     return learnt
 

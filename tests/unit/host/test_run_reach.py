@@ -50,6 +50,12 @@ def test_a_part_that_is_stopped_twice_at_one_place_is_at_the_end_of_its_way():
     assert not _held_up([first, back], same=0.01)
 
 
+def test_a_part_that_never_got_going_is_pushed_from_three_places():
+    stayed = [done(0.001 * k, s_initial=0.0, stopped=True) for k in range(3)]
+    assert not _held_up(stayed[:2], same=0.01)
+    assert _held_up(stayed, same=0.01)
+
+
 @pytest.mark.parametrize(
     ("off", "sigma", "there"),
     [
