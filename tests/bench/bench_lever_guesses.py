@@ -8,7 +8,7 @@ One noisy view per faucet, drawn like those of `s2r bench paper` but with number
 The likeliest guess is pushed at its first proposal, reachable or not. A push that meets the lever along its way
 (cosine above 0.5, at least 3 cm from the axis) ends the search, any other is taken to be held out by what it meets.
 --fit prints the logits of what a lever looks like and of which way it goes (logistic regression, ridge 1), with the
-network's beliefs and by shape alone, which `s2r_host.run.lever_guesses` holds as constants.
+network's beliefs and by shape alone, which `s2r_host.run.lever_looks` holds as constants.
 """
 
 from __future__ import annotations
@@ -28,14 +28,9 @@ from s2r_host.motion.robot_mask import back_project
 from s2r_host.motion.scene import observed_scene
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.network_pushes import shipped
-from s2r_host.run.lever_guesses import (
-    GuessSettings,
-    Tried,
-    belief_about,
-    lever_features,
-    lever_guesses,
-    swing_features,
-)
+from s2r_host.run.guess import Tried
+from s2r_host.run.lever_guesses import GuessSettings, belief_about, lever_guesses
+from s2r_host.run.lever_looks import lever_features, swing_features
 from s2r_sim.batch import run_jobs
 from s2r_sim.camera.camera import DepthCamera
 from s2r_sim.objects.catalogue import KINDS

@@ -22,7 +22,8 @@ from s2r_host.perception.knob_outline import KnobOutline
 from s2r_host.perception.network_pushes import shipped
 from s2r_host.run.at import proposals_at, scene_at
 from s2r_host.run.back_off import back_off
-from s2r_host.run.lever_guesses import GuessSettings, Tried, lever_guesses
+from s2r_host.run.guess import Tried
+from s2r_host.run.lever_guesses import GuessSettings, lever_guesses
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
 from s2r_host.run.settings import RunSettings

@@ -11,16 +11,9 @@ from s2r_host.motion.scene import Scene, observed_scene
 from s2r_host.perception.affordance import Affordance, PushProposal
 from s2r_host.perception.object_cloud import ObjectCloud
 from s2r_host.perception.synthetic import faucet_view
-from s2r_host.run.lever_guesses import (
-    IS_LEVER,
-    SWINGS,
-    SWINGS_BY_SHAPE,
-    GuessSettings,
-    Tried,
-    lever_features,
-    lever_guesses,
-    swing_features,
-)
+from s2r_host.run.guess import Tried
+from s2r_host.run.lever_guesses import GuessSettings, lever_guesses
+from s2r_host.run.lever_looks import IS_LEVER, SWINGS, SWINGS_BY_SHAPE, lever_features, swing_features
 
 UP = np.array([0.0, 0.0, 1.0])
 

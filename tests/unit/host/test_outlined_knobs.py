@@ -27,8 +27,9 @@ from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.object_cloud import ObjectCloud
 from s2r_host.perception.synthetic import look_at
 from s2r_host.perception.view import DepthView
+from s2r_host.run.guess import Tried
 from s2r_host.run.knob_watch import LEAST_TURN_RAD, KnobWatch
-from s2r_host.run.lever_guesses import GuessSettings, Tried, lever_guesses
+from s2r_host.run.lever_guesses import GuessSettings, lever_guesses
 
 K = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 200.0], [0.0, 0.0, 1.0]])
 SHAPE = (400, 640)
