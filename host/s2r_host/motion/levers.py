@@ -15,7 +15,9 @@ CELL_M = 0.006
 DECK_BAND_M = 0.008
 DECK_CELLS = 60  # of level surface that make a deck
 DECK_SHARE = 0.6  # of the widest level surface, so that the top of a thick body is none
-DECK_WIDTH_CELLS = 6  # no spout is as wide; of 490 drawn decks 4 are told more than 15 mm wrong (10 with 8 cells)
+DECK_WIDTH_CELLS = (
+    6  # no spout is as wide; of 490 drawn decks 4 are told more than 15 mm wrong (10 with 8 cells)
+)
 DECK_LENGTH_M = 0.12  # no knob is as long
 HIGHER_CELLS, NEAR_CELLS, STANDING_CELLS = 3, 3, 15  # what stands on a deck, so much higher and so near
 THIN_DECK_M = 0.02

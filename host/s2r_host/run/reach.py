@@ -25,6 +25,7 @@ from s2r_protocol.exits import RefusedError
 LUCKY, WORTH_A_TRY = 0.5, 1.5
 # Standard errors of the measurement, and times what is good enough, below both of which a difference may be its own.
 UNSURE, NEARLY = 2.5, 1.5
+STAYED = 0.1  # of the way asked for; a part that went no further never got going
 
 
 def reach(
@@ -194,7 +195,10 @@ def _held_up(attempts: Sequence[DoneManipulation], same: float) -> bool:
     Two of them where it had moved before that. One that never got it going may have met something else, and so may
     the next from elsewhere: of those it takes three.
     """
-    stayed = all(abs(done.measured.s - done.s_initial) < same for done in attempts[-2:])
+    stayed = all(
+        abs(done.measured.s - done.s_initial) < STAYED * abs(done.s_target - done.s_initial)
+        for done in attempts[-2:]
+    )
     count = 3 if stayed else 2
     last = attempts[-count:]
     if len(last) < count:
