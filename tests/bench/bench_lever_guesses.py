@@ -152,13 +152,10 @@ def main() -> None:
     if args.fit:
         for name, of_network in OF_NETWORK.items():
             data = np.array([one for row in rows for one in row[name]], float)
-            by_shape = np.insert(fitted(np.delete(data, of_network, axis=1)), _places(of_network), 0.0)
+            kept = [column for column in range(data.shape[1] - 1) if column not in of_network]
+            by_shape = np.zeros(data.shape[1] - 1)
+            by_shape[kept] = fitted(data[:, [*kept, -1]])
             print(name, fitted(data).round(2).tolist(), "by shape", by_shape.round(2).tolist())
-
-
-def _places(removed: list[int]) -> list[int]:
-    """Where columns go back in that were removed, counted in what is left."""
-    return [column - k for k, column in enumerate(removed)]
 
 
 if __name__ == "__main__":

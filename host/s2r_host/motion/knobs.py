@@ -52,18 +52,28 @@ def knob_deck(p: np.ndarray) -> float:
     return deck_height(p, 0.0)
 
 
-def find_knobs(scene: Scene) -> list[Knob]:
-    """What may be a knob, the one with most points first; maybe none."""
+def standing_apart(scene: Scene) -> tuple[float, np.ndarray, list[np.ndarray]]:
+    """What stands on the deck beside the body.
+
+    Returns:
+        Height of the deck [m], where the body's upright axis stands (2,) [m], and connected pieces (n, 3) away from it,
+        the largest first; none where little stands on the deck.
+    """
     p = scene.p_base
     deck_m = knob_deck(p)
     above = p[p[:, 2] > deck_m + LOW_BAND_M]
     if len(above) < LEAST_POINTS:
-        return []
+        return deck_m, np.zeros(2), []
     axis = column(above, deck_m, scene.p_camera)
-    outside = above[np.linalg.norm(above[:, :2] - axis, axis=1) > COLUMN_RADIUS_M]
+    return deck_m, axis, pieces(above[np.linalg.norm(above[:, :2] - axis, axis=1) > COLUMN_RADIUS_M])
+
+
+def find_knobs(scene: Scene) -> list[Knob]:
+    """What may be a knob, the one with most points first; maybe none."""
+    deck_m, _, apart = standing_apart(scene)
     found = []
-    for piece in pieces(outside, LEAST_KNOB_POINTS):
-        spokes = _spokes(piece, deck_m)
+    for piece in apart:
+        spokes = _spokes(piece, deck_m) if len(piece) >= LEAST_KNOB_POINTS else ()
         if spokes:
             found.append(Knob(piece, spokes))
     return found

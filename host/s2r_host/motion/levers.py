@@ -15,9 +15,8 @@ CELL_M = 0.006
 DECK_BAND_M = 0.008
 DECK_CELLS = 60  # of level surface that make a deck
 DECK_SHARE = 0.6  # of the widest level surface, so that the top of a thick body is none
-DECK_WIDTH_CELLS = (
-    6  # no spout is as wide; of 490 drawn decks 4 are told more than 15 mm wrong (10 with 8 cells)
-)
+# No spout is as wide. Of 490 drawn decks 4 are told more than 15 mm wrong, with 8 cells 10.
+DECK_WIDTH_CELLS = 6
 DECK_LENGTH_M = 0.12  # no knob is as long
 HIGHER_CELLS, NEAR_CELLS, STANDING_CELLS = 3, 3, 15  # what stands on a deck, so much higher and so near
 THIN_DECK_M = 0.02
@@ -35,6 +34,7 @@ LEAST_LENGTH_M = 0.035
 # What sticks out of the column by less than that, but by so much and no further away from it, is a short lever.
 LEAST_STUB_M, AT_COLUMN_M = 0.015, 0.010
 MOST_WIDTH_M = 0.06
+USUAL_WIDTH_M = 0.025  # of a lever as a camera sees it
 STRAIGHT = 0.1  # spread across over spread along of what is taken for straight
 LINES, LINE_TRIES, LINE_RADIUS_M = 3, 200, 0.016
 

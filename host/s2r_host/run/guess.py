@@ -80,17 +80,29 @@ class Guess:
         return bool(np.linalg.norm(p - self.p_free) <= np.linalg.norm(p - self.p_held))
 
 
-def evidence(guess: Guess, guesses: Sequence[Guess], tried: Sequence[Tried]) -> float:
-    """How likely all pushes so far end as they did if the guess is right, against if it is wrong."""
+def evidence(guesses: Sequence[Guess], tried: Sequence[Tried]) -> np.ndarray:
+    """How likely all pushes so far end as they did if a guess is right, against if it is wrong, for each, (n,)."""
+    factors = np.ones(len(guesses))
+    if not len(guesses) or not tried:
+        return factors
+    gap_m = np.array(
+        [[np.linalg.norm(guess.p - push.p_contact, axis=1).min() for guess in guesses] for push in tried]
+    )
+    about = (gap_m < ABOUT_M) & (gap_m <= gap_m.min(axis=1, keepdims=True) + ALIKE_M)
+    for k, guess in enumerate(guesses):
+        factors[k] = _told(guess, [push for push, near in zip(tried, about[:, k], strict=True) if near])
+    return factors
+
+
+def _told(guess: Guess, about: Sequence[Tried]) -> float:
+    """What the pushes that were about a guess tell of it."""
     factor = 1.0
     held_ways: list[np.ndarray] = []
-    for push in tried:
-        gap = {id(one.p): float(np.linalg.norm(one.p - push.p_contact, axis=1).min()) for one in guesses}
-        about = gap[id(guess.p)] < ABOUT_M and gap[id(guess.p)] <= min(gap.values()) + ALIKE_M
+    for push in about:
         along = guess.turns or abs(float(guess.line @ push.direction)) > SAME_WAY
-        if about and push.moved:
+        if push.moved:
             factor *= SEEN_MOVED if push.sure else MOVED
-        elif about and along and guess.at_free_end(push.p_contact):
+        elif along and guess.at_free_end(push.p_contact):
             if push.held_out:
                 held_ways.append(guess.way(push))
             else:

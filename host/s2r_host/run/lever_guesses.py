@@ -14,13 +14,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from s2r_host.errors import SceneError
+from s2r_host.motion.hubs import find_hubs
 from s2r_host.motion.knob_proposals import knob_proposals
-from s2r_host.motion.knobs import LOW_BAND_M, Knob, find_knobs, knob_deck
+from s2r_host.motion.knobs import Knob, find_knobs
 from s2r_host.motion.lever_axes import UP, LeverAxis, level_axis, upright_axis, with_room_first
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
 from s2r_host.motion.levers import (
-    COLUMN_RADIUS_M,
     DECK_BAND_M,
+    USUAL_WIDTH_M,
     LeverCandidate,
     column,
     deck_height,
@@ -41,16 +42,11 @@ BELIEVED = 0.4  # belief that a point belongs to the part, from which on it is t
 # Such a piece mostly is the lever on top of the body, half hidden by the spout: it turns about the body's axis. The
 # network's line of its motion is off by 30 degrees and more there.
 ON_BODY, LEAST_REACH_M, FAR_END = 0.75, 0.035, 90.0  # chance; radius of its far end; percentile of its points
-USUAL_WIDTH_M = 0.025  # of a lever as a camera sees it
 LEAST_POINTS = 100
 KNOB_DEPTH_M = 0.014  # least way of the fingertip: the spoke of a knob is short
 # Odds of a knob whose spokes colours tell: what has them is there to be turned. With two it may be a piece of a bar.
 OUTLINED, OUTLINED_BAR = 50.0, 3.0
-# A hub on the deck without anything that leads away from it: its lever points at the camera. Odds; widest and highest
-# that a hub is; how far from the body and from what other levers turn about; how far out and up from its top the lever
-# is felt for.
-HUB, HUB_WIDTH_M, HUB_HEIGHT_M, HUB_APART_M = 0.7, 0.055, 0.06, 0.05
-OUT_M, RISE_M = 0.06, 0.02
+HUB = 0.7  # odds of a bare hub on the deck: its lever points at the camera
 OWN = 0.5  # share of a piece's points that are a knob's, from which on it is no lever of its own
 UNDECIDED = 0.5  # belief of a network that says nothing
 KNOB = 1.5  # odds of a knob with spokes that the network fully believes in, against one it does not at all
@@ -84,8 +80,9 @@ def lever_guesses(
         levers = find_levers(scene)
     except SceneError:
         levers = []
+    beliefs = [belief_about(found, lever.p) for lever in levers]
     guesses = [
-        guess for k in range(len(levers)) for guess in _about_lever(levers, k, found, settings.lever_push)
+        guess for k in range(len(levers)) for guess in _about_lever(levers, k, beliefs, settings.lever_push)
     ]
     knobs = [knob for knob in find_knobs(scene) if not any(one.covers(knob.p).any() for one in outlined)]
     guesses += [_about_knob(knob, found, settings.lever_push) for knob in knobs]
@@ -94,11 +91,9 @@ def lever_guesses(
     guesses = [g for g in guesses if not any(one.covers(g.p).mean() > OWN for one in outlined)] + shown
     guesses += _about_the_rest(scene, known, found, settings)
     taken = [*(one.p_root for one in levers if one.rooted), *(one.spokes[0].p_root for one in knobs)]
-    guesses += _about_hubs(scene, [*taken, *(one.p_axis for one in outlined)], found, settings.lever_push)
-    weights = [
-        chance * evidence(guess, guesses, tried)
-        for chance, guess in zip(_chances(guesses), guesses, strict=True)
-    ]
+    hubs = find_hubs(scene, [*taken, *(one.p_axis for one in outlined)])
+    guesses += [_about_hub(hub, found, settings.lever_push) for hub in hubs]
+    weights = _chances(guesses) * evidence(guesses, tried)
     return [
         replace(guesses[k], weight=weights[k], proposals=untried(guesses[k], tried))
         for k in np.argsort(weights, kind="stable")[::-1]
@@ -120,17 +115,18 @@ def belief_about(found: Affordance, p: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _about_lever(
-    levers: Sequence[LeverCandidate], k: int, found: Affordance, settings: LeverPushSettings
+    levers: Sequence[LeverCandidate],
+    k: int,
+    beliefs: Sequence[tuple[float, np.ndarray]],
+    settings: LeverPushSettings,
 ) -> Iterator[Guess]:
     """A straight piece may turn about an upright axis, or swing beside the body; about either end."""
-    lever = levers[k]
-    beliefs = [belief_about(found, other.p)[0] for other in levers]
-    believed = belief_about(found, lever.p)[1]
-    odds, swings, wrong = odds_of(levers, k, beliefs), swinging(lever, believed), wrong_end(lever)
+    lever, wrong = levers[k], wrong_end(levers[k])
+    odds, swings = odds_of(levers, k, [belief for belief, _ in beliefs]), swinging(lever, beliefs[k][1])
     for one, share in ((lever, 1.0 - wrong), (lever.turned_round(), wrong)):
         for axis, chance in ((upright_axis(one), 1.0 - swings), (level_axis(one), swings)):
             pushes = lever_proposals(one, with_room_first(axis, one), settings)
-            weight, by_shape = (float(one) for one in odds * share * chance)
+            weight, by_shape = (odds * share * chance).tolist()
             yield Guess(lever.p, axis.way(one.p_tip), weight, by_shape, pushes, one.p_tip, one.p_root)
 
 
@@ -158,40 +154,17 @@ def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Gu
     return Guess(p, line, weight, by_shape, knob_proposals(outline), p_axis=outline.p_axis, turns=True)
 
 
-def _about_hubs(
-    scene: Scene, taken: Sequence[np.ndarray], found: Affordance, settings: LeverPushSettings
-) -> Iterator[Guess]:
-    """Hubs that stand apart on the deck, of what points at the camera: no straight piece leads away from them.
+def _about_hub(lever: LeverCandidate, found: Affordance, settings: LeverPushSettings) -> Guess:
+    """A lever that points at the camera turns about its hub's upright axis."""
+    belief, _ = belief_about(found, lever.p)
+    return _turning(lever, HUB * belief, HUB * UNDECIDED, settings)
 
-    Args:
-        scene: Observed points.
-        taken: What known levers and knobs turn about [m], (3,) each.
-        found: The network's verdict.
-        settings: Geometry of the pushes.
-    """
-    deck_m = knob_deck(scene.p_base)
-    above = scene.p_base[scene.p_base[:, 2] > deck_m + LOW_BAND_M]
-    if len(above) < LEAST_POINTS:
-        return
-    p_body = column(above, deck_m, scene.p_camera)
-    for piece in pieces(above[np.linalg.norm(above[:, :2] - p_body, axis=1) > COLUMN_RADIUS_M]):
-        size, middle = np.ptp(piece, axis=0), piece.mean(axis=0)
-        apart_m = min(float(np.linalg.norm((middle - one)[:2])) for one in [np.append(p_body, 0.0), *taken])
-        low = piece[:, 2].min() < deck_m + DECK_BAND_M and size[2] < HUB_HEIGHT_M
-        if not low or max(size[:2]) > HUB_WIDTH_M or apart_m < HUB_APART_M:
-            continue
-        outward = (scene.p_camera - middle) * (1.0, 1.0, 0.0)
-        outward /= np.linalg.norm(outward)
-        p_root = np.append(middle[:2], piece[:, 2].max())
-        p_tip = p_root + OUT_M * outward + RISE_M * UP
-        lever = LeverCandidate(
-            piece, p_root, p_tip, USUAL_WIDTH_M, 0.0, 0.0, outward, 0.0, 1.0, rooted=True, p_body=p_body
-        )
-        axis = with_room_first(LeverAxis(p_root, UP), lever)
-        belief, _ = belief_about(found, piece)
-        pushes = lever_proposals(lever, axis, settings)
-        line = axis.way(p_tip)
-        yield Guess(piece, line, HUB * belief, HUB * UNDECIDED, pushes, p_tip, p_root)
+
+def _turning(lever: LeverCandidate, weight: float, by_shape: float, settings: LeverPushSettings) -> Guess:
+    """What turns about the upright axis through its root."""
+    axis = with_room_first(LeverAxis(lever.p_root, UP), lever)
+    pushes = lever_proposals(lever, axis, settings)
+    return Guess(lever.p, axis.way(lever.p_tip), weight, by_shape, pushes, lever.p_tip, lever.p_root)
 
 
 def _about_the_rest(
@@ -247,6 +220,4 @@ def _about_body(
         rooted=False,
         p_body=p_body,
     )
-    axis = LeverAxis(p_root, UP)
-    proposals = lever_proposals(lever, with_room_first(axis, lever), settings)
-    return Guess(piece, axis.way(p_tip), weight, 0.0, proposals, p_tip, p_root)
+    return _turning(lever, weight, 0.0, settings)

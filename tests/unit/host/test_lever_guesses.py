@@ -35,6 +35,13 @@ def undecided(scene, part=0.5, proposals=()):
     return Affordance(cloud, belief, belief, line, tuple(proposals))
 
 
+def believing(scene, lever, near, elsewhere):
+    """A network that believes so much of points near the lever, and so much of all others."""
+    found = undecided(scene)
+    at_lever = np.linalg.norm(found.cloud.points - np.mean(lever, axis=0), axis=1) < 0.07
+    return replace(found, part=np.where(at_lever, near, elsewhere))
+
+
 def piece(root, tip, rooted=False):
     """A straight piece of a faucet whose body stands at (0.6, 0)."""
     root, tip, body = np.array(root), np.array(tip), np.array([0.6, 0.0])
@@ -98,9 +105,7 @@ def test_a_lever_whose_tip_held_out_may_turn_about_its_tip(view):
 
 def test_a_lever_that_held_out_both_ways_falls_behind_the_spout(view):
     scene, lever = view
-    found = undecided(scene)
-    near_lever = np.linalg.norm(found.cloud.points - np.mean(lever, axis=0), axis=1) < 0.07
-    found = replace(found, part=np.where(near_lever, 0.65, 0.42))
+    found = believing(scene, lever, 0.65, 0.42)
     tried = []
     for _ in range(2):
         push = first_push(guesses(scene, tried, found))
@@ -136,9 +141,7 @@ def test_a_push_that_passed_by_without_moving_anything_is_not_repeated_at_the_sa
 def test_the_network_belief_decides_between_pieces_that_look_alike(view):
     scene, lever = view
     found = undecided(scene)
-    near_lever = np.linalg.norm(found.cloud.points - np.mean(lever, axis=0), axis=1) < 0.07
-    trusted = replace(found, part=np.where(near_lever, 0.95, 0.05))
-    doubted = replace(found, part=np.where(near_lever, 0.0, 1.0))
+    trusted, doubted = believing(scene, lever, 0.95, 0.05), believing(scene, lever, 0.0, 1.0)
 
     def weight_of_lever(found):
         ranked = guesses(scene, found=found)
@@ -150,9 +153,7 @@ def test_the_network_belief_decides_between_pieces_that_look_alike(view):
 
 def test_a_network_that_believes_in_the_wrong_piece_is_doubted_after_pushes_on_it(view):
     scene, lever = view
-    found = undecided(scene)
-    near_lever = np.linalg.norm(found.cloud.points - np.mean(lever, axis=0), axis=1) < 0.07
-    misled = replace(found, part=np.where(near_lever, 0.0, 1.0))
+    misled = believing(scene, lever, 0.0, 1.0)
     tried = []
     while not about_lever(push := first_push(guesses(scene, tried, misled)), lever):
         tried.append(Tried(push.p_contact, push.direction, held_out=True, moved=False))

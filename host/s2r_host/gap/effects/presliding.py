@@ -9,9 +9,8 @@ from s2r_host.gap.session import Session
 from s2r_host.gap.states import bristle
 
 SHARES = (0.0005, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03)
-SLIVER = (
-    2.5e-4  # of the motion: what creeps so little while it comes to rest is no loop that a reversal shows
-)
+# Of the motion: what creeps so little while it comes to rest is no loop that a reversal shows.
+SLIVER = 2.5e-4
 
 
 class Presliding(Effect):
