@@ -25,6 +25,7 @@ LOW_BAND_M = 0.005  # above the deck: knobs may be as low as 15 mm
 RADIUS_M = (0.02, 0.065)
 COMPACT = 0.55  # width over length of its outline from above
 MOST_HEIGHT_M = 0.09  # of its top over the deck
+TOP = 98.0  # percentile of its heights
 RIM_M = 0.014  # below the top, where its outline is looked at
 BINS, SMOOTH = 36, 1.0  # of the outline's radius over the angle
 SPOKE = 0.8  # of the largest radius, from which on a peak of the outline is a spoke
@@ -81,8 +82,7 @@ def find_knobs(scene: Scene) -> list[Knob]:
 
 def _spokes(p: np.ndarray, deck_m: float) -> tuple[LeverCandidate, ...]:
     """Spokes of a piece (n, 3), the longest first; none where it is no knob."""
-    top_m = float(np.percentile(p[:, 2], 98.0))
-    rim = p[p[:, 2] > top_m - RIM_M]
+    top_m, rim = float(np.percentile(p[:, 2], TOP)), rim_of(p)
     if top_m - deck_m > MOST_HEIGHT_M or len(rim) < LEAST_KNOB_POINTS:
         return ()
     axes = np.linalg.eigh(np.cov(rim[:, :2].T))[1]
@@ -100,7 +100,7 @@ def _spokes(p: np.ndarray, deck_m: float) -> tuple[LeverCandidate, ...]:
     found = []
     for k in _peaks(outline):
         angle = 2.0 * np.pi * (k + 0.5) / BINS - np.pi
-        found.append(_spoke(rim, centre, angle, float(outline[k]), height_m, float(p[:, 2].min()) - deck_m))
+        found.append(spoke_to(rim, centre, angle, float(outline[k]), height_m, float(p[:, 2].min()) - deck_m))
     return tuple(found)
 
 
@@ -126,10 +126,24 @@ def _peaks(outline: np.ndarray) -> list[int]:
     return chosen
 
 
-def _spoke(
+def rim_of(p: np.ndarray) -> np.ndarray:
+    """Those of points (n, 3) of a knob or bar that are near its top."""
+    return p[p[:, 2] > np.percentile(p[:, 2], TOP) - RIM_M]
+
+
+def spoke_to(
     rim: np.ndarray, centre: np.ndarray, angle: float, radius: float, height_m: float, above_deck_m: float
 ) -> LeverCandidate:
-    """A lever from the knob's axis to the tip of a spoke."""
+    """A lever from the axis of a knob or bar to the tip of a spoke.
+
+    Args:
+        rim: Points near its top [m], (n, 3).
+        centre: Where its upright axis stands [m], (2,).
+        angle: Of the spoke, counter-clockwise from x [rad].
+        radius: From the axis to the spoke's tip [m].
+        height_m: Of the spoke.
+        above_deck_m: How high the lowest point of the piece is over the deck.
+    """
     out, aside = (
         np.array([np.cos(angle), np.sin(angle)]),
         np.array([-np.sin(angle), np.cos(angle)]),

@@ -8,6 +8,7 @@ little and count little. Flat tops only: light falls on rods from all sides, and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -42,6 +43,7 @@ HUB_M, BEYOND_M, WIDTH_M = (0.008, 0.035), (0.004, 0.045), (0.006, 0.036)
 SPOKES = (2, 3, 4, 5)
 SHIFT_M = 0.012  # of the middle from where depth has it
 STARTS, ROUNDS = 4, 3
+BULGE_M = 0.0015  # of the hub beside two spokes; a straight lever, taken for a bar on a hub, has less
 LEAST_EXPLAINED, LEAST_AGAIN = 0.82, 0.75  # of the outline's area, when first seen and in another look
 TURN_STEP_RAD, TURN_SHIFT_M = np.deg2rad(2.0), 0.004
 
@@ -71,6 +73,11 @@ class KnobOutline:
     explained: float = 0.0
 
     @property
+    def bulge_m(self) -> float:
+        """How far the hub stands out beside a spoke [m]: what is straight has none, whatever it turns about."""
+        return self.hub_m - 0.5 * self.width_m
+
+    @property
     def pitch(self) -> float:
         """From one spoke to the next [rad]."""
         return 2.0 * np.pi / self.spokes
@@ -97,7 +104,9 @@ class KnobOutline:
         return np.asarray((away < self.reach_m + BESIDE_M) & (p[:, 2] > low) & (p[:, 2] < high))
 
 
-def fit_outline(frame: DepthFrame, p_middle: Array, reach_m: float, foot_m: float) -> KnobOutline | None:
+def fit_outline(
+    frame: DepthFrame, p_middle: Array, reach_m: float, foot_m: float, spokes: Sequence[int] = SPOKES
+) -> KnobOutline | None:
     """The outline of a knob.
 
     Args:
@@ -105,6 +114,7 @@ def fit_outline(frame: DepthFrame, p_middle: Array, reach_m: float, foot_m: floa
         p_middle: About the middle of its top [m], (3,).
         reach_m: About how far it reaches from there [m].
         foot_m: Height of what it stands on [m].
+        spokes: How many it may have.
 
     Returns:
         None where there is no colour, no depth on its top, or no outline that explains the colours.
@@ -114,7 +124,7 @@ def fit_outline(frame: DepthFrame, p_middle: Array, reach_m: float, foot_m: floa
         return None
     seen = _Seen.of(frame, p_top, reach_m)
     coarse = seen.coarse()
-    rough = [_fitted(coarse, start) for start in _starts(coarse, p_top, reach_m, foot_m)[:STARTS]]
+    rough = [_fitted(coarse, start) for start in _starts(coarse, p_top, reach_m, foot_m, spokes)[:STARTS]]
     best = _fitted(seen, max(rough, key=lambda one: one.explained))
     return best if best.explained > LEAST_EXPLAINED else None
 
@@ -253,12 +263,14 @@ def _own(colour: Array, top: Mask, around: Mask) -> Array:
     return np.asarray(1.0 / (1.0 + np.exp(np.clip((to_mine - to_other) / CONTRAST, -30.0, 30.0))))
 
 
-def _starts(coarse: _Seen, p: Array, reach_m: float, foot_m: float) -> list[KnobOutline]:
+def _starts(
+    coarse: _Seen, p: Array, reach_m: float, foot_m: float, spokes: Sequence[int]
+) -> list[KnobOutline]:
     """Outlines about a point of a knob, the best first, one of each number of spokes and size of hub and spoke."""
     found = []
     shifts = np.linspace(-0.5 * SHIFT_M, 0.5 * SHIFT_M, 3)
-    for spokes, hub, width in product(SPOKES, (0.4, 0.6), (0.012, 0.02, 0.03)):
-        pitch, size = 2.0 * np.pi / spokes, (hub * reach_m, reach_m, width, spokes)
+    for count, hub, width in product(spokes, (0.4, 0.6), (0.012, 0.02, 0.03)):
+        pitch, size = 2.0 * np.pi / count, (hub * reach_m, reach_m, width, count)
         turned = [
             KnobOutline(p + np.array([dx, dy, 0.0]), *size, pitch * k / 8.0, foot_m)
             for k, dx, dy in product(range(8), shifts, shifts)

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from s2r_host.motion.knobs import find_knobs, knob_deck
+from s2r_host.errors import SceneError
+from s2r_host.motion.bars import find_bars
+from s2r_host.motion.knobs import Knob, find_knobs, knob_deck
+from s2r_host.motion.levers import LeverCandidate, find_levers
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.knob_joint import knob_joint
-from s2r_host.perception.knob_outline import KnobOutline, fit_outline, on_its_foot, turned_outline
+from s2r_host.perception.knob_outline import (
+    BULGE_M,
+    SPOKES,
+    KnobOutline,
+    fit_outline,
+    on_its_foot,
+    turned_outline,
+)
 from s2r_host.perception.view import DepthView
 from s2r_host.run.observe import Observation
 
@@ -27,14 +38,18 @@ class KnobWatch:
         """Find them."""
         self._first = self._last = first
         self._found: list[KnobOutline] = []
-        deck_m = knob_deck(first.scene.p_base)
         for knob in find_knobs(first.scene):
-            middle = knob.spokes[0].p_root
-            reach_m = max(float(np.linalg.norm(spoke.p_tip - middle)) for spoke in knob.spokes)
-            outline = fit_outline(first.capture.frame, middle, reach_m, deck_m)
-            if outline is not None:
-                self._found.append(on_its_foot(outline, first.scene.p_base))
+            self._add(_outline(first, knob))
+        for bar in find_bars(_levers(first)):
+            outline = _outline(first, bar, spokes=(2,))
+            if outline is not None and outline.bulge_m > BULGE_M:
+                self._add(outline)
         self.now: list[KnobOutline] = list(self._found)
+
+    def _add(self, outline: KnobOutline | None) -> None:
+        """Follow it, if it is there and not one that is followed already."""
+        if outline is not None and not any(one.covers(outline.p_axis[None])[0] for one in self._found):
+            self._found.append(outline)
 
     def look(self, view: Observation) -> None:
         """Follow them into another look; one that is hidden there stays as it was, one that shifts was none."""
@@ -59,3 +74,19 @@ class KnobWatch:
             return None
         before, after = (DepthView(view.capture.frame, view.arm_mask) for view in (self._first, self._last))
         return knob_joint(before, after, self._found[k], self.now[k])
+
+
+def _levers(view: Observation) -> list[LeverCandidate]:
+    """Straight pieces; maybe none."""
+    try:
+        return find_levers(view.scene)
+    except SceneError:
+        return []
+
+
+def _outline(view: Observation, knob: Knob, spokes: Sequence[int] = SPOKES) -> KnobOutline | None:
+    """Of what may be a knob, on its foot; None where its colours do not tell it."""
+    middle, p = knob.spokes[0].p_root, view.scene.p_base
+    reach_m = max(float(np.linalg.norm(spoke.p_tip - middle)) for spoke in knob.spokes)
+    outline = fit_outline(view.capture.frame, middle, reach_m, knob_deck(p), spokes)
+    return None if outline is None else on_its_foot(outline, p)

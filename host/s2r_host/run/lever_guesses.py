@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from s2r_host.errors import SceneError
+from s2r_host.motion.bars import as_bar
 from s2r_host.motion.hubs import find_hubs
 from s2r_host.motion.knob_proposals import knob_proposals
 from s2r_host.motion.knobs import Knob, find_knobs
@@ -30,7 +31,7 @@ from s2r_host.motion.levers import (
 )
 from s2r_host.motion.scene import Scene
 from s2r_host.perception.affordance import Affordance
-from s2r_host.perception.knob_outline import KnobOutline
+from s2r_host.perception.knob_outline import BULGE_M, KnobOutline
 from s2r_host.perception.network_pushes import NetworkPushSettings, proposals_of
 from s2r_host.run.guess import ABOUT_M, Guess, Tried, evidence, untried
 from s2r_host.run.lever_looks import odds_of, swinging, wrong_end
@@ -44,8 +45,10 @@ BELIEVED = 0.4  # belief that a point belongs to the part, from which on it is t
 ON_BODY, LEAST_REACH_M, FAR_END = 0.75, 0.035, 90.0  # chance; radius of its far end; percentile of its points
 LEAST_POINTS = 100
 KNOB_DEPTH_M = 0.014  # least way of the fingertip: the spoke of a knob is short
-# Odds of a knob whose spokes colours tell: what has them is there to be turned. With two it may be a piece of a bar.
+# Odds of a knob whose spokes colours tell: what has them is there to be turned. With two it may be a piece of a bar,
+# unless its hub stands out beside them.
 OUTLINED, OUTLINED_BAR = 50.0, 3.0
+BAR = 0.6  # chance that a level piece as long as a bar on a hub is one
 HUB = 0.7  # odds of a bare hub on the deck: its lever points at the camera
 OWN = 0.5  # share of a piece's points that are a knob's, from which on it is no lever of its own
 UNDECIDED = 0.5  # belief of a network that says nothing
@@ -120,9 +123,13 @@ def _about_lever(
     beliefs: Sequence[tuple[float, np.ndarray]],
     settings: LeverPushSettings,
 ) -> Iterator[Guess]:
-    """A straight piece may turn about an upright axis, or swing beside the body; about either end."""
+    """A straight piece may turn about an upright axis, or swing beside the body; about either end, or its middle."""
     lever, wrong = levers[k], wrong_end(levers[k])
     odds, swings = odds_of(levers, k, [belief for belief, _ in beliefs]), swinging(lever, beliefs[k][1])
+    bar = as_bar(lever)
+    if bar is not None:
+        yield _about_spokes(bar, *(BAR * odds).tolist(), settings)
+        odds = (1.0 - BAR) * odds
     for one, share in ((lever, 1.0 - wrong), (lever.turned_round(), wrong)):
         for axis, chance in ((upright_axis(one), 1.0 - swings), (level_axis(one), swings)):
             pushes = lever_proposals(one, with_room_first(axis, one), settings)
@@ -131,13 +138,18 @@ def _about_lever(
 
 
 def _about_knob(knob: Knob, found: Affordance, settings: LeverPushSettings) -> Guess:
-    """A knob is turned by any of its spokes, first by the ones that stand out most; its axis is known."""
+    """A knob that the network believes in, or not."""
     belief, _ = belief_about(found, knob.p)
+    return _about_spokes(knob, KNOB * belief, KNOB * UNDECIDED, settings)
+
+
+def _about_spokes(knob: Knob, weight: float, by_shape: float, settings: LeverPushSettings) -> Guess:
+    """A knob is turned by any of its spokes, first by the ones that stand out most; its axis is known."""
     exact = replace(settings, depth_m=(KNOB_DEPTH_M, settings.depth_m[1]))
     spokes = [(spoke, LeverAxis(spoke.p_root, UP)) for spoke in knob.spokes]
     pushes = chain.from_iterable(lever_proposals(spoke, axis, exact) for spoke, axis in spokes)
     first, axis = spokes[0]
-    line, weight, by_shape = axis.way(first.p_tip), KNOB * belief, KNOB * UNDECIDED
+    line = axis.way(first.p_tip)
     return Guess(knob.p, line, weight, by_shape, pushes, p_axis=first.p_root, turns=True)
 
 
@@ -147,7 +159,7 @@ def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Gu
     if len(p) < LEAST_POINTS:
         return None
     belief, _ = belief_about(found, p)
-    odds = OUTLINED if outline.spokes > 2 else OUTLINED_BAR
+    odds = OUTLINED if outline.spokes > 2 or outline.bulge_m > BULGE_M else OUTLINED_BAR
     angle = outline.angle
     line = np.array([-np.sin(angle), np.cos(angle), 0.0])
     weight, by_shape = odds * (UNDECIDED + belief), odds * 2.0 * UNDECIDED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +16,10 @@ from s2r_host.model.build import build_model
 from s2r_host.model.knob import around_knob
 from s2r_host.model.points import ObservedObject
 from s2r_host.model.swept import without_swept
+from s2r_host.motion.bars import as_bar
 from s2r_host.motion.knob_proposals import KnobPushSettings, knob_proposals
+from s2r_host.motion.lever_axes import UP
+from s2r_host.motion.levers import find_levers
 from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M
 from s2r_host.motion.robot_mask import back_project
 from s2r_host.motion.scene import Scene, observed_scene
@@ -190,9 +194,14 @@ def undecided(scene: Scene) -> Affordance:
     return Affordance(cloud, belief, belief, np.tile(np.full(3, 3**-0.5), (len(p), 1)), ())
 
 
-def seen(name: str, degrees: float) -> Any:
+def bar(angle_rad: float = 0.4, hub_m: float = 0.018) -> KnobOutline:
+    """Two spokes on a hub, which beside them is to be seen if it is wider than 8 mm."""
+    return replace(knob(angle_rad, 2, 0.042), hub_m=hub_m, width_m=0.016)
+
+
+def seen(name: str, degrees: float, of: Callable[[float], KnobOutline] = knob) -> Any:
     """A look at the knob turned so far."""
-    frame = look(knob(0.4 + np.radians(degrees)), noise_m=0.0003, body=True)
+    frame = look(of(0.4 + np.radians(degrees)), noise_m=0.0003, body=True)
     mask = np.zeros(frame.depth_m.shape, bool)
     scene = observed_scene(frame, mask, None)
     return SimpleNamespace(name=name, capture=SimpleNamespace(frame=frame), arm_mask=mask, scene=scene)
@@ -246,3 +255,39 @@ def test_held_out_one_way_a_knob_is_turned_the_other_way_next() -> None:
     assert np.cross(other.p_contact - outline.p_axis, other.direction)[2] * sense < 0.0
     later = list(again.proposals)  # in the end that way as well, by another spoke
     assert any(np.cross(p.p_contact - outline.p_axis, p.direction)[2] * sense > 0.0 for p in later)
+
+
+def test_a_bar_on_a_hub_is_followed_like_a_knob_and_a_straight_lever_is_not() -> None:
+    watch = KnobWatch(seen("A", 0.0, bar))
+    assert [one.spokes for one in watch.now] == [2]
+    watch.look(seen("B", 25.0, bar))
+    joint = watch.joint()
+    assert joint is not None
+    assert np.degrees(joint.delta) == pytest.approx(25.0, abs=1.0)
+    assert np.linalg.norm(joint.axis_origin_m[:2] - bar().p_axis[:2]) < 0.002
+    assert not KnobWatch(seen("A", 0.0, lambda angle: bar(angle, hub_m=0.008))).now
+
+
+def test_a_level_piece_as_long_as_a_bar_is_guessed_to_turn_about_its_middle() -> None:
+    view = seen("A", 0.0, bar)
+    guesses = lever_guesses(view.scene, undecided(view.scene), GuessSettings())
+    middle = bar().p_axis
+    about = [one for one in guesses if np.linalg.norm(one.p.mean(axis=0)[:2] - middle[:2]) < 0.02]
+    best = about[0]
+    assert best.turns
+    assert best.p_axis is not None
+    assert np.linalg.norm(best.p_axis[:2] - middle[:2]) < 0.005
+    push = next(best.proposals)
+    arm = push.p_contact - best.p_axis
+    assert 0.02 < np.linalg.norm(np.cross(push.direction, arm)) < 0.04
+    # It may turn about an end all the same.
+    assert any(guess.p_held is not None and not guess.turns for guess in about[1:])
+
+
+def test_what_rises_or_is_long_or_stands_on_the_body_is_no_bar() -> None:
+    lever = find_levers(seen("A", 0.0, bar).scene)[0]
+    assert as_bar(lever) is not None
+    along = lever.p_tip - lever.p_root
+    assert as_bar(replace(lever, p_tip=lever.p_tip + 0.15 * np.linalg.norm(along) * UP)) is None
+    assert as_bar(replace(lever, p_tip=lever.p_tip + along)) is None
+    assert as_bar(replace(lever, rooted=False)) is None
