@@ -128,7 +128,8 @@ def _about_lever(
     odds, swings = odds_of(levers, k, [belief for belief, _ in beliefs]), swinging(lever, beliefs[k][1])
     bar = as_bar(lever)
     if bar is not None:
-        yield _about_spokes(bar, *(BAR * odds).tolist(), settings)
+        weight, by_shape = (BAR * odds).tolist()
+        yield _about_spokes(bar, weight, by_shape, settings)
         odds = (1.0 - BAR) * odds
     for one, share in ((lever, 1.0 - wrong), (lever.turned_round(), wrong)):
         for axis, chance in ((upright_axis(one), 1.0 - swings), (level_axis(one), swings)):
