@@ -49,7 +49,7 @@ def judge(folder: Path) -> dict[str, float | str] | None:
     if not run_file.exists() or not logs:
         return None
     run = json.loads(run_file.read_text())
-    sign = sense(trial, run)
+    sign = sense(trial.world, run)
     world = load_world(folder / "world.json")
     model = build_world(load_arm("xmate3pro"), world)
     errors, sizes = [], []

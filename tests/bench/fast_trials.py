@@ -256,7 +256,7 @@ def run_trial(out: Path, chosen: dict[str, Any], kind: str, number: int, attempt
 
     def answer(record: RunRecord) -> float:
         nonlocal change
-        change = trial.asked(plant.physics.object_value, sense(trial, as_json(record)))
+        change = trial.asked(plant.physics.object_value, sense(trial.world, as_json(record)))
         return change
 
     usual = {"seed": number, "attempts": attempts, "acknowledge_contact": True, "settle_s": 0.0}
