@@ -9,9 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from s2r_host.motion.knobs import standing_apart
-from s2r_host.motion.levers import DECK_BAND_M, USUAL_WIDTH_M, LeverCandidate
+from s2r_host.motion.knobs import beside_body
+from s2r_host.motion.levers import USUAL_WIDTH_M, LeverCandidate
 from s2r_host.motion.scene import Scene
+from s2r_host.motion.standing import DECK_BAND_M
 
 WIDEST_M, HIGHEST_M = 0.055, 0.06
 APART_M = 0.05  # from the body and from what other levers turn about
@@ -25,9 +26,11 @@ def find_hubs(scene: Scene, taken: Sequence[np.ndarray]) -> list[LeverCandidate]
         scene: Observed points.
         taken: What known levers and knobs turn about [m], (3,) each.
     """
-    deck_m, p_body, apart = standing_apart(scene)
-    found = []
-    for piece in apart:
+    standing, found = beside_body(scene), []
+    if standing is None:
+        return []
+    deck_m, p_body = standing.deck_m, standing.p_body
+    for piece in standing.apart:
         size, middle = np.ptp(piece, axis=0), piece.mean(axis=0)
         away_m = [float(np.linalg.norm(middle[:2] - one[:2])) for one in (p_body, *taken)]
         low = piece[:, 2].min() < deck_m + DECK_BAND_M and size[2] < HIGHEST_M

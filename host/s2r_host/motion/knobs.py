@@ -10,15 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from s2r_host.motion.levers import (
-    COLUMN_RADIUS_M,
-    LEAST_POINTS,
-    LeverCandidate,
-    column,
-    deck_height,
-    pieces,
-)
+from s2r_host.motion.levers import LeverCandidate
 from s2r_host.motion.scene import Scene
+from s2r_host.motion.standing import Standing, deck_height, standing_on
 
 LEAST_KNOB_POINTS = 100
 LOW_BAND_M = 0.005  # above the deck: knobs may be as low as 15 mm
@@ -53,28 +47,18 @@ def knob_deck(p: np.ndarray) -> float:
     return deck_height(p, 0.0)
 
 
-def standing_apart(scene: Scene) -> tuple[float, np.ndarray, list[np.ndarray]]:
-    """What stands on the deck beside the body.
-
-    Returns:
-        Height of the deck [m], where the body's upright axis stands (2,) [m], and connected pieces (n, 3) away from it,
-        the largest first; none where little stands on the deck.
-    """
-    p = scene.p_base
-    deck_m = knob_deck(p)
-    above = p[p[:, 2] > deck_m + LOW_BAND_M]
-    if len(above) < LEAST_POINTS:
-        return deck_m, np.zeros(2), []
-    axis = column(above, deck_m, scene.p_camera)
-    return deck_m, axis, pieces(above[np.linalg.norm(above[:, :2] - axis, axis=1) > COLUMN_RADIUS_M])
+def beside_body(scene: Scene) -> Standing | None:
+    """What stands on the deck, however low; None where little does."""
+    return standing_on(scene, 0.0, LOW_BAND_M)
 
 
 def find_knobs(scene: Scene) -> list[Knob]:
     """What may be a knob, the one with most points first; maybe none."""
-    deck_m, _, apart = standing_apart(scene)
-    found = []
-    for piece in apart:
-        spokes = _spokes(piece, deck_m) if len(piece) >= LEAST_KNOB_POINTS else ()
+    standing, found = beside_body(scene), []
+    if standing is None:
+        return []
+    for piece in standing.apart:
+        spokes = _spokes(piece, standing.deck_m) if len(piece) >= LEAST_KNOB_POINTS else ()
         if spokes:
             found.append(Knob(piece, spokes))
     return found

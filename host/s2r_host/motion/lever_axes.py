@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from s2r_host.motion.levers import COLUMN_RADIUS_M, LeverCandidate
+from s2r_host.motion.levers import LeverCandidate
+from s2r_host.motion.standing import COLUMN_RADIUS_M
 
 UP = np.array([0.0, 0.0, 1.0])
 ROOT_M = (

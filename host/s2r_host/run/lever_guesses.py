@@ -20,16 +20,9 @@ from s2r_host.motion.knob_proposals import knob_proposals
 from s2r_host.motion.knobs import Knob, find_knobs
 from s2r_host.motion.lever_axes import UP, LeverAxis, level_axis, upright_axis, with_room_first
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
-from s2r_host.motion.levers import (
-    DECK_BAND_M,
-    USUAL_WIDTH_M,
-    LeverCandidate,
-    column,
-    deck_height,
-    find_levers,
-    pieces,
-)
+from s2r_host.motion.levers import USUAL_WIDTH_M, LeverCandidate, find_levers
 from s2r_host.motion.scene import Scene
+from s2r_host.motion.standing import Standing, pieces, standing_on
 from s2r_host.perception.affordance import Affordance
 from s2r_host.perception.knob_outline import BULGE_M, KnobOutline
 from s2r_host.perception.network_pushes import NetworkPushSettings, proposals_of
@@ -189,16 +182,12 @@ def _about_the_rest(
     for piece in known:
         rest &= cKDTree(piece).query(p)[0] > 0.0
     pushes = list(proposals_of(found, settings.network_push))
-    deck_m = deck_height(p)
-    above = p[p[:, 2] > deck_m + DECK_BAND_M]
-    p_body = column(above, deck_m, scene.p_camera) if len(above) else None
+    standing = standing_on(scene)
     for piece in pieces(p[rest], LEAST_POINTS):
         belief, _ = belief_about(found, piece)
         weight = SEEN_BY_NETWORK * belief
         on_body = (
-            None
-            if p_body is None
-            else _about_body(piece, p_body, deck_m, ON_BODY * weight, settings.lever_push)
+            None if standing is None else _about_body(piece, standing, ON_BODY * weight, settings.lever_push)
         )
         if on_body is not None:
             yield on_body
@@ -210,9 +199,10 @@ def _about_the_rest(
 
 
 def _about_body(
-    piece: np.ndarray, p_body: np.ndarray, deck_m: float, weight: float, settings: LeverPushSettings
+    piece: np.ndarray, standing: Standing, weight: float, settings: LeverPushSettings
 ) -> Guess | None:
     """A piece that turns about the body's upright axis; None where it lies too near to that."""
+    p_body = standing.p_body
     away = np.linalg.norm(piece[:, :2] - p_body, axis=1)
     p_tip = np.median(piece[away >= np.percentile(away, FAR_END)], axis=0)
     reach_m = float(np.linalg.norm(p_tip[:2] - p_body))
@@ -228,7 +218,7 @@ def _about_body(
         bend=0.0,
         towards_user=float(-outward[0]),
         outward=outward,
-        above_deck_m=float(piece[:, 2].min()) - deck_m,
+        above_deck_m=float(piece[:, 2].min()) - standing.deck_m,
         radial=1.0,
         rooted=False,
         p_body=p_body,

@@ -6,8 +6,8 @@ import pytest
 from s2r_host.motion.knobs import find_knobs
 from s2r_host.motion.lever_axes import upright_axis
 from s2r_host.motion.lever_proposals import lever_proposals
-from s2r_host.motion.levers import THIN_DECK_M, deck_height
 from s2r_host.motion.scene import Scene, observed_scene
+from s2r_host.motion.standing import THIN_DECK_M, deck_height
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.synthetic import Box, beam, faucet_view, look_at, pair
 

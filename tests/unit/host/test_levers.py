@@ -6,8 +6,9 @@ import pytest
 from s2r_host.errors import SceneError
 from s2r_host.motion.lever_axes import level_axis, upright_axis
 from s2r_host.motion.lever_proposals import SHORT, LeverPushSettings, lever_proposals
-from s2r_host.motion.levers import deck_height, find_levers
+from s2r_host.motion.levers import find_levers
 from s2r_host.motion.scene import Scene, observed_scene
+from s2r_host.motion.standing import deck_height
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.synthetic import Box, beam, faucet_view, look_at, pair
 
