@@ -1,8 +1,9 @@
 """What an arm's own links and gears take beyond its description, learnt from motions that touch nothing.
 
 Joint torques become a force gauge only once the arm's own friction (tenths to newton metres, as much as an object's)
-is known. The model is linear: changes of the links' ten inertial parameters each, and dry and viscous friction of each
-joint. A weak prior keeps what the motions do not show at its nominal value.
+is known. The model is linear: changes of the links' ten inertial parameters each, and rotor inertia, dry and viscous
+friction of each joint. Descriptions say nothing of rotors, and behind a gear they outweigh the links of a wrist. A weak
+prior keeps what the motions do not show at its nominal value.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ INERTIAL_SHARE, LEVER_M, GYRATION_M2 = (
     0.1,
     0.02,
 )  # a link's mass, mass times lever, inertia may be off so much
+ROTOR_KGM2 = 0.5  # tenths behind a gear of one to a hundred; none where torques are measured behind it
 FRICTION_NM, FRICTION_NMS = 1.0, 1.0
 LEAST_ROWS = 100
 
@@ -35,8 +37,8 @@ class OwnTorques:
     Attributes:
         dynamics: Of the description.
         parameters: Changes of the links' inertial parameters (10 each: mass, mass times centre, inertia at the joint),
-            dry friction [N·m] and viscous friction [N·m·s/rad] of every joint, (12 dof,).
-        covariance: Of the parameters, (12 dof, 12 dof): torques far from what the motions showed are guesses.
+            rotor inertia [kg·m²], dry friction [N·m] and viscous friction [N·m·s/rad] of every joint, (13 dof,).
+        covariance: Of the parameters, (13 dof, 13 dof): torques far from what the motions showed are guesses.
         rest: What is left over in motion, root mean square per joint [N·m], (dof,).
     """
 
@@ -98,18 +100,20 @@ def learn_own_torques(arm: ArmDescription, free: Sequence[Samples]) -> OwnTorque
 
 
 def _regressor(dynamics: InverseDynamics, samples: Samples) -> np.ndarray:
-    """Derivatives of the torques by the parameters, (n, dof, 12 dof)."""
+    """Derivatives of the torques by the parameters, (n, dof, 13 dof)."""
     dof = samples.q.shape[1]
-    friction = np.zeros((len(samples), dof, 2 * dof))
+    drives = np.zeros((len(samples), dof, 3 * dof))
     joint = np.arange(dof)
-    friction[:, joint, joint] = np.tanh(samples.dq / SIGN_RAD_S)
-    friction[:, joint, dof + joint] = samples.dq
-    return np.concatenate([dynamics.regressor(samples.q, samples.dq, samples.ddq), friction], axis=2)
+    drives[:, joint, joint] = samples.ddq
+    drives[:, joint, dof + joint] = np.tanh(samples.dq / SIGN_RAD_S)
+    drives[:, joint, 2 * dof + joint] = samples.dq
+    return np.concatenate([dynamics.regressor(samples.q, samples.dq, samples.ddq), drives], axis=2)
 
 
 def _prior(dynamics: InverseDynamics) -> np.ndarray:
-    """Standard deviations of the parameters before anything was measured, (12 dof,)."""
+    """Standard deviations of the parameters before anything was measured, (13 dof,)."""
     masses = INERTIAL_SHARE * dynamics.link_masses
     links = np.outer(masses, [1.0, *[LEVER_M] * 3, *[GYRATION_M2] * 6]).ravel()
     dof = len(masses)
-    return np.concatenate([links, np.full(dof, FRICTION_NM), np.full(dof, FRICTION_NMS)])
+    drives = (ROTOR_KGM2, FRICTION_NM, FRICTION_NMS)
+    return np.concatenate([links, np.repeat(drives, dof)])

@@ -31,6 +31,7 @@ ARM = load_arm("xmate3pro")
 DT, DURATION = 0.002, 2.0
 COULOMB = np.array([0.6, 0.7, 0.5, 0.6, 0.4, 0.5, 0.6])
 VISCOUS = np.array([0.3, 0.4, 0.1, 0.3, 0.1, 0.05, 0.05])
+ROTOR = np.array([0.6, 0.6, 0.6, 0.6, 0.15, 0.15, 0.15])
 PUSH = np.array([0.05, 0.10, 0.02, 0.08, -0.03, 0.12, 0.02])
 TOUCH, PUSHED_N = 0.45, 12.0
 
@@ -38,7 +39,7 @@ TOUCH, PUSHED_N = 0.45, 12.0
 def motion(
     way: np.ndarray, there_and_back: bool, touch: float | None = None
 ) -> tuple[Joints, np.ndarray, np.ndarray]:
-    """What an arm with friction records of a motion from home; its fingertip's way and where that leads."""
+    """What an arm with friction and rotors records of a motion from home; its fingertip's way and where that leads."""
     rng = np.random.default_rng(5)
     t = np.arange(0.0, DURATION, DT)
     x = t / DURATION
@@ -60,7 +61,7 @@ def motion(
         np.outer(bend / DURATION**2, way),
     )
     dynamics = InverseDynamics(ARM)
-    tau = dynamics.along(q, dq, ddq) + COULOMB * np.tanh(dq / 0.002) + VISCOUS * dq
+    tau = dynamics.along(q, dq, ddq) + COULOMB * np.tanh(dq / 0.002) + VISCOUS * dq + ROTOR * ddq
     p = dynamics.tool_positions(q)
     along = (p[-1] - p[0]) / max(float(np.linalg.norm(p[-1] - p[0])), 1e-9)
     if touch is not None:
@@ -101,6 +102,15 @@ def pushed():
 def test_the_arms_friction_is_learnt_from_motions_through_the_air(own):
     assert own.coulomb == pytest.approx(COULOMB, abs=0.08)
     assert own.rest.max() < 0.12
+
+
+def test_rotors_that_no_description_tells_of_are_learnt_too(own):
+    """Taken for inertia of the links they would be errors of tenths of newton metres elsewhere."""
+    joints = motion(np.array([0.3, 0.4, 0.5, -0.6, 0.2, -0.8, 0.3]), there_and_back=True)[0]
+    rows = samples(joints)
+    moving = (np.abs(rows.dq) > 0.05).all(axis=1)
+    left = rows.tau[moving] - own.along(rows)[moving]
+    assert np.sqrt(np.mean(left**2, axis=0)) == pytest.approx(own.rest, abs=0.03)
 
 
 def test_too_short_a_motion_teaches_nothing():
