@@ -3,6 +3,9 @@
 The builder guesses mass from a guessed density, and friction is invisible. One push holds the sum of weight, friction
 and damping; how it changes along the way and with the speed tells them apart as far as it can, and a prior as wide as
 the guess decides the rest: what a push does not show, it does not change.
+
+Rails and hinges may stick: friction then grows where a touch slows down, and that is where the inertia of the part is
+felt, too. Without that in the equation the mass stands for it.
 """
 
 from __future__ import annotations
@@ -17,9 +20,11 @@ from scipy.optimize import lsq_linear
 
 from s2r_host.proprioception.object_log import Touch
 
-MASS_SHARE_SIGMA, MASS_SHARE_RANGE = 0.35, (0.3, 3.0)
+MASS_SHARE_SIGMA, MASS_SHARE_RANGE = 1.0, (0.3, 5.0)
 FRICTION_SIGMA = 3.0  # of the median effort: nearly anything
 DAMPING_SIGMA = 0.1  # of the median effort at the median speed: hinges and rails rub, few are damped
+STICTION_SIGMA = 1.0  # of the median effort: the share by which friction may grow where the part moves slowly
+STICTION_SHARES = (0.1, 0.2, 0.4)  # of the highest speed: where it falls off is not known
 MODEL_SHARE = 0.1  # of an effort, that no constant friction explains: joints stick and slip
 ROWS_TOGETHER = 20  # errors of so many rows go together (0.1 s)
 OUTLIER, ROUNDS = 1.5, 5  # a fingertip that jams between part and rest feels more than the joint
@@ -32,7 +37,7 @@ class ObjectNumbers:
 
     Attributes:
         mass_share: Mass of the part over its mass in the model.
-        friction: Dry friction [N or N·m].
+        friction: Dry friction at the speeds of the touches, stiction included [N or N·m].
         damping: Viscous friction [N·s/m or N·m·s/rad].
         sigma: Standard errors of the three, prior included.
         rest: Effort left over, root mean square [N or N·m].
@@ -60,25 +65,43 @@ def learn_numbers(mjcf: Path, joint: str, touched: Sequence[Touch]) -> ObjectNum
     rows = [_rows(mjcf, joint, one) for one in touched]
     A, b = np.concatenate([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
     noise = np.concatenate([r[2] for r in rows])
+    fastest = float(np.abs(A[:, 2]).max())
+    _, best = min(
+        (_fit(_with_stiction(A, share * fastest), b, noise) for share in STICTION_SHARES),
+        key=lambda found: found[0],
+    )
+    return best
+
+
+def _with_stiction(A: np.ndarray, speed: float) -> np.ndarray:
+    """Regressor (n, 3) with a column for what sticks below a speed [m/s or rad/s], (n, 4)."""
+    return np.column_stack([A, A[:, 1] * np.exp(-((A[:, 2] / speed) ** 2))])
+
+
+def _fit(A: np.ndarray, b: np.ndarray, noise: np.ndarray) -> tuple[float, ObjectNumbers]:
+    """Misfit, prior included, and the numbers of a regressor (n, 4), effort (n,) and its standard error (n,)."""
     size = float(np.median(np.abs(b)))
     sigma = np.hypot(noise, MODEL_SHARE * size) * np.sqrt(ROWS_TOGETHER)
-    prior = np.array(
-        [MASS_SHARE_SIGMA, FRICTION_SIGMA * size, DAMPING_SIGMA * size / np.median(np.abs(A[:, 2]))]
-    )
+    dull = DAMPING_SIGMA * size / np.median(np.abs(A[:, 2]))
+    prior = np.array([MASS_SHARE_SIGMA, FRICTION_SIGMA * size, dull, STICTION_SIGMA * size])
+    usual = np.array([1.0, size, 0.0, 0.0])
     (low, high), trust = MASS_SHARE_RANGE, np.ones(len(b))
-    x, left, a = np.array([1.0, size, 0.0]), np.abs(b), A
+    x, left, a, y = usual, np.abs(b), A, b
     for _ in range(ROUNDS):
         scaled = np.sqrt(trust) / sigma
         a = np.vstack([A * scaled[:, None], np.diag(1.0 / prior)])
-        y = np.concatenate([b * scaled, np.array([1.0, size, 0.0]) / prior])
-        x = lsq_linear(a, y, bounds=([low, 0.0, 0.0], [high, np.inf, np.inf])).x
+        y = np.concatenate([b * scaled, usual / prior])
+        x = lsq_linear(a, y, bounds=([low, 0.0, 0.0, 0.0], [high, np.inf, np.inf, np.inf])).x
         left = np.abs(b - A @ x)
         trust = np.minimum(
             1.0, OUTLIER * np.maximum(np.median(left) / 0.6745, noise) / np.maximum(left, 1e-12)
         )
     spread = np.sqrt(np.diag(np.linalg.inv(a.T @ a)))
-    return ObjectNumbers(
-        *map(float, x),
+    misfit = float(np.sum((a @ x - y) ** 2))
+    return misfit, ObjectNumbers(
+        mass_share=float(x[0]),
+        friction=float(x[1] + x[3] * np.mean(np.abs(A[:, 3]))),
+        damping=float(x[2]),
         sigma=(float(spread[0]), float(spread[1]), float(spread[2])),
         rest=float(np.sqrt(np.mean(left**2))),
         effort=float(np.sqrt(np.mean(b**2))),

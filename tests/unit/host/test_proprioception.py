@@ -269,6 +269,28 @@ def test_a_fingertip_that_jams_does_not_count_as_friction(tmp_path):
     assert numbers.friction == pytest.approx(1.2, abs=0.15)
 
 
+def test_a_drawer_that_sticks_keeps_its_mass(tmp_path):
+    """Touches that slow down, the slower the more friction: without stiction a mass would stand for it."""
+    path = tmp_path / "object.xml"
+    path.write_text(
+        LID.replace('name="object_joint"', 'name="object_joint" type="slide"')
+        .replace("0 -1 0", "1 0 0")
+        .replace("3125", "62500")
+    )
+    mass = float(mujoco.MjModel.from_xml_path(str(path)).body_mass[2])
+    t = np.linspace(0.0, 0.6, 121)
+    touched = []
+    for top in (0.1, 0.05, 0.02):
+        s = top * (t - 0.8 * t**2)
+        ds = top * (1.0 - 1.6 * t)
+        effort = mass * np.gradient(ds, t) + 3.0 + 3.0 * np.exp(-((ds / 0.02) ** 2))
+        touched.append(Touch(t, s, ds, effort, np.full(len(t), 0.02)))
+    numbers = learn_numbers(path, "object_joint", touched)
+    assert numbers is not None
+    assert numbers.mass_share == pytest.approx(1.0, abs=0.2)
+    assert 3.0 < numbers.friction < 4.5  # as it rubs on average
+
+
 def test_nothing_felt_tells_nothing(tmp_path):
     assert learn_numbers(lid(tmp_path), "object_joint", []) is None
 
