@@ -38,7 +38,8 @@ class Design:
         self.problem = problem
         self.looseness: float | np.ndarray = 1.0  # of the base parameters' priors, alike or one by one
         self.effects: dict[str, Effect] = {n: e for n, e in catalogue().items() if n not in skip}
-        numbers = base_terms(problem.base)
+        # A skipped effect that is a number of the model, too (a motor's inertia), is none there either.
+        numbers = base_terms([p for p in problem.base if p.name not in skip])
         self.effects |= (
             with_directions_held(numbers) if len(problem.ctx.model.joints) <= FEW_JOINTS else numbers
         )

@@ -13,6 +13,7 @@ from s2r_host.gap.solution import Term
 WHEEL = """<mujoco><worldbody><body name="wheel"><joint name="spindle" damping="0.2" frictionloss="0.1"/>
 <inertial pos="0 0 0" mass="1" diaginertia="0.05 0.05 0.05"/></body></worldbody></mujoco>"""
 DT = 0.002
+NO_MOTOR = (frozenset[str](), frozenset({"armature"}))
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +36,18 @@ def test_an_effect_that_is_a_number_of_the_model_can_be_made_up_for_by_it_exactl
     (k,) = (i for i, b in enumerate(p.base) if b.name == number)
     column = search.matrix(Term(effect, 0))[0][:, 0]
     assert p.B[:, k] == pytest.approx(p.base[k].size * column, abs=1e-9 * np.abs(p.B[:, k]).max())
+
+
+def test_a_skipped_effect_is_no_number_of_the_model_either(tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_text(WHEEL.replace("<joint ", '<joint armature="0.01" '))
+    model = RigidModel(path)
+    t = np.arange(0.0, 4.0, DT)
+    channels = {"q": {"spindle": np.sin(2.0 * t)}, "tau": {"spindle": np.cos(2.0 * t)}}
+    rec = Recording("r", t, channels, Controller("none"), "measured", "effort", "a", "", ())
+    problem = build_problem(model, [make_session(model, rec, 0)], [], [])
+    named = [any("armature" in name for name in Search(problem, skip).effects) for skip in NO_MOTOR]
+    assert named == [True, False]
 
 
 def test_a_part_made_from_filtered_motion_passes_the_second_filter_only(search):
