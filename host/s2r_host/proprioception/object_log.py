@@ -35,7 +35,9 @@ STEPS = 60
 CLEAR_M, EVERY_ROWS = 0.01, 4  # nearer than this a fingertip may touch: the part is known to millimetres
 NEAR = 0.02  # of the search range: as far as a part goes between two rows
 WINDOW_S = 0.08  # of the smoothing of the joint's position
-LEVER_SHARE = 0.05  # of an effort: millimetres that place and axis are off, on a lever of a hand's breadth
+# Of an effort: millimetres that place and axis are off, on a lever of a hand's breadth; a hundredth of a radian that a
+# slide leans more or less than believed, by which a part that weighs ten times its friction pulls on it.
+LEVER_SHARE, SLIDE_SHARE = 0.05, 0.1
 LEAST_WAY = (
     0.02  # of the search range: a fingertip that moves the part less jams, or leans on what it rests on
 )
@@ -274,6 +276,6 @@ def write_log(
 
 
 def _accuracy(touch: Touch, hinged: bool) -> float:
-    """How far the effort of a touch may be off, by the gauge and by the lever it acts on [N or N·m]."""
-    lever = LEVER_SHARE * np.abs(touch.effort) if hinged else 0.0
-    return float(np.median(np.hypot(touch.sigma, lever)))
+    """How far the effort of a touch may be off, by the gauge and by what the axis is known to [N or N·m]."""
+    axis = (LEVER_SHARE if hinged else SLIDE_SHARE) * np.abs(touch.effort)
+    return float(np.median(np.hypot(touch.sigma, axis)))
