@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from s2r_host.motion.lever_axes import UP
 from s2r_host.motion.push_proposals import PushProposal
@@ -54,6 +53,7 @@ class Guess:
         by_shape: The same if the network's beliefs say nothing.
         proposals: Ways to push it, best first, without those that were tried.
         turns: It is a knob: ``line`` is one of the many along which it gives way.
+        p_felt_for: Where it is felt for beyond what is seen of it [m], (m, 3); None where that is nowhere.
     """
 
     p: np.ndarray
@@ -65,6 +65,12 @@ class Guess:
     p_held: np.ndarray | None = None
     p_axis: np.ndarray | None = None
     turns: bool = False
+    p_felt_for: np.ndarray | None = None
+
+    def gap_m(self, p: np.ndarray) -> float:
+        """How far a point (3,) is from the piece, or from where it is felt for [m]."""
+        own = self.p if self.p_felt_for is None else np.concatenate([self.p, self.p_felt_for])
+        return float(np.linalg.norm(own - p, axis=1).min())
 
     def way(self, push: Tried | PushProposal) -> np.ndarray:
         """Which way a push goes: of a knob, which gives way all around, the axis in whose sense it turns, (3,)."""
@@ -85,9 +91,7 @@ def evidence(guesses: Sequence[Guess], tried: Sequence[Tried]) -> np.ndarray:
     factors = np.ones(len(guesses))
     if not len(guesses) or not tried:
         return factors
-    gap_m = np.array(
-        [[np.linalg.norm(guess.p - push.p_contact, axis=1).min() for guess in guesses] for push in tried]
-    )
+    gap_m = np.array([[guess.gap_m(push.p_contact) for guess in guesses] for push in tried])
     about = (gap_m < ABOUT_M) & (gap_m <= gap_m.min(axis=1, keepdims=True) + ALIKE_M)
     for k, guess in enumerate(guesses):
         factors[k] = _told(guess, [push for push, near in zip(tried, about[:, k], strict=True) if near])
@@ -119,9 +123,8 @@ def untried(guess: Guess, tried: Sequence[Tried]) -> Iterator[PushProposal]:
     Where it gave way last it is pushed on first: what several pushes moved adds up. A knob is pushed the way it held
     out, too, once nothing else is left: a fingertip that jams beside one spoke may turn it by another.
     """
-    near = cKDTree(guess.p)
     about = [
-        one for one in tried if near.query(one.p_contact)[0] < ABOUT_M and guess.at_free_end(one.p_contact)
+        one for one in tried if guess.gap_m(one.p_contact) < ABOUT_M and guess.at_free_end(one.p_contact)
     ]
     held = [guess.way(one) for one in about if one.held_out and not (guess.turns and one.moved)]
     gave_way = [guess.way(one) for one in about if one.moved and one.sure][-1:]

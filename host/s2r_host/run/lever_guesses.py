@@ -43,6 +43,7 @@ KNOB_DEPTH_M = 0.014  # least way of the fingertip: the spoke of a knob is short
 OUTLINED, OUTLINED_BAR = 50.0, 3.0
 BAR = 0.6  # chance that a level piece as long as a bar on a hub is one
 HUB = 0.7  # odds of a bare hub on the deck: its lever points at the camera
+FELT_FOR = 7  # points along that lever, a centimetre apart
 OWN = 0.5  # share of a piece's points that are a knob's, from which on it is no lever of its own
 UNDECIDED = 0.5  # belief of a network that says nothing
 KNOB = 1.5  # odds of a knob with spokes that the network fully believes in, against one it does not at all
@@ -161,9 +162,10 @@ def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Gu
 
 
 def _about_hub(lever: LeverCandidate, found: Affordance, settings: LeverPushSettings) -> Guess:
-    """A lever that points at the camera turns about its hub's upright axis."""
+    """A lever that points at the camera turns about its hub's upright axis; it is felt for where nothing is seen."""
     belief, _ = belief_about(found, lever.p)
-    return _turning(lever, HUB * belief, HUB * UNDECIDED, settings)
+    guess = _turning(lever, HUB * belief, HUB * UNDECIDED, settings)
+    return replace(guess, p_felt_for=np.linspace(lever.p_root, lever.p_tip, FELT_FOR))
 
 
 def _turning(lever: LeverCandidate, weight: float, by_shape: float, settings: LeverPushSettings) -> Guess:

@@ -11,7 +11,7 @@ from s2r_host.motion.scene import Scene, observed_scene
 from s2r_host.perception.affordance import Affordance, PushProposal
 from s2r_host.perception.object_cloud import ObjectCloud
 from s2r_host.perception.synthetic import faucet_view
-from s2r_host.run.guess import Tried
+from s2r_host.run.guess import ABOUT_M, Guess, Tried
 from s2r_host.run.lever_guesses import GuessSettings, lever_guesses
 from s2r_host.run.lever_looks import IS_LEVER, SWINGS, SWINGS_BY_SHAPE, lever_features, swing_features
 
@@ -242,18 +242,27 @@ def test_a_bare_hub_on_the_deck_has_a_lever_that_points_at_the_camera():
     angle, z = rng.uniform(0, 2 * np.pi, 3000), rng.uniform(0.02, 0.18, 3000)
     post = np.column_stack([0.6 + 0.02 * np.cos(angle), 0.02 * np.sin(angle), z])
     hub = np.array([0.6, -0.12, 0.0]) + rng.uniform([-0.014, -0.014, 0.02], [0.014, 0.014, 0.05], (800, 3))
-    camera = np.array([0.0, -0.45, 0.55])
-    found = [
-        guess
-        for guess in guesses(Scene(np.concatenate([deck, post, hub]), camera))
-        if guess.p_held is not None and np.linalg.norm(guess.p_held[:2] - [0.6, -0.12]) < 0.01
-    ]
+    scene, camera = Scene(np.concatenate([deck, post, hub]), np.array([0.0, -0.45, 0.55])), [0.0, -0.45, 0.55]
+
+    def on_hub(*tried: Tried) -> list[Guess]:
+        return [
+            guess
+            for guess in guesses(scene, tried)
+            if guess.p_held is not None and np.linalg.norm(guess.p_held[:2] - [0.6, -0.12]) < 0.01
+        ]
+
+    found = on_hub()
     assert found
     towards = (camera - found[0].p_held)[:2] / np.linalg.norm((camera - found[0].p_held)[:2])
     assert (found[0].p_free - found[0].p_held)[:2] @ towards > 0.05
     assert abs(found[0].line[:2] @ towards) < 0.05
     push = next(found[0].proposals)
     assert 0.02 < np.linalg.norm(push.p_contact[:2] - found[0].p_held[:2]) < 0.08
+    # What met nothing, or something that held out, where the lever is felt for tells against it.
+    push = next(p for p in found[0].proposals if np.linalg.norm(hub - p.p_contact, axis=1).min() > ABOUT_M)
+    held = on_hub(Tried(push.p_contact, push.direction, held_out=True, moved=False))[0]
+    assert held.weight < 0.3 * found[0].weight
+    assert next(held.proposals).direction @ push.direction < 0.0
 
 
 def test_where_nothing_stands_above_the_deck_there_is_no_body_to_turn_about():
