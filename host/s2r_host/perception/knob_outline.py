@@ -45,6 +45,9 @@ SHIFT_M = 0.012  # of the middle from where depth has it
 STARTS, ROUNDS = 4, 3
 BULGE_M = 0.0015  # of the hub beside two spokes; a straight lever, taken for a bar on a hub, has less
 LEAST_EXPLAINED, LEAST_AGAIN = 0.82, 0.75  # of the outline's area, when first seen and in another look
+DISC = (
+    0.9  # of its reach, from which on what lies between the spokes is as good as filled: the top of a column
+)
 TURN_STEP_RAD, TURN_SHIFT_M = np.deg2rad(2.0), 0.004
 
 
@@ -76,6 +79,12 @@ class KnobOutline:
     def bulge_m(self) -> float:
         """How far the hub stands out beside a spoke [m]: what is straight has none, whatever it turns about."""
         return self.hub_m - 0.5 * self.width_m
+
+    @property
+    def valley_m(self) -> float:
+        """How far it reaches midway between two spokes [m]: of a disc nearly as far as along them."""
+        half = 0.5 * self.pitch
+        return max(self.hub_m, min(0.5 * self.width_m / float(np.sin(half)), self.reach_m))
 
     @property
     def pitch(self) -> float:
@@ -117,7 +126,7 @@ def fit_outline(
         spokes: How many it may have.
 
     Returns:
-        None where there is no colour, no depth on its top, or no outline that explains the colours.
+        None where there is no colour, no depth on its top, or no outline with spokes that explains the colours.
     """
     p_top = _top(frame, p_middle)
     if p_top is None or frame.colour is None:
@@ -126,7 +135,8 @@ def fit_outline(
     coarse = seen.coarse()
     rough = [_fitted(coarse, start) for start in _starts(coarse, p_top, reach_m, foot_m, spokes)[:STARTS]]
     best = _fitted(seen, max(rough, key=lambda one: one.explained))
-    return best if best.explained > LEAST_EXPLAINED else None
+    told = best.explained > LEAST_EXPLAINED and best.valley_m < DISC * best.reach_m
+    return best if told else None
 
 
 def on_its_foot(outline: KnobOutline, p: Array) -> KnobOutline:

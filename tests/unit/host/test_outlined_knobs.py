@@ -104,6 +104,15 @@ def test_without_colour_and_without_spokes_there_is_no_outline() -> None:
     assert found is None or found.reach_m - found.hub_m < 0.006
 
 
+def test_a_disc_is_no_knob_with_wide_spokes() -> None:
+    """The top of a low column: five spokes as wide as they are long fill a circle, and were pushed at in vain."""
+    disc = KnobOutline(knob().p_axis, 0.025, 0.026, 0.028, 5, 0.4, DECK_M)
+    assert disc.valley_m > 0.9 * disc.reach_m
+    assert fit_outline(look(disc, noise_m=0.0003), disc.p_axis, 0.026, DECK_M) is None
+    assert knob().valley_m == pytest.approx(0.020)
+    assert knob(spokes=2).valley_m == pytest.approx(0.020)
+
+
 @pytest.mark.parametrize("turn", [-35.0, -12.0, 3.0, 20.0, 40.0])
 def test_a_turn_is_told_to_half_a_degree(turn: float) -> None:
     before = knob()
