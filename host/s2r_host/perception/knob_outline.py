@@ -45,9 +45,8 @@ SHIFT_M = 0.012  # of the middle from where depth has it
 STARTS, ROUNDS = 4, 3
 BULGE_M = 0.0015  # of the hub beside two spokes; a straight lever, taken for a bar on a hub, has less
 LEAST_EXPLAINED, LEAST_AGAIN = 0.82, 0.75  # of the outline's area, when first seen and in another look
-DISC = (
-    0.9  # of its reach, from which on what lies between the spokes is as good as filled: the top of a column
-)
+# Of its reach, from which on what lies between the spokes is as good as filled: the round top of a column.
+DISC = 0.87
 TURN_STEP_RAD, TURN_SHIFT_M = np.deg2rad(2.0), 0.004
 
 
