@@ -66,12 +66,10 @@ def job(number: int) -> dict[str, Any]:
     p_axis = data.xanchor[int(model.body(PART_BODY).jntadr[0])]
     scene = observed_scene(frames[0])
     for knob in find_knobs(scene):
-        middle = knob.spokes[0].p_root
-        reach_m = max(float(np.linalg.norm(spoke.p_tip - middle)) for spoke in knob.spokes)
-        if np.linalg.norm(middle[:2] - p_axis[:2]) > NEAR_M:
+        if np.linalg.norm(knob.p_axis[:2] - p_axis[:2]) > NEAR_M:
             continue
         row["found"] = True
-        outline = fit_outline(frames[0], middle, reach_m, knob_deck(scene.p_base))
+        outline = fit_outline(frames[0], knob.p_axis, knob.reach_m, knob_deck(scene.p_base))
         if outline is None:
             continue
         row["outlined"] = True

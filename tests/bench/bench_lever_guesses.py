@@ -21,9 +21,8 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
-from s2r_host.errors import SceneError
 from s2r_host.motion.lever_axes import level_axis, upright_axis
-from s2r_host.motion.levers import find_levers
+from s2r_host.motion.levers import levers_in
 from s2r_host.motion.robot_mask import back_project
 from s2r_host.motion.scene import observed_scene
 from s2r_host.perception.frames import DepthFrame
@@ -85,10 +84,7 @@ def search(number: int, views: str) -> dict[str, Any]:
             row["pushes"] = count
             break
         tried.append(Tried(push.p_contact, push.direction, held_out=True, moved=False))
-    try:
-        levers = find_levers(scene)
-    except SceneError:
-        levers = []
+    levers = levers_in(scene)
     beliefs = [belief_about(found, lever.p) for lever in levers]
     for k, lever in enumerate(levers):
         line = beliefs[k][1]

@@ -41,6 +41,16 @@ class Knob:
     p: np.ndarray
     spokes: tuple[LeverCandidate, ...]
 
+    @property
+    def p_axis(self) -> np.ndarray:
+        """The point of its axis at the height of its spokes [m], (3,)."""
+        return self.spokes[0].p_root
+
+    @property
+    def reach_m(self) -> float:
+        """From its axis to the tip of its longest spoke [m]."""
+        return max(float(np.linalg.norm(spoke.p_tip - self.p_axis)) for spoke in self.spokes)
+
 
 def knob_deck(p: np.ndarray) -> float:
     """Height of what knobs stand on [m], however thin; of points (n, 3)."""

@@ -101,6 +101,14 @@ def find_levers(scene: Scene) -> list[LeverCandidate]:
     return sorted(found, key=lambda c: c.doubt)
 
 
+def levers_in(scene: Scene) -> list[LeverCandidate]:
+    """Candidates, the likeliest first; maybe none."""
+    try:
+        return find_levers(scene)
+    except SceneError:
+        return []
+
+
 def _candidates(piece: np.ndarray, standing: Standing) -> list[LeverCandidate]:
     """The straight parts of a piece (n, 3); without any, all of it if it sticks out of the column."""
     straight = [_candidate(part, standing) for part in _straight(piece)]

@@ -75,9 +75,9 @@ class KnobOutline:
     explained: float = 0.0
 
     @property
-    def bulge_m(self) -> float:
-        """How far the hub stands out beside a spoke [m]: what is straight has none, whatever it turns about."""
-        return self.hub_m - 0.5 * self.width_m
+    def bulges(self) -> bool:
+        """Whether the hub stands out beside a spoke: what is straight has none to show, whatever it turns about."""
+        return self.hub_m - 0.5 * self.width_m > BULGE_M
 
     @property
     def valley_m(self) -> float:

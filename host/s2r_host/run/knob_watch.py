@@ -7,14 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from s2r_host.errors import SceneError
 from s2r_host.motion.bars import find_bars
 from s2r_host.motion.knobs import Knob, find_knobs, knob_deck
-from s2r_host.motion.levers import LeverCandidate, find_levers
+from s2r_host.motion.levers import levers_in
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.knob_joint import knob_joint
 from s2r_host.perception.knob_outline import (
-    BULGE_M,
     SPOKES,
     KnobOutline,
     fit_outline,
@@ -38,11 +36,12 @@ class KnobWatch:
         """Find them."""
         self._first = self._last = first
         self._found: list[KnobOutline] = []
+        deck_m = knob_deck(first.scene.p_base)
         for knob in find_knobs(first.scene):
-            self._add(_outline(first, knob))
-        for bar in find_bars(_levers(first)):
-            outline = _outline(first, bar, spokes=(2,))
-            if outline is not None and outline.bulge_m > BULGE_M:
+            self._add(_outline(first, knob, deck_m))
+        for bar in find_bars(levers_in(first.scene)):
+            outline = _outline(first, bar, deck_m, spokes=(2,))
+            if outline is not None and outline.bulges:
                 self._add(outline)
         self.now: list[KnobOutline] = list(self._found)
 
@@ -76,17 +75,9 @@ class KnobWatch:
         return knob_joint(before, after, self._found[k], self.now[k])
 
 
-def _levers(view: Observation) -> list[LeverCandidate]:
-    """Straight pieces; maybe none."""
-    try:
-        return find_levers(view.scene)
-    except SceneError:
-        return []
-
-
-def _outline(view: Observation, knob: Knob, spokes: Sequence[int] = SPOKES) -> KnobOutline | None:
+def _outline(
+    view: Observation, knob: Knob, deck_m: float, spokes: Sequence[int] = SPOKES
+) -> KnobOutline | None:
     """Of what may be a knob, on its foot; None where its colours do not tell it."""
-    middle, p = knob.spokes[0].p_root, view.scene.p_base
-    reach_m = max(float(np.linalg.norm(spoke.p_tip - middle)) for spoke in knob.spokes)
-    outline = fit_outline(view.capture.frame, middle, reach_m, knob_deck(p), spokes)
-    return None if outline is None else on_its_foot(outline, p)
+    outline = fit_outline(view.capture.frame, knob.p_axis, knob.reach_m, deck_m, spokes)
+    return None if outline is None else on_its_foot(outline, view.scene.p_base)

@@ -13,18 +13,17 @@ from itertools import chain
 import numpy as np
 from scipy.spatial import cKDTree
 
-from s2r_host.errors import SceneError
 from s2r_host.motion.bars import as_bar
 from s2r_host.motion.hubs import find_hubs
 from s2r_host.motion.knob_proposals import knob_proposals
 from s2r_host.motion.knobs import Knob, find_knobs
 from s2r_host.motion.lever_axes import UP, LeverAxis, level_axis, upright_axis, with_room_first
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
-from s2r_host.motion.levers import USUAL_WIDTH_M, LeverCandidate, find_levers
+from s2r_host.motion.levers import USUAL_WIDTH_M, LeverCandidate, levers_in
 from s2r_host.motion.scene import Scene
 from s2r_host.motion.standing import Standing, pieces, standing_on
 from s2r_host.perception.affordance import Affordance
-from s2r_host.perception.knob_outline import BULGE_M, KnobOutline
+from s2r_host.perception.knob_outline import KnobOutline
 from s2r_host.perception.network_pushes import NetworkPushSettings, proposals_of
 from s2r_host.run.guess import ABOUT_M, Guess, Tried, evidence, untried
 from s2r_host.run.lever_looks import odds_of, swinging, wrong_end
@@ -73,10 +72,7 @@ def lever_guesses(
         tried: Pushes that told nothing, in this view or in earlier ones.
         outlined: Knobs whose outline is known, as they stand in this view.
     """
-    try:
-        levers = find_levers(scene)
-    except SceneError:
-        levers = []
+    levers = levers_in(scene)
     beliefs = [belief_about(found, lever.p) for lever in levers]
     guesses = [
         guess for k in range(len(levers)) for guess in _about_lever(levers, k, beliefs, settings.lever_push)
@@ -87,7 +83,7 @@ def lever_guesses(
     known = [*(one.p for one in levers), *(one.p for one in knobs), *(one.p for one in shown)]
     guesses = [g for g in guesses if not any(one.covers(g.p).mean() > OWN for one in outlined)] + shown
     guesses += _about_the_rest(scene, known, found, settings)
-    taken = [*(one.p_root for one in levers if one.rooted), *(one.spokes[0].p_root for one in knobs)]
+    taken = [*(one.p_root for one in levers if one.rooted), *(one.p_axis for one in knobs)]
     hubs = find_hubs(scene, [*taken, *(one.p_axis for one in outlined)])
     guesses += [_about_hub(hub, found, settings.lever_push) for hub in hubs]
     weights = _chances(guesses) * evidence(guesses, tried)
@@ -145,7 +141,7 @@ def _about_spokes(knob: Knob, weight: float, by_shape: float, settings: LeverPus
     pushes = chain.from_iterable(lever_proposals(spoke, axis, exact) for spoke, axis in spokes)
     first, axis = spokes[0]
     line = axis.way(first.p_tip)
-    return Guess(knob.p, line, weight, by_shape, pushes, p_axis=first.p_root, turns=True)
+    return Guess(knob.p, line, weight, by_shape, pushes, p_axis=knob.p_axis, turns=True)
 
 
 def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Guess | None:
@@ -154,7 +150,7 @@ def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Gu
     if len(p) < LEAST_POINTS:
         return None
     belief, _ = belief_about(found, p)
-    odds = OUTLINED if outline.spokes > 2 or outline.bulge_m > BULGE_M else OUTLINED_BAR
+    odds = OUTLINED if outline.spokes > 2 or outline.bulges else OUTLINED_BAR
     angle = outline.angle
     line = np.array([-np.sin(angle), np.cos(angle), 0.0])
     weight, by_shape = odds * (UNDECIDED + belief), odds * 2.0 * UNDECIDED

@@ -242,7 +242,8 @@ def test_a_bare_hub_on_the_deck_has_a_lever_that_points_at_the_camera():
     angle, z = rng.uniform(0, 2 * np.pi, 3000), rng.uniform(0.02, 0.18, 3000)
     post = np.column_stack([0.6 + 0.02 * np.cos(angle), 0.02 * np.sin(angle), z])
     hub = np.array([0.6, -0.12, 0.0]) + rng.uniform([-0.014, -0.014, 0.02], [0.014, 0.014, 0.05], (800, 3))
-    scene, camera = Scene(np.concatenate([deck, post, hub]), np.array([0.0, -0.45, 0.55])), [0.0, -0.45, 0.55]
+    camera = np.array([0.0, -0.45, 0.55])
+    scene = Scene(np.concatenate([deck, post, hub]), camera)
 
     def on_hub(*tried: Tried) -> list[Guess]:
         return [

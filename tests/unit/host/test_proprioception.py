@@ -170,9 +170,8 @@ def test_a_pushed_slide_is_recorded_where_the_fingertip_is_with_the_force_it_too
     assert recorded.joints == ("object_joint",)
     assert recorded.effort == "measured"
     assert recorded.channels["tau"]["object_joint"] == pytest.approx(one.effort, rel=1e-5)
-    assert (
-        recorded.effort_sigma["object_joint"] > 0.09 * PUSHED_N
-    )  # however good the gauge is, the axis is not
+    # However good the gauge is, the axis is not.
+    assert recorded.effort_sigma["object_joint"] > 0.09 * PUSHED_N
 
 
 @pytest.mark.parametrize("s_now", [0.0, 0.16])
