@@ -86,7 +86,7 @@ class WatchedFeeling(Feeling):
     ) -> list[Touch]:
         """As the parent."""
         index = next(i for i, one in enumerate(executed) if one is pushed)
-        self.pushes.append(Push(belief, len(executed), index, s_from, s_to, self.forgets))
+        self.pushes.append(Push(_unseen(belief), len(executed), index, s_from, s_to, self.forgets))
         self.forgets = False
         return super().feel(belief, executed, pushed, s_from, s_to)
 
@@ -94,6 +94,22 @@ class WatchedFeeling(Feeling):
         """As the parent."""
         self.forgets = True
         super().forget_part()
+
+
+def _unseen(belief: Belief) -> Belief:
+    """Without what the camera saw: 90 MB of points that no recording of the joint needs."""
+    estimate = replace(belief.estimate, view_before=None, view_after=None, parts=None, hypotheses=())  # type: ignore[arg-type]
+    none = np.empty((0, 3))
+    return replace(belief, estimate=estimate, template=replace(belief.template, p=none, n=none, p_still=none))
+
+
+def _thinned(recording: bytes | None) -> bytes:
+    """What a recording holds of the joints, in single precision but for the time."""
+    samples = samples_in(recording) if recording else None
+    if samples is not None:
+        rest = {name: getattr(samples, name).astype(np.float32) for name in ("q", "dq", "ddq", "tau")}
+        samples = replace(samples, **rest)
+    return pickle.dumps(samples)
 
 
 def run_host(trial: Trial, folder: Path) -> Run:
@@ -146,10 +162,7 @@ def _run(trial: Trial, folder: Path) -> Run:
     if record.code == ExitCode.BUG:
         raise RuntimeError(f"{folder}: the host did not get through: {record.reason}")
     executed = tuple(sessions[0].executed) if sessions else ()
-    thinned = tuple(
-        replace(one, recording=pickle.dumps(samples_in(one.recording) if one.recording else None))
-        for one in executed
-    )
+    thinned = tuple(replace(one, recording=_thinned(one.recording)) for one in executed)
     return Run(thinned, tuple(feelings[0].pushes) if feelings else (), record.reason)
 
 
