@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -41,6 +41,11 @@ LEVER_SHARE, SLIDE_SHARE = 0.05, 0.1
 LEAST_WAY = (
     0.02  # of the search range: a fingertip that moves the part less jams, or leans on what it rests on
 )
+STANDS_M_S = 0.003  # the place pushed goes slower: friction is anything up to its limit there
+COMES_TO_REST_M_S = 0.006  # the part ends with the fingertip, and not a millimetre further
+# Flat on flat, the place nearest to the part changes from one edge of the fingertip to the other within a fraction of
+# a degree. Where that changes a lever, the place is not known until the part has turned by what its shape is off.
+OTHER_LEVER, TURN_RAD = 0.05, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +101,8 @@ def touches(
         samples: The motion.
         part: What was pushed.
         s_start: Joint value before the motion [m or rad].
-        s_end: After it: the model's surface counts from there.
+        s_end: After it, [m or rad]: where the part ended with the fingertip its surface counts from there, as its shape
+            is known to millimetres; otherwise from ``s_start``.
         most: How far the joint may be from ``s_end`` at most [m or rad].
     """
     force = tip_force(own, samples)
@@ -105,27 +111,34 @@ def touches(
     noise = np.sqrt(np.trace(force.covariance, axis1=1, axis2=2))
     sign = 1.0 if part.positive else -1.0
     pushing = (size > np.maximum(LEAST_FORCE_N, OVER_NOISE * noise)) & (sign * towards > OVER_NOISE * doubt)
-    pushing = binary_closing(pushing, np.ones(2 * round(GAP_S / EVERY_S / 2) + 1))
-    pushing &= ~_blows(towards, pushing)
-    found, edge, s_now = [], round(EDGE_S / EVERY_S), s_start
-    for stretch in _stretches(pushing):
+    contact = binary_closing(pushing, np.ones(2 * round(GAP_S / EVERY_S / 2) + 1))
+    followed: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    edge, s_now = round(EDGE_S / EVERY_S), s_start
+    for stretch in _stretches(contact & ~_blows(towards, contact)):
         rows = stretch[edge:-edge]
-        if len(rows) * EVERY_S < LEAST_TOUCH_S:
-            continue
-        followed = _followed(arm, samples.q[rows], part, s_now, s_end, most)
-        if followed is None:
-            continue
-        together = _unbroken(followed[0], NEAR * most)
-        if len(together) * EVERY_S < LEAST_TOUCH_S or np.ptp(followed[0][together]) < LEAST_WAY * most:
-            continue
-        rows, s, p = rows[together], followed[0][together], followed[1][together]
-        force = tip_force(own, samples.part(rows), p)
-        effort, sigma = force.along(part.velocity(p))
-        window = 2 * round(WINDOW_S / EVERY_S / 2) + 1
-        smooth, ds = (np.asarray(savgol_filter(s, window, 2, deriv=order, delta=EVERY_S)) for order in (0, 1))
-        found.append(Touch(samples.t[rows], smooth, ds, effort, sigma))
-        s_now = float(s[-1])
-    return _anchored(found, s_end)
+        places = _followed(arm, samples.q[rows], part, s_now, s_end, most) if len(rows) else None
+        if places is not None:
+            together = _unbroken(places[0], NEAR * most)
+            followed.append((rows[together], places[0][together], places[1][together]))
+            s_now = float(followed[-1][1][-1])
+    found = []
+    for rows, s, p in followed:
+        velocity = part.velocity(p)
+        for some in _clear(s, velocity):
+            if len(some) * EVERY_S < LEAST_TOUCH_S or np.ptp(s[some]) < LEAST_WAY * most:
+                continue
+            effort, sigma = tip_force(own, samples.part(rows[some]), p[some]).along(velocity[some])
+            smooth, ds = _smoothed(s[some])
+            found.append(Touch(samples.t[rows[some]], smooth, ds, effort, sigma))
+    if not found:
+        return []
+    _, s, p = followed[-1]
+    if _surface_speed(s, part.velocity(p))[-1] < COMES_TO_REST_M_S:
+        off = s_end - float(s[-1])
+    else:  # the part has gone on alone: where it was met counts
+        met = _followed(arm, samples.q[np.flatnonzero(contact)[:1]], part, s_start, s_end, most)
+        off = s_start - float(met[0][0]) if met is not None else 0.0
+    return [replace(one, s=one.s + off) for one in found]
 
 
 def _blows(effort: np.ndarray, pushing: np.ndarray) -> np.ndarray:
@@ -162,12 +175,37 @@ def _unbroken(s: np.ndarray, step: float) -> np.ndarray:
     return max(np.split(np.arange(len(s)), breaks), key=len)
 
 
-def _anchored(found: list[Touch], s_end: float) -> list[Touch]:
-    """All of them moved so that the last one ends where the camera saw the part afterwards."""
-    if not found:
-        return found
-    off = s_end - float(found[-1].s[-1])
-    return [Touch(one.t, one.s + off, one.ds, one.effort, one.sigma) for one in found]
+def _clear(s: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
+    """Rows of the stretches in which the part goes, and on a lever that is known.
+
+    Args:
+        s: Joint values (n,).
+        velocity: Of the place pushed per unit of the joint, (n, 3).
+    """
+    going = np.flatnonzero(_surface_speed(s, velocity) > STANDS_M_S)
+    if not len(going):
+        return []
+    clear = np.zeros(len(s), dtype=bool)
+    clear[going[0] : going[-1] + 1] = True
+    lever = np.linalg.norm(velocity, axis=1)
+    other = np.linalg.norm(np.diff(velocity, axis=0), axis=1) > OTHER_LEVER * lever[1:]
+    for changes in s[1:][other]:
+        clear &= np.abs(s - changes) > TURN_RAD
+    return _stretches(clear)
+
+
+def _surface_speed(s: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """How fast the place pushed goes [m/s], (n,): joint values (n,), its velocity per unit of the joint (n, 3)."""
+    return np.linalg.norm(velocity, axis=1) * np.abs(_smoothed(s)[1])
+
+
+def _smoothed(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Joint values (n,) without their ripple, and their speeds; as far as so few rows have any."""
+    window = min(2 * round(WINDOW_S / EVERY_S / 2) + 1, 2 * ((len(s) - 1) // 2) + 1)
+    if window < 3:
+        return s, np.zeros(len(s))
+    smooth, ds = (savgol_filter(s, window, 2, deriv=order, delta=EVERY_S) for order in (0, 1))
+    return np.asarray(smooth), np.asarray(ds)
 
 
 def _followed(
