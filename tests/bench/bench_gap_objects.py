@@ -6,8 +6,9 @@
 Draws drawers, lids and levers with one effect of the joint hidden, lets the host push and manipulate each as
 `s2r bench missing` does (in one process, about 25 s), hands the recordings of the joint and the believed object to the
 gap tool, and only then opens the answers, which lie apart in ``DIR/sealed``. It may be stopped and started again: runs,
-recordings and answers that are there are kept. ``--felt-again`` makes the recordings anew from the kept runs,
-``--again`` asks anew: for work on either. A set whose answers were opened serves for tuning from then on.
+recordings and answers that are there are kept, which is also how a set is drawn elsewhere with ``--unasked`` and asked
+later. ``--felt-again`` makes the recordings anew from the kept runs, ``--again`` asks anew: for work on either. A set
+whose answers were opened serves for tuning from then on.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from pathlib import Path
 from gap_objects.hidden import HIDDEN
 from gap_objects.one import asked, felt, folder_of
 from gap_objects.score import brief, judged, table
+from gap_objects.strength import FELT, at_stop, strength
 
 from s2r_sim.batch import run_jobs
 
@@ -62,21 +64,19 @@ def main() -> None:
             return
         ask = [(out, *case, options.again or options.felt_again) for case in todo]
         answers = run_jobs(asked, ask, Path(results) / "answers.jsonl", options.jobs, "answers")
-    rows = [
-        {
-            "case": folder_of(options.out, *case).name,
-            "effect": case[0],
-            "judged": judged(case[0], answer),
-            **answer,
-        }
-        for case, answer in zip(todo, answers, strict=True)
-    ]
+    rows = []
+    for case, answer in zip(todo, answers, strict=True):
+        folder = folder_of(options.out, *case)
+        drawn = (*case, options.seed, folder)
+        said = {"judged": judged(case[0], answer, at_stop(*drawn)), "strength": strength(*drawn)}
+        rows.append({"case": folder.name, "effect": case[0], **said, **answer})
     if options.json:
         print(json.dumps(rows, indent=1))
         return
     for row in rows:
-        print(f"{row['case']:<24} {row['judged']:<8} {brief(row)}")
-    print("\n".join(["", *table(rows)]))
+        print(f"{row['case']:<24} {row['judged']:<8} {row['strength']:5.1f} {brief(row)}")
+    print("\n".join(["", *table(rows), "", f"Where {FELT} of the accuracy or more was felt of it:", ""]))
+    print("\n".join(table([row for row in rows if row["strength"] >= FELT])))
 
 
 if __name__ == "__main__":

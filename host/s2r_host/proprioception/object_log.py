@@ -35,9 +35,9 @@ STEPS = 60
 CLEAR_M, EVERY_ROWS = 0.01, 4  # nearer than this a fingertip may touch: the part is known to millimetres
 NEAR = 0.02  # of the search range: as far as a part goes between two rows
 WINDOW_S = 0.08  # of the smoothing of the joint's position
-# Of an effort: millimetres that place and axis are off, on a lever of a hand's breadth; a hundredth of a radian that a
-# slide leans more or less than believed, by which a part that weighs ten times its friction pulls on it.
-LEVER_SHARE, SLIDE_SHARE = 0.05, 0.1
+# Of an effort: millimetres that place and axis are off, on a lever of a hand's breadth; on a slide, what is left of how
+# it leans once that was learnt.
+LEVER_SHARE, SLIDE_SHARE = 0.05, 0.08
 LEAST_WAY = (
     0.02  # of the search range: a fingertip that moves the part less jams, or leans on what it rests on
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -97,6 +98,30 @@ def with_numbers(
         geom.set("density", f"{mass_share * float(geom.get('density', 1000.0)):.7g}")
     for element in part.iter("joint"):
         element.set("damping", f"{damping:.7g}")
+    return _written(tree, path)
+
+
+def with_lean(source: Path, joint: str, lean: float, path: Path) -> Path:
+    """Write the object with gravity turned as if a slide rose more where its joint grows.
+
+    Args:
+        source: Object file (MJCF).
+        joint: A slide; for a hinge gravity stays.
+        lean: How much more [rad].
+        path: Where the new file goes.
+    """
+    tree = ET.parse(source)
+    model = mujoco.MjModel.from_xml_path(str(source))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    index, gravity = model.joint(joint).id, model.opt.gravity
+    across = np.cross(data.xaxis[index], gravity)
+    if model.jnt_type[index] == mujoco.mjtJoint.mjJNT_SLIDE and np.linalg.norm(across) > 0.0:
+        turn = Rotation.from_rotvec(lean * across / np.linalg.norm(across))
+        option = tree.find("option")
+        if option is None:
+            option = ET.SubElement(tree.getroot(), "option")
+        option.set("gravity", _text(turn.apply(gravity)))
     return _written(tree, path)
 
 

@@ -30,7 +30,7 @@ from s2r_host.planning.doubt import Z90
 from s2r_host.run.belief import JOINT, Belief
 from s2r_host.run.contact import corrected
 from s2r_host.run.manipulate import DoneManipulation
-from s2r_host.run.object_file import with_numbers
+from s2r_host.run.object_file import with_lean, with_numbers
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
 from s2r_protocol.exits import S2RError
@@ -60,10 +60,12 @@ class JointLaw:
     Attributes:
         model: The believed object with every stock attribute that was found.
         twin: The same with what has no stock form.
+        planned: The object as plans know it.
     """
 
     model: mujoco.MjModel
     twin: Twin
+    planned: mujoco.MjModel
 
     @property
     def damping(self) -> float:
@@ -81,10 +83,10 @@ class JointLaw:
     def resistance(self, s: float, ds: float) -> tuple[float, float]:
         """(effort taken by what the object file cannot hold, dry friction) at a joint value and speed [N or N·m].
 
-        The file's own gravity is part of it already: only what a found tilt or weight adds counts here.
+        The file's own gravity is part of it already: only what a lean, tilt or weight that was found adds counts here.
         """
         state = StepState(0.0, np.array([s]), np.array([ds]), np.zeros(1), np.zeros(1), np.zeros(1))
-        taken = _bias(self.model, s) - _bias(self.twin.rigid.model, s)
+        taken = _bias(self.model, s) - _bias(self.planned, s)
         dry = float(self.model.dof_frictionloss[self._dof])
         for term in self.twin.live:
             runtime = catalogue()[term.effect].runtime(
@@ -247,11 +249,11 @@ def _asked(session: Session, record: RunRecord, folder: Path) -> PhysicsLesson:
         write_answer(answer, folder)
     except S2RError as error:
         return PhysicsLesson(0, folder, "refused", notes=(f"gap refused the recordings: {error}",))
-    return _lesson(folder, analysis, answer)
+    return _lesson(folder, analysis, answer, mujoco.MjModel.from_xml_path(str(belief.growing)))
 
 
 def believed_object(belief: Belief, path: Path) -> Path:
-    """Write the object as built, with mass, friction and damping as felt: the model that recordings are held against.
+    """Write the object as built, with mass, friction, damping and lean as felt: what recordings are held against.
 
     Args:
         belief: Of an object that was felt.
@@ -259,7 +261,8 @@ def believed_object(belief: Belief, path: Path) -> Path:
     """
     felt = belief.felt
     assert felt is not None
-    return with_numbers(belief.model.mjcf_path, JOINT, felt.mass_share, felt.friction, felt.damping, path)
+    with_numbers(belief.model.mjcf_path, JOINT, felt.mass_share, felt.friction, felt.damping, path)
+    return with_lean(path, JOINT, felt.lean, path)
 
 
 def ask_gap(believed: Path, logs: Sequence[Path], seed: int) -> tuple[Analysis, dict[str, Any]]:
@@ -278,7 +281,9 @@ def ask_gap(believed: Path, logs: Sequence[Path], seed: int) -> tuple[Analysis, 
     return analysis, make_answer(analysis, seed)
 
 
-def _lesson(folder: Path, analysis: Analysis, answer: dict[str, Any]) -> PhysicsLesson:
+def _lesson(
+    folder: Path, analysis: Analysis, answer: dict[str, Any], planned: mujoco.MjModel
+) -> PhysicsLesson:
     names = [effect["name"] for effect in answer["effects"]]
     not_carried = tuple(name for name in names if name in TRANSMISSION | DRIVE)
     told = answer["verdict"] in ("physics_missing", "parameter_off") and analysis.twin is not None
@@ -291,7 +296,9 @@ def _lesson(folder: Path, analysis: Analysis, answer: dict[str, Any]) -> Physics
         carried=tuple(name for name in names if name not in not_carried),
         not_carried=not_carried,
         notes=tuple(note for note in answer["notes"] if note.startswith("cannot tell")),
-        law=JointLaw(analysis.twin.model, analysis.twin) if told and analysis.twin is not None else None,
+        law=JointLaw(analysis.twin.model, analysis.twin, planned)
+        if told and analysis.twin is not None
+        else None,
         noise=float(answer["floor"].get("tau_rmse") or 0.0),
     )
 

@@ -9,28 +9,30 @@ from gap_objects.hidden import HIDDEN
 
 Row = dict[str, Any]
 FINE = ("nothing_missing", "parameter_off")
+STOP = "soft_end_stop"
 OPEN = ("insufficient", "refused", "no recordings")
 JUDGED = ("first", "set", "wrong", "unknown", "missed", "open", "alarm", "fine")
 
 
-def judged(effect: str, answer: Row) -> str:
+def judged(effect: str, answer: Row, at_stop: bool) -> str:
     """One of ``JUDGED``: how an answer stands to what is hidden.
 
     ``first``: the first name is right; ``set``: another of the answer's names is; ``wrong``: none is; ``unknown``:
     something without a name; ``missed``: nothing, or a number that is off; ``open``: the data cannot tell. Where
-    nothing is hidden: ``fine``, ``alarm`` or ``open``.
+    nothing is hidden: ``fine``, ``alarm`` or ``open``. A stop is no alarm where the part was pushed against one.
     """
     names, verdict = HIDDEN[effect].names, answer["verdict"]
     if verdict in OPEN:
         return "open"
+    first = [name for name, _, _ in answer["effects"] if not (at_stop and name == STOP)]
     if not names:
-        return "fine" if verdict in FINE else "alarm"
+        return "fine" if verdict in FINE or (answer["effects"] and not first) else "alarm"
     if verdict in FINE:
         return "missed"
     if verdict == "unknown":
         return "unknown"
     sets = [{name, *also} for name, also, _ in answer["effects"]]
-    if answer["effects"][0][0] in names:
+    if first and first[0] in names:
         return "first"
     return "set" if any(names_of & set(names) for names_of in sets) else "wrong"
 

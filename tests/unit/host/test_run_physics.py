@@ -83,7 +83,11 @@ def learnt(tmp_path_factory):
     config = GapConfig(simulate=False, baselines=False, next_experiment=False)
     analysis = analyse(model, logs, [], [], config, lambda _text: None)
     assert analysis.twin is not None
-    return SimpleNamespace(analysis=analysis, law=JointLaw(analysis.twin.model, analysis.twin), model=model)
+    return SimpleNamespace(
+        analysis=analysis,
+        law=JointLaw(analysis.twin.model, analysis.twin, analysis.twin.rigid.model),
+        model=model,
+    )
 
 
 def test_friction_along_the_way_is_named_from_three_strokes(learnt):
@@ -116,7 +120,7 @@ def test_a_spring_that_is_stronger_than_friction_is_told_from_one_that_is_not(le
     spec = mujoco.MjSpec.from_file(str(learnt.model))
     spec.joint("object_joint").stiffness, spec.joint("object_joint").springref = [60.0, 0, 0], 0.0
     rigid = SimpleNamespace(model=mujoco.MjModel.from_xml_path(str(learnt.model)))
-    sprung = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid))
+    sprung = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid), rigid.model)
     assert sprung.pull(0.05, slides=True) == (pytest.approx(-3.0), pytest.approx(4.0))
     pull, dry = sprung.pull(0.08, slides=True)
     assert abs(pull) > dry
@@ -126,7 +130,7 @@ def test_a_tilt_that_was_found_pulls_and_brakes_one_way_more_than_the_other(lear
     spec = mujoco.MjSpec.from_file(str(learnt.model))
     spec.option.gravity = [-2.0, 0.0, -9.6]
     rigid = SimpleNamespace(model=mujoco.MjModel.from_xml_path(str(learnt.model)))
-    tilted = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid))
+    tilted = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid), rigid.model)
     weight = 2.0 * float(rigid.model.body("object_part").mass[0])
     assert tilted.pull(0.0, slides=True)[0] == pytest.approx(-weight)
     assert tilted.braking(0.0, True, slides=True) == pytest.approx(4.0 + weight)
@@ -198,7 +202,7 @@ def _believed(model: Path) -> Any:
         falling=model,
         growing=model,
         shifts={},
-        felt=ObjectNumbers(1.0, 4.0, 5.0, (0.1, 0.1, 0.1), 0.1, 4.0),
+        felt=ObjectNumbers(1.0, 4.0, 5.0, 0.0, (0.1, 0.1, 0.1), 0.1, 4.0),
     )
 
 
@@ -225,7 +229,7 @@ def test_a_part_that_something_pulls_away_is_warned_of_unless_it_stayed_there_be
     spec = mujoco.MjSpec.from_file(str(learnt.model))
     spec.joint("object_joint").stiffness, spec.joint("object_joint").springref = [60.0, 0, 0], 0.0
     rigid = SimpleNamespace(model=mujoco.MjModel.from_xml_path(str(learnt.model)))
-    law = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid))  # pyright: ignore[reportArgumentType]
+    law = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid), rigid.model)  # pyright: ignore[reportArgumentType]
     settings = RunSettings(0.1, tmp_path / "run", learn_physics=True)
     session: Any = SimpleNamespace(settings=settings, target=0.09, journal=Journal())
     record = RunRecord(settings, Journal())
