@@ -41,7 +41,8 @@ LEVER_SHARE, SLIDE_SHARE = 0.05, 0.08
 LEAST_WAY = (
     0.02  # of the search range: a fingertip that moves the part less jams, or leans on what it rests on
 )
-STANDS_M_S = 0.003  # the place pushed goes slower: friction is anything up to its limit there
+# The place pushed goes slower, by itself or beside what it reaches: friction is anything up to its limit there.
+STANDS_M_S, STANDS_SHARE = 0.003, 0.15
 COMES_TO_REST_M_S = 0.006  # the part ends with the fingertip, and not a millimetre further
 # Flat on flat, the place nearest to the part changes from one edge of the fingertip to the other within a fraction of
 # a degree. Where that changes a lever, the place is not known until the part has turned by what its shape is off.
@@ -133,7 +134,7 @@ def touches(
     if not found:
         return []
     _, s, p = followed[-1]
-    if _surface_speed(s, part.velocity(p))[-1] < COMES_TO_REST_M_S:
+    if _along(s, part.velocity(p))[-1] < COMES_TO_REST_M_S:
         off = s_end - float(s[-1])
     else:  # the part has gone on alone: where it was met counts
         met = _followed(arm, samples.q[np.flatnonzero(contact)[:1]], part, s_start, s_end, most)
@@ -182,11 +183,12 @@ def _clear(s: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         s: Joint values (n,).
         velocity: Of the place pushed per unit of the joint, (n, 3).
     """
-    going = np.flatnonzero(_surface_speed(s, velocity) > STANDS_M_S)
+    speed = _along(s, velocity)
+    going = np.flatnonzero(speed > max(STANDS_M_S, STANDS_SHARE * float(speed.max())))
     if not len(going):
         return []
-    clear = np.zeros(len(s), dtype=bool)
-    clear[going[0] : going[-1] + 1] = True
+    clear = speed > 0.0  # a part does not go against the fingertip: that has slid along it
+    clear[: going[0]] = clear[going[-1] + 1 :] = False
     lever = np.linalg.norm(velocity, axis=1)
     other = np.linalg.norm(np.diff(velocity, axis=0), axis=1) > OTHER_LEVER * lever[1:]
     for changes in s[1:][other]:
@@ -194,9 +196,15 @@ def _clear(s: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
     return _stretches(clear)
 
 
-def _surface_speed(s: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-    """How fast the place pushed goes [m/s], (n,): joint values (n,), its velocity per unit of the joint (n, 3)."""
-    return np.linalg.norm(velocity, axis=1) * np.abs(_smoothed(s)[1])
+def _along(s: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """How fast the place pushed goes [m/s], (n,), negative where it comes back.
+
+    Args:
+        s: Joint values (n,).
+        velocity: Of the place per unit of the joint, (n, 3).
+    """
+    towards = np.sign(s[-1] - s[0])
+    return towards * np.linalg.norm(velocity, axis=1) * _smoothed(s)[1]
 
 
 def _smoothed(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -129,7 +129,8 @@ def _jointtable(record: RunRecord) -> str:
                 "felt by the arm (joint torques)",
                 f"friction {felt.friction:.2f} ± {felt.sigma[1]:.2f} {friction}, "
                 f"damping {felt.damping:.2f} ± {felt.sigma[2]:.2f} {damping}, "
-                f"{felt.mass_share:.2f} ± {felt.sigma[0]:.2f} of the mass guessed",
+                f"{felt.mass_share:.2f} ± {felt.sigma[0]:.2f} of the mass guessed"
+                + (f", leans {1e3 * felt.lean:+.1f} mrad more than seen" if slides else ""),
             )
         )
     for geom, shift in record.belief.shifts.items():

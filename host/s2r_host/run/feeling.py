@@ -17,7 +17,7 @@ from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
 from s2r_host.proprioception.samples import Samples, samples_in
 from s2r_host.run.belief import JOINT, Belief, holding_friction
-from s2r_host.run.object_file import with_numbers
+from s2r_host.run.object_file import with_lean, with_numbers
 from s2r_host.run.session import Executed
 
 SESSION = "run"  # its motions follow within minutes: friction has no reason to change from one to the next
@@ -137,4 +137,19 @@ def with_felt(belief: Belief, touched: Sequence[Touch], folder: Path) -> Belief:
         )
         for source, name in ((belief.falling, "falling"), (belief.growing, "growing"))
     )
-    return replace(belief, falling=falling, growing=growing, felt=numbers)
+    learnt = replace(belief, falling=falling, growing=growing, felt=numbers)
+    felt_object(learnt, folder / "felt.xml")
+    return learnt
+
+
+def felt_object(belief: Belief, path: Path) -> Path:
+    """Write the object as built, with mass, friction, damping and lean as felt: what recordings are held against.
+
+    Args:
+        belief: Of an object that was felt.
+        path: Where the file goes.
+    """
+    felt = belief.felt
+    assert felt is not None
+    with_numbers(belief.model.mjcf_path, JOINT, felt.mass_share, felt.friction, felt.damping, path)
+    return with_lean(path, JOINT, felt.lean, path)

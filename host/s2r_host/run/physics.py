@@ -29,8 +29,9 @@ from s2r_host.gap.report import write_report
 from s2r_host.planning.doubt import Z90
 from s2r_host.run.belief import JOINT, Belief
 from s2r_host.run.contact import corrected
+from s2r_host.run.feeling import felt_object
 from s2r_host.run.manipulate import DoneManipulation
-from s2r_host.run.object_file import with_lean, with_numbers
+from s2r_host.run.object_file import with_numbers
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
 from s2r_protocol.exits import S2RError
@@ -241,28 +242,13 @@ def _asked(session: Session, record: RunRecord, folder: Path) -> PhysicsLesson:
     if not logs or belief.felt is None:
         return PhysicsLesson(0, folder, "insufficient", notes=("the arm has not felt the part yet",))
     try:
-        analysis, answer = ask_gap(
-            believed_object(belief, folder / "believed.xml"), logs, session.settings.seed
-        )
+        analysis, answer = ask_gap(felt_object(belief, folder / "believed.xml"), logs, session.settings.seed)
         write_outputs(analysis, folder)
         write_report(analysis, answer, folder / "report.html")
         write_answer(answer, folder)
     except S2RError as error:
         return PhysicsLesson(0, folder, "refused", notes=(f"gap refused the recordings: {error}",))
     return _lesson(folder, analysis, answer, mujoco.MjModel.from_xml_path(str(belief.growing)))
-
-
-def believed_object(belief: Belief, path: Path) -> Path:
-    """Write the object as built, with mass, friction, damping and lean as felt: what recordings are held against.
-
-    Args:
-        belief: Of an object that was felt.
-        path: Where the file goes.
-    """
-    felt = belief.felt
-    assert felt is not None
-    with_numbers(belief.model.mjcf_path, JOINT, felt.mass_share, felt.friction, felt.damping, path)
-    return with_lean(path, JOINT, felt.lean, path)
 
 
 def ask_gap(believed: Path, logs: Sequence[Path], seed: int) -> tuple[Analysis, dict[str, Any]]:

@@ -23,9 +23,8 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.proprioception.object_log import Touch
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.run.belief import JOINT, Belief
-from s2r_host.run.feeling import Feeling
+from s2r_host.run.feeling import Feeling, felt_object
 from s2r_host.run.journal import Journal
-from s2r_host.run.physics import believed_object
 from s2r_host.run.session import Executed, Session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import TASKS
@@ -186,5 +185,5 @@ def recordings(run: Run, folder: Path) -> bool:
         return False
     belief = run.pushes[-1].belief
     felt = learn_numbers(belief.model.mjcf_path, JOINT, feeling.touched)
-    believed_object(replace(belief, felt=felt), folder / "believed.xml")
+    felt_object(replace(belief, felt=felt), folder / "believed.xml")
     return True

@@ -169,7 +169,7 @@ def test_a_pushed_slide_is_recorded_where_the_fingertip_is_with_the_force_it_too
     assert len(found) == 1
     one = found[0]
     assert one.t[0] == pytest.approx(TOUCH * DURATION + 0.05, abs=0.06)
-    assert one.s[-1] == pytest.approx(0.05 * sign, abs=3e-4)  # the camera's word, where it came to rest
+    assert one.s[-1] == pytest.approx(0.05 * sign, abs=2e-3)  # the camera's word, where it came to rest
     way = sign * (one.s - one.s[0])
     truth = np.interp(
         one.t, samples(joints).t, (own.dynamics.tool_positions(samples(joints).q) - p[0]) @ along
