@@ -8,6 +8,7 @@ import numpy as np
 
 from s2r_host.gap.effects.base import Context, Shape
 from s2r_host.gap.evidence import Marginal
+from s2r_host.gap.nuisance import COMPARISON
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 from s2r_host.gap.session import Session
@@ -17,7 +18,7 @@ ColumnOf = Callable[[Context, Session, int, Shape, np.ndarray], np.ndarray | Non
 
 WRONG_SHARE, CLEAR = 0.35, 1.2  # of a part; deviations, by noise three times as strong as seen
 FAR = 5.0  # deviations of a number of the model; right names ask for 4.0 at most in the tuning sets
-MAY_MOVE = ("timing", "edge", "effort_offset")  # of the comparison, not of the machine
+MAY_MOVE = (*COMPARISON, "effort_offset")
 
 
 def disagreement(problem: Problem, search: Search, solution: Solution) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -15,6 +15,7 @@ from s2r_host.gap.session import Session
 WEAK = 0.03
 TIMING = 0.5
 STEP = 1e-2
+COMPARISON = ("timing", "edge", "gain")  # of how efforts are compared, not of the machine
 
 
 @dataclass(frozen=True)
@@ -206,6 +207,25 @@ def _offset(model: RigidModel, j: int, joint: str) -> BaseParameter:
 
     return BaseParameter("effort_offset", joint, True, 0.0, 1.0, model.effort_unit(joint), 0.0,
                          lambda s: _on_joint(s, j, np.ones(len(s.t))), write)  # fmt: skip
+
+
+def recording_gains(model: RigidModel, sessions: Sequence[Session]) -> list[BaseParameter]:
+    """The scale of each recording's effort, where its side file says how far that may be off (``effort_gain_sigma``).
+
+    A force times a lever is such an effort: the lever is another one wherever the part is taken hold of.
+    """
+    found = []
+    for own in sessions:
+        for j, joint in enumerate(model.joints):
+            sigma = own.rec.effort_gain_sigma.get(joint)
+            if sigma is None:
+                continue
+
+            def column(s: Session, own: Session = own, j: int = j) -> np.ndarray:
+                return _on_joint(s, j, s.u[:, j] if s is own and s.has_u[j] else np.zeros(len(s.t)))
+
+            found.append(BaseParameter("gain", joint, True, 0.0, 1.0, "1", sigma, column, lambda *_: None))
+    return found
 
 
 def _hold(model: RigidModel, j: int, joint: str) -> BaseParameter:

@@ -8,6 +8,7 @@ from s2r_host.gap.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.decision import Decision, explained, leftover
 from s2r_host.gap.friction_seen import nominal_friction_of
 from s2r_host.gap.naming import Z90, Named, named_effect
+from s2r_host.gap.nuisance import COMPARISON
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.rejected import rejected_at_floor
 from s2r_host.gap.search import Search
@@ -185,11 +186,7 @@ def base_entries(problem: Problem, solution: Solution) -> list[dict]:
     """Base parameters whose posterior left the nominal value by more than two deviations and one per cent."""
     found = []
     for p, x, d in zip(problem.base, solution.base, solution.base_deviation, strict=True):
-        if (
-            p.name in ("timing", "edge")
-            or abs(x) < 2.0 * d
-            or abs(x) < (0.01 if p.name != "effort_offset" else 0.0)
-        ):
+        if p.name in COMPARISON or abs(x) < 2.0 * d or abs(x) < (0.01 if p.name != "effort_offset" else 0.0):
             continue
         value = p.nominal + x * p.size
         half = Z90 * d * p.size

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from s2r_host.gap.friction_seen import friction_levels
+from s2r_host.gap.nuisance import COMPARISON
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.rest import stillness
 from s2r_host.gap.rows import HOLDOUT_SHARE, compare
@@ -29,7 +30,6 @@ EFFECTIVE_S = 0.5  # integrated errors are smooth: one independent sample in thi
 PULL_SHARE = 0.05
 STEPS = 5
 CLOSE = 0.1  # error of the simulated motion, in spans of it, up to which its derivative is worth something
-UNMOVED = ("timing", "edge")  # of the comparison, not of the machine
 CHANGE_PRIOR = 0.1
 FRICTION_EFFECTS = (
     "coulomb_friction",
@@ -73,7 +73,7 @@ def polish(
     stretches = [x for s in problem.ctx.sessions for x in _stretches(s, hold)]
     if not stretches:
         return solution
-    free = np.array([p.name not in UNMOVED for p in problem.base] + [True] * sum(map(len, solution.theta)))
+    free = np.array([p.name not in COMPARISON for p in problem.base] + [True] * sum(map(len, solution.theta)))
     prior = np.concatenate([problem.prior, *[search.matrix(t)[3] for t in solution.terms]])[free]
     A = []
     for s, rows in stretches:

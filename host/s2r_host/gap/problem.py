@@ -14,7 +14,7 @@ from s2r_host.gap.friction_seen import TRUSTED, dry_level, friction_levels, trus
 from s2r_host.gap.kinematics import Contradiction, contradiction
 from s2r_host.gap.law import LawFinding, check_law, stamps_agree
 from s2r_host.gap.model import RigidModel
-from s2r_host.gap.nuisance import BaseParameter, base_parameters
+from s2r_host.gap.nuisance import BaseParameter, base_parameters, recording_gains
 from s2r_host.gap.rows import Block, band, compare, least_cut, make_blocks
 from s2r_host.gap.session import Session
 from s2r_host.gap.unrepeated import Wander, wandering
@@ -185,7 +185,8 @@ def build_problem(
         whiteners[j] = replace(whitener, scale=whitener.scale * floor[j] / own)
     problem = Problem(
         ctx, joints, blocks, whiteners, np.zeros(start), np.concatenate(raw), np.zeros(start),
-        np.concatenate(held), base_parameters(model), np.zeros((start, 0)), np.zeros(0), floor, source,
+        np.concatenate(held), [*base_parameters(model), *recording_gains(model, sessions)], np.zeros((start, 0)),
+        np.zeros(0), floor, source,
         np.concatenate([trust(model, b, floor[b.joint], guessed=source != "repeat") for b in blocks]),
     )  # fmt: skip
     for block, values in zip(blocks, raw, strict=True):

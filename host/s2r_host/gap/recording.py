@@ -38,6 +38,7 @@ class Recording:
         session: Label shared by recordings made in one go.
         effort_sigma: Accuracy of the effort channel where it is known better than the data show it, by joint: errors
             that go together for tenths of seconds look like physics [N·m or N].
+        effort_gain_sigma: How far the scale of this recording's effort may be off, by joint, as a share.
         warnings: What the file costs: missing columns, dropped samples, coarse steps.
         rows: The rows of the file, where a slow log was rebuilt between them (``slow_log.py``); ``effort_doubt``: how
             far the rebuilt effort may be off, by joint, each of shape (time,) [N·m or N].
@@ -54,6 +55,7 @@ class Recording:
     warnings: tuple[str, ...]
     start_s: float = 0.0
     effort_sigma: dict[str, float] = field(default_factory=dict)
+    effort_gain_sigma: dict[str, float] = field(default_factory=dict)
     rows: Recording | None = None
     effort_doubt: dict[str, np.ndarray] = field(default_factory=dict)
 

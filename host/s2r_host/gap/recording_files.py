@@ -18,7 +18,17 @@ KINDS = ("q", "dq", "tau", "q_cmd", "dq_cmd", "tau_ff", "current", "temp", "wren
 CONTROLLERS = ("pd", "pid", "position_servo", "none")
 MIN_SAMPLES = 50
 CONTROLLER_KEYS = {"type", "kp", "kd", "ki", "rate_hz"}
-SIDE_KEYS = {"controller", "effort", "effort_sigma", "input", "units", "joint_names", "session", "notes"}
+SIDE_KEYS = {
+    "controller",
+    "effort",
+    "effort_sigma",
+    "effort_gain_sigma",
+    "input",
+    "units",
+    "joint_names",
+    "session",
+    "notes",
+}
 
 
 def read_recording(path: Path) -> Recording:
@@ -105,6 +115,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         warnings=tuple(warnings),
         start_s=float(t[0]),
         effort_sigma=_positive_numbers(side, "effort_sigma", names, path),
+        effort_gain_sigma=_positive_numbers(side, "effort_gain_sigma", names, path),
     )
 
 

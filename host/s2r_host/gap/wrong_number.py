@@ -11,6 +11,7 @@ import numpy as np
 from s2r_host.gap.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.evidence import Marginal
 from s2r_host.gap.friction_seen import nominal_friction_of
+from s2r_host.gap.nuisance import COMPARISON
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.regression import TEMPER
 from s2r_host.gap.search import Search
@@ -44,10 +45,10 @@ def evidence(search: Search, problem: Problem, terms: list[Term], prior: np.ndar
 
 
 def base_matters(search: Search, problem: Problem, terms: list[Term] | None = None) -> bool:
-    """Do small changes of base parameters (timing and offsets apart) pay for themselves?"""
+    """Do small changes of base parameters (offsets and what is of the comparison alone apart) pay for themselves?"""
     if not problem.base:
         return False
-    free = np.array([p.name not in ("timing", "edge", "effort_offset") for p in problem.base])
+    free = np.array([p.name not in (*COMPARISON, "effort_offset") for p in problem.base])
     if not free.any():
         return False
     tight = np.where(free, problem.prior * TIGHT, problem.prior)

@@ -38,6 +38,7 @@ WINDOW_S = 0.08  # of the smoothing of the joint's position
 # Of an effort: millimetres that place and axis are off, on a lever of a hand's breadth; on a slide, what is left of how
 # it leans once that was learnt.
 LEVER_SHARE, SLIDE_SHARE = 0.05, 0.08
+LEVER_GAIN = 0.04  # by which a lever is longer or shorter than believed all along a touch
 LEAST_WAY = (
     0.02  # of the search range: a fingertip that moves the part less jams, or leans on what it rests on
 )
@@ -312,6 +313,7 @@ def write_log(
             "controller": {"type": "none"},
             "effort": "measured",
             "effort_sigma": {joint: _accuracy(one, hinged)},
+            "effort_gain_sigma": {joint: LEVER_GAIN} if hinged else {},
             "input": "effort",
             "session": session,
             "notes": "joint followed by the fingertip, effort from the arm's joint torques",

@@ -109,12 +109,15 @@ def test_parquet_reads_like_csv(tmp_path):
 def test_the_declared_accuracy_of_the_effort_is_read_under_the_models_joint(tmp_path):
     side = {"effort_sigma": {"motor": 0.05}, "joint_names": {"motor": "a"}}
     assert read_recording(simple(tmp_path, side)).effort_sigma == {"a": 0.05}
+    side = {"effort_gain_sigma": {"motor": 0.1}, "joint_names": {"motor": "a"}}
+    assert read_recording(simple(tmp_path, side)).effort_gain_sigma == {"a": 0.1}
 
 
 @pytest.mark.parametrize("sigma", [{"a": 0}, {"a": -1.0}, {"a": "much"}, {"a": float("nan")}])
 def test_an_accuracy_that_is_no_positive_number_is_refused(tmp_path, sigma):
-    with pytest.raises(GapRecordingError, match="effort_sigma"):
-        read_recording(simple(tmp_path, {"effort_sigma": sigma}))
+    for key in ("effort_sigma", "effort_gain_sigma"):
+        with pytest.raises(GapRecordingError, match=key):
+            read_recording(simple(tmp_path, {key: sigma}))
 
 
 @pytest.mark.parametrize("start", [0.0, 37.3, 1.7e5])

@@ -17,28 +17,33 @@ QUICK = GapConfig(simulate=False, baselines=False, report=False, next_experiment
 PITCH_M, SPEED_M_S = 0.03, 0.05
 
 
-def touch(folder, name, start_m, way, seconds=0.6, catch_N=0.0, pull_N=0.0):
-    """Recording of a part pushed at a steady speed, catches and a steady pull along its way."""
+def touch(folder, name, start_m, way, seconds=0.6, catch_N=0.0, pull_N=0.0, scale=1.0, side=None):
+    """Recording of a part pushed at a steady speed, catches and a steady pull along its way.
+
+    Efforts are told ``scale`` times too large; ``side`` is put into the side file.
+    """
     t = np.arange(0.0, seconds, 0.005)
     q = start_m + way * SPEED_M_S * t
     noise = np.random.default_rng([round(1000 * start_m), way + 1]).normal(0.0, 0.05, len(t))
     tau = 4.0 * way + 2.0 * way * SPEED_M_S + catch_N * np.sin(2 * np.pi * q / PITCH_M) + pull_N + noise
+    tau *= scale
     path = folder / f"{name}.csv"
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["t", "q.rail", "dq.rail", "tau.rail"])
         writer.writerows(zip(t, q, np.full(len(t), way * SPEED_M_S), tau, strict=True))
-    side = {"effort": "measured", "input": "effort", "session": "run", "effort_sigma": {"rail": 0.3}}
-    path.with_suffix(".yaml").write_text(yaml.safe_dump(side))
+    usual = {"effort": "measured", "input": "effort", "session": "run", "effort_sigma": {"rail": 0.3}}
+    path.with_suffix(".yaml").write_text(yaml.safe_dump(usual | (side or {})))
     return path
 
 
-def analysed(folder, **more) -> Analysis:
+def analysed(folder, scales=(1.0,) * 8, **more) -> Analysis:
     """What is said of touches all along a way of 12 cm, out and back."""
     (folder / "model.xml").write_text(MODEL)
     starts = np.linspace(0.0, 0.09, 4)
-    paths = [touch(folder, f"out{k}", float(x), 1, **more) for k, x in enumerate(starts)]
-    paths += [touch(folder, f"back{k}", float(x) + 0.03, -1, **more) for k, x in enumerate(starts)]
+    ways = [(f"out{k}", float(x), 1) for k, x in enumerate(starts)]
+    ways += [(f"back{k}", float(x) + 0.03, -1) for k, x in enumerate(starts)]
+    paths = [touch(folder, *way, scale=scale, **more) for way, scale in zip(ways, scales, strict=True)]
     return analyse(folder / "model.xml", paths, [], [], QUICK, lambda _: None)
 
 
@@ -60,6 +65,20 @@ def test_a_steady_pull_beyond_the_declared_accuracy_is_no_zero_of_the_gauge(tmp_
 
 def test_touches_without_anything_hidden_miss_nothing(tmp_path):
     assert analysed(tmp_path).verdict in ("nothing_missing", "parameter_off")
+
+
+def test_a_lever_of_doubtful_length_is_no_physics_where_that_is_declared(tmp_path):
+    scales = (1.15, 0.9, 1.1, 0.85, 0.95, 1.12, 0.88, 1.05)
+    verdicts = []
+    for gain in ({}, {"effort_gain_sigma": {"rail": 0.12}}):
+        folder = tmp_path / str(len(gain))
+        folder.mkdir()
+        found = analysed(folder, scales=scales, side={"effort_sigma": {"rail": 0.1}} | gain)
+        verdicts.append(found.verdict)
+    assert verdicts[0] in ("unknown", "physics_missing")
+    assert verdicts[1] in ("nothing_missing", "parameter_off")
+    assert found.problem is not None
+    assert sum(p.name == "gain" for p in found.problem.base) == len(scales)
 
 
 def test_short_strokes_of_one_session_are_held_against_the_floor_as_one(tmp_path):
