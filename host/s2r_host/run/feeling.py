@@ -12,7 +12,8 @@ from pathlib import Path
 
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.object_shapes import object_obstacles
-from s2r_host.proprioception.object_log import PushedPart, Touch, free_rows, touches, write_log
+from s2r_host.proprioception.following import PushedPart, free_rows
+from s2r_host.proprioception.object_log import Touch, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
 from s2r_host.proprioception.samples import Samples, samples_in

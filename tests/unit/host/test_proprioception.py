@@ -10,16 +10,8 @@ from s2r_host.log.tables import Joints
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.obstacles import Obstacle
 from s2r_host.perception.motion import JointMotion
-from s2r_host.proprioception.object_log import (
-    PushedPart,
-    Touch,
-    _blows,
-    _clear,
-    _followed,
-    free_rows,
-    touches,
-    write_log,
-)
+from s2r_host.proprioception.following import Followed, PushedPart, follow, free_rows
+from s2r_host.proprioception.object_log import Touch, _blows, _clear, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
 from s2r_host.proprioception.samples import samples_of
@@ -201,14 +193,21 @@ def test_a_part_that_goes_on_alone_is_where_it_was_met_and_not_where_it_ends(own
 
 def test_where_the_part_stands_or_its_lever_is_uncertain_nothing_is_recorded():
     s = np.concatenate([np.full(40, 0.1), 0.1 + 0.4 * np.linspace(0.0, 1.0, 200), np.full(40, 0.5)])
-    velocity = np.zeros((len(s), 3))
-    velocity[:, 0] = np.where(s < 0.3, 0.1, 0.13)  # the fingertip's other edge, a third further out
-    clear = _clear(s, velocity)
+    p = np.zeros((len(s), 3))
+    p[:, 0] = np.where(s < 0.3, 0.1, 0.13)  # the fingertip's other edge, a third further out
+    hinge = PartTemplate(
+        np.zeros((1, 3)),
+        np.ones((1, 3)),
+        JointMotion("revolute", np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0),
+    )
+    part = PushedPart([], hinge.pose, hinge.velocity, True)
+    clear = _clear(Followed(np.arange(len(s)), s, p), part)
     assert len(clear) == 2
-    assert s[clear[0]].min() < 0.105 < 0.24 < s[clear[0]].max() < 0.3 - 0.045
-    assert 0.345 < s[clear[1]].min() < 0.36
-    assert len(np.concatenate(clear)) < 200
-    assert _clear(np.full(100, 0.1), velocity[:100]) == []
+    assert clear[0].s.min() < 0.105 < 0.24 < clear[0].s.max() < 0.3 - 0.045
+    assert 0.345 < clear[1].s.min() < 0.36
+    assert sum(len(one.rows) for one in clear) < 200
+    assert _clear(Followed(np.arange(100), np.full(100, 0.1), p[:100]), part) == []
+    assert _clear(Followed(np.arange(len(s)), s[::-1], p[::-1]), part) == []  # against the fingertip
 
 
 @pytest.mark.parametrize("s_now", [0.0, 0.16])
@@ -223,9 +222,10 @@ def test_of_two_faces_that_the_fingertip_may_have_met_it_is_the_one_where_the_pa
     slide = PartTemplate(np.zeros((1, 3)), np.ones((1, 3)), JointMotion("prismatic", np.zeros(3), along, 0.0))
     plates = [Obstacle("part_plate", coal.Box(0.05, 0.3, 0.3), place) for place in (X, behind)]
     part = PushedPart(plates, slide.pose, slide.velocity, True)
-    followed = _followed(ArmModel(ARM), samples(joints).q[-3:], part, s_now, 0.05, 0.2)
+    rows = samples(joints)
+    followed = follow(ArmModel(ARM), rows, np.arange(len(rows))[-3:], part, s_now, 0.05, 0.2)
     assert followed is not None
-    assert followed[0] == pytest.approx(s_now, abs=0.06)
+    assert followed.s == pytest.approx(s_now, abs=0.06)
 
 
 def test_a_push_is_free_until_the_fingertip_comes_near_the_part(pushed):
