@@ -22,7 +22,7 @@ from s2r_host.proprioception.own_torques import OwnTorques
 from s2r_host.proprioception.samples import EVERY_S, Samples
 from s2r_host.proprioception.tip_force import tip_force
 
-OVER_NOISE, LEAST_FORCE_N = 4.0, 1.0  # from which on something is touched
+OVER_NOISE, LEAST_FORCE_N = 4.0, 1.0  # along the joint and at all, from which on something is touched
 IMPACT_S, IMPACT = 0.02, 0.25  # an effort that changes so fast, by this share of its median, is a blow
 GAP_S = 0.05  # shorter breaks belong to a touch
 LEAST_TOUCH_S = 0.25
@@ -86,9 +86,8 @@ def touches(
     force = tip_force(own, samples)
     towards, doubt = force.along(part.velocity(force.p))
     size = np.linalg.norm(force.force_N, axis=1)
-    noise = np.sqrt(np.trace(force.covariance, axis1=1, axis2=2))
     sign = 1.0 if part.positive else -1.0
-    pushing = (size > np.maximum(LEAST_FORCE_N, OVER_NOISE * noise)) & (sign * towards > OVER_NOISE * doubt)
+    pushing = (size > LEAST_FORCE_N) & (sign * towards > OVER_NOISE * doubt)
     contact = binary_closing(pushing, np.ones(2 * round(GAP_S / EVERY_S / 2) + 1))
     followed, edge = list[Followed](), round(EDGE_S / EVERY_S)
     for stretch in _stretches(contact & ~_blows(towards, contact)):
