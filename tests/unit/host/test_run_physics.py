@@ -13,7 +13,7 @@ import yaml
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.pipeline import analyse
 from s2r_host.model.belief import prior
-from s2r_host.proprioception.object_log import _unbroken
+from s2r_host.proprioception.following import _unbroken
 from s2r_host.proprioception.object_numbers import ObjectNumbers
 from s2r_host.report.page import write_report
 from s2r_host.run.belief import Belief
