@@ -120,9 +120,8 @@ def check_efforts(model: RigidModel, s: Session) -> None:
                 f"(R² product {crossed:.2f} against {own:.2f}): the joints are swapped"
             )
     for j in joints:
-        slope = float(
-            np.cov(s.u[:, j], s.load[:, j])[0, 1] / np.var(s.load[:, j])
-        )  # friction shifts the mean
+        # Means left out: friction of a joint that moves one way only shifts them.
+        slope = float(np.cov(s.u[:, j], s.load[:, j])[0, 1] / np.var(s.load[:, j]))
         r2 = float(np.corrcoef(s.u[:, j], s.load[:, j])[0, 1])
         if r2 > 0.97 and (slope > 20.0 or 0 < slope < 0.05):
             raise GapRecordingError(

@@ -32,9 +32,8 @@ WINDOW_S = 0.08  # of the smoothing of the joint's position
 # it leans once that was learnt.
 LEVER_SHARE, SLIDE_SHARE = 0.05, 0.08
 LEVER_GAIN = 0.04  # by which a lever is longer or shorter than believed all along a touch
-LEAST_WAY = (
-    0.02  # of the search range: a fingertip that moves the part less jams, or leans on what it rests on
-)
+# Of the search range: a fingertip that moves the part less jams, or leans on what it rests on.
+LEAST_WAY = 0.02
 # The place pushed goes slower, by itself or beside what it reaches: friction is anything up to its limit there.
 STANDS_M_S, STANDS_SHARE = 0.003, 0.15
 COMES_TO_REST_M_S = 0.006  # the part ends with the fingertip, and not a millimetre further

@@ -24,15 +24,15 @@ def judged(effect: str, answer: Row, at_stop: bool) -> str:
     names, verdict = HIDDEN[effect].names, answer["verdict"]
     if verdict in OPEN:
         return "open"
-    first = [name for name, _, _ in answer["effects"] if not (at_stop and name == STOP)]
+    named = [name for name, _, _ in answer["effects"] if not (at_stop and name == STOP)]
     if not names:
-        return "fine" if verdict in FINE or (answer["effects"] and not first) else "alarm"
+        return "fine" if verdict in FINE or (answer["effects"] and not named) else "alarm"
     if verdict in FINE:
         return "missed"
     if verdict == "unknown":
         return "unknown"
     sets = [{name, *also} for name, also, _ in answer["effects"]]
-    if first and first[0] in names:
+    if named and named[0] in names:
         return "first"
     return "set" if any(names_of & set(names) for names_of in sets) else "wrong"
 

@@ -214,14 +214,9 @@ def test_where_the_part_stands_or_its_lever_is_uncertain_nothing_is_recorded():
 def test_of_two_faces_that_the_fingertip_may_have_met_it_is_the_one_where_the_part_was(pushed, s_now):
     """A plate at the fingertip, and one 16 cm behind it, as the back of a drawer is."""
     joints, p, along = pushed
-    X = np.eye(4)
-    X[:3, :3] = np.column_stack([along, *np.linalg.svd(along[None])[2][1:]])
-    X[:3, 3] = p[-1] + 0.07 * along
-    behind = X.copy()
-    behind[:3, 3] -= 0.16 * along
-    slide = PartTemplate(np.zeros((1, 3)), np.ones((1, 3)), JointMotion("prismatic", np.zeros(3), along, 0.0))
-    plates = [Obstacle("part_plate", coal.Box(0.05, 0.3, 0.3), place) for place in (X, behind)]
-    part = PushedPart(plates, slide.pose, slide.velocity, True)
+    part = plate_across(p[-1] + 0.01 * along, along)
+    behind = plate_across(p[-1] - 0.15 * along, along)
+    part = PushedPart([*part.shapes, *behind.shapes], part.pose, part.velocity, True)
     rows = samples(joints)
     followed = follow(ArmModel(ARM), rows, np.arange(len(rows))[-3:], part, s_now, 0.05, 0.2)
     assert followed is not None
@@ -231,12 +226,7 @@ def test_of_two_faces_that_the_fingertip_may_have_met_it_is_the_one_where_the_pa
 def test_a_push_is_free_until_the_fingertip_comes_near_the_part(pushed):
     joints, p, along = pushed
     rows = samples(joints)
-    X = np.eye(4)
-    X[:3, :3] = np.column_stack([along, *np.linalg.svd(along[None])[2][1:]])
-    k = int(TOUCH * len(p))
-    X[:3, 3] = p[k] + 0.07 * along
-    slide = PartTemplate(np.zeros((1, 3)), np.ones((1, 3)), JointMotion("prismatic", np.zeros(3), along, 0.0))
-    part = PushedPart([Obstacle("part_plate", coal.Box(0.05, 0.3, 0.3), X)], slide.pose, slide.velocity, True)
+    part = plate_across(p[int(TOUCH * len(p))] + 0.01 * along, along)
     free = free_rows(ArmModel(ARM), rows, part, 0.0)
     assert 0.2 * len(rows) < free < 0.9 * len(rows)
     assert free_rows(ArmModel(ARM), rows, part, -0.01) < free < free_rows(ArmModel(ARM), rows, part, 0.01)
