@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 
 from s2r_host.gap.effects.base import StepState
-from s2r_host.gap.nuisance import COMPARISON
 from s2r_host.gap.problem import Problem
 from s2r_host.gap.replay import Twin, build_twin
 from s2r_host.gap.rows import compare
@@ -24,10 +23,7 @@ def refitted_parameters(problem: Problem, search: Search) -> Twin:
     search.looseness = LOOSE
     solution = search.finish([], [], [])
     search.looseness = before
-    base = [
-        (p, float(x)) for p, x in zip(problem.base, solution.base, strict=True) if p.name not in COMPARISON
-    ]
-    return build_twin(problem.ctx.model, problem.ctx, [], base)
+    return build_twin(problem.ctx.model, problem.ctx, [], problem.moved(solution.base))
 
 
 def residual_network(problem: Problem, rng: np.random.Generator) -> Callable[[StepState], np.ndarray]:

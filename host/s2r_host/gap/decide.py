@@ -74,7 +74,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         return _one_number(problem, search, Decision("nothing_missing", search.finish([], [], [])))
     search.looseness = 1.0
     numbers_do = search.at_floor([])
-    if numbers_do and not search.stands_out([], []) and not hides(search):
+    if numbers_do and not (search.stands_out([], []) or search.beats_numbers() or hides(search)):
         log("small changes of base parameters reach the noise floor")
         decision = parameters_only(problem, search)
         if not too_much_left(problem, search, decision):

@@ -11,7 +11,6 @@ import numpy as np
 from s2r_host.gap.base_terms import PREFIX
 from s2r_host.gap.decision import Decision
 from s2r_host.gap.effects import catalogue
-from s2r_host.gap.nuisance import COMPARISON
 from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.replay import Live, Twin, build_twin, run
@@ -145,10 +144,7 @@ def _twin_of(a: Analysis, term: Term, decision: Decision) -> Twin:
         for t, th in zip(solution.terms, solution.theta, strict=True)
         if not t.effect.startswith(PREFIX)
     ]
-    base = [
-        (p, float(x)) for p, x in zip(a.problem.base, solution.base, strict=True) if p.name not in COMPARISON
-    ]
-    return build_twin(a.model, a.problem.ctx, terms, base)
+    return build_twin(a.model, a.problem.ctx, terms, a.problem.moved(solution.base))
 
 
 def _session(a: Analysis, j: int, q: np.ndarray) -> Session:

@@ -22,7 +22,6 @@ from s2r_host.gap.friction_edge import find_edges
 from s2r_host.gap.holes import stretches
 from s2r_host.gap.law import stamps_within
 from s2r_host.gap.model import RigidModel
-from s2r_host.gap.nuisance import COMPARISON
 from s2r_host.gap.other_equations import BEHIND_THE_SENSOR
 from s2r_host.gap.polish import drifts_freely, friction_change, polish
 from s2r_host.gap.problem import Problem, build_problem
@@ -348,10 +347,7 @@ def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
     ]
     if a.decision is not None:
         terms += [Live(f.name, f.joint, f.shape, np.zeros(0)) for f in a.decision.law]
-    base = [
-        (p, float(x)) for p, x in zip(problem.base, solution.base, strict=True)
-        if p.name not in COMPARISON and abs(x) * p.size > 0
-    ]  # fmt: skip
+    base = [(p, x) for p, x in problem.moved(solution.base) if abs(x) * p.size > 0]
     from s2r_host.gap.base_terms import PREFIX, BaseTerm
 
     assert a.search is not None

@@ -14,7 +14,7 @@ from s2r_host.gap.friction_seen import TRUSTED, dry_level, friction_levels, trus
 from s2r_host.gap.kinematics import Contradiction, contradiction
 from s2r_host.gap.law import LawFinding, check_law, stamps_agree
 from s2r_host.gap.model import RigidModel
-from s2r_host.gap.nuisance import BaseParameter, base_parameters, recording_gains
+from s2r_host.gap.nuisance import COMPARISON, BaseParameter, base_parameters, recording_gains
 from s2r_host.gap.rows import Block, band, compare, least_cut, make_blocks
 from s2r_host.gap.session import Session
 from s2r_host.gap.unrepeated import Wander, wandering
@@ -79,6 +79,15 @@ class Problem:
     twin: Twin | None = None
     wanders: list[Wander] = field(default_factory=list)
     cache: dict = field(default_factory=dict)
+
+    def moved(self, coefficients: np.ndarray) -> list[tuple[BaseParameter, float]]:
+        """Base parameters of the machine with their coefficients; what is of the comparison alone is left out.
+
+        Args:
+            coefficients: Of ``base``, shape (parameters,).
+        """
+        pairs = zip(self.base, coefficients, strict=True)
+        return [(p, float(x)) for p, x in pairs if p.name not in COMPARISON]
 
     def whiten(
         self, per_session: dict[int, np.ndarray], joint: int, smooth: dict[int, np.ndarray] | None = None

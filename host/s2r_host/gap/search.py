@@ -23,6 +23,7 @@ FRICTION = ("coulomb_friction", "viscous_friction")
 CHAOTIC_SHARE = 0.7  # the same where that effect is chaotic
 MAX_EFFECTS = 3
 FURTHER_SHARE = 0.3
+BEATING_SHARE = 0.5  # of the held-out misfit, taken by what goes before wrong numbers above a guessed floor
 FURTHER_GAIN = 0.004
 AHEAD, AHEAD_SHARE = 5.0, 0.1  # log odds before the next name; held-out misfit it takes
 # First effects tried in pairs; held-out misfit the second has to take.
@@ -91,6 +92,22 @@ class Search(Scan):
         scored, _ = self.scan_profiled(chosen)
         best = next((s for s in scored if not s.term.effect.startswith(PREFIX)), None)
         return best is not None and not self.a_number(best.term) and self.clear(best, slots)
+
+    def beats_numbers(self) -> bool:
+        """Where the floor is a guess: does an effect explain, by itself, clearly more than any wrong number does?
+
+        Numbers that move together always reach a guessed floor; a rail that sticks is damping below zero then.
+        """
+        if self.problem.floor_source == "repeat":
+            return False  # ``stands_out`` asks for more than that
+        scored, _ = self.scan_profiled([])
+        number = max((s.gain for s in scored if self.a_number(s.term)), default=0.0)
+        best = next((s for s in scored if not self.a_number(s.term)), None)
+        return (
+            best is not None
+            and best.gain > max(CLEAR_GAIN, number + MIN_GAIN)
+            and best.holdout_gain > BEATING_SHARE
+        )
 
     def a_number(self, term: Term) -> bool:
         """Is the effect no more than a number of the model that is off? Friction is, where the model has some."""

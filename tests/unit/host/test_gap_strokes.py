@@ -37,6 +37,28 @@ def touch(folder, name, start_m, way, seconds=0.6, catch_N=0.0, pull_N=0.0, scal
     return path
 
 
+def braked(folder, sticks_N, damping, believed=15.0) -> Analysis:
+    """What is said of strokes at falling, usual and slow speed on a rail that sticks where it is slow."""
+    slides = MODEL.replace('frictionloss="4" damping="2"', f'frictionloss="3" damping="{believed}"')
+    (folder / "model.xml").write_text(slides)
+    paths = []
+    for k, (first, last, seconds, way) in enumerate(
+        [(0.1, 0.015, 0.6, -1), (0.057, 0.057, 1.8, -1), (0.03, 0.06, 2.0, 1), (0.016, 0.016, 5.0, -1)]
+    ):
+        t = np.arange(0.0, seconds, 0.008)
+        v = way * np.linspace(first, last, len(t))
+        friction = 2.6 + sticks_N * np.exp(-((v / 0.02) ** 2))
+        noise = np.random.default_rng(k).normal(0.0, 0.05, len(t))
+        tau = way * friction + damping * v + 2.0 * np.gradient(v, t) + noise
+        path = folder / f"stroke{k}.csv"
+        rows = np.stack([t, np.cumsum(v) * 0.008, v, tau], axis=1)
+        np.savetxt(path, rows, delimiter=",", header="t,q.rail,dq.rail,tau.rail", comments="")
+        side = {"effort": "measured", "input": "effort", "session": "run", "effort_sigma": {"rail": 0.28}}
+        path.with_suffix(".yaml").write_text(yaml.safe_dump(side))
+        paths.append(path)
+    return analyse(folder / "model.xml", paths, [], [], QUICK, lambda _: None)
+
+
 def analysed(folder, scales=(1.0,) * 8, **more) -> Analysis:
     """What is said of touches all along a way of 12 cm, out and back."""
     (folder / "model.xml").write_text(MODEL)
@@ -61,6 +83,18 @@ def test_a_steady_pull_beyond_the_declared_accuracy_is_no_zero_of_the_gauge(tmp_
     found = analysed(tmp_path, pull_N=2.0)
     assert found.verdict == "physics_missing"
     assert names(found)[0] in ("gravity_tilt", "asymmetric_friction", "spring_return", "cable_spring")
+
+
+def test_a_rail_that_sticks_is_no_damping_below_zero(tmp_path):
+    found = braked(tmp_path, sticks_N=1.3, damping=15.0)
+    assert names(found)[:1] == ["stribeck"]
+
+
+def test_damping_that_is_not_there_is_a_number_that_is_off(tmp_path):
+    found = braked(tmp_path, sticks_N=0.0, damping=1.0)
+    assert found.verdict == "parameter_off"
+    assert found.decision is not None
+    assert [entry["name"] for entry in found.decision.parameters_off] == ["damping"]
 
 
 def test_touches_without_anything_hidden_miss_nothing(tmp_path):
