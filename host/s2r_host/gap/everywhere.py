@@ -90,7 +90,7 @@ def _score(search: Search, terms: list[Term], noise: float) -> float:
     from s2r_host.gap.wrong_number import evidence
 
     p = search.problem
-    return evidence(search, p, terms, p.prior * search.looseness, noise) + search.predict(terms, noise)[0]
+    return evidence(search, p, terms, p.prior_at(search.looseness), noise) + search.predict(terms, noise)[0]
 
 
 def _share(search: Search, chosen: list[Term], terms: list[Term], i: int, noise: float) -> float:

@@ -17,6 +17,7 @@ GENERIC_BINS = 40
 LEAST_ROWS = 4 * GENERIC_FOLDS  # fewer hold nothing to predict from
 STROKE_PARTS = 6
 KNOWN_TIMES = 4.5  # the channels' own noise that a bounded floor may be
+DECLARED_TIMES = 2.0  # the accuracy its side files declare
 LOOP_SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 
 
@@ -76,7 +77,7 @@ def floor_level(
     known = max((known_noise(model, s, j) for s in sessions if s.has_u[j]), default=0.0) if bounded else 0.0
     if known > 0.0:
         declared = max(s.rec.effort_sigma.get(model.joints[j], 0.0) for s in sessions)
-        level = min(level, float(np.hypot(KNOWN_TIMES * max(known, declared), between)))
+        level = min(level, float(np.hypot(max(KNOWN_TIMES * known, DECLARED_TIMES * declared), between)))
     clear = (
         np.concatenate([trust(model, b, level, guessed=True) for b in blocks if b.joint == j]) ** 2 >= TRUSTED
     )

@@ -44,7 +44,7 @@ class Leftover(Regression):
         if not p.B.shape[1] or not p.held.any():
             return left
         fitted, held = p.B[~p.held], p.B[p.held]
-        open_still = fitted.T @ fitted / TEMPER + np.diag(1.0 / (p.prior * self.looseness) ** 2)
+        open_still = fitted.T @ fitted / TEMPER + np.diag(1.0 / p.prior_at(self.looseness) ** 2)
         moved = np.linalg.solve(held.T @ held / TEMPER + open_still, held.T @ left[p.held] / TEMPER)
         left = left.copy()
         left[p.held] -= held @ moved

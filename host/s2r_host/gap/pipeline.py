@@ -187,7 +187,7 @@ def _second_look(
     if len(problem.joints) > FEW_JOINTS:
         return None
     finer = _stated(a, config, bounded=True)
-    share = FINER if decision.verdict in UNTOUCHED else MUCH_FINER
+    share = MUCH_FINER if decision.verdict == "physics_missing" else FINER
     if all(finer.floor[j] >= share * problem.floor[j] for j in problem.joints):
         return None
     log("search under the noise of the channels alone")

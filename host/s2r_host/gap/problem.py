@@ -80,6 +80,17 @@ class Problem:
     wanders: list[Wander] = field(default_factory=list)
     cache: dict = field(default_factory=dict)
 
+    def prior_at(self, looseness: float | np.ndarray) -> np.ndarray:
+        """Prior deviations of the base parameters with the machine's numbers trusted more or less, (parameters,).
+
+        How far efforts are off in comparison (timing, a recording's scale) has nothing to do with that trust.
+
+        Args:
+            looseness: Factor on the prior deviations, alike or one by one.
+        """
+        machine = np.array([p.name not in COMPARISON for p in self.base], dtype=bool)
+        return self.prior * np.where(machine, looseness, 1.0)
+
     def moved(self, coefficients: np.ndarray) -> list[tuple[BaseParameter, float]]:
         """Base parameters of the machine with their coefficients; what is of the comparison alone is left out.
 

@@ -89,7 +89,7 @@ class Regression(Design):
         """Coefficients as :meth:`solve` finds them, and the leftover on all rows."""
         p, gram = self.problem, self.gram(tuple(terms))
         deviation = gram.deviation.copy()
-        deviation[: p.B.shape[1]] *= self.looseness
+        deviation[: p.B.shape[1]] = p.prior_at(self.looseness)
         x, _ = constrained(gram.G, gram.g, deviation, gram.positive, noise)
         left, start = p.y - p.B @ x[: p.B.shape[1]], p.B.shape[1]
         for term in terms:
@@ -106,7 +106,7 @@ class Regression(Design):
     def marginal(self, terms: list[Term], rows: np.ndarray, noise: float) -> Marginal:
         """Nuisance plus chosen terms, on the rows of a mask."""
         p = self.problem
-        y, parts, prior = p.y[rows], [p.B[rows]], [p.prior * self.looseness]
+        y, parts, prior = p.y[rows], [p.B[rows]], [p.prior_at(self.looseness)]
         for term in terms:
             C, fixed, _, deviation = self.matrix(term)
             parts.append(C[rows])
@@ -119,7 +119,7 @@ class Regression(Design):
         """Posterior mean on the fit rows, with sign constraints; returns coefficients, columns, target, covariance."""
         p = self.problem
         fit = ~p.held
-        y, parts, prior = p.y, [p.B], [p.prior * self.looseness]
+        y, parts, prior = p.y, [p.B], [p.prior_at(self.looseness)]
         positive = [np.zeros(p.B.shape[1], dtype=bool)]
         for term in terms:
             C, fixed, sign, deviation = self.matrix(term)

@@ -84,7 +84,8 @@ def hides(search: Search) -> bool:
         for looseness, sign in ((NARROW, 1.0), (WIDE, -1.0)):
             search.looseness = looseness
             lead += sign * (
-                evidence(search, problem, [], problem.prior * looseness, noise) + search.predict([], noise)[0]
+                evidence(search, problem, [], problem.prior_at(looseness), noise)
+                + search.predict([], noise)[0]
             )
         found = lead > CLEAR_GAIN
     search.looseness = before
@@ -104,7 +105,7 @@ def worth(search: Search, solution: Solution, looseness: Looseness, noise: float
     """Log evidence of fitted rows and log prediction of held-out ones, at one looseness of the model's numbers."""
     problem, before = search.problem, search.looseness
     search.looseness = looseness
-    found = evidence(search, problem, solution.terms, problem.prior * looseness, noise)
+    found = evidence(search, problem, solution.terms, problem.prior_at(looseness), noise)
     found += search.predict(solution.terms, noise)[0]
     for term, theta in zip(solution.terms, solution.theta, strict=True):
         effect, shape = search.effects[term.effect], dict(term.shape)

@@ -179,7 +179,7 @@ def _weigh_numbers(
             if found is not None:
                 scored.append(found)
     scored.sort(key=lambda x: -x[0])
-    B, d = problem.B[fit], problem.prior * search.looseness
+    B, d = problem.B[fit], problem.prior_at(search.looseness)
     _, logdet = np.linalg.slogdet(B.T @ B / noise + np.diag(d**-2.0)) if len(d) else (1.0, 0.0)
     return -0.5 * logdet - float(np.sum(np.log(d))), -0.5 * base.rss / noise, scored
 

@@ -39,6 +39,12 @@ class PushedPart:
     velocity: Callable[[np.ndarray], np.ndarray]
     positive: bool
 
+    @property
+    def turning(self) -> np.ndarray:
+        """Turn of the part per unit of the joint, base frame, (3,): zero for a slide."""
+        still, x, y, z = self.velocity(np.concatenate([np.zeros((1, 3)), np.eye(3)]))
+        return np.array([(y - still)[2], (z - still)[0], (x - still)[1]])
+
 
 def free_rows(arm: ArmModel, samples: Samples, part: PushedPart, s: float) -> int:
     """How many rows at the beginning of a motion pass before the fingertip comes near the part, still at ``s``."""

@@ -36,6 +36,7 @@ LEVER_GAIN = 0.04  # by which a lever is longer or shorter than believed all alo
 LEAST_WAY = 0.02
 # The place pushed goes slower, by itself or beside what it reaches: friction is anything up to its limit there.
 STANDS_M_S, STANDS_SHARE = 0.003, 0.15
+ALONE = 9.0  # misfit of one force at the fingertip from which on something else is touched, or felt wrongly
 COMES_TO_REST_M_S = 0.006  # the part ends with the fingertip, and not a millimetre further
 # Flat on flat, the place nearest to the part changes from one edge of the fingertip to the other within a fraction of
 # a degree. Where that changes a lever, the place is not known until the part has turned by what its shape is off.
@@ -97,7 +98,7 @@ def touches(
     found = [
         _touch(own, samples, some, part)
         for one in followed
-        for some in _clear(one, part)
+        for some in _clear(one, part, tip_force(own, samples.part(one.rows), one.p).misfit < ALONE)
         if len(some.rows) * EVERY_S >= LEAST_TOUCH_S and np.ptp(some.s) >= LEAST_WAY * most
     ]
     if not found:
@@ -112,7 +113,11 @@ def touches(
 
 
 def _touch(own: OwnTorques, samples: Samples, one: Followed, part: PushedPart) -> Touch:
-    effort, sigma = tip_force(own, samples.part(one.rows), one.p).along(part.velocity(one.p))
+    force = tip_force(own, samples.part(one.rows), one.p)
+    effort, sigma = force.along(part.velocity(one.p), part.turning)
+    sigma = sigma * np.sqrt(
+        np.maximum(force.misfit, 1.0)
+    )  # Birge (1932): what disagrees is not known so well
     return Touch(samples.t[one.rows], *_smoothed(one.s), effort, sigma)
 
 
@@ -136,13 +141,13 @@ def _stretches(mask: np.ndarray) -> list[np.ndarray]:
     return [np.arange(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _clear(one: Followed, part: PushedPart) -> list[Followed]:
-    """The stretches in which the part goes, and on a lever that is known."""
+def _clear(one: Followed, part: PushedPart, alone: np.ndarray) -> list[Followed]:
+    """The stretches in which the part goes, on a lever that is known, and the fingertip is all that touches (n,)."""
     speed, velocity = _speed(one, part), part.velocity(one.p)
     going = np.flatnonzero(speed > max(STANDS_M_S, STANDS_SHARE * float(speed.max())))
     if not len(going):
         return []
-    clear = speed > 0.0  # a part does not go against the fingertip: that has slid along it
+    clear = (speed > 0.0) & alone  # a part does not go against the fingertip: that has slid along it
     clear[: going[0]] = clear[going[-1] + 1 :] = False
     lever = np.linalg.norm(velocity, axis=1)
     other = np.linalg.norm(np.diff(velocity, axis=0), axis=1) > OTHER_LEVER * lever[1:]

@@ -10,6 +10,10 @@ from s2r_host.proprioception.own_torques import OwnTorques
 from s2r_host.proprioception.samples import Samples
 
 WEAK_N = 50.0  # prior of each component: directions that no joint feels stay bounded
+PLACE_M = (
+    0.004  # how far the place touched is off: a fingertip is flat, a part's surface known to millimetres
+)
+LEAST_N = 1.0  # a force smaller than that has a moment all the same: torques are known to hundredths
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,24 +21,40 @@ class TipForce:
     """Along one motion.
 
     Attributes:
-        p: Where it acts, base frame [m], (n, 3).
+        p: Where it is believed to act, base frame [m], (n, 3).
         force_N: On what is touched, base frame [N], (n, 3).
-        covariance: Of the force [N²], (n, 3, 3).
+        moment_Nm: About ``p``, base frame [N·m], (n, 3): of a force that acts a little beside it.
+        covariance: Of force and moment, (n, 6, 6).
+        misfit: Squared deviation of the joint torques from those of one force at about ``p``, per degree of freedom
+            left, (n,): about one; far above where the arm touches something else as well.
     """
 
     p: np.ndarray
     force_N: np.ndarray
+    moment_Nm: np.ndarray
     covariance: np.ndarray
+    misfit: np.ndarray
 
-    def along(self, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The force's components along vectors (n, 3), and their standard errors, (n,) each."""
-        value = (self.force_N * directions).sum(axis=1)
-        variance = np.einsum("ni,nij,nj->n", directions, self.covariance, directions)
+    def along(
+        self, directions: np.ndarray, turning: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What force and moment do along a motion, and its standard errors, (n,) each [N, or N·m per radian].
+
+        Args:
+            directions: Motion of ``p``, (n, 3).
+            turning: Turn of what is touched, (3,); None: the moment does not count.
+        """
+        turns = np.zeros_like(directions) if turning is None else np.broadcast_to(turning, directions.shape)
+        motion = np.concatenate([directions, turns], axis=1)
+        value = (np.concatenate([self.force_N, self.moment_Nm], axis=1) * motion).sum(axis=1)
+        variance = np.einsum("ni,nij,nj->n", motion, self.covariance, motion)
         return value, np.sqrt(variance)
 
 
 def tip_force(own: OwnTorques, samples: Samples, p: np.ndarray | None = None) -> TipForce:
-    """Weighted least squares of Jᵀ F = τ − τ_own in every row: a joint counts by how well its torque is known.
+    """Weighted least squares of Jᵀ (F, M) = τ − τ_own in every row: a joint counts by how well its torque is known.
+
+    The moment is that of a force that acts within ``PLACE_M`` of where it is believed to: a prior of its own.
 
     Args:
         own: What the arm itself takes.
@@ -45,10 +65,18 @@ def tip_force(own: OwnTorques, samples: Samples, p: np.ndarray | None = None) ->
     p = dynamics.tool_positions(samples.q) if p is None else p
     extra = samples.tau - own.along(samples)
     sigma = own.sigma(samples)
-    forces, covariances = [], []
+    wrenches, covariances, misfits = [], [], []
     for q, at, tau, spread in zip(samples.q, p, extra, sigma, strict=True):
-        J = dynamics.point_jacobian(q, at).T / spread[:, None]
-        covariance = np.linalg.inv(J.T @ J + np.eye(3) / WEAK_N**2)
-        forces.append(covariance @ (J.T @ (tau / spread)))
+        A, y = dynamics.point_jacobian(q, at).T / spread[:, None], tau / spread
+        size = LEAST_N
+        for _ in range(2):  # how far a moment may go is known with the force
+            prior = np.array([WEAK_N] * 3 + [PLACE_M * size] * 3)
+            covariance = np.linalg.inv(A.T @ A + np.diag(prior**-2.0))
+            x = covariance @ (A.T @ y)
+            size = max(LEAST_N, float(np.linalg.norm(x[:3])))
+        off, beside = y - A @ x, x[3:] / prior[3:]
+        wrenches.append(x)
         covariances.append(covariance)
-    return TipForce(p, np.array(forces), np.array(covariances))
+        misfits.append(float(off @ off + beside @ beside) / max(len(y) - 3, 1))
+    found = np.array(wrenches).reshape(-1, 6)
+    return TipForce(p, found[:, :3], found[:, 3:], np.array(covariances), np.array(misfits))

@@ -40,11 +40,12 @@ class InverseDynamics:
         return pin.computeFrameJacobian(self._model, self._data, np.asarray(q), self._tool, frame)[:3].copy()
 
     def point_jacobian(self, q: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Jacobian of a point (3,) [m] that moves with the tool, base frame, at joint positions (dof,), (3, dof)."""
+        """Motion of a point (3,) [m] of the tool and turn of the tool per unit of each joint, base frame, (6, dof)."""
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         J = pin.computeFrameJacobian(self._model, self._data, np.asarray(q), self._tool, frame)
         x, y, z = p - self._data.oMf[self._tool].translation
-        return J[:3] - np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ J[3:]
+        at = J[:3] - np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ J[3:]
+        return np.concatenate([at, J[3:]])
 
     @property
     def link_masses(self) -> np.ndarray:

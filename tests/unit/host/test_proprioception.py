@@ -1,5 +1,7 @@
 """The arm as a force gauge: its own torques, the force at its fingertip, the object's joint behind it."""
 
+from dataclasses import replace
+
 import coal
 import mujoco
 import numpy as np
@@ -11,7 +13,7 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.obstacles import Obstacle
 from s2r_host.perception.motion import JointMotion
 from s2r_host.proprioception.following import Followed, PushedPart, follow, free_rows
-from s2r_host.proprioception.object_log import Touch, _blows, _clear, touches, write_log
+from s2r_host.proprioception.object_log import ALONE, Touch, _blows, _clear, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
 from s2r_host.proprioception.samples import samples_of
@@ -201,13 +203,55 @@ def test_where_the_part_stands_or_its_lever_is_uncertain_nothing_is_recorded():
         JointMotion("revolute", np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0),
     )
     part = PushedPart([], hinge.pose, hinge.velocity, True)
-    clear = _clear(Followed(np.arange(len(s)), s, p), part)
+    alone = np.ones(len(s), dtype=bool)
+    clear = _clear(Followed(np.arange(len(s)), s, p), part, alone)
     assert len(clear) == 2
     assert clear[0].s.min() < 0.105 < 0.24 < clear[0].s.max() < 0.3 - 0.045
     assert 0.345 < clear[1].s.min() < 0.36
     assert sum(len(one.rows) for one in clear) < 200
-    assert _clear(Followed(np.arange(100), np.full(100, 0.1), p[:100]), part) == []
-    assert _clear(Followed(np.arange(len(s)), s[::-1], p[::-1]), part) == []  # against the fingertip
+    assert _clear(Followed(np.arange(100), np.full(100, 0.1), p[:100]), part, alone[:100]) == []
+    assert _clear(Followed(np.arange(len(s)), s[::-1], p[::-1]), part, alone) == []  # against the fingertip
+    assert (
+        _clear(Followed(np.arange(len(s)), s, p), part, ~alone) == []
+    )  # something else is touched all along
+
+
+def test_a_second_touch_shows_in_torques_that_no_force_at_the_fingertip_makes(own, pushed):
+    joints, _, _ = pushed
+    rows = samples(joints)
+    pressed = (rows.t > 0.7 * DURATION) & (rows.t < 0.8 * DURATION)
+    tau = rows.tau.copy()
+    tau[pressed, 1] += 6.0  # the forearm leans on something
+    tau[pressed, 3] -= 6.0
+    alone, leaning = tip_force(own, rows), tip_force(own, replace(rows, tau=tau))
+    touched = (rows.t > 0.55 * DURATION) & (rows.t < 0.9 * DURATION)
+    assert np.median(alone.misfit[touched]) < 2.0
+    assert leaning.misfit[pressed].min() > ALONE
+    assert leaning.misfit[~pressed] == pytest.approx(alone.misfit[~pressed])
+
+
+def test_a_force_beside_the_place_believed_turns_a_part_as_much_as_it_does(own, pushed):
+    """3 mm nearer to a hinge 10 cm away a force turns 3 % less than it would there: its moment tells."""
+    joints, _, along = pushed
+    rows = samples(joints)
+    touched = (rows.t > 0.55 * DURATION) & (rows.t < 0.9 * DURATION)
+    across = np.cross(along, [0.0, 0.0, 1.0])
+    across /= np.linalg.norm(across)
+    p = own.dynamics.tool_positions(rows.q)
+    hinge = PartTemplate(
+        np.zeros((1, 3)), np.ones((1, 3)),
+        JointMotion("revolute", np.median(p, axis=0) + 0.1 * across, np.array([0.0, 0.0, 1.0]), 0.0),
+    )  # fmt: skip
+    part = PushedPart([], hinge.pose, hinge.velocity, True)
+    assert part.turning == pytest.approx([0.0, 0.0, 1.0])
+    there, _ = tip_force(own, rows, p).along(part.velocity(p), part.turning)
+    beside = p + 0.003 * across
+    with_moment, without = (
+        tip_force(own, rows, beside).along(part.velocity(beside), turning)[0]
+        for turning in (part.turning, None)
+    )
+    off = [np.median(np.abs(one - there)[touched]) for one in (with_moment, without)]
+    assert off[0] < 0.8 * off[1]
 
 
 @pytest.mark.parametrize("s_now", [0.0, 0.16])
