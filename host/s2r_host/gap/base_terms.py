@@ -11,7 +11,8 @@ from s2r_host.gap.session import Session
 PREFIX = "parameter:"
 SKIPPED = (*COMPARISON, "damping", "frictionloss")  # friction has effects of its own name
 USUAL, USUAL_ZERO = 0.06, 0.01  # of a value; of the deviation of an effort from its mean
-FAR = 8.0  # log odds
+FAR, IMPOSSIBLE = 8.0, -1e3  # log odds
+NEVER_NEGATIVE = ("mass", "inertia", "armature", "damping", "frictionloss", "payload_mass")
 LEAST_ARM = 0.02  # of the body's size: a centre nearer to the origin has no direction
 
 
@@ -36,7 +37,13 @@ class BaseTerm(Effect):
         return Columns([m.column(s) for m in self.members])
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
-        """Nominal values are rarely off by more than 5 %, the zero of an effort by more than 1 % of its swing."""
+        """Nominal values are rarely off by more than 5 %, the zero of an effort by more than 1 % of its swing.
+
+        No mass, inertia or friction is below zero: a body's small inertia cannot make up for a motor's large one.
+        """
+        for member, move in zip(self.members, self.moves(theta), strict=True):
+            if member.name in NEVER_NEGATIVE and member.nominal + float(move) * member.size < 0.0:
+                return IMPOSSIBLE
         usual = np.array([_usual(ctx, m) for m in self.members[: len(theta)]])
         return -min(FAR, 0.5 * float(np.max(np.abs(theta) / usual, initial=0.0)) ** 2)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from s2r_host.gap.base_terms import PREFIX
+from s2r_host.gap.base_terms import NEVER_NEGATIVE, PREFIX
 from s2r_host.gap.bursts import bursts
 from s2r_host.gap.consistency import disagreement, stretched
 from s2r_host.gap.decision import (
@@ -35,7 +35,6 @@ from s2r_host.gap.wrong_number import ALONE_SLACK, TIGHT, Looseness, base_matter
 FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
 NO_WORSE = 1.3
 FRICTION = ("coulomb_friction", "viscous_friction")
-NEVER_NEGATIVE = ("mass", "inertia", "armature", "damping", "frictionloss", "payload_mass")
 
 
 def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda _: None) -> Decision:

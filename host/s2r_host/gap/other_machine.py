@@ -9,7 +9,7 @@ from s2r_host.gap.problem import Problem
 from s2r_host.gap.search import Search
 
 OTHER_MACHINE, FEW_JOINTS = 0.4, 2
-FAR_RIGID, FAR_FRICTION, FAR_KINDS, FAR_SCALE = 0.08, 0.3, 4, 2.0
+FAR_RIGID, FAR_FRICTION, FAR_KINDS, FAR_MASS, FAR_SCALE = 0.08, 0.3, 4, 2.0, 1.5
 
 # Set free, the numbers of a rigid body explain another machine's recording to the floor: gap over effort (rms) from
 # which that is asked, usual errors by which the numbers may be off, relative change that is far.
@@ -38,7 +38,7 @@ def other_machine(problem: Problem, decision: Decision) -> str | None:
             ratio = (
                 p["to"] / p["from"] if p["name"] == "mass" and p.get("body") == name and p["from"] else 1.0
             )
-            if few and decision.effects and not 1.0 / FAR_SCALE < ratio < FAR_SCALE:
+            if few and decision.effects and not 1.0 / FAR_MASS < ratio < FAR_MASS:
                 return (
                     f"the mass of '{name}' would have to be {ratio:.2g} times what the model says, and more beside: "
                     "is this recording of another machine?"

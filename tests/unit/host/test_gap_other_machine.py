@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from s2r_host.gap.decide import decide
 from s2r_host.gap.model import RigidModel
 from s2r_host.gap.other_machine import all_numbers_elsewhere
 from s2r_host.gap.problem import build_problem
@@ -18,9 +19,10 @@ def machine(folder, mass=MASS, friction=0.0, damping=DAMPING, armature=ARMATURE)
     return RigidModel(write_model(folder / f"{mass}-{friction}.xml", friction, damping, mass, armature))
 
 
-def said_of(folder, mass, friction, damping, armature, spring=0.0):
-    """What is said of a machine with these numbers (and a spring [N·m/rad]) when the model has the usual ones."""
-    model, true = machine(folder, friction=FRICTION), machine(folder, mass, 0.0, damping, armature)
+def problem_of(folder, mass, friction, damping, armature, spring=0.0, stated=ARMATURE):
+    """A machine with these numbers (and a spring [N·m/rad]) when the model has the usual ones."""
+    model = machine(folder, friction=FRICTION, armature=stated)
+    true = machine(folder, mass, 0.0, damping, armature)
 
     def recorded(index, phase):
         t = np.arange(0, 20, DT)
@@ -32,8 +34,7 @@ def said_of(folder, mass, friction, damping, armature, spring=0.0):
         rec = Recording(f"r{index}", t, channels, Controller("none"), "measured", "effort", "a", "", ())
         return make_session(model, rec, index)
 
-    problem = build_problem(model, [recorded(0, 0.0)], [recorded(2, 1.0)], [recorded(1, 0.0)])
-    return all_numbers_elsewhere(problem, Search(problem))
+    return build_problem(model, [recorded(0, 0.0)], [recorded(2, 1.0)], [recorded(1, 0.0)])
 
 
 @pytest.mark.parametrize(
@@ -46,4 +47,15 @@ def said_of(folder, mass, friction, damping, armature, spring=0.0):
     ids=["another machine", "a heavy load", "a strong spring"],
 )
 def test_weight_inertia_and_friction_all_far_off_are_another_machine(tmp_path, numbers, other):
-    assert (said_of(tmp_path, *numbers) is not None) == other
+    problem = problem_of(tmp_path, *numbers)
+    assert (all_numbers_elsewhere(problem, Search(problem)) is not None) == other
+
+
+def test_a_motor_s_inertia_stated_far_too_large_is_no_body_with_inertia_below_zero(tmp_path):
+    """One joint accelerates both alike, but the body has less inertia than what is too much of the motor's."""
+    problem = problem_of(tmp_path, MASS, FRICTION, DAMPING, ARMATURE, stated=3.0 * ARMATURE)
+    decision = decide(problem, Search(problem))
+    assert decision.verdict == "parameter_off"
+    (off,) = decision.parameters_off
+    assert off["name"] == "armature"
+    assert off["to"] == pytest.approx(ARMATURE, abs=0.1 * ARMATURE)
