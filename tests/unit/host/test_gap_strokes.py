@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 import yaml
 
+from s2r_host.gap.checks import check_efforts
 from s2r_host.gap.config import GapConfig
+from s2r_host.gap.errors import GapRecordingError
+from s2r_host.gap.model import RigidModel
 from s2r_host.gap.pipeline import Analysis, analyse
+from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.session import make_session
 from s2r_host.gap.strokes import left_over, together
 
 MODEL = """<mujoco><worldbody><body name="part">
@@ -95,6 +100,26 @@ def test_damping_that_is_not_there_is_a_number_that_is_off(tmp_path):
     assert found.verdict == "parameter_off"
     assert found.decision is not None
     assert [entry["name"] for entry in found.decision.parameters_off] == ["damping"]
+
+
+@pytest.mark.parametrize(("times", "refused"), [(1.0, False), (1000.0, True)])
+def test_a_catch_along_a_short_stroke_is_no_other_unit(tmp_path, times, refused):
+    """It falls while the part slows down: as the little that the model needs does, but far steeper."""
+    (tmp_path / "model.xml").write_text(MODEL)
+    model = RigidModel(tmp_path / "model.xml")
+    t = np.arange(0.0, 0.8, 0.005)
+    v = np.linspace(0.03, 0.01, len(t))
+    q = np.cumsum(v) * 0.005
+    tau = times * (4.0 + 2.0 * v - 150.0 * q)
+    channels = {"q": {"rail": q}, "dq": {"rail": v}, "tau": {"rail": tau}}
+    s = make_session(
+        model, Recording("stroke", t, channels, Controller("none"), "measured", "effort", "a", "", ()), 0
+    )
+    if refused:
+        with pytest.raises(GapRecordingError, match="another unit"):
+            check_efforts(model, s)
+    else:
+        check_efforts(model, s)
 
 
 def test_touches_without_anything_hidden_miss_nothing(tmp_path):
