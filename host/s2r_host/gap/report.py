@@ -93,7 +93,8 @@ def _effects(a: Analysis, answer: dict) -> str:
 def _parameter(name: str, p: dict) -> str:
     flag = "" if p["identifiable"] else " <span class=muted>not identifiable from this motion</span>"
     low, high = p["interval90"]
-    return f"{name} = {p['value']:.4g} {html.escape(p['unit'])} [{low:.4g}, {high:.4g}]{flag}"
+    unit = "" if p["unit"] == "1" else f" {html.escape(p['unit'])}"
+    return f"{name} = {p['value']:.4g}{unit} [{low:.4g}, {high:.4g}]{flag}"
 
 
 def _parameters_off(answer: dict) -> str:
@@ -105,7 +106,8 @@ def _parameters_off(answer: dict) -> str:
         f"<td class=num>[{p['interval90'][0]:.5g}, {p['interval90'][1]:.5g}]</tr>"
         for p in answer["parameters_off"]
     )
-    return f"<h2>Parameters off</h2><table><tr><th>parameter<th>model<th>recordings<th>90 % interval</tr>{rows}</table>"
+    head = "<th>parameter<th class=num>model<th class=num>recordings<th class=num>90 % interval"
+    return f"<h2>Parameters off</h2><table><tr>{head}</tr>{rows}</table>"
 
 
 def _numbers(a: Analysis, answer: dict) -> str:

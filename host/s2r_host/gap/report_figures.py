@@ -7,11 +7,14 @@ import html
 import io
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from s2r_host.gap.forward import Errors
 from s2r_host.gap.pipeline import Analysis
+from s2r_host.gap.rows import Block
 
 MUTED, BEFORE, AFTER, MEASURED = "#667085", "#d1495b", "#1f7a8c", "#1d2433"
 COLUMNS = 300  # of the heat map, per recording set
@@ -64,7 +67,9 @@ def heat_map(a: Analysis) -> Figure:
         for at, name in marks:
             axes.axvline(at, color=MEASURED, lw=0.8)
             if k == 0:
-                axes.annotate(name, (at, 1.02), xycoords=("data", "axes fraction"), fontsize=8, color=MUTED)
+                axes.annotate(
+                    name, (at, 1.04), xycoords=("data", "axes fraction"), fontsize=7, color=MUTED, rotation=25
+                )
         figure.colorbar(image, ax=axes, label="noise floors")
     figure.axes[-2].set_xlabel("time, recordings one after another [s]")
     return figure
@@ -115,6 +120,7 @@ def maps_figure(a: Analysis, j: int) -> Figure:
         c, m = _binned(X, L)
         axes.plot(c, m, color=AFTER, lw=1.6, label="after")
         axes.axhspan(-p.floor[j], p.floor[j], color=MUTED, alpha=0.15, lw=0)
+        axes.xaxis.set_major_locator(MaxNLocator(6))
         axes.set_xlabel(f"{label} [{unit}{'/s' if pick == 'v' else ''}]")
         axes.set_ylabel(f"residual effort [{effort}]" if k == 0 else "")
         axes.spines[["top", "right"]].set_visible(False)
@@ -141,44 +147,50 @@ def _first(errors: Errors) -> int:
 
 
 def overlay_figure(a: Analysis, j: int) -> Figure:
-    """Held-out effort residual, open-loop position over the recorded one, and its error; before and after."""
+    """Held-out effort residual before and after; where it was simulated, open-loop position and its error as well."""
     assert a.problem is not None
     assert a.decision is not None
     p = a.problem
-    figure = Figure(figsize=(9, 6.4))
-    top, middle, bottom = figure.subplots(3, 1, sharex=True)
-    blocks = [b for b in p.blocks if b.joint == j and b.held.any()]
-    unit, effort = a.model.unit(a.model.joints[j]), a.model.effort_unit(a.model.joints[j])
-    if blocks:
-        b = blocks[0]
-        t = b.session.t[b.picks][b.held]
-        top.plot(t, p.raw[b.rows][b.held], color=BEFORE, lw=0.9, label="before")
-        top.plot(t, a.decision.solution.prediction[b.rows][b.held], color=AFTER, lw=0.9, label="after")
+    simulated = a.before is not None or a.after is not None
+    figure = Figure(figsize=(9, 6.4 if simulated else 2.4))
+    panels = figure.subplots(3 if simulated else 1, 1, sharex=True, squeeze=False)[:, 0]
+    block = next((b for b in p.blocks if b.joint == j and b.held.any()), None)
+    top = panels[0]
+    if block is not None:
+        t = block.session.t[block.picks][block.held]
+        top.plot(t, p.raw[block.rows][block.held], color=BEFORE, lw=0.9, label="before")
+        left = a.decision.solution.prediction[block.rows][block.held]
+        top.plot(t, left, color=AFTER, lw=0.9, label="after")
         top.axhspan(-p.floor[j], p.floor[j], color=MUTED, alpha=0.2, lw=0)
         top.legend(fontsize=8, frameon=False, ncols=2)
-    top.set_ylabel(f"effort residual [{effort}]")
-    for errors, colour in ((a.before, BEFORE), (a.after, AFTER)):
-        if errors is None:
-            continue
-        for trace in errors.traces:
-            if not trace.closed and trace.held and blocks and trace.session is blocks[0].session:
-                stop = trace.start + len(trace.q)
-                clock = trace.session.t[trace.start : stop]
-                label = ("before" if colour == BEFORE else "after") if trace.start == _first(errors) else None
-                middle.plot(clock, trace.q[:, j], color=colour, lw=0.9, label=label)
-                error = trace.q[:, j] - trace.session.q[trace.start : stop, j]
-                bottom.plot(clock, error, color=colour, lw=0.9)
-    if blocks:
-        s, late = blocks[0].session, blocks[0].session.t[blocks[0].picks][blocks[0].held]
-        shown = (s.t >= late[0]) & (s.t <= late[-1])
-        q = s.q[shown, j]
-        middle.plot(s.t[shown], q, color=MEASURED, lw=1.3, ls=":", label="recorded")
-        slack = 0.6 * float(np.ptp(q)) + 1e-9
-        middle.set_ylim(float(q.min()) - slack, float(q.max()) + slack)
-        middle.legend(fontsize=8, frameon=False, ncols=3)
-    middle.set_ylabel(f"open loop [{unit}]")
-    bottom.set_ylabel(f"error [{unit}]")
-    bottom.set_xlabel("time [s]")
-    for axes in (top, middle, bottom):
+    top.set_ylabel(f"effort residual [{a.model.effort_unit(a.model.joints[j])}]")
+    if simulated and block is not None:
+        _overlay_motion(a, j, block, panels[1], panels[2])
+    panels[-1].set_xlabel("time [s]")
+    for axes in panels:
         axes.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def _overlay_motion(a: Analysis, j: int, block: Block, motion: Axes, error: Axes) -> None:
+    """Open-loop position over the recorded one, and what it is off by."""
+    for errors, colour, name in ((a.before, BEFORE, "before"), (a.after, AFTER, "after")):
+        for trace in [] if errors is None else errors.traces:
+            if trace.closed or not trace.held or trace.session is not block.session:
+                continue
+            assert errors is not None
+            stop = trace.start + len(trace.q)
+            clock = trace.session.t[trace.start : stop]
+            label = name if trace.start == _first(errors) else None
+            motion.plot(clock, trace.q[:, j], color=colour, lw=0.9, label=label)
+            error.plot(clock, trace.q[:, j] - trace.session.q[trace.start : stop, j], color=colour, lw=0.9)
+    s, late = block.session, block.session.t[block.picks][block.held]
+    shown = (s.t >= late[0]) & (s.t <= late[-1])
+    q = s.q[shown, j]
+    motion.plot(s.t[shown], q, color=MEASURED, lw=1.3, ls=":", label="recorded")
+    slack = 0.6 * float(np.ptp(q)) + 1e-9
+    motion.set_ylim(float(q.min()) - slack, float(q.max()) + slack)
+    motion.legend(fontsize=8, frameon=False, ncols=3)
+    unit = a.model.unit(a.model.joints[j])
+    motion.set_ylabel(f"open loop [{unit}]")
+    error.set_ylabel(f"error [{unit}]")
