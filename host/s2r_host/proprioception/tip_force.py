@@ -65,18 +65,39 @@ def tip_force(own: OwnTorques, samples: Samples, p: np.ndarray | None = None) ->
     p = dynamics.tool_positions(samples.q) if p is None else p
     extra = samples.tau - own.along(samples)
     sigma = own.sigma(samples)
-    wrenches, covariances, misfits = [], [], []
-    for q, at, tau, spread in zip(samples.q, p, extra, sigma, strict=True):
-        A, y = dynamics.point_jacobian(q, at).T / spread[:, None], tau / spread
-        size = LEAST_N
-        for _ in range(2):  # how far a moment may go is known with the force
-            prior = np.array([WEAK_N] * 3 + [PLACE_M * size] * 3)
-            covariance = np.linalg.inv(A.T @ A + np.diag(prior**-2.0))
-            x = covariance @ (A.T @ y)
-            size = max(LEAST_N, float(np.linalg.norm(x[:3])))
-        off, beside = y - A @ x, x[3:] / prior[3:]
-        wrenches.append(x)
-        covariances.append(covariance)
-        misfits.append(float(off @ off + beside @ beside) / max(len(y) - 3, 1))
-    found = np.array(wrenches).reshape(-1, 6)
-    return TipForce(p, found[:, :3], found[:, 3:], np.array(covariances), np.array(misfits))
+    found = [
+        _wrench(dynamics.point_jacobian(q, at).T / spread[:, None], tau / spread)
+        for q, at, tau, spread in zip(samples.q, p, extra, sigma, strict=True)
+    ]
+    wrenches = np.array([one.value for one in found]).reshape(-1, 6)
+    return TipForce(
+        p,
+        wrenches[:, :3],
+        wrenches[:, 3:],
+        np.array([one.covariance for one in found]),
+        np.array([one.misfit for one in found]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Wrench:
+    """Force and moment (6,), their covariance (6, 6), misfit per degree of freedom left."""
+
+    value: np.ndarray
+    covariance: np.ndarray
+    misfit: float
+
+
+def _wrench(A: np.ndarray, y: np.ndarray) -> _Wrench:
+    """Least squares of A x = y, both in standard errors of the joint torques, (dof, 6) and (dof,)."""
+    first = _fitted(A, y, LEAST_N)  # how far a moment may go is known with the force
+    x, covariance, prior = _fitted(A, y, max(LEAST_N, float(np.linalg.norm(first[0][:3]))))
+    off, beside = y - A @ x, x[3:] / prior[3:]
+    return _Wrench(x, covariance, float(off @ off + beside @ beside) / max(len(y) - 3, 1))
+
+
+def _fitted(A: np.ndarray, y: np.ndarray, force_N: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Wrench with the prior of a moment that goes with a force of this size, its covariance, and that prior."""
+    prior = np.array([WEAK_N] * 3 + [PLACE_M * force_N] * 3)
+    covariance = np.linalg.inv(A.T @ A + np.diag(prior**-2.0))
+    return covariance @ (A.T @ y), covariance, prior

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
 from s2r_sim.missing.cli import missing
 from s2r_sim.missing.page import PICTURE, compared, matters, summaries, write_page
-from s2r_sim.missing.score import named, paired, relative
+from s2r_sim.missing.score import named, paired, relative, score_run
 
 GAUGE = {"drawer": 0.3, "laptop": 0.1, "faucet": 0.1}  # what the arm feels, N or N·m
 
@@ -39,6 +39,19 @@ def test_the_same_number_is_the_same_object_and_another_one_is_not():
     assert draw_case(label, 0, "salt") == draw_case(label, 0, "salt")
     assert draw_case(label, 0, "salt").world != draw_case(label, 1, "salt").world
     assert draw_case(label, 0).world.commitment != draw_case(label, 0).world.commitment  # the salt is fresh
+
+
+def test_a_run_that_ended_before_its_first_manipulation_is_a_row_without_moves(tmp_path):
+    trial = draw_case("faucet: nothing", 0)
+    trial.world.save(tmp_path / "world.json")
+    (tmp_path / "truth.csv").write_text("t_s,master_tick,object\n0.0,0,0.5\n0.1,100,0.6\n")
+    (tmp_path / "run").mkdir()
+    run = {"attempts": [], "physics": [], "wall_s": 1.0, "exit": {"code": 4, "reason": "no joint"}}
+    (tmp_path / "run/run.json").write_text(json.dumps(run))
+    row = score_run(trial, tmp_path, (*LEARNING, *LATER))
+    assert row["moves"] == []
+    assert row["exit"] == 4
+    assert row["commitment_holds"]
 
 
 def _answer(verdict, *names, numbers=(), also=()):
