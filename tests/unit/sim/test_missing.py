@@ -11,6 +11,7 @@ from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
 from s2r_sim.missing.cli import missing
 from s2r_sim.missing.page import PICTURE, compared, matters, summaries, write_page
 from s2r_sim.missing.score import named, paired, relative, score_run
+from s2r_sim.truth import CONTACT_COLUMNS
 
 GAUGE = {"drawer": 0.3, "laptop": 0.1, "faucet": 0.1}  # what the arm feels, N or N·m
 
@@ -44,7 +45,8 @@ def test_the_same_number_is_the_same_object_and_another_one_is_not():
 def test_a_run_that_ended_before_its_first_manipulation_is_a_row_without_moves(tmp_path):
     trial = draw_case("faucet: nothing", 0)
     trial.world.save(tmp_path / "world.json")
-    (tmp_path / "truth.csv").write_text("t_s,master_tick,object\n0.0,0,0.5\n0.1,100,0.6\n")
+    header = ",".join(["t_s", "master_tick", "object", *CONTACT_COLUMNS])
+    (tmp_path / "truth.csv").write_text(f"{header}\n0.0,0,0.5,0,0,0,0\n0.1,100,0.6,0,0,0,0\n")
     (tmp_path / "run").mkdir()
     run = {"attempts": [], "physics": [], "wall_s": 1.0, "exit": {"code": 4, "reason": "no joint"}}
     (tmp_path / "run/run.json").write_text(json.dumps(run))
