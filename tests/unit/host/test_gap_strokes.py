@@ -10,6 +10,7 @@ from s2r_host.gap.checks import check_efforts
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.model import RigidModel
+from s2r_host.gap.nuisance import COMPARISON
 from s2r_host.gap.pipeline import Analysis, analyse
 from s2r_host.gap.recording import Controller, Recording
 from s2r_host.gap.session import make_session
@@ -138,6 +139,9 @@ def test_a_lever_of_doubtful_length_is_no_physics_where_that_is_declared(tmp_pat
     assert verdicts[1] in ("nothing_missing", "parameter_off")
     assert found.problem is not None
     assert sum(p.name == "gain" for p in found.problem.base) == len(scales)
+    held = found.problem.prior_at(0.05) / found.problem.prior
+    expected = [1.0 if p.name in COMPARISON else 0.05 for p in found.problem.base]
+    assert held == pytest.approx(expected)  # trust in the machine's numbers says nothing about the comparison
 
 
 def test_short_strokes_of_one_session_are_held_against_the_floor_as_one(tmp_path):

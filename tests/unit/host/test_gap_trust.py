@@ -130,7 +130,11 @@ class Hiding:
     def __init__(self, moved, best, gain=50.0):
         self.looseness = trust.WIDE
         self.problem = SimpleNamespace(
-            base=[SimpleNamespace(name="mass")], prior=np.array([0.03]), joints=[0], ctx=None
+            base=[SimpleNamespace(name="mass")],
+            prior=np.array([0.03]),
+            prior_at=lambda looseness: looseness * np.array([0.03]),
+            joints=[0],
+            ctx=None,
         )
         self.moved, self.best, self.gain, self.scanned = moved, best, gain, []
 
