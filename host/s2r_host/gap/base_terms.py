@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Shape, Value
 from s2r_host.gap.nuisance import COMPARISON, BaseParameter
 from s2r_host.gap.session import Session
 
 PREFIX = "parameter:"
 SKIPPED = (*COMPARISON, "damping", "frictionloss")  # friction has effects of its own name
 USUAL, USUAL_ZERO = 0.06, 0.01  # of a value; of the deviation of an effort from its mean
-FAR, IMPOSSIBLE = 8.0, -1e3  # log odds
+FAR = 8.0  # log odds
 NEVER_NEGATIVE = ("mass", "inertia", "armature", "damping", "frictionloss", "payload_mass")
 LEAST_ARM = 0.02  # of the body's size: a centre nearer to the origin has no direction
 

@@ -175,10 +175,11 @@ def overlay_figure(a: Analysis, j: int) -> Figure:
 def _overlay_motion(a: Analysis, j: int, block: Block, motion: Axes, error: Axes) -> None:
     """Open-loop position over the recorded one, and what it is off by."""
     for errors, colour, name in ((a.before, BEFORE, "before"), (a.after, AFTER, "after")):
-        for trace in [] if errors is None else errors.traces:
+        if errors is None:
+            continue
+        for trace in errors.traces:
             if trace.closed or not trace.held or trace.session is not block.session:
                 continue
-            assert errors is not None
             stop = trace.start + len(trace.q)
             clock = trace.session.t[trace.start : stop]
             label = name if trace.start == _first(errors) else None

@@ -20,7 +20,7 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.proprioception.following import Followed, PushedPart, follow
 from s2r_host.proprioception.own_torques import OwnTorques
 from s2r_host.proprioception.samples import EVERY_S, Samples
-from s2r_host.proprioception.tip_force import tip_force
+from s2r_host.proprioception.tip_force import TipForce, tip_force
 
 OVER_NOISE, LEAST_FORCE_N = 4.0, 1.0  # along the joint and at all, from which on something is touched
 IMPACT_S, IMPACT = 0.02, 0.25  # an effort that changes so fast, by this share of its median, is a blow
@@ -95,12 +95,12 @@ def touches(
         one = follow(arm, samples, stretch[edge:-edge], part, s_now, s_end, most)
         if one is not None:
             followed.append(one)
-    found = [
-        _touch(own, samples, some, part)
-        for one in followed
-        for some in _clear(one, part, tip_force(own, samples.part(one.rows), one.p).misfit < ALONE)
-        if len(some.rows) * EVERY_S >= LEAST_TOUCH_S and np.ptp(some.s) >= LEAST_WAY * most
-    ]
+    found = list[Touch]()
+    for one in followed:
+        felt = tip_force(own, samples.part(one.rows), one.p)
+        for some in _clear(one, part, felt.misfit < ALONE):
+            if len(some.rows) * EVERY_S >= LEAST_TOUCH_S and np.ptp(some.s) >= LEAST_WAY * most:
+                found.append(_touch(samples, some, part, felt.part(some.rows - one.rows[0])))
     if not found:
         return []
     last = followed[-1]
@@ -112,13 +112,10 @@ def touches(
     return [replace(one, s=one.s + off) for one in found]
 
 
-def _touch(own: OwnTorques, samples: Samples, one: Followed, part: PushedPart) -> Touch:
-    force = tip_force(own, samples.part(one.rows), one.p)
+def _touch(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -> Touch:
     effort, sigma = force.along(part.velocity(one.p), part.turning)
-    sigma = sigma * np.sqrt(
-        np.maximum(force.misfit, 1.0)
-    )  # Birge (1932): what disagrees is not known so well
-    return Touch(samples.t[one.rows], *_smoothed(one.s), effort, sigma)
+    disagrees = np.sqrt(np.maximum(force.misfit, 1.0))  # Birge (1932): such a value is not known so well
+    return Touch(samples.t[one.rows], *_smoothed(one.s), effort, sigma * disagrees)
 
 
 def _blows(effort: np.ndarray, pushing: np.ndarray) -> np.ndarray:

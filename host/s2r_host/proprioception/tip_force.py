@@ -10,9 +10,8 @@ from s2r_host.proprioception.own_torques import OwnTorques
 from s2r_host.proprioception.samples import Samples
 
 WEAK_N = 50.0  # prior of each component: directions that no joint feels stay bounded
-PLACE_M = (
-    0.004  # how far the place touched is off: a fingertip is flat, a part's surface known to millimetres
-)
+# How far the place touched is off: a fingertip is flat, a part's surface known to millimetres.
+PLACE_M = 0.004
 LEAST_N = 1.0  # a force smaller than that has a moment all the same: torques are known to hundredths
 
 
@@ -34,6 +33,12 @@ class TipForce:
     moment_Nm: np.ndarray
     covariance: np.ndarray
     misfit: np.ndarray
+
+    def part(self, rows: np.ndarray) -> TipForce:
+        """Some of the rows."""
+        return TipForce(
+            self.p[rows], self.force_N[rows], self.moment_Nm[rows], self.covariance[rows], self.misfit[rows]
+        )
 
     def along(
         self, directions: np.ndarray, turning: np.ndarray | None = None

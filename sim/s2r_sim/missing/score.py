@@ -31,9 +31,8 @@ def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
     run = json.loads((folder / "run/run.json").read_text())
     attempts = [entry for entry in run["attempts"] if entry["tick_start"] is not None]
     begun = [truth.s_at_tick(entry["tick_start"]) for entry in attempts]
-    left_at = [*begun[1:], float(truth.s[-1])][
-        : len(begun)
-    ]  # a run may end before it has manipulated anything
+    # A run may end before it has manipulated anything.
+    left_at = [*begun[1:], float(truth.s[-1])] if begun else []
     moves, at = [], 0
     for entry, s_from, s_to in zip(attempts, begun, left_at, strict=True):
         asked = entry["s_target"] - attempts[0]["s_initial"]

@@ -211,9 +211,8 @@ def test_where_the_part_stands_or_its_lever_is_uncertain_nothing_is_recorded():
     assert sum(len(one.rows) for one in clear) < 200
     assert _clear(Followed(np.arange(100), np.full(100, 0.1), p[:100]), part, alone[:100]) == []
     assert _clear(Followed(np.arange(len(s)), s[::-1], p[::-1]), part, alone) == []  # against the fingertip
-    assert (
-        _clear(Followed(np.arange(len(s)), s, p), part, ~alone) == []
-    )  # something else is touched all along
+    # Something else is touched all along.
+    assert _clear(Followed(np.arange(len(s)), s, p), part, ~alone) == []
 
 
 def test_a_second_touch_shows_in_torques_that_no_force_at_the_fingertip_makes(own, pushed):

@@ -14,6 +14,7 @@ from s2r_host.gap.session import Session
 
 Shape = Mapping[str, float]
 USUAL_TURN, FAR_TURN = 0.1, 8.0  # rad, log odds
+IMPOSSIBLE = -1e3  # log odds of a size that cannot be
 
 
 @dataclass(frozen=True)

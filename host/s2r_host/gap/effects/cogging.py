@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import find_peaks
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.session import Session
 
 MIN_PERIODS = 1.2
@@ -14,7 +14,6 @@ SEEDS = 16
 TOGETHER = 4  # seeds from all recordings taken as one
 RUB_PERIODS = (0.5, 0.75, 1.0)
 RUB_ODDS = -3.0
-IMPOSSIBLE = -1e3  # log odds
 
 
 class Cogging(Effect):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.session import Session
 
-FARTHEST, IMPOSSIBLE = 2.0, -1e3  # factor, log odds
+FARTHEST = 2.0  # factor
 
 
 class EffortScale(Effect):

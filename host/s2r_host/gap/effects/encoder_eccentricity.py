@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Shape, Value
 from s2r_host.gap.session import Session
 
 STEP = 1e-3
-FARTHEST_rad, IMPOSSIBLE = 0.3, -1e3  # of a disc; log odds
+FARTHEST_rad = 0.3  # of a disc
 
 
 class EncoderEccentricity(Effect):

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.session import Session
 
 FRICTION, DAMPING, GAIN, ALL = 0.0, 1.0, 2.0, 3.0
 WORD = {FRICTION: "friction", DAMPING: "damping", GAIN: "gain"}
 PER_KELVIN = (0.005, 0.015, 0.04, 0.08)
 LEAST_S, LEAST_SHARE = 2.0, 0.1  # shortest time constant: seconds, and share of the longest recording
-IMPOSSIBLE = -1e3  # log odds
 PER_WARMING = (0.1, 0.4, 1.0, 2.0)  # of the final warming, where no temperature is recorded
 
 
