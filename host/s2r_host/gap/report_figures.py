@@ -178,7 +178,7 @@ def _overlay_motion(a: Analysis, j: int, block: Block, motion: Axes, error: Axes
         if errors is None:
             continue
         for trace in errors.traces:
-            if trace.closed or not trace.held or trace.session is not block.session:
+            if trace.closed or not trace.held or trace.session.index != block.session.index:
                 continue
             stop = trace.start + len(trace.q)
             clock = trace.session.t[trace.start : stop]

@@ -3,12 +3,14 @@
 from types import SimpleNamespace
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from s2r_host.gap.answer import make_answer
 from s2r_host.gap.decision import Decision
 from s2r_host.gap.naming import Named
 from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.report import _per_joint, _rejected
+from s2r_host.gap.report_figures import _overlay_motion
 from s2r_host.gap.solution import Term
 
 
@@ -29,3 +31,17 @@ def test_rows_of_the_joints_are_told_from_the_row_of_the_whole():
     table = _per_joint({"fit": {"per_joint": {"joint1": errors, "joint2": errors}}})
     assert "of each joint, held out" in table
     assert "<th>position, held out" not in table
+
+
+def test_the_simulated_motion_is_shown_where_late_stamps_gave_its_recording_another_clock():
+    """The rows belong to the aligned recording then, the simulation to the one as read."""
+    t = np.arange(0.0, 2.0, 0.1)
+    read, aligned = (SimpleNamespace(index=3, t=t, q=np.sin(t)[:, None]) for _ in range(2))
+    trace = SimpleNamespace(session=read, start=0, closed=False, held=True, q=read.q + 0.1)
+    model = SimpleNamespace(joints=["joint1"], unit=lambda joint: "rad")
+    analysis = SimpleNamespace(model=model, before=SimpleNamespace(traces=[trace]), after=None)
+    block = SimpleNamespace(session=aligned, picks=np.arange(len(t)), held=np.ones(len(t), dtype=bool))
+    motion, error = Figure().subplots(2, 1)
+    _overlay_motion(analysis, 0, block, motion, error)  # pyright: ignore[reportArgumentType]
+    assert [line.get_label() for line in motion.lines] == ["before", "recorded"]
+    assert np.allclose(error.lines[0].get_ydata(), 0.1)
