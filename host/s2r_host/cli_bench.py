@@ -34,6 +34,9 @@ import click
     help="What the objects may differ in; built: in their joints too, as far as the model builder leaves them open.",
 )
 @click.option("--pieces", default=0, show_default=True, help="Cut the objects' boxes into convex meshes.")
+@click.option(
+    "--coacd", "decomposed", is_flag=True, help="Replace each body's boxes by what CoACD makes of them."
+)
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--tool", default="", help="Held by the gripper: t_shape or semi_ring [default: none].")
 @click.option("--plan-only", is_flag=True, help="No time law and no verifier: the planner alone.")
@@ -53,6 +56,7 @@ def planning(
     replays: int,
     doubt: str,
     pieces: int,
+    decomposed: bool,
     arm: str,
     tool: str,
     plan_only: bool,
@@ -74,6 +78,8 @@ def planning(
     from s2r_host.planning.bench.tasks import TASKS
     from s2r_protocol.exits import UsageError
 
+    if pieces and decomposed:
+        raise UsageError("--pieces and --coacd exclude each other: give one of them")
     wanted = names.split(",")
     for name in wanted:
         planner_named(name)
@@ -92,7 +98,7 @@ def planning(
 
         conditions = runner.Conditions(
             collection, threads, replays, plan_only=plan_only, patience_s=patience_s, arm=arm, tool=tool,
-            pieces=pieces, doubt=doubt,
+            pieces=pieces, doubt=doubt, decomposed=decomposed,
         )  # fmt: skip
         rows = runner.run(todo, out / "results.jsonl", conditions, tell)
     if curve is not None:

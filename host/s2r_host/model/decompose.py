@@ -6,10 +6,12 @@ interrupted; a child process avoids all three.
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
 import tempfile
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,21 +28,51 @@ _QUADS = (
 )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Fineness:
+    """CoACD's settings, by its own names; what is left out is CoACD's default."""
+
+    threshold: float = 0.1
+    preprocess_resolution: int = 30
+    mcts_iterations: int = 60
+    max_convex_hull: int = 8
+
+
+_COARSE = Fineness()
+
+
 def decompose(points: Array, cell_m: float, cpu_limit_s: float) -> tuple[list[Array], str | None]:
-    """Convex hulls that cover a point set.
+    """Convex hulls that cover a point set, (k, 3) corners each [m], and a warning or None.
 
     Args:
         points: Points of the solid [m], shape (n, 3).
         cell_m: Voxel size of the solid [m].
-        cpu_limit_s: Processor time for CoACD, on all cores together; beyond it the single convex hull is returned.
-            Not a time by the clock: on a busy machine the same object would get another model.
-
-    Returns:
-        Corner sets (k, 3) of the hulls, and a warning or None.
+        cpu_limit_s: As for `decompose_surface`.
     """
     vertices, faces = voxel_surface(points, cell_m)
     if len(vertices) < 8:
         return [], None
+    hulls, failure = decompose_surface(vertices, faces, cpu_limit_s)
+    if failure is None:
+        return hulls, None
+    return [_hull(points)], f"convex decomposition {failure}; one convex hull is used instead"
+
+
+def decompose_surface(
+    vertices: Array, faces: NDArray[np.int64], cpu_limit_s: float, fineness: Fineness = _COARSE
+) -> tuple[list[Array], str | None]:
+    """Convex hulls that cover what a closed surface encloses.
+
+    Args:
+        vertices: Corners of the surface [m], (n, 3).
+        faces: Its triangles, (m, 3).
+        cpu_limit_s: Processor time for CoACD, on all cores together. Not a time by the clock: on a busy machine the
+            same object would get another model.
+        fineness: How closely the hulls follow the surface.
+
+    Returns:
+        Corner sets (k, 3) of the hulls, and None; or none and what happened, as the end of a sentence.
+    """
     with tempfile.TemporaryDirectory(prefix="s2r-coacd-") as folder:
         source, target = Path(folder) / "in.npz", Path(folder) / "out.npz"
         np.savez(source, vertices=vertices, faces=faces)
@@ -52,23 +84,17 @@ def decompose(points: Array, cell_m: float, cpu_limit_s: float) -> tuple[list[Ar
             str(target),
             str(cpu_limit_s),
         ]
+        command.append(json.dumps(asdict(fineness)))
         clock_s = 30.0 + 10.0 * cpu_limit_s  # the child limits itself; this only ends what hangs
         try:
             done = subprocess.run(command, timeout=clock_s, capture_output=True, text=True, check=False)
         except subprocess.TimeoutExpired:
-            return [
-                _hull(points)
-            ], f"convex decomposition hung for {clock_s:.0f} s; one convex hull is used instead"
+            return [], f"hung for {clock_s:.0f} s"
         if done.returncode == -signal.SIGPROF:
-            return [_hull(points)], (
-                f"convex decomposition took more than {cpu_limit_s:g} s of processor time; one convex hull is used "
-                "instead"
-            )
+            return [], f"took more than {cpu_limit_s:g} s of processor time"
         if done.returncode != 0 or not target.exists():
             last = done.stderr.strip().splitlines()[-1:] or ["no message"]
-            return [
-                _hull(points)
-            ], f"convex decomposition failed ({last[0]}); one convex hull is used instead"
+            return [], f"failed ({last[0]})"
         with np.load(target) as content:
             return [content[name] for name in content.files], None
 

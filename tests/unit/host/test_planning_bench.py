@@ -14,7 +14,7 @@ from s2r_host.planning import PlanSettings, Stage
 from s2r_host.planning.bench import runner
 from s2r_host.planning.bench.curve import draw_curve
 from s2r_host.planning.bench.judo_peer import JudoSettings, judo_sampler
-from s2r_host.planning.bench.mesh_twin import write_in_pieces
+from s2r_host.planning.bench.mesh_twin import write_decomposed, write_in_pieces
 from s2r_host.planning.bench.planners import all_planners, planner_named
 from s2r_host.planning.bench.runner import Conditions, jobs, read, run
 from s2r_host.planning.bench.summary import ratios, summary
@@ -174,6 +174,31 @@ def test_a_mesh_twin_has_the_object_s_shape_in_convex_pieces(tmp_path):
         hits.append(mujoco.mj_ray(model, state, np.array([0.0, 0.02, 0.12]), towards, None, 1, -1, geom))
     assert hits[0] > 0.0
     assert hits[1] == pytest.approx(hits[0], abs=1e-5)
+
+
+def test_a_decomposed_twin_is_what_coacd_makes_of_each_body_with_the_object_s_own_inertia(tmp_path):
+    path = draw_task("faucet_left", 0, 0).write(tmp_path)
+    boxes, meshes = (mujoco.MjModel.from_xml_path(str(p)) for p in (path, write_decomposed(path)))
+    assert set(meshes.geom_type.tolist()) == {int(mujoco.mjtGeom.mjGEOM_MESH)}
+    part = mujoco.mj_name2id(meshes, mujoco.mjtObj.mjOBJ_BODY, "object_part")
+    assert meshes.body_mass[part] == pytest.approx(boxes.body_mass[part])
+    assert meshes.body_inertia[part] == pytest.approx(boxes.body_inertia[part])
+    reach = np.concatenate([_corners_of(meshes, geom) for geom in np.flatnonzero(meshes.geom_bodyid == part)])
+    (box,) = np.flatnonzero(boxes.geom_bodyid == part)
+    assert np.ptp(reach, axis=0) == pytest.approx(2 * boxes.geom_size[box], abs=0.004)
+
+
+def _corners_of(model, geom):
+    """Vertices of a mesh in the frame of its body."""
+    R, mesh = np.zeros(9), model.geom_dataid[geom]
+    mujoco.mju_quat2Mat(R, model.geom_quat[geom])
+    first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    return model.mesh_vert[first : first + count] @ R.reshape(3, 3).T + model.geom_pos[geom]
+
+
+def test_boxes_are_cut_or_decomposed_and_not_both(tmp_path):
+    ended = CliRunner().invoke(planning, ["--pieces", "2", "--coacd", "--out", str(tmp_path)])
+    assert "exclude each other" in str(ended.exception)
 
 
 def test_every_option_of_the_command_reaches_the_runs(tmp_path, monkeypatch):

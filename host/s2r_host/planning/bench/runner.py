@@ -12,7 +12,7 @@ import numpy as np
 
 from s2r_host.planning.belief import draw_belief
 from s2r_host.planning.bench.doubts import doubt_about
-from s2r_host.planning.bench.mesh_twin import write_in_pieces
+from s2r_host.planning.bench.mesh_twin import write_decomposed, write_in_pieces
 from s2r_host.planning.bench.planners import Planner, planner_named
 from s2r_host.planning.bench.summary import Row
 from s2r_host.planning.bench.tasks import draw_task
@@ -68,6 +68,7 @@ class Conditions:
         tool: In its gripper; none if empty.
         doubt: What the objects may differ in, see :mod:`s2r_host.planning.bench.doubts`.
         pieces: The objects' boxes are cut into so many convex meshes; 0: they stay boxes.
+        decomposed: Each body of the objects is what CoACD makes of its boxes.
     """
 
     collection: int
@@ -80,6 +81,7 @@ class Conditions:
     tool: str = ""
     pieces: int = 0
     doubt: str = "usual"
+    decomposed: bool = False
 
 
 def run(todo: list[Job], results: Path, conditions: Conditions, tell: Callable[[str], None]) -> list[Row]:
@@ -98,6 +100,8 @@ def run(todo: list[Job], results: Path, conditions: Conditions, tell: Callable[[
         path = task.write(results.parent)
         if conditions.pieces:
             path = write_in_pieces(path, conditions.pieces)
+        elif conditions.decomposed:
+            path = write_decomposed(path)
         request = PlanRequest(
             arm=arm,
             object_mjcf=path,
