@@ -30,7 +30,7 @@ import numpy as np
 from s2r_conceal.score import table
 from s2r_conceal.score_case import CaseScore, Interval
 from s2r_conceal.score_files import markdown
-from s2r_host.gap.naming import ALIKE_HEAT, CEILING, HEAT, alike
+from s2r_host.gap.verdict.naming import ALIKE_HEAT, CEILING, HEAT, alike
 
 S2R = [sys.executable, "-c", "from s2r_protocol.cli.root import main; main()"]
 TOOL = ("host/s2r_host/gap", "sim/s2r_conceal")

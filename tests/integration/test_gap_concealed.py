@@ -10,9 +10,9 @@ import pytest
 from s2r_conceal.draw import draw_set
 from s2r_conceal.score_case import score_case
 from s2r_conceal.score_files import read_track
-from s2r_host.gap.answer import make_answer
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.errors import GapRecordingError
+from s2r_host.gap.output.answer import make_answer
 from s2r_host.gap.pipeline import analyse
 
 SEED, COUNTS, DURATION_S, SUBSTEPS = 5, {"single": 8, "clean": 3, "unknown": 2, "insufficient": 1}, 10.0, 2

@@ -105,10 +105,10 @@ def run_gap(
     Raises:
         S2RError: Bad usage, or a refused file.
     """
-    from s2r_host.gap.answer import make_answer, write_answer, write_outputs
     from s2r_host.gap.config import read_config
     from s2r_host.gap.errors import GapUsageError
-    from s2r_host.gap.extras import add_extras
+    from s2r_host.gap.output.answer import make_answer, write_answer, write_outputs
+    from s2r_host.gap.output.extras import add_extras
     from s2r_host.gap.pipeline import analyse
 
     if not fit:
@@ -128,7 +128,7 @@ def run_gap(
     answer = make_answer(analysis, seed)
     write_outputs(analysis, out)
     if config.report:
-        from s2r_host.gap.report import write_report
+        from s2r_host.gap.output.report import write_report
 
         write_report(analysis, answer, out / "report.html")
     write_answer(answer, out)

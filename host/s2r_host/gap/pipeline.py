@@ -9,32 +9,32 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_host.gap import insufficient
-from s2r_host.gap.align import control_lag
-from s2r_host.gap.aligned import aligned, lags_of
-from s2r_host.gap.behind_gear import links_alone
-from s2r_host.gap.checks import check_efforts, check_joints, check_units
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.decide import FEW_JOINTS, decide, restate, unnamed_force
-from s2r_host.gap.decision import LEFTOVER_LIMIT, Decision, doubt
-from s2r_host.gap.forward import Errors, evaluate
-from s2r_host.gap.friction_edge import find_edges
-from s2r_host.gap.holes import stretches
-from s2r_host.gap.law import stamps_within
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.other_equations import BEHIND_THE_SENSOR
-from s2r_host.gap.polish import drifts_freely, friction_change, polish
-from s2r_host.gap.problem import Problem, build_problem
-from s2r_host.gap.recording_files import read_recording
-from s2r_host.gap.replay import Live, Twin, build_twin, has_loop, run
-from s2r_host.gap.search import Search
-from s2r_host.gap.seeds import fill_residuals
-from s2r_host.gap.servo_law import with_speeds_used
-from s2r_host.gap.session import Session, make_session
-from s2r_host.gap.slow_log import filled
-from s2r_host.gap.solution import Solution
-from s2r_host.gap.where import Place, acting, contradicted, locate, narrowed, with_named
-from s2r_host.gap.worsened import worsened
+from s2r_host.gap.motion.align import control_lag
+from s2r_host.gap.motion.aligned import aligned, lags_of
+from s2r_host.gap.motion.behind_gear import links_alone
+from s2r_host.gap.motion.checks import check_efforts, check_joints, check_units
+from s2r_host.gap.motion.law import stamps_within
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.servo_law import with_speeds_used
+from s2r_host.gap.motion.session import Session, make_session
+from s2r_host.gap.motion.slow_log import filled
+from s2r_host.gap.recordings.files import read_recording
+from s2r_host.gap.recordings.holes import stretches
+from s2r_host.gap.regression.friction_edge import find_edges
+from s2r_host.gap.regression.problem import Problem, build_problem
+from s2r_host.gap.regression.seeds import fill_residuals
+from s2r_host.gap.regression.solution import Solution
+from s2r_host.gap.search.search import Search
+from s2r_host.gap.simulation.forward import Errors, evaluate
+from s2r_host.gap.simulation.polish import drifts_freely, friction_change, polish
+from s2r_host.gap.simulation.replay import Live, Twin, build_twin, has_loop, run
+from s2r_host.gap.simulation.worsened import worsened
+from s2r_host.gap.verdict import insufficient
+from s2r_host.gap.verdict.decide import FEW_JOINTS, decide, restate, unnamed_force
+from s2r_host.gap.verdict.decision import LEFTOVER_LIMIT, Decision, doubt
+from s2r_host.gap.verdict.other_equations import BEHIND_THE_SENSOR
+from s2r_host.gap.verdict.where import Place, acting, contradicted, locate, narrowed, with_named
 
 Log = Callable[[str], None]
 
@@ -329,7 +329,7 @@ def _without_effort(a: Analysis, log: Log) -> None:
 
 def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
     """The model with what was found; for an unknown effect, with a generic local correction."""
-    from s2r_host.gap.generic import fit_generic
+    from s2r_host.gap.output.generic import fit_generic
 
     problem = a.problem
     assert problem is not None
@@ -348,7 +348,7 @@ def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
     if a.decision is not None:
         terms += [Live(f.name, f.joint, f.shape, np.zeros(0)) for f in a.decision.law]
     base = [(p, x) for p, x in problem.moved(solution.base) if abs(x) * p.size > 0]
-    from s2r_host.gap.base_terms import PREFIX, BaseTerm
+    from s2r_host.gap.regression.base_terms import PREFIX, BaseTerm
 
     assert a.search is not None
     for t in list(terms):
@@ -373,7 +373,7 @@ def floor_json(a: Analysis) -> dict:
 
 
 def _position_floor(a: Analysis) -> float:
-    from s2r_host.gap.floor import find_partner
+    from s2r_host.gap.regression.floor import find_partner
 
     values = []
     for twin in a.repeats:

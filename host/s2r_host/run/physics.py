@@ -19,13 +19,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from s2r_host.gap.answer import make_answer, write_answer, write_outputs
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import StepState
+from s2r_host.gap.output.answer import make_answer, write_answer, write_outputs
+from s2r_host.gap.output.report import write_report
 from s2r_host.gap.pipeline import Analysis, analyse
-from s2r_host.gap.replay import Twin
-from s2r_host.gap.report import write_report
+from s2r_host.gap.simulation.replay import Twin
 from s2r_host.planning.doubt import Z90
 from s2r_host.run.belief import JOINT, Belief
 from s2r_host.run.contact import corrected

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from s2r_host.gap.recording import Controller, Recording
-from s2r_host.gap.session import make_session
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
 
 DT = 0.004
 

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from s2r_host.gap.aligned import aligned
-from s2r_host.gap.answer import make_answer
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.model import RigidModel
+from s2r_host.gap.motion.aligned import aligned
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.output.answer import make_answer
 from s2r_host.gap.pipeline import analyse
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.session import make_session
 
 DT, KP, KD = 0.004, 40.0, 3.0
 QUICK = GapConfig(simulate=False, baselines=False, report=False, next_experiment=False)

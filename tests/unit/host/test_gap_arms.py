@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from s2r_host.gap.decide import decide
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
-from s2r_host.gap.replay import Live, build_twin
-from s2r_host.gap.scan import share_taken
-from s2r_host.gap.search import Search
-from s2r_host.gap.session import make_session
-from s2r_host.gap.solution import Term
-from s2r_host.gap.where import locate, with_named
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.problem import build_problem
+from s2r_host.gap.regression.solution import Term
+from s2r_host.gap.search.scan import share_taken
+from s2r_host.gap.search.search import Search
+from s2r_host.gap.simulation.replay import Live, build_twin
+from s2r_host.gap.verdict.decide import decide
+from s2r_host.gap.verdict.where import locate, with_named
 
 ARM_XML = """<mujoco><worldbody><body name="a"><joint name="j1" axis="0 1 0" damping="0.2" frictionloss="0.5"/>
 <inertial mass="4" pos="0.2 0 0.1" diaginertia="0.03 0.03 0.03"/>
@@ -158,7 +158,7 @@ def test_the_joint_of_what_was_named_comes_first(rubbing):
 
 
 def test_one_wrong_number_of_an_arm_is_looked_for_although_loose_numbers_hide_it(rubbing, monkeypatch):
-    monkeypatch.setattr("s2r_host.gap.decide.base_matters", lambda *_: False)
+    monkeypatch.setattr("s2r_host.gap.verdict.decide.base_matters", lambda *_: False)
     monkeypatch.setattr(rubbing, "at_floor", lambda _: False)
     monkeypatch.setattr(rubbing, "comes_back", lambda _: False)
     monkeypatch.setattr(rubbing, "run", lambda look: rubbing.finish([], [], []))

@@ -5,11 +5,11 @@ import json
 import pytest
 
 from s2r_host.gap import batch
-from s2r_host.gap.answer import write_answer
 from s2r_host.gap.batch import Job, read_jobs, run_batch, run_job, since_when
 from s2r_host.gap.cli import batch_code
 from s2r_host.gap.config import read_config
 from s2r_host.gap.errors import GapRecordingError, GapUsageError
+from s2r_host.gap.output.answer import write_answer
 
 
 def _list(tmp_path, text):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from s2r_host.gap.behind_gear import links_alone
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.motion.behind_gear import links_alone
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.session import make_session
 
 DT, STIFFNESS, ARMATURE, DAMPING = 0.002, 60.0, 0.05, 0.08
 

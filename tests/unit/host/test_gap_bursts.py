@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.model import RigidModel
+from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.pipeline import analyse
 from s2r_host.gap.rig import write_model
 

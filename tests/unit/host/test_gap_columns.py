@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
-from s2r_host.gap.search import Search
-from s2r_host.gap.session import make_session
-from s2r_host.gap.solution import Term
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.problem import build_problem
+from s2r_host.gap.regression.solution import Term
+from s2r_host.gap.search.search import Search
 
 WHEEL = """<mujoco><worldbody><body name="wheel"><joint name="spindle" damping="0.2" frictionloss="0.1"/>
 <inertial pos="0 0 0" mass="1" diaginertia="0.05 0.05 0.05"/></body></worldbody></mujoco>"""

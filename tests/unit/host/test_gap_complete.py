@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
-from s2r_host.gap.complete import LINKS, complete
 from s2r_host.gap.effects.backlash import behind_gap
 from s2r_host.gap.effects.payload import add_mass
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
-from s2r_host.gap.search import Search
-from s2r_host.gap.session import line_hz, make_session
-from s2r_host.gap.states import stop_operator
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import line_hz, make_session
+from s2r_host.gap.motion.states import stop_operator
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.link_group import LINKS
+from s2r_host.gap.regression.problem import build_problem
+from s2r_host.gap.search.complete import complete
+from s2r_host.gap.search.search import Search
 
 ARM_XML = """<mujoco><worldbody><body name="a"><joint name="j1" axis="0 0 1"{f}/>
 <inertial mass="3" pos="0.1 0 0.1" diaginertia="0.02 0.02 0.02"/>

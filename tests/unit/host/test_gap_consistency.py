@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from s2r_host.gap.consistency import disagreement
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import build_problem
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.regression.problem import build_problem
+from s2r_host.gap.regression.solution import Term
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.search import Search
-from s2r_host.gap.solution import Term
+from s2r_host.gap.search.consistency import disagreement
+from s2r_host.gap.search.search import Search
 
 PLACE, WIDTH, EDGE, RAMP = 0.1, 0.08, 0.3, 0.01
 DETENT = Term("detent", 0, (("q0", PLACE), ("w", WIDTH)))

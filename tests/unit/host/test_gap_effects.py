@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from s2r_host.gap.base_terms import BaseTerm
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context, StepState
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.nuisance import base_parameters
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.base_terms import BaseTerm
+from s2r_host.gap.regression.nuisance import base_parameters
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.session import make_session
 
 NAMES = [
     "coulomb_friction",

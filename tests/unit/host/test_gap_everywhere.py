@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from s2r_host.gap.everywhere import late_everywhere
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
-from s2r_host.gap.search import Search
-from s2r_host.gap.session import make_session
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.problem import build_problem
+from s2r_host.gap.search.everywhere import late_everywhere
+from s2r_host.gap.search.search import Search
 
 DT, NOISE = 0.004, np.array([0.02, 0.02, 0.01])
 ARM_XML = """<mujoco><worldbody><body name="a">

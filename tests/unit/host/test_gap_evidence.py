@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from s2r_host.gap.consistency import disagreement
-from s2r_host.gap.decide import decide
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context
 from s2r_host.gap.effects.thermal_drift import ALL
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.problem import build_problem
+from s2r_host.gap.regression.seeds import fill_residuals
+from s2r_host.gap.regression.solution import Scored, Term
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.search import Search
-from s2r_host.gap.seeds import fill_residuals
-from s2r_host.gap.session import make_session
-from s2r_host.gap.solution import Scored, Term
-from s2r_host.gap.wrong_number import with_number
+from s2r_host.gap.search.consistency import disagreement
+from s2r_host.gap.search.search import Search
+from s2r_host.gap.search.wrong_number import with_number
+from s2r_host.gap.verdict.decide import decide
 
 DT, FRICTION, DAMPING = 0.004, 0.3, 0.2
 NOISE = 0.02

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.friction_seen import dry_level, trust
-from s2r_host.gap.known_noise import known_noise, motion_noise
-from s2r_host.gap.model import RigidModel
+from s2r_host.gap.motion.known_noise import known_noise, motion_noise
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.rest import stillness
+from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.pipeline import analyse
-from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
-from s2r_host.gap.rest import stillness
-from s2r_host.gap.rows import compare
-from s2r_host.gap.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.friction_seen import dry_level, trust
+from s2r_host.gap.regression.problem import build_problem
+from s2r_host.gap.regression.rows import compare
 
 DT, STEP = 0.004, 0.001
 INERTIA, FRICTION, DAMPING = 0.035, 0.05, 0.01

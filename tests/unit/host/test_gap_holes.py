@@ -5,10 +5,10 @@ import pytest
 
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.errors import GapRecordingError
-from s2r_host.gap.holes import LEAST_STRETCH_ROWS, longest_bridged, stretches, unknown_rows
-from s2r_host.gap.model import RigidModel
+from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.pipeline import analyse
-from s2r_host.gap.recording_files import read_recording
+from s2r_host.gap.recordings.files import read_recording
+from s2r_host.gap.recordings.holes import LEAST_STRETCH_ROWS, longest_bridged, stretches, unknown_rows
 from s2r_host.gap.rig import write_model
 
 DT = 0.004

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from s2r_host.gap import decide
-from s2r_host.gap.decide import impossible, possible
-from s2r_host.gap.decision import EXPLAINED_CLOSE, Decision, too_much_left
-from s2r_host.gap.parameters_off import _of_one_part
+from s2r_host.gap.verdict import decide
+from s2r_host.gap.verdict.decide import impossible, possible
+from s2r_host.gap.verdict.decision import EXPLAINED_CLOSE, Decision, too_much_left
+from s2r_host.gap.verdict.parameters_off import _of_one_part
 
 
 def entry(name, to, deviation, place="arm"):

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from s2r_host.gap.intervals import curvature, shape_spread
-from s2r_host.gap.solution import Term
+from s2r_host.gap.regression.solution import Term
+from s2r_host.gap.verdict.intervals import curvature, shape_spread
 
 BEST = np.array([2.0, 5.0])
 PRECISION = np.array([[120.0, 90.0], [90.0, 80.0]])

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from s2r_host.gap import kinematics
-from s2r_host.gap.frozen import late_rows
-from s2r_host.gap.kinematics import contradiction
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.motion import kinematics
+from s2r_host.gap.motion.kinematics import contradiction
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.frozen import late_rows
+from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.session import make_session
 
 DT, LSB = 0.004, 1e-4
 

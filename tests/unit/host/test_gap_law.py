@@ -6,11 +6,11 @@ from scipy.signal import lfilter
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context
-from s2r_host.gap.law import check_law, stamps_within
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.motion.law import check_law, stamps_within
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.session import make_session
 
 KP, KD, DT = 40.0, 2.0, 0.004
 

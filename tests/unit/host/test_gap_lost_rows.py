@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from s2r_host.gap.friction_seen import dry_level
-from s2r_host.gap.law import stamps_agree
-from s2r_host.gap.lost_rows import bridged
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.motion.law import stamps_agree
+from s2r_host.gap.motion.lost_rows import bridged
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.friction_seen import dry_level
+from s2r_host.gap.regression.problem import build_problem
+from s2r_host.gap.regression.unrepeated import wandering
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.search import Search
-from s2r_host.gap.session import make_session
-from s2r_host.gap.unrepeated import wandering
+from s2r_host.gap.search.search import Search
 
 DT, KP, KD = 0.004, 60.0, 6.0
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from s2r_host.gap.next_experiment import RATE_HZ, _write, motions
+from s2r_host.gap.output.next_experiment import RATE_HZ, _write, motions
 from s2r_host.replay.sources import read_source
 from s2r_protocol.arms import load_arm
 

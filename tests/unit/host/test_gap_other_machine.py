@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from s2r_host.gap.decide import decide
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.other_machine import all_numbers_elsewhere
-from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.rig import MASS, write_model
-from s2r_host.gap.search import Search
-from s2r_host.gap.session import make_session
+from s2r_host.gap.search.search import Search
+from s2r_host.gap.verdict.decide import decide
+from s2r_host.gap.verdict.other_machine import all_numbers_elsewhere
 
 DT, FRICTION, DAMPING, ARMATURE = 0.004, 0.2, 0.08, 0.02
 

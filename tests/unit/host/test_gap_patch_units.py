@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from s2r_host.gap.answer import write_model
 from s2r_host.gap.effects.backlash import EFFECT as BACKLASH
 from s2r_host.gap.effects.base import Context
 from s2r_host.gap.effects.spring_return import add_spring
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.replay import build_twin
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.output.answer import write_model
+from s2r_host.gap.simulation.replay import build_twin
 
 MODEL = """<mujoco><compiler angle="{angle}"/><worldbody><body>
   <joint name="door" stiffness="{old}" springref="{rest}" armature=".01"/><geom size=".1" pos=".3 0 0"/>

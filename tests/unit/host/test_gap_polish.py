@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.nuisance import base_parameters
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.pipeline import analyse
-from s2r_host.gap.recording_files import read_recording
-from s2r_host.gap.session import make_session
+from s2r_host.gap.recordings.files import read_recording
+from s2r_host.gap.regression.nuisance import base_parameters
 
 XML = """<mujoco><option timestep="0.001" integrator="implicitfast"/><worldbody><body name="cart">
 <joint name="slide" type="slide" axis="1 0 0" damping="{damping}" frictionloss="{dry}"/>

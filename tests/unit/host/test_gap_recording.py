@@ -5,8 +5,8 @@ import pytest
 import yaml
 
 from s2r_host.gap.errors import GapRecordingError
-from s2r_host.gap.recording import Controller, Recording
-from s2r_host.gap.recording_files import read_recording
+from s2r_host.gap.recordings.files import read_recording
+from s2r_host.gap.recordings.recording import Controller, Recording
 
 T = np.arange(0, 1, 0.01)
 

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 from matplotlib.figure import Figure
 
-from s2r_host.gap.answer import make_answer
-from s2r_host.gap.decision import Decision
-from s2r_host.gap.naming import Named
+from s2r_host.gap.output.answer import make_answer
+from s2r_host.gap.output.figures import _overlay_motion
+from s2r_host.gap.output.report import _per_joint, _rejected
 from s2r_host.gap.pipeline import Analysis
-from s2r_host.gap.report import _per_joint, _rejected
-from s2r_host.gap.report_figures import _overlay_motion
-from s2r_host.gap.solution import Term
+from s2r_host.gap.regression.solution import Term
+from s2r_host.gap.verdict.decision import Decision
+from s2r_host.gap.verdict.naming import Named
 
 
 def test_what_is_named_is_not_among_the_rejected():

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import build_problem
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.search import Search
+from s2r_host.gap.search.search import Search
 
 STIFFNESS, LOOP, WIDTH = 0.6, 0.15, 0.15
 

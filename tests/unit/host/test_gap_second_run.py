@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from s2r_host.gap import checks
-from s2r_host.gap.checks import check_units
 from s2r_host.gap.errors import GapRecordingError
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.parameters_off import parameters_only
-from s2r_host.gap.problem import Problem, build_problem
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.motion import checks
+from s2r_host.gap.motion.checks import check_units
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.problem import Problem, build_problem
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.search import Search
-from s2r_host.gap.session import make_session
+from s2r_host.gap.search.search import Search
+from s2r_host.gap.verdict.parameters_off import parameters_only
 
 DT, KP, KD = 0.004, 40.0, 2.0
 

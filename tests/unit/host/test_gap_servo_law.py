@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import yaml
 
-from s2r_host.gap.checks import check_joints
 from s2r_host.gap.errors import GapRecordingError
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.recording import Controller, Recording
-from s2r_host.gap.recording_files import read_recording
+from s2r_host.gap.motion.checks import check_joints
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.servo_law import with_speeds_used
+from s2r_host.gap.recordings.files import read_recording
+from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.servo_law import with_speeds_used
 
 T = np.arange(0.0, 8.0, 0.004)
 KP, KD = 80.0, 3.0

@@ -5,18 +5,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from s2r_host.gap.decision import Decision
 from s2r_host.gap.effects import encoder_offset, gravity_tilt
 from s2r_host.gap.effects.asymmetric_friction import EFFECT as ASYMMETRIC
 from s2r_host.gap.effects.backlash import EFFECT as BACKLASH
 from s2r_host.gap.effects.effort_scale import EFFECT as SCALE
-from s2r_host.gap.law import LawFinding
-from s2r_host.gap.naming import CEILING, Named, slot_probabilities
-from s2r_host.gap.other_equations import add_law
-from s2r_host.gap.parameters_off import off_entries
-from s2r_host.gap.search import Search
-from s2r_host.gap.shapes import Shapes
-from s2r_host.gap.solution import Scored, Term
+from s2r_host.gap.motion.law import LawFinding
+from s2r_host.gap.regression.solution import Scored, Term
+from s2r_host.gap.search.search import Search
+from s2r_host.gap.search.shapes import Shapes
+from s2r_host.gap.verdict.decision import Decision
+from s2r_host.gap.verdict.naming import CEILING, Named, slot_probabilities
+from s2r_host.gap.verdict.other_equations import add_law
+from s2r_host.gap.verdict.parameters_off import off_entries
 
 ROTARY = SimpleNamespace(model=SimpleNamespace(joints=["elbow"], unit=lambda joint: "rad"))
 

@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.model import RigidModel
+from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.pipeline import analyse, load_sessions
-from s2r_host.gap.rows import held_inside
+from s2r_host.gap.regression.rows import held_inside
 
 MODEL = """<mujoco><worldbody><body name="part">
 <joint name="rail" type="slide" axis="1 0 0" frictionloss="4" damping="2"/>

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.friction_edge import find_edges
-from s2r_host.gap.leading_position import lead_of_position
-from s2r_host.gap.model import RigidModel
+from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.pipeline import analyse, load_sessions
+from s2r_host.gap.recordings.leading_position import lead_of_position
+from s2r_host.gap.regression.friction_edge import find_edges
 
 DT, KP, KD = 0.002, 60.0, 4.0
 QUICK = GapConfig(simulate=False, baselines=False, report=False, next_experiment=False)

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from s2r_host.gap.decide import decide
-from s2r_host.gap.friction_edge import find_edges
-from s2r_host.gap.friction_seen import between_level
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.motion.slow_log import filled
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.friction_edge import find_edges
+from s2r_host.gap.regression.friction_seen import between_level
+from s2r_host.gap.regression.problem import build_problem
+from s2r_host.gap.regression.seeds import fill_residuals
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.search import Search
-from s2r_host.gap.seeds import fill_residuals
-from s2r_host.gap.session import make_session
-from s2r_host.gap.slow_log import filled
+from s2r_host.gap.search.search import Search
+from s2r_host.gap.verdict.decide import decide
 
 DT, EVERY = 0.001, 100
 KP, KD, FRICTION = 60.0, 6.0, 0.05

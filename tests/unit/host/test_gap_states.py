@@ -10,9 +10,9 @@ from s2r_host.gap.effects.base import Context
 from s2r_host.gap.effects.joint_elasticity import EFFECT as ELASTICITY
 from s2r_host.gap.effects.joint_elasticity import mean_inertia
 from s2r_host.gap.effects.payload import EFFECT, add_mass, arm
-from s2r_host.gap.model import RigidModel
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.states import bristle, deflection
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.states import bristle, deflection
 
 
 def test_a_loop_of_power_two_follows_the_hyperbolic_tangent():
@@ -68,7 +68,7 @@ def test_a_link_without_a_gap_takes_one_step_per_row(monkeypatch, k, d):
         return deflection(session, 0, *columns, bend)[:, 0]  # pyright: ignore[reportArgumentType]
 
     alone = wound(0.0)
-    monkeypatch.setattr("s2r_host.gap.states.ALONE_STEP", 0.005)
+    monkeypatch.setattr("s2r_host.gap.motion.states.ALONE_STEP", 0.005)
     fine = wound(1e-12)
     assert np.std(fine) > 3.0
     assert np.sqrt(np.mean((alone - fine) ** 2)) < 5e-3 * np.std(fine)

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import yaml
 
-from s2r_host.gap.checks import check_efforts
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.errors import GapRecordingError
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.nuisance import COMPARISON
+from s2r_host.gap.motion.checks import check_efforts
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.pipeline import Analysis, analyse
-from s2r_host.gap.recording import Controller, Recording
-from s2r_host.gap.session import make_session
-from s2r_host.gap.strokes import left_over, together
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.nuisance import COMPARISON
+from s2r_host.gap.regression.strokes import left_over, together
 
 MODEL = """<mujoco><worldbody><body name="part">
 <joint name="rail" type="slide" axis="1 0 0" frictionloss="4" damping="2"/>

@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from s2r_host.gap import trust
-from s2r_host.gap.base_terms import PREFIX, CentreDistance, base_terms, with_directions_held
-from s2r_host.gap.nuisance import BaseParameter
-from s2r_host.gap.other_machine import other_machine
-from s2r_host.gap.solution import Scored, Term
-from s2r_host.gap.states import deflection
+from s2r_host.gap.motion.states import deflection
+from s2r_host.gap.regression.base_terms import PREFIX, CentreDistance, base_terms, with_directions_held
+from s2r_host.gap.regression.nuisance import BaseParameter
+from s2r_host.gap.regression.solution import Scored, Term
+from s2r_host.gap.search import trust
+from s2r_host.gap.verdict.other_machine import other_machine
 
 
 def number(name, nominal, column):

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.problem import build_problem
-from s2r_host.gap.recording import Controller, Recording
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.rig import write_model
-from s2r_host.gap.search import Search
-from s2r_host.gap.session import make_session
-from s2r_host.gap.vibration import vibration
+from s2r_host.gap.search.search import Search
+from s2r_host.gap.search.vibration import vibration
 
 DT = 0.004
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from s2r_host.gap import pipeline
-from s2r_host.gap.forward import Errors
-from s2r_host.gap.worsened import worsened
+from s2r_host.gap.simulation.forward import Errors
+from s2r_host.gap.simulation.worsened import worsened
 
 NAN = np.full(2, np.nan)
 

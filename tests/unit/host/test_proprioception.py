@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from s2r_host.gap.recording_files import read_recording
+from s2r_host.gap.recordings.files import read_recording
 from s2r_host.log.tables import Joints
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.obstacles import Obstacle

@@ -7,8 +7,8 @@ from collections import deque
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
-from s2r_host.gap.session import Session
-from s2r_host.gap.states import delayed
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.states import delayed
 
 LAW_ODDS = 200.0  # most that the control law may say against a difference of clocks, or for it
 

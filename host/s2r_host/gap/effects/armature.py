@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, small_is_odd
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 
 class Armature(Effect):

@@ -21,8 +21,8 @@ from s2r_host.gap.effects.base import (
     as_written,
 )
 from s2r_host.gap.effects.joint_elasticity import mean_inertia, motor_shares, second_joint, transmitted
-from s2r_host.gap.session import Session
-from s2r_host.gap.states import stop_operator
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.states import stop_operator
 
 LOG_STEP = 0.06
 NARROWEST, WIDEST = (0.0001, 0.0006), 0.05  # half widths tried, as shares of the travel

@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 
 from s2r_host.gap.effects.actuator_delay import skew_seen
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 
 class Bandwidth(Effect):

@@ -9,8 +9,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import Session
 
 Shape = Mapping[str, float]
 USUAL_TURN, FAR_TURN = 0.1, 8.0  # rad, log odds

@@ -7,8 +7,8 @@ import numpy as np
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.effects.presliding import bristle_force
 from s2r_host.gap.effects.spring_return import spring_values
-from s2r_host.gap.session import Session
-from s2r_host.gap.states import bristle
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.states import bristle
 
 HARDENS = 1.0
 SLACK, NO_SPRING = 0.1, -8.0  # spring over the travel in heights of the loop, log odds

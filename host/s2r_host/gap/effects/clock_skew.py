@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
-from s2r_host.gap.session import Session
-from s2r_host.gap.states import delayed
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.states import delayed
 
 STEP_S = 0.01
 EXCLUDED = 1e4  # log odds: a record that obeys the law on time was stamped by one clock

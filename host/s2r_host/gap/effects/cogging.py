@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Runtime, Shape, StepState, Value
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 MIN_PERIODS = 1.2
 MAX_PERIODS = 2000

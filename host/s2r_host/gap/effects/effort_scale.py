@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Runtime, Shape, StepState, Value
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 FARTHEST = 2.0  # factor
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Shape, Value
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 STEP = 1e-3
 FARTHEST_rad = 0.3  # of a disc

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, turned
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 STEP, BEND_STEP = 1e-3, 1e-2
 ZERO = 0.15  # rad to which a zero is set: half a tooth of a spline of 25 is 0.13

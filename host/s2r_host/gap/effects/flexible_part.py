@@ -6,8 +6,8 @@ import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.effects.joint_elasticity import mean_inertia
-from s2r_host.gap.session import Session
-from s2r_host.gap.states import filtered
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.states import filtered
 
 MORE_THAN_ALL = -60.0  # log odds
 

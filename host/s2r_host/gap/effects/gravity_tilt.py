@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, turned
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 STEP = 1e-2
 LEVEL = 0.05  # rad to which a base is put up

@@ -6,8 +6,8 @@ import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, Value
 from s2r_host.gap.effects.presliding import bristle_force
-from s2r_host.gap.session import Session
-from s2r_host.gap.states import bristle
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.states import bristle
 
 
 class Hysteresis(Effect):

@@ -9,8 +9,8 @@ import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
 from s2r_host.gap.effects.encoder_offset import load_bend, load_slope
-from s2r_host.gap.session import Session
-from s2r_host.gap.states import deflection, filtered
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.states import deflection, filtered
 
 FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
 DAMPING = (0.02, 0.08, 0.25)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 
 class LoadDependentFriction(Effect):

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, small_is_odd
-from s2r_host.gap.model import RigidModel
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import Session
 
 REACH = (0.5, 1.0, 1.5, 2.0)
 FAR_REACH = (3.0, 5.0)  # what an arm holds may hang well beyond its last body

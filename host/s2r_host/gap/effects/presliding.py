@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
-from s2r_host.gap.session import Session
-from s2r_host.gap.states import bristle
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.states import bristle
 
 SHARES = (0.0005, 0.001, 0.002, 0.004, 0.008, 0.015, 0.03)
 # Of the motion: what creeps so little while it comes to rest is no loop that a reversal shows.

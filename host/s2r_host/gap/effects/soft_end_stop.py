@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 OUTER_SHARE, DEEP = 0.25, -100.0  # share of the travel a stop usually takes, log odds per share beyond it
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, as_written
 from s2r_host.gap.effects.viscous_friction import add_first
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 EDGE, AMID = 0.1, -8.0  # share of the travel, log odds
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Runtime, Shape, StepState, Value
-from s2r_host.gap.session import Session
+from s2r_host.gap.motion.session import Session
 
 FRICTION, DAMPING, GAIN, ALL = 0.0, 1.0, 2.0, 3.0
 WORD = {FRICTION: "friction", DAMPING: "damping", GAIN: "gain"}

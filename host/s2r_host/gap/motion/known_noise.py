@@ -1,0 +1,106 @@
+"""Noise that encoders and effort sensors alone put into a residual: a measure for guesses of the noise floor.
+
+What a generic correction cannot predict is noise, or an effect that is finer than the correction: cogging with more
+periods than it has position bins, stick-slip. The channels themselves tell the two apart: their noise is white at
+least, so its level above the motion's band holds inside it.
+
+The other way round, a correction that holds the acceleration takes part of that acceleration's own noise away in a slow
+motion, where less inertia costs little: what it leaves over is less than what the channels show.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import welch
+
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import Session
+
+_MIDDLE, _UPPER = 0.33, 0.66  # of the band: above the second a recording holds little but noise
+_FLAT = 2.0  # power of the middle third over that of the upper one, up to which it is noise for sure
+_LOAD_SHARE = 0.005  # filters and rounding of the model's own effort
+# Integrals of x⁰, x² and x⁴ over the squared gain 1 / (1 + x⁴)² of a second-order Butterworth filter run both ways.
+_GAIN, _GAIN_SLOPE, _GAIN_BEND = (
+    3.0 * np.pi * np.sqrt(2.0) / 16.0,
+    np.pi * np.sqrt(2.0) / 16.0,
+    np.pi * np.sqrt(2.0) / 16.0,
+)
+
+
+def known_noise(model: RigidModel, s: Session, j: int) -> float:
+    """Standard deviation of a joint's residual, below its cut, by the noise of the channels [N·m or N].
+
+    Effort noise adds its power density times the cut; see :func:`motion_noise` for the acceleration. Zero where no
+    channel shows any.
+    """
+    effort = s.rec.get("tau", model.joints[j])
+    variance = motion_noise(model, s, j) ** 2
+    if effort is not None:
+        variance += _GAIN * _white(effort, s.rec.dt) * float(s.cut[j])
+    if variance == 0.0:
+        return 0.0
+    return float(np.sqrt(variance + (_LOAD_SHARE**2) * np.mean(s.load[:, j] ** 2)))
+
+
+def motion_noise(model: RigidModel, s: Session, j: int, *, sure: bool = False) -> float:
+    """Standard deviation of a joint's inertial effort, below its cut, by the noise of its position or speed.
+
+    The acceleration comes from the better of both, twice or once differentiated: noise of power density S makes
+    (2π)⁴ S f⁵ or (2π)² S f³ of it up to the cut f, but for a factor of the filter. ``sure``: only of channels whose
+    spectrum is flat above the motion; what still falls there is motion.
+
+    Returns:
+        Effort [N·m or N]; 0 where no channel shows any noise.
+    """
+    cut = float(s.cut[j])
+    moved = []
+    for kind, gain in (
+        ("q", _GAIN_BEND * (2.0 * np.pi) ** 4 * cut**5),
+        ("dq", _GAIN_SLOPE * (2.0 * np.pi) ** 2 * cut**3),
+    ):
+        x = s.rec.get(kind, model.joints[j])
+        if x is not None:
+            moved.append(_white(x, s.rec.dt, flat=sure) * gain)
+    return float(np.median(np.abs(s.mass[:, j])) * np.sqrt(min(moved, default=0.0)))
+
+
+def motion_density(model: RigidModel, s: Session, j: int, f: np.ndarray) -> np.ndarray:
+    """Power density of a joint's inertial effort by the noise of its position or speed, of flat spectra alone.
+
+    Args:
+        model: The nominal model.
+        s: The recording.
+        j: The joint.
+        f: Frequencies [Hz], shape (frequency,).
+
+    Returns:
+        One-sided density below the cut [N²·m²/Hz or N²/Hz], shape (frequency,); zero where no channel shows noise.
+    """
+    w, cut = 2.0 * np.pi * f, float(s.cut[j])
+    moved = []
+    for kind, power in (("q", 4), ("dq", 2)):
+        x = s.rec.get(kind, model.joints[j])
+        if x is not None:
+            moved.append(_white(x, s.rec.dt, flat=True) * w**power / (1.0 + (f / cut) ** 4) ** 2)
+    least = min(moved, key=np.sum, default=np.zeros(len(f)))
+    return least * float(np.median(np.abs(s.mass[:, j]))) ** 2
+
+
+def _white(x: np.ndarray, dt: float, *, flat: bool = False) -> float:
+    """One-sided power density of a channel's white noise, from the upper third of its band [unit²/Hz].
+
+    ``flat``: zero where the spectrum still falls there.
+    """
+    if len(x) < 64:
+        return 0.0
+    length = int(np.clip(len(x) // 6, 64, 512))
+    f, power = welch(x - np.mean(x), 1.0 / dt, nperseg=length)
+    upper = float(np.median(power[f > _UPPER * f[-1]]))
+    middle = float(np.median(power[(f > _MIDDLE * f[-1]) & (f <= _UPPER * f[-1])]))
+    if flat and middle > _FLAT * upper:
+        return 0.0
+    # Half overlapping Hann windows: the mean of n of them has 36 n² / (19 n - 1) degrees of freedom (Welch 1967), and
+    # the median of a chi-square lies so far below its mean (Wilson and Hilferty 1931).
+    n = max(2 * len(x) // length - 1, 1)
+    freedom = 36.0 * n * n / (19.0 * n - 1.0)
+    return upper / (1.0 - 2.0 / (9.0 * freedom)) ** 3

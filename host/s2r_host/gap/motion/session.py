@@ -1,0 +1,294 @@
+"""One recording on the work grid: filtered motion, effort, load, and what each step costs in noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import mujoco
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import welch
+
+from s2r_host.gap.motion.filters import zero_phase
+from s2r_host.gap.motion.lost_rows import bridged
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.recordings.leading_position import lead_of_position
+from s2r_host.gap.recordings.recording import Recording, resolution
+
+MAX_RATE_HZ = 500.0
+MOTION_CUT_HZ = 50.0
+COMPARE_CUT_HZ = 30.0
+LEAST_MOTION_CUT_HZ = 8.0
+NOISY_SPEED = 0.08
+LINE_SHARE = 0.6
+LINE_MARGIN = 1.5
+FREE_SHARE = 0.02  # of the load: less effort than that drives nothing
+
+
+@dataclass(eq=False)
+class Session:
+    """Signals of one recording, resampled to an even grid, in the joint order of the model.
+
+    Attributes:
+        rec: The recording it was made from.
+        t: Time [s], shape (time,); ``dt`` its step.
+        q, v, a: Filtered position, velocity, acceleration, shape (time, joint).
+        u: Effort as recorded (NaN columns where absent); ``has_u`` tells which joints have one.
+        load: Effort the nominal model needs for this motion, dry friction left out, shape (time, joint).
+        mass: Diagonal of the inertia matrix, shape (time, joint).
+        v_eps: Speed over which dry friction turns round [rad/s or m/s], shape (joint,); first the noise of the speed.
+        v_noise: Noise of the speed [rad/s or m/s], shape (joint,).
+        q_lsb: Resolution of the position [rad or m], shape (joint,).
+        lead: How early dry friction turns round before the joint does [s], shape (joint,); see ``friction_edge.py``.
+        cut: Upper end of the band in which efforts are compared [Hz], shape (joint,).
+        motion_cut: Cut of the filter behind position and its derivatives [Hz], shape (joint,).
+        index: Number of the recording, or of the stretch of one, in the order of the command line.
+        cache: States already integrated, keyed by whoever made them.
+    """
+
+    rec: Recording
+    index: int
+    t: np.ndarray
+    dt: float
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    u: np.ndarray
+    has_u: np.ndarray
+    load: np.ndarray
+    mass: np.ndarray
+    v_eps: np.ndarray
+    v_noise: np.ndarray
+    q_lsb: np.ndarray
+    q_raw: np.ndarray
+    cut: np.ndarray
+    motion_cut: np.ndarray
+    lead: np.ndarray
+    cache: dict = field(default_factory=dict)
+
+    def sign(self, joint: int) -> np.ndarray:
+        """Direction in which dry friction is overcome, in [-1, 1], smooth inside the velocity noise, shape (time,)."""
+        return np.tanh(self.slip(joint) / self.v_eps[joint])
+
+    def slip(self, joint: int) -> np.ndarray:
+        """Speed that decides the direction of dry friction [rad/s or m/s], shape (time,)."""
+        return self.v[:, joint] + self.lead[joint] * self.a[:, joint]
+
+    def driven(self, joint: int) -> bool:
+        """Does an effort act at all? Where a joint swings freely, what is left over is its load, to the last digit."""
+        return bool(np.std(self.u[:, joint]) > FREE_SHARE * np.std(self.load[:, joint]))
+
+    def channel(self, kind: str, joint: str) -> np.ndarray | None:
+        """A recorded channel on the work grid, or None."""
+        raw = self.rec.get(kind, joint)
+        return None if raw is None else np.interp(self.t, self.rec.t, raw)
+
+
+def lowpass(x: np.ndarray, cut_hz: float, dt: float, order: int = 2, before_hz: float = np.inf) -> np.ndarray:
+    """Zero-phase Butterworth low-pass along the first axis; unchanged when the cut is above 0.45 of the rate.
+
+    ``before_hz`` is the cut of a second filter applied in the same pass.
+    """
+    cuts = tuple(c for c in (before_hz, cut_hz) if c * dt < 0.45)
+    if not cuts or len(x) < 30:
+        return np.asarray(x, dtype=float)
+    return zero_phase(x, cuts, dt, order)
+
+
+def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
+    """Bring a recording to the work grid and evaluate the nominal model along it."""
+    t, dt = _grid(rec)
+    full, doubt = bridged(model, rec)
+    rec = replace(rec, effort_doubt=doubt) if doubt else rec
+    n, nv = len(t), len(model.joints)
+    q, v, a, u = (np.zeros((n, nv)) for _ in range(4))
+    q_raw = np.zeros((n, nv))
+    u[:] = np.nan
+    v_eps, q_lsb = np.full(nv, 1e-3), np.zeros(nv)
+    cut = np.full(nv, min(COMPARE_CUT_HZ, rec.band_hz))
+    motion_cut = np.full(nv, min(MOTION_CUT_HZ, 4.0 / 3.0 * rec.band_hz))
+    for i, joint in enumerate(model.joints):
+        raw = rec.get("q", joint)
+        if raw is None:
+            q[:, i] = q_raw[:, i] = model.model.qpos0[i]
+            continue
+        q_raw[:, i] = np.interp(t, rec.t, raw)
+        q_lsb[i] = resolution(rec.as_read.channels["q"][joint])
+        effort = rec.get("tau", joint)
+        if effort is not None:
+            u[:, i] = np.interp(t, full.t, full.channels["tau"][joint])
+            line = line_hz(effort, rec.dt) if rec.rows is None else 0.0
+            cut[i] = max(cut[i], min(LINE_MARGIN * line, rec.band_hz, 0.4 / dt))
+            motion_cut[i] = max(motion_cut[i], cut[i])
+        least = LEAST_MOTION_CUT_HZ if cut[i] <= COMPARE_CUT_HZ else float(cut[i])
+        (q[:, i], v[:, i], a[:, i]), motion_cut[i] = _quiet_motion(
+            full, joint, t, dt, float(motion_cut[i]), least
+        )
+        cut[i] = min(cut[i], motion_cut[i])
+        v_eps[i] = _speed_noise(v[:, i], dt, float(motion_cut[i]))
+    if rec.effort == "commanded":
+        u = np.clip(u, *model.effort_limits())  # what the model says the drive can do is no news
+    _add_wrenches(model, rec, t, q, u)
+    return Session(
+        rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.asarray(np.isfinite(u).all(0)),
+        load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, v_noise=v_eps.copy(),
+        q_lsb=q_lsb, q_raw=q_raw, cut=cut, motion_cut=motion_cut, lead=np.zeros(nv),
+    )  # fmt: skip
+
+
+def _grid(rec: Recording) -> tuple[np.ndarray, float]:
+    dt = rec.dt
+    if 1.0 / dt > MAX_RATE_HZ:
+        dt *= np.ceil(1.0 / (dt * MAX_RATE_HZ) - 1e-6)
+    t = np.arange(0.0, rec.t[-1] + 0.5 * dt, dt)
+    return t[t <= rec.t[-1] + 1e-9], float(dt)
+
+
+def line_hz(effort: np.ndarray, dt: float) -> float:
+    """Highest line of an effort that lives above the usual band, 0 when it does not [Hz].
+
+    Cogging of a fast motor puts most of the effort into a few narrow lines; noise spreads.
+    """
+    f, power = welch(effort, 1.0 / dt, nperseg=min(1024, len(effort) // 4))
+    above = f > COMPARE_CUT_HZ
+    if not power.any() or power[above].sum() < LINE_SHARE * power.sum():
+        return 0.0
+    order = np.argsort(-power * above)[: max(3, len(f) // 40)]
+    if power[order].sum() < LINE_SHARE * power.sum():
+        return 0.0
+    strong = order[power[order] > 0.05 * power[order[0]]]
+    return float(f[strong].max())
+
+
+def _quiet_motion(
+    rec: Recording, joint: str, t: np.ndarray, dt: float, cut: float, least: float
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], float]:
+    """Motion at the highest cut whose velocity noise stays a small part of the top speed, and that cut [Hz]."""
+    simulated = lead_of_position(rec, joint) > 0.0
+    motion = _motion(rec, joint, t, dt, cut, simulated=simulated)
+    while cut > least and _speed_noise(motion[1], dt, cut) > NOISY_SPEED * _top(motion[1]):
+        cut = max(0.7 * cut, least)
+        motion = _motion(rec, joint, t, dt, cut, simulated=simulated)
+    return motion, cut
+
+
+def _top(v: np.ndarray) -> float:
+    return float(np.percentile(np.abs(v), 99)) if v.size else 1.0
+
+
+def _motion(
+    rec: Recording, joint: str, t: np.ndarray, dt: float, cut: float, *, simulated: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity, acceleration from the quieter of two routes: q alone, or q with the logged dq.
+
+    The logged dq of a ``simulated`` recording is exact.
+    """
+    raw, logged = rec.get("q", joint), rec.get("dq", joint)
+    assert raw is not None
+    fine_dt = rec.dt
+    fine_t = np.arange(0.0, rec.t[-1] + 1e-9, fine_dt)
+    q = lowpass(_resample(rec.t, raw, fine_t), cut, fine_dt)
+    routes = [(q, *_derivatives(q, fine_t))]
+    if logged is not None:
+        dq = lowpass(_resample(rec.t, logged, fine_t), cut, fine_dt)
+        ddq = CubicSpline(fine_t, dq)(fine_t, 1)
+        routes.append((q, dq, ddq))
+    noise = [np.std(r[2] - lowpass(r[2], 0.5 * cut, fine_dt)) for r in routes]
+    # The logged velocity has to be clearly quieter: a filtered one carries a lag that nobody declared.
+    best = routes[1] if len(routes) == 2 and noise[1] < 0.7 * noise[0] else routes[0]
+    if len(routes) == 2 and (simulated or 1.0 / fine_dt < 100.0):
+        best = routes[1]
+    q, dq, ddq = (np.asarray(np.interp(t, fine_t, x)) for x in best)
+    return q, dq, ddq
+
+
+def _resample(t_from: np.ndarray, x: np.ndarray, t_to: np.ndarray) -> np.ndarray:
+    even = len(t_from) == len(t_to) and float(np.max(np.abs(t_from - t_to))) < 1e-3 * (t_to[1] - t_to[0])
+    if even:
+        return x
+    return np.interp(t_to, t_from, x) if len(t_from) > 4000 else CubicSpline(t_from, x)(t_to)
+
+
+def _derivatives(q: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    spline = CubicSpline(t, q)
+    return spline(t, 1), spline(t, 2)
+
+
+def _speed_noise(v: np.ndarray, dt: float, cut: float) -> float:
+    """Twice the velocity left above the motion, never under 0.2 % of the top speed."""
+    fast = v - lowpass(v, 0.6 * cut, dt)
+    top = float(np.max(np.abs(v))) if v.size else 1.0
+    return max(2.0 * float(np.median(np.abs(fast))) * 1.48, 2e-3 * top, 1e-6)
+
+
+def nominal_friction(model: RigidModel, s: Session) -> np.ndarray:
+    """Dry friction the nominal model holds, as required effort, shape (time, joint)."""
+    loss = model.model.dof_frictionloss
+    return np.stack([loss[j] * s.sign(j) for j in range(len(model.joints))], axis=1)
+
+
+def _add_wrenches(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarray, u: np.ndarray) -> None:
+    """Add the efforts of recorded external wrenches to ``u`` in place; they make an effort of their own.
+
+    A wrench acts at the origin of its body and is given in the world frame.
+    """
+    efforts = wrench_efforts(model, rec, t, q)
+    if efforts is None:
+        return
+    touched = np.max(np.abs(efforts), axis=0) > 1e-12
+    for j in np.flatnonzero(touched):
+        u[:, j] = np.nan_to_num(u[:, j]) + efforts[:, j]
+
+
+def wrench_bodies(model: RigidModel, rec: Recording) -> dict[int, np.ndarray]:
+    """Recorded wrenches by body index: (fx, fy, fz, mx, my, mz), shape (time, 6)."""
+    table = rec.channels.get("wrench", {})
+    found: dict[int, np.ndarray] = {}
+    for body in range(model.model.nbody):
+        name = model.body_name(body)
+        parts = [table.get(f"{name}.{axis}") for axis in ("fx", "fy", "fz", "mx", "my", "mz")]
+        if any(p is not None for p in parts):
+            zero = np.zeros(len(rec.t))
+            found[body] = np.stack([zero if p is None else p for p in parts], axis=1)
+    return found
+
+
+def wrench_efforts(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+    """Joint efforts of all recorded wrenches, shape (time, joint), or None when there are none."""
+    wrenches = wrench_bodies(model, rec)
+    if not wrenches:
+        return None
+    m = model.model
+    d = mujoco.MjData(m)
+    out = np.zeros((len(t), m.nv))
+    jacp, jacr = np.zeros((3, m.nv)), np.zeros((3, m.nv))
+    sampled = {
+        b: np.stack([np.interp(t, rec.t, w[:, k]) for k in range(6)], axis=1) for b, w in wrenches.items()
+    }
+    for i in range(len(t)):
+        d.qpos[:] = q[i]
+        mujoco.mj_kinematics(m, d)
+        mujoco.mj_comPos(m, d)
+        for body, w in sampled.items():
+            mujoco.mj_jacBody(m, d, jacp, jacr, body)
+            out[i] += jacp.T @ w[i, :3] + jacr.T @ w[i, 3:]
+    return out
+
+
+def wrench_parts(model: RigidModel, s: Session, joint: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Effort along a joint and size of the force across it, from wrenches on what it moves; None without any."""
+    key = ("wrench", joint)
+    if key not in s.cache:
+        moved = set(model.subtree_bodies(model.joints[joint]))
+        bodies = {b: w for b, w in wrench_bodies(model, s.rec).items() if b in moved}
+        efforts = wrench_efforts(model, s.rec, s.t, s.q) if bodies else None
+        if efforts is None:
+            s.cache[key] = None
+        else:
+            total = sum(w[:, :3] for w in bodies.values())
+            size = np.linalg.norm(np.asarray(total), axis=1)
+            across = np.interp(s.t, s.rec.t, size)
+            if model.unit(model.joints[joint]) == "m":
+                across = np.sqrt(np.maximum(across**2 - efforts[:, joint] ** 2, 0.0))
+            s.cache[key] = (efforts[:, joint], across)
+    return s.cache[key]

@@ -1,0 +1,1 @@
+"""What a run writes: answer, patched model, predictions, report, baselines, the next experiment."""

@@ -1,0 +1,210 @@
+"""``gap.json``, ``model_patched.xml``, ``patch.py`` and ``predictions.parquet``."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from s2r_host.gap.pipeline import Analysis, floor_json
+from s2r_host.gap.simulation.forward import Errors
+from s2r_host.gap.simulation.replay import Twin
+
+SCHEMA = 1
+ROUNDED = 2e-5  # twice what six digits of three moments of inertia may add up to, of the largest
+PATCH_TEXT = '''"""Effects found by `s2r gap` that stock MuJoCo has no attribute for.
+
+    import mujoco, patch
+    model = mujoco.MjModel.from_xml_path("model_patched.xml")
+    off = patch.install(model)     # forces appear in qfrc_passive from now on
+    off()                          # the stock model again
+"""
+
+try:
+    from s2r_host.gap.simulation.live import install_terms
+except ImportError as error:
+    raise ImportError("patch.py needs the equations of the effects: install the sim2real2 package") from error
+
+TERMS = {terms}
+
+
+def install(model):
+    """Switch the effects on; returns the off switch."""
+    return install_terms(model, TERMS)
+'''
+
+
+def make_answer(a: Analysis, seed: int) -> dict:
+    """The contract's JSON."""
+    together = a.decision is not None and len(a.decision.effects) > 1
+    effects = [e.as_json(together) for e in a.decision.effects] if a.decision else []
+    if a.verdict in ("insufficient", "nothing_missing"):
+        effects = []
+    named = {(e["name"], e["joint"]) for e in effects}
+    # What one search rejects another may name, e.g. once the recorded effort was held against the control law.
+    rejected = [r for r in a.decision.rejected if (r["name"], r["joint"]) not in named] if a.decision else []
+    answer = clean(
+        {
+            "schema": SCHEMA,
+            "seed": seed,
+            "wall_s": round(a.wall_s, 2),
+            "verdict": a.verdict,
+            "floor": floor_json(a),
+            "where": [p.as_json() for p in a.places],
+            "effects": effects,
+            "parameters_off": a.decision.parameters_off if a.decision else [],
+            "rejected": rejected,
+            "fit": fit_json(a),
+            "baselines": a.baselines,
+            "next_experiment": a.next_experiment,
+            "notes": a.notes + (a.decision.reasons if a.decision else []),
+        }
+    )
+    assert isinstance(answer, dict)
+    return answer
+
+
+def fit_json(a: Analysis) -> dict:
+    """Position errors before and after; the closed loop when the law is known, else open-loop windows."""
+    units = sorted({a.model.unit(j) for j in a.model.joints})
+    found: dict = {"unit": units[0] if len(units) == 1 else "rad or m, per joint"}
+    if a.before is None or a.after is None:
+        return found
+    closed = bool(np.any(np.isfinite(a.before.held)))
+    for key, closed_key, open_key in (("train", "train", "open_train"), ("holdout", "held", "open_held")):
+        use = closed_key if closed else open_key
+        found[f"{key}_before"] = rms(getattr(a.before, use), a)
+        found[f"{key}_after"] = rms(getattr(a.after, use), a)
+    found["open_loop_holdout_before"] = rms(a.before.open_held, a)
+    found["open_loop_holdout_after"] = rms(a.after.open_held, a)
+    found["closed_loop"] = closed
+    if a.decision is not None:
+        s = a.decision.solution
+        found["effort_holdout_before"], found["effort_holdout_after"] = (
+            math.sqrt(s.raw_held[0]),
+            math.sqrt(s.raw_held[1]),
+        )
+    found["per_joint"] = {
+        joint: {
+            "holdout_before": float(a.before.held[i] if closed else a.before.open_held[i]),
+            "holdout_after": float(a.after.held[i] if closed else a.after.open_held[i]),
+            "open_loop_holdout_before": float(a.before.open_held[i]),
+            "open_loop_holdout_after": float(a.after.open_held[i]),
+        }
+        for i, joint in enumerate(a.model.joints)
+    }
+    return found
+
+
+def rms(values: np.ndarray, a: Analysis) -> float:
+    """Root mean square over the joints that were compared."""
+    joints = a.problem.joints if a.problem is not None else range(len(a.model.joints))
+    return float(np.sqrt(np.mean(values[list(joints)] ** 2))) if len(values) else float("nan")
+
+
+def clean(x: object) -> object:
+    """Numbers JSON can hold: no numpy scalars, no infinities."""
+    if isinstance(x, dict):
+        return {str(k): clean(v) for k, v in x.items()}
+    if isinstance(x, list | tuple):
+        return [clean(v) for v in x]
+    if isinstance(x, bool | np.bool_):
+        return bool(x)
+    if isinstance(x, int | np.integer):
+        return int(x)
+    if isinstance(x, float | np.floating):
+        return float(x) if math.isfinite(float(x)) else None
+    return x
+
+
+def write_answer(answer: dict, folder: Path) -> None:
+    """Write ``gap.json``, whole or not at all, after everything else: where it stands, the run was finished."""
+    part = folder / "gap.json.part"
+    part.write_text(json.dumps(answer, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    part.replace(folder / "gap.json")
+
+
+def write_outputs(a: Analysis, folder: Path) -> None:
+    """Write everything but the report and the answer; an old answer goes first."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "gap.json").unlink(missing_ok=True)
+    if a.twin is not None:
+        write_model(a.twin, folder)
+    if a.after is not None and a.before is not None:
+        write_predictions(a.before, a.after, a, folder / "predictions.parquet")
+
+
+def write_model(twin: Twin, folder: Path) -> None:
+    """The patched model, loadable by stock MuJoCo, and the callback module where it needs one."""
+    survive_rounding(twin)
+    path = folder / "model_patched.xml"
+    path.write_text(twin.spec.to_xml(), encoding="utf-8")
+    mujoco.MjModel.from_xml_path(str(path))
+    stale = folder / "patch.py"
+    if not twin.live and not np.any(twin.offset):
+        stale.unlink(missing_ok=True)
+        return
+    terms = [
+        {
+            "effect": t.effect,
+            "joint": twin.rigid.joints[max(t.joint, 0)],
+            "shape": {k: float(v) for k, v in t.shape.items()},
+            "theta": [float(x) for x in t.theta],
+            "span": list(map(float, twin.ctx.span(max(t.joint, 0)))),
+        }
+        for t in twin.live
+    ]
+    stale.write_text(PATCH_TEXT.replace("{terms}", json.dumps(terms, indent=4)), encoding="utf-8")
+
+
+def survive_rounding(twin: Twin) -> None:
+    """Compile the patched model and thicken what is flat or thin in it by next to nothing.
+
+    MuJoCo writes six digits, and refuses moments of inertia of which one is more than the sum of the others: of a disc
+    or a rod they are equal, and rounding decides.
+    """
+    compiled = twin.spec.compile()
+    for i in range(1, compiled.nbody):
+        moments = compiled.body_inertia[i]
+        largest = float(moments.max())
+        if largest <= 0.0 or float(moments.sum()) - 2.0 * largest > ROUNDED * largest:
+            continue
+        body = twin.spec.body(compiled.body(i).name)
+        body.mass, body.ipos, body.iquat = (
+            compiled.body_mass[i],
+            compiled.body_ipos[i],
+            compiled.body_iquat[i],
+        )
+        body.inertia = moments + ROUNDED * largest * (moments == moments.min())
+        body.explicitinertial, body.fullinertia = 1, np.full(6, np.nan)
+    twin.spec.compile()
+
+
+def write_predictions(before: Errors, after: Errors, a: Analysis, path: Path) -> None:
+    """Held-out traces: recording, time, measured, before, after, closed or open loop, per joint."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns: dict[str, list] = {"recording": [], "t": [], "closed_loop": []}
+    for joint in a.model.joints:
+        for kind in ("q", "q_before", "q_after", "tau", "tau_before", "tau_after"):
+            columns[f"{kind}.{joint}"] = []
+    for b, c in zip(before.traces, after.traces, strict=True):
+        if not b.held and a.hold:
+            continue
+        s, n = b.session, min(len(b.q), len(c.q))
+        rows = slice(b.start, b.start + n)
+        columns["recording"] += [s.rec.name] * n
+        columns["t"] += s.t[rows].tolist()
+        columns["closed_loop"] += [b.closed] * n
+        for i, joint in enumerate(a.model.joints):
+            columns[f"q.{joint}"] += s.q_raw[rows, i].tolist()
+            columns[f"q_before.{joint}"] += b.q[:n, i].tolist()
+            columns[f"q_after.{joint}"] += c.q[:n, i].tolist()
+            columns[f"tau.{joint}"] += s.u[rows, i].tolist()
+            columns[f"tau_before.{joint}"] += b.u[:n, i].tolist()
+            columns[f"tau_after.{joint}"] += c.u[:n, i].tolist()
+    pq.write_table(pa.table(columns), path)

@@ -1,0 +1,273 @@
+"""Recordings: CSV, Parquet or MCAP plus ``NAME.yaml``, read, converted to SI and checked by name."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from s2r_host.gap.recordings import units as unit_tables
+from s2r_host.gap.errors import GapRecordingError
+from s2r_host.gap.recordings.holes import MOVING, unknown_rows
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.recordings.tables import read_table
+
+KINDS = ("q", "dq", "tau", "q_cmd", "dq_cmd", "tau_ff", "current", "temp", "wrench")
+CONTROLLERS = ("pd", "pid", "position_servo", "none")
+MIN_SAMPLES = 50
+CONTROLLER_KEYS = {"type", "kp", "kd", "ki", "rate_hz"}
+SIDE_KEYS = {
+    "controller",
+    "effort",
+    "effort_sigma",
+    "effort_gain_sigma",
+    "input",
+    "units",
+    "joint_names",
+    "session",
+    "notes",
+}
+
+
+def read_recording(path: Path) -> Recording:
+    """Read one recording and its side file.
+
+    Raises:
+        GapRecordingError: The file is missing, unreadable, or says something that cannot be used.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise GapRecordingError(f"recording '{path}': no such file")
+    table = read_table(path)
+    side = _read_side_file(path)
+    return _assemble(path, table, side)
+
+
+def _read_side_file(path: Path) -> dict:
+    side_path = next((p for p in (path.with_suffix(".yaml"), path.with_suffix(".yml")) if p.is_file()), None)
+    if side_path is None:
+        return {}
+    try:
+        side = yaml.safe_load(side_path.read_text(encoding="utf-8")) or {}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        text = str(error).splitlines()[0]
+        raise GapRecordingError(f"{side_path.name}: not readable YAML ({text})") from error
+    if not isinstance(side, dict):
+        raise GapRecordingError(f"{side_path.name}: expected keys and values, found {type(side).__name__}")
+    return side
+
+
+def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording:
+    warnings: list[str] = []
+    _refuse_misspelt(side, SIDE_KEYS, f"{path.stem}.yaml")
+    unknown = sorted(set(side) - SIDE_KEYS)
+    if unknown:
+        warnings.append(f"side file: unknown key(s) {', '.join(map(str, unknown))} ignored")
+    names = _mapping(side, "joint_names", path)
+    declared = {str(k): str(v) for k, v in _mapping(side, "units", path).items()}
+    for key in declared:
+        if key.split(".", 1)[0] not in unit_tables.TABLES:
+            raise GapRecordingError(
+                f"{path.name}: units for '{key}' make no sense; kinds are {', '.join(unit_tables.TABLES)}"
+            )
+    if "t" not in table:
+        raise GapRecordingError(f"{path.name}: no column 't'; columns are {', '.join(list(table)[:12])}")
+    t = table["t"] * unit_tables.factor(declared, "t", path.name)
+    keep = _usable_rows(path, t, warnings)
+    keep = _known_rows(path, t, table, keep, warnings)
+    channels: dict[str, dict[str, np.ndarray]] = {}
+    for column, raw in table.items():
+        kind, _, joint = column.partition(".")
+        if column == "t":
+            continue
+        if kind not in KINDS or not joint:
+            warnings.append(f"column '{column}' is not part of the contract and is ignored")
+            continue
+        joint = str(names.get(joint, joint))
+        values = raw[keep] * unit_tables.factor(declared, column, path.name)
+        values = _fill_gaps(column, t[keep], values, warnings)
+        if values is not None:
+            channels.setdefault(kind, {})[joint] = values
+    if not channels.get("q"):
+        raise GapRecordingError(
+            f"{path.name}: no column 'q.<joint>': without positions there is nothing to compare"
+        )
+    t = t[keep]
+    _check_speed_units(path, t, channels)
+    effort = _choice(side, "effort", ("commanded", "measured"), "commanded", path)
+    has_command = bool(channels.get("q_cmd"))
+    driven_by = _choice(side, "input", ("effort", "q_cmd"), "q_cmd" if has_command else "effort", path)
+    if driven_by == "effort" and not channels.get("tau"):
+        if not has_command:
+            warnings.append("neither effort nor command is recorded: nothing drives a simulation")
+        driven_by = "q_cmd"
+    return Recording(
+        name=path.stem,
+        t=t - t[0],
+        channels=channels,
+        controller=_controller(side, names, path),
+        effort=effort,
+        driven_by=driven_by,
+        session=str(side.get("session", path.stem)),
+        notes=str(side.get("notes", "")),
+        warnings=tuple(warnings),
+        start_s=float(t[0]),
+        effort_sigma=_positive_numbers(side, "effort_sigma", names, path),
+        effort_gain_sigma=_positive_numbers(side, "effort_gain_sigma", names, path),
+    )
+
+
+def _mapping(side: dict, key: str, path: Path) -> dict:
+    value = side.get(key) or {}
+    if not isinstance(value, dict):
+        raise GapRecordingError(f"{path.stem}.yaml: '{key}' must be a map, found {type(value).__name__}")
+    return value
+
+
+def _refuse_misspelt(table: dict, known: set[str], where: str) -> None:
+    """Refuse a key that is all but one of the known ones: a law that is not read is not missed by anybody."""
+    for key in table:
+        meant = difflib.get_close_matches(str(key).lower(), known, n=1, cutoff=0.75)
+        if key not in known and meant:
+            raise GapRecordingError(f"{where}: key '{key}' is not known; is '{meant[0]}' meant?")
+
+
+def _positive_numbers(side: dict, key: str, names: dict, path: Path) -> dict[str, float]:
+    try:
+        found = {str(names.get(j, j)): float(v) for j, v in _mapping(side, key, path).items()}
+    except (TypeError, ValueError) as error:
+        raise GapRecordingError(f"{path.stem}.yaml: {key} must map joints to numbers: {error}") from error
+    wrong = next((j for j, v in found.items() if not (np.isfinite(v) and v > 0.0)), None)
+    if wrong is not None:
+        raise GapRecordingError(
+            f"{path.stem}.yaml: {key} of '{wrong}' is {found[wrong]:g}; it must be positive"
+        )
+    return found
+
+
+def _choice(side: dict, key: str, allowed: tuple[str, ...], default: str, path: Path) -> str:
+    value = side.get(key, default)
+    if value not in allowed:
+        raise GapRecordingError(f"{path.stem}.yaml: {key} = '{value}'; allowed: {', '.join(allowed)}")
+    return str(value)
+
+
+def _usable_rows(path: Path, t: np.ndarray, warnings: list[str]) -> np.ndarray:
+    keep = np.isfinite(t)
+    if np.sum(~keep):
+        warnings.append(f"{int(np.sum(~keep))} rows without a time are dropped")
+    index = np.flatnonzero(keep)
+    step = np.diff(t[index])
+    if np.any(step < 0):
+        row = int(index[np.argmax(step < 0) + 1])
+        raise GapRecordingError(
+            f"{path.name}: time falls back at row {row + 2} (t = {t[row]:.6g} s); it must rise"
+        )
+    double = np.flatnonzero(step == 0)
+    if double.size:
+        warnings.append(f"{double.size} rows repeat a time stamp and are dropped")
+        index = np.delete(index, double + 1)
+    if index.size < MIN_SAMPLES:
+        raise GapRecordingError(f"{path.name}: {index.size} usable rows, at least {MIN_SAMPLES} are needed")
+    steps = np.diff(t[index])
+    dropped = int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1, 0)))
+    if dropped:
+        warnings.append(f"{dropped} samples are missing between the time stamps")
+    rate_hz = round(1.0 / float(np.median(steps)), 3)
+    if rate_hz < 100.0:
+        warnings.append(
+            f"sampled at {rate_hz:.0f} Hz: effects faster than {rate_hz / 5:.0f} Hz cannot be seen"
+        )
+    return index
+
+
+def _known_rows(
+    path: Path, t: np.ndarray, table: dict[str, np.ndarray], keep: np.ndarray, warnings: list[str]
+) -> np.ndarray:
+    """The usable rows without those in which a channel of the motion is empty for too long to be interpolated."""
+    unknown = np.zeros(len(keep), dtype=bool)
+    for column, raw in table.items():
+        kind, _, joint = column.partition(".")
+        present = np.isfinite(raw[keep])
+        if kind not in MOVING or not joint or present.all() or present.sum() < MIN_SAMPLES:
+            continue
+        rows = unknown_rows(t[keep], present)
+        if rows.any():
+            warnings.append(
+                f"column '{column}' is empty for long in {int(rows.sum())} rows, which are left out"
+            )
+            unknown |= rows
+    if np.sum(~unknown) < MIN_SAMPLES:
+        raise GapRecordingError(
+            f"{path.name}: the columns hold numbers together in {int(np.sum(~unknown))} rows, at least {MIN_SAMPLES} "
+            "are needed"
+        )
+    return keep[~unknown]
+
+
+def _fill_gaps(column: str, t: np.ndarray, values: np.ndarray, warnings: list[str]) -> np.ndarray | None:
+    bad = ~np.isfinite(values)
+    if not np.any(bad):
+        return values
+    if np.sum(~bad) < MIN_SAMPLES:
+        warnings.append(f"column '{column}' holds {int(np.sum(~bad))} numbers and is ignored")
+        return None
+    warnings.append(f"column '{column}': {int(np.sum(bad))} missing cells are interpolated")
+    return np.interp(t, t[~bad], values[~bad])
+
+
+def _check_speed_units(path: Path, t: np.ndarray, channels: dict[str, dict[str, np.ndarray]]) -> None:
+    """A velocity that is not the slope of its position was logged in another unit or for another joint."""
+    for joint, dq in channels.get("dq", {}).items():
+        q = channels["q"].get(joint)
+        if q is None or np.std(dq) == 0 or np.std(q) == 0:
+            continue
+        moved = np.diff(q)
+        predicted = 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)
+        block = max(1, len(moved) // 200)
+        n = len(moved) // block * block
+        moved = moved[:n].reshape(-1, block).sum(1)
+        predicted = predicted[:n].reshape(-1, block).sum(1)
+        scale = float(moved @ predicted / max(predicted @ predicted, 1e-30))
+        agreement = float(np.corrcoef(moved, predicted)[0, 1]) if np.std(predicted) > 0 else 0.0
+        if agreement > 0.9 and not 0.5 < scale < 2.0:
+            raise GapRecordingError(
+                f"{path.name}: 'dq.{joint}' times {scale:.3g} is the slope of 'q.{joint}': one of them is in "
+                "another unit (degrees? rpm?); declare it under 'units' in the side file"
+            )
+        if (
+            agreement < 0.3
+            and len(moved) > 50
+            and np.std(moved) > 20 * np.median(np.abs(np.diff(np.unique(q))))
+        ):
+            raise GapRecordingError(
+                f"{path.name}: 'dq.{joint}' is not the slope of 'q.{joint}' (correlation {agreement:.2f}): "
+                "the columns belong to different joints or clocks"
+            )
+
+
+def _controller(side: dict, names: dict, path: Path) -> Controller:
+    raw = side.get("controller") or {}
+    if isinstance(raw, str):
+        raw = {"type": raw}
+    if not isinstance(raw, dict):
+        raise GapRecordingError(f"{path.stem}.yaml: 'controller' must be a map, found {type(raw).__name__}")
+    kind = raw.get("type", "none")
+    if kind not in CONTROLLERS:
+        raise GapRecordingError(
+            f"{path.stem}.yaml: controller type '{kind}'; allowed: {', '.join(CONTROLLERS)}"
+        )
+    _refuse_misspelt(raw, CONTROLLER_KEYS, f"{path.stem}.yaml: controller")
+    gains: dict[str, dict[str, float]] = {}
+    for key in ("kp", "kd", "ki"):
+        table = raw.get(key) or {}
+        if not isinstance(table, dict):
+            raise GapRecordingError(f"{path.stem}.yaml: controller.{key} must map joints to numbers")
+        try:
+            gains[key] = {str(names.get(j, j)): float(v) for j, v in table.items()}
+        except (TypeError, ValueError) as error:
+            raise GapRecordingError(f"{path.stem}.yaml: controller.{key}: {error}") from error
+    rate = raw.get("rate_hz")
+    return Controller(kind=str(kind), rate_hz=float(rate) if rate else None, **gains)

@@ -1,0 +1,183 @@
+"""The noise floor: half the difference of two runs of one motion, or what a rich generic fit leaves over."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.effects.base import count_reversals
+from s2r_host.gap.motion.known_noise import known_noise, motion_noise
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.states import stop_operator
+from s2r_host.gap.regression.friction_seen import TRUSTED, between_level, trust
+from s2r_host.gap.regression.rows import Block, compare, picks_of, residual
+
+GENERIC_FOLDS = 8
+GENERIC_BINS = 40
+LEAST_ROWS = 4 * GENERIC_FOLDS  # fewer hold nothing to predict from
+STROKE_PARTS = 6
+KNOWN_TIMES = 4.5  # the channels' own noise that a bounded floor may be
+DECLARED_TIMES = 2.0  # the accuracy its side files declare
+LOOP_SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
+
+
+def noise_samples(
+    model: RigidModel, joints: list[int], fit: list[Session], repeats: list[Session],
+    blocks: list[Block], raw: list[np.ndarray],
+) -> tuple[dict[int, list[np.ndarray]], str]:  # fmt: skip
+    """Noise samples per joint: half the difference of two runs, or what a rich generic model leaves over."""
+    noise: dict[int, list[np.ndarray]] = {j: [] for j in joints}
+    for twin in repeats:
+        partner = find_partner(twin, fit)
+        if partner is None:
+            continue
+        n = min(len(twin.t), len(partner.t))
+        for j in joints:
+            picks = picks_of(partner, j)
+            picks = picks[picks < n - 3]
+            if twin.has_u[j] and partner.has_u[j]:
+                difference = residual(model, partner, j)[:n] - residual(model, twin, j)[:n]
+                noise[j].append(difference[picks] / np.sqrt(2.0))
+    source = "repeat" if all(noise[j] for j in joints) and joints else "estimated"
+    for j in joints:
+        if not noise[j]:
+            for block, values in zip(blocks, raw, strict=True):
+                if block.joint == j:
+                    noise[j].append(generic_leftover(block.session, j, values, block.picks))
+    for j in joints:
+        noise[j] = at_least_declared(model.joints[j], noise[j], fit)
+    return noise, source
+
+
+def floor_level(
+    model: RigidModel,
+    sessions: list[Session],
+    blocks: list[Block],
+    noise: list[np.ndarray],
+    j: int,
+    *,
+    guessed: bool,
+    bounded: bool,
+) -> float:
+    """The noise floor of a joint, rms [N·m or N].
+
+    Args:
+        model: The nominal model.
+        sessions: All recordings.
+        blocks: All blocks.
+        noise: Noise samples of the joint; where they are ``guessed`` one array per block of the joint.
+        j: The joint.
+        guessed: They are what a generic correction leaves over; rows in which the joint may stick do not count.
+        bounded: An effect that the correction does not follow is in there, too; the channels' own noise is a bound.
+    """
+    between = between_level(model, sessions, j)
+    level = float(np.hypot(rms(noise), between))
+    if not guessed:
+        return level
+    known = max((known_noise(model, s, j) for s in sessions if s.has_u[j]), default=0.0) if bounded else 0.0
+    if known > 0.0:
+        declared = max(s.rec.effort_sigma.get(model.joints[j], 0.0) for s in sessions)
+        level = min(level, float(np.hypot(max(KNOWN_TIMES * known, DECLARED_TIMES * declared), between)))
+    clear = (
+        np.concatenate([trust(model, b, level, guessed=True) for b in blocks if b.joint == j]) ** 2 >= TRUSTED
+    )
+    samples = np.concatenate(noise)
+    if len(samples) == len(clear) and clear.sum() >= LEAST_ROWS:
+        level = min(level, float(np.hypot(rms([samples[clear]]), between)))
+    seen = np.mean([motion_noise(model, s, j, sure=True) ** 2 for s in sessions if s.has_u[j]])
+    return max(level, float(np.sqrt(seen)))
+
+
+def rms(samples: list[np.ndarray]) -> float:
+    """Root mean square of all samples."""
+    return float(np.sqrt(np.mean(np.concatenate(samples) ** 2)))
+
+
+def at_least_declared(joint: str, noise: list[np.ndarray], fit: list[Session]) -> list[np.ndarray]:
+    """The noise samples, made larger where the recordings declare a less accurate effort than they show."""
+    squares = [s.rec.effort_sigma.get(joint, 0.0) ** 2 for s in fit]
+    declared = float(np.sqrt(np.average(squares, weights=[len(s.t) for s in fit]))) if fit else 0.0
+    seen = rms(noise) if noise else 0.0
+    return [x * (declared / seen) for x in noise] if 0.0 < seen < declared else noise
+
+
+def find_partner(twin: Session, fit: list[Session]) -> Session | None:
+    """The fit session that shows the same motion, or None."""
+    best, best_rms = None, np.inf
+    for s in fit:
+        if abs(s.dt - twin.dt) > 1e-6 or abs(len(s.t) - len(twin.t)) > 0.1 * len(s.t):
+            continue
+        n = min(len(s.t), len(twin.t))
+        rms = float(np.sqrt(np.mean((s.q[:n] - twin.q[:n]) ** 2)))
+        if rms < best_rms:
+            best, best_rms = s, rms
+    if best is None or best_rms > 0.1 * max(float(np.max(np.std(best.q, axis=0))), 1e-9):
+        return None
+    return best
+
+
+def generic_leftover(s: Session, j: int, values: np.ndarray, picks: np.ndarray) -> np.ndarray:
+    """What a generic local correction cannot predict on stretches it was not fitted to, shape (rows,).
+
+    Never more than the residual itself: then nothing was predictable, and all of it counts as noise.
+    """
+    if len(picks) < LEAST_ROWS:
+        return values - np.mean(values)
+    X = generic_basis(s, j, picks)
+    X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
+    # A single stroke passes every place once: only short stretches leave their surroundings to learn from.
+    parts = GENERIC_FOLDS if count_reversals(s, j) >= 2 else GENERIC_FOLDS * STROKE_PARTS
+    fold = np.arange(len(X)) * parts // max(len(X), 1) % GENERIC_FOLDS
+    best = values - np.mean(values)
+    for ridge in (1e-4, 1e-2, 1e-1):
+        left = np.empty_like(values)
+        for k in range(GENERIC_FOLDS):
+            train = fold != k
+            A = X[train].T @ X[train] + ridge * train.sum() * np.eye(X.shape[1])
+            left[~train] = values[~train] - X[~train] @ np.linalg.solve(A, X[train].T @ values[train])
+        if np.mean(left**2) < np.mean(best**2):
+            best = left
+    return best
+
+
+def generic_basis(s: Session, j: int, picks: np.ndarray) -> np.ndarray:
+    """Position bins per direction, speed shapes, acceleration, load and its derivatives, shape (rows, k)."""
+    q, v, a = s.q[:, j], s.v[:, j], s.a[:, j]
+    sign, top = s.sign(j), np.max(np.abs(v)) + 1e-12
+    edges = np.linspace(q.min(), q.max() + 1e-12, int(np.clip(len(picks) // 20, 12, GENERIC_BINS)))
+    width = edges[1] - edges[0] + 1e-12
+    columns = [np.ones_like(q), v, np.abs(v), v * np.abs(v)]
+    columns += [sign * np.exp(-((v / (share * top)) ** 2)) for share in (0.02, 0.1, 0.3)]
+    # Late or lagging drives leave derivatives of the load. The effort itself is no column: with the load it spans
+    # the residual exactly, and any floor would come out.
+    if s.driven(j):
+        late = np.gradient(s.load[:, j], s.dt)
+        columns += [a, s.load[:, j], np.abs(s.load[:, j]) * sign, late, np.gradient(late, s.dt)]
+    columns += [s.load[:, i] for i in range(s.q.shape[1]) if i != j]
+    columns += loops(s, j)
+    for centre in edges:
+        hat = np.maximum(0.0, 1.0 - np.abs(q - centre) / width)
+        columns += [hat, hat * sign]
+    return np.stack([compare(c, s, j, True)[picks] for c in columns], axis=1)
+
+
+def loops(s: Session, j: int) -> list[np.ndarray]:
+    """Stop operators of several widths and their cubes: any loop at reversals, a dead zone included.
+
+    Prandtl and Ishlinskii's superposition of them approximates rate-independent loops.
+    """
+    found = []
+    for width in float(np.ptp(s.q[:, j])) * np.array(LOOP_SHARES):
+        if width > 2.0 * s.q_lsb[j]:
+            z = stop_operator(s, j, float(width))
+            found += [z, z**3]
+    return found
+
+
+def rms_doubt(samples: list[np.ndarray]) -> float:
+    """One and a half standard deviations of an rms of correlated samples, as a factor above one."""
+    effective = 0.0
+    for x in samples:
+        rho = float(np.clip(np.mean(x[1:] * x[:-1]) / max(float(np.mean(x**2)), 1e-30), 0.0, 0.99))
+        effective += len(x) * (1.0 - rho) / (1.0 + rho)
+    return 1.0 + 1.5 / np.sqrt(2.0 * max(effective, 2.0))

@@ -1,0 +1,1 @@
+"""Which terms explain the residual: every candidate weighed on top of what is chosen, and how far to trust numbers."""

@@ -1,0 +1,148 @@
+"""A force that swings on at one frequency whatever the joint does: a vibration, which is no effect of the catalogue.
+
+Lags and springs along a lively motion imitate a line far above it: two of them together explain most of it. So, where
+the explanation chosen still leaves something, one sine per recording, all of one frequency, is held against it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import COMPARE_CUT_HZ, Session, lowpass, nominal_friction
+from s2r_host.gap.regression.problem import Problem
+from s2r_host.gap.regression.regression import TEMPER
+from s2r_host.gap.regression.rows import ROWS_PER_CUT, Block
+from s2r_host.gap.regression.solution import Solution
+from s2r_host.gap.search.search import Search
+
+LEAST_HZ, PER_RECORD = 0.5, 4.0  # lowest frequency, steps of the first grid per line width
+BETTER = 0.5  # power the sine may leave, in that of the explanation, in every recording
+STEADY = 1.5  # ratio of its amplitudes between recordings: what swings by itself swings alike
+MOTION_SHARE = 0.08  # of the joint's speed within two line widths: there the motion itself has its line
+LEAST = 0.25  # of the noise floor
+MOST, LOUD_SHARE = 0.6, 0.05  # of the power left over; of the effort: a line outside the band that matters
+EDGE_S, LEAST_ROWS, ALIKE_HZ = 0.5, 120, 0.1
+ROUNDS = 3
+
+
+def vibration(problem: Problem, search: Search, solution: Solution) -> tuple[int, float, float] | None:
+    """Joint, frequency [Hz] and amplitude [N·m or N] of a steady line that explains more than a solution does.
+
+    Amplitude and phase are free in each recording; numbers of the model may move a little beside it.
+    """
+    for j in problem.joints:
+        blocks = [b for b in problem.blocks if b.joint == j and len(b.picks) > 1]
+        if not blocks:
+            continue
+        f = _strongest(blocks, problem.raw, min(float(b.session.cut[j]) for b in blocks))
+        if any(_moves_at(b, f) for b in blocks):
+            continue
+        left, amplitudes = _beside_numbers(problem, search, blocks, f)
+        powers = [
+            (float(np.mean(left[b.rows] ** 2)), float(np.mean(solution.prediction[b.rows] ** 2)))
+            for b in blocks
+        ]
+        steady = max(amplitudes) < STEADY * min(amplitudes)
+        heard = min(amplitudes) > LEAST * problem.floor[j]
+        if heard and steady and all(own < BETTER * theirs for own, theirs in powers):
+            return j, f, float(np.mean(amplitudes))
+    return None
+
+
+def unheard_line(problem: Problem) -> tuple[int, float, float] | None:
+    """Joint, frequency [Hz] and amplitude [N·m or N] of a steady line outside the band of comparison, too.
+
+    A line is what a guessed floor takes for noise, and the band ends where noise begins: so all of it is looked at,
+    beside a rigid body with friction whose numbers are free.
+    """
+    for j in problem.joints:
+        seen = [_loudest(problem.ctx.model, s, j) for s in problem.ctx.sessions if s.has_u[j]]
+        lines = [x for x in seen if x is not None]
+        if not lines or len(lines) < len(seen):
+            continue
+        f, amplitudes = lines[0][0], [a for _, a in lines]
+        near = all(abs(other - f) < ALIKE_HZ for other, _ in lines)
+        if near and max(amplitudes) < STEADY * min(amplitudes):
+            return j, f, float(np.mean(amplitudes))
+    return None
+
+
+def _loudest(model: RigidModel, s: Session, j: int) -> tuple[float, float] | None:
+    """Frequency and amplitude of a line that is most of what a rigid body leaves over, and none of the motion's."""
+    top = min(COMPARE_CUT_HZ, s.rec.band_hz)
+    margin = int(EDGE_S / s.dt)
+    rows = np.arange(margin, len(s.t) - margin, max(1, int(1.0 / (ROWS_PER_CUT * top * s.dt))))
+    if len(rows) < LEAST_ROWS:
+        return None
+    u = s.u[:, j]
+    columns = [
+        np.ones(len(u)),
+        s.sign(j),
+        s.v[:, j],
+        s.a[:, j],
+        s.load[:, j],
+        np.gradient(s.load[:, j], s.dt),
+    ]
+    X = np.stack([lowpass(x, top, s.dt)[rows] for x in columns], axis=1)
+    y = lowpass(u - s.load[:, j] - nominal_friction(model, s)[:, j], top, s.dt)[rows]
+    left = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
+    block = Block(s, j, slice(0, len(rows)), rows, np.zeros(len(rows), dtype=bool))
+    f = _strongest([block], left, top)
+    line = _line(block, left, f)
+    amplitude = float(np.sqrt(2.0 * np.mean(line**2)))
+    alone = float(np.mean((left - line) ** 2)) < (1.0 - MOST) * float(np.mean(left**2))
+    loud = amplitude > LOUD_SHARE * float(np.std(u))
+    return (f, amplitude) if alone and loud and not _moves_at(block, f) else None
+
+
+def _beside_numbers(
+    problem: Problem, search: Search, blocks: list[Block], f: float
+) -> tuple[np.ndarray, list[float]]:
+    """What a sine per recording leaves over beside small changes of the numbers, shape (rows,), and its amplitudes."""
+    columns = [problem.B]
+    for b in blocks:
+        phase = 2.0 * np.pi * f * b.session.t
+        columns += [
+            problem.whiten({b.session.index: x}, b.joint)[:, None] for x in (np.sin(phase), np.cos(phase))
+        ]
+    X = np.concatenate(columns, axis=1)
+    trust = np.concatenate([TEMPER / problem.prior**2, np.zeros(2 * len(blocks))])
+    c = np.linalg.solve(X.T @ X + np.diag(trust), X.T @ problem.y)
+    swing = c[problem.B.shape[1] :].reshape(-1, 2)
+    return search.unwhitened(problem.y - X @ c), [float(np.hypot(*x)) for x in swing]
+
+
+def _strongest(blocks: list[Block], rows: np.ndarray, top: float) -> float:
+    """Frequency up to ``top`` whose sine takes most of all blocks together [Hz]."""
+    span = max(float(_times(b)[-1] - _times(b)[0]) for b in blocks)
+    step = 1.0 / (PER_RECORD * span)
+    grid = np.arange(LEAST_HZ, max(top, LEAST_HZ + step), step)
+    best = LEAST_HZ
+    for _ in range(ROUNDS):
+        taken = [sum(float(np.sum(_line(b, rows[b.rows], f) ** 2)) for b in blocks) for f in grid]
+        best = float(grid[int(np.argmax(taken))])
+        step *= 0.2
+        grid = best + step * np.arange(-5, 6)
+    return best
+
+
+def _line(b: Block, own: np.ndarray, f: float) -> np.ndarray:
+    """The sine of one frequency nearest to rows of a block."""
+    phase = 2.0 * np.pi * f * _times(b)
+    X = np.stack([np.sin(phase), np.cos(phase)], axis=1)
+    return X @ np.linalg.lstsq(X, own, rcond=None)[0]
+
+
+def _times(b: Block) -> np.ndarray:
+    return b.session.t[b.picks]
+
+
+def _moves_at(b: Block, f: float) -> bool:
+    """Does the joint's own motion have a good part of its speed at this frequency?"""
+    t, v = _times(b), b.session.v[b.picks, b.joint]
+    width = 1.0 / float(t[-1] - t[0])
+    taken = np.zeros_like(v)
+    for near in f + width * np.arange(-2, 3):
+        taken += _line(b, v - v.mean() - taken, float(near))
+    return float(np.sum(taken**2)) > MOTION_SHARE * float(np.sum((v - v.mean()) ** 2))

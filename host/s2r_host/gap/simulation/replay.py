@@ -1,0 +1,309 @@
+"""Forward simulation in MuJoCo: closed loop with the declared controller inside, or open loop from the record."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from s2r_host.gap.effects import catalogue
+from s2r_host.gap.effects.base import Context, Runtime, StepState
+from s2r_host.gap.motion.align import control_law
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.regression.nuisance import BaseParameter
+from s2r_host.gap.simulation.polish import FRICTION_EFFECTS
+
+MAX_STEP_S = 0.00025
+HARD_SOLREF, HARD_SOLIMP = (0.001, 1.0), (0.9999, 0.9999, 0.001, 0.5, 2.0)  # dry friction that does not creep
+DRIVE = ("actuator_delay", "bandwidth", "saturation")
+
+
+@dataclass(frozen=True)
+class Live:
+    """One effect with numbers: what the forward simulation and the patch are made from."""
+
+    effect: str
+    joint: int
+    shape: dict[str, float]
+    theta: np.ndarray
+
+
+@dataclass
+class Twin:
+    """A model with effects in it, ready to run.
+
+    Attributes:
+        spec: Source with every stock attribute written; ``model`` its compilation.
+        live: Effects that need a callback.
+        lag: Sensor lag per joint [s].
+        friction_factor: All friction of a session over that of the fitted ones, by its label, shape (joint,).
+    """
+
+    rigid: RigidModel
+    ctx: Context
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    native: list[Live] = field(default_factory=list)
+    live: list[Live] = field(default_factory=list)
+    sensors: dict[int, Callable[[float], float]] = field(default_factory=dict)
+    lag: dict[int, float] = field(default_factory=dict)
+    offset: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    generic: Callable[[StepState], np.ndarray] | None = None
+    friction_factor: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def build_twin(
+    rigid: RigidModel, ctx: Context, terms: list[Live],
+    base: list[tuple[BaseParameter, float]] | None = None,
+    generic: Callable[[StepState], np.ndarray] | None = None,
+) -> Twin:  # fmt: skip
+    """Write base parameters and effects into a copy of the model; what has no stock form stays live."""
+    spec = rigid.spec.copy()
+    offset = np.zeros(len(rigid.joints))
+    for parameter, value in base or []:
+        if parameter.name == "effort_offset":
+            offset[rigid.index(parameter.place)] += value
+        parameter.write(spec, value)
+    twin = Twin(rigid, ctx, spec, rigid.model, offset=offset, generic=generic)
+    for term in [*terms, *_mirrored(terms)]:
+        effect = catalogue().get(term.effect)
+        if effect is None:
+            continue
+        sense = effect.sense(ctx, term.joint, term.shape, term.theta)
+        if sense is not None:
+            twin.sensors[term.joint] = sense
+        elif term.effect == "clock_skew":
+            twin.lag[term.joint] = term.shape["lag"]
+        elif effect.patch(ctx, spec, term.joint, term.shape, term.theta):
+            twin.native.append(term)
+        else:
+            twin.live.append(term)
+    twin.model = spec.compile()
+    return twin
+
+
+def _mirrored(terms: list[Live]) -> list[Live]:
+    found = []
+    for term in terms:
+        effect = catalogue().get(term.effect)
+        other = None if effect is None else effect.mirror(term.joint, term.shape)
+        if other is not None:
+            found.append(Live(term.effect, *other, term.theta))
+    return found
+
+
+@dataclass(frozen=True)
+class Run:
+    """Simulated motion and effort on the work grid, shape (time, joint)."""
+
+    q: np.ndarray
+    u: np.ndarray
+    finite: bool
+
+
+def run(twin: Twin, s: Session, start: int, stop: int, closed: bool) -> Run:
+    """Simulate samples ``start`` to ``stop`` of a session from the recorded state at ``start``.
+
+    Args:
+        twin: Model with effects.
+        s: The recording to follow: its commands (closed loop) or its efforts (open loop).
+        start: First sample on the work grid; ``stop`` is one past the last.
+        closed: Controller inside the simulation; else the recorded effort drives it.
+    """
+    plan = _Plan(twin, s, closed)
+    n, nv = stop - start, len(twin.rigid.joints)
+    q_out, u_out = np.zeros((n, nv)), np.zeros((n, nv))
+    plan.reset(start)
+    for i in range(n):
+        q_out[i] = plan.measure()
+        for k in range(plan.ticks):
+            u = plan.control((start + i) * plan.ticks + k)
+            if k == 0:
+                u_out[i] = u
+            for _ in range(plan.substeps):
+                plan.step()
+        if not np.all(np.isfinite(plan.data.qpos)) or np.max(np.abs(plan.data.qvel)) > 1e4:
+            q_out[i + 1 :] = np.nan
+            return Run(q_out, u_out, False)
+    for joint, lag in twin.lag.items():
+        grid = np.arange(n) * s.dt
+        q_out[:, joint] = np.interp(grid - lag, grid, q_out[:, joint])
+    return Run(q_out, u_out, True)
+
+
+class _Plan:
+    """Everything one simulation needs, precomputed."""
+
+    def __init__(self, twin: Twin, s: Session, closed: bool) -> None:
+        self.twin, self.s, self.closed = twin, s, closed
+        m = self.model = copy.copy(twin.model)
+        # The law runs at its own rate between the rows that were kept; time steps divide its period.
+        rate = s.rec.controller.rate_hz if closed else None
+        self.ticks = max(1, round(s.dt * rate)) if rate else 1
+        self.substeps = max(1, int(np.ceil(s.dt / self.ticks / min(m.opt.timestep, MAX_STEP_S) - 1e-9)))
+        m.opt.timestep = self.tick_s = s.dt / self.ticks
+        m.opt.timestep /= self.substeps
+        m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        self.data = mujoco.MjData(m)
+        names = [m.joint(i).name for i in range(m.njnt)]
+        self.dof = np.array([int(m.jnt_dofadr[names.index(j)]) for j in twin.rigid.joints])
+        self.adr = np.array([int(m.jnt_qposadr[names.index(j)]) for j in twin.rigid.joints])
+        hard = self.dof[s.lead == 0.0]  # else the recorded friction is that of MuJoCo
+        m.dof_solref[hard], m.dof_solimp[hard] = HARD_SOLREF, HARD_SOLIMP
+        self.friction = np.array(m.dof_frictionloss[self.dof])
+        factor = twin.friction_factor.get(s.rec.session, np.ones(len(self.dof)))
+        self.friction *= factor
+        m.dof_damping[self.dof] *= factor
+        m.dof_frictionloss[self.dof] = np.maximum(self.friction, 0.0)
+        self.laws = [
+            _law(twin.rigid, s, j, self.ticks) if closed else None for j in range(len(twin.rigid.joints))
+        ]
+        self.u_rec = np.repeat(np.nan_to_num(s.u), self.ticks, axis=0)
+        self.limits = twin.rigid.effort_limits()
+        h = m.opt.timestep
+        effects = catalogue()
+        self.h = h
+        arrived = not closed and s.rec.effort == "measured"  # a measured effort has passed the drive
+        self.make: Callable[[], list[tuple[int, Runtime]]] = lambda: [
+            (
+                max(t.joint, 0),
+                _scaled(r, float(factor[max(t.joint, 0)]) if t.effect in FRICTION_EFFECTS else 1.0),
+            )
+            for t in twin.live
+            if not (arrived and t.effect in DRIVE)
+            and (r := effects[t.effect].runtime(twin.ctx, t.joint, t.shape, t.theta, h)) is not None
+        ]
+        self.runtimes: list[tuple[int, Runtime]] = []
+        self.integral = np.zeros(len(self.dof))
+        self.u = np.zeros(len(self.dof))
+        self.load = np.zeros(len(self.dof))
+        self.now = 0.0
+
+    def reset(self, start: int) -> None:
+        d, s = self.data, self.s
+        mujoco.mj_resetData(self.model, d)
+        q = s.q[start].copy()
+        for joint, sense in self.twin.sensors.items():
+            q[joint] += q[joint] - sense(q[joint])
+        d.qpos[self.adr], d.qvel[self.dof] = q, s.v[start]
+        d.qvel[self.dof] /= self.slopes(q)
+        self.runtimes = self.make()
+        self.load = s.load[start].copy()
+        self.now = float(s.t[start])
+        self.integral[:] = 0.0
+        for j, law in enumerate(self.laws):
+            if law is not None and law.ki and s.has_u[j]:
+                first = start * self.ticks
+                static = law.kp * (law.q_cmd[first] - s.q[start, j]) + law.kd * (
+                    law.dq_cmd[first] - s.v[start, j]
+                )
+                self.integral[j] = (s.u[start, j] - static) / law.ki
+
+    def measure(self) -> np.ndarray:
+        q = self.data.qpos[self.adr].copy()
+        for joint, sense in self.twin.sensors.items():
+            q[joint] = sense(float(q[joint]))
+        return q
+
+    def slopes(self, q: np.ndarray) -> np.ndarray:
+        """Recorded over true speed of each joint, shape (joint,)."""
+        out = np.ones(len(q))
+        for joint, sense in self.twin.sensors.items():
+            x = float(q[joint])
+            out[joint] = (sense(x + 1e-4) - sense(x - 1e-4)) / 2e-4
+        return out
+
+    def control(self, i: int) -> np.ndarray:
+        q, v = self.measure(), self.data.qvel[self.dof]
+        if self.twin.sensors:
+            v = v * self.slopes(self.data.qpos[self.adr])
+        for j, law in enumerate(self.laws):
+            if law is None:
+                self.u[j] = self.u_rec[i, j]
+                continue
+            error = law.q_cmd[i] - q[j]
+            self.u[j] = law.kp * error + law.kd * (law.dq_cmd[i] - v[j]) + law.ahead[i]
+            if law.ki:
+                self.integral[j] += error * self.tick_s
+                self.u[j] += law.ki * self.integral[j]
+        np.clip(self.u, *self.limits, out=self.u)
+        return self.u.copy()
+
+    def step(self) -> None:
+        d, m = self.data, self.model
+        force = self.u - self.twin.offset
+        if self.runtimes or self.twin.generic is not None:
+            state = StepState(
+                self.now, d.qpos[self.adr], d.qvel[self.dof], d.qacc[self.dof], self.u, self.load
+            )
+            dry = self.friction.copy()
+            for joint, runtime in self.runtimes:
+                taken, level = runtime(state)
+                force[joint] -= taken
+                dry[joint] += level
+            m.dof_frictionloss[self.dof] = np.maximum(dry, 0.0)
+            if self.twin.generic is not None:
+                force = force - self.twin.generic(state)
+        d.qfrc_applied[self.dof] = force
+        mujoco.mj_step(m, d)
+        self.load = force + d.qfrc_constraint[self.dof]
+        self.now += self.h
+
+
+def _scaled(runtime: Runtime, factor: float) -> Runtime:
+    """The same effect, all its efforts times a factor."""
+    if factor == 1.0:
+        return runtime
+
+    def step(state: StepState) -> tuple[float, float]:
+        taken, level = runtime(state)
+        return factor * taken, factor * level
+
+    return step
+
+
+@dataclass(frozen=True)
+class _Law:
+    kp: float
+    kd: float
+    ki: float
+    q_cmd: np.ndarray
+    dq_cmd: np.ndarray
+    ahead: np.ndarray
+
+
+def _law(rigid: RigidModel, s: Session, joint: int, ticks: int = 1) -> _Law | None:
+    if control_law(rigid, s, joint) is None:
+        return None
+    name, law = rigid.joints[joint], s.rec.controller
+    q_cmd = s.channel("q_cmd", name)
+    assert q_cmd is not None
+    fine = np.arange(len(s.t) * ticks) * (s.dt / ticks)
+    dq_cmd, ahead = s.channel("dq_cmd", name), s.channel("tau_ff", name)
+    if dq_cmd is not None:
+        between = CubicHermiteSpline(s.t, q_cmd, dq_cmd)(np.minimum(fine, s.t[-1]))
+    else:
+        between = np.interp(fine, s.t, q_cmd)
+        dq_cmd = np.gradient(q_cmd, s.dt) if law.kind != "position_servo" else np.zeros(len(q_cmd))
+    return _Law(
+        law.kp[name], law.kd.get(name, 0.0), law.ki.get(name, 0.0), between, np.interp(fine, s.t, dq_cmd),
+        np.zeros(len(fine)) if ahead is None else np.interp(fine, s.t, ahead),
+    )  # fmt: skip
+
+
+def has_loop(rigid: RigidModel, s: Session) -> bool:
+    """Is the controller of at least one joint known, so that a closed loop can be simulated?"""
+    return any(_law(rigid, s, j) is not None for j in range(len(rigid.joints)))
+
+
+def windows(s: Session, length_s: float) -> list[tuple[int, int]]:
+    """Consecutive windows of a session, (start, stop) in samples; edges of the record are left out."""
+    n = max(int(length_s / s.dt), 20)
+    margin = max(2, min(int(0.1 / s.dt), len(s.t) // 20))
+    starts = range(margin, max(len(s.t) - margin - n // 2, margin + 1), n)
+    return [(a, min(a + n, len(s.t) - margin)) for a in starts]

@@ -1,0 +1,88 @@
+"""When the data cannot tell: no effort channel, or a motion that shows nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.effects.base import count_reversals
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import Session
+from s2r_host.gap.regression.problem import Problem
+from s2r_host.gap.regression.rows import LEAST_ROWS, picks_of
+
+ONE_WAY = 0.02
+
+
+def no_effort(model: RigidModel, fit: list[Session]) -> str | None:
+    """A sentence when no joint has an effort channel."""
+    if any(s.has_u.any() for s in fit):
+        return None
+    return (
+        "cannot tell: no recording has an effort column (tau.<joint>), and feedback hides a mismatch from the "
+        f"position; record effort for {', '.join(model.joints)}"
+    )
+
+
+def too_short(model: RigidModel, fit: list[Session]) -> str | None:
+    """A sentence when no recording holds enough rows to learn from and to predict."""
+    if any(len(picks_of(s, int(j))) >= LEAST_ROWS for s in fit for j in np.flatnonzero(s.has_u)):
+        return None
+    longest = max(float(s.t[-1] - s.t[0]) for s in fit)
+    return (
+        f"cannot tell: the longest recording lasts {longest:.2g} s, too short for the band in which efforts can be "
+        f"compared; record {', '.join(model.joints)} for several seconds"
+    )
+
+
+def at_rest(model: RigidModel, fit: list[Session]) -> str | None:
+    """A sentence when no joint with an effort changes its position at all."""
+    with_effort = sorted({int(j) for s in fit for j in np.flatnonzero(s.has_u)})
+    if any(_span(fit, j) > 0.0 for j in with_effort):
+        return None
+    return _still(model, fit, with_effort[0])
+
+
+def no_motion(model: RigidModel, fit: list[Session], problem: Problem) -> str | None:
+    """A sentence when no joint moves enough to show anything, whatever the residual looks like."""
+    still = [j for j in problem.joints if _span(fit, j) < _least_span(model, fit, j)]
+    if len(still) < len(problem.joints):
+        return None
+    return _still(model, fit, still[0]) if still else None
+
+
+def poor_excitation(model: RigidModel, fit: list[Session], problem: Problem) -> str | None:
+    """A sentence when 'nothing missing' would only mean 'nothing was tried'."""
+    for j in problem.joints:
+        name = model.joints[j]
+        if _span(fit, j) < _least_span(model, fit, j):
+            return _still(model, fit, j)
+        reversals = sum(count_reversals(s, j) for s in fit)
+        # Recordings of single strokes reverse between them: there and back in two files.
+        ways = {float(np.sign(s.q[-1, j] - s.q[0, j])) for s in fit}
+        if (reversals < 2 and not {-1.0, 1.0} <= ways) or _minor_share(fit, j) < ONE_WAY:
+            return f"cannot tell: joint '{name}' moves one way only; move it both ways at several speeds"
+        top = max(float(np.percentile(np.abs(s.v[:, j]), 99)) for s in fit)
+        if top < 10.0 * max(float(s.v_eps[j]) for s in fit):
+            return f"cannot tell: joint '{name}' never moves faster than its velocity noise ({top:.3g}); move it faster"
+    return None
+
+
+def _still(model: RigidModel, fit: list[Session], j: int) -> str:
+    name = model.joints[j]
+    return f"cannot tell: joint '{name}' moves {_span(fit, j):.4g} {model.unit(name)} only; move it through its range"
+
+
+def _span(fit: list[Session], j: int) -> float:
+    return max(float(np.ptp(s.q[:, j])) for s in fit)
+
+
+def _least_span(model: RigidModel, fit: list[Session], j: int) -> float:
+    lsb = max(float(s.q_lsb[j]) for s in fit)
+    return max(30.0 * lsb, 0.02 if model.unit(model.joints[j]) == "rad" else 0.002)
+
+
+def _minor_share(fit: list[Session], j: int) -> float:
+    """Way travelled in the rarer direction over the way in the other one."""
+    up = sum(float(np.sum(np.clip(s.v[:, j], 0.0, None)[s.v[:, j] > 3 * s.v_eps[j]]) * s.dt) for s in fit)
+    down = sum(float(np.sum(np.clip(-s.v[:, j], 0.0, None)[s.v[:, j] < -3 * s.v_eps[j]]) * s.dt) for s in fit)
+    return min(up, down) / max(up, down, 1e-12)

@@ -1,0 +1,63 @@
+"""What was weighed and not named, each with its reason."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from s2r_host.gap.regression.base_terms import PREFIX
+from s2r_host.gap.regression.problem import Problem
+from s2r_host.gap.regression.solution import Scored, Solution
+from s2r_host.gap.search.search import Search
+
+
+def rejected_list(problem: Problem, search: Search, solution: Solution) -> list[dict]:
+    """Everything weighed but not chosen, the closest first, then what could not act or be seen."""
+    chosen = {t.key for t in solution.terms}
+    seen: dict[tuple[str, int], Scored] = {}
+    for slot in [solution.scans, *solution.slots]:
+        for s in slot:
+            if s.term.key not in chosen and not s.term.effect.startswith(PREFIX):
+                seen[s.term.key] = s
+    found = []
+    for key, s in sorted(seen.items(), key=lambda x: -x[1].holdout_gain):
+        why = "improves held-out data by less than the winner" if s.gain > 12 else "no evidence"
+        if s.holdout_gain < 0.01:
+            why = "does not improve held-out data"
+        found.append(_entry(problem, key, s.holdout_gain, why))
+    return found + _blocked(problem, search)
+
+
+def _entry(problem: Problem, key: tuple[str, int], gain: float, why: str) -> dict:
+    joint = problem.ctx.model.joints[max(key[1], 0)]
+    return {
+        "name": key[0],
+        "joint": joint,
+        "holdout_gain": round(float(np.clip(gain, -99, 1)), 4),
+        "why": why,
+    }
+
+
+def _blocked(problem: Problem, search: Search) -> list[dict]:
+    found = []
+    for name, effect in search.effects.items():
+        if name.startswith(PREFIX):
+            continue
+        for j in problem.joints if effect.scope == "joint" else [-1]:
+            if not effect.applies(problem.ctx, j):
+                found.append(
+                    _entry(problem, (name, j), 0.0, "cannot act here with this model and these channels")
+                )
+                continue
+            reason = effect.blocked(problem.ctx, j)
+            if reason:
+                found.append(_entry(problem, (name, j), 0.0, f"cannot be seen: {reason}"))
+    return found
+
+
+def rejected_at_floor(problem: Problem, search: Search) -> list[dict]:
+    """The whole catalogue, when the nominal model already reaches the noise floor."""
+    found = []
+    for key in search.candidates():
+        if not key[0].startswith(PREFIX):
+            found.append(_entry(problem, key, 0.0, "the nominal model already reaches the noise floor"))
+    return found + _blocked(problem, search)
