@@ -1,7 +1,8 @@
 """A force that swings on at one frequency whatever the joint does: a vibration, which is no effect of the catalogue.
 
 Lags and springs along a lively motion imitate a line far above it: two of them together explain most of it. So, where
-the explanation chosen still leaves something, one sine per recording, all of one frequency, is held against it.
+the explanation chosen still leaves something, one sine per recording, all of one frequency, is held against it. It may
+begin after the recording does, and end before it: what shakes a joint is switched on and off.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from s2r_host.gap.search.search import Search
 LEAST_HZ, PER_RECORD = 0.5, 4.0  # lowest frequency, steps of the first grid per line width
 BETTER = 0.5  # power the sine may leave, in that of the explanation, in every recording
 STEADY = 1.5  # ratio of its amplitudes between recordings: what swings by itself swings alike
-MOTION_SHARE = 0.08  # of the joint's speed within two line widths: there the motion itself has its line
+MOTION_SHARE = 0.08  # of the speed asked for within two line widths: there the motion itself has its line
 LEAST = 0.25  # of the noise floor
 MOST, LOUD_SHARE = 0.6, 0.05  # of the power left over; of the effort: a line outside the band that matters
 EDGE_S, LEAST_ROWS, ALIKE_HZ = 0.5, 120, 0.1
+ON, PERIODS = 0.5, 2.0  # of its usual size: where it is on; periods over which its size is read
 ROUNDS = 3
 
 
@@ -36,7 +38,7 @@ def vibration(problem: Problem, search: Search, solution: Solution) -> tuple[int
         if not blocks:
             continue
         f = _strongest(blocks, problem.raw, min(float(b.session.cut[j]) for b in blocks))
-        if any(_moves_at(b, f) for b in blocks):
+        if any(_moves_at(b, f, problem.ctx.model.joints[j]) for b in blocks):
             continue
         left, amplitudes = _beside_numbers(problem, search, blocks, f)
         powers = [
@@ -93,7 +95,7 @@ def _loudest(model: RigidModel, s: Session, j: int) -> tuple[float, float] | Non
     amplitude = float(np.sqrt(2.0 * np.mean(line**2)))
     alone = float(np.mean((left - line) ** 2)) < (1.0 - MOST) * float(np.mean(left**2))
     loud = amplitude > LOUD_SHARE * float(np.std(u))
-    return (f, amplitude) if alone and loud and not _moves_at(block, f) else None
+    return (f, amplitude) if alone and loud and not _moves_at(block, f, model.joints[j]) else None
 
 
 def _beside_numbers(
@@ -102,15 +104,25 @@ def _beside_numbers(
     """What a sine per recording leaves over beside small changes of the numbers, shape (rows,), and its amplitudes."""
     columns = [problem.B]
     for b in blocks:
-        phase = 2.0 * np.pi * f * b.session.t
+        phase, on = 2.0 * np.pi * f * b.session.t, _on(b, problem.raw[b.rows], f)
         columns += [
-            problem.whiten({b.session.index: x}, b.joint)[:, None] for x in (np.sin(phase), np.cos(phase))
+            problem.whiten({b.session.index: on * x}, b.joint)[:, None] for x in (np.sin(phase), np.cos(phase))
         ]
     X = np.concatenate(columns, axis=1)
     trust = np.concatenate([TEMPER / problem.prior**2, np.zeros(2 * len(blocks))])
     c = np.linalg.solve(X.T @ X + np.diag(trust), X.T @ problem.y)
     swing = c[problem.B.shape[1] :].reshape(-1, 2)
     return search.unwhitened(problem.y - X @ c), [float(np.hypot(*x)) for x in swing]
+
+
+def _on(b: Block, own: np.ndarray, f: float) -> np.ndarray:
+    """Where a line in the rows of a block is on, from its first to its last time, 0 or 1, shape (time,)."""
+    t = _times(b)
+    turned = own * np.exp(-2.0j * np.pi * f * t)
+    width = max(3, round(PERIODS / f / float(np.median(np.diff(t)))))
+    size = np.abs(np.convolve(turned, np.ones(width) / width, mode="same"))
+    there = t[size > ON * np.median(size)]
+    return ((b.session.t >= there[0]) & (b.session.t <= there[-1])).astype(float)
 
 
 def _strongest(blocks: list[Block], rows: np.ndarray, top: float) -> float:
@@ -138,11 +150,23 @@ def _times(b: Block) -> np.ndarray:
     return b.session.t[b.picks]
 
 
-def _moves_at(b: Block, f: float) -> bool:
-    """Does the joint's own motion have a good part of its speed at this frequency?"""
-    t, v = _times(b), b.session.v[b.picks, b.joint]
+def _moves_at(b: Block, f: float, name: str) -> bool:
+    """Does the motion have a good part of its speed at this frequency?
+
+    The motion asked for, where it is recorded: what swings by itself moves the joint as well.
+    """
+    t, v = _times(b), _asked_speed(b.session, b.joint, name)[b.picks]
     width = 1.0 / float(t[-1] - t[0])
     taken = np.zeros_like(v)
     for near in f + width * np.arange(-2, 3):
         taken += _line(b, v - v.mean() - taken, float(near))
     return float(np.sum(taken**2)) > MOTION_SHARE * float(np.sum((v - v.mean()) ** 2))
+
+
+def _asked_speed(s: Session, joint: int, name: str) -> np.ndarray:
+    """Speed of the commanded motion where the record has one, else of the joint [rad/s or m/s], shape (time,)."""
+    speed = s.channel("dq_cmd", name)
+    if speed is None:
+        position = s.channel("q_cmd", name)
+        speed = s.v[:, joint] if position is None else np.gradient(position, s.dt)
+    return speed
