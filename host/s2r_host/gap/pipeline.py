@@ -31,7 +31,7 @@ from s2r_host.gap.simulation.polish import drifts_freely, friction_change, polis
 from s2r_host.gap.simulation.replay import Live, Twin, build_twin, has_loop, run
 from s2r_host.gap.simulation.worsened import worsened
 from s2r_host.gap.verdict import insufficient
-from s2r_host.gap.verdict.decide import FEW_JOINTS, decide, restate, unnamed_force
+from s2r_host.gap.verdict.decide import FEW_JOINTS, decide, restate, unnamed_force, unnamed_force_beside
 from s2r_host.gap.verdict.decision import LEFTOVER_LIMIT, Decision, doubt
 from s2r_host.gap.verdict.other_equations import BEHIND_THE_SENSOR
 from s2r_host.gap.verdict.where import Place, acting, contradicted, locate, narrowed, with_named
@@ -136,7 +136,8 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     search = Search(problem, frozenset(config.skip), log)
     decision = decide(problem, search, log)
     finer = _second_look(a, config, problem, decision, log) if problem.floor_source != "repeat" else None
-    if finer is not None and finer[2].verdict == "physics_missing":
+    named = finer is not None and finer[2].verdict == "physics_missing"
+    if finer is not None and named and not (decision.verdict in UNTOUCHED and unnamed_force_beside(*finer)):
         problem, search, decision = finer
     if decision.verdict in UNTOUCHED:
         unnamed_force(problem, search, decision)

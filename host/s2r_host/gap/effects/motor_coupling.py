@@ -9,7 +9,11 @@ from s2r_host.gap.motion.session import Session
 
 
 class MotorCoupling(Effect):
-    """tau_i = Jc ddq_j + bc dq_j, and the same from i to j where the gears act both ways (``mutual``)."""
+    """tau_i = Jc ddq_j + bc dq_j, and the same from i to j where the gears act both ways (``mutual``).
+
+    A motor j that joint i turns along, by c of its own angle, is felt in motions of joint i alone as well (``own``):
+    from T = J (dq_j + c dq_i)² / 2, tau_i has J c ddq_j + J c² ddq_i and tau_j has J c ddq_i.
+    """
 
     name = "motor_coupling"
     equation = "tau_i = Jc ddq_j + bc dq_j"
@@ -25,10 +29,12 @@ class MotorCoupling(Effect):
         """Each other joint; what acts both ways belongs to the later one of the two."""
         others = [i for i in range(len(ctx.model.joints)) if i != joint and ctx.top_speed(i) > 1e-3]
         one_way = [{"other": float(i), "mutual": 0.0} for i in others]
-        return one_way + [{"other": float(i), "mutual": 1.0} for i in others if i < joint]
+        both_ways = [{"other": float(i), "mutual": 1.0} for i in others if i < joint]
+        turned_along = [{"other": float(i), "mutual": 1.0, "own": 1.0} for i in others if abs(i - joint) == 1]
+        return one_way + both_ways + turned_along
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
-        """Acceleration and speed of the other joint."""
+        """Acceleration and speed of the other joint; of the joint itself, where it turns the other's motor along."""
         other = int(shape["other"])
         if not shape["mutual"]:
             return Columns.of_motion([s.a[:, other], s.v[:, other]])
@@ -37,15 +43,23 @@ class MotorCoupling(Effect):
             crossed = np.zeros_like(x)
             crossed[:, joint], crossed[:, other] = x[:, other], x[:, joint]
             both.append(crossed)
-        return Columns.of_motion(both)
+        if not shape.get("own"):
+            return Columns.of_motion(both)
+        alone = [np.zeros_like(s.a), np.zeros_like(s.v)]
+        alone[0][:, joint], alone[1][:, joint] = s.a[:, joint], s.v[:, joint]
+        return Columns.of_motion([*both, *alone], (False, False, True, True))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
-        """Coupling inertia and damping; ``other`` counts joints from zero."""
-        return {
-            "inertia": Value(float(theta[0]), "kg·m²", (1.0, 0.0)),
-            "damping": Value(float(theta[1]), "N·m·s/rad", (0.0, 1.0)),
-            "other": Value(shape["other"], "joint index"),
+        """Coupling inertia and damping, what the joint feels of itself; ``other`` counts joints from zero."""
+        names = [("inertia", "kg·m²"), ("damping", "N·m·s/rad")]
+        if shape.get("own"):
+            names += [("own_inertia", "kg·m²"), ("own_damping", "N·m·s/rad")]
+        gradients = np.eye(len(names))
+        found = {
+            name: Value(float(x), unit, tuple(map(float, row)))
+            for (name, unit), x, row in zip(names, theta, gradients, strict=True)
         }
+        return found | {"other": Value(shape["other"], "joint index")}
 
     def mirror(self, joint: int, shape: Shape) -> tuple[int, dict[str, float]] | None:
         """What the other joint feels of this one."""
@@ -54,11 +68,13 @@ class MotorCoupling(Effect):
         return int(shape["other"]), {"other": float(joint), "mutual": 0.0}
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
-        """Force from the other joint's last acceleration."""
-        other, inertia, damping = int(shape["other"]), float(theta[0]), float(theta[1])
+        """Force from the last accelerations."""
+        other, (inertia, damping) = int(shape["other"]), map(float, theta[:2])
+        own_inertia, own_damping = map(float, theta[2:]) if shape.get("own") else (0.0, 0.0)
 
         def step(state: StepState) -> tuple[float, float]:
-            return inertia * float(state.a[other]) + damping * float(state.v[other]), 0.0
+            crossed = inertia * float(state.a[other]) + damping * float(state.v[other])
+            return crossed + own_inertia * float(state.a[joint]) + own_damping * float(state.v[joint]), 0.0
 
         return step
 

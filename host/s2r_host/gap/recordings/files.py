@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from s2r_host.gap.recordings import units as unit_tables
 from s2r_host.gap.errors import GapRecordingError
+from s2r_host.gap.recordings import units as unit_tables
 from s2r_host.gap.recordings.holes import MOVING, unknown_rows
 from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.recordings.tables import read_table

@@ -40,8 +40,8 @@ class Recording:
             that go together for tenths of seconds look like physics [N·m or N].
         effort_gain_sigma: How far the scale of this recording's effort may be off, by joint, as a share.
         warnings: What the file costs: missing columns, dropped samples, coarse steps.
-        rows: The rows of the file, where a slow log was rebuilt between them (``motion/slow_log.py``); ``effort_doubt``: how
-            far the rebuilt effort may be off, by joint, each of shape (time,) [N·m or N].
+        rows: The rows of the file, where a slow log was rebuilt between them (``motion/slow_log.py``);
+            ``effort_doubt``: how far the rebuilt effort may be off, by joint, each of shape (time,) [N·m or N].
     """
 
     name: str

@@ -12,6 +12,7 @@ PREFIX = "parameter:"
 SKIPPED = (*COMPARISON, "damping", "frictionloss")  # friction has effects of its own name
 USUAL, USUAL_ZERO = 0.06, 0.01  # of a value; of the deviation of an effort from its mean
 FAR = 8.0  # log odds
+MULTIPLE = 25.0  # the same against a body of more than twice its stated inertia: a motor has been left out
 NEVER_NEGATIVE = ("mass", "inertia", "armature", "damping", "frictionloss", "payload_mass")
 LEAST_ARM = 0.02  # of the body's size: a centre nearer to the origin has no direction
 
@@ -41,11 +42,15 @@ class BaseTerm(Effect):
 
         No mass, inertia or friction is below zero: a body's small inertia cannot make up for a motor's large one.
         """
+        multiple = 0.0
         for member, move in zip(self.members, self.moves(theta), strict=True):
-            if member.name in NEVER_NEGATIVE and member.nominal + float(move) * member.size < 0.0:
+            to = member.nominal + float(move) * member.size
+            if member.name in NEVER_NEGATIVE and to < 0.0:
                 return IMPOSSIBLE
+            if member.name == "inertia" and to > 2.0 * member.nominal:
+                multiple = MULTIPLE
         usual = np.array([_usual(ctx, m) for m in self.members[: len(theta)]])
-        return -min(FAR, 0.5 * float(np.max(np.abs(theta) / usual, initial=0.0)) ** 2)
+        return -multiple - min(FAR, 0.5 * float(np.max(np.abs(theta) / usual, initial=0.0)) ** 2)
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Members in their own units."""

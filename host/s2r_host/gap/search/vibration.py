@@ -12,9 +12,9 @@ import numpy as np
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import COMPARE_CUT_HZ, Session, lowpass, nominal_friction
 from s2r_host.gap.regression.problem import Problem
-from s2r_host.gap.regression.regression import TEMPER
 from s2r_host.gap.regression.rows import ROWS_PER_CUT, Block
 from s2r_host.gap.regression.solution import Solution
+from s2r_host.gap.search.beside_numbers import beside_numbers
 from s2r_host.gap.search.search import Search
 
 LEAST_HZ, PER_RECORD = 0.5, 4.0  # lowest frequency, steps of the first grid per line width
@@ -40,7 +40,7 @@ def vibration(problem: Problem, search: Search, solution: Solution) -> tuple[int
         f = _strongest(blocks, problem.raw, min(float(b.session.cut[j]) for b in blocks))
         if any(_moves_at(b, f, problem.ctx.model.joints[j]) for b in blocks):
             continue
-        left, amplitudes = _beside_numbers(problem, search, blocks, f)
+        left, amplitudes = _beside_lines(problem, search, blocks, f)
         powers = [
             (float(np.mean(left[b.rows] ** 2)), float(np.mean(solution.prediction[b.rows] ** 2)))
             for b in blocks
@@ -98,21 +98,18 @@ def _loudest(model: RigidModel, s: Session, j: int) -> tuple[float, float] | Non
     return (f, amplitude) if alone and loud and not _moves_at(block, f, model.joints[j]) else None
 
 
-def _beside_numbers(
+def _beside_lines(
     problem: Problem, search: Search, blocks: list[Block], f: float
 ) -> tuple[np.ndarray, list[float]]:
     """What a sine per recording leaves over beside small changes of the numbers, shape (rows,), and its amplitudes."""
-    columns = [problem.B]
+    columns = []
     for b in blocks:
         phase, on = 2.0 * np.pi * f * b.session.t, _on(b, problem.raw[b.rows], f)
         columns += [
-            problem.whiten({b.session.index: on * x}, b.joint)[:, None] for x in (np.sin(phase), np.cos(phase))
+            problem.whiten({b.session.index: on * x}, b.joint) for x in (np.sin(phase), np.cos(phase))
         ]
-    X = np.concatenate(columns, axis=1)
-    trust = np.concatenate([TEMPER / problem.prior**2, np.zeros(2 * len(blocks))])
-    c = np.linalg.solve(X.T @ X + np.diag(trust), X.T @ problem.y)
-    swing = c[problem.B.shape[1] :].reshape(-1, 2)
-    return search.unwhitened(problem.y - X @ c), [float(np.hypot(*x)) for x in swing]
+    left, swings = beside_numbers(problem, search, columns)
+    return left, [float(np.hypot(*x)) for x in swings.reshape(-1, 2)]
 
 
 def _on(b: Block, own: np.ndarray, f: float) -> np.ndarray:

@@ -13,6 +13,7 @@ from s2r_host.gap.regression.regression import TEMPER
 from s2r_host.gap.regression.solution import Solution
 from s2r_host.gap.search.bursts import bursts
 from s2r_host.gap.search.consistency import disagreement, stretched
+from s2r_host.gap.search.cross_talk import cross_talk
 from s2r_host.gap.search.search import MAX_EFFECTS, Search
 from s2r_host.gap.search.trust import hides, search_under_both, worth
 from s2r_host.gap.search.vibration import unheard_line, vibration
@@ -112,6 +113,9 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     if odd is None and remains and decision.effects:
         found = vibration(problem, search, solution)
         odd = None if found is None else _swings(problem, *found)
+    if odd is None and decision.effects:
+        mixed = cross_talk(problem, search, solution)
+        odd = None if mixed is None else _mixes(problem, *mixed)
     odd = odd or impossible(problem, decision)
     if odd is not None:
         decision.reasons.append(odd)
@@ -127,7 +131,8 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
                     "why": odd or f"nearest, but leaves {decision.leftover:.1f} floors unexplained"}
             )  # fmt: skip
         decision.verdict, decision.effects = "unknown", []
-        decision.parameters_off = possible(decision.parameters_off)
+        # Numbers found beside an imitation are as little worth as that is.
+        decision.parameters_off = possible(decision.parameters_off) if odd is None else []
     return decision
 
 
@@ -184,12 +189,24 @@ def unnamed_force(problem: Problem, search: Search, decision: Decision) -> None:
     decision.verdict, decision.parameters_off = "unknown", []
 
 
+def unnamed_force_beside(problem: Problem, search: Search, decision: Decision) -> bool:
+    """Does something touch a joint that the names of a finer look leave over as the numbers alone do?"""
+    touched = bursts(problem, search.finish([], [], []).prediction)
+    still = bursts(problem, decision.solution.prediction)
+    return touched is not None and still is not None and still.joint == touched.joint
+
+
 def _swings(problem: Problem, j: int, f: float, amplitude: float) -> str:
     name = problem.ctx.model.joints[j]
     unit = problem.ctx.model.effort_unit(name)
     return (
         f"an effort of {amplitude:.3g} {unit} at {f:.2f} Hz goes on at '{name}' whatever it does: a vibration"
     )
+
+
+def _mixes(problem: Problem, joint: int, other: int, share: float) -> str:
+    name, from_name = problem.ctx.model.joints[joint], problem.ctx.model.joints[other]
+    return f"{share:.1%} of the effort of '{from_name}' in that of '{name}' explain as much: cross-talk of two channels"
 
 
 def _fits_as_well(
