@@ -20,9 +20,9 @@ from s2r_host.gap.search.search import Search
 LEAST_HZ, PER_RECORD = 0.5, 4.0  # lowest frequency, steps of the first grid per line width
 BETTER = 0.5  # power the sine may leave, in that of the explanation, in every recording
 STEADY = 1.5  # ratio of its amplitudes between recordings: what swings by itself swings alike
-MOTION_SHARE = 0.08  # of the speed asked for within two line widths: there the motion itself has its line
+MOTION_SHARE = 0.15  # of the speed asked for within a line width: there the motion itself has its line
 LEAST = 0.25  # of the noise floor
-MOST, LOUD_SHARE = 0.6, 0.05  # of the power left over; of the effort: a line outside the band that matters
+MOST, LOUD_SHARE = 0.6, 0.03  # of the power left over; of the effort: a line outside the band that matters
 EDGE_S, LEAST_ROWS, ALIKE_HZ = 0.5, 120, 0.1
 ON, PERIODS = 0.5, 2.0  # of its usual size: where it is on; periods over which its size is read
 ROUNDS = 3
@@ -155,7 +155,7 @@ def _moves_at(b: Block, f: float, name: str) -> bool:
     t, v = _times(b), _asked_speed(b.session, b.joint, name)[b.picks]
     width = 1.0 / float(t[-1] - t[0])
     taken = np.zeros_like(v)
-    for near in f + width * np.arange(-2, 3):
+    for near in f + width * np.arange(-1, 2):
         taken += _line(b, v - v.mean() - taken, float(near))
     return float(np.sum(taken**2)) > MOTION_SHARE * float(np.sum((v - v.mean()) ** 2))
 
