@@ -13,7 +13,7 @@ from s2r_host.gap.config import GapConfig
 from s2r_host.gap.motion.align import control_lag
 from s2r_host.gap.motion.aligned import aligned, lags_of
 from s2r_host.gap.motion.behind_gear import links_alone
-from s2r_host.gap.motion.checks import check_efforts, check_joints, check_units
+from s2r_host.gap.motion.checks import check_efforts, check_gains, check_joints, check_units
 from s2r_host.gap.motion.law import stamps_within
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.servo_law import with_speeds_used
@@ -82,6 +82,7 @@ def load_sessions(model: RigidModel, paths: list[Path], first: int, notes: list[
             s = make_session(model, filled(model, rec), first + len(sessions))
             check_efforts(model, s)
             check_units(model, s)
+            check_gains(model, s)
             sessions.append(s)
     return sessions
 

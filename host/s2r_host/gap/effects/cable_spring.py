@@ -11,7 +11,10 @@ from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import bristle
 
 HARDENS = 1.0
-SLACK, NO_SPRING = 0.1, -8.0  # spring over the travel in heights of the loop, log odds
+SLACK, NO_SPRING = (
+    0.1,
+    -60.0,
+)  # spring over the travel in heights of the loop, log odds: the laws of loops differ by less
 
 
 class CableSpring(Effect):

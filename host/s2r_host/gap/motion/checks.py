@@ -7,14 +7,15 @@ import itertools
 import numpy as np
 
 from s2r_host.gap.errors import GapRecordingError
-from s2r_host.gap.motion.align import law_parts
+from s2r_host.gap.motion.align import LawParts, law_parts
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session
-from s2r_host.gap.recordings.recording import Recording
+from s2r_host.gap.recordings.recording import Controller, Recording
 
 RANGE_SLACK = 0.25
 MAX_TURNS_RAD = 200.0
 LAW_SHAPE, LAW_SCALE = 0.8, 5.0  # a law this far off in size, followed this well in shape
+CROSSED = 0.1  # of what a joint's own gains leave over: those of another joint leave less
 LEAST_TURNED = 0.85  # R² under positions read as degrees, and how many times less it leaves over
 TURNED_BETTER = 5.0
 LEAST_TURN = 2.0 * np.pi  # a motion worth a log spans more degrees than this many radians
@@ -155,6 +156,38 @@ def check_units(model: RigidModel, s: Session) -> None:
                     f"{s.rec.name}: the effort of '{joint}' fits the model when its positions are read as degrees "
                     f"(R² {turned:.2f} against {own:.2f}); declare 'q: deg' under 'units' in the side file"
                 )
+
+
+def check_gains(model: RigidModel, s: Session) -> None:
+    """Efforts that follow the gains of another joint, and the reverse, are of swapped joints.
+
+    Raises:
+        GapRecordingError: All columns of two joints have changed places.
+    """
+    law, joints = s.rec.controller, [j for j in range(len(model.joints)) if s.has_u[j]]
+    parts = {j: found for j in joints if (found := law_parts(model, s, j)) is not None}
+    for i, j in itertools.combinations(parts, 2):
+        name, other = model.joints[i], model.joints[j]
+        if all(
+            _left_by(parts[a], s.u[:, a], *_ratios(law, model.joints[b], model.joints[a]))
+            < CROSSED * _left_by(parts[a], s.u[:, a], 1.0, 1.0)
+            for a, b in ((i, j), (j, i))
+        ):
+            raise GapRecordingError(
+                f"{s.rec.name}: the effort of '{name}' follows the gains declared for '{other}' and the reverse: the "
+                "joints are swapped; map them under 'joint_names' in the side file"
+            )
+
+
+def _ratios(law: Controller, of: str, to: str) -> tuple[float, float]:
+    """Gains of one joint over those of another, position and speed; one where the other has none."""
+    kp, kd = (gains.get(of, 0.0) / gains[to] if gains.get(to) else 1.0 for gains in (law.kp, law.kd))
+    return kp, kd
+
+
+def _left_by(parts: LawParts, u: np.ndarray, kp: float, kd: float) -> float:
+    """What a law with its gains multiplied leaves of an effort, rms [N·m or N]."""
+    return float(np.std(u - np.clip(kp * parts.kp + kd * parts.kd + parts.rest, parts.low, parts.high)))
 
 
 def _check_law_scale(
