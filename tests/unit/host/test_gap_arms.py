@@ -12,6 +12,7 @@ from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.regression.solution import Term
+from s2r_host.gap.search.cross_talk import cross_talk
 from s2r_host.gap.search.scan import share_taken
 from s2r_host.gap.search.search import Search
 from s2r_host.gap.simulation.replay import Live, build_twin
@@ -117,6 +118,38 @@ def test_motors_that_turn_together_are_felt_by_both(model):
         model, search.problem.ctx, [Live(first.effect, first.joint, dict(first.shape), solution.theta[0])]
     )
     assert {live.joint for live in twin.live} == {0, 1}
+
+
+def test_a_motor_that_another_joint_turns_along_is_named_at_that_joint_with_what_it_feels_alone(model):
+    rotor, gear, drag = 0.02, 0.7, 0.02
+
+    def hidden(v, a):
+        """Of T = J (dq_2 + c dq_1)² / 2, the motor's own inertia and drag at joint 2 left out."""
+        of_first = (
+            rotor * gear * a[:, 1] + rotor * gear**2 * a[:, 0] + drag * gear * (v[:, 1] + gear * v[:, 0])
+        )
+        return np.stack([of_first, rotor * gear * a[:, 0] + drag * gear * v[:, 0]], axis=1)
+
+    search = searched(model, hidden)
+    decision = decide(search.problem, search)
+    assert [(e.name, e.joint) for e in decision.effects] == [("motor_coupling", "j1")]
+    found = {name: p["value"] for name, p in decision.effects[0].parameters.items()}
+    assert found["inertia"] == pytest.approx(rotor * gear, rel=0.05)
+    assert found["own_inertia"] == pytest.approx(rotor * gear**2, rel=0.3)
+    assert not decision.parameters_off
+
+
+def test_the_effort_of_a_joint_in_another_s_is_cross_talk_and_no_effect(model):
+    search = searched(model, lambda v, a: 0.0 * a)
+    efforts = {b.session.index: b.session.u[:, 0] for b in search.problem.blocks if b.joint == 1}
+    search.problem.y += search.problem.whiten({k: 0.02 * u for k, u in efforts.items()}, 1)
+    imitation = search.finish([Term("viscous_friction", 1)], [], [])
+    assert cross_talk(search.problem, search, imitation) == (1, 0, pytest.approx(0.02, rel=0.1))
+
+
+def test_friction_is_no_cross_talk(rubbing):
+    named = rubbing.finish([Term("coulomb_friction", 1)], [], [])
+    assert cross_talk(rubbing.problem, rubbing, named) is None
 
 
 def test_a_late_position_is_felt_by_every_joint(model):

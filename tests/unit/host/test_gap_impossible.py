@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from s2r_host.gap.effects.base import IMPOSSIBLE
+from s2r_host.gap.regression.base_terms import FAR, MULTIPLE, BaseTerm
 from s2r_host.gap.verdict import decide
-from s2r_host.gap.verdict.decide import impossible, possible
+from s2r_host.gap.verdict.decide import impossible, possible, unnamed_force_beside
 from s2r_host.gap.verdict.decision import EXPLAINED_CLOSE, Decision, too_much_left
 from s2r_host.gap.verdict.parameters_off import _of_one_part
 
@@ -60,6 +62,26 @@ def test_more_friction_than_the_model_has_cannot_be_taken_away(level, fits):
     )
     decision: Any = SimpleNamespace(parameters_off=[], effects=[named])
     assert (impossible(problem, decision) is None) == fits
+
+
+@pytest.mark.parametrize(("move", "odds"), [(0.5, -FAR), (1.5, -FAR - MULTIPLE), (-1.5, IMPOSSIBLE)])
+def test_a_body_is_rarely_off_by_a_multiple_of_its_inertia(move, odds):
+    member: Any = SimpleNamespace(name="inertia", nominal=0.02, size=0.02)
+    ctx: Any = None
+    assert BaseTerm("parameter:inertia@arm", [member]).size_prior(ctx, -1, {}, np.array([move])) == odds
+
+
+@pytest.mark.parametrize(
+    ("left", "by_names", "said"), [(0, 0, True), (0, 1, False), (None, 0, False), (0, None, False)]
+)
+def test_a_push_that_names_leave_over_is_still_a_push(monkeypatch, left, by_names, said):
+    found = {"numbers": left, "names": by_names}
+    touched = {k: None if j is None else SimpleNamespace(joint=j) for k, j in found.items()}
+    monkeypatch.setattr(decide, "bursts", lambda _, rows: touched[rows])
+    search: Any = SimpleNamespace(finish=lambda *_: SimpleNamespace(prediction="numbers"))
+    decision: Any = SimpleNamespace(solution=SimpleNamespace(prediction="names"))
+    problem: Any = None
+    assert unnamed_force_beside(problem, search, decision) is said
 
 
 def solved(fit, held):

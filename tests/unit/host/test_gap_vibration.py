@@ -14,17 +14,22 @@ from s2r_host.gap.search.vibration import vibration
 DT = 0.004
 
 
-def seen(folder, extra, two_tones=True):
-    """What is said of a joint with an effort ``extra(t, q, dq)`` beyond its model, where nothing was named."""
+def seen(folder, extra, two_tones=True, shaken=0.0):
+    """What is said of a joint with an effort ``extra(t, q, dq)`` beyond its model, where nothing was named.
+
+    ``shaken`` moves it at 7.3 Hz beside what was asked for [rad].
+    """
     model = RigidModel(write_model(folder / "model.xml"))
 
     def recorded(index, phase):
         t = np.arange(0, 16, DT)
         q = 0.9 * np.sin(1.7 * t + phase) + two_tones * 0.3 * np.sin(5.3 * t + 2.0 * phase)
+        asked = q
+        q = q + shaken * np.sin(2.0 * np.pi * 7.3 * t)
         dq = np.gradient(q, DT)
         u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0] + extra(t, q, dq)
         u = u + 0.02 * np.random.default_rng(index).normal(size=len(t))
-        channels = {"q": {"elbow": q}, "dq": {"elbow": dq}, "tau": {"elbow": u}}
+        channels = {"q": {"elbow": q}, "dq": {"elbow": dq}, "tau": {"elbow": u}, "q_cmd": {"elbow": asked}}
         rec = Recording(f"r{index}", t, channels, Controller("none"), "measured", "effort", "a", "", ())
         return make_session(model, rec, index)
 
@@ -38,6 +43,18 @@ def test_a_vibration_is_found_with_frequency_and_size(tmp_path):
     assert said is not None
     assert said[0] == 0
     assert said[1:] == pytest.approx((7.3, 0.5), rel=0.02)
+
+
+def test_a_vibration_that_moves_the_joint_is_not_taken_for_its_motion(tmp_path):
+    said = seen(tmp_path, lambda t, q, dq: 0.5 * np.sin(2.0 * np.pi * 7.3 * t + 0.4), shaken=0.02)
+    assert said is not None
+    assert said[1:] == pytest.approx((7.3, 0.5), rel=0.1)
+
+
+def test_a_vibration_that_is_switched_on_and_off_is_read_where_it_is_on(tmp_path):
+    said = seen(tmp_path, lambda t, q, dq: 0.5 * np.sin(2.0 * np.pi * 7.3 * t) * ((t > 3.0) & (t < 14.0)))
+    assert said is not None
+    assert said[1:] == pytest.approx((7.3, 0.5), rel=0.04)
 
 
 @pytest.mark.parametrize(
