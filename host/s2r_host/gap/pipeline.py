@@ -15,7 +15,7 @@ from s2r_host.gap.motion.aligned import aligned, lags_of
 from s2r_host.gap.motion.behind_gear import links_alone
 from s2r_host.gap.motion.checks import check_efforts, check_gains, check_joints, check_units
 from s2r_host.gap.motion.law import stamps_within
-from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.model import FEW_JOINTS, RigidModel
 from s2r_host.gap.motion.servo_law import with_speeds_used
 from s2r_host.gap.motion.session import Session, make_session
 from s2r_host.gap.motion.slow_log import filled
@@ -31,7 +31,7 @@ from s2r_host.gap.simulation.polish import drifts_freely, friction_change, polis
 from s2r_host.gap.simulation.replay import Live, Twin, build_twin, has_loop, run
 from s2r_host.gap.simulation.worsened import worsened
 from s2r_host.gap.verdict import insufficient
-from s2r_host.gap.verdict.decide import FEW_JOINTS, decide, restate, unnamed_force, unnamed_force_beside
+from s2r_host.gap.verdict.decide import decide, restate, unnamed_force, unnamed_force_beside
 from s2r_host.gap.verdict.decision import LEFTOVER_LIMIT, Decision, doubt
 from s2r_host.gap.verdict.other_equations import BEHIND_THE_SENSOR
 from s2r_host.gap.verdict.where import Place, acting, contradicted, locate, narrowed, with_named

@@ -12,7 +12,7 @@ from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.regression.solution import Term
-from s2r_host.gap.search.cross_talk import cross_talk
+from s2r_host.gap.search.outside import outside
 from s2r_host.gap.search.scan import share_taken
 from s2r_host.gap.search.search import Search
 from s2r_host.gap.simulation.replay import Live, build_twin
@@ -144,12 +144,22 @@ def test_the_effort_of_a_joint_in_another_s_is_cross_talk_and_no_effect(model):
     efforts = {b.session.index: b.session.u[:, 0] for b in search.problem.blocks if b.joint == 1}
     search.problem.y += search.problem.whiten({k: 0.02 * u for k, u in efforts.items()}, 1)
     imitation = search.finish([Term("viscous_friction", 1)], [], [])
-    assert cross_talk(search.problem, search, imitation) == (1, 0, pytest.approx(0.02, rel=0.1))
+    said = outside(search.problem, search, imitation)
+    assert said is not None
+    assert said.startswith("2.0% of the effort of 'j1' in that of 'j2'")
 
 
 def test_friction_is_no_cross_talk(rubbing):
     named = rubbing.finish([Term("coulomb_friction", 1)], [], [])
-    assert cross_talk(rubbing.problem, rubbing, named) is None
+    assert outside(rubbing.problem, rubbing, named) is None
+
+
+def test_drag_of_a_fluid_is_not_viscous_friction_and_more(model):
+    search = searched(model, lambda v, a: np.array([0.0, 0.04]) * v * np.abs(v))
+    imitation = search.finish([Term("viscous_friction", 1), search.seeds(("stribeck", 1))[0]], [], [])
+    said = outside(search.problem, search, imitation)
+    assert said is not None
+    assert "drag of a fluid" in said
 
 
 def test_a_late_position_is_felt_by_every_joint(model):

@@ -275,3 +275,41 @@ def test_filters_that_ring_beside_a_turn_make_no_row_certain(tmp_path):
     still = compare(stillness(s, 0), s, 0, True)[block.picks]
     assert np.min(still) < -0.01
     assert np.max(trust(model, block, 1e-5)[still < -0.01]) < 0.2
+
+
+def stopping(folder: Path, friction: tuple[float, float], rest_s: float = 0.5):
+    """A table moved to and fro with rests in between, under friction (forth, back) [N·m]; model, session, rows."""
+    (folder / "table.xml").write_text(TABLE, encoding="utf-8")
+    rng, way = np.random.default_rng(4), []
+    for a, b in itertools.pairwise((0.0, 1.5, -0.5, 2.0, 0.3, -1.2, 0.9, 0.0)):
+        share = np.linspace(0.0, 1.0, 300)
+        way += [a + (b - a) * (3.0 * share**2 - 2.0 * share**3), np.full(round(rest_s / DT), b)]
+    q = np.concatenate(way)
+    t, v = DT * np.arange(len(q)), np.gradient(q, DT)
+    a = np.gradient(v, DT)
+    # At rest friction holds whatever the drive still asks for, another amount each time.
+    rests = np.abs(v) < 1e-9
+    starts = np.cumsum(np.diff(rests.astype(int), prepend=0) == 1)
+    held = rng.uniform(-max(friction), max(friction), starts.max() + 1)[starts]
+    dry = np.where(rests, held, np.where(v > 0, friction[0], -friction[1]))
+    u = INERTIA * a + DAMPING * v + dry + 0.002 * rng.normal(size=len(q))
+    channels = {"q": {"table": q}, "dq": {"table": v}, "tau": {"table": u}}
+    rec = Recording("r", t, channels, Controller("none"), "measured", "effort", "a", "", ())
+    model = RigidModel(folder / "table.xml")
+    return model, make_session(model, rec, 0)
+
+
+def test_what_friction_holds_at_rest_does_not_raise_the_floor_of_the_rows_that_move(tmp_path):
+    model, session = stopping(tmp_path, (0.07, 0.03))
+    problem = build_problem(model, [session], [], [])
+    assert problem.floor[0] < 0.002  # a correction bent by the rests leaves many times as much
+
+
+def test_rows_of_one_rest_count_as_one(tmp_path):
+    model, session = stopping(tmp_path, (FRICTION, FRICTION))
+    (block,) = build_problem(model, [session], [], []).blocks
+    weight = trust(model, block, FRICTION, guessed=True)
+    resting = stillness(session, 0)[block.picks] > 0.99
+    assert resting.sum() > 200
+    assert np.sum(weight[resting] ** 2) < 5.0  # seven rests and the ends, a few tenths of a row each
+    assert np.median(weight[~resting]) > 0.9

@@ -11,6 +11,8 @@ import numpy as np
 
 from s2r_host.gap.errors import GapModelError
 
+FEW_JOINTS = 2  # more make an arm, whose links and frictions are weighed together (search/complete.py)
+
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 

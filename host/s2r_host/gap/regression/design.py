@@ -8,12 +8,11 @@ import numpy as np
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Effect
+from s2r_host.gap.motion.model import FEW_JOINTS
 from s2r_host.gap.regression.base_terms import base_terms, with_directions_held
 from s2r_host.gap.regression.link_group import LinkGroup
 from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.solution import Term
-
-FEW_JOINTS = 2  # up to here a turned centre of mass and a turned zero are the same
 
 
 @dataclass(frozen=True)
@@ -40,6 +39,7 @@ class Design:
         self.effects: dict[str, Effect] = {n: e for n, e in catalogue().items() if n not in skip}
         # A skipped effect that is a number of the model, too (a motor's inertia), is none there either.
         numbers = base_terms([p for p in problem.base if p.name not in skip])
+        # On few joints a turned centre of mass and a turned zero are the same.
         self.effects |= (
             with_directions_held(numbers) if len(problem.ctx.model.joints) <= FEW_JOINTS else numbers
         )

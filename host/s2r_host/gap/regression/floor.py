@@ -6,7 +6,8 @@ import numpy as np
 
 from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.motion.known_noise import known_noise, motion_noise
-from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.model import FEW_JOINTS, RigidModel
+from s2r_host.gap.motion.rest import rests_of
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import stop_operator
 from s2r_host.gap.regression.friction_seen import TRUSTED, between_level, trust
@@ -18,6 +19,7 @@ LEAST_ROWS = 4 * GENERIC_FOLDS  # fewer hold nothing to predict from
 STROKE_PARTS = 6
 KNOWN_TIMES = 4.5  # the channels' own noise that a bounded floor may be
 DECLARED_TIMES = 2.0  # the accuracy its side files declare
+CLEARINGS = 3
 LOOP_SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 
 
@@ -78,12 +80,12 @@ def floor_level(
     if known > 0.0:
         declared = max(s.rec.effort_sigma.get(model.joints[j], 0.0) for s in sessions)
         level = min(level, float(np.hypot(max(KNOWN_TIMES * known, DECLARED_TIMES * declared), between)))
-    clear = (
-        np.concatenate([trust(model, b, level, guessed=True) for b in blocks if b.joint == j]) ** 2 >= TRUSTED
-    )
     samples = np.concatenate(noise)
-    if len(samples) == len(clear) and clear.sum() >= LEAST_ROWS:
-        level = min(level, float(np.hypot(rms([samples[clear]]), between)))
+    for _ in range(CLEARINGS):  # under a lower floor more rows are seen to stick
+        weights = np.concatenate([trust(model, b, level, guessed=True) for b in blocks if b.joint == j])
+        clear = weights**2 >= TRUSTED
+        if len(samples) == len(clear) and clear.sum() >= LEAST_ROWS:
+            level = min(level, float(np.hypot(rms([samples[clear]]), between)))
     seen = np.mean([motion_noise(model, s, j, sure=True) ** 2 for s in sessions if s.has_u[j]])
     return max(level, float(np.sqrt(seen)))
 
@@ -119,7 +121,10 @@ def find_partner(twin: Session, fit: list[Session]) -> Session | None:
 def generic_leftover(s: Session, j: int, values: np.ndarray, picks: np.ndarray) -> np.ndarray:
     """What a generic local correction cannot predict on stretches it was not fitted to, shape (rows,).
 
-    Never more than the residual itself: then nothing was predictable, and all of it counts as noise.
+    Never more than the residual itself: then nothing was predictable, and all of it counts as noise. It is fitted to
+    the rows that move: what friction holds at rest follows neither place nor speed, and would bend it everywhere.
+    On arms of more joints the floor is spared that: under a finer one each joint's friction takes on what the links
+    leave over.
     """
     if len(picks) < LEAST_ROWS:
         return values - np.mean(values)
@@ -128,14 +133,17 @@ def generic_leftover(s: Session, j: int, values: np.ndarray, picks: np.ndarray) 
     # A single stroke passes every place once: only short stretches leave their surroundings to learn from.
     parts = GENERIC_FOLDS if count_reversals(s, j) >= 2 else GENERIC_FOLDS * STROKE_PARTS
     fold = np.arange(len(X)) * parts // max(len(X), 1) % GENERIC_FOLDS
-    best = values - np.mean(values)
+    moves = ~rests_of(s, j)[picks]
+    if s.q.shape[1] > FEW_JOINTS or moves.sum() < LEAST_ROWS:
+        moves[:] = True
+    best = values - np.mean(values[moves])
     for ridge in (1e-4, 1e-2, 1e-1):
         left = np.empty_like(values)
         for k in range(GENERIC_FOLDS):
-            train = fold != k
-            A = X[train].T @ X[train] + ridge * train.sum() * np.eye(X.shape[1])
-            left[~train] = values[~train] - X[~train] @ np.linalg.solve(A, X[train].T @ values[train])
-        if np.mean(left**2) < np.mean(best**2):
+            train, rest = moves & (fold != k), fold == k
+            A = X[train].T @ X[train] + ridge * max(train.sum(), 1) * np.eye(X.shape[1])
+            left[rest] = values[rest] - X[rest] @ np.linalg.solve(A, X[train].T @ values[train])
+        if np.mean(left[moves] ** 2) < np.mean(best[moves] ** 2):
             best = left
     return best
 

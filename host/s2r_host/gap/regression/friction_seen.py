@@ -74,10 +74,21 @@ def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = Fals
     weight = 1.0 / np.sqrt(1.0 + doubt**2 + between**2)
     if not rests:
         return weight
+    if guessed:
+        weight /= np.sqrt(_rows_alike(weight**2 < TRUSTED))
     spread = weight.copy()
     for k in range(1, AR_ORDER + 1):
         spread[k:] = np.minimum(spread[k:], weight[:-k])
     return spread
+
+
+def _rows_alike(stuck: np.ndarray) -> np.ndarray:
+    """Rows of the stretch that a row is in where ``stuck``, else one: what friction holds at rest is one number."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], stuck.astype(int), [0]]))).reshape(-1, 2)
+    rows = np.ones(len(stuck))
+    for start, end in edges:
+        rows[start:end] = end - start
+    return rows
 
 
 def between_level(model: RigidModel, sessions: list[Session], j: int) -> float:

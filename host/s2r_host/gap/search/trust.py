@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from s2r_host.gap.motion.model import FEW_JOINTS
 from s2r_host.gap.regression.base_terms import PREFIX
 from s2r_host.gap.regression.regression import TEMPER
 from s2r_host.gap.regression.solution import Scored, Solution
@@ -21,7 +22,6 @@ WIDE, NARROW = 1.0, 0.3  # of the usual prior
 NARROW_ODDS = (
     1.5  # log odds before the data: the numbers of a model are rather known to one per cent than to a few
 )
-FEW_JOINTS = 2
 MOVED = 0.6  # of the wide prior's deviation: where no number moved so far, nothing hides in them
 
 

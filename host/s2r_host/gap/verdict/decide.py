@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from s2r_host.gap.motion.model import FEW_JOINTS
 from s2r_host.gap.regression.base_terms import NEVER_NEGATIVE, PREFIX
 from s2r_host.gap.regression.friction_seen import nominal_friction_of
 from s2r_host.gap.regression.problem import Problem
@@ -13,7 +14,7 @@ from s2r_host.gap.regression.regression import TEMPER
 from s2r_host.gap.regression.solution import Solution
 from s2r_host.gap.search.bursts import bursts
 from s2r_host.gap.search.consistency import disagreement, stretched
-from s2r_host.gap.search.cross_talk import cross_talk
+from s2r_host.gap.search.outside import outside
 from s2r_host.gap.search.search import MAX_EFFECTS, Search
 from s2r_host.gap.search.trust import hides, search_under_both, worth
 from s2r_host.gap.search.vibration import unheard_line, vibration
@@ -33,7 +34,6 @@ from s2r_host.gap.verdict.other_machine import all_numbers_elsewhere, other_mach
 from s2r_host.gap.verdict.parameters_off import base_entries, is_parameter, off_entries, parameters_only
 from s2r_host.gap.verdict.rejected import rejected_list
 
-FEW_JOINTS = 2  # arms weigh the numbers of all links together (complete.py)
 NO_WORSE = 1.3
 FRICTION = ("coulomb_friction", "viscous_friction")
 
@@ -114,8 +114,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         found = vibration(problem, search, solution)
         odd = None if found is None else _swings(problem, *found)
     if odd is None and decision.effects:
-        mixed = cross_talk(problem, search, solution)
-        odd = None if mixed is None else _mixes(problem, *mixed)
+        odd = outside(problem, search, solution)
     odd = odd or impossible(problem, decision)
     if odd is not None:
         decision.reasons.append(odd)
@@ -202,11 +201,6 @@ def _swings(problem: Problem, j: int, f: float, amplitude: float) -> str:
     return (
         f"an effort of {amplitude:.3g} {unit} at {f:.2f} Hz goes on at '{name}' whatever it does: a vibration"
     )
-
-
-def _mixes(problem: Problem, joint: int, other: int, share: float) -> str:
-    name, from_name = problem.ctx.model.joints[joint], problem.ctx.model.joints[other]
-    return f"{share:.1%} of the effort of '{from_name}' in that of '{name}' explain as much: cross-talk of two channels"
 
 
 def _fits_as_well(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from s2r_host.gap.motion.model import FEW_JOINTS
 from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.search.search import Search
 from s2r_host.gap.verdict.decision import LEFTOVER_LIMIT, Decision, doubt, leftover
 
-OTHER_MACHINE, FEW_JOINTS = 0.4, 2
+OTHER_MACHINE = 0.4
 FAR_RIGID, FAR_FRICTION, FAR_KINDS, FAR_MASS, FAR_SCALE = 0.08, 0.3, 4, 2.0, 1.5
 
 # Set free, the numbers of a rigid body explain another machine's recording to the floor: gap over effort (rms) from
@@ -52,9 +53,11 @@ def other_machine(problem: Problem, decision: Decision) -> str | None:
     ]
     if few and len(far) >= FAR_KINDS - (len(decision.effects) > 1):
         return f"{', '.join(far)} would all have to change by much: is this recording of another machine?"
-    for e in decision.effects:
-        scale = e.parameters["scale"]["value"] if e.name == "effort_scale" else 1.0
-        if len(decision.effects) > 1 and not 1.0 / FAR_SCALE < scale < FAR_SCALE:
+    scales = [e.parameters["scale"]["value"] for e in decision.effects if e.name == "effort_scale"]
+    scales += [p["to"] for p in decision.parameters_off if p["name"] == "effort_scale"]
+    beside = any(e.name != "effort_scale" for e in decision.effects)
+    for scale in scales if beside else []:
+        if not 1.0 / FAR_SCALE < scale < FAR_SCALE:
             return f"efforts {scale:.2g} times the recorded ones and more beside: is this recording of another machine?"
     return None
 
