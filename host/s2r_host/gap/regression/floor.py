@@ -81,7 +81,8 @@ def floor_level(
         declared = max(s.rec.effort_sigma.get(model.joints[j], 0.0) for s in sessions)
         level = min(level, float(np.hypot(max(KNOWN_TIMES * known, DECLARED_TIMES * declared), between)))
     samples = np.concatenate(noise)
-    for _ in range(CLEARINGS):  # under a lower floor more rows are seen to stick
+    # Under a lower floor more rows are seen to stick.
+    for _ in range(CLEARINGS if len(model.joints) <= FEW_JOINTS else 1):
         weights = np.concatenate([trust(model, b, level, guessed=True) for b in blocks if b.joint == j])
         clear = weights**2 >= TRUSTED
         if len(samples) == len(clear) and clear.sum() >= LEAST_ROWS:

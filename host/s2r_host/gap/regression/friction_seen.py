@@ -6,7 +6,7 @@ import numpy as np
 
 from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.motion.command_steps import step_doubt
-from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.model import FEW_JOINTS, RigidModel
 from s2r_host.gap.motion.rest import rests_of, stillness
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.regression.evidence import AR_ORDER
@@ -74,7 +74,7 @@ def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = Fals
     weight = 1.0 / np.sqrt(1.0 + doubt**2 + between**2)
     if not rests:
         return weight
-    if guessed:
+    if guessed and len(model.joints) <= FEW_JOINTS:
         weight /= np.sqrt(_rows_alike(weight**2 < TRUSTED))
     spread = weight.copy()
     for k in range(1, AR_ORDER + 1):
