@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.gap.config import GapConfig
+from s2r_host.gap.effects.base import Context
 from s2r_host.gap.motion.align import control_lag
 from s2r_host.gap.motion.aligned import aligned, lags_of
 from s2r_host.gap.motion.behind_gear import links_alone
@@ -19,8 +20,11 @@ from s2r_host.gap.motion.model import FEW_JOINTS, RigidModel
 from s2r_host.gap.motion.servo_law import with_speeds_used
 from s2r_host.gap.motion.session import Session, make_session
 from s2r_host.gap.motion.slow_log import filled
+from s2r_host.gap.output.generic import fit_generic
 from s2r_host.gap.recordings.files import read_recording
 from s2r_host.gap.recordings.holes import stretches
+from s2r_host.gap.regression.base_terms import PREFIX, BaseTerm
+from s2r_host.gap.regression.floor import find_partner
 from s2r_host.gap.regression.friction_edge import find_edges
 from s2r_host.gap.regression.problem import Problem, build_problem
 from s2r_host.gap.regression.seeds import fill_residuals
@@ -320,8 +324,6 @@ def _calibrate(a: Analysis, seconds: float) -> None:
 
 
 def _without_effort(a: Analysis, log: Log) -> None:
-    from s2r_host.gap.effects.base import Context
-
     log("no effort channel: position only")
     ctx = Context(a.model, a.fit)
     nominal = build_twin(a.model, ctx, [])
@@ -331,8 +333,6 @@ def _without_effort(a: Analysis, log: Log) -> None:
 
 def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
     """The model with what was found; for an unknown effect, with a generic local correction."""
-    from s2r_host.gap.output.generic import fit_generic
-
     problem = a.problem
     assert problem is not None
     if verdict in ("nothing_missing", "insufficient"):
@@ -350,8 +350,6 @@ def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
     if a.decision is not None:
         terms += [Live(f.name, f.joint, f.shape, np.zeros(0)) for f in a.decision.law]
     base = [(p, x) for p, x in problem.moved(solution.base) if abs(x) * p.size > 0]
-    from s2r_host.gap.regression.base_terms import PREFIX, BaseTerm
-
     assert a.search is not None
     for t in list(terms):
         effect = a.search.effects[t.effect]
@@ -375,8 +373,6 @@ def floor_json(a: Analysis) -> dict:
 
 
 def _position_floor(a: Analysis) -> float:
-    from s2r_host.gap.regression.floor import find_partner
-
     values = []
     for twin in a.repeats:
         partner = find_partner(twin, a.fit)

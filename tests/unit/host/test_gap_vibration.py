@@ -1,5 +1,8 @@
 """A line in time that nothing of the motion makes, and lines that the motion makes itself."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -9,7 +12,7 @@ from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.rig import write_model
 from s2r_host.gap.search.search import Search
-from s2r_host.gap.search.vibration import vibration
+from s2r_host.gap.search.vibration import _on, vibration
 
 DT = 0.004
 
@@ -69,3 +72,14 @@ def test_a_vibration_that_is_switched_on_and_off_is_read_where_it_is_on(tmp_path
 )
 def test_what_the_motion_makes_is_no_vibration(tmp_path, extra, two_tones):
     assert seen(tmp_path, extra, two_tones) is None
+
+
+@pytest.mark.parametrize(
+    ("rows", "size"), [(12, 1.0), (400, 0.0)], ids=["shorter than its periods", "silent"]
+)
+def test_a_line_that_cannot_be_switched_on_anywhere_is_on_somewhere(rows, size):
+    t = np.arange(rows) * 0.02
+    block: Any = SimpleNamespace(session=SimpleNamespace(t=t), picks=np.arange(rows))
+    on = _on(block, size * np.sin(2.0 * np.pi * 0.5 * t + 1.0), 0.5)
+    assert on.shape == t.shape
+    assert on.any()

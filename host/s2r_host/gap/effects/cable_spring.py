@@ -11,10 +11,8 @@ from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import bristle
 
 HARDENS = 1.0
-SLACK, NO_SPRING = (
-    0.1,
-    -60.0,
-)  # spring over the travel in heights of the loop, log odds: the laws of loops differ by less
+# Spring over the travel in heights of the loop; log odds, more than what laws of loops differ by.
+SLACK, NO_SPRING = 0.1, -60.0
 
 
 class CableSpring(Effect):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 
@@ -169,8 +170,8 @@ def check_gains(model: RigidModel, s: Session) -> None:
     for i, j in itertools.combinations(parts, 2):
         name, other = model.joints[i], model.joints[j]
         if all(
-            _left_by(parts[a], s.u[:, a], *_ratios(law, model.joints[b], model.joints[a]))
-            < CROSSED * _left_by(parts[a], s.u[:, a], 1.0, 1.0)
+            np.std(s.u[:, a] - _with_gains_of(model.joints[b], law, parts[a], model.joints[a]).total())
+            < CROSSED * np.std(s.u[:, a] - parts[a].total())
             for a, b in ((i, j), (j, i))
         ):
             raise GapRecordingError(
@@ -179,15 +180,10 @@ def check_gains(model: RigidModel, s: Session) -> None:
             )
 
 
-def _ratios(law: Controller, of: str, to: str) -> tuple[float, float]:
-    """Gains of one joint over those of another, position and speed; one where the other has none."""
-    kp, kd = (gains.get(of, 0.0) / gains[to] if gains.get(to) else 1.0 for gains in (law.kp, law.kd))
-    return kp, kd
-
-
-def _left_by(parts: LawParts, u: np.ndarray, kp: float, kd: float) -> float:
-    """What a law with its gains multiplied leaves of an effort, rms [N·m or N]."""
-    return float(np.std(u - np.clip(kp * parts.kp + kd * parts.kd + parts.rest, parts.low, parts.high)))
+def _with_gains_of(other: str, law: Controller, parts: LawParts, name: str) -> LawParts:
+    """A joint's law under the gains of another one, position and speed; its own where it has none."""
+    kp, kd = (gains.get(other, 0.0) / gains[name] if gains.get(name) else 1.0 for gains in (law.kp, law.kd))
+    return replace(parts, kp=kp * parts.kp, kd=kd * parts.kd)
 
 
 def _check_law_scale(

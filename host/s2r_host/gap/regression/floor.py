@@ -85,8 +85,12 @@ def floor_level(
     for _ in range(CLEARINGS if len(model.joints) <= FEW_JOINTS else 1):
         weights = np.concatenate([trust(model, b, level, guessed=True) for b in blocks if b.joint == j])
         clear = weights**2 >= TRUSTED
-        if len(samples) == len(clear) and clear.sum() >= LEAST_ROWS:
-            level = min(level, float(np.hypot(rms([samples[clear]]), between)))
+        if len(samples) != len(clear) or clear.sum() < LEAST_ROWS:
+            break
+        lower = float(np.hypot(rms([samples[clear]]), between))
+        if lower >= level:
+            break
+        level = lower
     seen = np.mean([motion_noise(model, s, j, sure=True) ** 2 for s in sessions if s.has_u[j]])
     return max(level, float(np.sqrt(seen)))
 

@@ -17,9 +17,10 @@ import numpy as np
 from s2r_host.gap.effects.base import Context
 from s2r_host.gap.regression.base_terms import PREFIX
 from s2r_host.gap.regression.link_group import LINKS, LinkGroup
+from s2r_host.gap.regression.regression import TEMPER
+from s2r_host.gap.regression.solution import Scored, Term
 
 if TYPE_CHECKING:
-    from s2r_host.gap.regression.solution import Scored, Term
     from s2r_host.gap.search.search import Search
 
 LEAST_JOINTS = 3
@@ -50,8 +51,6 @@ def complete(search: Search) -> tuple[list[Term], list[list[Scored]]]:
     Returns:
         Terms and slots in the form of the search; empty for models that need none of this.
     """
-    from s2r_host.gap.regression.solution import Scored, Term
-
     p = search.problem
     m = p.ctx.model.model
     if len(p.joints) < LEAST_JOINTS:
@@ -104,8 +103,6 @@ def _most(joints: list[int], without: list[int]) -> list[int]:
 
 def _without_links(search: Search, parts: list[_Part], gains: dict[tuple[str, int], float]) -> list[_Part]:
     """Leave all links out again where one load, one tilt or one other cause explains as much as all of them."""
-    from s2r_host.gap.regression.regression import TEMPER
-
     others = [x for x in parts if x.term.effect != LINKS]
     if len(others) == len(parts):
         return parts
@@ -158,8 +155,6 @@ def _stack(search: Search, parts: list[_Part]) -> tuple[np.ndarray, np.ndarray]:
 
 def _gains(search: Search, parts: list[_Part]) -> dict[tuple[str, int], float]:
     """What leaving each part out costs: log evidence of the fit rows plus log prediction of the held-out rows."""
-    from s2r_host.gap.regression.regression import TEMPER
-
     p = search.problem
     X, prior = _stack(search, parts)
     fit = ~p.held
@@ -197,8 +192,6 @@ def _only_the_edge(ctx: Context, term: Term) -> bool:
 
 def _held_share(search: Search, others: list[Term], term: Term) -> float:
     """Share of the held-out misfit, on the rows of its joint, that a term takes."""
-    from s2r_host.gap.regression.regression import TEMPER
-
     p = search.problem
     mask = p.held & np.concatenate(
         [np.full(b.rows.stop - b.rows.start, term.joint in (-1, b.joint)) for b in p.blocks]
@@ -219,9 +212,6 @@ def _richer(
     search: Search, terms: list[Term], slots: list[list[Scored]]
 ) -> tuple[list[Term], list[list[Scored]]]:
     """Let a richer friction take the place of Coulomb's on its joint where the data ask for it."""
-    from s2r_host.gap.regression.regression import TEMPER
-    from s2r_host.gap.regression.solution import Scored
-
     p = search.problem
     fit = ~p.held
     for i, term in enumerate(terms):

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from s2r_host.gap.regression.solution import Scored, Term
+
 if TYPE_CHECKING:
-    from s2r_host.gap.regression.solution import Scored, Term
     from s2r_host.gap.search.search import Search
 
 LATE = {"actuator_delay": "delay", "bandwidth": "T", "clock_skew": "lag"}  # name -> its time, in the shape
@@ -24,8 +25,6 @@ ALIKE = 1.6  # times the median, or a part of it: the times of joints that one c
 
 def late_everywhere(search: Search, chosen: list[Term]) -> tuple[list[Term], list[list[Scored]]]:
     """Terms of one name on most joints, on top of the chosen ones, with what else was tried; empty where none fits."""
-    from s2r_host.gap.regression.solution import Scored
-
     p = search.problem
     if len(p.joints) < LEAST_JOINTS or search.at_floor(chosen):
         return [], []

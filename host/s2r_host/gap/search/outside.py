@@ -6,61 +6,72 @@ Each is one number. Where it explains as much as everything named on a joint doe
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from s2r_host.gap.regression.problem import Problem
-from s2r_host.gap.regression.rows import Block
 from s2r_host.gap.regression.solution import Solution
 from s2r_host.gap.search.beside_numbers import beside_numbers
 from s2r_host.gap.search.search import Search
 
 MOST_SHARE = 0.3  # of the other joint's effort
-AS_WELL = 1.0  # power the cause may leave, in that of the explanation, in every recording
 LEAST_TAKEN = 0.5  # of what the numbers leave over without it
+
+
+class Cause(NamedTuple):
+    """A whitened column, what its size may be, and a sentence with the size left open."""
+
+    column: np.ndarray
+    least: float
+    most: float
+    words: str
 
 
 def outside(problem: Problem, search: Search, solution: Solution) -> str | None:
     """A sentence naming the cause outside the catalogue that explains as much as the terms on a joint, or None."""
+    without = search.finish([], [], []).prediction
     for joint in sorted({t.joint for t in solution.terms if t.joint >= 0}):
-        for column, words, likely in _causes(problem, solution, joint):
-            left, size = beside_numbers(problem, search, [column])
-            if likely(float(size[0])) and _explains(problem, search, solution, joint, left):
-                return words.format(float(size[0]))
+        for cause in _causes(problem, solution, joint):
+            left, size = beside_numbers(problem, search, [cause.column])
+            likely = cause.least < float(size[0]) < cause.most
+            if likely and _explains(problem, joint, left, solution.prediction, without):
+                return cause.words.format(float(size[0]))
     return None
 
 
-def _causes(problem: Problem, solution: Solution, joint: int) -> Iterator[tuple]:
-    """Whitened column, sentence with its size left open, and whether a size is likely."""
+def _causes(problem: Problem, solution: Solution, joint: int) -> Iterator[Cause]:
     model, blocks = problem.ctx.model, [b for b in problem.blocks if b.joint == joint]
     name = model.joints[joint]
     for other in problem.joints:
         if other != joint and all(b.session.has_u[other] for b in blocks):
             efforts = {b.session.index: b.session.u[:, other] for b in blocks}
-            yield (
+            yield Cause(
                 problem.whiten(efforts, joint),
+                -MOST_SHARE,
+                MOST_SHARE,
                 f"{{:.1%}} of the effort of '{model.joints[other]}' in that of '{name}' explain as much: cross-talk of "
                 "two channels",
-                lambda share: abs(share) < MOST_SHARE,
             )
     if sum(t.joint == joint for t in solution.terms) > 1:  # a single effect is no imitation of it
         speeds = {b.session.index: b.session.v[:, joint] for b in blocks}
         unit, effort = model.unit(name), model.effort_unit(name)
-        yield (
+        yield Cause(
             problem.whiten({k: v * np.abs(v) for k, v in speeds.items()}, joint),
+            0.0,
+            np.inf,
             f"{{:.3g}} {effort}·s²/{unit}² times the square of the speed of '{name}' explain as much: drag of a fluid",
-            lambda drag: drag > 0.0,
         )
 
 
-def _explains(problem: Problem, search: Search, solution: Solution, joint: int, left: np.ndarray) -> bool:
+def _explains(
+    problem: Problem, joint: int, left: np.ndarray, by_terms: np.ndarray, without: np.ndarray
+) -> bool:
     """Does a cause leave no more than the terms on a joint do, and a good part less than none, in every recording?"""
-    without = search.finish([], [], []).prediction
-    blocks: list[Block] = [b for b in problem.blocks if b.joint == joint and len(b.picks) > 1]
+    blocks = [b for b in problem.blocks if b.joint == joint and len(b.picks) > 1]
     for b in blocks:
-        own, theirs, bare = (
-            problem.rms(x, b, b.held | ~b.held) ** 2 for x in (left, solution.prediction, without)
-        )
-        if own > max(AS_WELL * theirs, problem.floor[joint] ** 2) or own > LEAST_TAKEN * bare:
+        every = np.ones_like(b.held)
+        own, theirs, bare = (problem.rms(x, b, every) ** 2 for x in (left, by_terms, without))
+        if own > max(theirs, problem.floor[joint] ** 2) or own > LEAST_TAKEN * bare:
             return False
     return bool(blocks)

@@ -19,9 +19,8 @@ from s2r_host.gap.search.search import CLEAR_GAIN, Search
 from s2r_host.gap.search.wrong_number import Looseness, evidence
 
 WIDE, NARROW = 1.0, 0.3  # of the usual prior
-NARROW_ODDS = (
-    1.5  # log odds before the data: the numbers of a model are rather known to one per cent than to a few
-)
+# Log odds before the data: the numbers of a model are rather known to one per cent than to a few.
+NARROW_ODDS = 1.5
 MOVED = 0.6  # of the wide prior's deviation: where no number moved so far, nothing hides in them
 
 

@@ -116,9 +116,9 @@ def _on(b: Block, own: np.ndarray, f: float) -> np.ndarray:
     """Where a line in the rows of a block is on, from its first to its last time, 0 or 1, shape (time,)."""
     t = _times(b)
     turned = own * np.exp(-2.0j * np.pi * f * t)
-    width = max(3, round(PERIODS / f / float(np.median(np.diff(t)))))
+    width = min(max(3, round(PERIODS / f / float(np.median(np.diff(t))))), len(t))
     size = np.abs(np.convolve(turned, np.ones(width) / width, mode="same"))
-    there = t[size > ON * np.median(size)]
+    there = t[size >= ON * np.median(size)]
     return ((b.session.t >= there[0]) & (b.session.t <= there[-1])).astype(float)
 
 

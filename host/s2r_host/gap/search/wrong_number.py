@@ -19,10 +19,8 @@ from s2r_host.gap.search.search import Search
 
 TIGHT = 0.05
 LIKE_PARAMETERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
-ALIKE_GAIN, ALIKE_SHARE = (
-    12.0,
-    0.03,
-)  # log odds within which a wrong number explains a place as well as an effect
+# Log odds, and share of them, within which a wrong number explains a place as well as an effect.
+ALIKE_GAIN, ALIKE_SHARE = 12.0, 0.03
 LOOSENESS = (TIGHT, 0.3, 1.0)
 ONE_CAUSE, ONE_CAUSE_MORE, ALONE_SLACK = 4.0, 12.0, 6.0  # log odds
 

@@ -9,18 +9,13 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import trimesh
 
 from s2r_host.model.decompose import Fineness, decompose_surface
 
 # CoACD wraps the boxes in voxels first; with fewer of them walls of a centimetre become twice as thick.
 _FINE = Fineness(threshold=0.03, preprocess_resolution=80, mcts_iterations=60, max_convex_hull=-1)
 _CPU_LIMIT_S = 600.0
-# Corners of a unit cube in the order of itertools.product, and its triangles, outward.
-_UNIT = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-_FACES = np.array(
-    [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-     (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
-)  # fmt: skip
 
 
 def write_in_pieces(source: Path, pieces: int) -> Path:
@@ -57,9 +52,8 @@ def write_decomposed(source: Path) -> Path:
         boxes = _boxes(body.geoms)
         if not boxes:
             continue
-        for k, vertices in enumerate(
-            _decomposed(np.concatenate([_corners(geom) for geom in boxes]).tobytes())
-        ):
+        surface = trimesh.util.concatenate([_surface(geom) for geom in boxes])
+        for k, vertices in enumerate(_decomposed(surface.vertices.tobytes(), surface.faces.tobytes())):
             name = f"{body.name}_piece_{k}"
             spec.add_mesh(name=name, uservert=vertices.ravel().tolist())
             body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
@@ -69,11 +63,13 @@ def write_decomposed(source: Path) -> Path:
 
 
 @functools.cache
-def _decomposed(corners: bytes) -> list[np.ndarray]:
-    """Hulls of boxes given by the bytes of their corners (8 n, 3): the tasks on one object share them."""
-    vertices = np.frombuffer(corners).reshape(-1, 3)
-    faces = np.concatenate([_FACES + start for start in range(0, len(vertices), 8)])
-    hulls, failure = decompose_surface(vertices, faces, _CPU_LIMIT_S, _FINE)
+def _decomposed(vertices: bytes, faces: bytes) -> list[np.ndarray]:
+    """Hulls of a surface given by the bytes of its arrays, which can be a key: the tasks on one object share them."""
+    corners, triangles = (
+        np.frombuffer(vertices).reshape(-1, 3),
+        np.frombuffer(faces, dtype=np.int64).reshape(-1, 3),
+    )
+    hulls, failure = decompose_surface(corners, triangles, _CPU_LIMIT_S, _FINE)
     if failure is not None:
         raise RuntimeError(f"the convex decomposition {failure}")
     return hulls
@@ -83,11 +79,11 @@ def _boxes(geoms: Iterable[mujoco.MjsGeom]) -> list[mujoco.MjsGeom]:
     return [geom for geom in geoms if geom.type == mujoco.mjtGeom.mjGEOM_BOX]
 
 
-def _corners(box: mujoco.MjsGeom) -> np.ndarray:
-    """Of a box, in its body's frame [m], (8, 3)."""
-    R = np.zeros(9)
-    mujoco.mju_quat2Mat(R, np.array(box.quat))
-    return np.array(box.pos) + (_UNIT * np.array(box.size)) @ R.reshape(3, 3).T
+def _surface(box: mujoco.MjsGeom) -> trimesh.Trimesh:
+    """Of a box, in its body's frame [m]."""
+    X_body_box = trimesh.transformations.quaternion_matrix(np.array(box.quat))
+    X_body_box[:3, 3] = box.pos
+    return trimesh.creation.box(extents=2.0 * np.array(box.size), transform=X_body_box)
 
 
 def _written(spec: mujoco.MjSpec, path: Path) -> Path:
