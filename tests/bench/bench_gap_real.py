@@ -78,6 +78,7 @@ def main() -> int:
     unknown = [m for m in wanted if m not in MACHINES]
     if unknown:
         parser.error(f"--only names '{unknown[0]}'; machines are {', '.join(MACHINES)}")
+    args.out.mkdir(parents=True, exist_ok=True)
     tool = tool_hash()
     lines = ["| case | verdict | known | found | |", "|---|---|---|---|---|"]
     right = total = 0

@@ -16,7 +16,7 @@ from s2r_host.gap.motion.aligned import aligned, lags_of
 from s2r_host.gap.motion.behind_gear import links_alone
 from s2r_host.gap.motion.checks import check_efforts, check_gains, check_joints, check_units
 from s2r_host.gap.motion.law import stamps_within
-from s2r_host.gap.motion.model import FEW_JOINTS, RigidModel
+from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.servo_law import with_speeds_used
 from s2r_host.gap.motion.session import Session, make_session
 from s2r_host.gap.motion.slow_log import filled
@@ -187,11 +187,8 @@ def _second_look(
     """The same under a floor that the channels' own noise bounds, where that is worth it and tells more.
 
     A guessed floor holds what its generic correction does not follow. More is a name, or that nothing explains what is
-    far above the bounded floor where the first look found no more than numbers. On arms the numbers of all links would
-    move under such a floor to follow whatever no equation does.
+    far above the bounded floor where the first look found no more than numbers.
     """
-    if len(problem.joints) > FEW_JOINTS:
-        return None
     finer = _stated(a, config, bounded=True)
     share = MUCH_FINER if decision.verdict == "physics_missing" else FINER
     if all(finer.floor[j] >= share * problem.floor[j] for j in problem.joints):

@@ -83,6 +83,21 @@ def test_an_arm_that_has_friction_is_left_to_the_search(tmp_path):
     assert terms == []
 
 
+def test_levelling_the_joints_changes_no_trust_in_rows(tmp_path):
+    record = recorded(tmp_path, 0, mass=2.8)
+    (tmp_path / "model.xml").write_text(ARM_XML.format(f="", m=2.0))
+    model = RigidModel(tmp_path / "model.xml")
+    problem = build_problem(model, [make_session(model, record, 0)], [], [])
+    trust, levelled = problem.trust.copy(), problem.weight.copy()
+    block = problem.blocks[0]
+    rows, every = np.full(len(problem.y), 0.3), np.ones(len(block.picks), dtype=bool)
+    before = problem.rms(rows, block, every)
+    complete(Search(problem))
+    assert not np.allclose(problem.weight, levelled)
+    assert np.array_equal(problem.trust, trust)
+    assert problem.rms(rows, block, every) == before  # an effort is as large as it was
+
+
 def test_nothing_comes_through_while_the_gap_is_crossed(tmp_path):
     record = recorded(tmp_path, 1)
     (tmp_path / "model.xml").write_text(ARM_XML.format(f="", m=2.0))

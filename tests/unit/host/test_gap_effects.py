@@ -248,3 +248,17 @@ def test_a_motor_inertia_that_the_model_states_is_believed(tmp_path, ctx):
     assert elasticity.log_prior(stated, 0, {"motor": 0.0}) == -8.0
     assert elasticity.log_prior(ctx, 0, {"motor": 0.0}) == 0.0
     assert elasticity.bounds(stated, 0)["motor"][0] == 0.0
+
+
+def test_a_limit_that_the_drive_runs_far_beyond_is_tried(ctx):
+    """A controller that winds up asks for hundreds of times what arrives: its limit is no quantile of the effort."""
+    limit, asked = 2.0, []
+    for s in ctx.sessions:
+        needed = s.load[:, 0] * limit / np.abs(s.load[:, 0]).max()
+        wound = np.where(
+            np.abs(needed) > 0.8 * limit, needed, 300.0 * np.sign(needed) * (1.0 + np.sin(s.t) ** 2)
+        )
+        asked.append(replace(s, u=wound[:, None], load=needed[:, None]))
+    wound_up = Context(ctx.model, asked)
+    tried = [shape["limit"] for shape in catalogue()["saturation"].shapes(wound_up, 0) if shape["v0"] == 0.0]
+    assert min(abs(x - limit) for x in tried) < 0.1 * limit

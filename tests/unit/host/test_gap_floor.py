@@ -10,10 +10,11 @@ import pytest
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.motion.known_noise import known_noise, motion_noise
 from s2r_host.gap.motion.model import RigidModel
-from s2r_host.gap.motion.rest import stillness
+from s2r_host.gap.motion.rest import rests_of, stillness
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.pipeline import analyse
 from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.floor import without_rests
 from s2r_host.gap.regression.friction_seen import dry_level, trust
 from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.regression.rows import compare
@@ -303,6 +304,16 @@ def test_what_friction_holds_at_rest_does_not_raise_the_floor_of_the_rows_that_m
     model, session = stopping(tmp_path, (0.07, 0.03))
     problem = build_problem(model, [session], [], [])
     assert problem.floor[0] < 0.002  # a correction bent by the rests leaves many times as much
+
+
+def test_what_friction_holds_at_rest_is_left_out_of_the_noise_that_sets_the_band(tmp_path):
+    model, session = stopping(tmp_path, (FRICTION, FRICTION))
+    (block,) = build_problem(model, [session], [], []).blocks
+    held = np.where(rests_of(session, 0)[block.picks], FRICTION, 0.0)
+    own = 0.002 * np.random.default_rng(1).normal(size=len(held))
+    (left,) = without_rests([block], [own + held])
+    assert np.std(own + held) > 10.0 * np.std(own)
+    assert np.std(left) == pytest.approx(np.std(own), rel=0.1)
 
 
 def test_rows_of_one_rest_count_as_one(tmp_path):

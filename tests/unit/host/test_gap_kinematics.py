@@ -175,3 +175,17 @@ def test_a_leak_below_the_noise_is_seen_by_its_pattern(model):
     assert said is not None
     assert said.size < 2.0 * said.noise
     assert said.finding is None
+
+
+def test_a_trace_far_below_what_sensors_leave_open_is_no_contradiction(model):
+    t, q, dq = motion()
+    u = model.inverse(q[:, None], dq[:, None], np.gradient(dq, DT)[:, None])[:, 0]
+
+    def noiseless(leak):
+        bent = q + leak * (u / np.std(u)) ** 2
+        channels = {"q": {"elbow": bent}, "dq": {"elbow": dq}, "tau": {"elbow": u}}
+        rec = Recording("r", t, channels, Controller("none"), "commanded", "effort", "a", "", ())
+        return make_session(model, rec, 0)
+
+    assert contradiction(model, [noiseless(1e-5)], 0) is None
+    assert contradiction(model, [noiseless(2e-4)], 0) is not None

@@ -132,6 +132,6 @@ def test_rows_that_friction_leaves_open_are_no_leftover():
     rng = np.random.default_rng(3)
     weight = np.repeat([1.0, 0.02], 200)
     rows = rng.normal(size=400) / weight
-    stated: Any = SimpleNamespace(floor_source="repeat", weight=weight)
+    stated: Any = SimpleNamespace(floor_source="repeat", trust=weight)
     block: Any = SimpleNamespace(rows=slice(0, 400))
     assert Problem.rms(stated, rows, block, np.ones(400, dtype=bool)) == pytest.approx(1.0, abs=0.1)

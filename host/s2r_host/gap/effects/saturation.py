@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
-from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.session import Session, nominal_friction
 
+NEEDED = (
+    0.9,
+    0.97,
+    0.995,
+)  # quantiles of the effort that the motion needs: it ends at the limit, however much is asked
 SHARES = (0.5, 0.65, 0.75, 0.82, 0.88, 0.92, 0.95, 0.975, 0.99, 0.995, 0.998)
 
 
@@ -26,9 +31,12 @@ class Saturation(Effect):
         return any(s.rec.effort == "commanded" for s in ctx.sessions)
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
-        """Limits at quantiles of the effort; no-load speeds above the top speed."""
+        """Limits at quantiles of the effort asked for and needed; no-load speeds above the top speed."""
         u = np.concatenate([np.abs(s.u[:, joint]) for s in ctx.sessions])
-        limits = [float(np.quantile(u, x)) for x in SHARES]
+        needed = np.concatenate(
+            [np.abs(s.load[:, joint] + nominal_friction(ctx.model, s)[:, joint]) for s in ctx.sessions]
+        )
+        limits = [float(np.quantile(u, x)) for x in SHARES] + [float(np.quantile(needed, x)) for x in NEEDED]
         limits = [x for x in limits if x > 0]
         top = ctx.top_speed(joint)
         plain = [{"limit": x, "v0": 0.0} for x in limits]

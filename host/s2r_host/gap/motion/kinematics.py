@@ -25,9 +25,9 @@ WALK_S = 0.3  # time over which the noise of a speed adds up under the drift fil
 PEAK = 5.0  # largest disagreement, in noise levels, beside which a position that stands still is no accident
 CLEAR = 2.0  # disagreement in noise levels that is no accident; clean recordings reach 0.5
 INTEGRATION = 1e-4  # of the motion: what a simulator's steps leave between both where speeds jump
-FAINT = (
-    0.05  # noise levels below which even what follows the effort is only the rounding of a noiseless record
-)
+# Noise levels below which even what follows the effort is only what steps and filters leave of a quiet recording;
+# springs and leaks that were there had 0.4 and more.
+FAINT = 0.2
 NAMED_SHARE = 0.8  # part of the disagreement that a name has to explain; noise follows nothing (0.2)
 FOREIGN = 3.0  # a current that leaks into the sensor may not leave so many times less
 SIGN_SHARE = 0.25  # further part that play has to explain beyond a spring

@@ -95,6 +95,18 @@ def floor_level(
     return max(level, float(np.sqrt(seen)))
 
 
+def without_rests(blocks: list[Block], noise: list[np.ndarray]) -> list[np.ndarray]:
+    """Guessed noise, one array per block of a joint, without longer rests, and as loud as it is elsewhere on average.
+
+    What friction holds there is no noise, and has the frequencies of the motion: it would pass for noise of those.
+    """
+    found = []
+    for b, x in zip(blocks, noise, strict=True):
+        moves = ~rests_of(b.session, b.joint)[b.picks]
+        found.append(x * moves / np.sqrt(np.mean(moves)) if moves.sum() >= LEAST_ROWS else x)
+    return found
+
+
 def rms(samples: list[np.ndarray]) -> float:
     """Root mean square of all samples."""
     return float(np.sqrt(np.mean(np.concatenate(samples) ** 2)))

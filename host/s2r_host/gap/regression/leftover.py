@@ -83,12 +83,12 @@ class Leftover(Regression):
             y = y if fixed is None else y - fixed
         left = y - np.concatenate(parts, axis=1) @ x
         for first, again in twin.pairs:
-            a = raw[first.rows] * self.problem.weight[first.rows]
+            a = raw[first.rows] * self.problem.trust[first.rows]
             b = unwhiten(left[again.rows] / second.weight[again.rows], second.whiteners[again.joint])
-            b = b * second.weight[again.rows]
+            b = b * second.trust[again.rows]
             n = min(len(a), len(b))
-            weights = self.problem.weight[first.rows][:n], second.weight[again.rows][:n]
-            moves = np.minimum(*weights) ** 2 >= TRUSTED  # what friction holds at rest comes back, too
+            trusts = self.problem.trust[first.rows][:n], second.trust[again.rows][:n]
+            moves = np.minimum(*trusts) ** 2 >= TRUSTED  # what friction holds at rest comes back, too
             if moves.sum() < LEAST_ROWS:
                 continue
             a, b = a[:n][moves], b[:n][moves]

@@ -13,7 +13,15 @@ from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.regression.drift import Drift
 from s2r_host.gap.regression.evidence import Whitener, fit_whitener
-from s2r_host.gap.regression.floor import LEAST_ROWS, find_partner, floor_level, noise_samples, rms, rms_doubt
+from s2r_host.gap.regression.floor import (
+    LEAST_ROWS,
+    find_partner,
+    floor_level,
+    noise_samples,
+    rms,
+    rms_doubt,
+    without_rests,
+)
 from s2r_host.gap.regression.friction_seen import TRUSTED, dry_level, friction_levels, trust
 from s2r_host.gap.regression.nuisance import COMPARISON, BaseParameter, base_parameters, recording_gains
 from s2r_host.gap.regression.rows import Block, band, compare, least_cut, make_blocks
@@ -51,7 +59,8 @@ class Problem:
         base: Base parameters; ``B`` their whitened columns, ``prior`` their deviations.
         floor: Noise per joint in ``raw`` units (rms), keyed by joint index.
         floor_doubt: Factor by which the floor may be too low, from the effective number of its samples.
-        weight: Trust in each row: less where dry friction may stick and the sign of motion is a guess.
+        trust: Trust in each row, at most one: less where dry friction may stick and the sign of motion is a guess.
+        weight: What whitened rows are multiplied with, trust included; an arm's joints are levelled by it, too.
         effort: Filtered effort rows, same layout, whitened.
         drift: Friction changes of new held-out sessions; ``law`` where the declared control law does not hold;
             ``contradictions`` where position and speed of a joint do not agree; ``twin`` the second runs;
@@ -79,6 +88,10 @@ class Problem:
     twin: Twin | None = None
     wanders: list[Wander] = field(default_factory=list)
     cache: dict = field(default_factory=dict)
+    trust: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.trust = self.weight.copy()
 
     def prior_at(self, looseness: float | np.ndarray) -> np.ndarray:
         """Prior deviations of the base parameters with the machine's numbers trusted more or less, (parameters,).
@@ -134,11 +147,11 @@ class Problem:
         they are doubted.
         """
         if self.floor_source != "repeat":
-            trusted = mask & (self.weight[block.rows] ** 2 >= TRUSTED)
+            trusted = mask & (self.trust[block.rows] ** 2 >= TRUSTED)
             if trusted.sum() < LEAST_ROWS:
-                return float(np.sqrt(np.mean((self.weight[block.rows] * rows[block.rows])[mask] ** 2)))
+                return float(np.sqrt(np.mean((self.trust[block.rows] * rows[block.rows])[mask] ** 2)))
             mask = trusted
-        trust = self.weight[block.rows][mask]  # a doubted row may be off by its floor over its trust
+        trust = self.trust[block.rows][mask]  # a doubted row may be off by its floor over its trust
         return float(
             np.sqrt(trust**2 @ (trust * rows[block.rows][mask]) ** 2 / max(float(trust @ trust), 1e-12))
         )
@@ -187,7 +200,10 @@ def build_problem(
     joints = [j for j in joints if any(b.joint == j and b.session in fit for b in blocks)]
     noise, source = noise_samples(model, joints, fit, repeats, blocks, raw)
     for j in joints:
-        cut = band(model, j, fit, blocks, noise[j], guessed=source != "repeat")
+        heard = (
+            noise[j] if source == "repeat" else without_rests([b for b in blocks if b.joint == j], noise[j])
+        )
+        cut = band(model, j, fit, blocks, heard, guessed=source != "repeat")
         for s in sessions + repeats:
             s.cut[j] = min(max(cut, least_cut(s)), float(s.cut[j]))
     blocks, raw = make_blocks(model, sessions, hold, joints)

@@ -129,7 +129,7 @@ class Scan(Shapes):
         """
         p = self.problem
         rss, left = self._held_misfit(terms, noise)
-        raw = p.weight * self.unwhitened(left)
+        raw = p.trust * self.unwhitened(left)
         misfit = dict.fromkeys(p.joints, 0.0)
         for b in p.blocks:
             misfit[b.joint] += float(np.sum(raw[b.rows][b.held] ** 2)) / p.floor[b.joint] ** 2

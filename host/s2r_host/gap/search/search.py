@@ -16,6 +16,8 @@ from s2r_host.gap.search.returned import spring_and_loop
 from s2r_host.gap.search.scan import NO_LOSS, Scan
 
 MIN_GAIN = 12.0
+LEAST_SHARE = 0.02  # of the held-out misfit that a first effect takes
+PREDICTS = 0.5  # the same, for what fits less well to go before what predicts nothing
 CLEAR_GAIN, CLEAR_SHARE = 20.0, 0.05  # evidence, its share of the first effect's
 # Effects that are no more than one number; friction is one where the model has some of its kind.
 NUMBERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
@@ -57,7 +59,7 @@ class Search(Scan):
             reached = self.at_floor(chosen)
             if reached and not (look and not chosen) and not (own and self.stands_out(chosen, own)):
                 break
-            scored, _ = self.scan_profiled(chosen)
+            scored = self._ranked(chosen)
             if len(chosen) == self.completed:
                 scans = scored
             worth = bool(scored) and (self.clear(scored[0], own) or self._worth_it(scored[0], own))
@@ -83,6 +85,13 @@ class Search(Scan):
         if len(chosen) > self.completed > 0:
             chosen, slots = self._prune_completed(chosen, slots)
         return self.finish(self.settled(chosen), slots, scans)
+
+    def _ranked(self, chosen: list[Term]) -> list[Scored]:
+        """One more effect each, best first, without those ahead that fit and do not predict where a later one does."""
+        scored, _ = self.scan_profiled(chosen)
+        first = next((i for i, s in enumerate(scored) if s.holdout_gain > LEAST_SHARE), 0)
+        predicts = scored and scored[first].gain > MIN_GAIN and scored[first].holdout_gain > PREDICTS
+        return scored[first:] if predicts else scored
 
     def stands_out(self, chosen: list[Term], slots: list[list[Scored]]) -> bool:
         """At the noise floor: does one more effect, no mere number, still beat changes of the base parameters clearly?
@@ -121,7 +130,7 @@ class Search(Scan):
     def _worth_it(best: Scored, slots: list[list[Scored]]) -> bool:
         """A first effect needs evidence; a further one must also take a good part of what is left."""
         if not slots:
-            return best.gain > MIN_GAIN and best.holdout_gain > 0.02
+            return best.gain > MIN_GAIN and best.holdout_gain > LEAST_SHARE
         first = max((s.gain for s in slots[0]), default=0.0)
         return best.gain > max(MIN_GAIN, FURTHER_GAIN * first) and best.holdout_gain > FURTHER_SHARE
 
@@ -169,7 +178,7 @@ class Search(Scan):
             changed = False
             for i in range(self.completed, len(chosen)):
                 others = [t for k, t in enumerate(chosen) if k != i]
-                scored, _ = self.scan_profiled(others)
+                scored = self._ranked(others)
                 if scored and scored[0].term != chosen[i]:
                     if scored[0].term.key != chosen[i].key:
                         self.log(f"  {chosen[i].effect} gives way to {scored[0].term.effect}")

@@ -114,7 +114,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         found = vibration(problem, search, solution)
         odd = None if found is None else _swings(problem, *found)
     if odd is None and decision.effects:
-        odd = outside(problem, search, solution)
+        odd = outside(problem, search, solution, remains=remains)
     odd = odd or impossible(problem, decision)
     if odd is not None:
         decision.reasons.append(odd)
