@@ -19,11 +19,20 @@ def test_a_loop_of_power_two_follows_the_hyperbolic_tangent():
     """On a rise from rest dz/dq = (1 - z²)/w; turned back, dz/dq = 1/w until z changes sign."""
     q = np.concatenate([np.linspace(0.0, 0.3, 4000), np.linspace(0.3, 0.0, 4000)[1:]])[:, None]
     width = np.array([0.1, 0.25])
-    z = bristle(SimpleNamespace(q=q, cache={}), 0, width, 2)  # pyright: ignore[reportArgumentType]
+    z = bristle(SimpleNamespace(q=q, cache={}), 0, width, 2, 0.5)  # pyright: ignore[reportArgumentType]
     assert z.shape == (7999, 2)
     assert z[3999] == pytest.approx(np.tanh(0.3 / width), abs=1e-4)
     top, back = np.tanh(0.3 / width), q[3999, 0] - q[4500, 0]
     assert z[4500] == pytest.approx(top - back / width, abs=1e-4)
+
+
+def test_dahls_loop_is_the_one_of_power_one_that_turns_back_as_it_comes():
+    q = (0.3 * np.sin(np.linspace(0.0, 12.0, 6000)))[:, None]
+    dahl, nearly = (
+        bristle(SimpleNamespace(q=q, cache={}), 0, np.array([0.1]), 1, beta)  # pyright: ignore[reportArgumentType]
+        for beta in (1.0, 1.0 - 1e-6)
+    )
+    assert nearly == pytest.approx(dahl, abs=2e-3)
 
 
 def test_a_load_at_any_reach_is_the_quadratic_through_three(tmp_path):

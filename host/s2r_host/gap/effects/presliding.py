@@ -69,8 +69,10 @@ class Presliding(Effect):
         return bristle_force(joint, shape["width"], 1, theta, dt)
 
 
-def bristle_force(joint: int, width: float, power: int, theta: np.ndarray, dt: float) -> Runtime:
-    """Force of a bristle state; a second coefficient is Coulomb friction taken back or added."""
+def bristle_force(
+    joint: int, width: float, power: int, theta: np.ndarray, dt: float, beta: float = 1.0
+) -> Runtime:
+    """Force of a bristle state (``states.bristle``); a second coefficient is Coulomb friction taken back or added."""
     level = float(theta[0])
     flat = float(theta[1]) if len(theta) > 1 else 0.0
     z = 0.0
@@ -81,13 +83,12 @@ def bristle_force(joint: int, width: float, power: int, theta: np.ndarray, dt: f
         dq = 0.0 if last is None else state.q[joint] - last
         last = float(state.q[joint])
         if dq != 0.0:
-            if power == 1:
+            if power == 1 and beta == 1.0:
                 target = 1.0 if dq > 0 else -1.0
                 z = target + (z - target) * float(np.exp(-abs(dq) / width))
             else:
-                z = float(
-                    np.clip(z + dq / width * (1.0 - abs(z) ** power * 0.5 * (1.0 + np.sign(z * dq))), -1, 1)
-                )
+                turning = beta * np.sign(z * dq) + 1.0 - beta
+                z = float(np.clip(z + dq / width * (1.0 - abs(z) ** power * turning), -1, 1))
         return level * z, flat
 
     return step

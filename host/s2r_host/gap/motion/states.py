@@ -12,31 +12,34 @@ TOGETHER_STEP, ALONE_STEP = 0.35, 0.25
 TINY = 1e-9  # 1/s, 1/s²: where a linear motion changes its form
 
 
-def bristle(s: Session, joint: int, width: np.ndarray, power: int = 1) -> np.ndarray:
-    """Rate-independent bristle state in [-1, 1]: dz = dq/width (1 - |z|^n (1 + sgn(z dq))/2).
+def bristle(s: Session, joint: int, width: np.ndarray, power: int = 1, beta: float = 1.0) -> np.ndarray:
+    """Rate-independent bristle state in [-1, 1]: dz = dq/width (1 - |z|^n (β sgn(z dq) + 1 - β)).
 
-    Dahl's solid friction model (1968) for n = 1, the Bouc-Wen loop (Wen 1976) for larger n. Integrated along
-    position increments, so that it does not depend on the sampling rate.
+    Dahl's solid friction model (1968) for n = 1 and β = 1, else a Bouc-Wen loop (Wen 1976); with β = 1/2 it turns back
+    along a straight line. Integrated along position increments, so that it does not depend on the sampling rate.
 
     Args:
         s: Session with motion.
         joint: Joint index.
         width: Characteristic displacements [rad or m], shape (shapes,).
         power: Exponent n.
+        beta: β, from 1/2 to 1.
 
     Returns:
         State, shape (time, shapes).
     """
-    key = ("bristle", joint, power, tuple(np.round(width, 12)))
+    key = ("bristle", joint, power, round(beta, 9), tuple(np.round(width, 12)))
     stored = s.cache.get(key)
     if stored is not None:
         return stored
     step = np.diff(s.q[:, joint], prepend=s.q[0, joint])
-    if power == 1:  # exact and linear in z for a given direction: a prefix scan instead of a loop
+    if (
+        power == 1 and beta == 1.0
+    ):  # exact and linear in z for a given direction: a prefix scan instead of a loop
         keep = np.exp(-np.abs(step)[:, None] / width)
         out = linear_recursion(keep, np.sign(step)[:, None] * (1.0 - keep))
     else:
-        out = _loop(step, width, power)
+        out = _loop(step, width, power, beta)
     s.cache[key] = out
     return out
 
@@ -67,18 +70,18 @@ def linear_recursion(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return z
 
 
-def _loop(step: np.ndarray, width: np.ndarray, power: int) -> np.ndarray:
-    return np.stack([_loop_of_one(step, float(w), power) for w in width], axis=1)
+def _loop(step: np.ndarray, width: np.ndarray, power: int, beta: float) -> np.ndarray:
+    return np.stack([_loop_of_one(step, float(w), power, beta) for w in width], axis=1)
 
 
-def _loop_of_one(step: np.ndarray, width: float, power: int) -> np.ndarray:
+def _loop_of_one(step: np.ndarray, width: float, power: int, beta: float) -> np.ndarray:
     """One shape at a time, in plain numbers: an array of one element costs ten times as much per step."""
-    z, limit, out = 0.0, 0.2 * width, []
+    z, limit, back, out = 0.0, 0.2 * width, 2.0 * beta - 1.0, []
     for dq in step.tolist():
         parts = 1 if abs(dq) < limit else min(20, int(abs(dq) / limit) + 1)
         x = dq / parts / width
         for _ in range(parts):
-            grow = 1.0 - abs(z) ** power if z * dq > 0.0 else 1.0
+            grow = 1.0 - abs(z) ** power if z * dq > 0.0 else 1.0 + back * abs(z) ** power
             z = max(min(z + x * grow, 1.0), -1.0)
         out.append(z)
     return np.array(out)

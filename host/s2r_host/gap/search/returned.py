@@ -30,7 +30,7 @@ def spring_and_loop(
         own = next((s for s in scored if s.term.key == term.key), None)
         if spring is None or own is None:
             continue
-        loops, _ = search.scan_profiled([*others, spring.term])
+        loops = [s for s in search.scan_profiled([*others, spring.term])[0] if s.term.key != term.key]
         if loops[0].term.effect not in LOOPS or spring.gain + loops[0].gain < own.gain:
             continue
         springs, _ = search.scan_profiled([*others, loops[0].term])
