@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import detrend
 
 from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.motion.known_noise import known_noise, motion_noise
@@ -96,14 +97,18 @@ def floor_level(
 
 
 def without_rests(blocks: list[Block], noise: list[np.ndarray]) -> list[np.ndarray]:
-    """Guessed noise, one array per block of a joint, without longer rests, and as loud as it is elsewhere on average.
+    """Guessed noise, one array per block of a joint, without what friction held in longer rests, a line in each.
 
-    What friction holds there is no noise, and has the frequencies of the motion: it would pass for noise of those.
+    That is no noise, and has the frequencies of the motion: it would pass for noise of those.
     """
     found = []
     for b, x in zip(blocks, noise, strict=True):
-        moves = ~rests_of(b.session, b.joint)[b.picks]
-        found.append(x * moves / np.sqrt(np.mean(moves)) if moves.sum() >= LEAST_ROWS else x)
+        rests = rests_of(b.session, b.joint)[b.picks]
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], rests.astype(int), [0]]))).reshape(-1, 2)
+        left = x.copy()
+        for start, end in edges:
+            left[start:end] = detrend(x[start:end])
+        found.append(left)
     return found
 
 
