@@ -7,11 +7,8 @@ import numpy as np
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.motion.session import Session, nominal_friction
 
-NEEDED = (
-    0.9,
-    0.97,
-    0.995,
-)  # quantiles of the effort that the motion needs: it ends at the limit, however much is asked
+# Quantiles of the effort that the motion needs: it ends at the limit, however much is asked for.
+NEEDED = (0.9, 0.97, 0.995)
 SHARES = (0.5, 0.65, 0.75, 0.82, 0.88, 0.92, 0.95, 0.975, 0.99, 0.995, 0.998)
 
 

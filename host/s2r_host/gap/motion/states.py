@@ -33,9 +33,8 @@ def bristle(s: Session, joint: int, width: np.ndarray, power: int = 1, beta: flo
     if stored is not None:
         return stored
     step = np.diff(s.q[:, joint], prepend=s.q[0, joint])
-    if (
-        power == 1 and beta == 1.0
-    ):  # exact and linear in z for a given direction: a prefix scan instead of a loop
+    # Exact and linear in z for a given direction: a prefix scan instead of a loop.
+    if power == 1 and beta == 1.0:
         keep = np.exp(-np.abs(step)[:, None] / width)
         out = linear_recursion(keep, np.sign(step)[:, None] * (1.0 - keep))
     else:

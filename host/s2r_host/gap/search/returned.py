@@ -31,7 +31,7 @@ def spring_and_loop(
         if spring is None or own is None:
             continue
         loops = [s for s in search.scan_profiled([*others, spring.term])[0] if s.term.key != term.key]
-        if loops[0].term.effect not in LOOPS or spring.gain + loops[0].gain < own.gain:
+        if not loops or loops[0].term.effect not in LOOPS or spring.gain + loops[0].gain < own.gain:
             continue
         springs, _ = search.scan_profiled([*others, loops[0].term])
         if springs[0].term.key != spring.term.key:
