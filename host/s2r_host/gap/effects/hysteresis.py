@@ -16,7 +16,7 @@ class Hysteresis(Effect):
     """tau = h z, dz/dq = (1 - |z|^n (beta sgn(z dq) + 1 - beta))/zs."""
 
     name = "hysteresis"
-    model_error = {"displacement": 0.06, "level": 0.05}  # noqa: RUF012
+    model_error = {"displacement": 0.06, "level": 0.05, "beta": 0.1}  # noqa: RUF012
     equation = "tau = h z, dz/dq = (1 - |z|^n (beta sgn(z dq) + 1 - beta))/zs"
     signature = "a loop of residual against position as wide as the motion, the same at all speeds"
     separating_motion = "sine motions of several amplitudes"
@@ -56,7 +56,7 @@ class Hysteresis(Effect):
             "level": Value(float(theta[0]), ctx.model.effort_unit(name), (1.0,)),
             "displacement": Value(shape["width"], ctx.model.unit(name), shape_key="width"),
             "exponent": Value(shape["power"], "1"),
-            "beta": Value(shape["beta"], "1"),
+            "beta": Value(shape["beta"], "1", shape_key="beta"),
         }
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
