@@ -40,7 +40,7 @@ class Hysteresis(Effect):
         return {"width": ("log", 0.3), "beta": ("linear", 0.1)}
 
     def bounds(self, ctx: Context, joint: int) -> dict[str, tuple[float, float]]:
-        """A narrower loop is called presliding; a wider one never closes and is a spring."""
+        """A narrower loop is called presliding, a wider one never closes: a spring; beta 1/2 turns straight back."""
         low, high = ctx.span(joint)
         return {"width": (0.04 * (high - low), high - low), "beta": (0.5, 1.0)}
 

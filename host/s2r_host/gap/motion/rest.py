@@ -6,6 +6,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.time_spans import runs
 
 REST_S = 0.2  # longer than a joint takes to turn round
 STOPPING_S = 0.06  # of the way in and out of a rest
@@ -20,9 +21,8 @@ def rests_of(s: Session, j: int) -> np.ndarray:
     # The noise of the speed crosses any bound now and then: it does not end a rest.
     mean_square = uniform_filter1d(s.v[:, j] ** 2, max(1, round(0.5 * REST_S / s.dt)), mode="nearest")
     still = mean_square < (REST_NOISES * s.v_noise[j]) ** 2
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     rests = np.zeros(len(still), dtype=bool)
-    for start, end in edges.reshape(-1, 2):
+    for start, end in runs(still):
         if (end - start) * s.dt > REST_S:
             rests[start:end] = True
     reach = round((min(1.0 / float(s.cut[j]), STOPPING_S) + 0.25 * REST_S) / s.dt)

@@ -1,8 +1,10 @@
-"""Times at which something was seen, as intervals."""
+"""Where something was seen, as intervals of time or of rows."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+
+import numpy as np
 
 BREAK_S = 0.15  # apart, two times belong to two intervals
 
@@ -16,3 +18,8 @@ def time_spans(times: Iterable[float], break_s: float = BREAK_S) -> list[list[fl
         else:
             found.append([float(time), float(time)])
     return found
+
+
+def runs(mask: np.ndarray) -> np.ndarray:
+    """Where a mask holds without a break: first row and the one after the last, shape (runs, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]]))).reshape(-1, 2)

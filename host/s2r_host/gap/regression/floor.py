@@ -11,6 +11,7 @@ from s2r_host.gap.motion.model import FEW_JOINTS, RigidModel
 from s2r_host.gap.motion.rest import rests_of
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import stop_operator
+from s2r_host.gap.motion.time_spans import runs
 from s2r_host.gap.regression.friction_seen import TRUSTED, between_level, trust
 from s2r_host.gap.regression.rows import Block, compare, picks_of, residual
 
@@ -103,10 +104,8 @@ def without_rests(blocks: list[Block], noise: list[np.ndarray]) -> list[np.ndarr
     """
     found = []
     for b, x in zip(blocks, noise, strict=True):
-        rests = rests_of(b.session, b.joint)[b.picks]
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], rests.astype(int), [0]]))).reshape(-1, 2)
         left = x.copy()
-        for start, end in edges:
+        for start, end in runs(rests_of(b.session, b.joint)[b.picks]):
             left[start:end] = detrend(x[start:end])
         found.append(left)
     return found

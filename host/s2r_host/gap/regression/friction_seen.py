@@ -9,6 +9,7 @@ from s2r_host.gap.motion.command_steps import step_doubt
 from s2r_host.gap.motion.model import FEW_JOINTS, RigidModel
 from s2r_host.gap.motion.rest import rests_of, stillness
 from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.time_spans import runs
 from s2r_host.gap.regression.evidence import AR_ORDER
 from s2r_host.gap.regression.rows import Block, compare
 
@@ -84,9 +85,8 @@ def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = Fals
 
 def _rows_alike(stuck: np.ndarray) -> np.ndarray:
     """Rows of the stretch that a row is in where ``stuck``, else one: what friction holds at rest is one number."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], stuck.astype(int), [0]]))).reshape(-1, 2)
     rows = np.ones(len(stuck))
-    for start, end in edges:
+    for start, end in runs(stuck):
         rows[start:end] = end - start
     return rows
 

@@ -199,15 +199,15 @@ def build_problem(
     blocks, raw = make_blocks(model, sessions, hold, joints)
     joints = [j for j in joints if any(b.joint == j and b.session in fit for b in blocks)]
     noise, source = noise_samples(model, joints, fit, repeats, blocks, raw)
+    guessed = source != "repeat"
     for j in joints:
-        heard = (
-            noise[j] if source == "repeat" else without_rests([b for b in blocks if b.joint == j], noise[j])
-        )
-        cut = band(model, j, fit, blocks, heard, guessed=source != "repeat")
+        of_joint = [b for b in blocks if b.joint == j]
+        heard = without_rests(of_joint, noise[j]) if guessed else noise[j]
+        cut = band(model, j, fit, blocks, heard, guessed=guessed)
         for s in sessions + repeats:
             s.cut[j] = min(max(cut, least_cut(s)), float(s.cut[j]))
     blocks, raw = make_blocks(model, sessions, hold, joints)
-    noise, source = noise_samples(model, joints, fit, repeats, blocks, raw)
+    noise, _ = noise_samples(model, joints, fit, repeats, blocks, raw)
     start = blocks[-1].rows.stop if blocks else 0
     held = [b.held for b in blocks]
     whiteners, floor = {}, {}
@@ -216,14 +216,14 @@ def build_problem(
         least = max(EQUATIONS * scale, 1e-12)
         whitener = fit_whitener(noise[j], least)
         own = max(rms(noise[j]), least)
-        level = floor_level(model, sessions, blocks, noise[j], j, guessed=source != "repeat", bounded=bounded)
+        level = floor_level(model, sessions, blocks, noise[j], j, guessed=guessed, bounded=bounded)
         floor[j] = max(level, least)
         whiteners[j] = replace(whitener, scale=whitener.scale * floor[j] / own)
     problem = Problem(
         ctx, joints, blocks, whiteners, np.zeros(start), np.concatenate(raw), np.zeros(start),
         np.concatenate(held), [*base_parameters(model), *recording_gains(model, sessions)], np.zeros((start, 0)),
         np.zeros(0), floor, source,
-        np.concatenate([trust(model, b, floor[b.joint], guessed=source != "repeat") for b in blocks]),
+        np.concatenate([trust(model, b, floor[b.joint], guessed=guessed) for b in blocks]),
     )  # fmt: skip
     for block, values in zip(blocks, raw, strict=True):
         w = whiteners[block.joint]
@@ -236,7 +236,7 @@ def build_problem(
     _fill_base(problem, sessions)
     _fill_drift(problem, fit, hold)
     problem.floor_doubt = max((rms_doubt(noise[j]) for j in joints), default=1.0)
-    if source == "repeat":
+    if not guessed:
         problem.twin = _second_runs(model, problem, fit, repeats)
         problem.wanders = [w for j in joints if (w := wandering(model, j, fit, repeats)) is not None]
     problem.law = [f for j in joints if (f := check_law(model, fit, hold, j)) is not None]
