@@ -177,6 +177,18 @@ def test_start_must_be_the_reference_and_the_first_setpoint_makes_no_step(sign):
         assert (error.code, error.joint) == (Refusal.START, NAMES[joint])
 
 
+@pytest.mark.parametrize("knots", [3, 31, 301])
+def test_a_start_off_the_reference_costs_little_jerk_however_close_the_knots_stand(knots):
+    offset = np.full(7, -0.99e-4)
+    plan = move(one_joint(0, 0.1), 3.0, knots=knots)
+    exact, off = ADMISSION.admit(plan, Q), ADMISSION.admit(plan, Q + offset)
+    assert off.margins["jerk"] - exact.margins["jerk"] < 0.003
+    np.testing.assert_array_equal(off.q[0], Q + offset)
+    later = plan.t > (0.31 if knots > 3 else 1.6)
+    np.testing.assert_array_equal(off.q[later], plan.q[later])
+    assert np.abs(off.q - plan.q).max() == pytest.approx(0.99e-4)
+
+
 def splice_state(offset=0.0):
     parent = move(one_joint(0, 0.1), 1.0)
     at = sample(spline_through(parent.t, parent.q, parent.dq, parent.ddq), np.array([0.5]))
