@@ -1,4 +1,4 @@
-"""What imitates a detent or a soft close lacks a part of it, or brings one that it has not."""
+"""What imitates a detent, a soft close or a rotor lacks a part of it, or brings one that it has not."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,10 @@ from s2r_host.gap.rig import write_model
 from s2r_host.gap.search.consistency import disagreement
 from s2r_host.gap.search.search import Search
 
+DT = 0.004  # of what ``swung`` records
 PLACE, WIDTH, EDGE, RAMP = 0.1, 0.08, 0.3, 0.01
 DETENT = Term("detent", 0, (("q0", PLACE), ("w", WIDTH)))
+ARMATURE = Term("armature", 0)
 SOFT_CLOSE = Term("soft_close", 0, (("back", 0.0), ("q0", EDGE), ("ramp", RAMP), ("side", 1.0)))
 
 
@@ -32,6 +34,15 @@ def caught(q, dq):
     return 0.6 * dq * ((q > EDGE) & (q < EDGE + 0.15) & (dq > 0))
 
 
+def rotor(q, dq):
+    return 0.03 * np.gradient(dq, DT)
+
+
+def turned_mass(q, dq):
+    """Of an inertia J sin²(q + 1): it depends on the pose, and so does the effort at constant speed."""
+    return 0.05 * (np.sin(q + 1.0) ** 2 * np.gradient(dq, DT) + 0.5 * np.sin(2.0 * (q + 1.0)) * dq**2)
+
+
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
@@ -44,6 +55,8 @@ def model(tmp_path_factory):
         (DETENT, picked_up, "a force that stays on beyond its place"),
         (SOFT_CLOSE, brake, None),
         (SOFT_CLOSE, caught, "the brake of the deeper half"),
+        (ARMATURE, rotor, None),
+        (ARMATURE, turned_mass, "an inertia that changes with the joint's position"),
     ],
 )
 def test_an_imitation_is_told_by_its_parts(model, swung, term, hidden, said):

@@ -17,10 +17,25 @@ class Armature(Effect):
     signature = "residual proportional to the joint's own acceleration, in all poses"
     separating_motion = "fast sines in two poses of the other joints"
     confusable = ("payload", "effort_scale")
+    foreign_is = "an inertia that changes with the joint's position"
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Acceleration."""
         return Columns.of_motion([s.a[:, joint]], (True,))
+
+    def foreign(
+        self, ctx: Context, s: Session, joint: int, shape: Shape, theta: np.ndarray
+    ) -> np.ndarray | None:
+        """M ddq + M' dq²/2 for M = J x and J (2x² - 1), x the position from -1 to 1 over the range that was seen."""
+        low, high = ctx.span(joint)
+        half = (high - low) / 2.0
+        if not half > 0.0:
+            return None
+        q, v, a = s.q[:, joint], s.v[:, joint], s.a[:, joint]
+        x = (q - low) / half - 1.0
+        rising = x * a + v**2 / (2.0 * half)
+        bent = (2.0 * x**2 - 1.0) * a + 2.0 * x * v**2 / half
+        return theta[0] * np.stack([rising, bent], axis=1)
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """Against a wrong number of the nominal model."""

@@ -187,7 +187,7 @@ class Effect:
     def foreign(
         self, ctx: Context, s: Session, joint: int, shape: Shape, theta: np.ndarray
     ) -> np.ndarray | None:
-        """What an imitator would add, as large as the effect itself; None when none is known.
+        """What an imitator would add, as large as the effect itself: (time,) or (time, k); None when none is known.
 
         Beside the true effect nothing of it is left. ``foreign_is`` says what it is.
         """

@@ -41,16 +41,25 @@ def disagreement(problem: Problem, search: Search, solution: Solution) -> str | 
 def _excess(
     problem: Problem, base: Marginal, term: Term, theta: np.ndarray, column_of: ColumnOf, noise: float
 ) -> tuple[float, float]:
-    """What a column asks for on top of the whole explanation, in its own size, and one deviation."""
+    """What a column asks for on top of the whole explanation, in its own size, and one deviation.
+
+    Of several columns, fitted together, the one that stands out most.
+    """
     fit, shape = ~problem.held, dict(term.shape)
     rows: dict[int, np.ndarray] = {}
     for s in {b.session.index: b.session for b in problem.blocks}.values():
         column = column_of(problem.ctx, s, term.joint, shape, theta)
         if column is None:
             return 0.0, 0.0
-        rows[s.index] = column
-    w = base.weigh(problem.whiten(rows, term.joint, rows)[fit][:, None], np.array([False]), None)
-    return float(w.theta[0]), float(np.sqrt(noise / max(float(w.S[0, 0]), 1e-30)))
+        rows[s.index] = column if column.ndim > 1 else column[:, None]
+    count = next(iter(rows.values())).shape[1]
+    parts = [{k: x[:, i] for k, x in rows.items()} for i in range(count)]
+    whitened = np.stack([problem.whiten(part, term.joint, part)[fit] for part in parts], axis=1)
+    w = base.weigh(whitened, np.zeros(count, dtype=bool), None)
+    ridge = 1e-9 * np.trace(w.S) / count + 1e-30
+    deviation = np.sqrt(noise * np.diag(np.linalg.inv(w.S + ridge * np.eye(count))))
+    most = int(np.argmax(np.abs(w.theta) / deviation))
+    return float(w.theta[most]), float(deviation[most])
 
 
 def stretched(problem: Problem, solution: Solution) -> str | None:
