@@ -220,6 +220,18 @@ def test_friction_that_grows_with_warming_is_no_warming(model):
     assert search.scan_profiled([])[0][0].term.effect == "thermal_drift"
 
 
+@pytest.mark.parametrize(("share", "clear"), [(0.05, False), (0.2, True)])
+def test_a_delay_beside_an_effect_has_to_predict(model, share, clear):
+    _, search = searched(model, lambda t, q, v, a: 0.0 * t)
+    first = Scored(Term("load_dependent_friction", 0), 200.0, 200.0, 0.5, np.zeros(0))
+    late, rub = (
+        Scored(Term(n, 0), 24.0, 24.0, share, np.zeros(0)) for n in ("clock_skew", "coulomb_friction")
+    )
+    assert search.clear(late, [[first]]) == clear
+    assert search.clear(late, [])
+    assert search.clear(rub, [[first]])
+
+
 @pytest.mark.parametrize(("least", "clear"), [(1.0, True), (0.5, False)])
 def test_beside_a_chaotic_effect_a_second_one_has_to_explain_about_as_much(model, monkeypatch, least, clear):
     _, search = searched(model, lambda t, q, v, a: 0.0 * t)

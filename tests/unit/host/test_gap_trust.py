@@ -65,10 +65,28 @@ class Searched:
 )
 def test_the_evidence_says_how_far_numbers_are_trusted(monkeypatch, lead, looseness):
     search = Searched(moved=-2.0)
+    monkeypatch.setattr(trust, "stretched", lambda problem, solution: None)
     monkeypatch.setattr(trust, "worth", lambda s, x, loose, noise: lead if loose == trust.NARROW else 0.0)
     found, solution = trust.search_under_both(search, look=False)  # pyright: ignore[reportArgumentType]
     assert found == looseness == search.looseness
     assert len(solution.terms) == (2 if looseness == trust.NARROW else 1)
+
+
+@pytest.mark.parametrize(("far", "looseness"), [(trust.WIDE, trust.NARROW), (None, trust.WIDE)])
+def test_an_explanation_by_a_machine_that_cannot_be_loses_to_one_without(monkeypatch, far, looseness):
+    """However much it fits better, and without staying a rival."""
+    search, rivals = Searched(moved=-2.0), []
+
+    def stretched(problem, solution):
+        wide = solution.terms[0].effect == "asymmetric_friction"
+        return "far off" if wide and far is not None else None
+
+    monkeypatch.setattr(trust, "stretched", stretched)
+    monkeypatch.setattr(trust, "_stays_rival", lambda *x: rivals.append(x))
+    monkeypatch.setattr(trust, "worth", lambda s, x, loose, noise: -8639.0 if loose == trust.NARROW else 0.0)
+    found, _ = trust.search_under_both(search, look=False)  # pyright: ignore[reportArgumentType]
+    assert found == looseness == search.looseness
+    assert len(rivals) == (0 if far is not None else 1)
 
 
 @pytest.mark.parametrize("beaten_by", [3.0, 12.0])

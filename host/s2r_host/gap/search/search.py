@@ -11,18 +11,21 @@ from s2r_host.gap.regression.friction_seen import nominal_friction_of
 from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.solution import Scored, Solution, Term
 from s2r_host.gap.search.complete import complete
-from s2r_host.gap.search.everywhere import late_everywhere
+from s2r_host.gap.search.everywhere import LATE, late_everywhere
 from s2r_host.gap.search.returned import spring_and_loop
 from s2r_host.gap.search.scan import NO_LOSS, Scan
 
 MIN_GAIN = 12.0
 LEAST_SHARE = 0.02  # of the held-out misfit that a first effect takes
 PREDICTS = 0.5  # the same, for what fits less well to go before what predicts nothing
+# Of the evidence of the best name; of what that leaves on rows held out, where it leaves so much.
+NEARLY, FRACTION, LEAVES = 0.85, 0.5, 0.05
 CLEAR_GAIN, CLEAR_SHARE = 20.0, 0.05  # evidence, its share of the first effect's
 # Effects that are no more than one number; friction is one where the model has some of its kind.
 NUMBERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
 FRICTION = ("coulomb_friction", "viscous_friction")
 CHAOTIC_SHARE = 0.7  # the same where that effect is chaotic
+LATE_SHARE = 0.1  # of the held-out misfit that a second name for something late takes
 MAX_EFFECTS = 3
 FURTHER_SHARE = 0.3
 BEATING_SHARE = 0.5  # of the held-out misfit, taken by what goes before wrong numbers above a guessed floor
@@ -87,11 +90,23 @@ class Search(Scan):
         return self.finish(self.settled(chosen), slots, scans)
 
     def _ranked(self, chosen: list[Term]) -> list[Scored]:
-        """One more effect each, best first, without those ahead that fit and do not predict where a later one does."""
+        """One more effect each, best first, without those ahead that fit and do not predict where a later one does.
+
+        One that fits nearly as well and leaves a fraction of what the best leaves on rows of the same joint that were
+        held out goes before it.
+        """
         scored, _ = self.scan_profiled(chosen)
         first = next((i for i, s in enumerate(scored) if s.holdout_gain > LEAST_SHARE), 0)
         predicts = scored and scored[first].gain > MIN_GAIN and scored[first].holdout_gain > PREDICTS
-        return scored[first:] if predicts else scored
+        if predicts:
+            scored = scored[first:]
+        left = 1.0 - scored[0].holdout_gain if scored else 0.0
+        if left < LEAVES or scored[0].gain < MIN_GAIN:
+            return scored
+        best = scored[0]
+        nearly = [s for s in scored[1:] if s.term.joint == best.term.joint and s.gain > NEARLY * best.gain]
+        better = next((s for s in nearly if 1.0 - s.holdout_gain < FRACTION * left), None)
+        return scored if better is None else [better, *(s for s in scored if s.gain < better.gain)]
 
     def stands_out(self, chosen: list[Term], slots: list[list[Scored]]) -> bool:
         """At the noise floor: does one more effect, no mere number, still beat changes of the base parameters clearly?
@@ -145,7 +160,9 @@ class Search(Scan):
         chaotic = any(self.effects[s[0].term.effect].explained_least < 1.0 for s in slots if s)
         first = max((s.gain for s in slots[0]), default=0.0) if slots else 0.0
         share = CHAOTIC_SHARE if chaotic else CLEAR_SHARE
-        return best.gain > max(CLEAR_GAIN, share * first) and best.holdout_gain > NO_LOSS
+        # Beside an effect, a millisecond more or less fits a little everywhere.
+        predicts = LATE_SHARE if slots and best.term.effect in LATE else NO_LOSS
+        return best.gain > max(CLEAR_GAIN, share * first) and best.holdout_gain > predicts
 
     def _explains_what_comes_back(self, chosen: list[Term], scored: list[Scored]) -> bool:
         """What comes back in a second run is there: a name then has to beat the other names, not nothing at all."""

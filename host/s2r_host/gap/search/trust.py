@@ -14,7 +14,7 @@ from s2r_host.gap.motion.model import FEW_JOINTS
 from s2r_host.gap.regression.base_terms import PREFIX
 from s2r_host.gap.regression.regression import TEMPER
 from s2r_host.gap.regression.solution import Scored, Solution
-from s2r_host.gap.search.consistency import MAY_MOVE
+from s2r_host.gap.search.consistency import MAY_MOVE, stretched
 from s2r_host.gap.search.search import CLEAR_GAIN, Search
 from s2r_host.gap.search.wrong_number import Looseness, evidence
 
@@ -27,7 +27,8 @@ MOVED = 0.6  # of the wide prior's deviation: where no number moved so far, noth
 def search_under_both(search: Search, look: bool) -> tuple[float, Solution]:
     """The better of two searches and the looseness it was made at, which stays set.
 
-    What the other one names in the place of a single term stays a rival there.
+    What the other one names in the place of a single term stays a rival there. One that holds only with a number far
+    from its nominal value loses to one that does without, and is no rival.
     """
     search.looseness = WIDE
     wide = search.run(look=look)
@@ -40,6 +41,9 @@ def search_under_both(search: Search, look: bool) -> tuple[float, Solution]:
         noise = max(min(wide.noise, narrow.noise), TEMPER)
         lead = worth(search, narrow, NARROW, noise) - worth(search, wide, WIDE, noise) + NARROW_ODDS
         search.log(f"numbers of the model held narrowly against widely: {lead:.0f} log odds")
+        # A drive that passes next to nothing fits, beside a centre of mass metres away, better than play does.
+        if stretched(search.problem, wide) is not None and stretched(search.problem, narrow) is None:
+            return NARROW, narrow
         if lead > 0.0:
             _stays_rival(narrow, wide, lead)
             return NARROW, narrow

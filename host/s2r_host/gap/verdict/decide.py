@@ -67,7 +67,7 @@ def _rank(named: Named) -> tuple[float, float]:
 def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) -> Decision:
     """What the plant's equation says: effort recorded against effort needed."""
     search.looseness = TIGHT
-    if search.at_floor([]):
+    if search.at_floor([]) and not search.beats_numbers():
         # A load of a hundredth of the mass stays below the floor in the sum, and is certain all the same.
         log("the nominal model reaches the noise floor")
         search.looseness = 1.0
