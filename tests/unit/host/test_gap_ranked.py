@@ -45,7 +45,7 @@ def test_nothing_is_ranked_where_nothing_was_found(ranked):
     [
         (("cable_spring", 91.0, 0.99), "cable_spring"),
         (("cable_spring", 91.0, 0.82), "hysteresis"),  # leaves nearly as much
-        (("cable_spring", 60.0, 0.99), "hysteresis"),  # fits much worse
+        (("cable_spring", 85.0, 0.99), "hysteresis"),  # fits clearly worse
         (("cable_spring", 91.0, 0.99, 1), "hysteresis"),  # its share is one of another joint's misfit
     ],
 )

@@ -19,7 +19,7 @@ MIN_GAIN = 12.0
 LEAST_SHARE = 0.02  # of the held-out misfit that a first effect takes
 PREDICTS = 0.5  # the same, for what fits less well to go before what predicts nothing
 # Of the evidence of the best name; of what that leaves on rows held out, where it leaves so much.
-NEARLY, FRACTION, LEAVES = 0.85, 0.5, 0.05
+NEARLY, FRACTION, LEAVES = 0.9, 0.5, 0.05
 CLEAR_GAIN, CLEAR_SHARE = 20.0, 0.05  # evidence, its share of the first effect's
 # Effects that are no more than one number; friction is one where the model has some of its kind.
 NUMBERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
