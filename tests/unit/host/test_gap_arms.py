@@ -144,20 +144,20 @@ def test_the_effort_of_a_joint_in_another_s_is_cross_talk_and_no_effect(model):
     efforts = {b.session.index: b.session.u[:, 0] for b in search.problem.blocks if b.joint == 1}
     search.problem.y += search.problem.whiten({k: 0.02 * u for k, u in efforts.items()}, 1)
     imitation = search.finish([Term("viscous_friction", 1)], [], [])
-    said = outside(search.problem, search, imitation, remains=False)
+    said = outside(search.problem, search, imitation, strained=False)
     assert said is not None
     assert said.startswith("2.0% of the effort of 'j1' in that of 'j2'")
 
 
 def test_friction_is_no_cross_talk(rubbing):
     named = rubbing.finish([Term("coulomb_friction", 1)], [], [])
-    assert outside(rubbing.problem, rubbing, named, remains=True) is None
+    assert outside(rubbing.problem, rubbing, named, strained=True) is None
 
 
 def test_drag_of_a_fluid_is_not_viscous_friction_and_more(model):
     search = searched(model, lambda v, a: np.array([0.0, 0.04]) * v * np.abs(v))
     imitation = search.finish([Term("viscous_friction", 1), search.seeds(("stribeck", 1))[0]], [], [])
-    said = outside(search.problem, search, imitation, remains=False)
+    said = outside(search.problem, search, imitation, strained=False)
     assert said is not None
     assert "drag of a fluid" in said
 
@@ -165,10 +165,10 @@ def test_drag_of_a_fluid_is_not_viscous_friction_and_more(model):
 def test_one_name_alone_is_asked_for_drag_only_where_it_leaves_something_over(model):
     search = searched(model, lambda v, a: np.array([0.0, 0.04]) * v * np.abs(v))
     alone = search.finish([Term("viscous_friction", 1)], [], [])
-    said = outside(search.problem, search, alone, remains=True)
+    said = outside(search.problem, search, alone, strained=True)
     assert said is not None
     assert "drag of a fluid" in said
-    assert outside(search.problem, search, alone, remains=False) is None
+    assert outside(search.problem, search, alone, strained=False) is None
 
 
 def test_a_late_position_is_felt_by_every_joint(model):

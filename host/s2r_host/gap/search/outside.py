@@ -28,14 +28,15 @@ class Cause(NamedTuple):
     words: str
 
 
-def outside(problem: Problem, search: Search, solution: Solution, *, remains: bool) -> str | None:
+def outside(problem: Problem, search: Search, solution: Solution, *, strained: bool) -> str | None:
     """A sentence naming the cause outside the catalogue that explains as much as the terms on a joint, or None.
 
-    ``remains``: the terms leave something over, so that even a single one may be an imitation.
+    ``strained``: the terms leave something over, or ask for numbers far from nominal ones, so that even a single one may
+    be an imitation.
     """
     without = search.finish([], [], []).prediction
     for joint in sorted({t.joint for t in solution.terms if t.joint >= 0}):
-        for cause in _causes(problem, solution, joint, remains=remains):
+        for cause in _causes(problem, solution, joint, strained=strained):
             left, size = beside_numbers(problem, search, [cause.column])
             likely = cause.least < float(size[0]) < cause.most
             if likely and _explains(problem, joint, left, solution.prediction, without):
@@ -43,7 +44,7 @@ def outside(problem: Problem, search: Search, solution: Solution, *, remains: bo
     return None
 
 
-def _causes(problem: Problem, solution: Solution, joint: int, *, remains: bool) -> Iterator[Cause]:
+def _causes(problem: Problem, solution: Solution, joint: int, *, strained: bool) -> Iterator[Cause]:
     model, blocks = problem.ctx.model, [b for b in problem.blocks if b.joint == joint]
     name = model.joints[joint]
     for other in problem.joints:
@@ -56,7 +57,7 @@ def _causes(problem: Problem, solution: Solution, joint: int, *, remains: bool) 
                 f"{{:.1%}} of the effort of '{model.joints[other]}' in that of '{name}' explain as much: cross-talk of "
                 "two channels",
             )
-    if remains or sum(t.joint == joint for t in solution.terms) > 1:
+    if strained or sum(t.joint == joint for t in solution.terms) > 1:
         speeds = {b.session.index: b.session.v[:, joint] for b in blocks}
         unit, effort = model.unit(name), model.effort_unit(name)
         yield Cause(

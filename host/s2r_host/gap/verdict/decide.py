@@ -113,8 +113,9 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     if odd is None and remains and decision.effects:
         found = vibration(problem, search, solution)
         odd = None if found is None else _swings(problem, *found)
-    if odd is None and decision.effects:
-        odd = outside(problem, search, solution, remains=remains)
+    if odd is None and (decision.effects or decision.parameters_off):
+        strained = remains or stretched(problem, solution) is not None
+        odd = outside(problem, search, solution, strained=strained)
     odd = odd or impossible(problem, decision)
     if odd is not None:
         decision.reasons.append(odd)
