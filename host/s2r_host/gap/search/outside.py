@@ -31,8 +31,8 @@ class Cause(NamedTuple):
 def outside(problem: Problem, search: Search, solution: Solution, *, strained: bool) -> str | None:
     """A sentence naming the cause outside the catalogue that explains as much as the terms on a joint, or None.
 
-    ``strained``: the terms leave something over, or ask for numbers far from nominal ones, so that even a single one may
-    be an imitation.
+    ``strained``: the terms leave something over, or ask for numbers far from nominal ones, so that even a single one
+    may be an imitation.
     """
     without = search.finish([], [], []).prediction
     for joint in sorted({t.joint for t in solution.terms if t.joint >= 0}):

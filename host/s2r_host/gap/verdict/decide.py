@@ -12,6 +12,7 @@ from s2r_host.gap.regression.friction_seen import nominal_friction_of
 from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.regression import TEMPER
 from s2r_host.gap.regression.solution import Solution
+from s2r_host.gap.search.break_away import break_away
 from s2r_host.gap.search.bursts import bursts
 from s2r_host.gap.search.consistency import disagreement, stretched
 from s2r_host.gap.search.outside import outside
@@ -29,7 +30,13 @@ from s2r_host.gap.verdict.decision import (
     too_much_left,
 )
 from s2r_host.gap.verdict.naming import Named, brought, named_effect, parameter_table
-from s2r_host.gap.verdict.other_equations import add_contradiction, add_drift, add_law, add_wander
+from s2r_host.gap.verdict.other_equations import (
+    add_break_away,
+    add_contradiction,
+    add_drift,
+    add_law,
+    add_wander,
+)
 from s2r_host.gap.verdict.other_machine import all_numbers_elsewhere, other_machine
 from s2r_host.gap.verdict.parameters_off import base_entries, is_parameter, off_entries, parameters_only
 from s2r_host.gap.verdict.rejected import rejected_list
@@ -48,6 +55,10 @@ def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda
         add_contradiction(problem, contradiction, decision)
     if decision.verdict in ("nothing_missing", "parameter_off") and problem.wanders:
         add_wander(problem, max(problem.wanders, key=lambda w: w.size / w.effort), decision)
+    if decision.verdict in ("nothing_missing", "parameter_off"):
+        for found in (break_away(problem, j) for j in problem.joints):
+            if found is not None:
+                add_break_away(problem, search, found, decision)
     decision.effects.sort(key=_rank)
     if decision.verdict != "unknown":
         moved = other_machine(problem, decision) or all_numbers_elsewhere(problem, search)

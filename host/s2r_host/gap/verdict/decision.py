@@ -11,6 +11,7 @@ from s2r_host.gap.motion.law import LawFinding
 from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.solution import Solution
 from s2r_host.gap.regression.strokes import left_over, together
+from s2r_host.gap.search.break_away import BreakAway
 from s2r_host.gap.search.bursts import Bursts
 from s2r_host.gap.search.search import Search
 from s2r_host.gap.verdict.naming import Named
@@ -35,7 +36,7 @@ class Decision:
     explained: float = 0.0
     law: list[LawFinding] = field(default_factory=list)
     contradictions: list[Contradiction] = field(default_factory=list)
-    touched: Bursts | None = None
+    touched: Bursts | BreakAway | None = None
 
 
 def too_much_left(problem: Problem, search: Search, decision: Decision) -> bool:

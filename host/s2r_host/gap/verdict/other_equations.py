@@ -1,6 +1,8 @@
-"""What other equations than the plant's say: the control law, two sensors of a joint, second runs, other sessions."""
+"""What other equations than the plant's say: control law, two sensors of a joint, starts, second runs, sessions."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,12 +11,14 @@ from s2r_host.gap.motion.law import LawFinding
 from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.solution import Term
 from s2r_host.gap.regression.unrepeated import Wander
+from s2r_host.gap.search.break_away import BreakAway
 from s2r_host.gap.search.search import Search
 from s2r_host.gap.verdict.decision import Decision
 from s2r_host.gap.verdict.naming import CEILING, MODEL_ERROR, SET_LEAST, Z90, Named, cooling
 from s2r_host.gap.verdict.parameters_off import off_entry
 
 SAME_CAUSE = 8.0  # log odds
+BREAK_AWAY_ERROR = 0.2  # of the excess: peaks of an effort are blunted by filters and raised by noise
 DRIFT_ODDS, DRIFT_COMMON, DRIFT_LEAST, DRIFT_ERROR = 18.0, 0.7, 0.02, 0.05
 # What is left of a compliant gear in the plant's equation of the link alone (behind_gear.py).
 BEHIND_THE_SENSOR = ("flexible_part", "backlash", "joint_elasticity")
@@ -93,6 +97,42 @@ def add_wander(problem: Problem, found: Wander, decision: Decision) -> None:
     name = problem.ctx.model.joints[found.joint]
     decision.verdict = "unknown"
     decision.reasons.append(found.words(name, problem.ctx.model.effort_unit(name)))
+
+
+def add_break_away(problem: Problem, search: Search, found: BreakAway, decision: Decision) -> None:
+    """Name friction at rest above that in motion, where it is gone before a regression on the speed can see it."""
+    model = problem.ctx.model
+    joint, solution = model.joints[found.joint], decision.solution
+    if "stribeck" not in search.effects:
+        decision.verdict, decision.touched, decision.parameters_off = "unknown", found, []
+        decision.reasons.append(found.words)
+        return
+    half = Z90 * float(np.hypot(found.deviation, BREAK_AWAY_ERROR * found.excess))
+    table = {
+        "static_excess": {
+            "value": found.excess, "unit": model.effort_unit(joint),
+            "interval90": [found.excess - half, found.excess + half], "identifiable": True,
+        },
+        "speed": {
+            "value": found.speed, "unit": f"{model.unit(joint)}/s", "interval90": [0.0, found.speed],
+            "identifiable": False,
+        },
+    }  # fmt: skip
+    term = Term("stribeck", found.joint, (("vs", found.speed),))
+    size = (
+        1 if model.model.dof_frictionloss[found.joint] > 0.0 else 2
+    )  # the flat part is friction of its own there
+    theta, spread = np.zeros(size), np.zeros((size, size))
+    theta[0], spread[0, 0] = found.excess, found.deviation**2
+    decision.solution = replace(
+        solution, terms=[*solution.terms, term], slots=[*solution.slots, []],
+        theta=[*solution.theta, theta], covariance=[*solution.covariance, spread],
+    )  # fmt: skip
+    odds = 0.5 * (found.excess / found.deviation) ** 2
+    probability = CEILING / (1.0 + float(np.exp(-min(odds, 30.0))))
+    decision.effects.append(Named(term, "stribeck", joint, probability, [], found.words, table, theta))
+    decision.rejected = [r for r in decision.rejected if (r["name"], r["joint"]) != ("stribeck", joint)]
+    decision.verdict = "physics_missing"
 
 
 def add_drift(problem: Problem, search: Search, decision: Decision) -> None:

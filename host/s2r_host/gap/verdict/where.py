@@ -10,6 +10,7 @@ from s2r_host.gap.motion.kinematics import Contradiction, load_keeps_sign, trans
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.time_spans import time_spans
 from s2r_host.gap.regression.problem import Problem
+from s2r_host.gap.search.break_away import BreakAway
 from s2r_host.gap.search.bursts import Bursts
 from s2r_host.gap.search.search import Search
 from s2r_host.gap.verdict.decision import Decision
@@ -74,7 +75,7 @@ def with_named(problem: Problem, rows: np.ndarray, places: list[Place], decision
     ]
 
 
-def contradicted(problem: Problem, found: Contradiction | Bursts) -> Place:
+def contradicted(problem: Problem, found: Contradiction | Bursts | BreakAway) -> Place:
     """What is known by its times alone: two sensors that contradict each other, a push; the ranges are the motion's."""
     s, j = problem.ctx.sessions[0], found.joint
     box = [[round(float(x.min()), 5), round(float(x.max()), 5)] for x in (s.q[:, j], s.v[:, j])]
