@@ -22,7 +22,9 @@ from s2r_host.proprioception.own_torques import OwnTorques
 from s2r_host.proprioception.samples import EVERY_S, Samples
 from s2r_host.proprioception.tip_force import TipForce, tip_force
 
-OVER_NOISE, LEAST_FORCE_N = 4.0, 1.0  # along the joint and at all, from which on something is touched
+# Along the joint and at all, from which on something is touched. Where a spring below friction pulls the part along,
+# half a newton is left to push with.
+OVER_NOISE, LEAST_FORCE_N = 4.0, 0.5
 IMPACT_S, IMPACT = 0.02, 0.25  # an effort that changes so fast, by this share of its median, is a blow
 GAP_S = 0.05  # shorter breaks belong to a touch
 LEAST_TOUCH_S = 0.25

@@ -37,7 +37,9 @@ from s2r_host.run.session import Session
 from s2r_protocol.exits import S2RError
 
 EVERY = 3  # targets between two lessons: there and back once, and once more
-SLOWLY = 0.3  # of the usual speed: rails that stick let go at a few centimetres per second
+# A slow motion: so fast is the part then, by shares of the usual speed between these. Rails and hinges that stick let
+# go at twice that.
+SLOW_M_S, SLOW_RAD_S, SLOWEST, SLOWLY = 0.01, 0.08, 0.1, 0.3
 TELLING = ("nothing_missing", "parameter_off", "physics_missing")
 BRAKING_M, BRAKING_RAD = 0.015, 0.08  # the stretch before a target in which a part that coasts comes to rest
 SPEED_M_S, SPEED_RAD_S = 0.05, 0.25  # of a part on that stretch, about
@@ -187,7 +189,7 @@ def after_target(session: Session, record: RunRecord, number: int) -> None:
         session.journal.say(note)
 
 
-def pace(number: int, lessons: Sequence[PhysicsLesson]) -> float:
+def pace(number: int, lessons: Sequence[PhysicsLesson], hurry: float = 0.0) -> float:
     """Share of the usual speed for a target's motions, until a lesson has told something.
 
     Motions of one speed go slowly only where they brake: what depends on the speed and what depends on the place are
@@ -196,14 +198,24 @@ def pace(number: int, lessons: Sequence[PhysicsLesson]) -> float:
     Args:
         number: Of the target, from 1.
         lessons: So far.
+        hurry: How many times too fast for a slow motion the part went so far; 0: not known.
     """
-    told = any(lesson.verdict in TELLING for lesson in lessons)
-    return 1.0 if told or number % EVERY else SLOWLY
+    if any(lesson.verdict in TELLING for lesson in lessons) or number % EVERY:
+        return 1.0
+    return float(np.clip(1.0 / hurry, SLOWEST, SLOWLY)) if hurry > 0.0 else SLOWLY
+
+
+def _hurry(record: RunRecord) -> float:
+    """Fastest that the part was felt to go, over what a slow motion is; 0 where nothing was felt."""
+    assert record.belief is not None
+    slow = SLOW_M_S if record.belief.template.slides else SLOW_RAD_S
+    return max((float(np.abs(x.ds).max()) / slow for felt in record.felt.values() for x in felt), default=0.0)
 
 
 def before_target(session: Session, record: RunRecord) -> None:
     """Set the pace, and let the believed object resist as the newest lesson says it does at the session's target."""
-    session.pace = pace(len(record.goals), record.lessons)
+    hurry = 0.0 if record.belief is None else _hurry(record)
+    session.pace = pace(len(record.goals), record.lessons, hurry)
     lesson = next((one for one in reversed(record.lessons) if one.law is not None), None)
     if lesson is None or lesson.law is None or record.belief is None:
         return

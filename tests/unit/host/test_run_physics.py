@@ -20,9 +20,12 @@ from s2r_host.run.belief import Belief
 from s2r_host.run.doubts import doubt_about
 from s2r_host.run.journal import Journal
 from s2r_host.run.physics import (
+    SLOW_RAD_S,
+    SLOWEST,
     SLOWLY,
     JointLaw,
     PhysicsLesson,
+    _hurry,
     _offset,
     _tells,
     _with_law,
@@ -249,6 +252,18 @@ def test_every_third_motion_is_slow_until_a_lesson_has_told_something(tmp_path):
     assert pace(6, open_answers) == SLOWLY
     told = PhysicsLesson(3, tmp_path, "nothing_missing")
     assert [pace(number, [*open_answers, told]) for number in range(4, 7)] == [1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("fastest", "share"), [(0.75, SLOW_RAD_S / 0.75), (2.0, SLOWEST), (0.1, SLOWLY), (None, SLOWLY)]
+)
+def test_a_slow_motion_is_as_slow_as_what_sticks_lets_go(fastest, share):
+    """By how fast the part was felt to go: a short lever turns faster than a lid at the same fingertip."""
+    record: Any = SimpleNamespace(belief=SimpleNamespace(template=SimpleNamespace(slides=False)), felt={})
+    if fastest is not None:
+        record.felt = {"push 1": [SimpleNamespace(ds=np.array([0.0, -fastest]))], "manipulation 1": []}
+    assert pace(3, [], _hurry(record)) == pytest.approx(share)
+    assert pace(2, [], _hurry(record)) == 1.0
 
 
 def test_the_session_moves_the_part_at_the_pace_of_its_target(learnt, tmp_path):
