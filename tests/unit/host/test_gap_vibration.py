@@ -60,6 +60,15 @@ def test_a_vibration_that_is_switched_on_and_off_is_read_where_it_is_on(tmp_path
     assert said[1:] == pytest.approx((7.3, 0.5), rel=0.04)
 
 
+def test_a_line_as_strong_in_every_recording_is_heard_beside_what_is_louder(tmp_path):
+    """Notches take more power than the vibration, but no two motions make a line of one strength off their own."""
+    said = seen(
+        tmp_path, lambda t, q, dq: 0.3 * np.sin(2.0 * np.pi * 7.3 * t + 0.4) + 0.35 * np.sin(20.0 * q)
+    )
+    assert said is not None
+    assert said[1:] == pytest.approx((7.3, 0.3), rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("extra", "two_tones"),
     [

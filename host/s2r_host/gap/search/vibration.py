@@ -20,6 +20,8 @@ from s2r_host.gap.search.search import Search
 LEAST_HZ, PER_RECORD = 0.5, 4.0  # lowest frequency, steps of the first grid per line width
 BETTER = 0.5  # power the sine may leave, in that of the explanation, in every recording
 STEADY = 1.5  # ratio of its amplitudes between recordings: what swings by itself swings alike
+# The same two where the sine is so many noise floors high: no lag has a line as strong in each of two recordings.
+SAME, AS_WELL, LOUD = 1.15, 0.95, 4.0
 MOTION_SHARE = 0.15  # of the speed asked for within a line width: there the motion itself has its line
 LEAST = 0.25  # of the noise floor
 MOST, LOUD_SHARE = 0.6, 0.03  # of the power left over; of the effort: a line outside the band that matters
@@ -45,9 +47,10 @@ def vibration(problem: Problem, search: Search, solution: Solution) -> tuple[int
             (float(np.mean(left[b.rows] ** 2)), float(np.mean(solution.prediction[b.rows] ** 2)))
             for b in blocks
         ]
-        steady = max(amplitudes) < STEADY * min(amplitudes)
-        heard = min(amplitudes) > LEAST * problem.floor[j]
-        if heard and steady and all(own < BETTER * theirs for own, theirs in powers):
+        ratio, weakest = max(amplitudes) / max(min(amplitudes), 1e-30), min(amplitudes) / problem.floor[j]
+        swings = ratio < STEADY and weakest > LEAST and all(own < BETTER * theirs for own, theirs in powers)
+        same = len(blocks) > 1 and ratio < SAME and weakest > LOUD
+        if swings or (same and all(own < AS_WELL * theirs for own, theirs in powers)):
             return j, f, float(np.mean(amplitudes))
     return None
 

@@ -15,6 +15,7 @@ from s2r_host.gap.regression.solution import Solution
 from s2r_host.gap.search.break_away import break_away
 from s2r_host.gap.search.bursts import bursts
 from s2r_host.gap.search.consistency import disagreement, stretched
+from s2r_host.gap.search.everywhere import LATE
 from s2r_host.gap.search.outside import outside
 from s2r_host.gap.search.search import MAX_EFFECTS, Search
 from s2r_host.gap.search.trust import hides, search_under_both, worth
@@ -121,7 +122,8 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     remains = decision.leftover > LEFTOVER_LIMIT * doubt(problem)
     if odd is None and remains and decision.effects and len(problem.joints) <= FEW_JOINTS:
         odd = stretched(problem, solution)
-    if odd is None and remains and decision.effects:
+    late = any(e.name in LATE for e in decision.effects)  # follows a vibration part of the way
+    if odd is None and (remains or late) and decision.effects:
         found = vibration(problem, search, solution)
         odd = None if found is None else _swings(problem, *found)
     if odd is None and (decision.effects or decision.parameters_off):
