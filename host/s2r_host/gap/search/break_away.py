@@ -23,12 +23,12 @@ BEFORE_S, WAIT_S, WINDOWS = 0.1, 0.08, 2
 LEAST_ROWS = 5  # of such a window: a slow log misses the peak
 # Steps of the encoder, and spreads of the position at rest, from which on the rest was left.
 LEFT_STEPS, LEFT_SPREADS = 2.0, 5.0
-EVENTS, APART = (
-    2,
-    0.02,
-)  # starts; of the travel between their places: one place that holds a joint is a detent
-# Of the dry friction, of what smoothing leaves of the noise, of the noise floor.
-LEAST_SHARE, NOISES, FLOORS = 0.1, 4.0, 1.5
+# Least number of starts, and of the travel between their places: one place that holds a joint is a detent.
+EVENTS, APART = 2, 0.02
+# Of the dry friction in motion: the excess, at least and at most, and what the model's damping takes at a slow start.
+LEAST_SHARE, MOST_SHARE, DRAG_SHARE = 0.1, 3.0, 0.1
+# Least excess: of what smoothing leaves of the noise, of its own standard error, of the noise floor.
+NOISES, DEVIATIONS, FLOORS = 2.5, 6.0, 1.5
 ALIKE = 0.45  # spread of the excess over its median
 SLOWER = 0.5  # times the slowest sliding seen after a start: there the excess is gone
 
@@ -75,28 +75,32 @@ class _Start:
 def break_away(problem: Problem, joint: int) -> BreakAway | None:
     """The excess of a joint's friction at rest, where several starts at several places agree on it."""
     blocks = [*problem.blocks, *(problem.twin.problem.blocks if problem.twin is not None else [])]
-    sessions = list(
-        {b.session.index: b.session for b in blocks if b.joint == joint and b.session.driven(joint)}.values()
-    )
+    sessions = list({b.session.index: b.session for b in blocks if b.joint == joint}.values())
+    sessions = [s for s in sessions if s.driven(joint)]
     damping = float(problem.ctx.model.model.dof_damping[joint])
     starts = [start for s in sessions for start in _starts(s, joint, damping)]
-    if len(starts) < EVENTS:
-        return None
+    slow = [x for x in starts if x.drag < DRAG_SHARE * x.dry]
+    noise = max((_noise(_friction(s, joint), s.dt) for s in sessions), default=0.0)
+    return _agreed(problem, joint, starts, noise) or _agreed(problem, joint, slow, noise)
+
+
+def _agreed(problem: Problem, joint: int, starts: list[_Start], noise: float) -> BreakAway | None:
+    """The excess that some starts agree on, None where they do not."""
     low, high = problem.ctx.span(joint)
-    if np.ptp([x.q for x in starts]) < APART * (high - low):
+    if len(starts) < EVENTS or np.ptp([x.q for x in starts]) < APART * (high - low):
         return None
     fell = np.array([x.fell for x in starts])
-    dry = float(np.median([x.dry for x in starts]))
-    noise = max(_noise(_friction(s, joint), s.dt) for s in sessions)
-    excess, spread = float(np.median(fell)), float(np.std(fell))
-    # A joint without any of the damping that its model has falls by that much.
+    # A joint without any of its model's damping falls by that much.
     sure = fell - np.array([x.drag for x in starts])
-    least = max(LEAST_SHARE * dry, NOISES * noise, FLOORS * problem.floor[joint])
-    if float(np.median(sure)) < least or float(sure.min()) < 0.0 or spread > ALIKE * excess:
+    dry = float(np.median([x.dry for x in starts]))
+    excess, spread = float(np.median(fell)), float(np.std(fell))
+    deviation = float(np.hypot(spread, noise) / np.sqrt(len(fell)))
+    least = max(NOISES * noise, DEVIATIONS * deviation, FLOORS * problem.floor[joint])
+    told = least < excess < MOST_SHARE * dry and spread < ALIKE * excess
+    if not told or float(np.median(sure)) < LEAST_SHARE * dry or float(sure.min()) < 0.0:
         return None
     name = problem.ctx.model.joints[joint]
     unit = problem.ctx.model.effort_unit(name)
-    deviation = float(np.hypot(spread, noise) / np.sqrt(len(fell)))
     times = [[round(x.t - BEFORE_S, 3), round(x.t, 3)] for x in starts]
     return BreakAway(
         joint, excess, deviation, times, SLOWER * min(x.speed for x in starts),
