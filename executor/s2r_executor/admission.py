@@ -13,7 +13,7 @@ from s2r_executor.checks.dynamics import InverseDynamics, check_torque
 from s2r_executor.checks.form import check_form, check_start
 from s2r_executor.config import AdmissionConfig
 from s2r_executor.plan import AdmittedPlan, CommandRefusedError, PlanRequest
-from s2r_executor.quintic import sample, spline_through
+from s2r_executor.quintic import minimum_jerk, sample, spline_through
 from s2r_executor.stop_ramps import load_along, stop_durations
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.faults import Refusal
@@ -129,18 +129,18 @@ def _meets(plan: PlanRequest, start: PathState) -> bool:
 def _from_reference(plan: PlanRequest, q_ref: np.ndarray) -> PlanRequest:
     """Begin exactly at the reference and at rest, so that the first setpoint makes no step.
 
-    What the start check tolerates fades out over ``START_FADE_S`` along the minimum-jerk polynomial (Flash and Hogan
-    1985). Played within the first segment it would break the jerk limit where knots stand close: 10 µrad in 10 ms
-    are 600 rad/s³. Everything is checked after this.
+    What the start check tolerates fades out over ``START_FADE_S`` along the minimum-jerk polynomial. Played within the
+    first segment it would break the jerk limit where knots stand close: 10 µrad in 10 ms are 600 rad/s³. Everything is
+    checked after this.
     """
     q, dq, ddq = plan.q.copy(), plan.dq.copy(), plan.ddq.copy()
     end = min(int(np.searchsorted(plan.t, plan.t[0] + START_FADE_S)), len(plan.t) - 1)
     duration = plan.t[end] - plan.t[0]
-    x = ((plan.t[: end + 1] - plan.t[0]) / duration)[:, None]
+    s, ds, dds = minimum_jerk(((plan.t[: end + 1] - plan.t[0]) / duration)[:, None])
     offset = q_ref - plan.q[0]
-    q[: end + 1] += offset * (1.0 - x**3 * (10.0 - 15.0 * x + 6.0 * x**2))
-    dq[: end + 1] -= offset * 30.0 * x**2 * (1.0 - x) ** 2 / duration
-    ddq[: end + 1] -= offset * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / duration**2
+    q[: end + 1] += offset * (1.0 - s)
+    dq[: end + 1] -= offset * ds / duration
+    ddq[: end + 1] -= offset * dds / duration**2
     q[0] = q_ref
     dq[0] = dq[-1] = 0.0
     ddq[0] = ddq[-1] = 0.0

@@ -53,6 +53,12 @@ def spline_through(t: np.ndarray, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     return Spline(t, q, dq, ddq, coefficients)
 
 
+def minimum_jerk(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The way from 0 to 1 over x in [0, 1], at rest at both ends (Flash and Hogan 1985), and its two derivatives."""
+    s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+    return s, 30.0 * x**2 * (1.0 - x) ** 2, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
+
+
 def control_points(spline: Spline) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Bernstein control points of position, velocity, acceleration and jerk.
 

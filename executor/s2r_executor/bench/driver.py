@@ -18,6 +18,7 @@ from s2r_executor.admission import Admission
 from s2r_executor.config import ExecutorConfig
 from s2r_executor.core import Core
 from s2r_executor.plan import AdmittedPlan, PlanRequest
+from s2r_executor.quintic import minimum_jerk
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.exits import NotReadyError
 from s2r_protocol.faults import ExecutorState
@@ -34,15 +35,13 @@ def smooth_request(
 ) -> PlanRequest:
     """A minimum-jerk move by ``step`` [rad], shape (dof,), from ``q``."""
     t = np.linspace(0.0, duration_s, knots)
-    x = t / duration_s
-    s = x**3 * (10 - 15 * x + 6 * x**2)
-    ds, dds = 30 * x**2 * (1 - x) ** 2 / duration_s, 60 * x * (1 - x) * (1 - 2 * x) / duration_s**2
+    s, ds, dds = minimum_jerk(t / duration_s)
     return PlanRequest(
         joint_names=arm.joint_names,
         t=t,
         q=q + s[:, None] * step,
-        dq=ds[:, None] * step,
-        ddq=dds[:, None] * step,
+        dq=ds[:, None] / duration_s * step,
+        ddq=dds[:, None] / duration_s**2 * step,
         label="bench",
     )
 

@@ -207,15 +207,15 @@ def pace(number: int, lessons: Sequence[PhysicsLesson], hurry: float = 0.0) -> f
 
 def _hurry(record: RunRecord) -> float:
     """Fastest that the part was felt to go, over what a slow motion is; 0 where nothing was felt."""
-    assert record.belief is not None
+    if record.belief is None:
+        return 0.0
     slow = SLOW_M_S if record.belief.template.slides else SLOW_RAD_S
     return max((float(np.abs(x.ds).max()) / slow for felt in record.felt.values() for x in felt), default=0.0)
 
 
 def before_target(session: Session, record: RunRecord) -> None:
     """Set the pace, and let the believed object resist as the newest lesson says it does at the session's target."""
-    hurry = 0.0 if record.belief is None else _hurry(record)
-    session.pace = pace(len(record.goals), record.lessons, hurry)
+    session.pace = pace(len(record.goals), record.lessons, _hurry(record))
     lesson = next((one for one in reversed(record.lessons) if one.law is not None), None)
     if lesson is None or lesson.law is None or record.belief is None:
         return

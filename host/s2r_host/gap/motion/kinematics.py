@@ -236,7 +236,7 @@ def _transmission(
     link = np.concatenate([s.load[:, joint] for s in fit])
     one_sided = min(float(np.mean(link > 0)), float(np.mean(link < 0))) < 0.01  # the gap is never crossed
     f = float(np.sqrt(k / max((1.0 - motor) * inertia, 1e-12))) / (2.0 * np.pi)
-    table = {"stiffness": _value(k, half, effort)}
+    table = {"stiffness": table_entry(k, half, effort)}
     shape = {"f": f, "zeta": SPRING_DAMPING, "motor": motor}
     odds = 0.7 if one_sided else 6.0
     return LawFinding("joint_elasticity", joint, odds, spring.share, table, shape, {"backlash": 0.0})
@@ -264,7 +264,7 @@ def _play(
     inertia = float(np.mean(np.concatenate([s.mass[:, joint] for s in fit])))
     motor = float(model.model.dof_armature[joint]) / inertia
     width, half = float(-play.beta[1]), Z90 * float(play.deviation[1])
-    table = {"half_width": _value(width, half, model.unit(name)) | {"identifiable": identifiable}}
+    table = {"half_width": table_entry(width, half, model.unit(name)) | {"identifiable": identifiable}}
     shape = {"w": width, "motor": motor, "f": PLAY_HZ, "zeta": PLAY_DAMPING}
     return LawFinding("backlash", joint, odds, play.share, table, shape, {"joint_elasticity": 0.0})
 
@@ -285,5 +285,6 @@ def _regress(X: np.ndarray, y: np.ndarray, effective: float) -> _Regression:
     )
 
 
-def _value(x: float, half: float, unit: str) -> dict:
+def table_entry(x: float, half: float, unit: str) -> dict:
+    """A parameter as answered: its value with an even interval."""
     return {"value": x, "unit": unit, "interval90": [x - half, x + half], "identifiable": True}

@@ -18,15 +18,19 @@ def rests_of(s: Session, j: int) -> np.ndarray:
 
     Stops and starts are blurred by the filters, and a joint that is about to stick does not slide as others do.
     """
-    # The noise of the speed crosses any bound now and then: it does not end a rest.
-    mean_square = uniform_filter1d(s.v[:, j] ** 2, max(1, round(0.5 * REST_S / s.dt)), mode="nearest")
-    still = mean_square < (REST_NOISES * s.v_noise[j]) ** 2
-    rests = np.zeros(len(still), dtype=bool)
-    for start, end in runs(still):
+    rests = np.zeros(len(s.t), dtype=bool)
+    for start, end in stands(s, j):
         if (end - start) * s.dt > REST_S:
             rests[start:end] = True
     reach = round((min(1.0 / float(s.cut[j]), STOPPING_S) + 0.25 * REST_S) / s.dt)
     return maximum_filter1d(rests, 2 * reach + 1)
+
+
+def stands(s: Session, j: int) -> np.ndarray:
+    """Where a joint does not move, however shortly: first row and the one after the last, shape (runs, 2)."""
+    # The noise of the speed crosses any bound now and then: it does not end a rest.
+    mean_square = uniform_filter1d(s.v[:, j] ** 2, max(1, round(0.5 * REST_S / s.dt)), mode="nearest")
+    return runs(mean_square < (REST_NOISES * s.v_noise[j]) ** 2)
 
 
 def stillness(s: Session, j: int) -> np.ndarray:

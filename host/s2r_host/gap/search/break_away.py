@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from s2r_host.gap.motion.rest import REST_NOISES, REST_S
+from s2r_host.gap.motion.rest import stands
 from s2r_host.gap.motion.session import Session
-from s2r_host.gap.motion.time_spans import runs
 from s2r_host.gap.regression.problem import Problem
 
 SMOOTH_S = 0.01
@@ -115,9 +114,8 @@ def _starts(s: Session, joint: int, damping: float) -> list[_Start]:
     before, wait = round(BEFORE_S / s.dt), round(WAIT_S / s.dt)
     if before < LEAST_ROWS:
         return []
-    mean_square = uniform_filter1d(v**2, max(1, round(0.5 * REST_S / s.dt)), mode="nearest")
     found = []
-    for begin, end in runs(mean_square < (REST_NOISES * s.v_noise[joint]) ** 2):
+    for begin, end in stands(s, joint):
         inner = slice(begin + before // 2, end - before)
         if inner.stop - inner.start < before // 2:
             continue

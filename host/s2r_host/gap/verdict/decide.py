@@ -120,15 +120,15 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         return decision
     odd = disagreement(problem, search, solution)
     remains = decision.leftover > LEFTOVER_LIMIT * doubt(problem)
+    far = stretched(problem, solution)
     if odd is None and remains and decision.effects and len(problem.joints) <= FEW_JOINTS:
-        odd = stretched(problem, solution)
+        odd = far
     late = any(e.name in LATE for e in decision.effects)  # follows a vibration part of the way
     if odd is None and (remains or late) and decision.effects:
         found = vibration(problem, search, solution)
         odd = None if found is None else _swings(problem, *found)
     if odd is None and (decision.effects or decision.parameters_off):
-        strained = remains or stretched(problem, solution) is not None
-        odd = outside(problem, search, solution, strained=strained)
+        odd = outside(problem, search, solution, strained=remains or far is not None)
     odd = odd or impossible(problem, decision)
     if odd is not None:
         decision.reasons.append(odd)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from s2r_host.gap.motion.kinematics import Contradiction
+from s2r_host.gap.motion.kinematics import Contradiction, table_entry
 from s2r_host.gap.motion.law import LawFinding
 from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.solution import Term
@@ -108,31 +108,29 @@ def add_break_away(problem: Problem, search: Search, found: BreakAway, decision:
         decision.reasons.append(found.words)
         return
     half = Z90 * float(np.hypot(found.deviation, BREAK_AWAY_ERROR * found.excess))
+    bound = {"interval90": [0.0, found.speed], "identifiable": False}
     table = {
-        "static_excess": {
-            "value": found.excess, "unit": model.effort_unit(joint),
-            "interval90": [found.excess - half, found.excess + half], "identifiable": True,
-        },
-        "speed": {
-            "value": found.speed, "unit": f"{model.unit(joint)}/s", "interval90": [0.0, found.speed],
-            "identifiable": False,
-        },
-    }  # fmt: skip
+        "static_excess": table_entry(found.excess, half, model.effort_unit(joint)),
+        "speed": table_entry(found.speed, 0.0, f"{model.unit(joint)}/s") | bound,
+    }
     term = Term("stribeck", found.joint, (("vs", found.speed),))
-    size = (
-        1 if model.model.dof_frictionloss[found.joint] > 0.0 else 2
-    )  # the flat part is friction of its own there
+    # Where the model has no friction, the flat part is a coefficient of its own.
+    size = 1 if model.model.dof_frictionloss[found.joint] > 0.0 else 2
     theta, spread = np.zeros(size), np.zeros((size, size))
     theta[0], spread[0, 0] = found.excess, found.deviation**2
     decision.solution = replace(
         solution, terms=[*solution.terms, term], slots=[*solution.slots, []],
         theta=[*solution.theta, theta], covariance=[*solution.covariance, spread],
     )  # fmt: skip
-    odds = 0.5 * (found.excess / found.deviation) ** 2
-    probability = CEILING / (1.0 + float(np.exp(-min(odds, 30.0))))
+    probability = _probability(0.5 * (found.excess / found.deviation) ** 2)
     decision.effects.append(Named(term, "stribeck", joint, probability, [], found.words, table, theta))
     decision.rejected = [r for r in decision.rejected if (r["name"], r["joint"]) != ("stribeck", joint)]
     decision.verdict = "physics_missing"
+
+
+def _probability(odds: float) -> float:
+    """Of what stands against nothing at all, from its log odds."""
+    return CEILING / (1.0 + float(np.exp(-min(odds, 30.0))))
 
 
 def add_drift(problem: Problem, search: Search, decision: Decision) -> None:
@@ -156,18 +154,13 @@ def add_drift(problem: Problem, search: Search, decision: Decision) -> None:
         half = Z90 * float(np.hypot(deviation, MODEL_ERROR + DRIFT_ERROR * abs(share)))
         own = Z90 * float(np.sqrt(covariance[0, 0]))
         table = {
-            "factor": {
-                "value": 1.0 + share, "unit": "1", "interval90": [1.0 + share - half, 1.0 + share + half],
-                "identifiable": True,
-            },
-            f"change_{s.rec.session}": {
-                "value": float(change[0]), "unit": problem.ctx.model.effort_unit(joint),
-                "interval90": [float(change[0]) - own, float(change[0]) + own], "identifiable": True,
-            },
-        }  # fmt: skip
-        probability = CEILING / (1.0 + float(np.exp(-min(odds, 30.0))))
+            "factor": table_entry(1.0 + share, half, "1"),
+            f"change_{s.rec.session}": table_entry(
+                float(change[0]), own, problem.ctx.model.effort_unit(joint)
+            ),
+        }
         named = Named(
-            Term("session_friction", j), "session_friction", joint, probability, [],
+            Term("session_friction", j), "session_friction", joint, _probability(odds), [],
             f"friction of session '{s.rec.session}' differs by {share:+.1%} from the fitted sessions",
             table, change,
         )  # fmt: skip
