@@ -17,6 +17,7 @@ from s2r_host.gap.motion.behind_gear import links_alone
 from s2r_host.gap.motion.checks import check_efforts, check_gains, check_joints, check_units
 from s2r_host.gap.motion.law import stamps_within
 from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.registration import registered
 from s2r_host.gap.motion.servo_law import with_speeds_used
 from s2r_host.gap.motion.session import Session, make_session
 from s2r_host.gap.motion.slow_log import filled
@@ -112,6 +113,12 @@ def analyse(
     fit = load_sessions(model, fit_paths, 0, notes)
     hold = load_sessions(model, hold_paths, len(fit), notes)
     repeats = load_sessions(model, repeat_paths, len(fit) + len(hold), notes)
+    placed = registered(model, fit + hold + repeats, notes)
+    fit, hold, repeats = (
+        placed[: len(fit)],
+        placed[len(fit) : len(fit) + len(hold)],
+        placed[len(fit) + len(hold) :],
+    )
     if not hold:
         notes.append(
             "no held-out recording given: the last 30 % of each fit recording is held out, of each of several strokes "

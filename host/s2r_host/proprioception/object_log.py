@@ -40,6 +40,8 @@ LEAST_WAY = 0.02
 STANDS_M_S, STANDS_SHARE = 0.003, 0.15
 ALONE = 9.0  # misfit of one force at the fingertip from which on something else is touched, or felt wrongly
 COMES_TO_REST_M_S = 0.006  # the part ends with the fingertip, and not a millimetre further
+# How far a part's surface is off along its way, one standard deviation, and at worst; how far off a hinge is seen.
+SURFACE_M, SURFACE_AT_WORST_M, SEEN_RAD = 0.0012, 0.01, 0.012
 # Flat on flat, the place nearest to the part changes from one edge of the fingertip to the other within a fraction of
 # a degree. Where that changes a lever, the place is not known until the part has turned by what its shape is off.
 OTHER_LEVER, TURN_RAD = 0.05, 0.05
@@ -55,6 +57,7 @@ class Touch:
         ds: Its speed, (n,).
         effort: Of the arm on the joint, positive where it makes it grow [N or N·m], (n,).
         sigma: Standard error of the effort, (n,).
+        s_sigma: How far its joint values may be off all along [m or rad].
     """
 
     t: np.ndarray
@@ -62,6 +65,7 @@ class Touch:
     ds: np.ndarray
     effort: np.ndarray
     sigma: np.ndarray
+    s_sigma: float
 
 
 def touches(
@@ -106,18 +110,25 @@ def touches(
     if not found:
         return []
     last = followed[-1]
-    if _speed(last, part)[-1] < COMES_TO_REST_M_S:
-        off = s_end - float(last.s[-1])
-    else:  # the part has gone on alone: where it was met counts
+    off = s_end - float(last.s[-1])
+    if _speed(last, part)[-1] >= COMES_TO_REST_M_S:  # the part has gone on alone: where it was met counts
         met = follow(arm, samples, np.flatnonzero(contact)[:1], part, s_start, s_end, most)
-        off = s_start - float(met.s[0]) if met is not None else 0.0
+        at_start = s_start - float(met.s[0]) if met is not None else off
+        # A part that ends behind the fingertip has not gone on: something else was felt before the part was.
+        off = at_start if sign * (off - at_start) > -SURFACE_AT_WORST_M / _lever(last, part) else off
     return [replace(one, s=one.s + off) for one in found]
 
 
 def _touch(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -> Touch:
     effort, sigma = force.along(part.velocity(one.p), part.turning)
     disagrees = np.sqrt(np.maximum(force.misfit, 1.0))  # Birge (1932): such a value is not known so well
-    return Touch(samples.t[one.rows], *_smoothed(one.s), effort, sigma * disagrees)
+    s_sigma = float(np.hypot(SURFACE_M / _lever(one, part), SEEN_RAD if part.turning.any() else 0.0))
+    return Touch(samples.t[one.rows], *_smoothed(one.s), effort, sigma * disagrees, s_sigma)
+
+
+def _lever(one: Followed, part: PushedPart) -> float:
+    """How far the place pushed goes per unit of the joint: 1 on a slide, not next to nothing on a hinge [m]."""
+    return max(float(np.median(np.linalg.norm(part.velocity(one.p), axis=1))), SURFACE_AT_WORST_M)
 
 
 def _blows(effort: np.ndarray, pushing: np.ndarray) -> np.ndarray:
@@ -199,6 +210,7 @@ def write_log(
             "effort": "measured",
             "effort_sigma": {joint: _accuracy(one, hinged)},
             "effort_gain_sigma": {joint: LEVER_GAIN} if hinged else {},
+            "position_sigma": {joint: one.s_sigma} if hinged else {},
             "input": "effort",
             "session": session,
             "notes": "joint followed by the fingertip, effort from the arm's joint torques",

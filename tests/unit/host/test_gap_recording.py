@@ -106,16 +106,18 @@ def test_parquet_reads_like_csv(tmp_path):
     assert read_recording(path).get("q", "a") == pytest.approx(np.sin(T))
 
 
-def test_the_declared_accuracy_of_the_effort_is_read_under_the_models_joint(tmp_path):
+def test_a_declared_accuracy_is_read_under_the_models_joint(tmp_path):
     side = {"effort_sigma": {"motor": 0.05}, "joint_names": {"motor": "a"}}
     assert read_recording(simple(tmp_path, side)).effort_sigma == {"a": 0.05}
     side = {"effort_gain_sigma": {"motor": 0.1}, "joint_names": {"motor": "a"}}
     assert read_recording(simple(tmp_path, side)).effort_gain_sigma == {"a": 0.1}
+    side = {"position_sigma": {"motor": 0.01}, "joint_names": {"motor": "a"}}
+    assert read_recording(simple(tmp_path, side)).position_sigma == {"a": 0.01}
 
 
 @pytest.mark.parametrize("sigma", [{"a": 0}, {"a": -1.0}, {"a": "much"}, {"a": float("nan")}])
 def test_an_accuracy_that_is_no_positive_number_is_refused(tmp_path, sigma):
-    for key in ("effort_sigma", "effort_gain_sigma"):
+    for key in ("effort_sigma", "effort_gain_sigma", "position_sigma"):
         with pytest.raises(GapRecordingError, match=key):
             read_recording(simple(tmp_path, {key: sigma}))
 

@@ -23,10 +23,10 @@ QUICK = GapConfig(simulate=False, baselines=False, report=False, next_experiment
 PITCH_M, SPEED_M_S = 0.03, 0.05
 
 
-def touch(folder, name, start_m, way, seconds=0.6, catch_N=0.0, pull_N=0.0, scale=1.0, side=None):
+def touch(folder, name, start_m, way, seconds=0.6, catch_N=0.0, pull_N=0.0, scale=1.0, off_m=0.0, side=None):
     """Recording of a part pushed at a steady speed, catches and a steady pull along its way.
 
-    Efforts are told ``scale`` times too large; ``side`` is put into the side file.
+    Efforts are told ``scale`` times too large, positions ``off_m`` too far; ``side`` is put into the side file.
     """
     t = np.arange(0.0, seconds, 0.005)
     q = start_m + way * SPEED_M_S * t
@@ -37,7 +37,7 @@ def touch(folder, name, start_m, way, seconds=0.6, catch_N=0.0, pull_N=0.0, scal
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["t", "q.rail", "dq.rail", "tau.rail"])
-        writer.writerows(zip(t, q, np.full(len(t), way * SPEED_M_S), tau, strict=True))
+        writer.writerows(zip(t, q + off_m, np.full(len(t), way * SPEED_M_S), tau, strict=True))
     usual = {"effort": "measured", "input": "effort", "session": "run", "effort_sigma": {"rail": 0.3}}
     path.with_suffix(".yaml").write_text(yaml.safe_dump(usual | (side or {})))
     return path
@@ -65,13 +65,16 @@ def braked(folder, sticks_N, damping, believed=15.0) -> Analysis:
     return analyse(folder / "model.xml", paths, [], [], QUICK, lambda _: None)
 
 
-def analysed(folder, scales=(1.0,) * 8, **more) -> Analysis:
+def analysed(folder, scales=(1.0,) * 8, offs=(0.0,) * 8, **more) -> Analysis:
     """What is said of touches all along a way of 12 cm, out and back."""
     (folder / "model.xml").write_text(MODEL)
     starts = np.linspace(0.0, 0.09, 4)
     ways = [(f"out{k}", float(x), 1) for k, x in enumerate(starts)]
     ways += [(f"back{k}", float(x) + 0.03, -1) for k, x in enumerate(starts)]
-    paths = [touch(folder, *way, scale=scale, **more) for way, scale in zip(ways, scales, strict=True)]
+    paths = [
+        touch(folder, *way, scale=scale, off_m=off, **more)
+        for way, scale, off in zip(ways, scales, offs, strict=True)
+    ]
     return analyse(folder / "model.xml", paths, [], [], QUICK, lambda _: None)
 
 
@@ -83,6 +86,22 @@ def test_touches_shorter_than_a_period_show_notches_together(tmp_path):
     found = analysed(tmp_path, catch_N=3.0)
     assert found.verdict == "physics_missing"
     assert names(found)[0] == "cogging"
+
+
+def test_notches_are_seen_through_positions_that_are_off_where_that_is_declared(tmp_path):
+    offs = (0.005, -0.004, 0.001, -0.005, 0.004, -0.003, 0.005, -0.002)
+    said, amplitude_N = {}, {}
+    for key, side in (("told", {"position_sigma": {"rail": 0.003}}), ("untold", {})):
+        folder = tmp_path / key
+        folder.mkdir()
+        said[key] = analysed(folder, offs=offs, catch_N=3.0, side=side)
+        decision = said[key].decision
+        assert decision is not None
+        amplitude_N[key] = decision.effects[0].parameters["amplitude"]["value"]
+    assert names(said["told"]) == ["cogging"]
+    assert amplitude_N["told"] == pytest.approx(3.0, rel=0.1)
+    assert any("agree with one another once shifted" in note for note in said["told"].notes)
+    assert amplitude_N["untold"] < 0.95 * amplitude_N["told"] or names(said["untold"]) != ["cogging"]
 
 
 def test_a_steady_pull_beyond_the_declared_accuracy_is_no_zero_of_the_gauge(tmp_path):

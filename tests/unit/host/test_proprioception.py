@@ -193,6 +193,30 @@ def test_a_part_that_goes_on_alone_is_where_it_was_met_and_not_where_it_ends(own
     assert found[0].s == pytest.approx(truth, abs=4e-3)  # met within its first newtons
 
 
+def test_what_the_arm_feels_before_it_is_there_is_no_place_of_the_part(own, pushed):
+    """The part goes on alone, and a blow long before the touch passes for one."""
+    joints, p, along = pushed
+    rows = samples(joints)
+    part = plate_across(p[int(TOUCH * len(p))], along)
+    going = rows.part(slice(0, int(0.8 * len(rows))))
+    tau, tips = going.tau.copy(), own.dynamics.tool_positions(going.q)
+    early = (going.t > 0.2 * DURATION) & (going.t < 0.2 * DURATION + 0.04)
+    for k in np.flatnonzero(early):
+        tau[k] += own.dynamics.point_jacobian(going.q[k], tips[k])[:3].T @ (6.0 * along)
+    truth = (own.dynamics.tool_positions(rows.q) - p[int(TOUCH * len(p))]) @ along
+    ends = float(truth[int(0.8 * len(rows)) - 1]) + 0.004
+    found = touches(own, ArmModel(ARM), replace(going, tau=tau), part, 0.0, ends, 0.2)
+    assert found[-1].s == pytest.approx(np.interp(found[-1].t, rows.t, truth), abs=1e-2)
+
+
+@pytest.mark.parametrize(("hinged", "told"), [(True, {"object_joint": 0.02}), (False, {})])
+def test_a_recording_says_how_well_the_place_of_a_hinge_is_known(tmp_path, hinged, told):
+    t = np.arange(0.0, 1.0, 0.005)
+    touch = Touch(t, 0.3 * t, np.full(len(t), 0.3), np.ones(len(t)), np.full(len(t), 0.02), 0.02)
+    (path,) = write_log([touch], "object_joint", tmp_path, "push", "a", hinged=hinged)
+    assert read_recording(path).position_sigma == told
+
+
 def test_where_the_part_stands_or_its_lever_is_uncertain_nothing_is_recorded():
     s = np.concatenate([np.full(40, 0.1), 0.1 + 0.4 * np.linspace(0.0, 1.0, 200), np.full(40, 0.5)])
     p = np.zeros((len(s), 3))
@@ -309,7 +333,7 @@ def lid_touch(mjcf, mass_share: float, friction: float, damping: float, span: tu
     weight = float(model.body_mass[2]) * 9.81 * 0.1 * np.cos(s)
     inertia = float(model.body_inertia[2, 1] + model.body_mass[2] * 0.1**2)
     effort = mass_share * (weight + inertia * np.gradient(ds, t)) + friction * np.sign(ds) + damping * ds
-    return Touch(t, s, ds, effort + rng.normal(0.0, 0.03, len(s)), np.full(len(s), 0.03))
+    return Touch(t, s, ds, effort + rng.normal(0.0, 0.03, len(s)), np.full(len(s), 0.03), 0.001)
 
 
 def test_mass_and_friction_of_a_lid_are_told_apart_by_a_long_way(tmp_path):
@@ -336,7 +360,9 @@ def test_a_fingertip_that_jams_does_not_count_as_friction(tmp_path):
     clean = lid_touch(path, 1.0, 1.2, 0.1, (0.2, 1.2))
     effort = clean.effort.copy()
     effort[340:] += 5.0 * np.linspace(0.0, 1.0, len(effort) - 340)  # the last seventh of the time
-    numbers = learn_numbers(path, "object_joint", [Touch(clean.t, clean.s, clean.ds, effort, clean.sigma)])
+    numbers = learn_numbers(
+        path, "object_joint", [Touch(clean.t, clean.s, clean.ds, effort, clean.sigma, 0.001)]
+    )
     assert numbers is not None
     assert numbers.friction == pytest.approx(1.2, abs=0.15)
 
@@ -350,7 +376,7 @@ def test_a_drawer_that_sticks_keeps_its_mass(tmp_path):
         s = top * (t - 0.8 * t**2)
         ds = top * (1.0 - 1.6 * t)
         effort = mass * np.gradient(ds, t) + 3.0 + 3.0 * np.exp(-((ds / 0.02) ** 2))
-        touched.append(Touch(t, s, ds, effort, np.full(len(t), 0.02)))
+        touched.append(Touch(t, s, ds, effort, np.full(len(t), 0.02), 0.001))
     numbers = learn_numbers(path, "object_joint", touched)
     assert numbers is not None
     assert numbers.mass_share == pytest.approx(1.0, abs=0.2)
@@ -378,7 +404,7 @@ def drawer_touches(mass: float, friction: float, pull: float) -> list[Touch]:
         t, s = duration * x, s if sign > 0.0 else 0.1 - s
         ds = np.gradient(s, t)
         effort = mass * np.gradient(ds, t) + friction * np.sign(ds) + pull
-        found.append(Touch(t, s, ds, effort + rng.normal(0.0, 0.03, len(s)), np.full(len(s), 0.03)))
+        found.append(Touch(t, s, ds, effort + rng.normal(0.0, 0.03, len(s)), np.full(len(s), 0.03), 0.001))
     return found
 
 

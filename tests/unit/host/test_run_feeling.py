@@ -33,7 +33,7 @@ def belief(tmp_path, xml: str, joint_type: str, axis: tuple[float, float, float]
 
 def touch(effort: np.ndarray, s: np.ndarray) -> Touch:
     t = np.linspace(0.0, 1.0, len(s))
-    return Touch(t, s, np.gradient(s, t), effort, np.full(len(s), 0.02))
+    return Touch(t, s, np.gradient(s, t), effort, np.full(len(s), 0.02), 0.001)
 
 
 def joint_of(path) -> tuple[float, float, float]:

@@ -23,6 +23,7 @@ SIDE_KEYS = {
     "effort",
     "effort_sigma",
     "effort_gain_sigma",
+    "position_sigma",
     "input",
     "units",
     "joint_names",
@@ -116,6 +117,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         start_s=float(t[0]),
         effort_sigma=_positive_numbers(side, "effort_sigma", names, path),
         effort_gain_sigma=_positive_numbers(side, "effort_gain_sigma", names, path),
+        position_sigma=_positive_numbers(side, "position_sigma", names, path),
     )
 
 

@@ -39,6 +39,7 @@ class Recording:
         effort_sigma: Accuracy of the effort channel where it is known better than the data show it, by joint: errors
             that go together for tenths of seconds look like physics [N·m or N].
         effort_gain_sigma: How far the scale of this recording's effort may be off, by joint, as a share.
+        position_sigma: How far this recording's position may be off all along, by joint [rad or m].
         warnings: What the file costs: missing columns, dropped samples, coarse steps.
         rows: The rows of the file, where a slow log was rebuilt between them (``motion/slow_log.py``);
             ``effort_doubt``: how far the rebuilt effort may be off, by joint, each of shape (time,) [N·m or N].
@@ -56,6 +57,7 @@ class Recording:
     start_s: float = 0.0
     effort_sigma: dict[str, float] = field(default_factory=dict)
     effort_gain_sigma: dict[str, float] = field(default_factory=dict)
+    position_sigma: dict[str, float] = field(default_factory=dict)
     rows: Recording | None = None
     effort_doubt: dict[str, np.ndarray] = field(default_factory=dict)
 
