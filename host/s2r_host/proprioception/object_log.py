@@ -20,6 +20,7 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.proprioception.following import Followed, PushedPart, follow
 from s2r_host.proprioception.own_torques import OwnTorques
 from s2r_host.proprioception.samples import EVERY_S, Samples
+from s2r_host.proprioception.stick_slip import MEAN_S, averaged, runs, stick_slips
 from s2r_host.proprioception.tip_force import TipForce, tip_force
 
 # Along the joint and at all, from which on something is touched. Where a spring below friction pulls the part along,
@@ -38,6 +39,7 @@ LEVER_GAIN = 0.04  # by which a lever is longer or shorter than believed all alo
 LEAST_WAY = 0.02
 # The place pushed goes slower, by itself or beside what it reaches: friction is anything up to its limit there.
 STANDS_M_S, STANDS_SHARE = 0.003, 0.15
+SLOW_M_S = 0.015  # of a place pushed, up to which a part sticks and slips
 ALONE = 9.0  # misfit of one force at the fingertip from which on something else is touched, or felt wrongly
 COMES_TO_REST_M_S = 0.006  # the part ends with the fingertip, and not a millimetre further
 # How far a part's surface is off along its way, one standard deviation, and at worst; how far off a hinge is seen.
@@ -95,18 +97,30 @@ def touches(
     sign = 1.0 if part.positive else -1.0
     pushing = (size > LEAST_FORCE_N) & (sign * towards > OVER_NOISE * doubt)
     contact = binary_closing(pushing, np.ones(2 * round(GAP_S / EVERY_S / 2) + 1))
-    followed, edge = list[Followed](), round(EDGE_S / EVERY_S)
-    for stretch in _stretches(contact & ~_blows(towards, contact)):
+    struck, edge = _blows(towards, contact), round(EDGE_S / EVERY_S)
+    slipping = stick_slips(contact, struck)
+    steady = contact & ~struck
+    steady[[row for bout in slipping for row in bout]] = False
+    followed, found = list[Followed](), list[Touch]()
+    for stretch in sorted([*runs(steady), *slipping], key=lambda rows: rows[0]):
         s_now = float(followed[-1].s[-1]) if followed else s_start
         one = follow(arm, samples, stretch[edge:-edge], part, s_now, s_end, most)
-        if one is not None:
-            followed.append(one)
-    found = list[Touch]()
-    for one in followed:
+        if one is None:
+            continue
+        followed.append(one)
         felt = tip_force(own, samples.part(one.rows), one.p)
-        for some in _clear(one, part, felt.misfit < ALONE):
-            if len(some.rows) * EVERY_S >= LEAST_TOUCH_S and np.ptp(some.s) >= LEAST_WAY * most:
-                found.append(_touch(samples, some, part, felt.part(some.rows - one.rows[0])))
+        if any(stretch is bout for bout in slipping):
+            touched = _touch_in_the_mean(samples, one, part, felt)
+        else:
+            touched = [
+                _touch(samples, some, part, felt.part(some.rows - one.rows[0]))
+                for some in _clear(one, part, felt.misfit < ALONE)
+            ]
+        found += [
+            one
+            for one in touched
+            if len(one.t) * EVERY_S >= LEAST_TOUCH_S and np.ptp(one.s) >= LEAST_WAY * most
+        ]
     if not found:
         return []
     last = followed[-1]
@@ -124,6 +138,21 @@ def _touch(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -
     disagrees = np.sqrt(np.maximum(force.misfit, 1.0))  # Birge (1932): such a value is not known so well
     s_sigma = float(np.hypot(SURFACE_M / _lever(one, part), SEEN_RAD if part.turning.any() else 0.0))
     return Touch(samples.t[one.rows], *_smoothed(one.s), effort, sigma * disagrees, s_sigma)
+
+
+def _touch_in_the_mean(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -> list[Touch]:
+    """A part that sticks and slips, in running means; nothing where something else is touched or the lever changes."""
+    lever = np.linalg.norm(part.velocity(one.p), axis=1)
+    if len(one.s) <= round(2.0 * MEAN_S / EVERY_S) or np.median(force.misfit) > ALONE:
+        return []
+    if float(np.median(np.abs(_speed(one, part)))) > SLOW_M_S:  # the jumps are those of the way, as of notches
+        return []
+    if np.ptp(lever) > OTHER_LEVER * float(np.median(lever)):
+        return []
+    touch = _touch(samples, one, part, force)
+    s = averaged(one.s)
+    ds = np.gradient(s, EVERY_S)
+    return [Touch(averaged(touch.t), s, ds, averaged(touch.effort), averaged(touch.sigma), touch.s_sigma)]
 
 
 def _lever(one: Followed, part: PushedPart) -> float:
@@ -145,12 +174,6 @@ def _blows(effort: np.ndarray, pushing: np.ndarray) -> np.ndarray:
     return np.convolve(struck, np.ones(rows + 1), "full")[: len(effort)] > 0.0
 
 
-def _stretches(mask: np.ndarray) -> list[np.ndarray]:
-    """Rows of every unbroken run of a mask (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return [np.arange(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def _clear(one: Followed, part: PushedPart, alone: np.ndarray) -> list[Followed]:
     """The stretches in which the part goes, on a lever that is known, and the fingertip is all that touches (n,)."""
     speed, velocity = _speed(one, part), part.velocity(one.p)
@@ -163,7 +186,7 @@ def _clear(one: Followed, part: PushedPart, alone: np.ndarray) -> list[Followed]
     other = np.linalg.norm(np.diff(velocity, axis=0), axis=1) > OTHER_LEVER * lever[1:]
     for changes in one.s[1:][other]:
         clear &= np.abs(one.s - changes) > TURN_RAD
-    return [Followed(one.rows[i], one.s[i], one.p[i]) for i in _stretches(clear)]
+    return [Followed(one.rows[i], one.s[i], one.p[i]) for i in runs(clear)]
 
 
 def _speed(one: Followed, part: PushedPart) -> np.ndarray:
