@@ -145,7 +145,9 @@ def _touch_in_the_mean(samples: Samples, one: Followed, part: PushedPart, force:
     lever = np.linalg.norm(part.velocity(one.p), axis=1)
     if len(one.s) <= round(2.0 * MEAN_S / EVERY_S) or np.median(force.misfit) > ALONE:
         return []
-    if float(np.median(np.abs(_speed(one, part)))) > SLOW_M_S:  # the jumps are those of the way, as of notches
+    if (
+        float(np.median(np.abs(_speed(one, part)))) > SLOW_M_S
+    ):  # the jumps are those of the way, as of notches
         return []
     if np.ptp(lever) > OTHER_LEVER * float(np.median(lever)):
         return []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.effects.viscous_friction import drives
 from s2r_host.gap.motion.session import Session
 
 EVEN = 0.1  # half difference, as a share of what both directions have in common
@@ -50,8 +51,15 @@ class AsymmetricFriction(Effect):
         return Columns(linear, (False,) * len(linear))
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
-        """Friction whose two directions hardly differ is dry and viscous friction, two simpler effects at once."""
+        """Friction whose two directions hardly differ is dry and viscous friction, two simpler effects at once.
+
+        One that falls with the speed so far that it would drive the joint is none.
+        """
         part = self._split(shape, theta)
+        least = float(ctx.model.model.dof_damping[joint]) + part["slope"] - abs(part["viscous"])
+        dry = float(ctx.model.model.dof_frictionloss[joint]) + part["level"]
+        if drives(ctx, joint, least, dry):
+            return -np.inf
         halves = ((part["dry"], part["level"]), (part["viscous"], part["slope"]))
         return -np.inf if all(abs(half) <= EVEN * abs(both) for half, both in halves) else 0.0
 
