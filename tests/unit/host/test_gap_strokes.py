@@ -43,6 +43,16 @@ def touch(folder, name, start_m, way, seconds=0.6, catch_N=0.0, pull_N=0.0, scal
     return path
 
 
+def stroke(folder, name, t, v, tau, sigma_N):
+    """Recording of one stroke, rows every 8 ms, its effort told to be good to ``sigma_N``."""
+    path = folder / f"{name}.csv"
+    rows = np.stack([t, np.cumsum(v) * 0.008, v, tau], axis=1)
+    np.savetxt(path, rows, delimiter=",", header="t,q.rail,dq.rail,tau.rail", comments="")
+    side = {"effort": "measured", "input": "effort", "session": "run", "effort_sigma": {"rail": sigma_N}}
+    path.with_suffix(".yaml").write_text(yaml.safe_dump(side))
+    return path
+
+
 def braked(folder, sticks_N, damping, believed=15.0) -> Analysis:
     """What is said of strokes at falling, usual and slow speed on a rail that sticks where it is slow."""
     slides = MODEL.replace('frictionloss="4" damping="2"', f'frictionloss="3" damping="{believed}"')
@@ -56,12 +66,7 @@ def braked(folder, sticks_N, damping, believed=15.0) -> Analysis:
         friction = 2.6 + sticks_N * np.exp(-((v / 0.02) ** 2))
         noise = np.random.default_rng(k).normal(0.0, 0.05, len(t))
         tau = way * friction + damping * v + 2.0 * np.gradient(v, t) + noise
-        path = folder / f"stroke{k}.csv"
-        rows = np.stack([t, np.cumsum(v) * 0.008, v, tau], axis=1)
-        np.savetxt(path, rows, delimiter=",", header="t,q.rail,dq.rail,tau.rail", comments="")
-        side = {"effort": "measured", "input": "effort", "session": "run", "effort_sigma": {"rail": 0.28}}
-        path.with_suffix(".yaml").write_text(yaml.safe_dump(side))
-        paths.append(path)
+        paths.append(stroke(folder, f"stroke{k}", t, v, tau, 0.28))
     return analyse(folder / "model.xml", paths, [], [], QUICK, lambda _: None)
 
 
@@ -113,6 +118,25 @@ def test_a_steady_pull_beyond_the_declared_accuracy_is_no_zero_of_the_gauge(tmp_
 def test_a_rail_that_sticks_is_no_damping_below_zero(tmp_path):
     found = braked(tmp_path, sticks_N=1.3, damping=15.0)
     assert names(found)[:1] == ["stribeck"]
+
+
+@pytest.mark.parametrize(("dry", "believed"), [(3.3, 15.0), (3.5, 12.0)])
+def test_friction_that_falls_with_the_speed_below_nothing_gets_no_name_of_friction(tmp_path, dry, believed):
+    """A rail that sticks, felt slowly one way only: less friction that way the faster it goes, says a slope."""
+    slides = MODEL.replace('frictionloss="4" damping="2"', f'frictionloss="{dry}" damping="{believed}"')
+    (tmp_path / "model.xml").write_text(slides)
+    paths = []
+    for k, (first, last, seconds, way) in enumerate(
+        [(0.1, 0.015, 0.6, 1), (0.06, 0.03, 1.0, 1), (0.055, 0.03, 1.0, -1), (0.006, 0.006, 4.0, -1)]
+    ):
+        t = np.arange(0.0, seconds, 0.008)
+        v = way * np.linspace(first, last, len(t))
+        friction = 2.6 + 1.3 * np.exp(-((v / 0.02) ** 2))
+        noise = np.random.default_rng(k).normal(0.0, 0.05, len(t))
+        tau = way * friction + 2.0 * v + 2.0 * np.gradient(v, t) + noise
+        paths.append(stroke(tmp_path, f"stroke{k}", t, v, tau, 0.3))
+    found = analyse(tmp_path / "model.xml", paths, [], [], QUICK, lambda _: None)
+    assert names(found) in ([], ["stribeck"])
 
 
 def test_damping_that_is_not_there_is_a_number_that_is_off(tmp_path):

@@ -16,7 +16,7 @@ from s2r_host.proprioception.following import Followed, PushedPart, follow, free
 from s2r_host.proprioception.object_log import ALONE, Touch, _blows, _clear, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
-from s2r_host.proprioception.samples import samples_of
+from s2r_host.proprioception.samples import EVERY_S, Samples, samples_of
 from s2r_host.proprioception.tip_force import tip_force
 from s2r_host.run.measure import PartTemplate
 from s2r_host.run.object_file import with_lean
@@ -207,6 +207,34 @@ def test_what_the_arm_feels_before_it_is_there_is_no_place_of_the_part(own, push
     ends = float(truth[int(0.8 * len(rows)) - 1]) + 0.004
     found = touches(own, ArmModel(ARM), replace(going, tau=tau), part, 0.0, ends, 0.2)
     assert found[-1].s == pytest.approx(np.interp(found[-1].t, rows.t, truth), abs=1e-2)
+
+
+@pytest.mark.parametrize(("slower", "recorded"), [(20.0, True), (2.0, False)])
+def test_a_part_that_sticks_and_slips_is_recorded_in_the_mean_where_it_is_slow(own, pushed, slower, recorded):
+    joints, p, along = pushed
+    rows = samples(joints)
+    t = np.arange(0.0, slower * rows.t[-1], EVERY_S)
+    q, dq, ddq = (
+        np.stack([np.interp(t / slower, rows.t, x) for x in table.T], axis=1) / slower**order
+        for order, table in enumerate((rows.q, rows.dq, rows.ddq))
+    )
+    slow = Samples(t, q, dq, ddq, np.zeros_like(q))
+    tips = own.dynamics.tool_positions(q)
+    phase = np.mod(t / 0.2, 1.0)
+    force_N = np.where(
+        phase < 0.75, 3.0 + 4.0 * phase / 0.75, 7.0 - 16.0 * (phase - 0.75)
+    )  # five slips a second
+    tau = own.along(slow)
+    for k in np.flatnonzero(t > TOUCH * slower * DURATION):
+        tau[k] += own.dynamics.point_jacobian(q[k], tips[k])[:3].T @ (force_N[k] * along)
+    part = plate_across(p[int(TOUCH * len(p))], along)
+    ends = float((tips[-1] - p[int(TOUCH * len(p))]) @ along)
+    found = touches(own, ArmModel(ARM), replace(slow, tau=tau), part, 0.0, ends, 0.2)
+    means = [one for one in found if np.median(np.abs(one.ds)) < 0.015 and len(one.t) * EVERY_S > 2.0]
+    assert bool(means) == recorded
+    for one in means:
+        assert np.median(one.effort) == pytest.approx(5.0, abs=0.4)
+        assert np.ptp(one.effort) < 1.5
 
 
 @pytest.mark.parametrize(("hinged", "told"), [(True, {"object_joint": 0.02}), (False, {})])
