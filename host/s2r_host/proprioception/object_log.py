@@ -39,7 +39,6 @@ LEVER_GAIN = 0.04  # by which a lever is longer or shorter than believed all alo
 LEAST_WAY = 0.02
 # The place pushed goes slower, by itself or beside what it reaches: friction is anything up to its limit there.
 STANDS_M_S, STANDS_SHARE = 0.003, 0.15
-SLOW_M_S = 0.015  # of a place pushed, up to which a part sticks and slips
 ALONE = 9.0  # misfit of one force at the fingertip from which on something else is touched, or felt wrongly
 COMES_TO_REST_M_S = 0.006  # the part ends with the fingertip, and not a millimetre further
 # How far a part's surface is off along its way, one standard deviation, and at worst; how far off a hinge is seen.
@@ -97,29 +96,22 @@ def touches(
     sign = 1.0 if part.positive else -1.0
     pushing = (size > LEAST_FORCE_N) & (sign * towards > OVER_NOISE * doubt)
     contact = binary_closing(pushing, np.ones(2 * round(GAP_S / EVERY_S / 2) + 1))
-    struck, edge = _blows(towards, contact), round(EDGE_S / EVERY_S)
-    slipping = stick_slips(contact, struck)
-    steady = contact & ~struck
-    steady[[row for bout in slipping for row in bout]] = False
+    struck = _blows(towards, contact)
+    speed = np.linalg.norm(np.gradient(force.p, EVERY_S, axis=0), axis=1)
+    slipping = stick_slips(contact, struck, speed)
     followed, found = list[Followed](), list[Touch]()
-    for stretch in sorted([*runs(steady), *slipping], key=lambda rows: rows[0]):
+    for stretch, slips in _stretches(contact & ~struck, slipping):
         s_now = float(followed[-1].s[-1]) if followed else s_start
-        one = follow(arm, samples, stretch[edge:-edge], part, s_now, s_end, most)
+        one = follow(arm, samples, stretch, part, s_now, s_end, most)
         if one is None:
             continue
         followed.append(one)
         felt = tip_force(own, samples.part(one.rows), one.p)
-        if any(stretch is bout for bout in slipping):
-            touched = _touch_in_the_mean(samples, one, part, felt)
-        else:
-            touched = [
-                _touch(samples, some, part, felt.part(some.rows - one.rows[0]))
-                for some in _clear(one, part, felt.misfit < ALONE)
-            ]
+        made = _in_the_mean(samples, one, part, felt) if slips else _steady(samples, one, part, felt)
         found += [
-            one
-            for one in touched
-            if len(one.t) * EVERY_S >= LEAST_TOUCH_S and np.ptp(one.s) >= LEAST_WAY * most
+            touch
+            for touch in made
+            if len(touch.t) * EVERY_S >= LEAST_TOUCH_S and np.ptp(touch.s) >= LEAST_WAY * most
         ]
     if not found:
         return []
@@ -133,28 +125,41 @@ def touches(
     return [replace(one, s=one.s + off) for one in found]
 
 
-def _touch(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -> Touch:
-    effort, sigma = force.along(part.velocity(one.p), part.turning)
-    disagrees = np.sqrt(np.maximum(force.misfit, 1.0))  # Birge (1932): such a value is not known so well
-    s_sigma = float(np.hypot(SURFACE_M / _lever(one, part), SEEN_RAD if part.turning.any() else 0.0))
-    return Touch(samples.t[one.rows], *_smoothed(one.s), effort, sigma * disagrees, s_sigma)
+def _stretches(steady: np.ndarray, slipping: list[np.ndarray]) -> list[tuple[np.ndarray, bool]]:
+    """Rows of contact without blows (n,), and of sticking and slipping, in order, without the edges of each."""
+    apart = steady.copy()
+    for bout in slipping:
+        apart[bout] = False
+    found = [(rows, False) for rows in runs(apart)] + [(rows, True) for rows in slipping]
+    edge = round(EDGE_S / EVERY_S)
+    return [(rows[edge:-edge], slips) for rows, slips in sorted(found, key=lambda one: one[0][0])]
 
 
-def _touch_in_the_mean(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -> list[Touch]:
+def _steady(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -> list[Touch]:
+    """The stretches of a steady push that are clear."""
+    return [
+        _touch(samples, some, part, force.part(some.rows - one.rows[0]))
+        for some in _clear(one, part, force.misfit < ALONE)
+    ]
+
+
+def _in_the_mean(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -> list[Touch]:
     """A part that sticks and slips, in running means; nothing where something else is touched or the lever changes."""
     lever = np.linalg.norm(part.velocity(one.p), axis=1)
-    if len(one.s) <= round(2.0 * MEAN_S / EVERY_S) or np.median(force.misfit) > ALONE:
-        return []
-    if (
-        float(np.median(np.abs(_speed(one, part)))) > SLOW_M_S
-    ):  # the jumps are those of the way, as of notches
-        return []
-    if np.ptp(lever) > OTHER_LEVER * float(np.median(lever)):
+    changes = float(np.ptp(lever)) > OTHER_LEVER * float(np.median(lever))
+    if changes or len(one.s) <= round(2.0 * MEAN_S / EVERY_S) or np.median(force.misfit) > ALONE:
         return []
     touch = _touch(samples, one, part, force)
     s = averaged(one.s)
     ds = np.gradient(s, EVERY_S)
     return [Touch(averaged(touch.t), s, ds, averaged(touch.effort), averaged(touch.sigma), touch.s_sigma)]
+
+
+def _touch(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -> Touch:
+    effort, sigma = force.along(part.velocity(one.p), part.turning)
+    disagrees = np.sqrt(np.maximum(force.misfit, 1.0))  # Birge (1932): such a value is not known so well
+    s_sigma = float(np.hypot(SURFACE_M / _lever(one, part), SEEN_RAD if part.turning.any() else 0.0))
+    return Touch(samples.t[one.rows], *_smoothed(one.s), effort, sigma * disagrees, s_sigma)
 
 
 def _lever(one: Followed, part: PushedPart) -> float:

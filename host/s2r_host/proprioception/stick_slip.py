@@ -16,22 +16,24 @@ from s2r_host.proprioception.samples import EVERY_S
 MEAN_S = 0.5  # of the averages: two cycles of drawn levers and more
 APART_S = 0.3  # blows that follow one another so soon are of one bout
 LEAST_BLOWS = 6  # of a bout: two in every cycle
+SLOW_M_S = 0.015  # of the fingertip: faster jumps are those of the way, as notches have them
 
 
-def stick_slips(contact: np.ndarray, struck: np.ndarray) -> list[np.ndarray]:
+def stick_slips(contact: np.ndarray, struck: np.ndarray, speed_m_s: np.ndarray) -> list[np.ndarray]:
     """Rows of every bout of sticking and slipping that is longer than two averages.
 
     Args:
         contact: Where the fingertip touches the part, (n,).
         struck: Where an effort changes as by a blow, (n,).
+        speed_m_s: Of the fingertip, (n,).
     """
     rows = round(APART_S / EVERY_S)
     padded = np.pad(contact & struck, rows)  # the closing of scipy takes what is outside for untouched
     bouts = binary_closing(padded, np.ones(rows + 1))[rows:-rows] & contact
     found = []
     for bout in runs(bouts):
-        blows = len(runs(struck[bout]))
-        if len(bout) * EVERY_S > 2.0 * MEAN_S and blows >= LEAST_BLOWS:
+        slow = float(np.median(speed_m_s[bout])) < SLOW_M_S
+        if slow and len(bout) * EVERY_S > 2.0 * MEAN_S and len(runs(struck[bout])) >= LEAST_BLOWS:
             found.append(bout)
     return found
 

@@ -7,6 +7,7 @@ from s2r_host.proprioception.samples import EVERY_S
 from s2r_host.proprioception.stick_slip import MEAN_S, averaged, stick_slips
 
 N = 1000
+SLOW = np.full(N, 0.008)
 BLOW, CYCLE = 4, 40  # rows: 20 ms every 0.2 s
 
 
@@ -19,7 +20,7 @@ def struck(first: int, last: int, every: int = CYCLE // 2) -> np.ndarray:
 
 def test_blows_that_follow_one_another_are_one_bout():
     contact = np.ones(N, dtype=bool)
-    (bout,) = stick_slips(contact, struck(200, 700))
+    (bout,) = stick_slips(contact, struck(200, 700), SLOW)
     assert bout[0] == 200
     assert 680 <= bout[-1] < 704
 
@@ -34,13 +35,17 @@ def test_blows_that_follow_one_another_are_one_bout():
     ],
 )
 def test_other_blows_are_none(blows):
-    assert stick_slips(np.ones(N, dtype=bool), blows) == []
+    assert stick_slips(np.ones(N, dtype=bool), blows, SLOW) == []
+
+
+def test_jumps_of_a_part_that_is_pushed_along_are_those_of_the_way():
+    assert stick_slips(np.ones(N, dtype=bool), struck(200, 700), np.full(N, 0.05)) == []
 
 
 def test_a_bout_ends_where_the_fingertip_leaves_the_part():
     contact = np.ones(N, dtype=bool)
     contact[450:] = False
-    (bout,) = stick_slips(contact, struck(200, 700))
+    (bout,) = stick_slips(contact, struck(200, 700), SLOW)
     assert bout[-1] < 450
 
 
