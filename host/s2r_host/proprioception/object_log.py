@@ -145,9 +145,8 @@ def _steady(samples: Samples, one: Followed, part: PushedPart, force: TipForce) 
 
 def _in_the_mean(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -> list[Touch]:
     """A part that sticks and slips, in running means; nothing where something else is touched or the lever changes."""
-    lever = np.linalg.norm(part.velocity(one.p), axis=1)
-    changes = float(np.ptp(lever)) > OTHER_LEVER * float(np.median(lever))
-    if changes or len(one.s) <= round(2.0 * MEAN_S / EVERY_S) or np.median(force.misfit) > ALONE:
+    short = len(one.s) <= round(2.0 * MEAN_S / EVERY_S)
+    if short or _other_lever(part.velocity(one.p)).any() or np.median(force.misfit) > ALONE:
         return []
     touch = _touch(samples, one, part, force)
     s = averaged(one.s)
@@ -189,11 +188,16 @@ def _clear(one: Followed, part: PushedPart, alone: np.ndarray) -> list[Followed]
         return []
     clear = (speed > 0.0) & alone  # a part does not go against the fingertip: that has slid along it
     clear[: going[0]] = clear[going[-1] + 1 :] = False
-    lever = np.linalg.norm(velocity, axis=1)
-    other = np.linalg.norm(np.diff(velocity, axis=0), axis=1) > OTHER_LEVER * lever[1:]
-    for changes in one.s[1:][other]:
+    for changes in one.s[1:][_other_lever(velocity)]:
         clear &= np.abs(one.s - changes) > TURN_RAD
     return [Followed(one.rows[i], one.s[i], one.p[i]) for i in runs(clear)]
+
+
+def _other_lever(velocity: np.ndarray) -> np.ndarray:
+    """Where the lever is another one than a row before, (n - 1,), of motions per unit of the joint (n, 3)."""
+    return np.linalg.norm(np.diff(velocity, axis=0), axis=1) > OTHER_LEVER * np.linalg.norm(
+        velocity[1:], axis=1
+    )
 
 
 def _speed(one: Followed, part: PushedPart) -> np.ndarray:

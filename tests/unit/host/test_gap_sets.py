@@ -1,6 +1,7 @@
 """What belongs in one answer set, how probable each of two alike is, and which friction is no more than a number."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from s2r_host.gap.effects import encoder_offset, gravity_tilt
 from s2r_host.gap.effects.asymmetric_friction import EFFECT as ASYMMETRIC
 from s2r_host.gap.effects.backlash import EFFECT as BACKLASH
 from s2r_host.gap.effects.effort_scale import EFFECT as SCALE
+from s2r_host.gap.effects.viscous_friction import EFFECT as VISCOUS
 from s2r_host.gap.motion.law import LawFinding
 from s2r_host.gap.regression.solution import Scored, Term
 from s2r_host.gap.search.search import Search
@@ -56,12 +58,29 @@ def test_a_base_is_level_to_degrees_and_a_zero_is_off_by_a_tooth(angle, tilted):
         ([0.04, 0.001, 0.08, 0.11], True),
         ([0.004, -0.03, 0.08, 0.11], True),
         ([0.02, 0.0, -0.02, 0.0], True),  # all of it in one direction
+        ([0.0, 0.3, 0.5, -0.2], False),  # would drive the joint one way, with more than it has to overcome
+        ([0.0, 0.02, 0.5, 0.0], True),  # so little below nothing may be an error
     ],
 )
-def test_friction_alike_both_ways_is_not_asymmetric(theta, differs):
-    shape = {"dry": 1.0, "viscous": 1.0}
-    said = ASYMMETRIC.size_prior(ROTARY, 0, shape, np.array(theta))  # pyright: ignore[reportArgumentType]
+def test_friction_alike_both_ways_or_that_drives_is_not_asymmetric(theta, differs):
+    shape: dict[str, float] = {"dry": 1.0, "viscous": 1.0}
+    said = ASYMMETRIC.size_prior(frictionless(top=1.5), 0, shape, np.array(theta))
     assert said == (0.0 if differs else -np.inf)
+
+
+@pytest.mark.parametrize(("slope", "possible"), [(-0.05, True), (-0.4, False), (0.2, True)])
+def test_friction_that_drives_is_not_viscous(slope, possible):
+    ctx = frictionless(top=1.5)
+    ctx.model.model.dof_damping[0], ctx.model.model.dof_frictionloss[0] = 0.1, 0.3
+    said = VISCOUS.size_prior(ctx, 0, {}, np.array([slope]))
+    assert said == (0.0 if possible else -np.inf)
+
+
+def frictionless(top: float) -> Any:
+    """Recordings up to a top speed on a joint whose model has no friction."""
+    model = SimpleNamespace(dof_damping=[0.0], dof_frictionloss=[0.0])
+    session = SimpleNamespace(v=np.array([[0.0], [-top], [0.5 * top]]))
+    return SimpleNamespace(model=SimpleNamespace(model=model), sessions=[session])
 
 
 @pytest.mark.parametrize(("damping", "number"), [(0.0, False), (0.3, True)])

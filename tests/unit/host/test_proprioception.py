@@ -13,11 +13,11 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.obstacles import Obstacle
 from s2r_host.perception.motion import JointMotion
 from s2r_host.proprioception.following import Followed, PushedPart, follow, free_rows
-from s2r_host.proprioception.object_log import ALONE, Touch, _blows, _clear, touches, write_log
+from s2r_host.proprioception.object_log import ALONE, Touch, _blows, _clear, _in_the_mean, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
 from s2r_host.proprioception.samples import EVERY_S, Samples, samples_of
-from s2r_host.proprioception.tip_force import tip_force
+from s2r_host.proprioception.tip_force import TipForce, tip_force
 from s2r_host.run.measure import PartTemplate
 from s2r_host.run.object_file import with_lean
 from s2r_host.trajectory.torque import InverseDynamics
@@ -235,6 +235,26 @@ def test_a_part_that_sticks_and_slips_is_recorded_in_the_mean_where_it_is_slow(o
     for one in means:
         assert np.median(one.effort) == pytest.approx(5.0, abs=0.4)
         assert np.ptp(one.effort) < 1.5
+
+
+@pytest.mark.parametrize(("outwards", "recorded"), [("slowly", True), ("at once", False)])
+def test_a_fingertip_may_slide_along_a_lever_that_sticks_but_not_jump(pushed, outwards, recorded):
+    joints, *_ = pushed
+    n = 400
+    t, s = EVERY_S * np.arange(n), 0.08 * EVERY_S * np.arange(n)
+    lever_m = np.linspace(0.06, 0.07, n) if outwards == "slowly" else np.where(s < 0.08, 0.06, 0.07)
+    p = np.stack([lever_m, np.zeros(n), np.zeros(n)], axis=1)
+    hinge = JointMotion("revolute", np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0)
+    template = PartTemplate(np.zeros((1, 3)), np.ones((1, 3)), hinge)
+    part = PushedPart([], template.pose, template.velocity, True)
+    force_N = np.tile([0.0, 7.0, 0.0], (n, 1))
+    felt = TipForce(p, force_N, np.zeros((n, 3)), np.tile(0.01 * np.eye(6), (n, 1, 1)), np.ones(n))
+    rows = samples(joints).part(np.zeros(n, dtype=int))
+    found = _in_the_mean(replace(rows, t=t), Followed(np.arange(n), s, p), part, felt)
+    assert len(found) == recorded
+    for one in found:
+        assert one.ds == pytest.approx(np.full(len(one.ds), 0.08), rel=1e-3)
+        assert one.effort == pytest.approx(np.full(len(one.effort), 7.0 * 0.065), rel=0.1)
 
 
 @pytest.mark.parametrize(("hinged", "told"), [(True, {"object_joint": 0.02}), (False, {})])
