@@ -43,6 +43,7 @@ ALONE = 9.0  # misfit of one force at the fingertip from which on something else
 COMES_TO_REST_M_S = 0.006  # the part ends with the fingertip, and not a millimetre further
 # How far a part's surface is off along its way, one standard deviation, and at worst; how far off a hinge is seen.
 SURFACE_M, SURFACE_AT_WORST_M, SEEN_RAD = 0.0012, 0.01, 0.012
+LEAST_LEVER_M = 0.01  # nobody pushes a hinge's part nearer to its axis
 # Flat on flat, the place nearest to the part changes from one edge of the fingertip to the other within a fraction of
 # a degree. Where that changes a lever, the place is not known until the part has turned by what its shape is off.
 OTHER_LEVER, TURN_RAD = 0.05, 0.05
@@ -163,7 +164,7 @@ def _touch(samples: Samples, one: Followed, part: PushedPart, force: TipForce) -
 
 def _lever(one: Followed, part: PushedPart) -> float:
     """How far the place pushed goes per unit of the joint: 1 on a slide, not next to nothing on a hinge [m]."""
-    return max(float(np.median(np.linalg.norm(part.velocity(one.p), axis=1))), SURFACE_AT_WORST_M)
+    return max(float(np.median(np.linalg.norm(part.velocity(one.p), axis=1))), LEAST_LEVER_M)
 
 
 def _blows(effort: np.ndarray, pushing: np.ndarray) -> np.ndarray:
@@ -195,9 +196,8 @@ def _clear(one: Followed, part: PushedPart, alone: np.ndarray) -> list[Followed]
 
 def _other_lever(velocity: np.ndarray) -> np.ndarray:
     """Where the lever is another one than a row before, (n - 1,), of motions per unit of the joint (n, 3)."""
-    return np.linalg.norm(np.diff(velocity, axis=0), axis=1) > OTHER_LEVER * np.linalg.norm(
-        velocity[1:], axis=1
-    )
+    lever = np.linalg.norm(velocity, axis=1)
+    return np.linalg.norm(np.diff(velocity, axis=0), axis=1) > OTHER_LEVER * lever[1:]
 
 
 def _speed(one: Followed, part: PushedPart) -> np.ndarray:

@@ -8,9 +8,8 @@ import numpy as np
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
 from s2r_host.gap.motion.session import Session
 
-DRIVES = (
-    0.1  # of the dry friction, at the top speed: less than nothing by so much may be an error of the estimate
-)
+# Of the dry friction, at the top speed: less than nothing by so much may be an error of the estimate.
+DRIVES = 0.1
 
 
 class ViscousFriction(Effect):

@@ -33,10 +33,8 @@ LEAST_GAIN = 25.0  # of the misfit, in squared standard deviations: five of them
 LEAST_SHARE = 0.5  # of what a function of the place had left over without shifts
 PLACE_SHARE = 0.3  # of the misfit without such a function that may be left over with it
 RIDGE = 1e-6  # of the mean curvature: knots where nothing was recorded stay put
-FORMS = (
-    "force",
-    "friction",
-)  # of the place: one alike both ways, and one that changes its sign with the motion
+# Functions of the place: one alike both ways, and one that changes its sign with the motion.
+FORMS = ("force", "friction")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,16 +94,9 @@ def shifts_of(curves: Sequence[_Curve], sigma: np.ndarray) -> np.ndarray | None:
         curves: Of one joint.
         sigma: Standard deviation of each recording's position, (recordings,).
     """
-    plain = _Laws(curves, sigma, None).misfit(np.zeros(len(curves)))
-    best: tuple[float, float, np.ndarray] | None = None
-    for form in FORMS:
-        laws = _Laws(curves, sigma, form)
-        before = laws.misfit(np.zeros(len(curves)))
-        shifts, after = laws.registered()
-        if best is None or after < best[1]:
-            best = before, after, shifts
-    assert best is not None
-    before, after, shifts = best
+    plain = _Laws(curves, sigma, None).misfit()
+    tried = [_Laws(curves, sigma, form).registered() for form in FORMS]
+    shifts, before, after = min(tried, key=lambda one: one[2])
     clear = before - after > LEAST_GAIN and after < LEAST_SHARE * before and after < PLACE_SHARE * plain
     near = np.all(np.abs(shifts) < FARTHEST * sigma)
     return shifts if clear and near else None
@@ -142,15 +133,16 @@ class _Laws:
         self._bend = float(np.ptp(turned)) or 1.0  # the whole of what there is, from one knot to the next
         self._prior = self._held()
 
-    def misfit(self, shifts: np.ndarray) -> float:
-        """With these shifts, (recordings,)."""
-        return self._of([self._normal(k, float(d)) for k, d in enumerate(shifts)], shifts)
+    def misfit(self) -> float:
+        """Of the recordings as they are."""
+        still = np.zeros(len(self._curves))
+        return self._of([self._normal(k, 0.0) for k in range(len(still))], still)
 
-    def registered(self) -> tuple[np.ndarray, float]:
-        """The shifts with the least misfit, one recording after the other, and that misfit."""
+    def registered(self) -> tuple[np.ndarray, float, float]:
+        """The shifts with the least misfit, one recording after the other; the misfit before and after."""
         shifts = np.zeros(len(self._curves))
         parts = [self._normal(k, 0.0) for k in range(len(shifts))]
-        least = self._of(parts, shifts)
+        still = least = self._of(parts, shifts)
         for round_ in range(ROUNDS):
             before = shifts.copy()
             for k, sigma in enumerate(self._sigma):
@@ -166,7 +158,7 @@ class _Laws:
                         least, shifts, parts = misfit, moved, others
             if round_ >= FINER and np.all(np.abs(shifts - before) < SETTLED * self._sigma):
                 break
-        return shifts, least
+        return shifts, still, least
 
     def _normal(self, k: int, shift: float) -> tuple[np.ndarray, np.ndarray, float]:
         """Normal matrix (n, n), right side (n,) and squared efforts of one recording, shifted."""

@@ -89,7 +89,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     if numbers_do and not (search.stands_out([], []) or search.beats_numbers() or hides(search)):
         log("small changes of base parameters reach the noise floor")
         decision = parameters_only(problem, search)
-        if impossible(problem, decision) is None and not too_much_left(problem, search, decision):
+        if _numbers_suffice(problem, search, decision):
             return decision
     looseness: Looseness = 1.0
     trusted = 1.0
@@ -155,10 +155,15 @@ def _one_number(problem: Problem, search: Search, decision: Decision) -> Decisio
     It is not the one where it leaves, on rows that were held out, what they do not.
     """
     one = parameters_only(problem, search)
-    if impossible(problem, one) is None and not too_much_left(problem, search, one):
+    if _numbers_suffice(problem, search, one):
         return one
     decision.rejected = one.rejected
     return decision
+
+
+def _numbers_suffice(problem: Problem, search: Search, decision: Decision) -> bool:
+    """Whether numbers that can be leave no more than the floor."""
+    return impossible(problem, decision) is None and not too_much_left(problem, search, decision)
 
 
 def possible(entries: list[dict]) -> list[dict]:
