@@ -70,7 +70,8 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @click.option(
     "--learn-physics",
     is_flag=True,
-    help="After every third target, ask 's2r gap' what the arm felt of the joint; plan on with what it names.",
+    help="After every third target, ask 's2r gap' what the arm felt of the joint; plan on with what it names. After"
+    " every target, learn how far beside the foreseen place motions leave the part.",
 )
 @click.option(
     "--go-on", is_flag=True, help="After a target that was missed or has no plan, go on to the next one."

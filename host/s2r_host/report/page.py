@@ -31,6 +31,7 @@ def write_report(record: RunRecord, path: Path) -> Path:
         _state(record),
         _felt(record),
         _physics(record),
+        _lost_motion(record),
         _joints(record),
         _timing(record),
         _verdicts(record),
@@ -207,14 +208,13 @@ def _physics(record: RunRecord) -> str:
     """What the gap tool said between the targets, and what the plans after it knew."""
     if not record.lessons:
         return ""
-    unit, rows = record.settings.task.unit, []
+    rows = []
     for lesson in record.lessons:
         named = [f"{effect['name']} ({100 * effect['probability']:.0f} %)" for effect in lesson.effects]
         named += [
             f"{one['name']}: {one['from']:.3g} → {one['to']:.3g} {one['unit']}"
             for one in lesson.parameters_off
         ]
-        lost = [f"{unit.show(value)} at {what}" for what, value in lesson.lost_motion.items()]
         rows.append(
             (
                 str(lesson.after),
@@ -222,15 +222,31 @@ def _physics(record: RunRecord) -> str:
                 ", ".join(named) or "–",
                 ", ".join(lesson.carried) or "–",
                 ", ".join(lesson.not_carried) or "–",
-                ", ".join(lost) or "–",
                 os.path.relpath(lesson.folder / "report.html", record.settings.out),
             )
         )
     header = (
-        "after", "gap says", "what differs from the belief", "the next plans know", "has no form there",
-        "surfaces moved, along the joint", "gap report",
+        "after", "gap says", "what differs from the belief", "the next plans know", "has no form there", "gap report",
     )  # fmt: skip
     return section("Physics learnt between the targets", table(header, rows))
+
+
+def _lost_motion(record: RunRecord) -> str:
+    """By how much less far than foreseen motions took the part, and how the belief followed."""
+    if not record.lost_motion:
+        return ""
+    show = record.settings.task.unit.show
+    rows = [
+        (str(lesson.after), ", ".join(f"{show(lost)} at {what}" for what, lost in lesson.found.items()))
+        for lesson in record.lost_motion
+    ]
+    note = (
+        '<p class="note">How much less far than foreseen the part went (negative: further), by the median of the '
+        "motions so far, played again in the object as believed by then. The surface that they pushed was moved by "
+        "that much along the joint.</p>"
+    )
+    header = ("after", "lost, by surface and direction")
+    return section("Lost motion learnt between the targets", table(header, rows) + note)
 
 
 def _joints(record: RunRecord) -> str:

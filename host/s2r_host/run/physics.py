@@ -3,16 +3,14 @@
 After every third target ``s2r gap`` reads all that the arm felt of the object's joint. What it names goes into the
 object that the next plans are made with, in stock MuJoCo attributes: a spring as a spring, damping as damping, and all
 that is friction or force of position as the dry friction that brakes the part where the next motion ends, one value
-per direction. The lost motion between fingertip and part, which no effort shows, is read from where the same motions
-left the part.
+per direction.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +26,7 @@ from s2r_host.gap.pipeline import Analysis, analyse
 from s2r_host.gap.simulation.replay import Twin
 from s2r_host.planning.doubt import Z90
 from s2r_host.run.belief import JOINT, Belief
-from s2r_host.run.contact import corrected
 from s2r_host.run.feeling import felt_object
-from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.object_file import with_numbers
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
@@ -45,7 +41,6 @@ BRAKING_M, BRAKING_RAD = 0.015, 0.08  # the stretch before a target in which a p
 SPEED_M_S, SPEED_RAD_S = 0.05, 0.25  # of a part on that stretch, about
 SAMPLES = 9
 LEAST_SHARE, HELD = 0.1, 1.05  # of the dry friction believed; of the gravity that a hinge was seen to hold
-USUAL_M, USUAL_RAD = 0.0005, 0.01  # one standard deviation between motions of one kind
 DOUBT_RANGE = (0.05, 0.5)  # share of the dry friction that stays in doubt, for an ensemble
 STEP_S = 1e-3
 TRANSMISSION = frozenset({"backlash", "joint_elasticity", "joint_play", "flexible_part", "contact_slip"})
@@ -133,7 +128,6 @@ class PhysicsLesson:
         verdict: Its verdict; "refused" with the reason in ``notes`` when it could not read the recordings.
         effects, parameters_off: As in ``gap.json``.
         carried, not_carried: Names of what the next plans know, and of what has no form there.
-        lost_motion: What the fingertip pushed on -> how much less far than foreseen the part went [m or rad].
         notes: Sentences for people.
         law: The joint as then known; None: as before.
         noise: Effort that it leaves unexplained, root mean square [N or N·m].
@@ -146,7 +140,6 @@ class PhysicsLesson:
     parameters_off: tuple[dict[str, Any], ...] = ()
     carried: tuple[str, ...] = ()
     not_carried: tuple[str, ...] = ()
-    lost_motion: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     law: JointLaw | None = None
     noise: float = 0.0
@@ -161,17 +154,16 @@ class PhysicsLesson:
             "parameters_off": list(self.parameters_off),
             "carried": list(self.carried),
             "not_carried": list(self.not_carried),
-            "lost_motion": self.lost_motion,
             "notes": list(self.notes),
         }
 
 
 def after_target(session: Session, record: RunRecord, number: int) -> None:
-    """After every third target: what the gap tool says to all recordings so far, and the lost motion, are learnt.
+    """After every third target: what the gap tool says to all recordings so far is learnt.
 
     Args:
         session: Of the run.
-        record: Its belief gets what is learnt.
+        record: Gets the lesson.
         number: Of the target, from 1.
     """
     if number % EVERY or record.belief is None:
@@ -179,12 +171,9 @@ def after_target(session: Session, record: RunRecord, number: int) -> None:
     done = len(record.attempts)
     folder = session.settings.out / f"physics-{done}"
     with session.journal.stage(f"physics after {done}") as stage:
-        lesson = _asked(session, record, folder)
-        belief, lost = _with_lost_motion(session, record, folder)
-        lesson = replace(lesson, after=done, lost_motion=lost)
+        lesson = replace(_asked(session, record, folder), after=done)
         record.lessons.append(lesson)
-        record.belief = belief
-        stage.note = _told(lesson, session)
+        stage.note = _told(lesson)
     for note in lesson.notes:
         session.journal.say(note)
 
@@ -216,11 +205,10 @@ def _hurry(record: RunRecord) -> float:
 def before_target(session: Session, record: RunRecord) -> None:
     """Set the pace, and let the believed object resist as the newest lesson says it does at the session's target."""
     session.pace = pace(len(record.goals), record.lessons, _hurry(record))
-    lesson = next((one for one in reversed(record.lessons) if one.law is not None), None)
+    lesson = _telling(record.lessons)
     if lesson is None or lesson.law is None or record.belief is None:
         return
-    law = lesson.law
-    belief, target = record.belief, session.target
+    law, belief, target = lesson.law, record.belief, session.target
     slides = belief.template.slides
     pull, dry = law.pull(target, slides)
     near = BRAKING_M if slides else BRAKING_RAD
@@ -230,20 +218,39 @@ def before_target(session: Session, record: RunRecord) -> None:
             f"let go at {record.show(target)}, the {session.settings.task.part} will move on by itself: it is pulled "
             f"with {pull:+.2f} against a dry friction of {dry:.2f}; it stays only where something holds it"
         )
-    held = 0.0 if slides else HELD * abs(_bias(mujoco.MjModel.from_xml_path(str(belief.growing)), target))
     folder = session.settings.out / f"physics-{len(record.attempts)}"
-    files = {
-        positive: _with_law(
-            belief.path(positive), law, max(law.braking(target, positive, slides), held),
-            folder / f"{'growing' if positive else 'falling'}-for-{len(record.goals)}.xml",
-        )
-        for positive in (False, True)
-    }  # fmt: skip
+    falling, growing = (
+        braked(belief, law, target, folder / f"{name}-for-{len(record.goals)}.xml", positive=positive)
+        for positive, name in ((False, "falling"), (True, "growing"))
+    )
     least = min(law.braking(target, positive, slides) for positive in (False, True))
     share = float(np.clip(Z90 * lesson.noise / max(least, 1e-9), *DOUBT_RANGE))
-    record.belief = replace(
-        belief, falling=files[False], growing=files[True], braking=(1.0 - share, 1.0 + share)
-    )
+    record.belief = replace(belief, falling=falling, growing=growing, braking=(1.0 - share, 1.0 + share))
+
+
+def newest_law(lessons: Sequence[PhysicsLesson]) -> JointLaw | None:
+    """The joint as the newest lesson that told something has it."""
+    lesson = _telling(lessons)
+    return None if lesson is None else lesson.law
+
+
+def braked(belief: Belief, law: JointLaw, target: float, path: Path, *, positive: bool) -> Path:
+    """Write the object as it resists a motion that ends at a target.
+
+    Args:
+        belief: So far; its surfaces are taken.
+        law: Of its joint.
+        target: Joint value [m or rad].
+        path: Where the file goes.
+        positive: The motion lets the joint grow.
+    """
+    slides, source = belief.template.slides, belief.path(positive)
+    held = 0.0 if slides else HELD * abs(_bias(mujoco.MjModel.from_xml_path(str(source)), target))
+    return _with_law(source, law, max(law.braking(target, positive, slides), held), path)
+
+
+def _telling(lessons: Sequence[PhysicsLesson]) -> PhysicsLesson | None:
+    return next((one for one in reversed(lessons) if one.law is not None), None)
 
 
 def _asked(session: Session, record: RunRecord, folder: Path) -> PhysicsLesson:
@@ -301,68 +308,6 @@ def _lesson(
     )
 
 
-def _with_lost_motion(session: Session, record: RunRecord, folder: Path) -> tuple[Belief, dict[str, float]]:
-    """The belief with the pushed surfaces where the manipulations since the last lesson say they are."""
-    belief, settings = record.belief, session.settings
-    assert belief is not None
-    since = record.lessons[-1].after if record.lessons else 0
-    ends = [goal.attempts[-1] for goal in record.goals if goal.attempts]
-    found: dict[str, float] = {}
-    if "touch" in settings.without:
-        return belief, found
-    ways: dict[bool, tuple[str, list[float]]] = {}
-    for positive in (True, False):
-        new = [one for one in ends if one.planned.number > since]
-        done = [one for one in new if _tells(one, positive, settings.task.far_off, belief.template.slides)]
-        if settings.attempts > 1:
-            done = done[-1:]  # corrections between them have moved the surface since
-        if done:
-            geom, _ = Counter(one.planned.pushed_geom for one in done).most_common(1)[0]
-            ways[positive] = geom, [_offset(one) for one in done if one.planned.pushed_geom == geom]
-    usual = USUAL_M if belief.template.slides else USUAL_RAD
-    shifts = believable([offsets for _, offsets in ways.values()], usual)
-    for (positive, (geom, _)), offset in zip(ways.items(), shifts, strict=True):
-        if offset:
-            belief = corrected(belief, geom, offset, positive, folder)
-            found[f"{geom}, {'growing' if positive else 'falling'}"] = -offset if positive else offset
-    return belief, found
-
-
-def _tells(done: DoneManipulation, positive: bool, far_off: float, slides: bool) -> bool:
-    planned = done.planned
-    if planned.corrected or planned.stopped or (done.s_target > done.s_initial) != positive:
-        return False
-    if (
-        planned.pace < 1.0 and not slides
-    ):  # levers coast, but not where they are moved slowly; slides never do
-        return False
-    return abs(done.measured.s - planned.foreseen) < far_off
-
-
-def _offset(done: DoneManipulation) -> float:
-    """Measured minus foreseen joint value [m or rad]."""
-    return done.measured.s - done.planned.foreseen
-
-
-def believable(ways: Sequence[Sequence[float]], usual: float) -> list[float]:
-    """The mean offset of each way, less what chance alone would make of it.
-
-    Motions that repeat badly teach little: a mean m of n with variance v each is taken as m (1 - v / (n m²)), nothing
-    where that is negative (James and Stein's estimator, positive part). The variance is pooled over the ways.
-
-    Args:
-        ways: Offsets seen, per direction.
-        usual: How well motions repeat on other objects, one standard deviation; counts as one observation.
-    """
-    squares = sum(float(np.sum((np.array(one) - np.mean(one)) ** 2)) for one in ways)
-    variance = (squares + usual**2) / (sum(len(one) - 1 for one in ways) + 1)
-    found = []
-    for one in ways:
-        mean = float(np.mean(one))
-        found.append(mean * max(0.0, 1.0 - variance / (len(one) * mean**2)) if mean else 0.0)
-    return found
-
-
 def _with_law(source: Path, law: JointLaw, friction: float, path: Path) -> Path:
     """The object file with dry friction, damping and spring of the joint as found."""
     written = with_numbers(source, JOINT, 1.0, friction, law.damping, path)
@@ -386,10 +331,8 @@ def _bias(model: mujoco.MjModel, s: float) -> float:
     return float(data.qfrc_bias[joint.dofadr[0]])
 
 
-def _told(lesson: PhysicsLesson, session: Session) -> str:
+def _told(lesson: PhysicsLesson) -> str:
     said = lesson.verdict.replace("_", " ")
     names = [effect["name"] for effect in lesson.effects]
     names += [f"{entry['name']} {entry['from']:.3g} → {entry['to']:.3g}" for entry in lesson.parameters_off]
-    show = session.settings.task.unit.show
-    lost = [f"{show(value)} lost at {what}" for what, value in lesson.lost_motion.items()]
-    return "; ".join([said + (f": {', '.join(names)}" if names else ""), *lost])
+    return said + (f": {', '.join(names)}" if names else "")

@@ -123,9 +123,11 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
         if not _judge(record) and not settings.go_on:
             return
         if settings.learn_physics and number < len(targets):
+            from s2r_host.run.lost_motion import learn_lost_motion
             from s2r_host.run.physics import after_target
 
             after_target(session, record, number)
+            learn_lost_motion(session, record)
 
 
 def _judge(record: RunRecord) -> bool:

@@ -18,6 +18,7 @@ from s2r_host.run.settings import RunSettings
 from s2r_protocol.exits import ExitCode
 
 if TYPE_CHECKING:
+    from s2r_host.run.lost_motion import LostMotion
     from s2r_host.run.physics import PhysicsLesson
 
 
@@ -60,6 +61,7 @@ class RunRecord:
         belief: After the last correction.
         felt: What the arm felt of the part, by the label of the motion.
         lessons: What the recordings said about physics left out, in order.
+        lost_motion: What was learnt about where motions leave the part, in order.
         told_by_push, push_seen_from: The joint as the pushes told it, and the name of the view before its motion.
         zero_view, told_view: Names of the two views that told the joint; its values count from the first of them.
         origin_view, found_view: Names of the view with the state from which targets count, and of the newest one before
@@ -84,6 +86,7 @@ class RunRecord:
     belief: Belief | None = None
     felt: dict[str, list[Touch]] = field(default_factory=dict)
     lessons: list[PhysicsLesson] = field(default_factory=list)
+    lost_motion: list[LostMotion] = field(default_factory=list)
     told_by_push: JointEstimate | None = None
     push_seen_from: str = "A"
     zero_view: str = "A"

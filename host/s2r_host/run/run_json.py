@@ -74,6 +74,7 @@ def as_json(record: RunRecord) -> dict[str, Any]:
         "push_seen_from": record.push_seen_from,
         "joint": _joint(record.belief) if record.belief else None,
         "physics": [lesson.as_json() for lesson in record.lessons],
+        "lost_motion": [lesson.as_json() for lesson in record.lost_motion],
         "views": [_view(view) for view in record.views],
         "stages": [_rounded(asdict(stage)) for stage in record.journal.stages],
         "wall_s": round(record.journal.elapsed_s, 3),

@@ -43,7 +43,7 @@ class RunSettings:
         ensemble: Believable objects that the planner scores every sequence with, drawn from the estimate's intervals.
         reactive: Watch the part while it is moved, and correct the motion on its way.
         learn_physics: After every third target, let the gap tool read what the arm felt of the joint, and plan on with
-            what it names.
+            what it names; after every target, learn how far beside the foreseen place motions leave the part.
         go_on: After a target that was missed or cannot be planned for, go on to the next one.
         without: What the run shall not learn from, of ``TEACHERS``; for measuring what it is worth.
         push_speed, travel_speed, plan_speed: Share of the time law's full speed. The time law itself keeps a plan

@@ -140,8 +140,9 @@ def _lines(
         "# Physics left out",
         "",
         "A drawer, lid or lever with one concealed effect on its joint is moved to three targets, one plan each and no"
-        " correction. Then `s2r gap` reads what the arm felt of the joint, its answer and the lost motion between"
-        " fingertip and part go into the belief, and further targets follow (`s2r run --learn-physics`).",
+        " correction. Then `s2r gap` reads what the arm felt of the joint, its answer goes into the belief, and further"
+        " targets follow (`s2r run --learn-physics`). From the first target on, the look after each motion teaches how"
+        " far beside the foreseen place such motions leave the part.",
         "The third motion is slow, so that what comes from the speed shows.",
         "The same object is moved to the same targets a second time without all of that.",
         "**Simulated stand-in objects; the host sees depth frames and joint states, the sealed truth is opened after"
@@ -280,11 +281,7 @@ def _run(row: Row) -> str:
     later = [_share(moves[k]) for k in sorted(moves) if k >= len(LEARNING)]
     unit = 1e3 if row["case"].startswith("drawer") else float(np.degrees(1.0))
     name = "mm" if row["case"].startswith("drawer") else "°"
-    lost = [
-        f"{unit * value:+.1f} {name} at {what}"
-        for answer in row.get("answers", [])
-        for what, value in answer["lost_motion"].items()
-    ]
+    lost = [f"{unit * value:+.1f} {name} at {what}" for what, value in row.get("lost_motion", {}).items()]
     ended = (
         "went through" if row["exit"] in (0, 7) else str(row["reason"]).replace("|", "/").split("\n")[0][:140]
     )

@@ -22,7 +22,7 @@ def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
     """The row of one run whose processes have ended.
 
     ``moves`` has one entry per target that was manipulated towards: the number of the target, true δ [m or rad] and
-    δ_r. ``answers`` has what the gap tool said, in order.
+    δ_r. ``answers`` has what the gap tool said, in order, ``lost_motion`` all that was learnt of it.
 
     Raises:
         TruthFileError, WorldFileError, FileNotFoundError: A file is missing or damaged.
@@ -45,14 +45,20 @@ def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
         "reason": run["exit"]["reason"],
         "wall_s": run["wall_s"],
         "moves": moves,
-        "answers": [_answer(lesson) for lesson in run["physics"]],
+        "answers": [told(lesson) | {"carried": lesson["carried"]} for lesson in run["physics"]],
+        "lost_motion": _total_lost(run["lost_motion"]),
         "hidden": trial.world.effects.model_dump(),
         "commitment_holds": load_world(folder / "world.json").commitment == trial.world.commitment,
     }
 
 
-def _answer(lesson: Row) -> Row:
-    return told(lesson) | {"carried": lesson["carried"], "lost_motion": lesson["lost_motion"]}
+def _total_lost(lessons: Sequence[Row]) -> dict[str, float]:
+    """All of the lost motion that was learnt, by surface and direction [m or rad]."""
+    total: dict[str, float] = {}
+    for lesson in lessons:
+        for what, lost in lesson["surfaces"].items():
+            total[what] = total.get(what, 0.0) + lost
+    return total
 
 
 def told(answer: Row) -> Row:

@@ -1,0 +1,132 @@
+"""Lost motion: how far beside the foreseen place motions leave the part, learnt after every target.
+
+A camera sees a lever or a handle from one side, drives give way, a part coasts on: motions of one direction end beside
+where they were foreseen to, and nearly as far each time. No effort shows that, the look after each motion does. All
+motions so far are played again in the object as it is believed now, so that what was learnt since about its joint
+counts for them as well; the surface that was pushed is moved by the median of what is left.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_host.run.contact import corrected
+from s2r_host.run.manipulate import DoneManipulation
+from s2r_host.run.physics import braked, newest_law
+from s2r_host.run.record import RunRecord
+from s2r_host.run.session import Session
+from s2r_host.run.task import Task
+from s2r_host.trajectory.verify import replay
+
+LEAST = 0.02  # of what is good enough: less is not worth a new object file
+
+
+@dataclass(frozen=True)
+class LostMotion:
+    """What the motions so far taught about where they leave the part.
+
+    Attributes:
+        after: Planned manipulations carried out by then.
+        found: Surface pushed and direction -> how much less far than foreseen the part went, by which the surface was
+            moved [m or rad].
+    """
+
+    after: int
+    found: dict[str, float]
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values for run.json."""
+        return {"after_manipulations": self.after, "surfaces": self.found}
+
+
+def learn_lost_motion(session: Session, record: RunRecord) -> None:
+    """Move the surfaces that were pushed so far to where the motions that pushed them say they are.
+
+    Args:
+        session: Of the run.
+        record: Its belief gets what is learnt.
+    """
+    settings, task, done = session.settings, session.settings.task, len(record.attempts)
+    if (
+        record.belief is None
+        or "touch" in settings.without
+        or not any(tells(one, task) for one in record.attempts)
+    ):
+        return
+    found: dict[str, float] = {}
+    with session.journal.stage(f"lost motion after {done}") as stage:
+        folder = settings.out / f"surfaces-{done}"
+        for (positive, _), like in _ways(record).items():
+            geom, _ = Counter(one.planned.pushed_geom for one in like).most_common(1)[0]
+            beside = [one.measured.s - _foreseen_now(one, record, folder) for one in like]
+            offset = median_within(beside, task.far_off)
+            if abs(offset) < LEAST * task.good_enough:
+                continue
+            record.belief = corrected(record.belief, geom, offset, positive, folder)
+            found[f"{geom}, {'growing' if positive else 'falling'}"] = -offset if positive else offset
+        stage.note = (
+            "; ".join(f"{task.unit.show(lost)} at {what}" for what, lost in found.items()) or "as known"
+        )
+    if found:
+        record.lost_motion.append(LostMotion(done, found))
+
+
+def tells(done: DoneManipulation, task: Task) -> bool:
+    """Whether where a motion left the part says where its surface is.
+
+    Not one that was corrected on its way or stopped, nor one that ended far off: there the fingertip slipped or the
+    part went on by itself. Hinges coast, but not where they are moved slowly, so that a slow motion tells nothing of
+    the usual ones; slides never do.
+    """
+    planned = done.planned
+    if planned.corrected or planned.stopped:
+        return False
+    if planned.pace < 1.0 and task.joint_type == "revolute":
+        return False
+    return abs(done.measured.s - done.foreseen) < task.far_off
+
+
+def median_within(offsets: Sequence[float], far_off: float) -> float:
+    """The median of those that are not far off; 0 where there are none.
+
+    One motion among several that went another way (a notch, a place where friction is higher) must not shift the rest.
+    """
+    near = [offset for offset in offsets if abs(offset) < far_off]
+    return float(np.median(near)) if near else 0.0
+
+
+def _ways(record: RunRecord) -> dict[tuple[bool, str], list[DoneManipulation]]:
+    """The motions that tell something, by direction; of a slide by surface as well: each of its surfaces is learnt
+    apart, while a hinge's part turns as a whole."""
+    task, ways = record.settings.task, defaultdict(list)
+    for one in record.attempts:
+        if tells(one, task):
+            surface = one.planned.pushed_geom if task.joint_type == "prismatic" else ""
+            ways[_grew(one), surface].append(one)
+    return ways
+
+
+def _grew(done: DoneManipulation) -> bool:
+    return done.s_target > done.s_initial
+
+
+def _foreseen_now(done: DoneManipulation, record: RunRecord, folder: Path) -> float:
+    """Where the object as believed now would have been left by a motion that was made [m or rad]."""
+    planned, positive, belief = done.planned, _grew(done), record.belief
+    assert belief is not None
+    path, law = belief.path(positive), newest_law(record.lessons)
+    if law is not None:
+        path = braked(belief, law, done.s_target, folder / f"again-{planned.number}.xml", positive=positive)
+    request = replace(
+        planned.request,
+        object_mjcf=path,
+        s_initial=planned.request.s_initial + done.shift,
+        s_target=planned.request.s_target + done.shift,
+    )
+    return replay(planned.delivery.trajectory, request).final + planned.yields

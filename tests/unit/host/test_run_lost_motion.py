@@ -1,0 +1,188 @@
+"""Lost motion: where motions left the part moves the surface that they pushed, all of them counted alike."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from s2r_host.planning.task import PlanRequest
+from s2r_host.report.page import write_report
+from s2r_host.run import lost_motion
+from s2r_host.run.belief import Belief
+from s2r_host.run.journal import Journal
+from s2r_host.run.lost_motion import LostMotion, learn_lost_motion, median_within, tells
+from s2r_host.run.physics import SLOWLY
+from s2r_host.run.record import Goal, RunRecord
+from s2r_host.run.run_json import as_json
+from s2r_host.run.settings import RunSettings
+from s2r_host.run.task import DRAWER, FAUCET, Task
+
+HALF = 0.1
+OBJECT = """<mujoco>
+  <worldbody><body name="object_base"><geom name="base_a" type="box" size=".1 .1 .1"/>
+    <body name="object_part"><joint name="object_joint" type="{kind}" axis="{axis}" range="-2 2"
+      frictionloss="4" damping="5"/>
+      <geom name="part_front" type="box" size=".1 .1 .02" quat="1 0 0 0" density="1000"/>
+      <geom name="part_handle" type="box" size=".1 .1 .02" quat="1 0 0 0" density="1000"/></body>
+  </body></worldbody>
+</mujoco>"""
+
+
+def _done(
+    task: Task, foreseen: float, measured: float, s_initial: float, geom="part_front", **more: Any
+) -> Any:
+    """A motion that the object as built would have left at ``foreseen``, and that left the part at ``measured``."""
+    grows = foreseen > s_initial
+    request = PlanRequest(None, "unused", s_initial, foreseen, np.zeros(7))  # type: ignore[arg-type]
+    planned = SimpleNamespace(
+        foreseen=foreseen, yields=0.0, pushed_geom=geom, number=1, request=request, stopped=False, corrected=False,
+        pace=1.0, delivery=SimpleNamespace(trajectory=SimpleNamespace(built=foreseen, geom=geom, grows=grows)),
+    )  # fmt: skip
+    for name, value in more.items():
+        setattr(planned, name, value)
+    return SimpleNamespace(
+        planned=planned, measured=SimpleNamespace(s=measured), s_initial=s_initial, s_target=foreseen,
+        foreseen=foreseen, shift=0.0,
+    )  # fmt: skip
+
+
+def _played(trajectory: Any, request: PlanRequest) -> Any:
+    """The fingertip stops at a place: the part is as much further on as the surface pushed lies further back."""
+    model = mujoco.MjModel.from_xml_path(str(request.object_mjcf))
+    geom = model.geom(trajectory.geom)
+    if model.jnt_type[0] == mujoco.mjtJoint.mjJNT_SLIDE:
+        side = -1.0 if trajectory.grows else 1.0
+        moved = geom.pos[0] + side * geom.size[0] - side * HALF
+    else:
+        moved = 2.0 * np.arctan2(geom.quat[3], geom.quat[0])
+    return SimpleNamespace(final=trajectory.built - moved)
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """``run(task, *motions)``: session and record of a run that made these motions."""
+    monkeypatch.setattr(lost_motion, "replay", _played)
+
+    def made(task: Task, *motions: Any) -> tuple[Any, RunRecord]:
+        slides = task.joint_type == "prismatic"
+        path = tmp_path / "object.xml"
+        path.write_text(
+            OBJECT.format(kind="slide" if slides else "hinge", axis="1 0 0" if slides else "0 0 1")
+        )
+        settings = RunSettings(0.05, tmp_path / "run", task=task, learn_physics=True)
+        record = RunRecord(settings, Journal())
+        about_z = np.eye(4)
+
+        def pose(s: float) -> np.ndarray:
+            about_z[:2, :2] = [[np.cos(s), -np.sin(s)], [np.sin(s), np.cos(s)]]
+            return about_z
+
+        template = SimpleNamespace(slides=slides, axis=np.array([1.0, 0.0, 0.0]), pose=pose)
+        record.belief = Belief(None, None, template, path, path, {})  # type: ignore[arg-type]
+        record.goals += [Goal(one.s_target, [one]) for one in motions]
+        return SimpleNamespace(settings=settings, journal=record.journal), record
+
+    return made
+
+
+def _again(record: RunRecord, done: Any) -> float:
+    assert record.belief is not None
+    request = SimpleNamespace(object_mjcf=record.belief.path(done.s_target > done.s_initial))
+    return _played(done.planned.delivery.trajectory, request).final  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("task", "unit"), [(DRAWER, 1.0), (FAUCET, 10.0)])
+def test_each_direction_is_foreseen_where_its_motions_left_the_part(run, task, unit):
+    out = _done(task, 0.1 * unit, 0.097 * unit, 0.0)
+    back = _done(task, 0.0, -0.002 * unit, 0.1 * unit)
+    session, record = run(task, out, back)
+    learn_lost_motion(session, record)
+    assert _again(record, out) == pytest.approx(out.measured.s, abs=1e-6)
+    assert _again(record, back) == pytest.approx(back.measured.s, abs=1e-6)
+    (lesson,) = record.lost_motion
+    assert lesson.found == {
+        "part_front, growing": pytest.approx(0.003 * unit),
+        "part_front, falling": pytest.approx(-0.002 * unit),  # it went further
+    }
+
+
+def test_what_is_known_is_not_learnt_twice(run):
+    session, record = run(DRAWER, _done(DRAWER, 0.1, 0.097, 0.0))
+    learn_lost_motion(session, record)
+    before = record.belief
+    learn_lost_motion(session, record)
+    assert record.belief is before
+    assert len(record.lost_motion) == 1
+
+
+def test_one_motion_that_went_another_way_does_not_shift_the_rest(run):
+    ends = (0.098, 0.0981, 0.0945)
+    motions = [_done(DRAWER, 0.1, end, 0.0) for end in ends]
+    session, record = run(DRAWER, *motions)
+    learn_lost_motion(session, record)
+    assert _again(record, motions[0]) == pytest.approx(0.098, abs=1e-6)
+
+
+def test_of_a_slide_each_surface_is_learnt_apart(run):
+    front, handle = _done(DRAWER, 0.1, 0.098, 0.0), _done(DRAWER, 0.1, 0.104, 0.0, "part_handle")
+    session, record = run(DRAWER, front, handle)
+    learn_lost_motion(session, record)
+    assert _again(record, front) == pytest.approx(0.098, abs=1e-6)
+    assert _again(record, handle) == pytest.approx(0.104, abs=1e-6)
+
+
+def test_what_was_told_of_the_joint_since_counts_for_earlier_motions(run, monkeypatch):
+    """Half of the way lost was friction: with that learnt the surface is moved by the other half."""
+    out = _done(DRAWER, 0.1, 0.096, 0.0)
+    session, record = run(DRAWER, out)
+    learn_lost_motion(session, record)
+    monkeypatch.setattr(
+        lost_motion, "replay", lambda t, r: SimpleNamespace(final=_played(t, r).final - 0.002)
+    )
+    learn_lost_motion(session, record)
+    assert [lesson.found["part_front, growing"] for lesson in record.lost_motion] == [
+        pytest.approx(0.004),
+        pytest.approx(-0.002),
+    ]
+
+
+def test_motions_that_say_nothing_teach_nothing(run):
+    stopped = _done(DRAWER, 0.1, 0.097, 0.0, stopped=True)
+    slipped = _done(DRAWER, 0.1, 0.08, 0.0)
+    session, record = run(DRAWER, stopped, slipped)
+    learn_lost_motion(session, record)
+    assert record.lost_motion == []
+    untaught = RunSettings(0.05, session.settings.out, learn_physics=True, without=("touch",))
+    session, record = run(DRAWER, _done(DRAWER, 0.1, 0.097, 0.0))
+    session.settings = untaught
+    learn_lost_motion(session, record)
+    assert record.lost_motion == []
+
+
+def test_which_motions_say_where_the_surface_is():
+    assert tells(_done(DRAWER, 0.1, 0.097, 0.0), DRAWER)
+    assert not tells(_done(DRAWER, 0.1, 0.097, 0.0, stopped=True), DRAWER)
+    assert not tells(_done(DRAWER, 0.1, 0.097, 0.0, corrected=True), DRAWER)
+    assert not tells(_done(DRAWER, 0.1, 0.08, 0.0), DRAWER)
+    assert tells(_done(DRAWER, 0.1, 0.097, 0.0, pace=SLOWLY), DRAWER)
+    assert not tells(_done(FAUCET, 0.4, 0.39, 0.0, pace=SLOWLY), FAUCET)  # it coasts less than the usual ones
+
+
+def test_offsets_that_are_far_off_do_not_count():
+    assert median_within([0.001, 0.002, 0.05], 0.008) == pytest.approx(0.0015)
+    assert median_within([0.05], 0.008) == 0.0
+    assert median_within([], 0.008) == 0.0
+
+
+def test_the_report_and_run_json_tell_what_was_lost(tmp_path):
+    record = RunRecord(RunSettings(0.1, tmp_path / "run", learn_physics=True), Journal())
+    record.lost_motion.append(LostMotion(2, {"part_handle_bar, growing": -0.003}))
+    assert (
+        "-3.00 mm at part_handle_bar, growing" in write_report(record, tmp_path / "report.html").read_text()
+    )
+    assert as_json(record)["lost_motion"] == [
+        {"after_manipulations": 2, "surfaces": {"part_handle_bar, growing": -0.003}}
+    ]
