@@ -53,16 +53,13 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
         record: Its belief gets what is learnt.
     """
     settings, task, done = session.settings, session.settings.task, len(record.attempts)
-    if (
-        record.belief is None
-        or "touch" in settings.without
-        or not any(tells(one, task) for one in record.attempts)
-    ):
+    ways = _ways(record)
+    if record.belief is None or not ways or "touch" in settings.without:
         return
     found: dict[str, float] = {}
     with session.journal.stage(f"lost motion after {done}") as stage:
         folder = settings.out / f"surfaces-{done}"
-        for (positive, _), like in _ways(record).items():
+        for (positive, _), like in ways.items():
             geom, _ = Counter(one.planned.pushed_geom for one in like).most_common(1)[0]
             beside = [one.measured.s - _foreseen_now(one, record, folder) for one in like]
             offset = median_within(beside, task.far_off)
@@ -81,11 +78,11 @@ def tells(done: DoneManipulation, task: Task) -> bool:
     """Whether where a motion left the part says where its surface is.
 
     Not one that was corrected on its way or stopped, nor one that ended far off: there the fingertip slipped or the
-    part went on by itself. Hinges coast, but not where they are moved slowly, so that a slow motion tells nothing of
-    the usual ones; slides never do.
+    part went on by itself; nor the short ones that correct another. Hinges coast, but not where they are moved slowly,
+    so that a slow motion tells nothing of the usual ones; slides never do.
     """
     planned = done.planned
-    if planned.corrected or planned.stopped:
+    if planned.corrected or planned.stopped or abs(done.s_target - done.s_initial) < task.far_off:
         return False
     if planned.pace < 1.0 and task.joint_type == "revolute":
         return False

@@ -167,6 +167,7 @@ def test_which_motions_say_where_the_surface_is():
     assert not tells(_done(DRAWER, 0.1, 0.097, 0.0, stopped=True), DRAWER)
     assert not tells(_done(DRAWER, 0.1, 0.097, 0.0, corrected=True), DRAWER)
     assert not tells(_done(DRAWER, 0.1, 0.08, 0.0), DRAWER)
+    assert not tells(_done(DRAWER, 0.1, 0.099, 0.097), DRAWER)  # a correction
     assert tells(_done(DRAWER, 0.1, 0.097, 0.0, pace=SLOWLY), DRAWER)
     assert not tells(_done(FAUCET, 0.4, 0.39, 0.0, pace=SLOWLY), FAUCET)  # it coasts less than the usual ones
 
