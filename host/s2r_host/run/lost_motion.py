@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from s2r_host.run.belief import Belief
 from s2r_host.run.contact import corrected
 from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.physics import braked, newest_law
@@ -25,6 +26,7 @@ from s2r_host.run.task import Task
 from s2r_host.trajectory.verify import replay
 
 LEAST = 0.02  # of what is good enough: less is not worth a new object file
+FOLLOWS = 0.5  # of the offset that may be left once the surface is moved: else it is not what decides where they end
 
 
 @dataclass(frozen=True)
@@ -58,14 +60,16 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
         return
     found: dict[str, float] = {}
     with session.journal.stage(f"lost motion after {done}") as stage:
-        folder = settings.out / f"surfaces-{done}"
-        for (positive, _), like in ways.items():
-            geom, _ = Counter(one.planned.pushed_geom for one in like).most_common(1)[0]
-            beside = [one.measured.s - _foreseen_now(one, record, folder) for one in like]
-            offset = median_within(beside, task.far_off)
+        for k, ((positive, _), like) in enumerate(ways.items(), start=1):
+            folder = settings.out / f"surfaces-{done}" / str(k)
+            offset = _offset(like, record.belief, record, folder)
             if abs(offset) < LEAST * task.good_enough:
                 continue
-            record.belief = corrected(record.belief, geom, offset, positive, folder)
+            geom, _ = Counter(one.planned.pushed_geom for one in like).most_common(1)[0]
+            moved = corrected(record.belief, geom, offset, positive, folder)
+            if abs(_offset(like, moved, record, folder)) > FOLLOWS * abs(offset):
+                continue
+            record.belief = moved
             found[f"{geom}, {'growing' if positive else 'falling'}"] = -offset if positive else offset
         stage.note = (
             "; ".join(f"{task.unit.show(lost)} at {what}" for what, lost in found.items()) or "as known"
@@ -113,10 +117,15 @@ def _grew(done: DoneManipulation) -> bool:
     return done.s_target > done.s_initial
 
 
-def _foreseen_now(done: DoneManipulation, record: RunRecord, folder: Path) -> float:
-    """Where the object as believed now would have been left by a motion that was made [m or rad]."""
-    planned, positive, belief = done.planned, _grew(done), record.belief
-    assert belief is not None
+def _offset(like: Sequence[DoneManipulation], belief: Belief, record: RunRecord, folder: Path) -> float:
+    """How far beyond (negative: short of) where a belief foresees them motions of one kind ended [m or rad]."""
+    far_off = record.settings.task.far_off
+    return median_within([one.measured.s - _foreseen(one, belief, record, folder) for one in like], far_off)
+
+
+def _foreseen(done: DoneManipulation, belief: Belief, record: RunRecord, folder: Path) -> float:
+    """Where the object as believed would have been left by a motion that was made [m or rad]."""
+    planned, positive = done.planned, _grew(done)
     path, law = belief.path(positive), newest_law(record.lessons)
     if law is not None:
         path = braked(belief, law, done.s_target, folder / f"again-{planned.number}.xml", positive=positive)

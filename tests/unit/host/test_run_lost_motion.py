@@ -149,6 +149,16 @@ def test_what_was_told_of_the_joint_since_counts_for_earlier_motions(run, monkey
     ]
 
 
+def test_a_surface_that_does_not_decide_where_motions_end_stays(run, monkeypatch):
+    """Or it would be moved on and on, target after target."""
+    session, record = run(DRAWER, _done(DRAWER, 0.1, 0.097, 0.0))
+    monkeypatch.setattr(lost_motion, "replay", lambda t, r: SimpleNamespace(final=t.built))
+    before = record.belief
+    learn_lost_motion(session, record)
+    assert record.belief is before
+    assert record.lost_motion == []
+
+
 def test_motions_that_say_nothing_teach_nothing(run):
     stopped = _done(DRAWER, 0.1, 0.097, 0.0, stopped=True)
     slipped = _done(DRAWER, 0.1, 0.08, 0.0)
