@@ -9,6 +9,7 @@ import pytest
 
 from s2r_host.gap.effects.backlash import EFFECT as BACKLASH
 from s2r_host.gap.effects.base import Context
+from s2r_host.gap.effects.spring_return import EFFECT as SPRING
 from s2r_host.gap.effects.spring_return import add_spring
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.output.answer import write_model
@@ -33,6 +34,26 @@ def test_a_spring_rests_where_it_was_found_to(model):
     patched = spec.compile()
     assert patched.jnt_stiffness[0] == pytest.approx(4.0)
     assert patched.qpos_spring[0] == pytest.approx((1.0 * np.deg2rad(10.0) + 3.0 * -0.5) / 4.0)
+
+
+@pytest.mark.parametrize("c", [1.5, -0.4])
+def test_a_steady_pull_is_told_and_patched_as_one(model, c):
+    """A closing weight pulls alike everywhere: of a spring its stiffness is nothing and its pull all there is."""
+    swing: Any = SimpleNamespace(q=np.array([[-0.5, 0.0], [0.7, 0.0]]))
+    ctx, spec, theta = Context(model, [swing]), model.spec.copy(), np.array([0.0, c])
+    told = SPRING.parameters(ctx, 0, {}, theta)
+    assert (told["stiffness"].value, told["pull"].value) == (0.0, -c)
+    assert "rest" not in told
+    assert SPRING.patch(ctx, spec, 0, {}, theta)
+    plain, patched = model.model, spec.compile()
+    for q in (-0.5, 0.7):
+        pulls = []
+        for m in (plain, patched):
+            data = mujoco.MjData(m)
+            data.qpos[0] = q
+            mujoco.mj_forward(m, data)
+            pulls.append(float(data.qfrc_passive[0]))
+        assert pulls[1] - pulls[0] == pytest.approx(-c, rel=2e-4)
 
 
 def test_a_gap_is_as_wide_as_it_was_found_to_be(model):

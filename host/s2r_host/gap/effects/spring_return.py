@@ -10,6 +10,7 @@ from s2r_host.gap.effects.viscous_friction import add_first
 from s2r_host.gap.motion.session import Session
 
 EDGE, AMID = 0.1, -8.0  # share of the travel, log odds
+STEADY = 1e-4  # of a pull over the travel: a spring that changes by no more is a steady pull
 
 
 class SpringReturn(Effect):
@@ -37,14 +38,15 @@ class SpringReturn(Effect):
         return spring_values(ctx, joint, theta)
 
     def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:
-        """Stock attributes ``stiffness`` and ``springref``."""
-        if float(theta[0]) <= 0:
-            return False
-        return add_spring(ctx, spec, joint, float(theta[0]), -float(theta[1]) / float(theta[0]))
+        """Stock attributes ``stiffness`` and ``springref``; a steady pull is a weak spring with its rest far away."""
+        k, c = float(theta[0]), float(theta[1])
+        low, high = ctx.span(joint)
+        k = max(k, STEADY * abs(c) / max(high - low, 1e-9))
+        return add_spring(ctx, spec, joint, k, -c / k) if k > 0.0 else True
 
 
 def spring_values(ctx: Context, joint: int, theta: np.ndarray) -> dict[str, Value]:
-    """Stiffness and rest position from coefficients (k, -k q0)."""
+    """Stiffness and rest position from coefficients (k, -k q0); the pull itself where nothing of it is elastic."""
     name = ctx.model.joints[joint]
     unit, effort = ctx.model.unit(name), ctx.model.effort_unit(name)
     k, c = float(theta[0]), float(theta[1])
@@ -52,6 +54,8 @@ def spring_values(ctx: Context, joint: int, theta: np.ndarray) -> dict[str, Valu
     found = {"stiffness": Value(k, f"{effort}/{unit}", (1.0, 0.0, *extra))}
     if abs(k) > 1e-9:
         found["rest"] = Value(-c / k, unit, (c / k**2, -1.0 / k, *extra))
+    else:
+        found["pull"] = Value(-c, effort, (0.0, -1.0, *extra))
     return found
 
 
