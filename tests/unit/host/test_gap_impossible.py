@@ -11,7 +11,7 @@ from s2r_host.gap.regression.base_terms import FAR, MULTIPLE, BaseTerm
 from s2r_host.gap.verdict import decide
 from s2r_host.gap.verdict.decide import impossible, possible, unnamed_force_beside
 from s2r_host.gap.verdict.decision import EXPLAINED_CLOSE, Decision, too_much_left
-from s2r_host.gap.verdict.parameters_off import _of_one_part
+from s2r_host.gap.verdict.parameters_off import _of_one_part, base_entries
 
 
 def entry(name, to, deviation, place="arm"):
@@ -48,6 +48,25 @@ def test_what_cannot_be_is_not_listed_beside_an_unknown_effect():
         entry("com_x", -1.0, 0.1),
     )
     assert possible([entry("inertia", -0.14, 0.03), heavy, doubtful, offset]) == [heavy, doubtful, offset]
+
+
+@pytest.mark.parametrize(
+    ("moved", "deviation", "to", "interval"),
+    [
+        (-1.1, 0.2, 0.0, (0.0, 0.23)),  # a little below zero: none of it
+        (-0.8, 0.2, 0.2, (0.0, 0.53)),
+        (-2.0, 0.2, -1.0, (-1.33, -0.67)),  # impossible, and told as it is
+    ],
+)
+def test_a_damping_that_is_gone_is_told_as_none(moved, deviation, to, interval):
+    damping: Any = SimpleNamespace(
+        name="damping", place="arm", on_joint=True, nominal=1.0, size=1.0, unit="N·m·s/rad"
+    )
+    problem: Any = SimpleNamespace(base=[damping])
+    solution: Any = SimpleNamespace(base=np.array([moved]), base_deviation=np.array([deviation]))
+    (found,) = base_entries(problem, solution)
+    assert found["to"] == pytest.approx(to)
+    assert found["interval90"] == pytest.approx(list(interval), abs=0.005)
 
 
 @pytest.mark.parametrize(("level", "fits"), [(-0.5, True), (-1.5, False), (0.8, True)])

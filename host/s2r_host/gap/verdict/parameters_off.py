@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_host.gap.regression.base_terms import PREFIX, BaseTerm
+from s2r_host.gap.regression.base_terms import NEVER_NEGATIVE, PREFIX, BaseTerm
 from s2r_host.gap.regression.friction_seen import nominal_friction_of
 from s2r_host.gap.regression.nuisance import COMPARISON
 from s2r_host.gap.regression.problem import Problem
@@ -183,13 +183,19 @@ def off_entry(name: str, place: str, on_joint: bool, nominal: float, p: dict) ->
 
 
 def base_entries(problem: Problem, solution: Solution) -> list[dict]:
-    """Base parameters whose posterior left the nominal value by more than two deviations and one per cent."""
+    """Base parameters whose posterior left the nominal value by more than two deviations and one per cent.
+
+    What cannot be below zero is not told as if it were, unless all of its interval is: then the explanation is wrong.
+    """
     found = []
     for p, x, d in zip(problem.base, solution.base, solution.base_deviation, strict=True):
         if p.name in COMPARISON or abs(x) < 2.0 * d or abs(x) < (0.01 if p.name != "effort_offset" else 0.0):
             continue
         value = p.nominal + x * p.size
         half = Z90 * d * p.size
+        low, high = value - half, value + half
+        if p.name in NEVER_NEGATIVE and high >= 0.0:
+            value, low = max(value, 0.0), max(low, 0.0)
         found.append(off_entry(p.name, p.place, p.on_joint, p.nominal, {
-            "value": value, "unit": p.unit, "interval90": [value - half, value + half]}))  # fmt: skip
+            "value": value, "unit": p.unit, "interval90": [low, high]}))  # fmt: skip
     return found
