@@ -79,8 +79,9 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @click.option(
     "--without",
     multiple=True,
-    type=click.Choice(["torque", "touch"]),
-    help="Do not learn from joint torques (mass, friction), or from touches and misses (surfaces): an ablation.",
+    type=click.Choice(["torque", "touch", "gap"]),
+    help="Do not learn from joint torques (mass, friction), from touches and misses (surfaces), or, with"
+    " --learn-physics, what 's2r gap' names: an ablation.",
 )
 @click.option(
     "--acknowledge-contact",

@@ -99,6 +99,7 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
         write_run_json(record)  # what is believed so far, for whoever is asked
         first = ask(record)
     targets = (first, *settings.then)
+    asks_gap = settings.learn_physics and "gap" not in settings.without
     for number, target in enumerate(targets, start=1):
         session.target = record.origin + target
         record.goals.append(Goal(session.target, s_before=s_now))
@@ -106,7 +107,7 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
             _judge(record)
             journal.say(f"nothing to do: {record.reason}")
             continue
-        if settings.learn_physics:
+        if asks_gap:
             from s2r_host.run.physics import before_target  # loads the gap tool
 
             before_target(session, record)
@@ -126,7 +127,8 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
             from s2r_host.run.lost_motion import learn_lost_motion
             from s2r_host.run.physics import after_target
 
-            after_target(session, record, number)
+            if asks_gap:
+                after_target(session, record, number)
             learn_lost_motion(session, record)
 
 

@@ -18,8 +18,9 @@ from s2r_protocol.exits import UsageError
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 
-TEACHERS = ("torque", "touch")
-"""Joint torques tell mass and friction of the part, touches and misses where its surfaces are."""
+TEACHERS = ("torque", "touch", "gap")
+"""Joint torques tell mass and friction of the part, touches and misses where its surfaces are, ``s2r gap`` names what
+physics is left out (with ``learn_physics`` only)."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,10 @@ class RunSettings:
                 raise UsageError(f"--{name} {getattr(self, name)} is not allowed; at least 1")
         if unknown := set(self.without) - set(TEACHERS):
             raise UsageError(f"--without {sorted(unknown)[0]!r} is unknown; there are {', '.join(TEACHERS)}")
+        if "gap" in self.without and not self.learn_physics:
+            raise UsageError(
+                "--without gap leaves out a part of --learn-physics; add that, or leave this out"
+            )
         for name in ("push_speed", "travel_speed", "plan_speed"):
             value = getattr(self, name)
             if not 0.0 < value <= 1.0:

@@ -29,6 +29,11 @@ from s2r_protocol.exits import UsageError
 @click.option(
     "--no-control", is_flag=True, help="Leave out the second run of each object, in which nothing is learnt."
 )
+@click.option(
+    "--lost-motion-alone",
+    is_flag=True,
+    help="Run each object once more, with all that is learnt but for 's2r gap'.",
+)
 @click.option("--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Runs at a time.")
 @click.option(
     "--ray", metavar="ADDRESS", help="Run the jobs on this Ray cluster, 'local' for one on this machine."
@@ -51,6 +56,7 @@ def missing(
     first: int,
     later: int,
     no_control: bool,
+    lost_motion_alone: bool,
     jobs: int,
     ray: str | None,
     out: Path,
@@ -68,7 +74,7 @@ def missing(
     from s2r_sim.batch import results_for_page, run_jobs
     from s2r_sim.missing.cases import HIDDEN
     from s2r_sim.missing.page import summaries, write_page
-    from s2r_sim.missing.trial import ARMS, run_case
+    from s2r_sim.missing.trial import run_case
     from s2r_sim.missing.what_if import read_what_if
 
     labels = list(HIDDEN) if cases == "all" else [label.strip() for label in cases.split(",")]
@@ -76,11 +82,14 @@ def missing(
         if label not in HIDDEN:
             raise UsageError(f"unknown case {label!r}; there are {', '.join(HIDDEN)}")
     shifts = read_what_if(what_if) if what_if is not None else []  # refused before the hours of work
+    arms = ["learnt"]
+    arms += [] if no_control else ["as it is"]
+    arms += ["lost motion alone"] if lost_motion_alone else []
     todo = [
         (label, number, arm, later)
         for number in range(first, first + objects)
         for label in labels
-        for arm in (("learnt",) if no_control else ARMS)
+        for arm in arms
     ]
     results = out / "results.jsonl"
     if page_only:
@@ -90,7 +99,7 @@ def missing(
     order = list(HIDDEN)
     rows = sorted(rows, key=lambda row: (order.index(row["case"]), row["number"], row["arm"]))
     chosen = f" --cases '{cases}'" if cases != "all" else ""
-    alone = " --no-control" if no_control else ""
+    alone = (" --no-control" if no_control else "") + (" --lost-motion-alone" if lost_motion_alone else "")
     command = (
         f"s2r bench missing{chosen} --objects {objects} --first {first} --later {later}{alone} --out DIR"
     )

@@ -16,6 +16,7 @@ from s2r_sim.missing.what_if import largest_shift, what_if
 PICTURE = "physics-left-out.png"
 COLOURS = ("#8a8a8a", "#e08e45", "#20639b")
 RESAMPLES = 2000
+LEARNT = {"as it is": "no", "lost motion alone": "lost motion", "learnt": "yes"}
 
 
 @dataclass(frozen=True)
@@ -60,12 +61,13 @@ def compared(rows: Sequence[Row]) -> list[Row]:
 
     Medians of different objects must not be compared: what an object asks for differs more than what learning changes.
     """
-    arms = {
-        arm: {(row["case"], row["number"]) for row in rows if row["arm"] == arm}
-        for arm in ("as it is", "learnt")
-    }
-    both = arms["as it is"] & arms["learnt"]
-    return [row for row in rows if not both or (row["case"], row["number"]) in both]
+    two = [row for row in rows if row["arm"] in ("as it is", "learnt")]
+    both = _objects(two, "as it is") & _objects(two, "learnt")
+    return [row for row in two if not both or (row["case"], row["number"]) in both]
+
+
+def _objects(rows: Sequence[Row], arm: str) -> set[tuple[str, int]]:
+    return {(row["case"], row["number"]) for row in rows if row["arm"] == arm}
 
 
 def _summary(label: str, rows: Sequence[Row]) -> Summary:
@@ -164,6 +166,7 @@ def _lines(
         *(_row(one, matters(one.case, shifts)) for one in found),
         *_together(rows, shifts),
         "",
+        *_without_gap(rows, shifts),
         f"![Relative errors per effect]({PICTURE})",
         "",
         "## What was said",
@@ -221,6 +224,10 @@ def _matters_told(shifts: Sequence[Row]) -> list[str]:
 
 def _together(rows: Sequence[Row], shifts: Sequence[Row]) -> list[str]:
     """Lines over the effects that matter, those that do not, nothing hidden, and all."""
+    return [_group(name, some) for name, some in _groups(rows, shifts)]
+
+
+def _groups(rows: Sequence[Row], shifts: Sequence[Row]) -> list[tuple[str, list[Row]]]:
     told = {label: matters(label, shifts) for label in HIDDEN}
     groups = (
         ("what matters", [label for label in HIDDEN if told[label]]),
@@ -228,8 +235,30 @@ def _together(rows: Sequence[Row], shifts: Sequence[Row]) -> list[str]:
         ("nothing hidden", [label for label in HIDDEN if not HIDDEN[label].names]),
         ("all", list(HIDDEN)),
     )
-    chosen = ((name, [row for row in rows if row["case"] in labels]) for name, labels in groups)
-    return [_group(name, some) for name, some in chosen if some]
+    chosen = [(name, [row for row in rows if row["case"] in labels]) for name, labels in groups]
+    return [(name, some) for name, some in chosen if some]
+
+
+def _without_gap(rows: Sequence[Row], shifts: Sequence[Row]) -> list[str]:
+    """What is left of learning without the gap tool, over the objects that were run all three ways."""
+    ways = ("as it is", "lost motion alone", "learnt")
+    thrice = set.intersection(*(_objects(rows, way) for way in ways))
+    if not thrice:
+        return []
+    some = [row for row in rows if (row["case"], row["number"]) in thrice]
+    lines = []
+    for name, group in _groups(some, shifts):
+        shares = (_percent(_shares(group, later=True, arm=way)) for way in ways)
+        lines.append(f"| {name} | {len(_objects(group, 'learnt'))} | {' | '.join(shares)} |")
+    return [
+        "What the look after each motion teaches, and what `s2r gap` adds to it: the same objects run a third time"
+        " without asking the gap tool (`--learn-physics --without gap`; medians of the later targets).",
+        "",
+        "| | objects | as it is | lost motion alone | with what `s2r gap` named |",
+        "|---|---|---|---|---|",
+        *lines,
+        "",
+    ]
 
 
 def _group(name: str, rows: Sequence[Row]) -> str:
@@ -286,7 +315,7 @@ def _run(row: Row) -> str:
         "went through" if row["exit"] in (0, 7) else str(row["reason"]).replace("|", "/").split("\n")[0][:140]
     )
     return (
-        f"| {row['case']} | {row['number']} | {'yes' if row['arm'] == 'learnt' else 'no'} | {' '.join(first)}"
+        f"| {row['case']} | {row['number']} | {LEARNT[row['arm']]} | {' '.join(first)}"
         f" **then** {' '.join(later)} | {'; '.join(lost) or '–'} | {ended} |"
     )
 

@@ -14,8 +14,12 @@ from s2r_sim.missing.score import Row, score_run
 from s2r_sim.paper.trials import Trial
 
 TIMEOUT_S = 2400.0
-ARMS = {"as it is": (), "learnt": ("--learn-physics",)}
-"""What the host is told besides; its first three targets are the same in both."""
+ARMS = {
+    "as it is": (),
+    "lost motion alone": ("--learn-physics", "--without", "gap"),
+    "learnt": ("--learn-physics",),
+}
+"""What the host is told besides; the targets are the same in all of them."""
 
 
 def run_case(out: Path, label: str, number: int, arm: str, later: int) -> Row:

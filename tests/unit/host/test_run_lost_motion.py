@@ -19,6 +19,7 @@ from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import as_json
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import DRAWER, FAUCET, Task
+from s2r_protocol.exits import UsageError
 
 HALF = 0.1
 OBJECT = """<mujoco>
@@ -170,6 +171,12 @@ def test_motions_that_say_nothing_teach_nothing(run):
     session.settings = untaught
     learn_lost_motion(session, record)
     assert record.lost_motion == []
+
+
+def test_leaving_out_what_is_not_asked_for_is_refused(tmp_path):
+    assert RunSettings(0.05, tmp_path / "run", learn_physics=True, without=("gap",)).without == ("gap",)
+    with pytest.raises(UsageError, match="--without gap leaves out a part of --learn-physics"):
+        RunSettings(0.05, tmp_path / "run", without=("gap",))
 
 
 def test_which_motions_say_where_the_surface_is():

@@ -132,6 +132,18 @@ def test_objects_without_a_control_count_for_names_and_not_for_errors(tmp_path):
     assert "| **all** |  | 1 | 5.0 % | 5.0 % | 1.5 % |" in (tmp_path / "page.md").read_text()
 
 
+def test_what_the_gap_tool_adds_is_told_from_objects_run_all_three_ways(tmp_path):
+    third = _row("drawer: stiction", "lost motion alone", (0.05, -0.05, 0.05, 0.02, -0.03))
+    other = _row("drawer: stiction", "lost motion alone", (0.05, -0.05, 0.05, 0.9, 0.9), number=7)
+    assert compared([*ROWS, third, other]) == ROWS[:2]
+    write_page([*ROWS, third, other], tmp_path / "page.md", "the command")
+    text = (tmp_path / "page.md").read_text()
+    assert "| all | 1 | 5.0 % | 2.5 % | 1.5 % |" in text
+    assert "| drawer: stiction | 7 | lost motion |" in text
+    write_page(ROWS, tmp_path / "page.md", "the command")
+    assert "lost motion alone" not in (tmp_path / "page.md").read_text()
+
+
 def test_what_matters_is_told_by_the_bench_and_not_by_the_results(tmp_path):
     shifts = [
         {"case": "heavy drawer out", "effect": "stiction + 100 %", "shift_r": 0.004},
