@@ -121,8 +121,13 @@ def touches(
     if _speed(last, part)[-1] >= COMES_TO_REST_M_S:  # the part has gone on alone: where it was met counts
         met = follow(arm, samples, np.flatnonzero(contact)[:1], part, s_start, s_end, most)
         at_start = s_start - float(met.s[0]) if met is not None else off
+        worst = SURFACE_AT_WORST_M / _lever(last, part)
+        if abs(at_start) > max(
+            worst, abs(off)
+        ):  # met with another place of the part than the one it was pushed at
+            at_start = off
         # A part that ends behind the fingertip has not gone on: something else was felt before the part was.
-        off = at_start if sign * (off - at_start) > -SURFACE_AT_WORST_M / _lever(last, part) else off
+        off = at_start if sign * (off - at_start) > -worst else off
     return [replace(one, s=one.s + off) for one in found]
 
 

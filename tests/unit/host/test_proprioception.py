@@ -12,6 +12,7 @@ from s2r_host.log.tables import Joints
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.obstacles import Obstacle
 from s2r_host.perception.motion import JointMotion
+from s2r_host.proprioception import object_log
 from s2r_host.proprioception.following import Followed, PushedPart, follow, free_rows
 from s2r_host.proprioception.object_log import ALONE, Touch, _blows, _clear, _in_the_mean, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
@@ -206,6 +207,24 @@ def test_what_the_arm_feels_before_it_is_there_is_no_place_of_the_part(own, push
     truth = (own.dynamics.tool_positions(rows.q) - p[int(TOUCH * len(p))]) @ along
     ends = float(truth[int(0.8 * len(rows)) - 1]) + 0.004
     found = touches(own, ArmModel(ARM), replace(going, tau=tau), part, 0.0, ends, 0.2)
+    assert found[-1].s == pytest.approx(np.interp(found[-1].t, rows.t, truth), abs=1e-2)
+
+
+def test_another_place_that_the_fingertip_seems_to_meet_first_moves_nothing(own, pushed, monkeypatch):
+    """As the model has it, the fingertip grazes a side wall far from the front that it pushes."""
+    joints, p, along = pushed
+    rows = samples(joints)
+    part = plate_across(p[int(TOUCH * len(p))], along)
+    going = rows.part(slice(0, int(0.8 * len(rows))))
+    truth = (own.dynamics.tool_positions(rows.q) - p[int(TOUCH * len(p))]) @ along
+
+    def grazes(*args):
+        one = follow(*args)
+        return replace(one, s=one.s + 0.2) if one is not None and len(one.rows) == 1 else one
+
+    monkeypatch.setattr(object_log, "follow", grazes)
+    ends = float(truth[int(0.8 * len(rows)) - 1]) + 0.004
+    found = touches(own, ArmModel(ARM), going, part, 0.0, ends, 0.2)
     assert found[-1].s == pytest.approx(np.interp(found[-1].t, rows.t, truth), abs=1e-2)
 
 
