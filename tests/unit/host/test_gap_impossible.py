@@ -8,10 +8,10 @@ import pytest
 
 from s2r_host.gap.effects.base import IMPOSSIBLE
 from s2r_host.gap.regression.base_terms import FAR, MULTIPLE, BaseTerm
-from s2r_host.gap.verdict import decide
+from s2r_host.gap.verdict import decide, parameters_off
 from s2r_host.gap.verdict.decide import impossible, possible, unnamed_force_beside
 from s2r_host.gap.verdict.decision import EXPLAINED_CLOSE, Decision, too_much_left
-from s2r_host.gap.verdict.parameters_off import _of_one_part, base_entries
+from s2r_host.gap.verdict.parameters_off import _of_one_part, _within_declared, base_entries
 
 
 def entry(name, to, deviation, place="arm"):
@@ -115,6 +115,19 @@ def solved(fit, held):
 @pytest.mark.parametrize(("fit", "held", "only"), [(0.5, 1.01, True), (0.5, 0.9, False), (0.99, 1.01, False)])
 def test_what_is_not_there_in_the_rows_held_out_explains_one_part(fit, held, only):
     assert solved(fit, held) == only
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "left", "noise"),
+    [([0.4, 0.3], 0.5, True), ([0.4, 0.3], 1.2, False), ([0.4, 0.0], 0.5, False)],
+)
+def test_what_the_recordings_say_they_are_off_by_is_no_unknown_effect(monkeypatch, sigmas, left, noise):
+    monkeypatch.setattr(parameters_off, "leftover", lambda *_: left)
+    sessions = [SimpleNamespace(rec=SimpleNamespace(effort_sigma={"arm": x} if x else {})) for x in sigmas]
+    ctx = SimpleNamespace(model=SimpleNamespace(joints=("arm",)), sessions=sessions)
+    problem: Any = SimpleNamespace(joints=[0], ctx=ctx)
+    solution: Any = SimpleNamespace(prediction=None)
+    assert _within_declared(problem, solution) == noise
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,9 @@ def parameters_only(problem: Problem, search: Search) -> Decision:
     search.looseness = 1.0
     if named.name in (*LIKE_PARAMETERS, *FRICTION) and not is_number:
         if _of_one_part(problem, search, solution):
+            bare = search.finish([], [], [])
+            if _within_declared(problem, bare):
+                return Decision("nothing_missing", bare, rejected=rejected_at_floor(problem, search))
             decision.verdict, decision.leftover = "unknown", leftover(problem, problem.raw, held=False)
             decision.reasons.append(
                 f"what would be {named.name} in the part that was fitted is not there in the part held out"
@@ -130,6 +133,16 @@ def _of_one_part(problem: Problem, search: Search, solution: Solution) -> bool:
         before, after = (float(np.sum(x[rows] ** 2)) for x in (without, solution.prediction))
         shares.append(1.0 - after / max(before, 1e-30))
     return bool(problem.held.any()) and shares[0] <= 0.0 < LEAST_OF_FIT < shares[1]
+
+
+def _within_declared(problem: Problem, solution: Solution) -> bool:
+    """Is all that a solution leaves over within what the recordings themselves say their efforts may be off by?
+
+    Such an error is alike all along a recording and another one in the next: it shows in one part and not in another.
+    """
+    names = [problem.ctx.model.joints[j] for j in problem.joints]
+    told = all(s.rec.effort_sigma.get(name, 0.0) > 0.0 for s in problem.ctx.sessions for name in names)
+    return told and leftover(problem, solution.prediction) < 1.0
 
 
 def off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
