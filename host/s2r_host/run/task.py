@@ -46,6 +46,7 @@ class Task:
         good_enough: Measured error that ends a run without another attempt. The camera is right within a fraction of
             this; a correction may err by more than the little it would gain.
         far_off: Error from which on the outcome says nothing about the pushed surface: the fingertip slipped instead.
+        beside: How far beside where they are foreseen motions usually leave the part, one standard deviation.
         moving: Change per control step from which on the part counts as moved.
     """
 
@@ -58,6 +59,7 @@ class Task:
     tolerance: float
     good_enough: float
     far_off: float
+    beside: float
     moving: float
 
     def check(self, target: float, option: str = "--target") -> None:
@@ -72,15 +74,17 @@ class Task:
 
 DRAWER = Task(
     "drawer", "prismatic", "drawer", "out of the cabinet", MILLIMETRE, (-0.5, 0.6),
-    tolerance=0.005, good_enough=0.0035, far_off=0.008, moving=2e-4,
+    tolerance=0.005, good_enough=0.0035, far_off=0.008, beside=0.0015, moving=2e-4,
 )  # fmt: skip
 LAPTOP = Task(
     "laptop", "revolute", "lid", "opening", DEGREE, (-math.pi, math.pi),
-    tolerance=math.radians(2.0), good_enough=math.radians(1.2), far_off=math.radians(6.0), moving=1e-3,
+    tolerance=math.radians(2.0), good_enough=math.radians(1.2), far_off=math.radians(6.0),
+    beside=math.radians(0.6), moving=1e-3,
 )  # fmt: skip
 FAUCET = Task(
     "faucet", "revolute", "lever", "counter-clockwise, or towards the arm", DEGREE, (-math.pi, math.pi),
-    tolerance=math.radians(3.0), good_enough=math.radians(0.7), far_off=math.radians(10.0), moving=2e-3,
+    tolerance=math.radians(3.0), good_enough=math.radians(0.7), far_off=math.radians(10.0),
+    beside=math.radians(1.5), moving=2e-3,
 )  # fmt: skip
 TASKS = {task.name: task for task in (DRAWER, LAPTOP, FAUCET)}
 

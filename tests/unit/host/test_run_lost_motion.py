@@ -13,12 +13,12 @@ from s2r_host.report.page import write_report
 from s2r_host.run import lost_motion
 from s2r_host.run.belief import Belief
 from s2r_host.run.journal import Journal
-from s2r_host.run.lost_motion import LostMotion, learn_lost_motion, median_within, tells
+from s2r_host.run.lost_motion import LostMotion, learn_lost_motion, median_within, tells, trust
 from s2r_host.run.physics import SLOWLY
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import as_json
 from s2r_host.run.settings import RunSettings
-from s2r_host.run.task import DRAWER, FAUCET, Task
+from s2r_host.run.task import DRAWER, FAUCET, LAPTOP, Task
 from s2r_protocol.exits import UsageError
 
 HALF = 0.1
@@ -33,7 +33,7 @@ OBJECT = """<mujoco>
 
 
 def _done(
-    task: Task, foreseen: float, measured: float, s_initial: float, geom="part_front", **more: Any
+    task: Task, foreseen: float, measured: float, s_initial: float, geom="part_front", sigma=0.0, **more: Any
 ) -> Any:
     """A motion that the object as built would have left at ``foreseen``, and that left the part at ``measured``."""
     grows = foreseen > s_initial
@@ -45,7 +45,7 @@ def _done(
     for name, value in more.items():
         setattr(planned, name, value)
     return SimpleNamespace(
-        planned=planned, measured=SimpleNamespace(s=measured), s_initial=s_initial, s_target=foreseen,
+        planned=planned, measured=SimpleNamespace(s=measured, sigma=sigma), s_initial=s_initial, s_target=foreseen,
         foreseen=foreseen, shift=0.0,
     )  # fmt: skip
 
@@ -125,6 +125,17 @@ def test_one_motion_that_went_another_way_does_not_shift_the_rest(run):
     session, record = run(DRAWER, *motions)
     learn_lost_motion(session, record)
     assert _again(record, motions[0]) == pytest.approx(0.098, abs=1e-6)
+
+
+def test_what_the_camera_hardly_sees_is_believed_in_part_and_not_more_with_every_target(run):
+    """A lid edge-on is known no better than motions of lids repeat: half of the offset, target after target."""
+    motion = _done(LAPTOP, 0.5, 0.48, 0.0, sigma=LAPTOP.beside)
+    session, record = run(LAPTOP, motion)
+    learn_lost_motion(session, record)
+    assert _again(record, motion) == pytest.approx(0.49, abs=1e-6)
+    learn_lost_motion(session, record)
+    assert _again(record, motion) == pytest.approx(0.49, abs=1e-6)
+    assert trust([_done(LAPTOP, 0.5, 0.48, 0.0, sigma=np.inf)], LAPTOP.beside) == 0.0
 
 
 def test_of_a_slide_each_surface_is_learnt_apart(run):
