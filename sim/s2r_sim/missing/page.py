@@ -355,8 +355,10 @@ def draw(rows: Sequence[Row], found: Sequence[Summary], path: Path) -> None:
         range(len(found)), [one.case.replace(": ", ":\n").replace(" below ", "\nbelow ") for one in found]
     )
     axes.tick_params(axis="x", labelsize=8)
-    axes.set(ylabel="|δ_r|, from the sealed truth", title="One concealed effect per object")
+    axes.set(ylabel="|δ_r|, from the sealed truth")
     axes.grid(axis="y", alpha=0.3)
-    axes.legend(loc="upper right", fontsize=8)
+    figure.legend(
+        loc="outside upper center", ncols=len(groups), fontsize=8, title="One concealed effect per object"
+    )
     figure.savefig(path, dpi=120)
     plt.close(figure)
