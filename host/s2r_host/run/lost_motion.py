@@ -25,6 +25,7 @@ from s2r_host.run.session import Session
 from s2r_host.run.task import Task
 from s2r_host.trajectory.verify import replay
 
+WAY = {True: "growing", False: "falling"}
 LEAST = 0.02  # of what is good enough: less is not worth a new object file
 FOLLOWS = 0.5  # of the offset that may be left once the surface is moved: else it is not what decides where they end
 
@@ -71,7 +72,7 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
             if abs(_offset(like, moved, record, folder) - (left - offset)) > FOLLOWS * abs(offset):
                 continue
             record.belief = moved
-            found[f"{geom}, {'growing' if positive else 'falling'}"] = -offset if positive else offset
+            found[f"{geom}, {WAY[positive]}"] = -offset if positive else offset
         stage.note = (
             "; ".join(f"{task.unit.show(lost)} at {what}" for what, lost in found.items()) or "as known"
         )
@@ -126,13 +127,11 @@ def _ways(record: RunRecord) -> dict[tuple[bool, str], list[DoneManipulation]]:
 
 def _learnt(record: RunRecord, geom: str, positive: bool) -> float:
     """The offset that lessons so far have taken out of motions of one kind [m or rad]."""
-    way, slides = "growing" if positive else "falling", record.settings.task.joint_type == "prismatic"
-    lost = sum(
-        value
-        for lesson in record.lost_motion
-        for what, value in lesson.found.items()
-        if what == f"{geom}, {way}" or (not slides and what.endswith(way))
-    )
+    found = [entry for lesson in record.lost_motion for entry in lesson.found.items()]
+    if record.settings.task.joint_type == "prismatic":
+        lost = sum(value for what, value in found if what == f"{geom}, {WAY[positive]}")
+    else:  # its part was turned as a whole, whatever was pushed then
+        lost = sum(value for what, value in found if what.endswith(WAY[positive]))
     return -lost if positive else lost
 
 

@@ -241,14 +241,13 @@ def _groups(rows: Sequence[Row], shifts: Sequence[Row]) -> list[tuple[str, list[
 
 def _without_gap(rows: Sequence[Row], shifts: Sequence[Row]) -> list[str]:
     """What is left of learning without the gap tool, over the objects that were run all three ways."""
-    ways = ("as it is", "lost motion alone", "learnt")
-    thrice = set.intersection(*(_objects(rows, way) for way in ways))
+    thrice = set.intersection(*(_objects(rows, way) for way in LEARNT))
     if not thrice:
         return []
     some = [row for row in rows if (row["case"], row["number"]) in thrice]
     lines = []
     for name, group in _groups(some, shifts):
-        shares = (_percent(_shares(group, later=True, arm=way)) for way in ways)
+        shares = (_percent(_shares(group, later=True, arm=way)) for way in LEARNT)
         lines.append(f"| {name} | {len(_objects(group, 'learnt'))} | {' | '.join(shares)} |")
     return [
         "What the look after each motion teaches, and what `s2r gap` adds to it: the same objects run a third time"
