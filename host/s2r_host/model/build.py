@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from s2r_host.model.bar import bar_pieces
 from s2r_host.model.belief import Physics, prior
+from s2r_host.model.covered import without_covered
 from s2r_host.model.drawer import Drawer, drawer_pieces, looks_like_drawer, measure_drawer
 from s2r_host.model.errors import ModelError
 from s2r_host.model.knob import around_knob, knob_pieces
 from s2r_host.model.pieces import Piece
 from s2r_host.model.plates import base_pieces, part_pieces
 from s2r_host.model.points import ObservedObject, observe
-from s2r_host.model.swept import without_swept
 from s2r_host.model.write import write_mjcf, write_urdf
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.motion import JointMotion, JointType
@@ -100,8 +100,8 @@ def build_model(
         part, warnings = (known, []) if known is not None else part_pieces(seen, rng, cpu_limit_s)
         bars = [piece for piece in known or [] if piece.name == "bar"]
         sure = bars if estimate.knob is None else around_knob(estimate.knob)
-        stayed = without_swept(seen, sure, estimate.motion)
-        base, more = base_pieces(stayed, estimate.axis_origin_m, estimate.axis_direction, rng, cpu_limit_s)
+        stayed = without_covered(seen, sure, estimate.motion)
+        base, more = base_pieces(stayed, rng, cpu_limit_s)
         pieces, warnings = part + base, warnings + more
         joint_range = _wide_range(estimate)
     if not any(piece.body == "part" for piece in pieces):

@@ -16,10 +16,13 @@ from s2r_host.perception.motion import perpendicular_basis
 from s2r_host.perception.planes import Plane, find_planes, fit_plane
 
 Array = NDArray[np.floating]
+Body = Literal["base", "part"]
 
 PLATE_M = 0.008
 VOXEL_M = 0.008
-LEAST_FREE_POINTS = 400
+MOST_POINTS = 12000
+LEAST_PART_POINTS, LEAST_BASE_POINTS = 400, 100  # beside its plates, from which on a piece is made of them
+CLUMP_CELL_M, LEAST_CELLS, LEAST_STANDING = 0.02, 8, 200
 CONVEX_SHARE = 0.85
 CELL_M = 0.005
 RIM_CELLS = 4  # empty cells around an outline: morphology takes what lies beyond the picture for filled
@@ -29,72 +32,94 @@ def part_pieces(
     seen: ObservedObject, rng: np.random.Generator, cpu_limit_s: float
 ) -> tuple[list[Piece], list[str]]:
     """Pieces of the moving part and warnings."""
-    return _pieces("part", seen.part, seen.part_normals, seen, None, rng, cpu_limit_s)
+    chosen = rng.permutation(len(seen.part))[:MOST_POINTS]
+    p = seen.part[chosen]
+    pieces, on_plane = _plates("part", p, seen.part_normals[chosen], seen, None, rng)
+    left = ~on_plane & ~_inside(p, pieces)
+    if left.sum() < LEAST_PART_POINTS:
+        return pieces, []
+    solid = _thickened(p[left], seen)
+    hulls, warning = decompose(solid, VOXEL_M, cpu_limit_s)
+    pieces += _free("part", hulls, solid, seen)
+    return pieces, [warning] if warning else []
 
 
 def base_pieces(
-    seen: ObservedObject, p_axis: Array, direction: Array, rng: np.random.Generator, cpu_limit_s: float
+    seen: ObservedObject, rng: np.random.Generator, cpu_limit_s: float
 ) -> tuple[list[Piece], list[str]]:
-    """Pieces of the standing part: what is linked to the moving part, filled down to the support."""
-    near = _near_part(seen)
-    if near.sum() < 200:
+    """Pieces of the standing part: all that stands about the moving part, filled down to the support.
+
+    What is not linked to the rest, too: the part hides what joins a spout to its body, and whether that spout is the
+    object's or another thing on the table, the arm must not run into it. Points of a plane whose outline is too thin
+    for a plate count like the others.
+    """
+    clump = _clumps(seen.rest)
+    standing = np.flatnonzero(clump >= 0)
+    if len(standing) < LEAST_STANDING:
         return [], ["nothing that stands still was seen beside the part; the base is empty"]
-    return _pieces(
-        "base", seen.rest[near], seen.rest_normals[near], seen, seen.support_height, rng, cpu_limit_s
-    )
+    chosen = standing[rng.permutation(len(standing))[:MOST_POINTS]]
+    p, clump = seen.rest[chosen], clump[chosen]
+    pieces, _ = _plates("base", p, seen.rest_normals[chosen], seen, seen.support_height, rng)
+    left = ~_inside(p, pieces)
+    clumps = [
+        one for one in (p[left & (clump == k)] for k in np.unique(clump)) if len(one) >= LEAST_BASE_POINTS
+    ]
+    if not clumps:
+        return pieces, []
+    solids, warning = [_thickened(one, seen) for one in clumps], None
+    solid = np.concatenate(solids)
+    if seen.p_camera is not None:
+        hulls = [corners(one) for one in solids]
+    else:
+        hulls, warning = decompose(solid, VOXEL_M, cpu_limit_s)
+    pieces += _free("base", hulls, solid, seen)
+    return pieces, [warning] if warning else []
 
 
-def _near_part(seen: ObservedObject) -> NDArray[np.bool_]:
-    """Static points linked to the part's surroundings by 2 cm cells."""
+def _clumps(points: Array) -> NDArray[np.int64]:
+    """Which clump of linked 2 cm cells each of some points (n, 3) is of, (n,).
+
+    -1 where it is too small for a thing that stands on a table: wrong matches hang in the air in small clumps.
+    """
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    if len(seen.rest) == 0:
-        return np.zeros(0, dtype=bool)
-    cell, inverse = np.unique(np.floor(seen.rest / 0.02).astype(np.int64), axis=0, return_inverse=True)
+    if len(points) == 0:
+        return np.zeros(0, dtype=np.int64)
+    cell, inverse = np.unique(np.floor(points / CLUMP_CELL_M).astype(np.int64), axis=0, return_inverse=True)
     tree = cKDTree(cell.astype(np.float64))
     _, label = connected_components(
         tree.sparse_distance_matrix(tree, 1.8, output_type="coo_matrix"), directed=False
     )
-    distance, _ = cKDTree(seen.part).query((cell + 0.5) * 0.02, distance_upper_bound=0.05)
-    touching = np.isfinite(distance)
-    if not touching.any():
-        return np.zeros(len(seen.rest), dtype=bool)
-    main = np.bincount(label[touching]).argmax()
-    return (label == main)[inverse.ravel()]
+    large = np.bincount(label) >= LEAST_CELLS
+    return np.where(large, np.arange(len(large)), -1)[label][inverse.ravel()]
 
 
-def _pieces(
-    body: Literal["base", "part"], points: Array, normals: Array, seen: ObservedObject, floor: float | None,
-    rng: np.random.Generator, cpu_limit_s: float,
-) -> tuple[list[Piece], list[str]]:  # fmt: skip
-    chosen = rng.permutation(len(points))[:12000]
-    p, n = points[chosen], normals[chosen]
+def _plates(
+    body: Body, p: Array, normals: Array, seen: ObservedObject, floor: float | None, rng: np.random.Generator
+) -> tuple[list[Piece], NDArray[np.bool_]]:
+    """Plates for the largest planes of points (n, 3), and which of the points lie on those planes, (n,)."""
     pieces: list[Piece] = []
-    warnings: list[str] = []
     left = np.ones(len(p), dtype=bool)
-    for k, plane in enumerate(find_planes(p, n, rng, most=4)):
+    for k, plane in enumerate(find_planes(p, normals, rng, most=4)):
         on = left & (np.abs((p - plane.centre) @ plane.normal) < 0.006)
         if on.sum() < 80:
             continue
         left &= ~on
         pieces += _plate(f"plate{k}", body, p[on], plane, seen, floor)
-    left &= ~_inside(p, pieces)
-    if left.sum() >= LEAST_FREE_POINTS:
-        solid, warning = _thickened(p[left], seen), None
-        if body == "base" and seen.p_camera is not None:
-            hulls = [corners(solid)]
-        else:
-            hulls, warning = decompose(solid, VOXEL_M, cpu_limit_s)
-        hulls = carved(hulls, solid, seen.empty[body], seen.up)
-        pieces += [hull(f"free{k}", body, vertices) for k, vertices in enumerate(hulls)]
-        warnings += [warning] if warning else []
-    return pieces, warnings
+    return pieces, ~left
+
+
+def _free(body: Body, hulls: list[Array], solid: Array, seen: ObservedObject) -> list[Piece]:
+    """Pieces of whatever shape, kept out of the space that was seen to be empty."""
+    return [
+        hull(f"free{k}", body, one) for k, one in enumerate(carved(hulls, solid, seen.empty[body], seen.up))
+    ]
 
 
 def _plate(
     name: str,
-    body: Literal["base", "part"],
+    body: Body,
     points: Array,
     plane: Plane,
     seen: ObservedObject,

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from s2r_host.model.build import build_model
+from s2r_host.model.covered import without_covered
 from s2r_host.model.knob import around_knob
 from s2r_host.model.points import ObservedObject
-from s2r_host.model.swept import without_swept
 from s2r_host.motion.bars import as_bar
 from s2r_host.motion.knob_proposals import KnobPushSettings, knob_proposals
 from s2r_host.motion.lever_axes import UP
@@ -168,7 +168,7 @@ def test_what_smeared_depth_has_between_the_spokes_is_not_of_the_base() -> None:
     rest = np.vstack([rest, np.append((outline.p_axis + 0.028 * out)[:2], DECK_M)])
     nothing = np.empty((0, 3))
     seen = ObservedObject(nothing, nothing, rest, np.tile(up, (3, 1)), up, 0.0, None)
-    left = without_swept(seen, around_knob(outline), JointMotion("revolute", outline.p_axis, up, 0.3))
+    left = without_covered(seen, around_knob(outline), JointMotion("revolute", outline.p_axis, up, 0.3))
     np.testing.assert_allclose(left.rest, rest[1:])
 
 
@@ -180,7 +180,7 @@ def test_noise_a_little_above_the_deck_beside_a_knob_is_not_of_the_base_but_the_
     )
     nothing = np.empty((0, 3))
     seen = ObservedObject(nothing, nothing, rest, np.tile(up, (3, 1)), up, 0.0, None)
-    left = without_swept(seen, around_knob(outline), JointMotion("revolute", outline.p_axis, up, 0.3))
+    left = without_covered(seen, around_knob(outline), JointMotion("revolute", outline.p_axis, up, 0.3))
     np.testing.assert_allclose(left.rest, rest[1:])
 
 
