@@ -131,7 +131,7 @@ def told(rows: list[dict[str, Any]]) -> list[str]:
     missed = 100.0 * np.array([row["missed"] for row in good])
     filled = np.array([row["filled_cm3"] for row in good])
     return [
-        "| faucets | told | pieces | missed of what was seen, mean (worst) | 2 % and more missed | filled, mean [cm³] |",
+        "| faucets | told | pieces | missed of what was seen, mean (worst) | 2 % or more | filled, mean [cm³] |",
         "|---|---|---|---|---|---|",
         f"| {len(rows)} | {len(good)} | {np.median([row['pieces'] for row in good]):.0f} "
         f"| {missed.mean():.1f} % ({missed.max():.1f} %) | {(missed >= 100.0 * GROSS).sum()} | {filled.mean():.0f} |",
