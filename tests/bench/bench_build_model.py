@@ -1,11 +1,12 @@
 """How exact is ``s2r build-model``? Prints a markdown table; no budget is asserted.
 
-    python tests/bench/bench_build_model.py [--synthetic N] [--real] [--no-up]
+    python tests/bench/bench_build_model.py [--synthetic N] [--real] [--no-up] [--between]
 
 Real rows need the single-view laptop clip (UT-Austin-RobIn/ScrewMimic, close_laptop_1, depth as 16-bit PNG) with its
 pseudo truth (plane fits, good to 0.7 degrees and 8 mm) under ``$S2R_SHARED_DATA/screwmimic``. Axis errors keep the
 sign: a reversed axis counts as 180 degrees. An interval holds the pseudo truth if it does when widened by how well that
-is known (root of the sum of squares).
+is known (root of the sum of squares). With ``--between`` the clip's frames from between the two of a pair refine the
+joint; the made-up pairs have none.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 
 from s2r_host.perception import AbstainError, DepthFrame, JointMotion, estimate_joint, load_frame
 from s2r_host.perception import synthetic as scenes
+from s2r_host.perception.between import refined_between
 from s2r_host.perception.estimate import UP
 from s2r_host.perception.motion import line_distance
 
@@ -39,6 +41,7 @@ class Case:
     after: DepthFrame
     truth: JointMotion
     known: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    between: tuple[DepthFrame, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -66,9 +69,12 @@ def real_cases() -> Iterator[Case]:
     point = np.array(reference["axis_point_at_y_minus_0_03_m"])
     angle = {int(k): np.radians(v) for k, v in reference["lid_plane_normal_angle_deg"].items()}
     for i, j in REAL_PAIRS:
-        views = [load_frame(clip / f"depth_mm/{k:04d}.png", "base", clip / "camera.json") for k in (i, j)]
+        frames = [
+            load_frame(clip / f"depth_mm/{k:04d}.png", "base", clip / "camera.json") for k in range(i, j + 1)
+        ]
+        views = [frame for frame in frames if isinstance(frame, DepthFrame)]
         truth = JointMotion("revolute", point, axis, float(angle[j] - angle[i])).positive()
-        yield Case(f"real laptop {i}-{j}", views[0], views[1], truth, PSEUDO_TRUTH)
+        yield Case(f"real laptop {i}-{j}", views[0], views[-1], truth, PSEUDO_TRUTH, tuple(views[1:-1]))
 
 
 def synthetic_cases(count: int) -> Iterator[Case]:
@@ -79,14 +85,16 @@ def synthetic_cases(count: int) -> Iterator[Case]:
             yield Case(f"made-up {kind} {seed}", pair.before, pair.after, pair.motion)
 
 
-def measure(case: Case, up: np.ndarray | None) -> Row:
-    """Estimate one case and compare."""
+def measure(case: Case, up: np.ndarray | None, *, between: bool) -> Row:
+    """Estimate one case, with or without the frames between, and compare."""
     turn = case.truth.joint_type == "revolute"
     scale, unit = (180 / np.pi, "°") if turn else (1e3, " mm")
     amount = f"{case.truth.delta * scale:.1f}{unit}"
     start = time.process_time()
     try:
         found = estimate_joint(case.before, case.after, up=up)
+        if between and case.between:
+            found = refined_between(found, case.before, case.after, case.between, up=up)
     except AbstainError as error:
         return Row(case.name, amount, f"abstains: {str(error).split(':')[0].split(';')[0]}")
     cpu_s = time.process_time() - start
@@ -148,13 +156,14 @@ def main() -> None:
     parser.add_argument("--synthetic", type=int, default=10, help="made-up pairs per kind")
     parser.add_argument("--real", action="store_true", help="only the real pairs")
     parser.add_argument("--no-up", action="store_true", help="do not believe hinges to be upright or level")
+    parser.add_argument("--between", action="store_true", help="refine real joints by the frames between")
     options = parser.parse_args()
     up = None if options.no_up else UP
-    rows = [measure(case, up) for case in real_cases()]
+    rows = [measure(case, up, between=options.between) for case in real_cases()]
     print_rows(rows)
     groups = {"real laptop": rows}
     if not options.real:
-        made_up = [measure(case, up) for case in synthetic_cases(options.synthetic)]
+        made_up = [measure(case, up, between=False) for case in synthetic_cases(options.synthetic)]
         for kind in ("drawer", "laptop"):
             groups[f"made-up {kind}"] = [r for r in made_up if f" {kind} " in r.name]
     print()

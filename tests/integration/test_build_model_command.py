@@ -82,6 +82,39 @@ def test_one_file_twice_is_a_usage_error(drawer_files, tmp_path):
     assert "same file" in result.stderr
 
 
+def test_views_from_between_go_with_one_part_only(drawer_files, tmp_path):
+    _, before, after = drawer_files
+    result = run("--before", before, "--after", after, "--between", after, "--several", "--out", tmp_path)
+    assert result.exit_code == 2
+    assert "--between refines the joint of one part" in result.stderr
+
+
+def test_a_cloud_without_a_camera_from_between_is_a_usage_error(drawer_files, tmp_path):
+    pair, before, after = drawer_files
+    p = pair.after.points_base().reshape(-1, 3)
+    lines = [" ".join(f"{value:.4f}" for value in row) for row in p[np.isfinite(p).all(axis=1)][::20]]
+    head = ["ply", "format ascii 1.0", f"element vertex {len(lines)}"]
+    head += [f"property float {name}" for name in "xyz"] + ["end_header"]
+    cloud = tmp_path / "cloud.ply"
+    cloud.write_text("\n".join(head + lines) + "\n")
+    result = run("--before", before, "--after", after, "--between", cloud, "--out", tmp_path)
+    assert result.exit_code == 2
+    assert "--between needs depth images" in result.stderr
+
+
+def test_a_drawer_is_told_as_well_with_a_view_from_between(drawer_files, tmp_path):
+    pair, before, after = drawer_files
+    half = scenes.drawer_pair(np.random.default_rng(4), 0.5 * pair.motion.delta)
+    between = save(tmp_path / "half.npz", half.after)
+    options = ("--before", before, "--after", after, "--between", between, "--out", tmp_path, "--json")
+    result = run(*options)
+    assert result.exit_code == 0, result.output
+    answer = json.loads(result.stdout)
+    assert answer["delta"] == pytest.approx(pair.motion.delta, abs=0.001)
+    assert np.dot(answer["axis_direction"], pair.motion.direction) > 0.9995
+    assert not any("between" in text for text in answer["warnings"])
+
+
 def test_a_bad_region_is_a_usage_error(drawer_files, tmp_path):
     _, before, after = drawer_files
     result = run("--before", before, "--after", after, "--out", tmp_path, "--region", "1,0,0,1,0,1")

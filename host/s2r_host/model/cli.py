@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -18,6 +18,7 @@ from s2r_protocol.exits import ExitCode, RefusedError, S2RError, UsageError
 
 if TYPE_CHECKING:
     from s2r_host.perception.estimate import JointEstimate
+    from s2r_host.perception.frames import Cloud, DepthFrame
 
 Step = Callable[[str], None]
 
@@ -28,6 +29,12 @@ Step = Callable[[str], None]
 )
 @click.option(
     "--after", type=click.Path(path_type=Path), required=True, help="Second view, after the motion."
+)
+@click.option(
+    "--between",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    help="A view taken while the part moved; may be given several times. The axis of a lid, door or drawer gains.",
 )
 @click.option(
     "--out",
@@ -73,8 +80,9 @@ Step = Callable[[str], None]
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the sampling.")
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON on standard output.")
 def build_model(
-    before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
-    joint_type: str | None, several: bool, vague: bool, network: bool | None, seed: int, as_json: bool,
+    before: Path, after: Path, between: tuple[Path, ...], out: Path, frame: str, camera: Path | None,
+    region: str | None, joint_type: str | None, several: bool, vague: bool, network: bool | None, seed: int,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Estimate the joint that moved between two depth views and build a physics model of the object.
 
@@ -84,7 +92,19 @@ def build_model(
     try:
         with _steps(quiet=as_json) as step:
             result = _build(
-                before, after, out, frame, camera, region, joint_type, several, vague, network, seed, step
+                before,
+                after,
+                between,
+                out,
+                frame,
+                camera,
+                region,
+                joint_type,
+                several,
+                vague,
+                network,
+                seed,
+                step,
             )
     except RefusedError as error:
         _abstain(error, out, as_json)
@@ -99,13 +119,16 @@ def build_model(
 
 
 def _build(
-    before: Path, after: Path, out: Path, frame: str, camera: Path | None, region: str | None,
-    joint_type: str | None, several: bool, vague: bool, network: bool | None, seed: int, step: Step,
+    before: Path, after: Path, between: tuple[Path, ...], out: Path, frame: str, camera: Path | None,
+    region: str | None, joint_type: str | None, several: bool, vague: bool, network: bool | None, seed: int,
+    step: Step,
 ) -> dict[str, Any]:  # fmt: skip
     step("reading both views")
     box = parse_region(region)
     if before.resolve() == after.resolve():
         raise UsageError(f"--before and --after are the same file ({before}); two views are needed")
+    if between and several:
+        raise UsageError("--between refines the joint of one part; it does not go with --several")
     if network and frame == "camera":
         raise UsageError("--network knows views with z up only; it does not go with --frame camera")
     from s2r_host.perception.frames import DepthFrame
@@ -113,6 +136,7 @@ def _build(
 
     view_before = load_frame(before, frame, camera)  # type: ignore[arg-type]
     view_after = load_frame(after, frame, camera)  # type: ignore[arg-type]
+    views = _all_depth(view_before, view_after, [load_frame(path, frame, camera) for path in between])  # type: ignore[arg-type]
     step("estimating the joint")
     from s2r_host.perception.verdict import KNOWN_TO, VAGUELY
 
@@ -129,6 +153,11 @@ def _build(
             view_before, view_after, region=box, joint_type=joint_type,  # type: ignore[arg-type]
             known_to=known_to, network=asked, seed=seed,
         )  # fmt: skip
+        if between:
+            from s2r_host.perception.between import refined_between
+
+            step(f"refining it by {len(between)} views from between")
+            estimate = refined_between(estimate, views[0], views[1], views[2:], region=box, seed=seed)
         return _build_one(estimate, out, frame, seed, step)
     from s2r_host.perception.several import estimate_joints
 
@@ -152,6 +181,22 @@ def _build(
     result: dict[str, Any] = {"parts_found": parts}
     (out / "model.json").write_text(json.dumps(result, indent=1) + "\n")
     return result
+
+
+def _all_depth(
+    before: DepthFrame | Cloud, after: DepthFrame | Cloud, between: Sequence[DepthFrame | Cloud]
+) -> list[DepthFrame]:
+    """All views where some are from between, which takes a camera; none otherwise.
+
+    Raises:
+        UsageError: One of them has no camera.
+    """
+    from s2r_host.perception.frames import DepthFrame
+
+    frames = [view for view in (before, after, *between) if isinstance(view, DepthFrame)]
+    if between and len(frames) < 2 + len(between):
+        raise UsageError("--between needs depth images or clouds with --camera, for all of the views")
+    return frames if between else []
 
 
 def _build_one(estimate: JointEstimate, out: Path, frame: str, seed: int, step: Step) -> dict[str, Any]:

@@ -100,23 +100,23 @@ def refine(
     gates = np.geomspace(first_gate_m, 0.006, rounds)
     scale = 0.01
     for gate in gates:
-        system = _system(motion, plate, both, float(gate))
+        system = linearised(motion, plate, both, float(gate))
         if system.surface.sum() < 30:
             return None
         hessian, gradient = system.normal_equations()
-        pull, push = _wished(motion, plate, wishes, scale)
+        pull, push = wished(motion, plate, wishes, scale)
         hessian, gradient = hessian + pull, gradient + push
         damping = np.diag(1e-4 * np.diag(hessian) + 1e-9)
         step = -np.linalg.solve(hessian + damping, gradient)
-        motion = perturbed(motion, _limited(step[:-1], motion))
+        motion = perturbed(motion, limited(step[:-1], motion))
         plate = float(np.clip(plate + step[-1], 0.5 * plate, THICKEST_M))
         scale = system.scale_m()
-    system = _system(motion, plate, both, 0.006)
+    system = linearised(motion, plate, both, 0.006)
     if system.surface.sum() < 30:
         return None
     scale = system.scale_m()
     hessian = system.normal_equations()[0]
-    hessian += 1e-9 * np.eye(len(hessian)) + _wished(motion, plate, wishes, scale)[0]
+    hessian += 1e-9 * np.eye(len(hessian)) + wished(motion, plate, wishes, scale)[0]
     spread = max(scale, 0.0005)
     covariance = np.linalg.inv(hessian)[:-1, :-1] * spread**2 * CORRELATED_POINTS
     turned_over = float(system.back.sum()) > LEAST_BACK_SHARE * float(system.surface.sum())
@@ -125,9 +125,7 @@ def refine(
     )
 
 
-def _wished(
-    motion: JointMotion, plate_m: float, wishes: Wishes | None, scale_m: float
-) -> tuple[Array, Array]:
+def wished(motion: JointMotion, plate_m: float, wishes: Wishes | None, scale_m: float) -> tuple[Array, Array]:
     """Hessian and gradient of the wishes and of the plate's thickness, in units of the surface rows."""
     steps = _steps(motion)
     active = [] if wishes is None else wishes.active(motion)
@@ -166,14 +164,14 @@ def _steps(motion: JointMotion) -> Array:
     return np.array([1e-5, 1e-5, 1e-6, 1e-6, 1e-5])
 
 
-def _limited(step: Array, motion: JointMotion) -> Array:
+def limited(step: Array, motion: JointMotion) -> Array:
     """No more than 12 degrees of tilt, 3 cm of shift, 3 cm or 12 degrees of delta in one round."""
     limit = np.array([0.2, 0.2, 0.03] if motion.joint_type == "prismatic" else [0.2, 0.2, 0.03, 0.03, 0.2])
     return step / max(1.0, float(np.max(np.abs(step) / limit)))
 
 
 @dataclass(frozen=True, eq=False)
-class _System:
+class System:
     """Linearised residuals; the last column of the jacobian is the thickness of the plate.
 
     Attributes:
@@ -198,8 +196,8 @@ class _System:
         return 1.4826 * float(np.median(np.abs(self.r[self.surface])))
 
 
-def _system(motion: JointMotion, plate_m: float, both: tuple[Side, Side], gate_m: float) -> _System:
-    """Rows of both directions."""
+def linearised(motion: JointMotion, plate_m: float, both: tuple[Side, Side], gate_m: float) -> System:
+    """Rows of both directions at a motion, for a plate of some thickness, within a gate."""
     X = motion.transform()
     steps = _steps(motion)
     moved = [perturbed(motion, np.eye(len(steps))[k] * steps[k]).transform() for k in range(len(steps))]
@@ -219,7 +217,7 @@ def _system(motion: JointMotion, plate_m: float, both: tuple[Side, Side], gate_m
             w.append(weight)
             back.append(on_back)
             surface.append(np.full(len(residual), on_surface))
-    return _System(*(np.concatenate(part) for part in (J, r, w, surface, back)))
+    return System(*(np.concatenate(part) for part in (J, r, w, surface, back)))
 
 
 def _surface_rows(
