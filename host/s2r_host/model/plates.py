@@ -21,8 +21,10 @@ Body = Literal["base", "part"]
 PLATE_M = 0.008
 VOXEL_M = 0.008
 MOST_POINTS = 12000
-LEAST_PART_POINTS, LEAST_BASE_POINTS = 400, 100  # beside its plates, from which on a piece is made of them
-CLUMP_CELL_M, LEAST_CELLS, LEAST_STANDING = 0.02, 8, 200
+LEAST_FREE_POINTS, LEAST_APART_POINTS = 400, 100  # beside plates, from which on there is a piece of them
+LEAST_STANDING = 200
+OWN = 0  # the clump that the part sits on
+CLUMP_CELL_M, LEAST_CELLS, LEAST_RISE_M, NEAR_PART_M = 0.02, 8, 0.02, 0.05
 CONVEX_SHARE = 0.85
 CELL_M = 0.005
 RIM_CELLS = 4  # empty cells around an outline: morphology takes what lies beyond the picture for filled
@@ -36,7 +38,7 @@ def part_pieces(
     p = seen.part[chosen]
     pieces, on_plane = _plates("part", p, seen.part_normals[chosen], seen, None, rng)
     left = ~on_plane & ~_inside(p, pieces)
-    if left.sum() < LEAST_PART_POINTS:
+    if left.sum() < LEAST_FREE_POINTS:
         return pieces, []
     solid = _thickened(p[left], seen)
     hulls, warning = decompose(solid, VOXEL_M, cpu_limit_s)
@@ -50,20 +52,23 @@ def base_pieces(
     """Pieces of the standing part: all that stands about the moving part, filled down to the support.
 
     What is not linked to the rest, too: the part hides what joins a spout to its body, and whether that spout is the
-    object's or another thing on the table, the arm must not run into it. Points of a plane whose outline is too thin
-    for a plate count like the others.
+    object's or another thing on the table, the arm must not run into it. Of such a clump all points count, also those
+    of a plane whose outline is too thin for a plate; beside the part few points are as often the part's own.
     """
-    clump = _clumps(seen.rest)
+    clump = _clumps(seen)
     standing = np.flatnonzero(clump >= 0)
     if len(standing) < LEAST_STANDING:
         return [], ["nothing that stands still was seen beside the part; the base is empty"]
     chosen = standing[rng.permutation(len(standing))[:MOST_POINTS]]
     p, clump = seen.rest[chosen], clump[chosen]
-    pieces, _ = _plates("base", p, seen.rest_normals[chosen], seen, seen.support_height, rng)
+    pieces, on_plane = _plates("base", p, seen.rest_normals[chosen], seen, seen.support_height, rng)
     left = ~_inside(p, pieces)
     clumps = [
-        one for one in (p[left & (clump == k)] for k in np.unique(clump)) if len(one) >= LEAST_BASE_POINTS
+        p[left & ~on_plane & (clump == OWN)],
+        *(p[left & (clump == k)] for k in range(OWN + 1, clump.max() + 1)),
     ]
+    least = (LEAST_FREE_POINTS, *(LEAST_APART_POINTS,) * (len(clumps) - 1))
+    clumps = [one for one, points in zip(clumps, least, strict=True) if len(one) >= points]
     if not clumps:
         return pieces, []
     solids, warning = [_thickened(one, seen) for one in clumps], None
@@ -76,23 +81,36 @@ def base_pieces(
     return pieces, [warning] if warning else []
 
 
-def _clumps(points: Array) -> NDArray[np.int64]:
-    """Which clump of linked 2 cm cells each of some points (n, 3) is of, (n,).
+def _clumps(seen: ObservedObject) -> NDArray[np.int64]:
+    """Which clump of linked 2 cm cells each of the points that stand is of, (m,).
 
-    -1 where it is too small for a thing that stands on a table: wrong matches hang in the air in small clumps.
+    0 is the one that the part sits on: the largest that comes near it. -1 are clumps too small for a thing that stands
+    on a table, and those that hardly rise from it: wrong matches hang in the air, and tables are not quite flat.
     """
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    if len(points) == 0:
+    if len(seen.rest) == 0:
         return np.zeros(0, dtype=np.int64)
-    cell, inverse = np.unique(np.floor(points / CLUMP_CELL_M).astype(np.int64), axis=0, return_inverse=True)
+    cells = np.floor(seen.rest / CLUMP_CELL_M).astype(np.int64)
+    cell, inverse = np.unique(cells, axis=0, return_inverse=True)
+    inverse = inverse.ravel()
     tree = cKDTree(cell.astype(np.float64))
-    _, label = connected_components(
-        tree.sparse_distance_matrix(tree, 1.8, output_type="coo_matrix"), directed=False
-    )
-    large = np.bincount(label) >= LEAST_CELLS
-    return np.where(large, np.arange(len(large)), -1)[label][inverse.ravel()]
+    pairs = tree.sparse_distance_matrix(tree, 1.8, output_type="coo_matrix")
+    _, label = connected_components(pairs, directed=False)
+    near_m, _ = cKDTree(seen.part).query((cell + 0.5) * CLUMP_CELL_M, distance_upper_bound=NEAR_PART_M)
+    sizes = np.bincount(label)
+    touching = np.bincount(label[np.isfinite(near_m)], minlength=len(sizes))
+    height_m = seen.rest @ seen.up - seen.support_height
+    rises = np.array([np.percentile(height_m[label[inverse] == k], 95) for k in range(len(sizes))])
+    stands = (sizes >= LEAST_CELLS) & (rises > LEAST_RISE_M)
+    number = np.full(len(sizes), -1)
+    own = int(np.argmax(np.where(touching > 0, sizes, 0))) if touching.any() else -1
+    others = [k for k in np.flatnonzero(stands) if k != own]
+    number[others] = OWN + 1 + np.arange(len(others))
+    if own >= 0:
+        number[own] = OWN
+    return number[label][inverse]
 
 
 def _plates(

@@ -69,9 +69,9 @@ def test_what_lies_between_two_clumps_is_not_filled() -> None:
     assert (off(between, pieces) > 0.01).all()
 
 
-def test_a_strip_too_thin_for_a_plate_is_of_the_base() -> None:
+def test_a_strip_apart_too_thin_for_a_plate_is_of_the_base() -> None:
     """It used to count to the plane it lies in, and that plane's outline left it out."""
-    strip = deck((0.1, -0.004), (0.3, 0.004), 0.02, 700)
+    strip = deck((0.1, -0.004), (0.3, 0.004), 0.06, 700)
     pieces, _ = base_pieces(seen(DECK, strip), np.random.default_rng(0), 20.0)
     assert np.percentile(off(strip[0], pieces), 95) < 0.004
 
@@ -81,6 +81,12 @@ def test_a_few_points_in_the_air_are_nothing() -> None:
     ghost = rng.uniform((-0.2, -0.2, 0.3), (-0.18, -0.18, 0.32), (150, 3))
     pieces, _ = base_pieces(seen(DECK, (ghost, np.tile(UP, (150, 1)))), np.random.default_rng(0), 20.0)
     assert off(ghost, pieces).min() > 0.1
+
+
+def test_a_table_that_is_not_quite_flat_is_nothing() -> None:
+    bump = deck((0.3, 0.2), (0.36, 0.26), 0.009, 500)
+    pieces, _ = base_pieces(seen(DECK, bump), np.random.default_rng(0), 20.0)
+    assert off(bump[0], pieces).min() > 0.1
 
 
 @pytest.mark.parametrize("count", [0, 150])
