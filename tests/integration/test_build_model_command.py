@@ -82,9 +82,17 @@ def test_one_file_twice_is_a_usage_error(drawer_files, tmp_path):
     assert "same file" in result.stderr
 
 
+def test_an_end_given_again_as_a_view_from_between_is_a_usage_error(drawer_files, tmp_path):
+    _, before, after = drawer_files
+    result = run("--before", before, "--after", after, "--between", after, "--out", tmp_path)
+    assert result.exit_code == 2
+    assert "is the view of --after" in result.stderr
+
+
 def test_views_from_between_go_with_one_part_only(drawer_files, tmp_path):
     _, before, after = drawer_files
-    result = run("--before", before, "--after", after, "--between", after, "--several", "--out", tmp_path)
+    other = tmp_path / "other.npz"
+    result = run("--before", before, "--after", after, "--between", other, "--several", "--out", tmp_path)
     assert result.exit_code == 2
     assert "--between refines the joint of one part" in result.stderr
 

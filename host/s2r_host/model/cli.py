@@ -127,6 +127,12 @@ def _build(
     box = parse_region(region)
     if before.resolve() == after.resolve():
         raise UsageError(f"--before and --after are the same file ({before}); two views are needed")
+    ends = {before.resolve(): "--before", after.resolve(): "--after"}
+    for path in between:
+        if path.resolve() in ends:
+            raise UsageError(
+                f"--between {path} is the view of {ends[path.resolve()]}; give one taken in between"
+            )
     if between and several:
         raise UsageError("--between refines the joint of one part; it does not go with --several")
     if network and frame == "camera":
