@@ -18,11 +18,10 @@ from typing import Any
 import mujoco
 import numpy as np
 from bench_levers import TOLD_RAD, drawn
-from scipy.spatial import ConvexHull
 
 from s2r_host.model.build import build_model
 from s2r_host.model.errors import ModelError
-from s2r_host.model.pieces import Piece
+from s2r_host.model.pieces import outside_m
 from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.estimate import JointEstimate, estimate_joint
 from s2r_host.perception.frames import DepthFrame
@@ -97,8 +96,8 @@ def job(number: int) -> dict[str, Any]:
     return row | {
         "pieces": len(base),
         "seen": len(seen),
-        "missed": float((_outside_m(seen, base) > MISSED_M).mean()),
-        "filled_cm3": cm3 * int(((_outside_m(p, base) < 0.0) & (distance > BESIDE_M)).sum()),
+        "missed": float((outside_m(seen, base) > MISSED_M).mean()),
+        "filled_cm3": cm3 * int(((outside_m(p, base) < 0.0) & (distance > BESIDE_M)).sum()),
         "true_cm3": cm3 * int((distance < 0.0).sum()),
     }
 
@@ -113,16 +112,6 @@ def _told(spec: FaucetSpec, rng: np.random.Generator) -> JointEstimate:
         view = camera.capture(qpos_at(model, q))
         frames.append(DepthFrame(view.depth_m, camera.rig.K, placed.X_base_camera_reported, view.colour))
     return estimate_joint(*frames, joint_type="revolute", known_to=VAGUELY)
-
-
-def _outside_m(p: np.ndarray, pieces: list[Piece]) -> np.ndarray:
-    """How far points (n, 3) lie beyond the faces of the nearest of some pieces, negative inside [m], (n,)."""
-    best = np.full(len(p), np.inf)
-    for piece in pieces:
-        local = (p - piece.X_base_piece[:3, 3]) @ piece.X_base_piece[:3, :3]
-        equations = ConvexHull(piece.vertices).equations
-        best = np.minimum(best, (local @ equations[:, :3].T + equations[:, 3]).max(axis=1))
-    return best
 
 
 def told(rows: list[dict[str, Any]]) -> list[str]:

@@ -11,16 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
-
-from s2r_host.model.pieces import Piece
+from s2r_host.model.pieces import Piece, outside_m
 from s2r_host.model.points import ObservedObject
 from s2r_host.perception.motion import JointMotion
-
-Array = NDArray[np.floating]
-Mask = NDArray[np.bool_]
 
 FAT_M = 0.005  # by which a matching window fattens what it sees
 
@@ -33,17 +26,7 @@ def without_covered(seen: ObservedObject, pieces: Sequence[Piece], motion: Joint
         pieces: Of the part, in the same pose. Pieces that only guess the part's extent would eat into the base.
         motion: From the first view to the second.
     """
-    before, after = (_within(seen.rest, pieces, X) for X in (np.eye(4), motion.transform()))
+    before = outside_m(seen.rest, pieces) < FAT_M
+    after = outside_m(seen.rest, pieces, motion.transform()) < FAT_M
     stands = ~(before & after)
     return replace(seen, rest=seen.rest[stands], rest_normals=seen.rest_normals[stands])
-
-
-def _within(p: Array, pieces: Sequence[Piece], X: Array) -> Mask:
-    """Which of points (n, 3) lie in any piece, or nearly so, once X (4, 4) has moved the part."""
-    found = np.zeros(len(p), dtype=bool)
-    for piece in pieces:
-        X_piece = X @ piece.X_base_piece
-        equations = ConvexHull(piece.vertices).equations
-        local = (p - X_piece[:3, 3]) @ X_piece[:3, :3]
-        found |= (local @ equations[:, :3].T + equations[:, 3] < FAT_M).all(axis=1)
-    return found

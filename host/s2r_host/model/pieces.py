@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -68,3 +69,24 @@ def hull(name: str, body: Literal["base", "part"], points_base: Array, seen: boo
     X = np.eye(4)
     X[:3, 3] = middle
     return Piece(name, body, X, None, local[ConvexHull(local).vertices], seen)
+
+
+def outside_m(p: Array, pieces: Sequence[Piece], X: Array | None = None) -> Array:
+    """How far points lie beyond the faces of the nearest of some pieces, negative inside [m].
+
+    Args:
+        p: Points, frame of the views [m], (n, 3).
+        pieces: None of them: everything is infinitely far.
+        X: Motion of the pieces from where they are, (4, 4); None for none.
+
+    Returns:
+        The largest distance to a face's plane, of the piece where that is least, (n,): beyond an edge or a corner less
+        than the true distance.
+    """
+    best = np.full(len(p), np.inf)
+    for piece in pieces:
+        X_piece = piece.X_base_piece if X is None else X @ piece.X_base_piece
+        local = (p - X_piece[:3, 3]) @ X_piece[:3, :3]
+        equations = ConvexHull(piece.vertices).equations
+        best = np.minimum(best, (local @ equations[:, :3].T + equations[:, 3]).max(axis=1))
+    return best

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from s2r_host.model.carve import INTRUDES_M3, carved, corners, intrusion_m3
 from s2r_host.model.decompose import decompose
-from s2r_host.model.pieces import Piece, hull
+from s2r_host.model.pieces import Piece, hull, outside_m
 from s2r_host.model.points import ObservedObject
 from s2r_host.perception.motion import perpendicular_basis
 from s2r_host.perception.planes import Plane, find_planes, fit_plane
@@ -23,6 +23,7 @@ VOXEL_M = 0.008
 MOST_POINTS = 12000
 LEAST_FREE_POINTS, LEAST_APART_POINTS = 400, 100  # beside plates, from which on there is a piece of them
 LEAST_STANDING = 200
+BESIDE_M = 0.006  # a piece, from which on a point is not covered by it
 OWN = 0  # the clump that the part sits on
 CLUMP_CELL_M, LEAST_CELLS, LEAST_RISE_M, NEAR_PART_M = 0.02, 8, 0.02, 0.05
 CONVEX_SHARE = 0.85
@@ -37,7 +38,7 @@ def part_pieces(
     chosen = rng.permutation(len(seen.part))[:MOST_POINTS]
     p = seen.part[chosen]
     pieces, on_plane = _plates("part", p, seen.part_normals[chosen], seen, None, rng)
-    left = ~on_plane & ~_inside(p, pieces)
+    left = ~on_plane & (outside_m(p, pieces) >= BESIDE_M)
     if left.sum() < LEAST_FREE_POINTS:
         return pieces, []
     solid = _thickened(p[left], seen)
@@ -62,7 +63,7 @@ def base_pieces(
     chosen = standing[rng.permutation(len(standing))[:MOST_POINTS]]
     p, clump = seen.rest[chosen], clump[chosen]
     pieces, on_plane = _plates("base", p, seen.rest_normals[chosen], seen, seen.support_height, rng)
-    left = ~_inside(p, pieces)
+    left = outside_m(p, pieces) >= BESIDE_M
     clumps = [
         p[left & ~on_plane & (clump == OWN)],
         *(p[left & (clump == k)] for k in range(OWN + 1, clump.max() + 1)),
@@ -191,18 +192,6 @@ def _outlines(flat: Array) -> list[Array]:
             if len(strip) >= 12 and np.ptp(strip, axis=0).min() >= 1:
                 found.append(cv2.convexHull(strip.astype(np.float32))[:, 0].astype(np.float64))
     return [(corners - RIM_CELLS + 0.5) * CELL_M + low for corners in found]
-
-
-def _inside(p: Array, pieces: list[Piece], margin_m: float = 0.006) -> NDArray[np.bool_]:
-    """Points within a margin of any piece."""
-    from scipy.spatial import ConvexHull
-
-    covered = np.zeros(len(p), dtype=bool)
-    for piece in pieces:
-        local = (p - piece.X_base_piece[:3, 3]) @ piece.X_base_piece[:3, :3]
-        equations = ConvexHull(piece.vertices).equations
-        covered |= (local @ equations[:, :3].T + equations[:, 3] < margin_m).all(axis=1)
-    return covered
 
 
 def _thickened(p: Array, seen: ObservedObject) -> Array:

@@ -22,6 +22,9 @@ from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.motion import JointMotion, line_distance
 from s2r_host.perception.refine import (
     CORRELATED_POINTS,
+    LAST_GATE_M,
+    LEAST_ROWS,
+    LEAST_SPREAD_M,
     PLATE_M,
     THICKEST_M,
     Side,
@@ -40,9 +43,8 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.floating]
 
-ROUNDS, FIRST_GATE_M, LAST_GATE_M = 10, 0.012, 0.006
+ROUNDS, FIRST_GATE_M = 10, 0.012
 STATES, PROBED = 26, 300  # tried for a frame, and points that they are judged by
-LEAST_ROWS, LEAST_SPREAD_M = 30, 0.0005
 MOST_STEP = 0.1  # of one pair's motion in a round [m or rad]
 LEAST_RAD, LEAST_M = float(np.radians(3.0)), 0.006  # a pair with less motion tells nothing of an axis
 
@@ -86,7 +88,7 @@ def refined_between(
     if whole.small():
         return _with_note(estimate, "frames between were not used: the part is too small to gain by them")
     ends = [MovedPair(sides(whole, rng), estimate.delta)]
-    pairs = [pair for pair in _pairs(estimate.motion, before, after, between, region, up, rng) if pair]
+    pairs = _pairs(estimate.motion, before, after, between, region, up, rng)
     if not pairs:
         return _with_note(estimate, "frames between were not used: they show no motion")
     shape = hyp.structure(whole, rng, up)
@@ -124,8 +126,8 @@ def _pairs(
     region: Region | None,
     up: Array | None,
     rng: np.random.Generator,
-) -> list[MovedPair | None]:
-    """Every frame with either end."""
+) -> list[MovedPair]:
+    """Every frame with either end, where the part moved between them."""
     found = []
     for frame in between:
         for first, second in ((before, frame), (frame, after)):
@@ -134,7 +136,9 @@ def _pairs(
                 require_motion(scene)
             except AbstainError:
                 continue  # at rest there, or nearly
-            found.append(moved_pair(with_revealed_level(scene, up, rng), motion, rng))
+            pair = moved_pair(with_revealed_level(scene, up, rng), motion, rng)
+            if pair is not None:
+                found.append(pair)
     return found
 
 

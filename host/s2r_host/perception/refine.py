@@ -19,6 +19,8 @@ Array = NDArray[np.floating]
 
 SOFT_M = 0.002  # scale of the soft-L1 loss on surfaces
 MOST_EDGES = 600
+LAST_GATE_M = 0.006
+LEAST_ROWS, LEAST_SPREAD_M = 30, 0.0005  # of surface; a fit is not believed to be closer
 CORRELATED_POINTS = 30.0  # neighbouring pixels share their matching window, hence their error
 # A plate that shows its other face afterwards: its thickness is one more unknown, known beforehand to be about this,
 # within a factor of 1.35.
@@ -97,11 +99,11 @@ def refine(
             measurement.
     """
     motion, plate = start, PLATE_M
-    gates = np.geomspace(first_gate_m, 0.006, rounds)
+    gates = np.geomspace(first_gate_m, LAST_GATE_M, rounds)
     scale = 0.01
     for gate in gates:
         system = linearised(motion, plate, both, float(gate))
-        if system.surface.sum() < 30:
+        if system.surface.sum() < LEAST_ROWS:
             return None
         hessian, gradient = system.normal_equations()
         pull, push = wished(motion, plate, wishes, scale)
@@ -111,13 +113,13 @@ def refine(
         motion = perturbed(motion, limited(step[:-1], motion))
         plate = float(np.clip(plate + step[-1], 0.5 * plate, THICKEST_M))
         scale = system.scale_m()
-    system = linearised(motion, plate, both, 0.006)
-    if system.surface.sum() < 30:
+    system = linearised(motion, plate, both, LAST_GATE_M)
+    if system.surface.sum() < LEAST_ROWS:
         return None
     scale = system.scale_m()
     hessian = system.normal_equations()[0]
     hessian += 1e-9 * np.eye(len(hessian)) + wished(motion, plate, wishes, scale)[0]
-    spread = max(scale, 0.0005)
+    spread = max(scale, LEAST_SPREAD_M)
     covariance = np.linalg.inv(hessian)[:-1, :-1] * spread**2 * CORRELATED_POINTS
     turned_over = float(system.back.sum()) > LEAST_BACK_SHARE * float(system.surface.sum())
     return Refined(
@@ -135,7 +137,7 @@ def wished(motion: JointMotion, plate_m: float, wishes: Wishes | None, scale_m: 
     for k, step in enumerate(steps):
         moved = perturbed(motion, np.eye(len(steps))[k] * step)
         J[:-1, k] = (np.array([wish(moved) for wish in active]) - r[:-1]) / step
-    weight = max(scale_m, 0.0005) ** 2 * CORRELATED_POINTS
+    weight = max(scale_m, LEAST_SPREAD_M) ** 2 * CORRELATED_POINTS
     return weight * J.T @ J, weight * J.T @ r
 
 

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
-from s2r_host.model.pieces import Piece
+from s2r_host.model.pieces import outside_m
 from s2r_host.model.plates import base_pieces
 from s2r_host.model.points import ObservedObject
 
@@ -42,16 +41,6 @@ def seen(*shapes: tuple[np.ndarray, np.ndarray]) -> ObservedObject:
     return ObservedObject(part, np.zeros_like(part), rest, normals, UP, 0.0, P_CAMERA)
 
 
-def off(p: np.ndarray, pieces: list[Piece]) -> np.ndarray:
-    """How far points (n, 3) lie outside of the nearest face of any piece [m], (n,)."""
-    best = np.full(len(p), np.inf)
-    for piece in pieces:
-        local = (p - piece.X_base_piece[:3, 3]) @ piece.X_base_piece[:3, :3]
-        equations = ConvexHull(piece.vertices).equations
-        best = np.minimum(best, (local @ equations[:, :3].T + equations[:, 3]).max(axis=1))
-    return best
-
-
 DECK = deck((-0.08, -0.06), (0.08, 0.06), 0.02, 6000)
 SPOUT = rod((-0.15, 0.1, 0.18), (-0.05, 0.12, 0.18), 0.012, 900, 2)
 
@@ -59,34 +48,34 @@ SPOUT = rod((-0.15, 0.1, 0.18), (-0.05, 0.12, 0.18), 0.012, 900, 2)
 def test_a_spout_that_is_seen_apart_from_its_body_is_of_the_base() -> None:
     pieces, warnings = base_pieces(seen(DECK, SPOUT), np.random.default_rng(0), 20.0)
     assert not warnings
-    assert np.percentile(off(SPOUT[0], pieces), 95) < 0.003
-    assert np.percentile(off(DECK[0], pieces), 95) < 0.003
+    assert np.percentile(outside_m(SPOUT[0], pieces), 95) < 0.003
+    assert np.percentile(outside_m(DECK[0], pieces), 95) < 0.003
 
 
 def test_what_lies_between_two_clumps_is_not_filled() -> None:
     pieces, _ = base_pieces(seen(DECK, SPOUT), np.random.default_rng(0), 20.0)
     between = np.array([[-0.07, 0.09, 0.1], [-0.05, 0.08, 0.12]])
-    assert (off(between, pieces) > 0.01).all()
+    assert (outside_m(between, pieces) > 0.01).all()
 
 
 def test_a_strip_apart_too_thin_for_a_plate_is_of_the_base() -> None:
     """It used to count to the plane it lies in, and that plane's outline left it out."""
     strip = deck((0.1, -0.004), (0.3, 0.004), 0.06, 700)
     pieces, _ = base_pieces(seen(DECK, strip), np.random.default_rng(0), 20.0)
-    assert np.percentile(off(strip[0], pieces), 95) < 0.004
+    assert np.percentile(outside_m(strip[0], pieces), 95) < 0.004
 
 
 def test_a_few_points_in_the_air_are_nothing() -> None:
     rng = np.random.default_rng(3)
     ghost = rng.uniform((-0.2, -0.2, 0.3), (-0.18, -0.18, 0.32), (150, 3))
     pieces, _ = base_pieces(seen(DECK, (ghost, np.tile(UP, (150, 1)))), np.random.default_rng(0), 20.0)
-    assert off(ghost, pieces).min() > 0.1
+    assert outside_m(ghost, pieces).min() > 0.1
 
 
 def test_a_table_that_is_not_quite_flat_is_nothing() -> None:
     bump = deck((0.3, 0.2), (0.36, 0.26), 0.009, 500)
     pieces, _ = base_pieces(seen(DECK, bump), np.random.default_rng(0), 20.0)
-    assert off(bump[0], pieces).min() > 0.1
+    assert outside_m(bump[0], pieces).min() > 0.1
 
 
 @pytest.mark.parametrize("count", [0, 150])
