@@ -9,12 +9,13 @@ from scipy.spatial import cKDTree
 
 from s2r_host.errors import SceneError
 from s2r_host.motion.scene import Scene
-from s2r_host.motion.standing import COLUMN_RADIUS_M, LEAST_POINTS, Standing, pieces, standing_on
+from s2r_host.motion.standing import COLUMN_RADIUS_M, DECK_BAND_M, LEAST_POINTS, Standing, pieces, standing_on
 
 # Pieces whose ends are further from the body's axis, and one of them this low, turn about an axis of their own.
 ROOTED_M, FOOT_M = 0.05, 0.04
 BELOW_M, BESIDE_M = (0.004, 0.05), 0.02  # where the foot is looked for that a lever's root stands on
 OWN_M, FOOT_POINTS = 0.002, 40  # this near to a point of the piece is the piece; so many others make a foot
+STANDS_M = 0.006  # what is seen this low over the deck stands on it
 RISE_M = 0.01  # by which a lever's tip is higher than its middle, where that tells as much as a foot
 UPRIGHT, ON_DECK_M = 0.8, 0.02  # sine of a line that stands upright; this low it stands on the deck
 LEAST_LENGTH_M = 0.035
@@ -151,10 +152,11 @@ def _candidate(p: np.ndarray, standing: Standing) -> LeverCandidate | None:
         return None
     ends = [centre + low * along, centre + high * along]
     ends.sort(key=lambda end: float(np.linalg.norm(end[:2] - axis)) + 0.3 * float(end[2]))
-    apart_m = min(float(np.linalg.norm(end[:2] - axis)) for end in ends)
-    own = apart_m > ROOTED_M and min(float(end[2]) for end in ends) < deck_m + FOOT_M
-    if own:
+    own = _on_own_foot(ends, standing)
+    if own and _apart_m(ends, axis) > ROOTED_M:
         ends.sort(key=lambda end: -_foot(end, p, standing.above) - float(centre[2] - end[2]) / RISE_M)
+    elif own:
+        ends.sort(key=lambda end: float(end[2]))
     root, tip = ends
     level = (tip - root)[:2]
     length = float(np.linalg.norm(level))
@@ -203,6 +205,23 @@ def _stub(p: np.ndarray, standing: Standing) -> LeverCandidate | None:
         rooted=False,
         p_body=axis,
     )
+
+
+def _on_own_foot(ends: list[np.ndarray], standing: Standing) -> bool:
+    """Whether a piece stands on the deck beside the body: all of it, or an end from which it rises towards the body."""
+    inner, outer = sorted(ends, key=lambda end: float(np.linalg.norm(end[:2] - standing.p_body)))
+    low_m = standing.deck_m + FOOT_M
+    if _apart_m(ends, standing.p_body) > ROOTED_M:
+        return bool(min(inner[2], outer[2]) < low_m)
+    if _apart_m([outer], standing.p_body) < ROOTED_M or outer[2] > min(low_m, inner[2]):
+        return False
+    beside = np.linalg.norm(standing.above[:, :2] - outer[:2], axis=1) < BESIDE_M
+    return int((standing.above[beside, 2] < standing.deck_m + DECK_BAND_M + STANDS_M).sum()) >= FOOT_POINTS
+
+
+def _apart_m(ends: list[np.ndarray], p_body: np.ndarray) -> float:
+    """How far the nearer of some points is from the body's axis [m]."""
+    return min(float(np.linalg.norm(end[:2] - p_body)) for end in ends)
 
 
 def _foot(end: np.ndarray, piece: np.ndarray, above: np.ndarray) -> float:

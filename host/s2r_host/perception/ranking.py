@@ -27,9 +27,14 @@ Array = NDArray[np.floating]
 
 EVIDENCE_SCALE = 0.02  # cost difference that makes a hypothesis e times less likely
 NEAR_GATE_M = 0.008
+SAME_RAD, SAME_M = np.radians(0.5), 0.0005  # between motions that are one
+SAME_COS = float(np.cos(SAME_RAD))
 LEAST_JUDGED = 0.35  # of the moved points; a motion that hides nearly all of them explains nothing
 COST_ASKEW, ASKEW_RAD = 0.08, np.radians(15)  # one joint in fifty: e to the power of -4
-COST_ALONG, ACROSS_COS, ALONG_COS = 0.15, 0.68, 0.88  # levers rise by up to 43 degrees
+# Levers rise by up to 43 degrees from the plane they turn in where that is level; where it is upright they swing beside
+# what they are mounted on, and hardly lean away from it.
+COST_ALONG, ACROSS_COS, ALONG_COS = 0.15, 0.68, 0.88
+LEVEL_ACROSS_COS, LEVEL_ALONG_COS, LEVEL_RISE = 0.4, 0.65, 0.3
 COST_IN_AIR, SOLID_M, AIR_M = 0.15, 0.028, 0.012  # of a lever's axis; true ones of drawn faucets have 28 mm
 COST_SLIDING_LEVER = 0.04  # one thin part in ten slides
 # Levers are mounted upright or level far more often than a little off. Of 24 drawn ones with the right motion
@@ -57,7 +62,7 @@ def rank(
     *,
     near: Sequence[JointMotion] = (),
 ) -> list[Hypothesis]:
-    """Refine all starts, judge them with finer evidence and priors, best first.
+    """Refine all starts, judge them with finer evidence and priors, best first; those refined to one motion are one.
 
     ``near``: further ones that are within a centimetre of where they should be. Hinges of levers are tried upright or
     level as well, where they nearly are.
@@ -75,13 +80,34 @@ def rank(
     )
     evidence = score([r.motion for r in refined], scene, *probes, extra_m=0.001)
     cost = evidence + np.array([_prior(r.motion, scene, probes, wishes) for r in refined])
-    order = np.argsort(cost, kind="stable")
+    order = _distinct([r.motion for r in refined], cost)
     weight = np.exp(-(cost - cost.min()) / EVIDENCE_SCALE) if len(cost) else cost
-    weight = weight / max(weight.sum(), 1e-12)
+    total = max(weight[order].sum(), 1e-12)
     return [
-        Hypothesis(refined[i].motion, float(cost[i]), float(evidence[i]), float(weight[i]), refined[i])
+        Hypothesis(
+            refined[i].motion, float(cost[i]), float(evidence[i]), float(weight[i] / total), refined[i]
+        )
         for i in order
     ]
+
+
+def _distinct(motions: Sequence[JointMotion], cost: Array) -> list[int]:
+    """Which of some motions, the cheapest first, are no earlier one again: one is not likelier for many starts."""
+    kept: list[int] = []
+    for i in np.argsort(cost, kind="stable"):
+        if not any(_same(motions[i], motions[k]) for k in kept):
+            kept.append(int(i))
+    return kept
+
+
+def _same(a: JointMotion, b: JointMotion) -> bool:
+    if a.joint_type != b.joint_type or a.direction @ b.direction < SAME_COS:
+        return False
+    if a.joint_type == "prismatic":
+        return abs(a.delta - b.delta) < SAME_M
+    return (
+        abs(a.delta - b.delta) < SAME_RAD and line_distance(a.origin, a.direction, b.origin[None])[0] < SAME_M
+    )
 
 
 def _plumb(motion: JointMotion, both: tuple[Side, Side], wishes: Wishes) -> Refined | None:
@@ -123,13 +149,16 @@ def _prior(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe], wishe
 def _along_lever(motion: JointMotion, wishes: Wishes) -> float:
     """Cost of a hinge that runs along its lever: a bar tells sideways motion from a turn about such a line badly.
 
+    So it does a turn about an upright line from one about a level line that halves the angle between its two places.
     Only a lever's: the edge of a lid is such a line too, longer, and its hinge does run along it.
     """
     lines = [
         line for line in (wishes.before, wishes.after) if line is not None and line.length_m < LONGEST_LEVER_M
     ]
     cosine = max((abs(float(motion.direction @ line.direction)) for line in lines), default=0.0)
-    return COST_ALONG * min(1.0, max(0.0, cosine - ACROSS_COS) / (ALONG_COS - ACROSS_COS))
+    level = wishes.up is not None and abs(float(motion.direction @ wishes.up)) < LEVEL_RISE
+    across, along = (LEVEL_ACROSS_COS, LEVEL_ALONG_COS) if level else (ACROSS_COS, ALONG_COS)
+    return COST_ALONG * min(1.0, max(0.0, cosine - across) / (along - across))
 
 
 def _in_air(motion: JointMotion, part: Array, scene: Scene, up: Array | None) -> float:

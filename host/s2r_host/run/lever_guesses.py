@@ -75,7 +75,11 @@ def lever_guesses(
     levers = levers_in(scene)
     beliefs = [belief_about(found, lever.p) for lever in levers]
     guesses = [
-        guess for k in range(len(levers)) for guess in _about_lever(levers, k, beliefs, settings.lever_push)
+        guess
+        for lever, odds, (_, line) in zip(
+            levers, odds_of(levers, [one for one, _ in beliefs]), beliefs, strict=True
+        )
+        for guess in _about_lever(lever, odds, line, settings.lever_push)
     ]
     knobs = [knob for knob in find_knobs(scene) if not any(one.covers(knob.p).any() for one in outlined)]
     guesses += [_about_knob(knob, found, settings.lever_push) for knob in knobs]
@@ -108,14 +112,17 @@ def belief_about(found: Affordance, p: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _about_lever(
-    levers: Sequence[LeverCandidate],
-    k: int,
-    beliefs: Sequence[tuple[float, np.ndarray]],
-    settings: LeverPushSettings,
+    lever: LeverCandidate, odds: np.ndarray, believed: np.ndarray, settings: LeverPushSettings
 ) -> Iterator[Guess]:
-    """A straight piece may turn about an upright axis, or swing beside the body; about either end, or its middle."""
-    lever, wrong = levers[k], wrong_end(levers[k])
-    odds, swings = odds_of(levers, k, [belief for belief, _ in beliefs]), swinging(lever, beliefs[k][1])
+    """A straight piece may turn about an upright axis, or swing beside the body; about either end, or its middle.
+
+    Args:
+        lever: The piece.
+        odds: That it is the lever: with the network's beliefs, and without, (2,).
+        believed: The line of motion that the network believes in, (3,).
+        settings: Geometry of the pushes.
+    """
+    wrong, swings = wrong_end(lever), swinging(lever, believed)
     bar = as_bar(lever)
     if bar is not None:
         weight, by_shape = (BAR * odds).tolist()

@@ -10,24 +10,44 @@ from s2r_host.motion.lever_axes import aside_m, level_axis, upright_axis
 from s2r_host.motion.levers import LeverCandidate
 
 # Logits fitted on drawn faucets that nothing is reported of: `python tests/bench/bench_lever_guesses.py --fit`.
-IS_LEVER = (-0.58, -0.07, 1.14, -0.87, 2.34, -4.36, -3.73, -0.73, -0.55, 0.97)  # of `lever_features`
-SWINGS = (-3.48, 5.51, 1.45, -3.18, -0.50, 2.77)  # of `swing_features`
+IS_LEVER = (-0.66, -0.01, 1.17, -0.95, 2.16, -4.39, -4.03, -0.39, -1.30, 1.15)  # of `lever_features`
+SWINGS = (-3.21, 5.27, 1.40, -3.31, -0.60, 2.80)  # of `swing_features`
 # The same without what the network believes.
-IS_LEVER_BY_SHAPE = (-0.31, 0.28, 0.0, -1.38, 0.0, -4.47, -3.48, -1.00, -0.63, 1.16)
-SWINGS_BY_SHAPE = (-3.85, 6.19, 0.0, -3.29, -0.30, 2.80)
+IS_LEVER_BY_SHAPE = (-0.32, 0.28, 0.0, -1.42, 0.0, -4.40, -3.84, -0.49, -1.34, 1.41)
+SWINGS_BY_SHAPE = (-3.44, 5.89, 0.0, -3.58, -0.45, 2.79)
 # Ends of two pieces this near are one place; so much lower, and at an angle of that cosine, the spout goes on there.
 MEET_M, LOWER_M, BENT = 0.03, 0.01, 0.95
 BESIDE_M = 0.025  # by which a line passes the body's axis if the lever is at the side of the body
+ALIKE_RISE, ALIKE_LENGTH = (
+    0.2,
+    1.6,
+)  # of two handles: difference of the sines of their rise, ratio of their lengths
 # How often the end that was taken for the tip is the one that the piece turns about, in views of drawn faucets that
 # nothing is reported of: where the piece leads down, where a piece on a foot of its own is level, and else.
 LEADS_DOWN_M, LEVEL_M = -0.015, 0.005
 WRONG_END_DOWN, WRONG_END_LEVEL, WRONG_END = 0.75, 0.25, 0.03
 
 
-def odds_of(levers: Sequence[LeverCandidate], k: int, beliefs: Sequence[float]) -> np.ndarray:
-    """Odds that the k-th of some straight pieces is the lever: with the network's belief in each, and without, (2,)."""
-    looks = lever_features(levers, k, beliefs)
-    return np.exp([np.dot(IS_LEVER, looks), np.dot(IS_LEVER_BY_SHAPE, looks)])
+def odds_of(levers: Sequence[LeverCandidate], beliefs: Sequence[float]) -> np.ndarray:
+    """Odds that each of some straight pieces is the lever: with the network's belief in each, and without, (n, 2).
+
+    Of two handles that look alike one is as likely as the other, whatever else speaks for one of them in the view.
+    """
+    looks = np.array([lever_features(levers, k, beliefs) for k in range(len(levers))]).reshape(
+        -1, len(IS_LEVER)
+    )
+    odds = np.exp(looks @ np.array([IS_LEVER, IS_LEVER_BY_SHAPE]).T)
+    alike = np.array([[_alike(a, b) for b in levers] for a in levers], float).reshape(len(odds), len(odds))
+    return np.asarray(alike @ odds / alike.sum(axis=1, keepdims=True))
+
+
+def _alike(a: LeverCandidate, b: LeverCandidate) -> bool:
+    """Whether two pieces are the handles of a pair: each on a foot of its own, rising alike, about as long."""
+    if a is b:
+        return True
+    length_m = [float(np.linalg.norm(one.p_tip - one.p_root)) for one in (a, b)]
+    rise = abs(float(a.direction[2] - b.direction[2]))
+    return a.rooted and b.rooted and rise < ALIKE_RISE and max(length_m) < ALIKE_LENGTH * min(length_m)
 
 
 def swinging(lever: LeverCandidate, believed: np.ndarray) -> np.ndarray:

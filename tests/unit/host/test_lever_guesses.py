@@ -13,7 +13,14 @@ from s2r_host.perception.object_cloud import ObjectCloud
 from s2r_host.perception.synthetic import faucet_view
 from s2r_host.run.guess import ABOUT_M, Guess, Tried
 from s2r_host.run.lever_guesses import GuessSettings, lever_guesses
-from s2r_host.run.lever_looks import IS_LEVER, SWINGS, SWINGS_BY_SHAPE, lever_features, swing_features
+from s2r_host.run.lever_looks import (
+    IS_LEVER,
+    SWINGS,
+    SWINGS_BY_SHAPE,
+    lever_features,
+    odds_of,
+    swing_features,
+)
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -203,6 +210,22 @@ def test_what_hangs_on_the_body_between_two_handles_with_feet_of_their_own_is_a_
     between = piece((0.55, 0.0, 0.1), (0.45, 0.0, 0.12))
     handle = piece((0.6, 0.15, 0.1), (0.5, 0.15, 0.12), rooted=True)
     assert odds([between, handle], 0) < odds([between, replace(handle, rooted=False)], 0)
+
+
+def test_of_two_handles_alike_one_is_as_likely_as_the_other():
+    one = piece((0.6, 0.15, 0.1), (0.5, 0.15, 0.12), rooted=True)
+    other = piece((0.6, -0.15, 0.1), (0.66, -0.07, 0.12), rooted=True)
+    spout = piece((0.55, 0.0, 0.1), (0.45, 0.0, 0.12))
+    shares = odds_of([one, other, spout], [0.2, 0.8, 0.5])
+    assert shares[0] == pytest.approx(shares[1])
+    assert (shares[0] > shares[2]).all()
+    for unlike in (
+        replace(other, rooted=False),
+        piece((0.6, -0.15, 0.1), (0.63, -0.11, 0.12), rooted=True),  # half as long
+        piece((0.6, -0.15, 0.1), (0.66, -0.07, 0.17), rooted=True),  # rises more
+    ):
+        apart = odds_of([one, unlike, spout], [0.2, 0.8, 0.5])
+        assert apart[0, 0] < 0.5 * apart[1, 0]
 
 
 def test_a_level_lever_beside_the_body_swings_and_one_that_leads_away_from_it_does_not():

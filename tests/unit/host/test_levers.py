@@ -144,3 +144,38 @@ def test_a_handle_apart_from_the_body_is_rooted_where_it_stands_not_where_it_com
         lever.p_root - FOOT
     )  # the tip is nearer to the body
     assert lever.outward @ out > np.cos(np.radians(15.0))
+
+
+def across_the_body():
+    """Pieces of a tap whose one handle leads up to its body and whose spout leads down, and the handle's head."""
+    table, deck = np.eye(4), np.eye(4)
+    table[:3, 3], deck[:3, 3] = (0.7, 0.0, -0.01), np.add(FOOT, (0.0, 0.0, 0.006))
+    foot, top = np.add(FOOT, (0.0, -0.16, 0.0)), np.add(FOOT, (0.0, 0.0, 0.09))
+    head = np.add(foot, (0.0, 0.0, 0.03))
+    static = [
+        Box(table, np.array([1.6, 1.6, 0.02])),
+        Box(deck, np.array([0.16, 0.44, 0.012])),
+        beam(FOOT, top, 0.04, 0.04),
+        beam(foot, head, 0.03, 0.03),
+        beam(head, np.add(head, (-0.03, 0.13, 0.06)), 0.02, 0.012),
+        beam(top, np.add(FOOT, (-0.14, 0.0, 0.047)), 0.02, 0.02),
+    ]
+    still = JointMotion("revolute", FOOT, np.array([0.0, 0, 1]), 0.0)
+    X_WC = look_at(np.array((0.0, -0.45, 0.55)), np.add(FOOT, (0.0, 0.0, 0.1)))
+    scene = observed_scene(pair(static, [], still, K, SHAPE, X_WC, np.random.default_rng(0)).before)
+    return find_levers(scene), head
+
+
+def test_a_handle_that_leads_up_to_the_body_stands_on_its_own_foot():
+    found, head = across_the_body()
+    handle = min(found, key=lambda c: float(np.linalg.norm(c.p.mean(axis=0) - head)))
+    assert handle.rooted
+    assert np.linalg.norm(handle.p_root - head) < 0.03
+    assert handle.direction @ np.array([-0.2, 0.89, 0.41]) > np.cos(np.radians(15.0))
+
+
+def test_a_spout_that_leads_down_close_to_the_deck_stands_on_nothing():
+    found, _ = across_the_body()
+    spouts = [one for one in found if abs(one.p.mean(axis=0)[1]) < 0.03]
+    assert min(float(one.p_tip[2]) for one in spouts) < 0.052  # as low as the foot of a handle
+    assert not any(one.rooted for one in spouts)

@@ -15,7 +15,7 @@ from s2r_host.perception.levers import (
     line_pivots,
 )
 from s2r_host.perception.motion import JointMotion, line_distance, rotation
-from s2r_host.perception.ranking import _along_lever, _askew
+from s2r_host.perception.ranking import _along_lever, _askew, _distinct
 from s2r_host.perception.wishes import Wishes
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -140,6 +140,40 @@ def test_a_hinge_along_its_lever_is_not_believed_and_a_rising_lever_is_no_such_t
     assert _along_lever(rising, wishes) == 0.0
     lid = Wishes(np.zeros((0, 3)), UP, replace(lines[0], length_m=0.3), None)
     assert _along_lever(along, lid) == 0.0  # lids hang along their longest edge
+
+
+def test_a_lever_that_swings_about_a_level_hinge_leads_across_it(lines):
+    wishes = Wishes(np.zeros((0, 3)), UP, lines[0])
+    out = lines[0].direction * (1.0, 1.0, 0.0) / np.linalg.norm(lines[0].direction[:2])
+    aside = np.cross(UP, out)
+
+    def cost(degrees):
+        """Of a level hinge at so much to the level way that the lever leads."""
+        axis = np.cos(np.radians(degrees)) * out + np.sin(np.radians(degrees)) * aside
+        return _along_lever(JointMotion("revolute", PIVOT, axis, 0.4), wishes)
+
+    assert cost(90) == cost(70) == 0.0
+    assert 0.0 < cost(60) < cost(50)
+    assert cost(40) == pytest.approx(0.15)
+    rising = JointMotion("revolute", PIVOT, 0.6 * UP + 0.8 * aside, 0.4)
+    assert _along_lever(rising, wishes) == 0.0
+
+
+def test_candidates_refined_to_one_motion_are_one():
+    turn = JointMotion("revolute", PIVOT, UP, 0.4)
+    again = replace(turn, origin=np.add(PIVOT, (0.0003, 0.0, 0.3)), delta=0.404)  # the same line
+    slide = JointMotion("prismatic", PIVOT, UP, 0.05)
+    others = [
+        replace(turn, origin=np.add(PIVOT, (0.005, 0.0, 0.0))),
+        replace(turn, direction=rotation(np.array([1.0, 0.0, 0.0]), 0.1) @ UP),
+        replace(turn, direction=-UP),
+        replace(turn, delta=0.45),
+        slide,
+        replace(slide, delta=0.052),
+    ]
+    motions = [again, turn, *others, replace(slide, origin=np.add(PIVOT, 0.1))]
+    cost = np.array([0.2, 0.1, *np.linspace(0.3, 0.8, len(others)), 0.9])
+    assert _distinct(motions, cost) == [1, *range(2, 2 + len(others))]
 
 
 def walls(radius, arc, count=200):
