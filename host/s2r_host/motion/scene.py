@@ -13,6 +13,9 @@ from s2r_host.motion.robot_mask import DepthView, back_project
 MIN_POINTS = 500
 CELL_M = 0.01
 MIN_CELLS = 25
+# Stereo cameras filter wrong matches by size: of 18 000 small clumps in 120 drawn views, four fifths of them wrong, one
+# had 50 points or more. The end of a lever that points at the camera has 300 to 600, in 8 to 20 cells.
+DENSE_POINTS = 150
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ def without_specks(p_base: np.ndarray) -> np.ndarray:
         p_base: Points [m], shape (n, 3).
 
     Returns:
-        Points whose 1 cm cells belong to a connected clump of at least 25 cells, shape (m, 3).
+        Points whose 1 cm cells belong to a connected clump of at least 25 cells or 150 points, shape (m, 3).
     """
     if not len(p_base):
         return p_base
@@ -80,5 +83,8 @@ def without_specks(p_base: np.ndarray) -> np.ndarray:
     grid[tuple(cells.T)] = True
     labels = np.zeros(grid.shape, np.int32)
     ndimage.label(grid, structure=np.ones((3, 3, 3)), output=labels)
-    sizes = np.bincount(labels.ravel())
-    return p_base[sizes[labels[tuple(cells.T)]] >= MIN_CELLS]
+    of = labels[tuple(cells.T)]
+    kept = (np.bincount(labels.ravel()) >= MIN_CELLS) | (
+        np.bincount(of, minlength=int(labels.max()) + 1) >= DENSE_POINTS
+    )
+    return p_base[kept[of]]

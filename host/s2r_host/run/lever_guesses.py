@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from s2r_host.motion.bars import as_bar
+from s2r_host.motion.facing import find_facing
 from s2r_host.motion.hubs import find_hubs
 from s2r_host.motion.knob_proposals import knob_proposals
 from s2r_host.motion.knobs import Knob, find_knobs
@@ -42,6 +43,9 @@ KNOB_DEPTH_M = 0.014  # least way of the fingertip: the spoke of a knob is short
 OUTLINED, OUTLINED_BAR = 50.0, 3.0
 BAR = 0.6  # chance that a level piece as long as a bar on a hub is one
 HUB = 0.7  # odds of a bare hub on the deck: its lever points at the camera
+FACING = (
+    3.0  # odds of what hangs before the body, in line with the camera: the end of its lever, or of its spout
+)
 FELT_FOR = 7  # points along that lever, a centimetre apart
 OWN = 0.5  # share of a piece's points that are a knob's, from which on it is no lever of its own
 UNDECIDED = 0.5  # belief of a network that says nothing
@@ -84,7 +88,9 @@ def lever_guesses(
     knobs = [knob for knob in find_knobs(scene) if not any(one.covers(knob.p).any() for one in outlined)]
     guesses += [_about_knob(knob, found, settings.lever_push) for knob in knobs]
     shown = [guess for one in outlined if (guess := _about_outlined(one, scene, found)) is not None]
-    known = [*(one.p for one in levers), *(one.p for one in knobs), *(one.p for one in shown)]
+    facing = find_facing(scene, [one.p for one in levers])
+    guesses += [_about_facing(lever, found, settings.lever_push) for lever in facing]
+    known = [one.p for one in (*levers, *facing, *knobs, *shown)]
     guesses = [g for g in guesses if not any(one.covers(g.p).mean() > OWN for one in outlined)] + shown
     guesses += _about_the_rest(scene, known, found, settings)
     taken = [*(one.p_root for one in levers if one.rooted), *(one.p_axis for one in knobs)]
@@ -169,6 +175,12 @@ def _about_hub(lever: LeverCandidate, found: Affordance, settings: LeverPushSett
     belief, _ = belief_about(found, lever.p)
     guess = _turning(lever, HUB * belief, HUB * UNDECIDED, settings)
     return replace(guess, p_felt_for=np.linspace(lever.p_root, lever.p_tip, FELT_FOR))
+
+
+def _about_facing(lever: LeverCandidate, found: Affordance, settings: LeverPushSettings) -> Guess:
+    """A lever that points at the camera turns about the body's upright axis."""
+    belief, _ = belief_about(found, lever.p)
+    return _turning(lever, FACING * belief, FACING * UNDECIDED, settings)
 
 
 def _turning(lever: LeverCandidate, weight: float, by_shape: float, settings: LeverPushSettings) -> Guess:

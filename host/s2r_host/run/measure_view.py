@@ -16,6 +16,7 @@ from s2r_host.perception.view import DepthView
 from s2r_host.run.belief import Belief
 from s2r_host.run.measure import Measurement, measure_state
 from s2r_host.run.observe import Observation
+from s2r_host.run.spacing import spacing_of
 
 MARGIN_M = 0.03  # of the part's outermost points, beyond the joint's believed range
 LEVER_M = 0.2  # a part that reaches no further from its hinge is as thin as a lever's, or has spokes
@@ -25,7 +26,7 @@ KNOB_SIGMA_RAD = np.deg2rad(0.5)
 
 
 def measure_in(
-    belief: Belief, view: Observation, s_expected: float, *, since_told: bool = False
+    belief: Belief, view: Observation, s_expected: float, *, since_told: bool = False, nearest: bool = True
 ) -> Measurement:
     """Fit the joint value of the part in a view.
 
@@ -35,6 +36,7 @@ def measure_in(
         s_expected: Breaks ties [m or rad].
         since_told: What counts is how far a lever is from where the second view that told its joint shows it, not the
             first.
+        nearest: Of the turns after which a part with equal spokes looks alike, the one nearest to what is expected.
 
     Raises:
         SceneError: The part is not seen.
@@ -42,9 +44,13 @@ def measure_in(
     if belief.estimate.knob is not None:
         return _by_outline(belief, view, belief.estimate.knob, s_expected)
     (low, high), margin = belief.model.range, MARGIN_M / belief.template.reach_m
+    low, high = low - margin, high + margin
+    spacing = spacing_of(belief.template) if nearest and belief.template.reach_m <= LEVER_M else None
+    if spacing is not None:
+        low, high = max(low, s_expected - 0.5 * spacing), min(high, s_expected + 0.5 * spacing)
     now = DepthView(view.capture.frame, view.arm_mask)
     try:
-        found = measure_state(belief.template, now, (low - margin, high + margin), s_expected)
+        found = measure_state(belief.template, now, (low, high), s_expected)
     except SceneError:
         told = _by_solid(belief, now, s_expected, since_told)
         if told is None:
@@ -76,7 +82,7 @@ def state_in(belief: Belief, view: Observation, zero: Observation) -> float:
     Raises:
         SceneError: The part is not seen.
     """
-    return 0.0 if view is zero else measure_in(belief, view, 0.0).s
+    return 0.0 if view is zero else measure_in(belief, view, 0.0, nearest=False).s
 
 
 def _with_colour(belief: Belief, now: DepthView, found: Measurement, since_told: bool) -> Measurement:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from s2r_host.errors import SceneError
+from s2r_host.errors import NoMotionError, SceneError
 from s2r_host.perception.errors import AbstainError, NothingMovedError
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.motion import Push
@@ -38,12 +38,19 @@ class Told:
     previous: Observation
     after: Observation
 
+    @property
+    def share(self) -> float:
+        """Half the motion's 90 % interval over the motion."""
+        low, high = self.estimate.intervals90.delta
+        return 0.5 * (high - low) / max(abs(self.estimate.delta), 1e-9)
+
 
 def push_until_told(session: Session, record: RunRecord, first: Observation) -> Told | None:
     """Push, look and estimate; where the views do not tell the joint, push again elsewhere. None in a dry run.
 
     The first view is compared with the newest: what several pushes moved adds up. Where that is too much to be
-    followed, or the first view hides the part, one of the views in between may tell.
+    followed, or the first view hides the part, one of the views in between may tell. A joint told vaguely is kept for
+    when no further push is reachable or nothing moves any more.
 
     Raises:
         AbstainError: The last push told nothing either.
@@ -54,12 +61,21 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
     knobs = KnobWatch(first) if task is FAUCET else None
     pushes: list[DonePush] = []
     positive: np.ndarray | None = None
+    vague: tuple[Told, DonePush] | None = None
     for number in range(1, settings.pushes + 1):
         again = "" if number == 1 else f" {number}"
         with journal.stage(f"first push{again}: proposals") as stage:
-            planned = record.planned_push = prepare_push(
-                session, views[-1], number, skip, pushes, () if knobs is None else knobs.now
-            )
+            try:
+                planned = prepare_push(
+                    session, views[-1], number, skip, pushes, () if knobs is None else knobs.now
+                )
+            except NoMotionError as error:
+                if vague is None:
+                    raise
+                stage.note = f"the joint stays as vague as it was told: {error}"
+                told, record.push = vague
+                return told
+            record.planned_push = planned
             skip += planned.motion.tried
             positive = planned.positive if positive is None else positive
             stage.note = f"proposal {skip} is reachable"
@@ -87,15 +103,27 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
                 seen = f", since view {before.name}" if before is not first else ""
                 stage.note = f"moved {task.unit.show(estimate.delta)}{seen}, {100 * estimate.explained:.0f} % explained"
         except (AbstainError, SceneError) as error:
-            if number == settings.pushes:
-                raise
-            journal.warn(f"push {number} does not tell the joint, pushing again: {error}")
             if moved is None:
                 pushes[-1] = replace(pushes[-1], moved=not isinstance(error, NothingMovedError))
+            if pushes[-1].moved:
+                vague = None  # the part is elsewhere by now
+            if number == settings.pushes:
+                if vague is None:
+                    raise
+                told, record.push = vague
+                return told
+            journal.warn(f"push {number} does not tell the joint, pushing again: {error}")
             continue
         for text in estimate.warnings:
             journal.warn(text)
-        return Told(estimate, before, views[-2], views[-1])
+        told = Told(estimate, before, views[-2], views[-1])
+        if number == settings.pushes or told.share <= task.told_to:
+            return told
+        vague = told, pushes[-1]
+        limit = f"{100 * task.told_to:.0f} % of a {task.part}'s is asked for"
+        journal.warn(
+            f"push {number} tells the motion to {100 * told.share:.0f} % only, {limit}, pushing again"
+        )
     raise AssertionError("settings.pushes is at least 1")
 
 

@@ -48,6 +48,9 @@ class Task:
         far_off: Error from which on the outcome says nothing about the pushed surface: the fingertip slipped instead.
         beside: How far beside where they are foreseen motions usually leave the part, one standard deviation.
         moving: Change per control step from which on the part counts as moved.
+        told_to: Share of a turn that half its 90 % interval may be for the joint to be told; beyond it the part is
+            pushed further while pushes are left. Of 85 levers six were told more vaguely than 0.12: their hinges were
+            9 to 92 mm off. Of the other 79 six were more than 9 mm off.
     """
 
     name: str
@@ -61,6 +64,7 @@ class Task:
     far_off: float
     beside: float
     moving: float
+    told_to: float = 0.5
 
     def check(self, target: float, option: str = "--target") -> None:
         """Raises UsageError, which names the option, when a target cannot be meant."""
@@ -84,7 +88,7 @@ LAPTOP = Task(
 FAUCET = Task(
     "faucet", "revolute", "lever", "counter-clockwise, or towards the arm", DEGREE, (-math.pi, math.pi),
     tolerance=math.radians(3.0), good_enough=math.radians(0.7), far_off=math.radians(10.0),
-    beside=math.radians(1.5), moving=2e-3,
+    beside=math.radians(1.5), moving=2e-3, told_to=0.12,
 )  # fmt: skip
 TASKS = {task.name: task for task in (DRAWER, LAPTOP, FAUCET)}
 

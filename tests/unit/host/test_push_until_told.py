@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from s2r_host.perception.errors import AbstainError
+from s2r_host.errors import NoMotionError
+from s2r_host.perception.errors import AbstainError, NothingMovedError
 from s2r_host.run import push_until_told
 from s2r_host.run.push_until_told import _compared, _earlier
 from s2r_host.run.task import DRAWER, FAUCET
@@ -92,3 +94,82 @@ def test_after_pushes_on_two_drawers_the_newest_two_views_are_compared_first() -
 def test_where_no_pair_tells_the_reason_is_the_first_views(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(AbstainError, match="A does not tell"):
         compared(monkeypatch, "ABC", "")
+
+
+class Pushed:
+    """A run whose pushes tell, in turn: a share of the motion that is known, or an error; ``None``: out of reach."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *told: Any, task: Any = FAUCET) -> None:
+        self.warnings: list[str] = []
+        outcomes, stage = iter(told), SimpleNamespace(note="")
+        settings = SimpleNamespace(task=task, pushes=6, dry_run=False, seed=0)
+        journal = SimpleNamespace(stage=lambda _: nullcontext(stage), warn=self.warnings.append)
+        self.session: Any = SimpleNamespace(settings=settings, journal=journal)
+        self.record: Any = SimpleNamespace(add_view=lambda view: view, planned_push=None, push=None)
+        self.next: Any = None
+
+        def prepare(*_: Any) -> Any:
+            self.next = next(outcomes)
+            if self.next is None:
+                raise NoMotionError("no proposal is reachable")
+            return SimpleNamespace(motion=SimpleNamespace(tried=1), positive=None)
+
+        def compare(_: Any, views: Any, *__: Any) -> Any:
+            if isinstance(self.next, Exception):
+                raise self.next
+            delta, half = 0.5, 0.5 * self.next
+            interval = SimpleNamespace(delta=(delta - half, delta + half))
+            return views[0], SimpleNamespace(delta=delta, intervals90=interval, explained=0.9, warnings=())
+
+        done = push_until_told.DonePush(None, (), True)  # type: ignore[arg-type]
+        for name, value in {
+            "prepare_push": prepare,
+            "carry_out_push": lambda *_: done,
+            "observe": lambda _, name: SimpleNamespace(name=name, scene=SimpleNamespace(p_base=[])),
+            "seen_to_move": lambda *_: None,
+            "_compared": compare,
+            "KnobWatch": lambda _: SimpleNamespace(now=(), look=lambda _: None, joint=lambda: None),
+        }.items():
+            monkeypatch.setattr(push_until_told, name, value)
+
+    def go(self) -> Any:
+        first: Any = SimpleNamespace(name="A")
+        return push_until_told.push_until_told(self.session, self.record, first)
+
+
+VAGUE, TOLD, NOTHING, ASTRAY = 0.3, 0.05, NothingMovedError("no motion"), AbstainError("not rigid")
+
+
+def test_a_lever_told_vaguely_is_pushed_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = Pushed(monkeypatch, VAGUE, TOLD)
+    told = run.go()
+    assert (told.after.name, told.share) == ("B2", pytest.approx(TOLD))
+    assert "push 1 tells the motion to 30 % only" in run.warnings[0]
+
+
+def test_other_parts_are_taken_as_they_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Pushed(monkeypatch, VAGUE, TOLD, task=DRAWER).go().after.name == "B"
+
+
+def test_the_last_push_may_tell_as_vaguely_as_it_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = Pushed(monkeypatch, *[VAGUE] * 6).go()
+    assert (told.after.name, told.share) == ("B6", pytest.approx(VAGUE))
+
+
+def test_what_was_told_vaguely_counts_where_no_further_push_is_reachable(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert Pushed(monkeypatch, VAGUE, None).go().after.name == "B"
+    assert Pushed(monkeypatch, ASTRAY, VAGUE, NOTHING, None).go().after.name == "B2"
+    with pytest.raises(NoMotionError):
+        Pushed(monkeypatch, ASTRAY, None).go()
+
+
+def test_what_was_told_vaguely_counts_no_more_once_the_part_was_moved_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert Pushed(monkeypatch, VAGUE, *[NOTHING] * 5).go().after.name == "B"
+    with pytest.raises(AbstainError, match="not rigid"):
+        Pushed(monkeypatch, VAGUE, *[NOTHING] * 4, ASTRAY).go()
+    with pytest.raises(NoMotionError):
+        Pushed(monkeypatch, VAGUE, ASTRAY, None).go()
