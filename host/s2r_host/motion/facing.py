@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from s2r_host.motion.levers import FOOT_M, MOST_WIDTH_M, LeverCandidate
+from s2r_host.motion.levers import FOOT_M, MOST_WIDTH_M, LeverCandidate, on_body
 from s2r_host.motion.scene import Scene
-from s2r_host.motion.standing import COLUMN_RADIUS_M, LEAST_POINTS, standing_on
+from s2r_host.motion.standing import COLUMN_RADIUS_M, standing_on
 
 LONGEST_M = 0.22
 ASIDE_RAD = np.radians(30.0)  # from the way to the camera, seen from above
@@ -38,29 +38,14 @@ def find_facing(scene: Scene, known: Sequence[np.ndarray]) -> list[LeverCandidat
         out = middle[:2] - standing.p_body
         away_m = float(np.linalg.norm(out))
         if (
-            len(piece) < LEAST_POINTS
-            or np.ptp(piece, axis=0).max() > MOST_WIDTH_M
+            np.ptp(piece, axis=0).max() > MOST_WIDTH_M
             or piece[:, 2].min() < standing.deck_m + FOOT_M
             or away_m > LONGEST_M
             or float(out @ towards) < np.cos(ASIDE_RAD) * away_m
             or (taken is not None and (taken.query(piece)[0] == 0.0).mean() > HALF)
         ):
             continue
-        outward = np.append(out / away_m, 0.0)
-        aside = np.cross(outward, (0.0, 0.0, 1.0))
-        found.append(
-            LeverCandidate(
-                p=piece,
-                p_root=np.append(standing.p_body, min(top_m - TOP_M, float(middle[2]))),
-                p_tip=middle,
-                width_m=float(np.ptp(np.percentile(piece @ aside, [2.0, 98.0]))),
-                bend=0.0,
-                towards_user=float(-outward[0]),
-                outward=outward,
-                above_deck_m=float(piece[:, 2].min()) - standing.deck_m,
-                radial=1.0,
-                rooted=False,
-                p_body=standing.p_body,
-            )
-        )
+        aside = np.array([out[1], -out[0], 0.0]) / away_m
+        width_m = float(np.ptp(np.percentile(piece @ aside, [2.0, 98.0])))
+        found.append(on_body(piece, min(top_m - TOP_M, float(middle[2])), middle, width_m, standing))
     return sorted(found, key=lambda one: -len(one.p))

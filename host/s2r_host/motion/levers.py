@@ -177,6 +177,26 @@ def _candidate(p: np.ndarray, standing: Standing) -> LeverCandidate | None:
     )
 
 
+def on_body(
+    piece: np.ndarray, root_m: float, p_tip: np.ndarray, width_m: float, standing: Standing
+) -> LeverCandidate:
+    """A piece (n, 3) taken for a lever that leads straight from the body's axis, at a height, to its tip (3,)."""
+    outward = _level(p_tip - np.append(standing.p_body, 0.0))
+    return LeverCandidate(
+        p=piece,
+        p_root=np.append(standing.p_body, root_m),
+        p_tip=p_tip,
+        width_m=width_m,
+        bend=0.0,
+        towards_user=float(-outward[0]),
+        outward=outward,
+        above_deck_m=float(piece[:, 2].min()) - standing.deck_m,
+        radial=1.0,
+        rooted=False,
+        p_body=standing.p_body,
+    )
+
+
 def _stub(p: np.ndarray, standing: Standing) -> LeverCandidate | None:
     """A piece (n, 3) that sticks out of the column a little: it leads straight away from the body's axis."""
     axis = standing.p_body

@@ -6,6 +6,7 @@ itself. A lever lands in free space.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NoReturn
 
@@ -38,8 +39,13 @@ def spokes(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> in
     if motion.joint_type != "revolute":
         return 1
     share = {count: _share_on_itself(motion, count, scene, probes) for count in SPOKES}
+    return most_spokes(share)
+
+
+def most_spokes(share: Mapping[int, float]) -> int:
+    """Number of equal spokes, by the share of the part that lands on itself with each number; 1 if there is none."""
     best = max(share.values())
-    return max(count for count in SPOKES if share[count] >= best - ALIKE) if best >= ON_ITSELF else 1
+    return max(count for count in share if share[count] >= best - ALIKE) if best >= ON_ITSELF else 1
 
 
 def other_turn(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> JointMotion | None:

@@ -20,7 +20,7 @@ from s2r_host.motion.knob_proposals import knob_proposals
 from s2r_host.motion.knobs import Knob, find_knobs
 from s2r_host.motion.lever_axes import UP, LeverAxis, level_axis, upright_axis, with_room_first
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
-from s2r_host.motion.levers import USUAL_WIDTH_M, LeverCandidate, levers_in
+from s2r_host.motion.levers import USUAL_WIDTH_M, LeverCandidate, levers_in, on_body
 from s2r_host.motion.scene import Scene
 from s2r_host.motion.standing import Standing, pieces, standing_on
 from s2r_host.perception.affordance import Affordance
@@ -222,22 +222,8 @@ def _about_body(
     p_body = standing.p_body
     away = np.linalg.norm(piece[:, :2] - p_body, axis=1)
     p_tip = np.median(piece[away >= np.percentile(away, FAR_END)], axis=0)
-    reach_m = float(np.linalg.norm(p_tip[:2] - p_body))
-    if reach_m < LEAST_REACH_M:
+    if float(np.linalg.norm(p_tip[:2] - p_body)) < LEAST_REACH_M:
         return None
-    p_root = np.append(p_body, np.median(piece[away <= np.median(away), 2]))
-    outward = np.append((p_tip[:2] - p_body) / reach_m, 0.0)
-    lever = LeverCandidate(
-        p=piece,
-        p_root=p_root,
-        p_tip=p_tip,
-        width_m=USUAL_WIDTH_M,
-        bend=0.0,
-        towards_user=float(-outward[0]),
-        outward=outward,
-        above_deck_m=float(piece[:, 2].min()) - standing.deck_m,
-        radial=1.0,
-        rooted=False,
-        p_body=p_body,
-    )
+    root_m = float(np.median(piece[away <= np.median(away), 2]))
+    lever = on_body(piece, root_m, p_tip, USUAL_WIDTH_M, standing)
     return _turning(lever, weight, 0.0, settings)

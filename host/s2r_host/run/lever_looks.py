@@ -18,10 +18,8 @@ SWINGS_BY_SHAPE = (-3.44, 5.89, 0.0, -3.58, -0.45, 2.79)
 # Ends of two pieces this near are one place; so much lower, and at an angle of that cosine, the spout goes on there.
 MEET_M, LOWER_M, BENT = 0.03, 0.01, 0.95
 BESIDE_M = 0.025  # by which a line passes the body's axis if the lever is at the side of the body
-ALIKE_RISE, ALIKE_LENGTH = (
-    0.2,
-    1.6,
-)  # of two handles: difference of the sines of their rise, ratio of their lengths
+# Of two handles that look alike: difference of the sines of their rise, ratio of their lengths.
+ALIKE_RISE, ALIKE_LENGTH = 0.2, 1.6
 # How often the end that was taken for the tip is the one that the piece turns about, in views of drawn faucets that
 # nothing is reported of: where the piece leads down, where a piece on a foot of its own is level, and else.
 LEADS_DOWN_M, LEVEL_M = -0.015, 0.005

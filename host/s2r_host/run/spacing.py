@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from s2r_host.perception.motion import line_distance
-from s2r_host.perception.symmetry import ALIKE, ON_ITSELF, SPOKES
+from s2r_host.perception.symmetry import SPOKES, most_spokes
 from s2r_host.run.measure import PartTemplate
 
 OUTER = 0.5  # of the radius within which nine tenths of its points lie: hubs are round
@@ -24,8 +24,8 @@ def spacing_of(template: PartTemplate) -> float | None:
         return None
     seen = cKDTree(p)
     share = {count: min(_landing(template, p, seen, s) for s in _turns(count)) for count in SPOKES}
-    best = max(share.values())
-    return 2 * np.pi / max(n for n in SPOKES if share[n] >= best - ALIKE) if best >= ON_ITSELF else None
+    count = most_spokes(share)
+    return None if count == 1 else 2 * np.pi / count
 
 
 def _turns(count: int) -> tuple[float, float]:
