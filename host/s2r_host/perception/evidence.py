@@ -24,6 +24,9 @@ COST_STATIC = 0.8
 COST_NORMAL = 0.7
 COST_UNSEEN = 0.55
 COST_OVER_ITSELF = 0.1  # a plate that slides within its own plane covers where it was: nothing changes there
+# A lever that turns by less than it is wide lands on its own former place, too, which is there before and after. What
+# it lands on then goes on to where the lever is as well.
+COST_ON_ITSELF = 0.3
 COST_THROUGH = 0.5  # it cannot pass through another one in that plane on its way, though
 COST_INSIDE = 0.65  # behind a surface that did not change, so perhaps inside a solid
 COST_FOREIGN = 0.6  # per point of a patch that the motion does not explain at all: a hand, a cable, a shadow
@@ -130,7 +133,9 @@ def thinned(part: Probe, most: int) -> Probe:
     return subset(part, keep)
 
 
-def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: float) -> Array:
+def carry(
+    X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: float, *, small: bool = False
+) -> Array:
     """Cost per hypothesis and point.
 
     Args:
@@ -139,6 +144,7 @@ def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: 
         view: The view they are carried into.
         label: Change labels of that view's points.
         extra_m: Widening of the surface band (coarse grids need it).
+        small: The part is a lever, which may land on itself.
 
     Returns:
         Costs, shape (hypotheses, points).
@@ -164,6 +170,8 @@ def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: 
     cost[surface & both_ok & (cosine < 0.8)] = COST_NORMAL
     static = surface & (label[index] == Change.STATIC)
     cost[static] = COST_STATIC
+    if small:
+        cost[_on_itself(X, p, sigma, static, view, extra_m)] = COST_ON_ITSELF
     cost[static & both_ok & (cosine > 0.95) & _in_plane(X, n)] = COST_OVER_ITSELF
     if view.oriented and part.oriented:
         behind = -np.einsum("ni,ni->n", p.reshape(-1, 3) - view.points[index], target_n)
@@ -171,6 +179,24 @@ def carry(X: Array, part: Probe, view: View, label: NDArray[np.uint8], extra_m: 
         back &= (label[index] != Change.STATIC) & (behind > -band) & (behind < THICKEST_M + band)
         cost[back] = COST_BACK
     return cost.reshape(h, m)
+
+
+def _on_itself(
+    X: Array, p: Array, sigma: Array, static: NDArray[np.bool_], view: View, extra_m: float
+) -> NDArray[np.bool_]:
+    """Of carried points (h, m, 3) that met a surface which is there in both views, those that met their own part.
+
+    What they met would belong to the part: carried as well it has to be on a surface again. Flat (h × m,).
+    """
+    found = np.flatnonzero(static)
+    if not len(found):
+        return static
+    motion = X[found // p.shape[1]]
+    met = p.reshape(-1, 3)[found]
+    on = np.einsum("kij,kj->ki", motion[:, :3, :3], met) + motion[:, :3, 3]
+    again = np.zeros_like(static)
+    again[found] = view.look(on, sigma[found], extra_m).seen == Seen.SURFACE
+    return again
 
 
 def _in_plane(X: Array, n: Array) -> NDArray[np.bool_]:
@@ -225,15 +251,15 @@ def score(motions: list[JointMotion], scene: Scene, before: Probe, after: Probe,
     X = np.stack([m.transform() for m in motions])
     X_back = np.linalg.inv(X)
     total = np.zeros(len(motions))
-    count = len(before.points) + len(after.points)
+    count, small = len(before.points) + len(after.points), scene.small()
     for start in range(0, len(motions), 512):
         part = slice(start, start + 512)
         if len(before.points):
-            cost = carry(X[part], before, scene.after, scene.changes.after, extra_m)
+            cost = carry(X[part], before, scene.after, scene.changes.after, extra_m, small=small)
             cost += COST_THROUGH * _passes_through(X[part], cost, before, scene, extra_m)
             total[part] += _by_patch(cost, before)
         if len(after.points):
-            cost = carry(X_back[part], after, scene.before, scene.changes.before, extra_m)
+            cost = carry(X_back[part], after, scene.before, scene.changes.before, extra_m, small=small)
             total[part] += _by_patch(cost, after)
     return total / max(count, 1)
 

@@ -192,7 +192,7 @@ def _fitting_points(motion: JointMotion, scene: Scene, probes: tuple[Probe, Prob
         (X_back, probes[1], scene.before, scene.changes.before, X_back),
     ):
         if len(part.points):
-            fits = carry(T[None], part, view, label, 0.001)[0] <= COST_ON_SURFACE
+            fits = carry(T[None], part, view, label, 0.001, small=small)[0] <= COST_ON_SURFACE
             fits |= False if small else behind_itself(T, part, view, label)
             found.append(part.points[fits] @ to_first[:3, :3].T + to_first[:3, 3])
     return np.concatenate(found)
@@ -212,7 +212,7 @@ class Explained:
 
 
 def explained_by(best: Refined, scene: Scene, rng: np.random.Generator) -> Explained:
-    """How much of what surely moved lands on a matching surface.
+    """How much of what surely moved lands on a matching surface, a lever's own former one included.
 
     Of parts larger than a lever, points that the part itself hides (`behind_itself`) are left out, unless hardly any
     others are left.
@@ -228,7 +228,7 @@ def explained_by(best: Refined, scene: Scene, rng: np.random.Generator) -> Expla
         (np.linalg.inv(X), probes[1], scene.before, scene.changes.before),
     ):
         if len(part.points):
-            fitting = carry(T[None], part, view, label, 0.001)[0] <= COST_ON_SURFACE
+            fitting = carry(T[None], part, view, label, 0.001, small=small)[0] <= COST_ON_SURFACE
             fits += int(fitting.sum())
             if not small:
                 away += int((behind_itself(T, part, view, label) & ~fitting).sum())
