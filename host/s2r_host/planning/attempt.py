@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -25,6 +25,10 @@ _STILL_STEPS, _STILL_M = 15, 5e-4  # control steps without motion after which an
 _IDLE_STEPS, _IDLE_M, _IDLE_BANDS = 25, 0.002, 2.0
 _NEAR_BANDS = 5.0  # success bands around the target within which landing takes its time
 _BACK_STEPS = 3  # how far the first step back goes; the second goes twice as far, and so on
+_TURN_STEPS, _LEAST_ACTION = (
+    24,
+    0.05,
+)  # control steps of the route with a hinge's part; share of the usual action
 _USUAL_WAY_RAD = 1.5  # of the arm with the part; a longer one is granted more control steps
 _LANDING_STEPS = 9  # shares of the last action tried until the hold ends on target
 
@@ -71,8 +75,9 @@ class Attempt:
             if problem is not None:
                 self.arrived = False
                 return problem
+        at_part = replace(settings, action_max_rad=self._action_rad())
         ahead = Lookahead(
-            self.scene, self.stage, settings, self.task, self.hook, course.targets[0], (self.seed, self.index),
+            self.scene, self.stage, at_part, self.task, self.hook, course.targets[0], (self.seed, self.index),
             self.make_sampler,
         )  # fmt: skip
         first, backtracks = len(course), 0
@@ -110,8 +115,23 @@ class Attempt:
         """Control steps after which to give up; more where the arm has a long way to go with the part."""
         if not self.settings.lead_in:
             return self.settings.max_steps
-        way_rad = np.abs(np.diff(self.hook.whole_route[self.hook.touch_row :], axis=0)).max(axis=1).sum()
-        return int(np.ceil(self.settings.max_steps * max(1.0, way_rad / _USUAL_WAY_RAD)))
+        return int(np.ceil(self.settings.max_steps * max(1.0, self._way_rad() / _USUAL_WAY_RAD)))
+
+    def _way_rad(self) -> float:
+        """Way of the arm with the part, of the joint that goes farthest [rad]."""
+        route = self.hook.whole_route[self.hook.touch_row :]
+        return float(np.abs(np.diff(route, axis=0)).max(axis=1).sum())
+
+    def _action_rad(self) -> float:
+        """Largest action at the part [rad].
+
+        Near the axis of a hinge the way is a centimetre: a single action would throw the part there, which the timed
+        motion, as slow as a touch has to be, cannot repeat.
+        """
+        most = self.settings.action_max_rad
+        if self.scene.prismatic or not self.settings.lead_in:
+            return most
+        return most * float(np.clip(self._way_rad() / (_TURN_STEPS * most), _LEAST_ACTION, 1.0))
 
     def _is_stuck(self) -> bool:
         """Neither part nor fingertip got anywhere lately: the sampler finds nothing better than to stay or fumble."""

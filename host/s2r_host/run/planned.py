@@ -37,6 +37,7 @@ DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.0, 0.0, 0.0)
 # A correction of a part that is nearly where it should be is worth less than what a daring one can spoil.
 CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
 STOP_DOUBTS, MOST_STOPS = (0.5, 0.0), 3  # of a plan that ends on the way
+ROUGHLY = 0.15  # share of the way that a plan may miss the target by when none meets it
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -86,7 +87,7 @@ def prepare_manipulation(
     """Plan, time law, replay, way out; on failure again with other chance, then with less doubt about the object.
 
     Where no place behind the part carries it all the way, a plan to a state on the way is better than none: the next
-    manipulation goes on from there, from another place.
+    manipulation goes on from there, from another place. So is one that ends beside the target, in the end.
 
     Args:
         session: Links and the target.
@@ -110,21 +111,32 @@ def prepare_manipulation(
         except RefusedError as error:
             reasons.append(str(error))
             logger.info("try %d to plan manipulation %d: %s", k + 1, number, error)
-    stops = _stops(session, belief, s_initial) if far else []
-    for k, (doubt, stop) in enumerate(product(STOP_DOUBTS, stops)):
+    for k, (doubt, goal, tolerance) in enumerate(_second_best(session, belief, s_initial) if far else []):
         try:
-            planned = _prepare_once(session, belief, number, s_initial, stop, view, len(DOUBTS) + k, doubt)
+            planned = _prepare_once(
+                session, belief, number, s_initial, goal, view, len(DOUBTS) + k, doubt, tolerance
+            )
         except RefusedError as error:
-            logger.info("to stop at %.4f on the way: %s", stop, error)
+            logger.info("to go to %.4f first: %s", goal, error)
         else:
             session.journal.warn(
-                f"no plan takes the {task.part} all the way ({reasons[0]}); first to {show(stop)}"
+                f"no plan takes the {task.part} all the way ({reasons[0]}); first to {show(planned.foreseen)}"
             )
             return planned
     raise TargetError(
         f"no plan takes the {task.part} from {show(s_initial)} to {show(session.target)} "
         f"({len(reasons)} tries): {reasons[0]}; try another target or placement"
     )
+
+
+def _second_best(
+    session: Session, belief: Belief, s_initial: float
+) -> list[tuple[float, float, float | None]]:
+    """What to try when no plan ends on target: doubt, where to go, what it may miss that by (None: as usual)."""
+    stops = _stops(session, belief, s_initial)
+    miss = ROUGHLY * abs(session.target - s_initial)
+    on_the_way = [(doubt, stop, None) for doubt, stop in product(STOP_DOUBTS, stops)]
+    return [*on_the_way, *((doubt, session.target, miss) for doubt in STOP_DOUBTS)]
 
 
 def _stops(session: Session, belief: Belief, s_initial: float) -> list[float]:
@@ -156,9 +168,13 @@ def _prepare_once(
     view: Observation,
     attempt: int,
     doubt: float,
+    tolerance: float | None = None,
 ) -> PlannedManipulation:
     settings = session.settings
     request = _request(session, belief, number, s_initial, s_target, attempt, doubt)
+    if tolerance is not None:
+        rough = replace(request.settings, tolerance_m=tolerance, tolerance_rad=tolerance)
+        request = replace(request, settings=rough)
     result = plan_manipulation(request)
     if not result.success:
         raise TargetError(result.reason)
