@@ -49,6 +49,25 @@ def test_without_a_way_to_the_part_detours_are_allowed():
     assert not attempt_with(np.zeros(30), FUMBLING, replace(PlanSettings(), lead_in=False))._is_stuck()
 
 
+def action_rad(way_rad, prismatic=False, **settings):
+    """The largest action of an attempt whose arm goes so far with the part."""
+    attempt = attempt_with(np.zeros(1), np.zeros(1), replace(PlanSettings(), **settings))
+    attempt.scene = SimpleNamespace(prismatic=prismatic)
+    route = np.zeros((6, 7))
+    route[3:, 2] = np.array([0.3, 0.6, 1.0]) * way_rad  # row 2 is the touch
+    attempt.hook = SimpleNamespace(whole_route=route, touch_row=2)
+    return attempt._action_rad()
+
+
+def test_a_hinges_part_is_not_thrown_to_a_target_near_by():
+    usual = PlanSettings().action_max_rad
+    assert action_rad(0.24) == pytest.approx(0.01)
+    assert action_rad(2.0) == usual
+    assert 0.0 < action_rad(1e-4) == action_rad(1e-5)  # as slow as the way to the part allows
+    assert action_rad(0.24, prismatic=True) == usual
+    assert action_rad(0.24, lead_in=False) == usual
+
+
 @pytest.mark.parametrize(("blocked", "tried"), [((), "a"), (("a",), "ab"), (("a", "b"), "abc")])
 def test_a_place_that_the_arm_does_not_get_to_is_dropped_for_the_next_in_the_same_stage(
     monkeypatch, blocked, tried
