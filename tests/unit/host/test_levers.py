@@ -6,7 +6,7 @@ import pytest
 from s2r_host.errors import SceneError
 from s2r_host.motion.lever_axes import level_axis, upright_axis
 from s2r_host.motion.lever_proposals import SHORT, LeverPushSettings, lever_proposals
-from s2r_host.motion.levers import find_levers
+from s2r_host.motion.levers import find_levers, levers_in
 from s2r_host.motion.scene import Scene, observed_scene
 from s2r_host.motion.standing import deck_height
 from s2r_host.perception.motion import JointMotion
@@ -179,3 +179,38 @@ def test_a_spout_that_leads_down_close_to_the_deck_stands_on_nothing():
     spouts = [one for one in found if abs(one.p.mean(axis=0)[1]) < 0.03]
     assert min(float(one.p_tip[2]) for one in spouts) < 0.052  # as low as the foot of a handle
     assert not any(one.rooted for one in spouts)
+
+
+def slab(x, y, z, step=0.002):
+    """Points of a level surface, ``x`` and ``y`` from and to [m]."""
+    at = np.meshgrid(np.arange(*x, step), np.arange(*y, step))
+    return np.column_stack([at[0].ravel(), at[1].ravel(), np.full(at[0].size, z)])
+
+
+def plate_with(*others):
+    """A thin plate with a round column in its middle, and other surfaces."""
+    plate = slab((0.57, 0.63), (-0.15, 0.15), 0.010)
+    angle, height = np.meshgrid(np.linspace(0, 2 * np.pi, 60), np.arange(0.010, 0.15, 0.002))
+    column = np.column_stack(
+        [0.6 + 0.02 * np.cos(angle.ravel()), 0.02 * np.sin(angle.ravel()), height.ravel()]
+    )
+    return Scene(np.concatenate([plate, column, *others]), np.array([0.0, -0.45, 0.55]))
+
+
+def lying(scene):
+    return [lever for lever in levers_in(scene) if lever.p[:, 2].max() < 0.03]
+
+
+def test_a_lever_that_lies_on_a_thin_plate_is_found():
+    (lever,) = lying(plate_with(slab((0.59, 0.61), (0.07, 0.15), 0.022, 0.0015)))
+    assert abs(lever.direction[1]) > 0.99
+    assert lever.rooted
+    assert lever.width_m == pytest.approx(0.02, abs=0.004)
+
+
+def test_the_rim_of_a_plate_and_the_foot_of_a_post_are_no_levers():
+    rim = slab((0.57, 0.574), (-0.15, 0.15), 0.017)
+    foot = slab((0.59, 0.61), (0.07, 0.15), 0.022, 0.0015)
+    post = [slab((0.595, 0.605), (0.10, 0.12), z) for z in np.arange(0.022, 0.09, 0.002)]
+    assert not lying(plate_with(rim))
+    assert not lying(plate_with(foot, *post))
