@@ -123,15 +123,11 @@ class Attempt:
         return float(np.abs(np.diff(route, axis=0)).max(axis=1).sum())
 
     def _action_rad(self) -> float:
-        """Largest action at the part [rad].
-
-        Near the axis of a hinge the way is a centimetre: a single action would throw the part there, which the timed
-        motion, as slow as a touch has to be, cannot repeat.
-        """
-        most = self.settings.action_max_rad
-        if self.scene.prismatic or not self.settings.lead_in:
+        """Largest action at the part [rad]."""
+        most, steps = self.settings.action_max_rad, self.settings.turn_steps
+        if steps is None or self.scene.prismatic or not self.settings.lead_in:
             return most
-        return most * float(np.clip(self._way_rad() / (_TURN_STEPS * most), _LEAST_ACTION, 1.0))
+        return most * float(np.clip(self._way_rad() / (steps * most), _LEAST_ACTION, 1.0))
 
     def _is_stuck(self) -> bool:
         """Neither part nor fingertip got anywhere lately: the sampler finds nothing better than to stay or fumble."""

@@ -159,6 +159,9 @@ class PlanSettings:
     Attributes:
         control_dt_s: Time between two actions.
         action_max_rad: Largest change of a joint target per action.
+        turn_steps: Control steps that the route with a hinge's part takes at least; None: as few as there may be. Near
+            the axis the way is a centimetre: one action throws the part there, which the timed motion, as slow as a
+            touch has to be, may not repeat.
         max_steps: Control steps after which a stage gives up.
         tolerance_m: Success band of a prismatic joint; the whole loop has to end within 5 mm.
         tolerance_rad: Success band of a revolute joint.
@@ -198,6 +201,7 @@ class PlanSettings:
 
     control_dt_s: float = 0.05
     action_max_rad: float = 0.05
+    turn_steps: int | None = None
     max_steps: int = 60
     tolerance_m: float = 0.002
     tolerance_rad: float = 0.01
@@ -235,6 +239,8 @@ class PlanSettings:
     def __post_init__(self) -> None:
         _require(self.control_dt_s > 0.0, "control_dt_s", self.control_dt_s, "positive")
         _require(self.action_max_rad > 0.0, "action_max_rad", self.action_max_rad, "positive")
+        turn_steps = self.turn_steps
+        _require(turn_steps is None or turn_steps >= 1, "turn_steps", turn_steps, "None or at least 1")
         _require(self.max_steps >= 1, "max_steps", self.max_steps, "at least 1")
         _require(self.tolerance_m > 0.0, "tolerance_m", self.tolerance_m, "positive")
         _require(self.tolerance_rad > 0.0, "tolerance_rad", self.tolerance_rad, "positive")

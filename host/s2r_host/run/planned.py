@@ -36,6 +36,9 @@ logger = logging.getLogger(__name__)
 DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.0, 0.0, 0.0)
 # A correction of a part that is nearly where it should be is worth less than what a daring one can spoil.
 CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
+# Tries with the usual, quick plans, and control steps to turn a part in of those after them: quick ones may throw a
+# part whose way is short, and do not end on target then once they are timed.
+QUICK_TRIES, TURN_STEPS = 2, 24
 STOP_DOUBTS, MOST_STOPS = (0.5, 0.0), 3  # of a plan that ends on the way
 ROUGHLY = 0.15  # share of the way that a plan may miss the target by when none meets it
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
@@ -219,6 +222,7 @@ def _request(
             doubt=doubt_about(belief, growing=growing).scaled(doubt),
             room_m=room_about(belief, growing=growing, share=doubt),
             deep=deep_about(belief, doubt),
+            turn_steps=None if attempt < QUICK_TRIES else TURN_STEPS,
             missed=belief.missed_when(growing),
             proven=belief.proven_when(growing),
         ),

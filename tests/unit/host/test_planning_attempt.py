@@ -59,13 +59,16 @@ def action_rad(way_rad, prismatic=False, **settings):
     return attempt._action_rad()
 
 
-def test_a_hinges_part_is_not_thrown_to_a_target_near_by():
+def test_a_hinges_part_is_turned_in_no_fewer_steps_than_is_wished():
     usual = PlanSettings().action_max_rad
-    assert action_rad(0.24) == pytest.approx(0.01)
-    assert action_rad(2.0) == usual
-    assert 0.0 < action_rad(1e-4) == action_rad(1e-5)  # as slow as the way to the part allows
-    assert action_rad(0.24, prismatic=True) == usual
-    assert action_rad(0.24, lead_in=False) == usual
+    assert action_rad(0.24, turn_steps=24) == pytest.approx(0.01)
+    assert action_rad(2.0, turn_steps=24) == usual
+    assert (
+        0.0 < action_rad(1e-4, turn_steps=24) == action_rad(1e-5, turn_steps=24)
+    )  # the part is still to be reached
+    assert action_rad(0.24) == usual
+    assert action_rad(0.24, prismatic=True, turn_steps=24) == usual
+    assert action_rad(0.24, lead_in=False, turn_steps=24) == usual
 
 
 @pytest.mark.parametrize(("blocked", "tried"), [((), "a"), (("a",), "ab"), (("a", "b"), "abc")])
