@@ -25,10 +25,7 @@ _STILL_STEPS, _STILL_M = 15, 5e-4  # control steps without motion after which an
 _IDLE_STEPS, _IDLE_M, _IDLE_BANDS = 25, 0.002, 2.0
 _NEAR_BANDS = 5.0  # success bands around the target within which landing takes its time
 _BACK_STEPS = 3  # how far the first step back goes; the second goes twice as far, and so on
-_TURN_STEPS, _LEAST_ACTION = (
-    24,
-    0.05,
-)  # control steps of the route with a hinge's part; share of the usual action
+_LEAST_ACTION = 0.05  # share of the largest action that is left where the way with a hinge's part is short
 _USUAL_WAY_RAD = 1.5  # of the arm with the part; a longer one is granted more control steps
 _LANDING_STEPS = 9  # shares of the last action tried until the hold ends on target
 
