@@ -1,4 +1,4 @@
-"""A joint that swings, as a recording with slow noise and something hidden in its effort."""
+"""A joint that swings, as a recording with slow noise and something hidden in its effort; a lever seen twice."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,10 @@ from scipy.signal import lfilter
 
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.perception import synthetic
+from s2r_host.perception.change import compare
+from s2r_host.perception.evidence import Scene
+from s2r_host.perception.view import DepthView
 
 DT = 0.004
 
@@ -25,5 +29,29 @@ def swung():
         channels = {"q": {"elbow": q}, "dq": {"elbow": dq}, "tau": {"elbow": u}}
         rec = Recording(f"r{index}", t, channels, Controller("none"), "measured", "effort", "a", "", ())
         return make_session(model, rec, index)
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def lever_on_column():
+    """``lever_on_column(lever, turn, below_m)``: two views of a box that turned about an upright column on a table.
+
+    The column ends ``below_m`` [m] below the turn's origin.
+    """
+
+    def made(lever, turn, below_m=0.01):
+        pivot, table = turn.origin, np.eye(4)
+        table[:3, 3] = (0.7, 0.0, -0.01)
+        static = [
+            synthetic.Box(table, np.array([1.2, 1.2, 0.02])),
+            synthetic.beam(pivot * (1.0, 1.0, 0.0), pivot - (0.0, 0.0, below_m), 0.04, 0.04),
+        ]
+        K, camera = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]]), np.array([0.0, -0.35, 0.6])
+        X = synthetic.look_at(camera, pivot)
+        pair = synthetic.pair(static, [lever], turn, K, (360, 640), X, np.random.default_rng(3))
+        before, after = DepthView(pair.before), DepthView(pair.after)
+        everywhere = np.ones(len(before.points), bool), np.ones(len(after.points), bool)
+        return Scene(before, after, compare(before, after), *everywhere)
 
     return made

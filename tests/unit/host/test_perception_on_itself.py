@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from s2r_host.perception import synthetic
-from s2r_host.perception.change import compare
 from s2r_host.perception.evidence import (
     COST_ON_ITSELF,
     COST_ON_SURFACE,
@@ -15,30 +13,18 @@ from s2r_host.perception.evidence import (
     score,
 )
 from s2r_host.perception.motion import JointMotion
-from s2r_host.perception.synthetic import Box, beam, look_at
-from s2r_host.perception.view import DepthView
+from s2r_host.perception.synthetic import beam
 
 PIVOT, UP = np.array([0.6, 0.0, 0.18]), np.array([0.0, 0.0, 1.0])
 WIDTH_M = 0.045
-K, SHAPE = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]]), (360, 640)
 TURN = JointMotion("revolute", PIVOT, UP, np.radians(16.0))
 
 
 @pytest.fixture(scope="module")
-def scene():
+def scene(lever_on_column):
     """A lever as wide as half its length on a column, turned by 16° about it."""
-    table = np.eye(4)
-    table[:3, 3] = (0.7, 0.0, -0.01)
-    static = [
-        Box(table, np.array([1.2, 1.2, 0.02])),
-        beam(np.array([0.6, 0.0, 0.0]), PIVOT - 0.03 * UP, 0.04, 0.04),
-    ]
-    handle = [beam(PIVOT, PIVOT + np.array([-0.04, -0.09, 0.0]), WIDTH_M, 0.02)]
-    camera = look_at(np.array([0.0, -0.35, 0.6]), PIVOT)
-    made = synthetic.pair(static, handle, TURN, K, SHAPE, camera, np.random.default_rng(3))
-    before, after = DepthView(made.before), DepthView(made.after)
-    everywhere = np.ones(len(before.points), bool), np.ones(len(after.points), bool)
-    return Scene(before, after, compare(before, after), *everywhere)
+    lever = beam(PIVOT, PIVOT + np.array([-0.04, -0.09, 0.0]), WIDTH_M, 0.02)
+    return lever_on_column(lever, TURN, 0.03)
 
 
 @pytest.fixture(scope="module")

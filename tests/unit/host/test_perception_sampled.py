@@ -3,37 +3,21 @@
 import numpy as np
 import pytest
 
-from s2r_host.perception import synthetic
-from s2r_host.perception.change import compare
-from s2r_host.perception.evidence import Scene
 from s2r_host.perception.levers import Column
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.refine import perturbed
 from s2r_host.perception.sampled import sampled
-from s2r_host.perception.synthetic import Box, beam, look_at
-from s2r_host.perception.view import DepthView
+from s2r_host.perception.synthetic import beam
 
 PIVOT, UP = np.array([0.6, 0.0, 0.18]), np.array([0.0, 0.0, 1.0])
-K, SHAPE = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]]), (360, 640)
 TURN_RAD = np.radians(25.0)
 
 
 @pytest.fixture(scope="module")
-def scene():
+def scene(lever_on_column):
     """A lever of 11 cm on a column, turned by 25° about it."""
-    table = np.eye(4)
-    table[:3, 3] = (0.7, 0.0, -0.01)
-    static = [
-        Box(table, np.array([1.2, 1.2, 0.02])),
-        beam(np.array([0.6, 0.0, 0.0]), PIVOT - 0.01 * UP, 0.04, 0.04),
-    ]
-    lever = [beam(PIVOT, PIVOT + np.array([-0.05, -0.1, 0.01]), 0.02, 0.014)]
-    camera = look_at(np.array([0.0, -0.35, 0.6]), PIVOT)
-    motion = JointMotion("revolute", PIVOT, UP, TURN_RAD)
-    made = synthetic.pair(static, lever, motion, K, SHAPE, camera, np.random.default_rng(3))
-    before, after = DepthView(made.before), DepthView(made.after)
-    everywhere = np.ones(len(before.points), bool), np.ones(len(after.points), bool)
-    return Scene(before, after, compare(before, after), *everywhere)
+    lever = beam(PIVOT, PIVOT + np.array([-0.05, -0.1, 0.01]), 0.02, 0.014)
+    return lever_on_column(lever, JointMotion("revolute", PIVOT, UP, TURN_RAD))
 
 
 def off_m(motion: JointMotion) -> float:

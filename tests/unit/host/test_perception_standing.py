@@ -23,20 +23,10 @@ IN_AIR = JointMotion("revolute", PIVOT + np.array([-0.07, -0.03, 0.0]), UP, np.r
 
 
 @pytest.fixture(scope="module")
-def scene():
+def scene(lever_on_column):
     """A lever of 11 cm on a column, turned by 25° about it."""
-    table = np.eye(4)
-    table[:3, 3] = (0.7, 0.0, -0.01)
-    static = [
-        Box(table, np.array([1.2, 1.2, 0.02])),
-        beam(np.array([0.6, 0.0, 0.0]), PIVOT - 0.01 * UP, 0.04, 0.04),
-    ]
-    lever = [beam(PIVOT, PIVOT + np.array([-0.05, -0.1, 0.01]), 0.02, 0.014)]
-    camera = look_at(np.array([0.0, -0.35, 0.6]), PIVOT)
-    made = synthetic.pair(static, lever, TURN, K, SHAPE, camera, np.random.default_rng(3))
-    before, after = DepthView(made.before), DepthView(made.after)
-    everywhere = np.ones(len(before.points), bool), np.ones(len(after.points), bool)
-    return Scene(before, after, compare(before, after), *everywhere)
+    lever = beam(PIVOT, PIVOT + np.array([-0.05, -0.1, 0.01]), 0.02, 0.014)
+    return lever_on_column(lever, TURN)
 
 
 def test_more_of_the_axis_is_solid_the_nearer_it_is_to_the_column(scene):
