@@ -28,6 +28,7 @@ def write_report(record: RunRecord, path: Path) -> Path:
         _warnings(record),
         _views(record),
         _attempts(record),
+        _failed_tries(record),
         _state(record),
         _felt(record),
         _physics(record),
@@ -182,6 +183,23 @@ def _attempts(record: RunRecord) -> str:
         "Both are measured by the camera.</p>"
     )
     return section("Planned manipulations", table(header, rows) + note)
+
+
+def _failed_tries(record: RunRecord) -> str:
+    tries = record.journal.failed_tries
+    if not tries:
+        return ""
+    rows = [
+        (
+            f"{one.manipulation}, try {one.what.number + 1}",
+            record.show(one.what.s_target, 1),
+            f"{100 * one.what.doubt:.0f} %",
+            one.reason,
+        )
+        for one in tries
+    ]
+    heads = ("manipulation", "planned to", "of the usual doubt", "why there is no plan")
+    return section("Tries without a plan", table(heads, rows))
 
 
 def _state(record: RunRecord) -> str:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.markup import escape
 
+from s2r_host.run.tries import FailedTry
+
 logger = logging.getLogger(__name__)
 
 
@@ -35,6 +37,7 @@ class Journal:
         self.stages: list[Stage] = []
         self.warnings: list[str] = []
         self.verdicts: list[dict[str, object]] = []
+        self.failed_tries: list[FailedTry] = []  # to plan a manipulation
         self.on_stage: Callable[[str, str, str], None] = lambda name, phase, note: (
             None
         )  # for who follows the run

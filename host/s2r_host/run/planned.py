@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -25,6 +25,7 @@ from s2r_host.run.doubts import TOUCHED_SHARE, deep_about, doubt_about, room_abo
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Motion, Session
 from s2r_host.run.travel import FREE, LEAVING, timed
+from s2r_host.run.tries import FailedTry, Try, grouped
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
 from s2r_host.trajectory.perturb import PERTURBATIONS
 from s2r_protocol.exits import RefusedError
@@ -101,45 +102,56 @@ def prepare_manipulation(
         show: Tells people a joint value.
 
     Raises:
-        TargetError: No try succeeded; the text has the first one's reason.
+        TargetError: No try succeeded; the text has the reasons.
         PeerUnreachableError: The executor fell silent.
     """
     task = session.settings.task
-    reasons: list[str] = []
     to_go = abs(session.target - s_initial)
-    far = to_go > task.far_off  # then it is no correction: there is little to spoil
-    for k, doubt in enumerate(DOUBTS if number == 1 or to_go > task.tolerance else CORRECTION_DOUBTS):
-        try:
-            return _prepare_once(session, belief, number, s_initial, session.target, view, k, doubt)
-        except RefusedError as error:
-            reasons.append(str(error))
-            logger.info("try %d to plan manipulation %d: %s", k + 1, number, error)
-    for k, (doubt, goal, tolerance) in enumerate(_second_best(session, belief, s_initial) if far else []):
-        try:
-            planned = _prepare_once(
-                session, belief, number, s_initial, goal, view, len(DOUBTS) + k, doubt, tolerance
-            )
-        except RefusedError as error:
-            logger.info("to go to %.4f first: %s", goal, error)
-        else:
-            session.journal.warn(
-                f"no plan takes the {task.part} all the way ({reasons[0]}); first to {show(planned.foreseen)}"
-            )
-            return planned
-    raise TargetError(
-        f"no plan takes the {task.part} from {show(s_initial)} to {show(session.target)} "
-        f"({len(reasons)} tries): {reasons[0]}; try another target or placement"
+    on_target = _on_target(session.target, careful=number > 1 and to_go <= task.tolerance)
+    failed: list[FailedTry] = []
+
+    def first_plan(tries: Iterable[Try]) -> PlannedManipulation | None:
+        for one in tries:
+            try:
+                return _prepare_once(session, belief, number, s_initial, view, one)
+            except RefusedError as error:
+                logger.info("try %d to plan manipulation %d: %s", one.number + 1, number, error)
+                failed.append(FailedTry(number, one, str(error)))
+                session.journal.failed_tries.append(failed[-1])
+        return None
+
+    planned = first_plan(on_target)
+    if planned is not None:
+        return planned
+    why = grouped([one.reason for one in failed])
+    if to_go > task.far_off:  # else it is a correction that is worth less than what it may spoil
+        planned = first_plan(_second_best(session, belief, s_initial))
+    if planned is None:
+        raise TargetError(
+            f"no plan takes the {task.part} from {show(s_initial)} to {show(session.target)} "
+            f"({len(on_target)} tries: {why}); try another target or placement"
+        )
+    session.journal.warn(
+        f"no plan takes the {task.part} all the way ({why}); first to {show(planned.foreseen)}"
     )
+    return planned
 
 
-def _second_best(
-    session: Session, belief: Belief, s_initial: float
-) -> list[tuple[float, float, float | None]]:
-    """What to try when no plan ends on target: doubt, where to go, what it may miss that by (None: as usual)."""
+def _on_target(s_target: float, *, careful: bool) -> list[Try]:
+    """What is tried for a plan that ends on target, in order."""
+    return [
+        Try(k, s_target, doubt, turn_steps=None if k < QUICK_TRIES else TURN_STEPS)
+        for k, doubt in enumerate(CORRECTION_DOUBTS if careful else DOUBTS)
+    ]
+
+
+def _second_best(session: Session, belief: Belief, s_initial: float) -> list[Try]:
+    """What to try when no plan ends on target: states on the way to it, then beside it."""
     stops = _stops(session, belief, s_initial)
     miss = ROUGHLY * abs(session.target - s_initial)
-    on_the_way = [(doubt, stop, None) for doubt, stop in product(STOP_DOUBTS, stops)]
-    return [*on_the_way, *((doubt, session.target, miss) for doubt in STOP_DOUBTS)]
+    on_the_way = [(stop, doubt, None) for doubt, stop in product(STOP_DOUBTS, stops)]
+    beside = [(session.target, doubt, miss) for doubt in STOP_DOUBTS]
+    return [Try(len(DOUBTS) + k, *what, TURN_STEPS) for k, what in enumerate([*on_the_way, *beside])]
 
 
 def _stops(session: Session, belief: Belief, s_initial: float) -> list[float]:
@@ -150,7 +162,7 @@ def _stops(session: Session, belief: Belief, s_initial: float) -> list[float]:
     low, high = belief.model.range
     if belief.template.slides or not low <= session.target <= high:
         return []
-    request = _request(session, belief, 0, s_initial, session.target, 0, STOP_DOUBTS[0])
+    request = _request(session, belief, 0, s_initial, Try(0, session.target, STOP_DOUBTS[0]))
     scene = scene_of(request)
     world = FineWorld(scene, np.asarray(request.q_initial), s_initial)
     try:
@@ -163,26 +175,15 @@ def _stops(session: Session, belief: Belief, s_initial: float) -> list[float]:
 
 
 def _prepare_once(
-    session: Session,
-    belief: Belief,
-    number: int,
-    s_initial: float,
-    s_target: float,
-    view: Observation,
-    attempt: int,
-    doubt: float,
-    tolerance: float | None = None,
+    session: Session, belief: Belief, number: int, s_initial: float, view: Observation, one: Try
 ) -> PlannedManipulation:
     settings = session.settings
-    request = _request(session, belief, number, s_initial, s_target, attempt, doubt)
-    if tolerance is not None:
-        rough = replace(request.settings, tolerance_m=tolerance, tolerance_rad=tolerance)
-        request = replace(request, settings=rough)
+    request = _request(session, belief, number, s_initial, one)
     result = plan_manipulation(request)
     if not result.success:
         raise TargetError(result.reason)
     pushed_at = session.arm.tool_pose(result.q_meas[-1])[:3, 3]
-    doubts = tuple(_doubt(one, doubt, belief, request, pushed_at) for one in PERTURBATIONS)
+    doubts = tuple(_doubt(change, one.doubt, belief, request, pushed_at) for change in PERTURBATIONS)
     yields = _yields(session, belief, result)
     sent = replace(request, s_target=request.s_target - yields)
     touching = session.pace * TimeLawSettings.contact_speed_m_s
@@ -199,33 +200,28 @@ def _prepare_once(
     )
 
 
-def _request(
-    session: Session,
-    belief: Belief,
-    number: int,
-    s_initial: float,
-    s_target: float,
-    attempt: int,
-    doubt: float,
-) -> PlanRequest:
+def _request(session: Session, belief: Belief, number: int, s_initial: float, one: Try) -> PlanRequest:
     """The task for the planner, with a share of the usual doubt about the object."""
-    growing = s_target > s_initial
+    growing = one.s_target > s_initial
+    settings = PlanSettings(
+        ensemble=session.settings.ensemble,
+        doubt=doubt_about(belief, growing=growing).scaled(one.doubt),
+        room_m=room_about(belief, growing=growing, share=one.doubt),
+        deep=deep_about(belief, one.doubt),
+        turn_steps=one.turn_steps,
+        missed=belief.missed_when(growing),
+        proven=belief.proven_when(growing),
+    )
+    if one.tolerance is not None:
+        settings = replace(settings, tolerance_m=one.tolerance, tolerance_rad=one.tolerance)
     return PlanRequest(
         arm=session.arm.arm,
         object_mjcf=belief.path(growing),
         s_initial=s_initial,
-        s_target=s_target,
+        s_target=one.s_target,
         q_initial=session.status().q_ref,
-        seed=session.settings.seed + 1000 * number + attempt,
-        settings=PlanSettings(
-            ensemble=session.settings.ensemble,
-            doubt=doubt_about(belief, growing=growing).scaled(doubt),
-            room_m=room_about(belief, growing=growing, share=doubt),
-            deep=deep_about(belief, doubt),
-            turn_steps=None if attempt < QUICK_TRIES else TURN_STEPS,
-            missed=belief.missed_when(growing),
-            proven=belief.proven_when(growing),
-        ),
+        seed=session.settings.seed + 1000 * number + one.number,
+        settings=settings,
     )
 
 

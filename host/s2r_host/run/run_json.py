@@ -80,6 +80,7 @@ def as_json(record: RunRecord) -> dict[str, Any]:
         "wall_s": round(record.journal.elapsed_s, 3),
         "verdicts": record.journal.verdicts,
         "warnings": record.journal.warnings,
+        "failed_tries": [one.as_json() for one in record.journal.failed_tries],
         "arm": {
             "name": record.arm_name,
             "model_hash": record.model_hash.hex(),

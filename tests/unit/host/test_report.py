@@ -16,6 +16,7 @@ from s2r_host.run.journal import Journal, Stage
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import _plain, as_json, write_run_json
 from s2r_host.run.settings import RunSettings
+from s2r_host.run.tries import FailedTry, Try
 from s2r_protocol.exits import ExitCode, UsageError
 
 
@@ -63,6 +64,16 @@ def test_run_json_of_a_failed_run_has_reason_and_timings(record):
     assert values["inputs"]["settings"]["target"] == 0.15
     write_run_json(record)
     assert (record.settings.out / "run.json").read_text().startswith("{")
+
+
+def test_tries_that_gave_no_plan_are_listed_with_their_reasons(record, tmp_path):
+    assert "Tries without a plan" not in write_report(record, tmp_path / "report.html").read_text()
+    record.journal.failed_tries.append(FailedTry(1, Try(3, 0.15, 0.5), "the fingertip fits <nowhere>"))
+    text = write_report(record, tmp_path / "report.html").read_text()
+    row = "<td>1, try 4</td><td>+150.0 mm</td><td>50 %</td><td>the fingertip fits &lt;nowhere&gt;</td>"
+    assert row in text
+    (kept,) = as_json(record)["failed_tries"]
+    assert (kept["manipulation"], kept["number"], kept["s_target"]) == (1, 3, 0.15)
 
 
 def test_targets_that_were_not_aimed_at_yet_are_in_the_heading(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 from s2r_host.errors import TargetError
 from s2r_host.run import planned
 from s2r_host.run.task import FAUCET
+from s2r_host.run.tries import FailedTry, Try, grouped
 
 TARGET = 0.4
 STOPS = [0.1, 0.25]
@@ -21,22 +22,23 @@ class Trial:
         self.asked: list[tuple[float, float, float | None]] = []
         self.seeds: list[int] = []
         self.warnings: list[str] = []
+        self.failed_tries: list[FailedTry] = []
         self._finds = finds
         monkeypatch.setattr(planned, "_prepare_once", self._once)
         monkeypatch.setattr(planned, "_stops", lambda *_: STOPS)
 
-    def _once(self, _session, _belief, _number, _s, target, _view, attempt, doubt, tolerance=None):
-        self.asked.append((target, doubt, tolerance))
-        self.seeds.append(attempt)
-        if not self._finds(target, tolerance):
-            raise TargetError(f"no way to {target}")
-        return SimpleNamespace(foreseen=target - 0.01)
+    def _once(self, _session, _belief, _number, _s, _view, one):
+        self.asked.append((one.s_target, one.doubt, one.tolerance))
+        self.seeds.append(one.number)
+        if not self._finds(one.s_target, one.tolerance):
+            raise TargetError(f"no way to {one.s_target}")
+        return SimpleNamespace(foreseen=one.s_target - 0.01)
 
     def prepare(self, s_initial=0.0, number=1):
         session: Any = SimpleNamespace(
             target=TARGET,
             settings=SimpleNamespace(task=FAUCET),
-            journal=SimpleNamespace(warn=self.warnings.append),
+            journal=SimpleNamespace(warn=self.warnings.append, failed_tries=self.failed_tries),
         )
         belief: Any = None
         return planned.prepare_manipulation(session, belief, number, s_initial, VIEW, "{:.2f}".format)
@@ -66,11 +68,30 @@ def test_beside_the_target_is_better_than_nothing(monkeypatch):
     assert len(set(trial.seeds)) == len(trial.seeds)
 
 
-def test_when_nothing_is_found_the_first_reason_is_told(monkeypatch):
+def test_when_nothing_is_found_the_reasons_of_all_tries_are_told_and_kept(monkeypatch):
     trial = Trial(monkeypatch, lambda target, tolerance: False)
-    with pytest.raises(TargetError, match=r"from 0.00 to 0.40 \(10 tries\): no way to 0.4; try another"):
+    with pytest.raises(TargetError, match=r"from 0.00 to 0.40 \(10 tries: 10 × no way to 0.4\); try another"):
         trial.prepare()
     assert len(trial.asked) == len(planned.DOUBTS) + len(planned.STOP_DOUBTS) * (len(STOPS) + 1)
+    kept = [one.as_json() for one in trial.failed_tries]
+    assert [(one["s_target"], one["doubt"], one["tolerance"]) for one in kept] == trial.asked
+    assert kept[-1]["reason"] == "no way to 0.4"
+    assert {one["manipulation"] for one in kept} == {1}
+
+
+def test_reasons_that_differ_in_figures_only_are_one():
+    told = grouped(
+        ["ends -0.3 away", "fragile at 35 %", "ends 0.21 away", "fragile at 40 %", "fragile at 41.5 %"]
+    )
+    assert told == "3 × fragile at 35 %; 2 × ends -0.3 away"
+    assert grouped(["no place"]) == "no place"
+    assert grouped(["a", "b", "c", "d", "d", "e"]) == "2 × d; 1 × a; 1 × b; 2 × something else"
+
+
+def test_small_actions_are_for_the_tries_after_quick_ones():
+    tries = planned._on_target(TARGET, careful=False)
+    assert [one.turn_steps for one in tries[:3]] == [None, None, planned.TURN_STEPS]
+    assert tries[0] == Try(0, TARGET, 1.0)
 
 
 def test_a_correction_is_not_made_at_any_price(monkeypatch):
