@@ -42,6 +42,9 @@ CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
 QUICK_TRIES, TURN_STEPS = 2, 24
 STOP_DOUBTS, MOST_STOPS = (0.5, 0.0), 3  # of a plan that ends on the way
 ROUGHLY = 0.15  # share of the way that a plan may miss the target by when none meets it
+# Share of the way to go within which a fragile plan has to leave every object that is believable: so near that it is
+# surely worth it, or at least no farther than the part is now.
+SURELY_NEARER, NO_FARTHER = 0.5, 1.0
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -91,7 +94,9 @@ def prepare_manipulation(
     """Plan, time law, replay, way out; on failure again with other chance, then with less doubt about the object.
 
     Where no place behind the part carries it all the way, a plan to a state on the way is better than none: the next
-    manipulation goes on from there, from another place. So is one that ends beside the target, in the end.
+    manipulation goes on from there, from another place. So is one that ends beside the target, in the end; and one
+    that not every believable object survives, as long as it leaves none of them farther from the target than the part
+    is now: where it then is will be seen.
 
     Args:
         session: Links and the target.
@@ -109,31 +114,47 @@ def prepare_manipulation(
     to_go = abs(session.target - s_initial)
     on_target = _on_target(session.target, careful=number > 1 and to_go <= task.tolerance)
     failed: list[FailedTry] = []
+    fragile: list[PlannedManipulation] = []
 
     def first_plan(tries: Iterable[Try]) -> PlannedManipulation | None:
         for one in tries:
             try:
-                return _prepare_once(session, belief, number, s_initial, view, one)
+                planned = _prepare_once(session, belief, number, s_initial, view, one)
             except RefusedError as error:
-                logger.info("try %d to plan manipulation %d: %s", one.number + 1, number, error)
-                failed.append(FailedTry(number, one, str(error)))
-                session.journal.failed_tries.append(failed[-1])
+                reason = str(error)
+            else:
+                if planned.delivery.fragile is None:
+                    return planned
+                reason = planned.delivery.fragile
+                fragile.append(planned)
+            logger.info("try %d to plan manipulation %d: %s", one.number + 1, number, reason)
+            failed.append(FailedTry(number, one, reason))
+            session.journal.failed_tries.append(failed[-1])
         return None
+
+    def least_fragile(share: float) -> PlannedManipulation | None:
+        found = min(fragile, key=lambda one: one.delivery.strays, default=None)
+        return found if found is not None and found.delivery.strays < share * to_go else None
 
     planned = first_plan(on_target)
     if planned is not None:
         return planned
     why = grouped([one.reason for one in failed])
-    if to_go > task.far_off:  # else it is a correction that is worth less than what it may spoil
+    planned = least_fragile(SURELY_NEARER)
+    if planned is None and to_go > task.far_off:  # else a correction is worth less than what it may spoil
         planned = first_plan(_second_best(session, belief, s_initial))
+    planned = planned or least_fragile(NO_FARTHER)
     if planned is None:
         raise TargetError(
             f"no plan takes the {task.part} from {show(s_initial)} to {show(session.target)} "
             f"({len(on_target)} tries: {why}); try another target or placement"
         )
-    session.journal.warn(
-        f"no plan takes the {task.part} all the way ({why}); first to {show(planned.foreseen)}"
-    )
+    if planned.delivery.fragile is None:
+        told = f"all the way ({why}); first to {show(planned.foreseen)}"
+    else:
+        strays = task.unit.show(planned.delivery.strays)[1:]
+        told = f"there whatever the object is like ({why}); one that ends at most {strays} from it is taken"
+    session.journal.warn(f"no plan takes the {task.part} {told}")
     return planned
 
 
@@ -188,7 +209,7 @@ def _prepare_once(
     sent = replace(request, s_target=request.s_target - yields)
     touching = session.pace * TimeLawSettings.contact_speed_m_s
     pace = TimeLawSettings(speed=settings.plan_speed, contact_speed_m_s=touching)
-    delivery = deliver(sent, result, pace, doubts)
+    delivery = deliver(sent, result, pace, doubts, accept_fragile=True)
     played = delivery.replay
     touched = int(np.argmax(np.abs(played.s - s_initial) > settings.task.moving))
     end = ManipulationEnd(delivery.trajectory.q[-1], played.final, played.q_meas[:touched])

@@ -25,7 +25,7 @@ from s2r_protocol.exits import RefusedError
 LUCKY, WORTH_A_TRY = 0.5, 1.5
 # Standard errors of the measurement, and times what is good enough, below both of which a difference may be its own.
 UNSURE, NEARLY = 2.5, 1.5
-STAYED = 0.1  # of the way asked for; a part that went no further never got going
+HELD_UP = 3  # times that a part has to be stopped at one place to be at the end of its way
 
 
 def reach(
@@ -89,8 +89,8 @@ def reach(
             return view
         if _held_up(goal.attempts, task.good_enough):
             journal.warn(
-                f"the {task.part} was stopped again at {record.show(done.measured.s)}: it seems to be at the end "
-                "of its way, or something is in it; try another target"
+                f"the {task.part} was stopped {HELD_UP} times at {record.show(done.measured.s)}: it seems to be "
+                "at the end of its way, or something is in it; try another target"
             )
             return view
         positive = done.s_target > done.s_initial
@@ -190,18 +190,13 @@ def _in_vain(done: DoneManipulation, task: Task) -> bool:
 
 
 def _held_up(attempts: Sequence[DoneManipulation], same: float) -> bool:
-    """Manipulations in a row were stopped on the same way and left the part at the same place.
+    """Three manipulations in a row were stopped on the same way and left the part at the same place.
 
-    Two of them where it had moved before that. One that never got it going may have met something else, and so may
-    the next from elsewhere: of those it takes three.
+    Two may have met the same other thing, or wedged the fingertip; after the second, in vain, it is pushed from
+    elsewhere.
     """
-    stayed = all(
-        abs(done.measured.s - done.s_initial) < STAYED * abs(done.s_target - done.s_initial)
-        for done in attempts[-2:]
-    )
-    count = 3 if stayed else 2
-    last = attempts[-count:]
-    if len(last) < count:
+    last = attempts[-HELD_UP:]
+    if len(last) < HELD_UP:
         return False
     same_way = all(
         (last[0].s_target - last[0].s_initial) * (one.s_target - one.s_initial) > 0.0 for one in last

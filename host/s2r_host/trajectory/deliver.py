@@ -57,6 +57,8 @@ class Delivery:
         fragile: With which slightly different object the motion fails, or that the contact is so hard that the executor
             may take it for a collision, in words; None: neither.
         hits: That object is touched by something else than the fingertip.
+        strays: How far from the target any slightly different object ends that was tried [m or rad]; infinite where one
+            of them, or the believed one, is touched, pressed or loaded more than it may be.
     """
 
     trajectory: Trajectory
@@ -66,6 +68,7 @@ class Delivery:
     speed: float
     fragile: str | None = None
     hits: bool = False
+    strays: float = 0.0
 
 
 def plan_trajectory(
@@ -203,9 +206,15 @@ def apart(request: PlanRequest) -> PlanRequest:
 
 
 def _calmer(delivery: Delivery, other: Delivery, request: PlanRequest) -> bool:
-    """Whether a fragile motion is to be preferred to an earlier one, by what contact takes with the believed object."""
+    """Whether a fragile motion is to be preferred to an earlier one.
+
+    By what contact takes with the believed object where that is much, else by how far slightly different ones stray.
+    """
     share, other_share = delivery.replay.contact_share, other.replay.contact_share
-    return other_share > request.settings.contact_margin and share < other_share
+    margin = request.settings.contact_margin
+    if other_share > margin:
+        return share < other_share
+    return share <= margin and delivery.strays < other.strays
 
 
 def _is_settled(
@@ -222,46 +231,57 @@ def _is_settled(
 def judged(
     delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...]
 ) -> Delivery:
-    """The motion with what is found to be fragile about it."""
-    fragile, hits = _fragility(delivery, request, scene, perturbations)
-    return replace(delivery, fragile=fragile, hits=hits)
-
-
-def _fragility(
-    delivery: Delivery, request: PlanRequest, scene: Scene, perturbations: tuple[Belief, ...]
-) -> tuple[str | None, bool]:
-    """Why the motion may end in a protection stop, or which slightly different object it loses; whether it hits it."""
-    tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
+    """The motion with what is found to be fragile about it: why it may end in a protection stop, or lose the part."""
     share, margin = delivery.replay.contact_share, request.settings.contact_margin
     if share > margin:
-        return (
+        hard = (
             f"fragile: contact takes {share:.0%} of a joint's torque limit, more than {margin:.0%}; "
             "the executor takes half of it for a collision"
-        ), False
+        )
+        return replace(delivery, fragile=hard, hits=False, strays=np.inf)
     scenes = [perturbation.applied(scene) for perturbation in perturbations]
-    lever_m, lost = _lever_m(delivery, scene), _LOST * abs(request.s_target - request.s_initial)
+    lever_m = _lever_m(delivery, scene)
+    fragile, hits, strays = None, False, 0.0
     for perturbation, played in zip(
         perturbations, replays(delivery.trajectory, request, scenes), strict=True
     ):
-        if played.contact is not None:
-            return f"fragile: with the {perturbation} it touches {played.contact}", True
-        if played.press_N > _FRAGILE_PRESS * request.settings.press_max_N:
-            return (
-                f"fragile: with the {perturbation} it presses across the motion with {played.press_N:.0f} N"
-            ), False
-        if played.contact_share > _FRAGILE_CONTACT * request.settings.contact_margin:
-            share = f"{played.contact_share:.0%} of a joint's torque limit"
-            return f"fragile: with the {perturbation} contact takes {share}", False
-        displaced = _DISPLACED * float(np.linalg.norm(perturbation.shift_m)) / lever_m
-        if abs(played.error) > max(_FRAGILE * tolerance, min(displaced, lost)):
-            falls = _falls_with(request, scene, perturbation)
-            if falls is not None:
-                return (
-                    f"fragile, as any plan would be: with the {perturbation} the part does not stay at its target: "
-                    f"{falls}"
-                ), False
-            return f"fragile: with the {perturbation} it ends {played.error:+.4f} from the target", False
-    return None, False
+        excess = _excess(played, request)
+        strays = max(strays, abs(played.error) if excess is None else np.inf)
+        if fragile is None and excess is not None:
+            fragile, hits = f"fragile: with the {perturbation} {excess}", played.contact is not None
+        elif fragile is None:
+            fragile = _lost(played.error, lever_m, request, scene, perturbation)
+    return replace(delivery, fragile=fragile, hits=hits, strays=strays)
+
+
+def _excess(played: Replay, request: PlanRequest) -> str | None:
+    """What a slightly different object meets too much of, wherever it ends: touch, press or torque; None: nothing."""
+    settings = request.settings
+    if played.contact is not None:
+        return f"it touches {played.contact}"
+    if played.press_N > _FRAGILE_PRESS * settings.press_max_N:
+        return f"it presses across the motion with {played.press_N:.0f} N"
+    if played.contact_share > _FRAGILE_CONTACT * settings.contact_margin:
+        return f"contact takes {played.contact_share:.0%} of a joint's torque limit"
+    return None
+
+
+def _lost(
+    error: float, lever_m: float, request: PlanRequest, scene: Scene, perturbation: Belief
+) -> str | None:
+    """Why a slightly different object that ends ``error`` from the target counts as lost; None: it does not."""
+    tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
+    displaced = _DISPLACED * float(np.linalg.norm(perturbation.shift_m)) / lever_m
+    most = min(displaced, _LOST * abs(request.s_target - request.s_initial))
+    if abs(error) <= max(_FRAGILE * tolerance, most):
+        return None
+    falls = _falls_with(request, scene, perturbation)
+    if falls is not None:
+        return (
+            f"fragile, as any plan would be: with the {perturbation} the part does not stay at its target: "
+            f"{falls}"
+        )
+    return f"fragile: with the {perturbation} it ends {error:+.4f} from the target"
 
 
 def _lever_m(delivery: Delivery, scene: Scene) -> float:

@@ -128,7 +128,7 @@ def test_only_after_a_hit_is_room_asked_for(task, monkeypatch, hits, asked):
     def delivered(*_, **__):
         if len(wanted) == 2:
             raise PlanRefusedError("no")
-        return SimpleNamespace(fragile="fragile", hits=hits, replay=calm)
+        return SimpleNamespace(fragile="fragile", hits=hits, replay=calm, strays=0.1)
 
     monkeypatch.setattr(DELIVER, "plan_manipulation", plan)
     monkeypatch.setattr(DELIVER, "deliver", delivered)

@@ -13,6 +13,7 @@ from s2r_host.planning.rollouts import ramp
 from s2r_host.planning.sample_objects import DrawerShape, drawer_mjcf
 from s2r_host.planning.scene import build_scene
 from s2r_host.trajectory import deliver, plan_trajectory, replay
+from s2r_host.trajectory.deliver import judged
 from s2r_host.trajectory.verify import replays, servo_targets, trace_of
 from s2r_protocol.arms import load_arm
 
@@ -171,7 +172,22 @@ def test_a_motion_whose_contact_the_executor_may_take_for_a_collision_is_named_o
     delivery = deliver(strict, plan, accept_fragile=True)
     assert delivery.fragile is not None
     assert delivery.fragile.startswith("fragile: contact takes")
+    assert np.isinf(delivery.strays)
     assert delivery.replay.held
+
+
+def test_how_far_a_slightly_different_object_strays_is_told(request_, plan):
+    believed, slippery = Belief(), Belief((0.0, 0.0, 0.012), friction=6.0)
+    alone = deliver(request_, plan, perturbations=(believed,))
+    assert alone.strays == pytest.approx(abs(alone.replay.error), abs=1e-9)
+    scene = build_scene(ARM, request_.object_mjcf, "object_joint", request_.settings)
+    played = replay(alone.trajectory, request_, slippery.applied(scene))
+    told = judged(alone, request_, scene, (believed, slippery))
+    assert played.contact is None
+    assert told.strays == pytest.approx(abs(played.error))
+    lost = judged(alone, request_, scene, (Belief((0.0, 0.0, 0.5)), slippery))
+    assert lost.fragile is not None
+    assert lost.strays > 0.05 or np.isinf(lost.strays)
 
 
 def test_a_plan_may_not_press_more_than_told(request_):

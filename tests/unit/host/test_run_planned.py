@@ -16,7 +16,7 @@ VIEW: Any = None
 
 
 class Trial:
-    """A stand-in for the planner that finds what `finds` says of target and tolerance."""
+    """A stand-in for the planner that finds what `finds` says of target and tolerance: a plan, a fragile one, none."""
 
     def __init__(self, monkeypatch, finds):
         self.asked: list[tuple[float, float, float | None]] = []
@@ -30,9 +30,13 @@ class Trial:
     def _once(self, _session, _belief, _number, _s, _view, one):
         self.asked.append((one.s_target, one.doubt, one.tolerance))
         self.seeds.append(one.number)
-        if not self._finds(one.s_target, one.tolerance):
+        found = self._finds(one.s_target, one.tolerance)
+        if not found:
             raise TargetError(f"no way to {one.s_target}")
-        return SimpleNamespace(foreseen=one.s_target - 0.01)
+        delivery = SimpleNamespace(fragile=None, strays=0.0)
+        if found is not True:  # how far from the target some object ends
+            delivery = SimpleNamespace(fragile="fragile: it slips", strays=found)
+        return SimpleNamespace(foreseen=one.s_target - 0.01, delivery=delivery)
 
     def prepare(self, s_initial=0.0, number=1):
         session: Any = SimpleNamespace(
@@ -79,6 +83,32 @@ def test_when_nothing_is_found_the_reasons_of_all_tries_are_told_and_kept(monkey
     assert {one["manipulation"] for one in kept} == {1}
 
 
+def test_a_fragile_plan_that_is_surely_worth_it_comes_before_a_state_on_the_way(monkeypatch):
+    strays = iter([0.3 * TARGET, 0.1 * TARGET])
+    trial = Trial(
+        monkeypatch,
+        lambda target, tolerance: target < TARGET or next(strays, False) if not tolerance else False,
+    )
+    taken = trial.prepare()
+    assert taken.delivery.strays == pytest.approx(0.1 * TARGET)
+    assert len(trial.asked) == len(planned.DOUBTS)
+    assert "2 × fragile: it slips" in trial.warnings[0]
+    assert "ends at most 2.29° from it is taken" in trial.warnings[0]
+
+
+def test_a_fragile_plan_that_may_be_worth_nothing_comes_after_all_others(monkeypatch):
+    trial = Trial(monkeypatch, lambda target, tolerance: 0.9 * TARGET if target == TARGET else False)
+    assert trial.prepare().delivery.strays == pytest.approx(0.9 * TARGET)
+    assert len(trial.asked) == len(planned.DOUBTS) + len(planned.STOP_DOUBTS) * (len(STOPS) + 1)
+
+
+@pytest.mark.parametrize("strays", [1.1 * TARGET, float("inf")])
+def test_a_fragile_plan_that_may_end_farther_off_than_now_is_not_taken(monkeypatch, strays):
+    trial = Trial(monkeypatch, lambda target, tolerance: strays)
+    with pytest.raises(TargetError, match="10 × fragile: it slips"):
+        trial.prepare()
+
+
 def test_reasons_that_differ_in_figures_only_are_one():
     told = grouped(
         ["ends -0.3 away", "fragile at 35 %", "ends 0.21 away", "fragile at 40 %", "fragile at 41.5 %"]
@@ -99,3 +129,10 @@ def test_a_correction_is_not_made_at_any_price(monkeypatch):
     with pytest.raises(TargetError):
         trial.prepare(s_initial=TARGET - 0.5 * FAUCET.tolerance, number=2)
     assert trial.asked == [(TARGET, doubt, None) for doubt in planned.CORRECTION_DOUBTS]
+
+
+def test_a_correction_is_made_with_a_fragile_plan_that_cannot_spoil_it(monkeypatch):
+    to_go = 0.5 * FAUCET.tolerance
+    trial = Trial(monkeypatch, lambda target, tolerance: 0.9 * to_go)
+    assert trial.prepare(s_initial=TARGET - to_go, number=2).delivery.fragile
+    assert len(trial.asked) == len(planned.CORRECTION_DOUBTS)
