@@ -71,7 +71,7 @@ class RunSettings:
     camera_name: str = "front"
     arm: str = "xmate3pro"
     seed: int = 0
-    pushes: int = 6
+    pushes: int = 9
     attempts: int = 3
     ensemble: int = 1
     reactive: bool = False
