@@ -246,3 +246,21 @@ def test_beside_a_chaotic_effect_a_second_one_has_to_explain_about_as_much(model
     ]
     search._charge_containers(rich, [first.term])
     assert (rich[0].gain > rich[1].gain) == clear
+
+
+def test_many_numbers_that_follow_the_friction_of_one_recording_do_not_hide_the_one_that_is_off(model):
+    """They fit better together than a mass that is off, and predict the recording held out worse."""
+
+    def heavier(t, q, v, a):
+        return 0.02 * model.inverse(q[:, None], v[:, None], a[:, None])[:, 0]
+
+    def rubs_less(t, q, v, a):
+        return heavier(t, q, v, a) - 0.1 * FRICTION * np.tanh(v / 0.01)
+
+    fit, again = (recorded(model, k, 0.0, rubs_less) for k in (0, 1))
+    problem = build_problem(model, [fit], [recorded(model, 2, 1.0, heavier)], [again])
+    fill_residuals(problem)
+    said = decide(problem, Search(problem))
+    assert said.verdict == "parameter_off"
+    assert [p["name"] for p in said.parameters_off] == ["mass"]
+    assert said.parameters_off[0]["to"] == pytest.approx(1.02 * said.parameters_off[0]["from"], rel=0.005)

@@ -22,6 +22,7 @@ LIKE_PARAMETERS = ("payload", "armature", "effort_scale", "gravity_tilt", "encod
 # Log odds, and share of them, within which a wrong number explains a place as well as an effect.
 ALIKE_GAIN, ALIKE_SHARE = 12.0, 0.03
 LOOSENESS = (TIGHT, 0.3, 1.0)
+WEIGHED = 8  # single numbers, best by the rows fitted, that are weighed by those held out as well
 ONE_CAUSE, ONE_CAUSE_MORE, ALONE_SLACK = 4.0, 12.0, 6.0  # log odds
 
 
@@ -157,6 +158,10 @@ def _weigh_numbers(
 ) -> tuple[float, float, list[tuple[float, Term]]]:
     """Everything that is no more than a wrong number, on top of ``terms``, best first, at the looseness that is set.
 
+    Without terms rows held out count as well as those fitted: numbers that all move a little fit better than one that
+    is off, and predict worse where what they follow is the friction of one recording. Beside terms they do not: what
+    the equation of an effect leaves over there would be given to a number.
+
     Returns:
         Log evidence of that looseness itself, log likelihood without any term, and terms with their log evidence.
     """
@@ -177,9 +182,14 @@ def _weigh_numbers(
             if found is not None:
                 scored.append(found)
     scored.sort(key=lambda x: -x[0])
+    alone = -0.5 * base.rss / noise
+    if not terms:
+        scored = [(v + search.predict([t], noise)[0], t) for v, t in scored[:WEIGHED]]
+        scored.sort(key=lambda x: -x[0])
+        alone += search.predict([], noise)[0]
     B, d = problem.B[fit], problem.prior_at(search.looseness)
     _, logdet = np.linalg.slogdet(B.T @ B / noise + np.diag(d**-2.0)) if len(d) else (1.0, 0.0)
-    return -0.5 * logdet - float(np.sum(np.log(d))), -0.5 * base.rss / noise, scored
+    return -0.5 * logdet - float(np.sum(np.log(d))), alone, scored
 
 
 def turned_not_shifted(slot: list[Scored]) -> list[Scored]:
