@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,34 +14,15 @@ from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.planning import PlanRequest, PlanResult, PlanSettings, plan_manipulation
 from s2r_host.planning.belief import Belief as ObjectBelief
-from s2r_host.planning.execution import FineWorld
-from s2r_host.planning.planner import scene_of
-from s2r_host.planning.reach import stops_on_the_way
 from s2r_host.run.belief import Belief
 from s2r_host.run.doubts import TOUCHED_SHARE, deep_about, doubt_about, room_about
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Motion, Session
 from s2r_host.run.travel import FREE, LEAVING, timed
-from s2r_host.run.tries import FailedTry, Try, grouped
+from s2r_host.run.tries import Try
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
 from s2r_host.trajectory.perturb import PERTURBATIONS
-from s2r_protocol.exits import RefusedError
 
-logger = logging.getLogger(__name__)
-
-# Share of the usual doubt about the object, one per try. In the end a plan that only just holds is better than none:
-# where the part then is will be seen, and there is nothing yet to spoil.
-DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.0, 0.0, 0.0)
-# A correction of a part that is nearly where it should be is worth less than what a daring one can spoil.
-CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
-# Tries with the usual, quick plans, and control steps to turn a part in of those after them: quick ones may throw a
-# part whose way is short, and do not end on target then once they are timed.
-QUICK_TRIES, TURN_STEPS = 2, 24
-STOP_DOUBTS, MOST_STOPS = (0.5, 0.0), 3  # of a plan that ends on the way
-ROUGHLY = 0.15  # share of the way that a plan may miss the target by when none meets it
-# Share of the way to go within which a fragile plan has to leave every object that is believable: so near that it is
-# surely worth it, or at least no farther than the part is now.
-SURELY_NEARER, NO_FARTHER = 0.5, 1.0
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -83,123 +61,25 @@ class PlannedManipulation:
         return self.delivery.replay.final + self.yields
 
 
-def prepare_manipulation(
-    session: Session,
-    belief: Belief,
-    number: int,
-    s_initial: float,
-    view: Observation,
-    show: Callable[[float], str],
+def planned_once(
+    session: Session, belief: Belief, number: int, s_initial: float, view: Observation, one: Try
 ) -> PlannedManipulation:
-    """Plan, time law, replay, way out; on failure again with other chance, then with less doubt about the object.
-
-    Where no place behind the part carries it all the way, a plan to a state on the way is better than none: the next
-    manipulation goes on from there, from another place. So is one that ends beside the target, in the end; and one
-    that not every believable object survives, as long as it leaves none of them farther from the target than the part
-    is now: where it then is will be seen.
+    """Plan, time law, replay, way out. The plan may be fragile: ``delivery.fragile`` says so.
 
     Args:
-        session: Links and the target.
+        session: Links and settings.
         belief: In the object.
         number: Of the manipulation, from 1.
         s_initial: Where the part is [m or rad].
         view: The newest look.
-        show: Tells people a joint value.
+        one: What is tried.
 
     Raises:
-        TargetError: No try succeeded; the text has the reasons.
+        RefusedError: There is no plan, or none that can be delivered, or no way out.
         PeerUnreachableError: The executor fell silent.
     """
-    task = session.settings.task
-    to_go = abs(session.target - s_initial)
-    on_target = _on_target(session.target, careful=number > 1 and to_go <= task.tolerance)
-    failed: list[FailedTry] = []
-    fragile: list[PlannedManipulation] = []
-
-    def first_plan(tries: Iterable[Try]) -> PlannedManipulation | None:
-        for one in tries:
-            try:
-                planned = _prepare_once(session, belief, number, s_initial, view, one)
-            except RefusedError as error:
-                reason = str(error)
-            else:
-                if planned.delivery.fragile is None:
-                    return planned
-                reason = planned.delivery.fragile
-                fragile.append(planned)
-            logger.info("try %d to plan manipulation %d: %s", one.number + 1, number, reason)
-            failed.append(FailedTry(number, one, reason))
-            session.journal.failed_tries.append(failed[-1])
-        return None
-
-    def least_fragile(share: float) -> PlannedManipulation | None:
-        found = min(fragile, key=lambda one: one.delivery.strays, default=None)
-        return found if found is not None and found.delivery.strays < share * to_go else None
-
-    planned = first_plan(on_target)
-    if planned is not None:
-        return planned
-    why = grouped([one.reason for one in failed])
-    planned = least_fragile(SURELY_NEARER)
-    if planned is None and to_go > task.far_off:  # else a correction is worth less than what it may spoil
-        planned = first_plan(_second_best(session, belief, s_initial))
-    planned = planned or least_fragile(NO_FARTHER)
-    if planned is None:
-        raise TargetError(
-            f"no plan takes the {task.part} from {show(s_initial)} to {show(session.target)} "
-            f"({len(on_target)} tries: {why}); try another target or placement"
-        )
-    if planned.delivery.fragile is None:
-        told = f"all the way ({why}); first to {show(planned.foreseen)}"
-    else:
-        strays = task.unit.show(planned.delivery.strays)[1:]
-        told = f"there whatever the object is like ({why}); one that ends at most {strays} from it is taken"
-    session.journal.warn(f"no plan takes the {task.part} {told}")
-    return planned
-
-
-def _on_target(s_target: float, *, careful: bool) -> list[Try]:
-    """What is tried for a plan that ends on target, in order."""
-    return [
-        Try(k, s_target, doubt, turn_steps=None if k < QUICK_TRIES else TURN_STEPS)
-        for k, doubt in enumerate(CORRECTION_DOUBTS if careful else DOUBTS)
-    ]
-
-
-def _second_best(session: Session, belief: Belief, s_initial: float) -> list[Try]:
-    """What to try when no plan ends on target: states on the way to it, then beside it."""
-    stops = _stops(session, belief, s_initial)
-    miss = ROUGHLY * abs(session.target - s_initial)
-    on_the_way = [(stop, doubt, None) for doubt, stop in product(STOP_DOUBTS, stops)]
-    beside = [(session.target, doubt, miss) for doubt in STOP_DOUBTS]
-    return [Try(len(DOUBTS) + k, *what, TURN_STEPS) for k, what in enumerate([*on_the_way, *beside])]
-
-
-def _stops(session: Session, belief: Belief, s_initial: float) -> list[float]:
-    """States on the way to the target that one place could carry the part to, the first ones worth trying.
-
-    None for a slide, which one place carries as far as it goes, or towards a target that is out of the part's range.
-    """
-    low, high = belief.model.range
-    if belief.template.slides or not low <= session.target <= high:
-        return []
-    request = _request(session, belief, 0, s_initial, Try(0, session.target, STOP_DOUBTS[0]))
-    scene = scene_of(request)
-    world = FineWorld(scene, np.asarray(request.q_initial), s_initial)
-    try:
-        found = stops_on_the_way(scene, world, session.target, request.settings, slipped=True)
-    except RefusedError as error:
-        logger.info("states on the way to the target: %s", error)
-        return []
-    least = session.settings.task.far_off
-    return [stop for stop in found if abs(stop - s_initial) > least][:MOST_STOPS]
-
-
-def _prepare_once(
-    session: Session, belief: Belief, number: int, s_initial: float, view: Observation, one: Try
-) -> PlannedManipulation:
     settings = session.settings
-    request = _request(session, belief, number, s_initial, one)
+    request = request_for(session, belief, number, s_initial, one)
     result = plan_manipulation(request)
     if not result.success:
         raise TargetError(result.reason)
@@ -221,7 +101,7 @@ def _prepare_once(
     )
 
 
-def _request(session: Session, belief: Belief, number: int, s_initial: float, one: Try) -> PlanRequest:
+def request_for(session: Session, belief: Belief, number: int, s_initial: float, one: Try) -> PlanRequest:
     """The task for the planner, with a share of the usual doubt about the object."""
     growing = one.s_target > s_initial
     settings = PlanSettings(

@@ -13,7 +13,8 @@ from s2r_host.run.lessons import belief_with_felt
 from s2r_host.run.manipulate import DoneManipulation, carry_out_manipulation
 from s2r_host.run.measure_view import measure_in
 from s2r_host.run.observe import Observation, observe
-from s2r_host.run.planned import PlannedManipulation, prepare_manipulation
+from s2r_host.run.planned import PlannedManipulation
+from s2r_host.run.prepare import prepare_manipulation
 from s2r_host.run.reactive import carry_out_reactively
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Executed, Session

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from s2r_host.errors import TargetError
-from s2r_host.run import planned
+from s2r_host.run import prepare
 from s2r_host.run.task import FAUCET
 from s2r_host.run.tries import FailedTry, Try, grouped
 
@@ -24,8 +24,8 @@ class Trial:
         self.warnings: list[str] = []
         self.failed_tries: list[FailedTry] = []
         self._finds = finds
-        monkeypatch.setattr(planned, "_prepare_once", self._once)
-        monkeypatch.setattr(planned, "_stops", lambda *_: STOPS)
+        monkeypatch.setattr(prepare, "planned_once", self._once)
+        monkeypatch.setattr(prepare, "_stops", lambda *_: STOPS)
 
     def _once(self, _session, _belief, _number, _s, _view, one):
         self.asked.append((one.s_target, one.doubt, one.tolerance))
@@ -45,7 +45,7 @@ class Trial:
             journal=SimpleNamespace(warn=self.warnings.append, failed_tries=self.failed_tries),
         )
         belief: Any = None
-        return planned.prepare_manipulation(session, belief, number, s_initial, VIEW, "{:.2f}".format)
+        return prepare.prepare_manipulation(session, belief, number, s_initial, VIEW, "{:.2f}".format)
 
 
 def test_a_plan_that_ends_on_target_is_taken_without_a_word(monkeypatch):
@@ -58,7 +58,7 @@ def test_a_plan_that_ends_on_target_is_taken_without_a_word(monkeypatch):
 def test_a_state_on_the_way_comes_before_one_beside_the_target(monkeypatch):
     trial = Trial(monkeypatch, lambda target, tolerance: target < TARGET)
     assert trial.prepare().foreseen == pytest.approx(STOPS[0] - 0.01)
-    assert len(trial.asked) == len(planned.DOUBTS) + 1
+    assert len(trial.asked) == len(prepare.DOUBTS) + 1
     assert "no way to 0.4" in trial.warnings[0]
     assert "first to 0.09" in trial.warnings[0]
 
@@ -67,8 +67,8 @@ def test_beside_the_target_is_better_than_nothing(monkeypatch):
     trial = Trial(monkeypatch, lambda target, tolerance: tolerance is not None)
     assert trial.prepare().foreseen == pytest.approx(TARGET - 0.01)
     target, doubt, tolerance = trial.asked[-1]
-    assert (target, doubt) == (TARGET, planned.STOP_DOUBTS[0])
-    assert tolerance == pytest.approx(planned.ROUGHLY * TARGET)
+    assert (target, doubt) == (TARGET, prepare.STOP_DOUBTS[0])
+    assert tolerance == pytest.approx(prepare.ROUGHLY * TARGET)
     assert len(set(trial.seeds)) == len(trial.seeds)
 
 
@@ -76,7 +76,7 @@ def test_when_nothing_is_found_the_reasons_of_all_tries_are_told_and_kept(monkey
     trial = Trial(monkeypatch, lambda target, tolerance: False)
     with pytest.raises(TargetError, match=r"from 0.00 to 0.40 \(10 tries: 10 × no way to 0.4\); try another"):
         trial.prepare()
-    assert len(trial.asked) == len(planned.DOUBTS) + len(planned.STOP_DOUBTS) * (len(STOPS) + 1)
+    assert len(trial.asked) == len(prepare.DOUBTS) + len(prepare.STOP_DOUBTS) * (len(STOPS) + 1)
     kept = [one.as_json() for one in trial.failed_tries]
     assert [(one["s_target"], one["doubt"], one["tolerance"]) for one in kept] == trial.asked
     assert kept[-1]["reason"] == "no way to 0.4"
@@ -91,7 +91,7 @@ def test_a_fragile_plan_that_is_surely_worth_it_comes_before_a_state_on_the_way(
     )
     taken = trial.prepare()
     assert taken.delivery.strays == pytest.approx(0.1 * TARGET)
-    assert len(trial.asked) == len(planned.DOUBTS)
+    assert len(trial.asked) == len(prepare.DOUBTS)
     assert "2 × fragile: it slips" in trial.warnings[0]
     assert "ends at most 2.29° from it is taken" in trial.warnings[0]
 
@@ -99,7 +99,7 @@ def test_a_fragile_plan_that_is_surely_worth_it_comes_before_a_state_on_the_way(
 def test_a_fragile_plan_that_may_be_worth_nothing_comes_after_all_others(monkeypatch):
     trial = Trial(monkeypatch, lambda target, tolerance: 0.9 * TARGET if target == TARGET else False)
     assert trial.prepare().delivery.strays == pytest.approx(0.9 * TARGET)
-    assert len(trial.asked) == len(planned.DOUBTS) + len(planned.STOP_DOUBTS) * (len(STOPS) + 1)
+    assert len(trial.asked) == len(prepare.DOUBTS) + len(prepare.STOP_DOUBTS) * (len(STOPS) + 1)
 
 
 @pytest.mark.parametrize("strays", [1.1 * TARGET, float("inf")])
@@ -119,8 +119,8 @@ def test_reasons_that_differ_in_figures_only_are_one():
 
 
 def test_small_actions_are_for_the_tries_after_quick_ones():
-    tries = planned._on_target(TARGET, careful=False)
-    assert [one.turn_steps for one in tries[:3]] == [None, None, planned.TURN_STEPS]
+    tries = prepare._on_target(TARGET, careful=False)
+    assert [one.turn_steps for one in tries[:3]] == [None, None, prepare.TURN_STEPS]
     assert tries[0] == Try(0, TARGET, 1.0)
 
 
@@ -128,11 +128,11 @@ def test_a_correction_is_not_made_at_any_price(monkeypatch):
     trial = Trial(monkeypatch, lambda target, tolerance: False)
     with pytest.raises(TargetError):
         trial.prepare(s_initial=TARGET - 0.5 * FAUCET.tolerance, number=2)
-    assert trial.asked == [(TARGET, doubt, None) for doubt in planned.CORRECTION_DOUBTS]
+    assert trial.asked == [(TARGET, doubt, None) for doubt in prepare.CORRECTION_DOUBTS]
 
 
 def test_a_correction_is_made_with_a_fragile_plan_that_cannot_spoil_it(monkeypatch):
     to_go = 0.5 * FAUCET.tolerance
     trial = Trial(monkeypatch, lambda target, tolerance: 0.9 * to_go)
     assert trial.prepare(s_initial=TARGET - to_go, number=2).delivery.fragile
-    assert len(trial.asked) == len(planned.CORRECTION_DOUBTS)
+    assert len(trial.asked) == len(prepare.CORRECTION_DOUBTS)
