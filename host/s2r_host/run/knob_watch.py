@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from s2r_host.motion.bars import find_bars
-from s2r_host.motion.knobs import Knob, find_knobs, knob_deck
+from s2r_host.motion.knobs import Knob, find_knobs, find_lying_knobs, knob_deck
 from s2r_host.motion.levers import levers_in
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.knob_joint import knob_joint
@@ -39,6 +39,8 @@ class KnobWatch:
         deck_m = knob_deck(first.scene.p_base)
         for knob in find_knobs(first.scene):
             self._add(_outline(first, knob, deck_m))
+        for knob in find_lying_knobs(first.scene):
+            self._add(_outline(first, knob, 0.0))
         for bar in find_bars(levers_in(first.scene)):
             outline = _outline(first, bar, deck_m, spokes=(2,))
             if outline is not None and outline.bulges:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from s2r_host.motion.knobs import find_knobs
+from s2r_host.motion.knobs import find_knobs, find_lying_knobs
 from s2r_host.motion.lever_axes import upright_axis
 from s2r_host.motion.lever_proposals import lever_proposals
 from s2r_host.motion.scene import Scene, observed_scene
@@ -17,14 +17,14 @@ UP = np.array([0.0, 0.0, 1.0])
 MIDDLE, HIGH_M, SPOKE_M = np.array([0.6, -0.14, 0.0]), 0.05, 0.045
 
 
-def scene_of(spokes: int) -> Scene:
+def scene_of(spokes: int, high_m: float = HIGH_M, wide_m: float = 0.014) -> Scene:
     """A column with a spout on the table, and before it a knob with so many spokes, the first towards the arm."""
     column = beam(np.array([0.6, 0.08, 0.0]), np.array([0.6, 0.08, 0.2]), 0.04, 0.04)
     spout = beam(np.array([0.6, 0.08, 0.12]), np.array([0.48, 0.08, 0.15]), 0.022, 0.022)
-    knob = [beam(MIDDLE, MIDDLE + (HIGH_M - 0.01) * UP, 0.025, 0.025)]
+    knob = [beam(MIDDLE, MIDDLE + (high_m - 0.007) * UP, 0.025, 0.025)]
     for angle in np.pi + 2.0 * np.pi * np.arange(spokes) / spokes:
         out = SPOKE_M * np.array([np.cos(angle), np.sin(angle), 0.0])
-        knob.append(beam(MIDDLE + HIGH_M * UP, MIDDLE + out + HIGH_M * UP, 0.014, 0.014))
+        knob.append(beam(MIDDLE + high_m * UP, MIDDLE + out + high_m * UP, wide_m, 0.014))
     X = look_at(np.array((0.0, -0.45, 0.55)), np.array([0.6, 0.0, 0.08]))
     table = np.eye(4)
     table[:3, 3] = (0.75, 0.0, -0.015)
@@ -59,3 +59,17 @@ def test_the_top_of_a_knob_is_no_deck() -> None:
 @pytest.mark.parametrize("degrees", [45, 90])
 def test_a_faucet_with_a_lever_has_no_knob(degrees: int) -> None:
     assert not find_knobs(observed_scene(faucet_view(np.random.default_rng(0), np.radians(degrees)).frame))
+
+
+def test_a_flat_knob_on_the_table_is_found_though_it_passes_for_a_deck() -> None:
+    scene = scene_of(4, high_m=0.012, wide_m=0.033)
+    assert not find_knobs(scene)
+    (knob,) = find_lying_knobs(scene)
+    assert len(knob.spokes) == 4
+    assert np.linalg.norm(knob.p_axis[:2] - MIDDLE[:2]) < 0.008
+
+
+def test_what_stands_higher_or_has_something_on_it_does_not_lie() -> None:
+    assert not find_lying_knobs(scene_of(4))
+    faucet = observed_scene(faucet_view(np.random.default_rng(0), np.radians(45)).frame)
+    assert not find_lying_knobs(faucet)
