@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 # where the part then is will be seen, and there is nothing yet to spoil.
 DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5, 0.25, 0.25, 0.0, 0.0, 0.0)
 # A correction of a part that is nearly where it should be is worth less than what a daring one can spoil.
-CORRECTION_DOUBTS = (1.0, 1.0, 0.5)
+CORRECTION_DOUBTS = (1.0, 1.0, 1.0, 0.5, 0.5)
 # Tries with the usual, quick plans, and control steps to turn a part in of those after them: quick ones may throw a
 # part whose way is short, and do not end on target then once they are timed.
 QUICK_TRIES, TURN_STEPS = 2, 24
