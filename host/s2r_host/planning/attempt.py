@@ -284,6 +284,7 @@ class Attempt:
         course = self.course
         s = np.array([value for _, value in course.path])
         hold_steps = round(self.settings.hold_s / self.settings.control_dt_s)
+        report = course.whole_report()
         return PlanResult(
             success=self.reason is None,
             q_cmd=np.array(course.targets),
@@ -303,7 +304,8 @@ class Attempt:
             cpu_s=0.0,
             wall_s=0.0,
             places_cpu_s=0.0,
-            torque_share=course.whole_report().torque_share,
+            torque_share=report.torque_share,
+            contact=report.contact,
             hook=self.hook,
             p_part=self.hook.p_part,
             route=self.hook.whole_route,

@@ -97,6 +97,7 @@ class PlanResult:
         cpu_s, wall_s: Time used, all threads and elapsed.
         places_cpu_s: Part of it that the search for places for the fingertip took.
         torque_share: Largest torque over its limit in the delivered plan.
+        contact: What else than the fingertip on the part it touched, the first of it; None: nothing.
         hook: The place that the fingertip was sent to.
         p_part: The point on the part that the fingertip was sent to, part frame [m], (3,).
         route: Joint postures that the sampler was offered: on the way there, above that point, there, at the touch,
@@ -124,6 +125,7 @@ class PlanResult:
     wall_s: float
     places_cpu_s: float
     torque_share: float
+    contact: str | None
     hook: Hook
     p_part: np.ndarray
     route: np.ndarray

@@ -21,6 +21,7 @@ from s2r_host.run.session import Motion, Session
 from s2r_host.run.travel import FREE, LEAVING, timed
 from s2r_host.run.tries import Try
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
+from s2r_host.trajectory.deliver import MotionHitsError, apart
 from s2r_host.trajectory.perturb import PERTURBATIONS
 
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
@@ -75,6 +76,7 @@ def planned_once(
         one: What is tried.
 
     Raises:
+        MotionHitsError: What is planned touches something else than the part.
         RefusedError: There is no plan, or none that can be delivered, or no way out.
         PeerUnreachableError: The executor fell silent.
     """
@@ -82,7 +84,7 @@ def planned_once(
     request = request_for(session, belief, number, s_initial, one)
     result = plan_manipulation(request)
     if not result.success:
-        raise TargetError(result.reason)
+        raise (TargetError if result.contact is None else MotionHitsError)(result.reason)
     pushed_at = session.arm.tool_pose(result.q_meas[-1])[:3, 3]
     doubts = tuple(_doubt(change, one.doubt, belief, request, pushed_at) for change in PERTURBATIONS)
     yields = _yields(session, belief, result)
@@ -115,7 +117,7 @@ def request_for(session: Session, belief: Belief, number: int, s_initial: float,
     )
     if one.tolerance is not None:
         settings = replace(settings, tolerance_m=one.tolerance, tolerance_rad=one.tolerance)
-    return PlanRequest(
+    request = PlanRequest(
         arm=session.arm.arm,
         object_mjcf=belief.path(growing),
         s_initial=s_initial,
@@ -124,6 +126,7 @@ def request_for(session: Session, belief: Belief, number: int, s_initial: float,
         seed=session.settings.seed + 1000 * number + one.number,
         settings=settings,
     )
+    return apart(request) if one.apart else request
 
 
 def _yields(session: Session, belief: Belief, result: PlanResult) -> float:

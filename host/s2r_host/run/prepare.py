@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -17,6 +18,7 @@ from s2r_host.run.observe import Observation
 from s2r_host.run.planned import PlannedManipulation, planned_once, request_for
 from s2r_host.run.session import Session
 from s2r_host.run.tries import FailedTry, Try, grouped
+from s2r_host.trajectory.deliver import MotionHitsError
 from s2r_protocol.exits import RefusedError
 
 logger = logging.getLogger(__name__)
@@ -90,7 +92,7 @@ def prepare_manipulation(
 
 
 class _Plans:
-    """What tries for one manipulation came to.
+    """What tries for one manipulation came to. Once a plan has hit something the further ones keep room.
 
     Attributes:
         failed: Those without a plan that every believable object survives, with their reasons.
@@ -100,19 +102,23 @@ class _Plans:
     def __init__(self, session: Session, plan: Callable[[Try], PlannedManipulation], number: int) -> None:
         self.failed: list[FailedTry] = []
         self.fragile: list[PlannedManipulation] = []
+        self._hits = False
         self._plan, self._number, self._journal = plan, number, session.journal
 
     def first(self, tries: Iterable[Try]) -> PlannedManipulation | None:
         """Plan one try after the other until every believable object survives; what fails is kept."""
-        for one in tries:
+        for asked in tries:
+            one = replace(asked, apart=self._hits)
             try:
                 planned = self._plan(one)
             except RefusedError as error:
                 reason = str(error)
+                self._hits |= isinstance(error, MotionHitsError)
             else:
                 if planned.delivery.fragile is None:
                     return planned
                 reason = planned.delivery.fragile
+                self._hits |= planned.delivery.hits
                 self.fragile.append(planned)
             logger.info("try %d to plan manipulation %d: %s", one.number + 1, self._number, reason)
             self.failed.append(FailedTry(self._number, one, reason))

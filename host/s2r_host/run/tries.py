@@ -21,6 +21,7 @@ class Try:
         doubt: Share of the usual doubt about the object.
         tolerance: What it may miss that by [m or rad]; None: as usual.
         turn_steps: Control steps to turn a part in; None: the planner's own.
+        apart: The robot keeps as far from everything as the object may be displaced, where there is room.
     """
 
     number: int
@@ -28,6 +29,7 @@ class Try:
     doubt: float
     tolerance: float | None = None
     turn_steps: int | None = None
+    apart: bool = False
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from s2r_host.errors import TargetError
 from s2r_host.run import prepare
 from s2r_host.run.task import FAUCET
 from s2r_host.run.tries import FailedTry, Try, grouped
+from s2r_host.trajectory.deliver import MotionHitsError
 
 TARGET = 0.4
 STOPS = [0.1, 0.25]
@@ -33,9 +34,9 @@ class Trial:
         found = self._finds(one.s_target, one.tolerance)
         if not found:
             raise TargetError(f"no way to {one.s_target}")
-        delivery = SimpleNamespace(fragile=None, strays=0.0)
+        delivery = SimpleNamespace(fragile=None, hits=False, strays=0.0)
         if found is not True:  # how far from the target some object ends
-            delivery = SimpleNamespace(fragile="fragile: it slips", strays=found)
+            delivery = SimpleNamespace(fragile="fragile: it slips", hits=False, strays=found)
         return SimpleNamespace(foreseen=one.s_target - 0.01, delivery=delivery)
 
     def prepare(self, s_initial=0.0, number=1):
@@ -107,6 +108,25 @@ def test_a_fragile_plan_that_may_end_farther_off_than_now_is_not_taken(monkeypat
     trial = Trial(monkeypatch, lambda target, tolerance: strays)
     with pytest.raises(TargetError, match="10 × fragile: it slips"):
         trial.prepare()
+
+
+@pytest.mark.parametrize("fragile", [False, True])
+def test_after_a_plan_that_hits_something_the_next_ones_keep_room(monkeypatch, fragile):
+    trial, asked = Trial(monkeypatch, lambda target, tolerance: True), []
+
+    def once(_session, _belief, _number, _s, _view, one):
+        asked.append(one.apart)
+        if len(asked) == 1:
+            raise TargetError("no way")
+        if len(asked) == 2 and not fragile:
+            raise MotionHitsError("finger against plate")
+        hit = len(asked) == 2
+        delivery = SimpleNamespace(fragile="it touches" if hit else None, hits=hit, strays=float("inf"))
+        return SimpleNamespace(foreseen=TARGET, delivery=delivery)
+
+    monkeypatch.setattr(prepare, "planned_once", once)
+    trial.prepare()
+    assert asked == [False, False, True]
 
 
 def test_reasons_that_differ_in_figures_only_are_one():
