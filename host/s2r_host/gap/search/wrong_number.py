@@ -158,9 +158,9 @@ def _weigh_numbers(
 ) -> tuple[float, float, list[tuple[float, Term]]]:
     """Everything that is no more than a wrong number, on top of ``terms``, best first, at the looseness that is set.
 
-    Without terms rows held out count as well as those fitted: numbers that all move a little fit better than one that
-    is off, and predict worse where what they follow is the friction of one recording. Beside terms they do not: what
-    the equation of an effect leaves over there would be given to a number.
+    Without terms, above a floor that was measured, rows held out count as well as those fitted: numbers that all move a
+    little fit better than one that is off, and predict worse where what they follow is the friction of one recording.
+    Beside terms or above a guess they do not: what an equation leaves over there would be given to a number.
 
     Returns:
         Log evidence of that looseness itself, log likelihood without any term, and terms with their log evidence.
@@ -183,7 +183,7 @@ def _weigh_numbers(
                 scored.append(found)
     scored.sort(key=lambda x: -x[0])
     alone = -0.5 * base.rss / noise
-    if not terms:
+    if not terms and problem.floor_source == "repeat":
         scored = [(v + search.predict([t], noise)[0], t) for v, t in scored[:WEIGHED]]
         scored.sort(key=lambda x: -x[0])
         alone += search.predict([], noise)[0]
