@@ -5,6 +5,7 @@ Cross and star knobs turn about an upright axis through their middle; a fingerti
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,15 +13,14 @@ from scipy import ndimage
 
 from s2r_host.motion.levers import LeverCandidate
 from s2r_host.motion.scene import Scene
-from s2r_host.motion.standing import Standing, deck_height, pieces, standing_on
+from s2r_host.motion.standing import Standing, deck_height, lying, standing_on
 
 LEAST_KNOB_POINTS = 100
 LOW_BAND_M = 0.005  # above the deck: knobs may be as low as 15 mm
 RADIUS_M = (0.02, 0.065)
 COMPACT = 0.55  # width over length of its outline from above
 MOST_HEIGHT_M = 0.09  # of its top over the deck
-# So low are the tops of flat knobs on a thin plate, which pass for a deck themselves; above one stands nothing.
-LYING_M, ABOVE_M, ABOVE_POINTS = 0.035, 0.005, 20
+LYING_M = 0.035  # so low are the tops of flat knobs on a thin plate, which pass for a deck themselves
 TOP = 98.0  # percentile of its heights
 RIM_M = 0.014  # below the top, where its outline is looked at
 BINS, SMOOTH = 36, 1.0  # of the outline's radius over the angle
@@ -66,14 +66,8 @@ def beside_body(scene: Scene) -> Standing | None:
 
 def find_knobs(scene: Scene) -> list[Knob]:
     """What may be a knob, the one with most points first; maybe none."""
-    standing, found = beside_body(scene), []
-    if standing is None:
-        return []
-    for piece in standing.apart:
-        spokes = _spokes(piece, standing.deck_m) if len(piece) >= LEAST_KNOB_POINTS else ()
-        if spokes:
-            found.append(Knob(piece, spokes))
-    return found
+    standing = beside_body(scene)
+    return [] if standing is None else _knobs(standing.apart, standing.deck_m)
 
 
 def find_lying_knobs(scene: Scene) -> list[Knob]:
@@ -81,18 +75,15 @@ def find_lying_knobs(scene: Scene) -> list[Knob]:
 
     Feet and edges of other things may be among them: it takes their colours to tell.
     """
-    p, found = scene.p_base, []
+    p = scene.p_base
     if knob_deck(p) > LYING_M:
         return []
-    for piece in pieces(p[(p[:, 2] > LOW_BAND_M) & (p[:, 2] < LYING_M)], LEAST_KNOB_POINTS):
-        low, high = piece.min(axis=0), piece.max(axis=0)
-        over = (p[:, :2] > low[:2]).all(axis=1) & (p[:, :2] < high[:2]).all(axis=1)
-        if np.count_nonzero(over & (p[:, 2] > high[2] + ABOVE_M)) > ABOVE_POINTS:
-            continue
-        spokes = _spokes(piece, 0.0)
-        if spokes:
-            found.append(Knob(piece, spokes))
-    return found
+    return _knobs(lying(p, (LOW_BAND_M, LYING_M), LEAST_KNOB_POINTS), 0.0)
+
+
+def _knobs(found: Sequence[np.ndarray], deck_m: float) -> list[Knob]:
+    """Those of some pieces (n, 3) that have spokes."""
+    return [Knob(p, spokes) for p in found if len(p) >= LEAST_KNOB_POINTS and (spokes := _spokes(p, deck_m))]
 
 
 def _spokes(p: np.ndarray, deck_m: float) -> tuple[LeverCandidate, ...]:

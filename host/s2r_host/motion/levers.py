@@ -15,6 +15,7 @@ from s2r_host.motion.standing import (
     LEAST_POINTS,
     THIN_DECK_M,
     Standing,
+    lying,
     pieces,
     standing_on,
 )
@@ -104,8 +105,8 @@ def find_levers(scene: Scene) -> list[LeverCandidate]:
     if standing is None:
         raise SceneError("no lever in view: nothing stands up from the object's deck")
     found = [candidate for piece in standing.apart for candidate in _candidates(piece, standing)]
-    lying = [_candidate(piece, standing) for piece in _lying(scene, standing)]
-    found += [candidate for candidate in lying if candidate is not None]
+    low = [_candidate(piece, standing) for piece in _lying(scene, standing)]
+    found += [candidate for candidate in low if candidate is not None]
     if not found:
         x, y = standing.p_body
         raise SceneError(
@@ -127,11 +128,9 @@ def _lying(scene: Scene, standing: Standing) -> list[np.ndarray]:
     """Connected pieces (n, 3) that lie on a thin plate beside the body and have nothing on them."""
     if standing.deck_m > THIN_DECK_M:
         return []
-    p, (low_m, high_m) = scene.p_base, LYING_M
+    p = scene.p_base
     beside = np.linalg.norm(p[:, :2] - standing.p_body, axis=1) > COLUMN_RADIUS_M
-    return [
-        piece for piece in pieces(p[(p[:, 2] > low_m) & beside], LYING_POINTS) if piece[:, 2].max() < high_m
-    ]
+    return lying(p[beside], LYING_M, LYING_POINTS)
 
 
 def _candidates(piece: np.ndarray, standing: Standing) -> list[LeverCandidate]:

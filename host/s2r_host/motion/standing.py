@@ -140,3 +140,9 @@ def pieces(p: np.ndarray, least: int = LEAST_POINTS) -> list[np.ndarray]:
     of = labels[tuple(cells.T)]
     sizes = np.bincount(of)
     return [p[of == k] for k in np.argsort(-sizes) if sizes[k] >= least]
+
+
+def lying(p: np.ndarray, band_m: tuple[float, float], least: int) -> list[np.ndarray]:
+    """Connected pieces of points (n, 3) within a band of heights [m] that have nothing on them, largest first."""
+    low_m, high_m = band_m
+    return [piece for piece in pieces(p[p[:, 2] > low_m], least) if piece[:, 2].max() < high_m]
