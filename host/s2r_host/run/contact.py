@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.motion.arm_model import ArmModel
-from s2r_host.motion.nearest import nearest_to_tip
+from s2r_host.motion.nearest import Nearest, nearest_to_tip
 from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.run.belief import JOINT, SIDES, Belief
 from s2r_host.run.object_file import with_face, with_part_moved
@@ -46,15 +46,23 @@ def corrected(belief: Belief, geom: str, offset: float, positive: bool, folder: 
             for source, name in ((belief.falling, "falling.xml"), (belief.growing, "growing.xml"))
         )
         return replace(belief, falling=falling, growing=growing, shifts=_added(belief, geom, -offset))
+    moved = side_moved(belief, belief.template.pose(-offset), positive, folder)
+    return replace(moved, shifts=_added(belief, SIDES[positive], -offset))
+
+
+def side_moved(belief: Belief, X: np.ndarray, positive: bool, folder: Path) -> Belief:
+    """Place a hinge's part anew by ``X`` (4, 4, base frame at joint value 0), for motions of one direction alone.
+
+    Raises:
+        SceneError: The model has no part.
+    """
     name = "growing" if positive else "falling"
-    turned = with_part_moved(
-        belief.path(positive), JOINT, belief.template.pose(-offset), folder / f"{name}.xml"
-    )
-    shifts = _added(belief, SIDES[positive], -offset)
+    path = with_part_moved(belief.path(positive), JOINT, X, folder / f"{name}.xml")
+    shifts = _added(belief, SIDES[positive], 0.0)
     return (
-        replace(belief, shifts=shifts, growing=turned)
+        replace(belief, shifts=shifts, growing=path)
         if positive
-        else replace(belief, shifts=shifts, falling=turned)
+        else replace(belief, shifts=shifts, falling=path)
     )
 
 
@@ -82,27 +90,27 @@ def touched_by_push(
     sign = 1.0 if positive else -1.0
     path = belief.path(positive)
 
-    def apart(value: float) -> tuple[str, float]:
+    def apart(value: float) -> Nearest:
         shapes = [o for o in object_obstacles(path, value) if o.name.startswith("part_")]
         return nearest_to_tip(arm, q_end, shapes)
 
     ahead = s + sign * most
-    if apart(ahead)[1] <= 0.0:
+    if apart(ahead).distance_m <= 0.0:
         return None
     for k in range(1, SEARCH_STEPS + 1):
         back = s + sign * most * (1.0 - 2.0 * k / SEARCH_STEPS)
-        if apart(back)[1] <= 0.0:
+        if apart(back).distance_m <= 0.0:
             touch = _touch(apart, ahead, back)
-            return apart(touch)[0], s - touch
+            return apart(touch).name, s - touch
         ahead = back
     return None
 
 
-def _touch(apart: Callable[[float], tuple[str, float]], free: float, inside: float) -> float:
+def _touch(apart: Callable[[float], Nearest], free: float, inside: float) -> float:
     """Joint value between one where the fingertip is free and one where it is inside the part, at the touch."""
     for _ in range(20):
         middle = 0.5 * (free + inside)
-        distance = apart(middle)[1]
+        distance = apart(middle).distance_m
         if abs(distance) < TOUCH_M:
             return middle
         free, inside = (middle, inside) if distance > 0.0 else (free, middle)

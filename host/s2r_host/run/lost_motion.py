@@ -3,25 +3,26 @@
 A camera sees a lever or a handle from one side, drives give way, a part coasts on: motions of one direction end beside
 where they were foreseen to, and nearly as far each time. No effort shows that, the look after each motion does. All
 motions so far are played again in the object as it is believed now, so that what was learnt since about its joint
-counts for them as well; the surface that was pushed is moved by the median of what is left.
+counts for them as well; the surface that was pushed is moved to where what is left says it is (:mod:`.side`).
 """
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from s2r_host.run.belief import Belief
-from s2r_host.run.contact import corrected
+from s2r_host.run.contact import corrected, side_moved
 from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.physics import braked, newest_law
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
+from s2r_host.run.side import Touch, hinge_columns, hinge_doubts, transform, where
 from s2r_host.run.task import Task
 from s2r_host.trajectory.verify import replay
 
@@ -36,16 +37,23 @@ class LostMotion:
 
     Attributes:
         after: Planned manipulations carried out by then.
-        found: Surface pushed and direction -> how much less far than foreseen the part went, by which the surface was
-            moved [m or rad].
+        found: Surface pushed and direction -> how much less far than foreseen the part went in the median, by which the
+            surface was moved [m or rad].
+        moved: Surface (of a slide; of a hinge the part) and direction -> how the pushed side was moved against its
+            motions: a slide's face [m], (1,); a hinge's side, turn [rad] and shift [m], (6,).
     """
 
     after: int
     found: dict[str, float]
+    moved: dict[str, np.ndarray] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Plain values for run.json."""
-        return {"after_manipulations": self.after, "surfaces": self.found}
+        return {
+            "after_manipulations": self.after,
+            "surfaces": self.found,
+            "moved": {what: moved.tolist() for what, moved in self.moved.items()},
+        }
 
 
 def learn_lost_motion(session: Session, record: RunRecord) -> None:
@@ -60,24 +68,33 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
     if record.belief is None or not ways or "touch" in settings.without:
         return
     found: dict[str, float] = {}
+    moved: dict[str, np.ndarray] = {}
     with session.journal.stage(f"lost motion after {done}") as stage:
-        for k, ((positive, _), like) in enumerate(ways.items(), start=1):
-            folder = settings.out / f"surfaces-{done}" / str(k)
-            geom, _ = Counter(one.planned.pushed_geom for one in like).most_common(1)[0]
-            left, so_far = _offset(like, record.belief, record, folder), _learnt(record, geom, positive)
-            offset = trust(like, task.beside) * (left + so_far) - so_far
+        for k, ((positive, surface), like) in enumerate(ways.items(), start=1):
+            way, folder = (
+                f"{surface or task.part}, {WAY[positive]}",
+                settings.out / f"surfaces-{done}" / str(k),
+            )
+            touches = _touches(like, record.belief, record, folder)
+            if not touches:
+                continue
+            so_far = _moved_so_far(record, way)
+            step = _where(touches, so_far, record.belief, task) - so_far
+            offset = _median(touches, step)
             if abs(offset) < LEAST * task.good_enough:
                 continue
-            moved = corrected(record.belief, geom, offset, positive, folder)
-            if abs(_offset(like, moved, record, folder) - (left - offset)) > FOLLOWS * abs(offset):
+            geom, _ = Counter(one.planned.pushed_geom for one in like).most_common(1)[0]
+            belief = _with_side(record.belief, geom, step, folder, positive=positive)
+            again = _touches(like, belief, record, folder)
+            if abs(_median(again) - (_median(touches) - offset)) > FOLLOWS * abs(offset):
                 continue
-            record.belief = moved
+            record.belief, moved[way] = belief, step
             found[f"{geom}, {WAY[positive]}"] = -offset if positive else offset
         stage.note = (
             "; ".join(f"{task.unit.show(lost)} at {what}" for what, lost in found.items()) or "as known"
         )
     if found:
-        record.lost_motion.append(LostMotion(done, found))
+        record.lost_motion.append(LostMotion(done, found, moved))
 
 
 def tells(done: DoneManipulation, task: Task) -> bool:
@@ -95,25 +112,6 @@ def tells(done: DoneManipulation, task: Task) -> bool:
     return abs(done.measured.s - done.foreseen) < task.far_off
 
 
-def trust(like: Sequence[DoneManipulation], beside: float) -> float:
-    """Share of an offset that is believed, by how well the camera sees the part there.
-
-    A lid seen edge-on is measured to 0.7°, which is more than motions usually leave it beside its target, and the error
-    is alike each time: that does not average out. Least squares of an offset with that prior and that measurement.
-    """
-    sigma = float(np.median([one.measured.sigma for one in like]))
-    return beside**2 / (beside**2 + sigma**2) if np.isfinite(sigma) else 0.0
-
-
-def median_within(offsets: Sequence[float], far_off: float) -> float:
-    """The median of those that are not far off; 0 where there are none.
-
-    One motion among several that went another way (a notch, a place where friction is higher) must not shift the rest.
-    """
-    near = [offset for offset in offsets if abs(offset) < far_off]
-    return float(np.median(near)) if near else 0.0
-
-
 def _ways(record: RunRecord) -> dict[tuple[bool, str], list[DoneManipulation]]:
     """The motions that tell something, by direction; of a slide by surface as well: each of its surfaces is learnt
     apart, while a hinge's part turns as a whole."""
@@ -125,24 +123,61 @@ def _ways(record: RunRecord) -> dict[tuple[bool, str], list[DoneManipulation]]:
     return ways
 
 
-def _learnt(record: RunRecord, geom: str, positive: bool) -> float:
-    """The offset that lessons so far have taken out of motions of one kind [m or rad]."""
-    found = [entry for lesson in record.lost_motion for entry in lesson.found.items()]
-    if record.settings.task.joint_type == "prismatic":
-        lost = sum(value for what, value in found if what == f"{geom}, {WAY[positive]}")
-    else:  # its part was turned as a whole, whatever was pushed then
-        lost = sum(value for what, value in found if what.endswith(WAY[positive]))
-    return -lost if positive else lost
+def _moved_so_far(record: RunRecord, way: str) -> np.ndarray:
+    """How lessons so far have moved the side that such motions push."""
+    size = 1 if record.settings.task.joint_type == "prismatic" else 6
+    return sum((lesson.moved[way] for lesson in record.lost_motion if way in lesson.moved), np.zeros(size))
 
 
 def _grew(done: DoneManipulation) -> bool:
     return done.s_target > done.s_initial
 
 
-def _offset(like: Sequence[DoneManipulation], belief: Belief, record: RunRecord, folder: Path) -> float:
-    """How far beyond (negative: short of) where a belief foresees them motions of one kind ended [m or rad]."""
-    far_off = record.settings.task.far_off
-    return median_within([one.measured.s - _foreseen(one, belief, record, folder) for one in like], far_off)
+def _touches(
+    like: Sequence[DoneManipulation], belief: Belief, record: RunRecord, folder: Path
+) -> list[Touch]:
+    """How far beyond (negative: short of) where a belief foresees them motions of one kind ended.
+
+    Without those that ended far off: one motion that went another way must not shift the rest.
+    """
+    touches = (
+        Touch(
+            one.measured.s - _foreseen(one, belief, record, folder), one.measured.sigma, _columns(one, belief)
+        )
+        for one in like
+    )
+    return [touch for touch in touches if abs(touch.offset) < record.settings.task.far_off]
+
+
+def _columns(done: DoneManipulation, belief: Belief) -> np.ndarray:
+    """What one unit of each number that says where the side is does to the end of a motion, see :mod:`.side`."""
+    template = belief.template
+    if template.slides:
+        return np.ones(1)
+    X = belief.carried(done.shift, 0.0)  # since planned, joint value 0 has become another place
+    p = X[:3, :3] @ done.planned.p_pushed + X[:3, 3]
+    return hinge_columns(p, template.p.mean(axis=0), template.velocity(p[None])[0])
+
+
+def _where(touches: Sequence[Touch], so_far: np.ndarray, belief: Belief, task: Task) -> np.ndarray:
+    """Where the side is, against where it was modelled before any lesson."""
+    whole = [replace(touch, offset=touch.offset + float(touch.columns @ so_far)) for touch in touches]
+    if belief.template.slides:
+        return where(whole, task.beside, np.array([task.beside]))
+    radius_m = float(np.median([1.0 / np.linalg.norm(touch.columns[3:]) for touch in touches]))
+    return where(whole, task.beside, hinge_doubts(task.beside, radius_m))
+
+
+def _with_side(belief: Belief, geom: str, step: np.ndarray, folder: Path, *, positive: bool) -> Belief:
+    if belief.template.slides:
+        return corrected(belief, geom, float(step[0]), positive, folder)
+    return side_moved(belief, transform(step, belief.template.p.mean(axis=0)), positive, folder)
+
+
+def _median(touches: Sequence[Touch], step: np.ndarray | None = None) -> float:
+    """Of their offsets, or of what a step of the side does to them; 0 where there are none [m or rad]."""
+    values = [touch.offset if step is None else float(touch.columns @ step) for touch in touches]
+    return float(np.median(values)) if values else 0.0
 
 
 def _foreseen(done: DoneManipulation, belief: Belief, record: RunRecord, folder: Path) -> float:

@@ -18,11 +18,13 @@ from s2r_host.run.belief import Belief
 from s2r_host.run.doubts import TOUCHED_SHARE, deep_about, doubt_about, room_about
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Motion, Session
+from s2r_host.run.sure_part import outside
 from s2r_host.run.travel import FREE, LEAVING, timed
 from s2r_host.run.tries import Try
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
 from s2r_host.trajectory.deliver import MotionHitsError, apart
 from s2r_host.trajectory.perturb import PERTURBATIONS
+from s2r_host.trajectory.verify import Replay
 
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
@@ -37,6 +39,7 @@ class PlannedManipulation:
         escape: The way out of contact and home.
         motions: All of it, in order.
         pushed_geom: What the fingertip presses on at the end.
+        p_pushed: And where, in the part's frame (joint value 0), (3,) [m].
         yields: How much less far the model's arm, whose servos give way under the contact, moved the part than one that
             gets to where it is sent [m or rad].
         corrected: Other motions followed the first one than was planned.
@@ -51,6 +54,7 @@ class PlannedManipulation:
     escape: Escape
     motions: tuple[Motion, ...]
     pushed_geom: str
+    p_pushed: np.ndarray
     yields: float = 0.0
     corrected: bool = False
     stopped: bool = False
@@ -93,13 +97,17 @@ def planned_once(
     pace = TimeLawSettings(speed=settings.plan_speed, contact_speed_m_s=touching)
     delivery = deliver(sent, result, pace, doubts, accept_fragile=True)
     played = delivery.replay
+    if _ends_on_an_edge(session, belief, played):
+        raise TargetError(
+            f"the fingertip would end on the outermost millimetres of the {settings.task.part}, which may not be there"
+        )
     touched = int(np.argmax(np.abs(played.s - s_initial) > settings.task.moving))
     end = ManipulationEnd(delivery.trajectory.q[-1], played.final, played.q_meas[:touched])
     escape, home = way_home(session, belief, request, number, view, end)
     motions = (Motion(delivery.trajectory, f"manipulation {number}"), *home)
-    geom = _pushed_geom(session, request, delivery)
+    geom, p_pushed = _pushed(session, belief, request, delivery)
     return PlannedManipulation(
-        number, request, result, delivery, escape, motions, geom, yields, pace=session.pace
+        number, request, result, delivery, escape, motions, geom, p_pushed, yields, pace=session.pace
     )
 
 
@@ -111,6 +119,7 @@ def request_for(session: Session, belief: Belief, number: int, s_initial: float,
         doubt=doubt_about(belief, growing=growing).scaled(one.doubt),
         room_m=room_about(belief, growing=growing, share=one.doubt),
         deep=deep_about(belief, one.doubt),
+        within=belief.within,
         turn_steps=one.turn_steps,
         missed=belief.missed_when(growing),
         proven=belief.proven_when(growing),
@@ -210,14 +219,27 @@ def _doubt(
     )
 
 
-def _pushed_geom(session: Session, request: PlanRequest, delivery: Delivery) -> str:
-    """What the fingertip is nearest to when it moves the part for the last time in the replay."""
+def _ends_on_an_edge(session: Session, belief: Belief, played: Replay) -> bool:
+    """Whether the end of the fingertip reaches no further into the part than its edges are uncertain."""
+    X = belief.carried(played.final, 0.0)
+    tip = X[:3, :3] @ session.arm.tool_pose(played.q_meas[-1])[:3, 3] + X[:3, 3]
+    return outside(tip, belief.within)
+
+
+def _pushed(
+    session: Session, belief: Belief, request: PlanRequest, delivery: Delivery
+) -> tuple[str, np.ndarray]:
+    """What the fingertip is nearest to when it moves the part for the last time in the replay, and where, (3,) [m]."""
     played = delivery.replay
     moving = np.flatnonzero(np.abs(np.diff(played.s)) > session.settings.task.moving)
     row = int(moving[-1]) if len(moving) else len(played.s) - 1
-    shapes = object_obstacles(Path(request.object_mjcf), float(played.s[row]))
-    part = [shape for shape in shapes if shape.name.startswith("part_")]
-    return nearest_to_tip(session.arm, played.q_meas[row], part)[0]
+    s = float(played.s[row])
+    part = [
+        shape for shape in object_obstacles(Path(request.object_mjcf), s) if shape.name.startswith("part_")
+    ]
+    nearest = nearest_to_tip(session.arm, played.q_meas[row], part)
+    X = belief.carried(s, 0.0)
+    return nearest.name, X[:3, :3] @ nearest.p + X[:3, 3]
 
 
 def _unmodelled(belief: Belief, view: Observation, s: float) -> np.ndarray:

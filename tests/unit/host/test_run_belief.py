@@ -125,7 +125,7 @@ def test_a_push_tells_where_the_side_of_the_lever_is_that_it_touched(lever, arm,
 
     def apart(path, s):
         shapes = [shape for shape in object_obstacles(path, s) if shape.name == "part_lever"]
-        return nearest_to_tip(arm, q, shapes)[1]
+        return nearest_to_tip(arm, q, shapes).distance_m
 
     s = 0.30 if positive else -0.30
     geom, offset = touched_by_push(belief, arm, q, s, positive, most=0.25)

@@ -7,13 +7,14 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from s2r_host.planning.task import PlanRequest
 from s2r_host.report.page import write_report
 from s2r_host.run import lost_motion
 from s2r_host.run.belief import Belief
 from s2r_host.run.journal import Journal
-from s2r_host.run.lost_motion import LostMotion, learn_lost_motion, median_within, tells, trust
+from s2r_host.run.lost_motion import LostMotion, learn_lost_motion, tells
 from s2r_host.run.physics import SLOWLY
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import as_json
@@ -22,6 +23,8 @@ from s2r_host.run.task import DRAWER, FAUCET, LAPTOP, Task
 from s2r_protocol.exits import UsageError
 
 HALF = 0.1
+PUSHED = 0.1  # from the axis
+NEARLY = 0.05  # of an offset: one motion is not all the truth, see run/side.py
 OBJECT = """<mujoco>
   <worldbody><body name="object_base"><geom name="base_a" type="box" size=".1 .1 .1"/>
     <body name="object_part"><joint name="object_joint" type="{kind}" axis="{axis}" range="-2 2"
@@ -38,9 +41,10 @@ def _done(
     """A motion that the object as built would have left at ``foreseen``, and that left the part at ``measured``."""
     grows = foreseen > s_initial
     request = PlanRequest(None, "unused", s_initial, foreseen, np.zeros(7))  # type: ignore[arg-type]
+    trajectory = SimpleNamespace(built=foreseen, geom=geom, grows=grows)
     planned = SimpleNamespace(
-        foreseen=foreseen, yields=0.0, pushed_geom=geom, number=1, request=request, stopped=False, corrected=False,
-        pace=1.0, delivery=SimpleNamespace(trajectory=SimpleNamespace(built=foreseen, geom=geom, grows=grows)),
+        foreseen=foreseen, yields=0.0, pushed_geom=geom, p_pushed=np.array([PUSHED, 0.0, 0.0]), number=1,
+        request=request, stopped=False, corrected=False, pace=1.0, delivery=SimpleNamespace(trajectory=trajectory),
     )  # fmt: skip
     for name, value in more.items():
         setattr(planned, name, value)
@@ -58,7 +62,9 @@ def _played(trajectory: Any, request: PlanRequest) -> Any:
         side = -1.0 if trajectory.grows else 1.0
         moved = geom.pos[0] + side * geom.size[0] - side * HALF
     else:
-        moved = 2.0 * np.arctan2(geom.quat[3], geom.quat[0])
+        at = trajectory.at if hasattr(trajectory, "at") else np.array([PUSHED, 0.0, 0.0])
+        x, y, _ = geom.pos + Rotation.from_quat(geom.quat, scalar_first=True).apply(at)
+        moved = np.arctan2(y, x) - np.arctan2(at[1], at[0])
     return SimpleNamespace(final=trajectory.built - moved)
 
 
@@ -81,7 +87,10 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
             about_z[:2, :2] = [[np.cos(s), -np.sin(s)], [np.sin(s), np.cos(s)]]
             return about_z
 
-        template = SimpleNamespace(slides=slides, axis=np.array([1.0, 0.0, 0.0]), pose=pose)
+        template = SimpleNamespace(
+            slides=slides, axis=np.array([1.0, 0.0, 0.0]), pose=pose, p=np.array([[PUSHED, 0.0, 0.0]]),
+            velocity=lambda p: np.cross([0.0, 0.0, 1.0], p),
+        )  # fmt: skip
         record.belief = Belief(None, None, template, path, path, {})  # type: ignore[arg-type]
         record.goals += [Goal(one.s_target, [one]) for one in motions]
         return SimpleNamespace(settings=settings, journal=record.journal), record
@@ -101,12 +110,12 @@ def test_each_direction_is_foreseen_where_its_motions_left_the_part(run, task, u
     back = _done(task, 0.0, -0.002 * unit, 0.1 * unit)
     session, record = run(task, out, back)
     learn_lost_motion(session, record)
-    assert _again(record, out) == pytest.approx(out.measured.s, abs=1e-6)
-    assert _again(record, back) == pytest.approx(back.measured.s, abs=1e-6)
+    assert _again(record, out) == pytest.approx(out.measured.s, abs=0.003 * unit * NEARLY)
+    assert _again(record, back) == pytest.approx(back.measured.s, abs=0.002 * unit * NEARLY)
     (lesson,) = record.lost_motion
     assert lesson.found == {
-        "part_front, growing": pytest.approx(0.003 * unit),
-        "part_front, falling": pytest.approx(-0.002 * unit),  # it went further
+        "part_front, growing": pytest.approx(0.003 * unit, rel=NEARLY),
+        "part_front, falling": pytest.approx(-0.002 * unit, rel=NEARLY),  # it went further
     }
 
 
@@ -124,7 +133,7 @@ def test_one_motion_that_went_another_way_does_not_shift_the_rest(run):
     motions = [_done(DRAWER, 0.1, end, 0.0) for end in ends]
     session, record = run(DRAWER, *motions)
     learn_lost_motion(session, record)
-    assert _again(record, motions[0]) == pytest.approx(0.098, abs=1e-6)
+    assert _again(record, motions[0]) == pytest.approx(0.098, abs=0.002 * NEARLY)
 
 
 def test_what_the_camera_hardly_sees_is_believed_in_part_and_not_more_with_every_target(run):
@@ -132,18 +141,31 @@ def test_what_the_camera_hardly_sees_is_believed_in_part_and_not_more_with_every
     motion = _done(LAPTOP, 0.5, 0.48, 0.0, sigma=LAPTOP.beside)
     session, record = run(LAPTOP, motion)
     learn_lost_motion(session, record)
-    assert _again(record, motion) == pytest.approx(0.49, abs=1e-6)
+    assert _again(record, motion) == pytest.approx(0.49, abs=0.02 * NEARLY)
     learn_lost_motion(session, record)
-    assert _again(record, motion) == pytest.approx(0.49, abs=1e-6)
-    assert trust([_done(LAPTOP, 0.5, 0.48, 0.0, sigma=np.inf)], LAPTOP.beside) == 0.0
+    assert _again(record, motion) == pytest.approx(0.49, abs=0.02 * NEARLY)
+
+
+def test_a_side_that_lies_further_back_is_known_for_pushes_elsewhere_too(run):
+    """2 mm too far back: 1.1° beside at 100 mm from the axis, 2.3° where the lever is pushed at 50 mm."""
+    back_m, places = 0.002, (0.1, 0.07, 0.05)
+    motions = []
+    for place in places:
+        at = np.array([place, 0.0, 0.0])
+        motion = _done(FAUCET, 0.4, 0.4 + np.arctan2(back_m, place), 0.0, p_pushed=at)
+        motion.planned.delivery.trajectory.at = at
+        motions.append(motion)
+    session, record = run(FAUCET, *motions[:2])
+    learn_lost_motion(session, record)
+    assert _again(record, motions[2]) == pytest.approx(motions[2].measured.s, abs=0.2 * back_m / places[2])
 
 
 def test_of_a_slide_each_surface_is_learnt_apart(run):
     front, handle = _done(DRAWER, 0.1, 0.098, 0.0), _done(DRAWER, 0.1, 0.104, 0.0, "part_handle")
     session, record = run(DRAWER, front, handle)
     learn_lost_motion(session, record)
-    assert _again(record, front) == pytest.approx(0.098, abs=1e-6)
-    assert _again(record, handle) == pytest.approx(0.104, abs=1e-6)
+    assert _again(record, front) == pytest.approx(0.098, abs=0.002 * NEARLY)
+    assert _again(record, handle) == pytest.approx(0.104, abs=0.004 * NEARLY)
 
 
 def test_what_was_told_of_the_joint_since_counts_for_earlier_motions(run, monkeypatch):
@@ -156,8 +178,8 @@ def test_what_was_told_of_the_joint_since_counts_for_earlier_motions(run, monkey
     )
     learn_lost_motion(session, record)
     assert [lesson.found["part_front, growing"] for lesson in record.lost_motion] == [
-        pytest.approx(0.004),
-        pytest.approx(-0.002),
+        pytest.approx(0.004, rel=NEARLY),
+        pytest.approx(-0.002, rel=NEARLY),
     ]
 
 
@@ -200,18 +222,18 @@ def test_which_motions_say_where_the_surface_is():
     assert not tells(_done(FAUCET, 0.4, 0.39, 0.0, pace=SLOWLY), FAUCET)  # it coasts less than the usual ones
 
 
-def test_offsets_that_are_far_off_do_not_count():
-    assert median_within([0.001, 0.002, 0.05], 0.008) == pytest.approx(0.0015)
-    assert median_within([0.05], 0.008) == 0.0
-    assert median_within([], 0.008) == 0.0
-
-
 def test_the_report_and_run_json_tell_what_was_lost(tmp_path):
     record = RunRecord(RunSettings(0.1, tmp_path / "run", learn_physics=True), Journal())
-    record.lost_motion.append(LostMotion(2, {"part_handle_bar, growing": -0.003}))
+    record.lost_motion.append(
+        LostMotion(2, {"part_handle_bar, growing": -0.003}, {"part_handle_bar, growing": np.array([-0.003])})
+    )
     assert (
         "-3.00 mm at part_handle_bar, growing" in write_report(record, tmp_path / "report.html").read_text()
     )
     assert as_json(record)["lost_motion"] == [
-        {"after_manipulations": 2, "surfaces": {"part_handle_bar, growing": -0.003}}
+        {
+            "after_manipulations": 2,
+            "surfaces": {"part_handle_bar, growing": -0.003},
+            "moved": {"part_handle_bar, growing": [-0.003]},
+        }
     ]

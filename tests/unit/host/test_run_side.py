@@ -1,0 +1,63 @@
+"""Where the pushed side of a part is: a small motion of it that explains where pushes at several places ended."""
+
+import numpy as np
+import pytest
+
+from s2r_host.run.side import Touch, hinge_columns, hinge_doubts, transform, where
+
+AXIS = np.array([0.0, 0.0, 1.0])
+MIDDLE = np.array([0.08, 0.0, 0.1])
+BESIDE = np.radians(1.5)
+DOUBTS = hinge_doubts(BESIDE, 0.08)
+
+
+def _columns(p: np.ndarray) -> np.ndarray:
+    return hinge_columns(p, MIDDLE, np.cross(AXIS, p))
+
+
+def _ends_beside(p: np.ndarray, found: np.ndarray) -> float:
+    """How much further the part goes when the fingertip stops where the model's side is at ``p``."""
+    x, y, _ = transform(found, MIDDLE)[:3] @ np.append(p, 1.0)
+    return float(-np.arctan2(y, x))
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.02), (0.02, 0.0, 0.0), (0.01, 0.0, -0.01)])
+@pytest.mark.parametrize("shift", [0.0, 0.001, -0.002])
+def test_what_a_moved_side_does_is_what_its_columns_say(turn, shift):
+    found = np.array([*turn, 0.0, shift, 0.0])
+    for p in ([0.05, 0.0, 0.1], [0.11, 0.0, 0.12], [0.08, 0.0, 0.07]):
+        assert _ends_beside(np.array(p), found) == pytest.approx(_columns(np.array(p)) @ found, abs=1e-4)
+
+
+def test_a_shifted_and_turned_side_is_found_where_it_was_not_pushed():
+    true = np.array([0.005, 0.0, 0.008, 0.0, 0.0015, 0.0])
+    pushed = [np.array([x, 0.0, z]) for x, z in ((0.06, 0.1), (0.11, 0.11), (0.09, 0.07), (0.07, 0.13))]
+    found = where([Touch(_columns(p) @ true, 0.0, _columns(p)) for p in pushed], BESIDE, DOUBTS)
+    elsewhere = np.array([0.1, 0.0, 0.12])
+    assert _columns(elsewhere) @ found == pytest.approx(_columns(elsewhere) @ true, abs=np.radians(0.1))
+
+
+def test_a_look_that_tells_as_little_as_was_known_is_believed_by_half():
+    p = np.array([0.08, 0.0, 0.1])
+    sure, vague, blind = (
+        _columns(p) @ where([Touch(0.01, sigma, _columns(p))], BESIDE, DOUBTS)
+        for sigma in (0.0, BESIDE, np.inf)
+    )
+    assert sure == pytest.approx(0.01, rel=0.05)
+    assert vague == pytest.approx(0.005, rel=0.05)
+    assert blind == 0.0
+
+
+def test_looks_share_their_error_so_that_many_vague_ones_are_no_better_than_one():
+    p = np.array([0.08, 0.0, 0.1])
+    one, many = (
+        _columns(p) @ where([Touch(0.01, BESIDE, _columns(p))] * count, BESIDE, DOUBTS) for count in (1, 9)
+    )
+    assert many == pytest.approx(one, rel=0.05)
+
+
+def test_one_motion_that_went_another_way_hardly_counts():
+    p = np.array([0.08, 0.0, 0.1])
+    offsets = (0.010, 0.011, 0.1)
+    found = where([Touch(offset, 0.0, _columns(p)) for offset in offsets], BESIDE, DOUBTS)
+    assert _columns(p) @ found == pytest.approx(0.0105, abs=0.001)
