@@ -34,27 +34,16 @@ _SOLID_GROUP = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint8)  # see _only_solid
 
 
 def find_candidates(
-    scene: Scene,
-    data: mujoco.MjData,
-    sign: float,
-    count: int,
-    sure: tuple[np.ndarray, np.ndarray],
-    *,
-    ways: str,
-    room_m: float,
-    deep: bool,
+    scene: Scene, data: mujoco.MjData, sign: float, count: int, *, ways: str, room_m: float, deep: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Tool tips (n, 3) [m], orientations (n, 3, 3) and the part's directions of motion there (n, 3), world frame.
 
-    At up to ``count`` points behind the part, as it moves towards growing (``sign`` 1) or falling s (-1), within half
-    spaces of the world (``sure``: normals (n, 3), distances (n,) [m]). For ``ways``, ``room_m`` and ``deep`` see
-    :class:`s2r_host.planning.places.PlaceSearch`.
+    At up to ``count`` points behind the part, as it moves towards growing (``sign`` 1) or falling s (-1). For ``ways``,
+    ``room_m`` and ``deep`` see :class:`s2r_host.planning.places.PlaceSearch`.
     """
     behind_m = (*_BEHIND_M, *_FAR_BEHIND_M) if room_m > USUAL_ROOM_M else _BEHIND_M
     seen = _only_solid(scene)
     centres, motions = _points_behind(scene, seen, data, sign, behind_m)
-    within = (centres @ sure[0].T <= sure[1]).all(axis=1)
-    centres, motions = centres[within], motions[within]
     orientations, frames = _ORIENTATIONS[ways], _frames(motions)
     axes = orientations[::_ROLLS, :, 2]
     free: dict[int, np.ndarray] = {}

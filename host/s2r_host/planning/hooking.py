@@ -93,8 +93,8 @@ def _hooks_apart(
         patience.check(f"looking for places for the fingertip at {points} points")
         search = PlaceSearch(
             scene, world.data, probe, sign, points,
-            ways=coming, room_m=settings.room_m, deep=settings.deep, within=settings.within,
-            missed=settings.missed, proven=settings.proven,
+            ways=coming, room_m=settings.room_m, deep=settings.deep, missed=settings.missed,
+            proven=settings.proven,
         )  # fmt: skip
         first = search.take(_FIRST)
         if not len(first):

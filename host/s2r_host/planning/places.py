@@ -81,15 +81,6 @@ def in_world(scene: Scene, data: mujoco.MjData, places: Sequence[Sequence[float]
     return data.xpos[scene.part_body] + given @ data.xmat[scene.part_body].reshape(3, 3).T
 
 
-def half_spaces_in_world(
-    scene: Scene, data: mujoco.MjData, within: Sequence[Sequence[float]]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (n, 3) and distances from the origin (n,) [m] in the world of half spaces of the part's frame."""
-    given = np.array(within, dtype=float).reshape(-1, 4)
-    normals = given[:, :3] @ data.xmat[scene.part_body].reshape(3, 3).T
-    return normals, given[:, 3] + normals @ data.xpos[scene.part_body]
-
-
 def tightness(places: Places, room_m: float, missed: np.ndarray) -> np.ndarray:
     """Cost of places that leave little room or are far from the touch, (n,), in units of radians of travel.
 
@@ -137,7 +128,6 @@ class PlaceSearch:
         ways: str = "usual",
         room_m: float = USUAL_ROOM_M,
         deep: bool = False,
-        within: Sequence[Sequence[float]] = (),
         missed: Sequence[Sequence[float]] = (),
         proven: Sequence[Sequence[float]] = (),
     ) -> None:
@@ -154,14 +144,12 @@ class PlaceSearch:
             room_m: Way from a place to the touch that is wished for [m]. For more than the usual, places further
                 behind the part are looked at, too.
             deep: None that only grazes the part.
-            within: Half spaces of the part's frame, (4,) each, where it is to be pushed.
             missed: Places in the part's frame [m], (3,) each, from which nothing was moved: those near them come last.
             proven: The same of such from which the part was moved: those like them come first.
         """
         self._probe, self._room_m = probe, room_m
         self._missed = in_world(scene, data, missed)
-        sure = half_spaces_in_world(scene, data, within)
-        p, R, way = find_candidates(scene, data, sign, points, sure, ways=ways, room_m=room_m, deep=deep)
+        p, R, way = find_candidates(scene, data, sign, points, ways=ways, room_m=room_m, deep=deep)
         least = least_costs(scene, data, p, R) - gain_of_proven(p, way, in_world(scene, data, proven))
         order = np.argsort(least, kind="stable")
         self._p, self._R, self._way, self._least = p[order], R[order], way[order], least[order]

@@ -183,8 +183,6 @@ class PlanSettings:
         room_m: Way from a place to the touch that is wished for: more where it is less known where the part ends.
         deep: The fingertip reaches past the point it is to push by no less than its own thickness: where the part may
             end earlier than believed, what grazes its edge slips over it.
-        within: Half spaces in the part's frame, n (3) and d [m]: the part is pushed where n · p ≤ d, that is not where
-            it is unsure that it ends.
         missed: Fingertip places in the part's frame [m] from which a push has moved nothing; those like them come last.
         proven: The same of such from which one has moved it as was learnt from: those like them come first.
         apart_m: Distance that the robot keeps from everything at a place, on its way there and on with the part, where
@@ -221,7 +219,6 @@ class PlanSettings:
     hooks: int = 4
     room_m: float = USUAL_ROOM_M
     deep: bool = False
-    within: tuple[tuple[float, float, float, float], ...] = ()
     missed: tuple[tuple[float, float, float], ...] = ()
     proven: tuple[tuple[float, float, float], ...] = ()
     apart_m: float = 0.0

@@ -11,14 +11,15 @@ import numpy as np
 
 from s2r_host.errors import SceneError
 from s2r_host.model.build import ObjectModel, build_model
+from s2r_host.model.write import write_mjcf
 from s2r_host.perception.estimate import JointEstimate, Region, estimate_joint
-from s2r_host.perception.motion import Push
+from s2r_host.perception.motion import JointMotion, Push
 from s2r_host.perception.verdict import VAGUELY
 from s2r_host.proprioception.object_numbers import ObjectNumbers
 from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.object_file import with_face, with_friction
 from s2r_host.run.observe import Observation
-from s2r_host.run.sure_part import HalfSpace, sure_within
+from s2r_host.run.sure_part import HalfSpace, sure_pieces, sure_within
 from s2r_host.run.task import Task
 
 UPRIGHT_AXIS = 0.5
@@ -44,7 +45,7 @@ class Belief:
         falling, growing: The object as believed for motions that let the joint fall or grow: the built model, corrected
             at the side of the part that such motions push, see :mod:`s2r_host.run.contact`.
         shifts: What was corrected -> how far along or about the axis it was moved from the built model [m or rad].
-        within: Where the part is sure enough to be pushed.
+        within: Where a hinge's part is sure: it is believed to end there.
         felt: Mass and friction of the part as the arm felt them; None before it felt anything.
         missed: Places for the fingertip in the part's frame [m] from which a push meant to let the joint grow (True) or
             fall moved nothing: things are not there as believed.
@@ -172,7 +173,7 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
 
     The belief in a drawer differs from the built model in one face: the front's back, which no camera saw, is put
     5 mm further in. A plan that hooks the front's upper edge must not count on millimetres nobody measured.
-    A hinge is believed to have enough dry friction to hold its part anywhere, and its part is to be pushed a little
+    A hinge is believed to have enough dry friction to hold its part anywhere, and its part to end a little
     before where it was seen to end (:mod:`s2r_host.run.sure_part`).
 
     Raises:
@@ -180,15 +181,16 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
     """
     model = build_model(estimate, folder, outward=True, seed=seed)
     template, path = part_template(estimate), model.mjcf_path
-    within: tuple[HalfSpace, ...] = ()
+    within: list[HalfSpace] = []
     if not template.slides:
         template = template.with_back(_thickness_m(model))
-        path, within = _held(model, folder / "believed.xml"), sure_within(model.pieces, estimate.motion)
+        within = sure_within(model.pieces, estimate.motion)
+        path = _held(model, estimate.motion, within, folder / "believed.xml")
     elif model.drawer is not None:
         path = with_face(
             path, "part_front", template.axis, -UNSEEN_MARGIN_M, folder / "believed.xml", inner=True
         )
-    return Belief(estimate, model, template, path, path, {}, within)
+    return Belief(estimate, model, template, path, path, {}, tuple(within))
 
 
 def _thickness_m(model: ObjectModel) -> float:
@@ -199,16 +201,18 @@ def _thickness_m(model: ObjectModel) -> float:
     return min(plates, default=USUAL_PLATE_M)
 
 
-def _held(built: ObjectModel, path: Path) -> Path:
-    """The object with at least the friction that keeps the part at rest anywhere in its range.
+def _held(built: ObjectModel, hinge: JointMotion, within: Sequence[HalfSpace], path: Path) -> Path:
+    """The object with at least the friction that keeps the part at rest anywhere in its range, its edges cut back.
 
     Mass is a guess from a guessed density. That the part stayed where both views found it is a fact, that it stays
     elsewhere, too, is what such hinges are made for: a lid that falls from half its way would be of no use.
     """
     model = mujoco.MjModel.from_xml_path(str(built.mjcf_path))
     believed = float(model.dof_frictionloss[model.joint(JOINT).dofadr[0]])
+    sure = path.with_name("sure.xml")
+    write_mjcf(sure, sure_pieces(built.pieces, within), hinge, built.range, built.physics)
     friction = max(believed, holding_friction(built.mjcf_path, built.range))
-    return with_friction(built.mjcf_path, JOINT, friction, path)
+    return with_friction(sure, JOINT, friction, path)
 
 
 def holding_friction(mjcf: Path, span: tuple[float, float]) -> float:

@@ -23,6 +23,7 @@ from s2r_host.run.physics import braked, newest_law
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
 from s2r_host.run.side import Touch, hinge_columns, hinge_doubts, transform, where
+from s2r_host.run.sure_part import at_an_edge
 from s2r_host.run.task import Task
 from s2r_host.trajectory.verify import replay
 
@@ -64,8 +65,8 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
         record: Its belief gets what is learnt.
     """
     settings, task, done = session.settings, session.settings.task, len(record.attempts)
-    ways = _ways(record)
-    if record.belief is None or not ways or "touch" in settings.without:
+    ways = {} if record.belief is None or "touch" in settings.without else _ways(record, record.belief)
+    if record.belief is None or not ways:
         return
     found: dict[str, float] = {}
     moved: dict[str, np.ndarray] = {}
@@ -112,12 +113,12 @@ def tells(done: DoneManipulation, task: Task) -> bool:
     return abs(done.measured.s - done.foreseen) < task.far_off
 
 
-def _ways(record: RunRecord) -> dict[tuple[bool, str], list[DoneManipulation]]:
-    """The motions that tell something, by direction; of a slide by surface as well: each of its surfaces is learnt
-    apart, while a hinge's part turns as a whole."""
+def _ways(record: RunRecord, belief: Belief) -> dict[tuple[bool, str], list[DoneManipulation]]:
+    """The motions that tell something of the side they pushed, by direction; of a slide by surface as well, each of
+    which is learnt apart."""
     task, ways = record.settings.task, defaultdict(list)
     for one in record.attempts:
-        if tells(one, task):
+        if tells(one, task) and not at_an_edge(_place(one, belief), belief.within):
             surface = one.planned.pushed_geom if task.joint_type == "prismatic" else ""
             ways[_grew(one), surface].append(one)
     return ways
@@ -154,9 +155,14 @@ def _columns(done: DoneManipulation, belief: Belief) -> np.ndarray:
     template = belief.template
     if template.slides:
         return np.ones(1)
-    X = belief.carried(done.shift, 0.0)  # since planned, joint value 0 has become another place
-    p = X[:3, :3] @ done.planned.p_pushed + X[:3, 3]
+    p = _place(done, belief)
     return hinge_columns(p, template.p.mean(axis=0), template.velocity(p[None])[0])
+
+
+def _place(done: DoneManipulation, belief: Belief) -> np.ndarray:
+    """Where a motion pushed, in the part's frame: since it was planned, joint value 0 may be another place."""
+    X = belief.carried(done.shift, 0.0)
+    return X[:3, :3] @ done.planned.p_pushed + X[:3, 3]
 
 
 def _where(touches: Sequence[Touch], so_far: np.ndarray, belief: Belief, task: Task) -> np.ndarray:

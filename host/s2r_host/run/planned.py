@@ -18,13 +18,12 @@ from s2r_host.run.belief import Belief
 from s2r_host.run.doubts import TOUCHED_SHARE, deep_about, doubt_about, room_about
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Motion, Session
-from s2r_host.run.sure_part import outside
+from s2r_host.run.sure_part import at_an_edge
 from s2r_host.run.travel import FREE, LEAVING, timed
 from s2r_host.run.tries import Try
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
 from s2r_host.trajectory.deliver import MotionHitsError, apart
 from s2r_host.trajectory.perturb import PERTURBATIONS
-from s2r_host.trajectory.verify import Replay
 
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
@@ -97,15 +96,13 @@ def planned_once(
     pace = TimeLawSettings(speed=settings.plan_speed, contact_speed_m_s=touching)
     delivery = deliver(sent, result, pace, doubts, accept_fragile=True)
     played = delivery.replay
-    if _ends_on_an_edge(session, belief, played):
-        raise TargetError(
-            f"the fingertip would end on the outermost millimetres of the {settings.task.part}, which may not be there"
-        )
     touched = int(np.argmax(np.abs(played.s - s_initial) > settings.task.moving))
     end = ManipulationEnd(delivery.trajectory.q[-1], played.final, played.q_meas[:touched])
     escape, home = way_home(session, belief, request, number, view, end)
     motions = (Motion(delivery.trajectory, f"manipulation {number}"), *home)
     geom, p_pushed = _pushed(session, belief, request, delivery)
+    if delivery.fragile is None and at_an_edge(p_pushed, belief.within):
+        delivery = replace(delivery, fragile=f"fragile: it pushes the {settings.task.part} at an edge")
     return PlannedManipulation(
         number, request, result, delivery, escape, motions, geom, p_pushed, yields, pace=session.pace
     )
@@ -119,7 +116,6 @@ def request_for(session: Session, belief: Belief, number: int, s_initial: float,
         doubt=doubt_about(belief, growing=growing).scaled(one.doubt),
         room_m=room_about(belief, growing=growing, share=one.doubt),
         deep=deep_about(belief, one.doubt),
-        within=belief.within,
         turn_steps=one.turn_steps,
         missed=belief.missed_when(growing),
         proven=belief.proven_when(growing),
@@ -217,13 +213,6 @@ def _doubt(
     return replace(
         one, shift_m=(share * x, share * y, share * z), damping=resistance, joint_friction=resistance
     )
-
-
-def _ends_on_an_edge(session: Session, belief: Belief, played: Replay) -> bool:
-    """Whether the end of the fingertip reaches no further into the part than its edges are uncertain."""
-    X = belief.carried(played.final, 0.0)
-    tip = X[:3, :3] @ session.arm.tool_pose(played.q_meas[-1])[:3, 3] + X[:3, 3]
-    return outside(tip, belief.within)
 
 
 def _pushed(

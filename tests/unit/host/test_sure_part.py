@@ -1,4 +1,4 @@
-"""A plan counts on the part up to a little before where it was seen to end."""
+"""The part a plan may count on ends before the part that was seen."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ import pytest
 
 from s2r_host.model.pieces import box, hull
 from s2r_host.perception.motion import JointMotion
-from s2r_host.run.sure_part import EDGE_M, EDGE_SHARE, outside, sure_within
+from s2r_host.run.sure_part import EDGE_M, EDGE_SHARE, at_an_edge, sure_pieces, sure_within
 
 HINGE = JointMotion("revolute", np.array([0.7, 0.0, 0.02]), np.array([0.0, 1.0, 0.0]), 0.4)
-JUST_M = 0.001
 
 
 def _frame(tilt_rad: float) -> np.ndarray:
@@ -22,33 +21,35 @@ def _frame(tilt_rad: float) -> np.ndarray:
     return X
 
 
-def _at(X: np.ndarray, x: float, y: float) -> np.ndarray:
-    return X[:3, :3] @ np.array([x, y, 0.004]) + X[:3, 3]
+def _extent(piece, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    corners = piece.vertices @ piece.X_base_piece[:3, :3].T + piece.X_base_piece[:3, 3]
+    local = (corners - X[:3, 3]) @ X[:3, :3]
+    return local.min(axis=0), local.max(axis=0)
 
 
 @pytest.mark.parametrize("tilt_rad", [0.6, 1.9])
 @pytest.mark.parametrize("as_box", [True, False])
-def test_a_lid_is_pushed_short_of_its_free_edge_and_its_sides(tilt_rad, as_box):
+def test_a_lid_ends_before_its_free_edge_and_its_sides(tilt_rad, as_box):
     X, low, high = _frame(tilt_rad), np.array([0.01, -0.16, 0.0]), np.array([0.23, 0.16, 0.008])
     plate = box("lid", "part", X, low, high)
     if not as_box:
         plate = hull("lid", "part", plate.vertices @ X[:3, :3].T + plate.X_base_piece[:3, 3])
     base = box("base", "base", np.eye(4), np.array([0.4, -0.2, 0.0]), np.array([0.7, 0.2, 0.02]))
-    within = sure_within((plate, base), HINGE)
-    for x, y in ((0.23 - EDGE_M, 0.0), (0.1, 0.16 - EDGE_M), (0.1, -0.16 + EDGE_M)):
-        beyond = np.array([x - 0.1, y])
-        beyond *= JUST_M / np.linalg.norm(beyond)
-        assert not outside(_at(X, x - beyond[0], y - beyond[1]), within)
-        assert outside(_at(X, x + beyond[0], y + beyond[1]), within)
+    lid, same = sure_pieces((plate, base), sure_within((plate, base), HINGE))
+    found = _extent(lid, X)
+    np.testing.assert_allclose(found[0], np.add(low, (0.0, EDGE_M, 0.0)), atol=1e-3)
+    np.testing.assert_allclose(found[1], np.subtract(high, (EDGE_M, EDGE_M, 0.0)), atol=1e-3)
+    assert same is base
 
 
 def test_a_lever_loses_a_share_of_its_length_and_nothing_of_its_width():
     X = _frame(0.0)
     bar = box("bar", "part", X, np.array([0.03, -0.008, -0.005]), np.array([0.09, 0.008, 0.005]))
     hub = box("hub", "part", X, np.array([-0.02, -0.02, -0.02]), np.array([0.02, 0.02, 0.02]))
-    ((*n, d),) = sure_within((bar, hub), HINGE)
-    np.testing.assert_allclose(n, X[:3, 0], atol=0.2)  # about along the bar: its hub is off that line
-    assert d - n @ HINGE.origin == pytest.approx(0.09 * (1 - EDGE_SHARE), rel=0.05)
+    short, whole = sure_pieces((bar, hub), sure_within((bar, hub), HINGE))
+    assert _extent(short, X)[1][0] == pytest.approx(0.09 * (1 - EDGE_SHARE), abs=1e-6)
+    np.testing.assert_allclose(_extent(short, X)[0], [0.03, -0.008, -0.005], atol=1e-9)
+    assert whole is hub
 
 
 def test_a_cross_about_its_axis_has_no_free_end():
@@ -59,4 +60,17 @@ def test_a_cross_about_its_axis_has_no_free_end():
             [((-0.04, -0.01, -0.008), (0.04, 0.01, 0.008)), ((-0.008, -0.01, -0.04), (0.008, 0.01, 0.04))]
         )
     )
-    assert sure_within(arms, HINGE) == ()
+    assert tuple(sure_pieces(arms, sure_within(arms, HINGE))) == arms
+
+
+def test_what_is_pushed_where_the_part_was_cut_back_is_pushed_at_an_edge():
+    X = _frame(0.6)
+    plate = box("lid", "part", X, np.array([0.01, -0.16, 0.0]), np.array([0.23, 0.16, 0.008]))
+    within = sure_within((plate,), HINGE)
+    for x, y, edge in (
+        (0.23 - EDGE_M, 0.0, True),
+        (0.21, 0.0, False),
+        (0.1, 0.16 - EDGE_M, True),
+        (0.1, -0.14, False),
+    ):
+        assert at_an_edge(X[:3, :3] @ np.array([x, y, 0.004]) + X[:3, 3], within) == edge
