@@ -161,7 +161,7 @@ def _attempts(record: RunRecord) -> str:
                 f"{task.unit.factor * done.delta:+.2f}",
                 f"{100 * done.delta_r:+.2f} %",
                 f"{planned.delivery.trajectory.duration_s:.2f} s",
-                planned.pushed_geom,
+                planned.end.geom,
                 f"{planned.result.control_steps} / {planned.result.cpu_s:.2f} s",
             )
         )

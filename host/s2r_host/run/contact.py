@@ -8,7 +8,7 @@ Pushes of one direction touch one side of the part, those of the other direction
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from s2r_host.run.belief import JOINT, SIDES, Belief
 from s2r_host.run.object_file import with_face, with_part_moved
 
 SEARCH_STEPS = 24
-TOUCH_M = 1e-4
+TOUCH_M = 2e-5
 
 
 def corrected(belief: Belief, geom: str, offset: float, positive: bool, folder: Path) -> Belief:
@@ -70,6 +70,56 @@ def _added(belief: Belief, what: str, shift: float) -> dict[str, float]:
     return {**belief.shifts, what: belief.shifts.get(what, 0.0) + shift}
 
 
+@dataclass(frozen=True, eq=False)
+class Touched:
+    """Where a part that a fingertip pushed stays, as far as geometry tells.
+
+    Attributes:
+        s: Joint value at which the part just touches the fingertip [m or rad].
+        geom: What of it does.
+        p: Where, base frame, (3,) [m].
+    """
+
+    s: float
+    geom: str
+    p: np.ndarray
+
+
+def touch_at(
+    path: Path, arm: ArmModel, q_end: np.ndarray, s: float, positive: bool, most: float
+) -> Touched | None:
+    """Where the part is left by a fingertip that pushed it and stopped.
+
+    Args:
+        path: Object file.
+        arm: Its fingertip.
+        q_end: Posture where it stopped, (dof,) [rad].
+        s: About where the part is then.
+        positive: It was pushed to let the joint grow.
+        most: How far from ``s`` it may be.
+
+    Returns:
+        The first touch when the part comes back from ``most`` beyond; None if it is nowhere near the fingertip.
+    """
+    sign = 1.0 if positive else -1.0
+
+    def apart(value: float) -> Nearest:
+        shapes = [o for o in object_obstacles(path, value) if o.name.startswith("part_")]
+        return nearest_to_tip(arm, q_end, shapes)
+
+    ahead = s + sign * most
+    if apart(ahead).distance_m <= 0.0:
+        return None
+    for k in range(1, SEARCH_STEPS + 1):
+        back = s + sign * most * (1.0 - 2.0 * k / SEARCH_STEPS)
+        if apart(back).distance_m <= 0.0:
+            touch = _touch(apart, ahead, back)
+            nearest = apart(touch)
+            return Touched(touch, nearest.name, nearest.p)
+        ahead = back
+    return None
+
+
 def touched_by_push(
     belief: Belief, arm: ArmModel, q_end: np.ndarray, s: float, positive: bool, most: float
 ) -> tuple[str, float] | None:
@@ -87,23 +137,8 @@ def touched_by_push(
         The geom nearest to the fingertip and the offset for :func:`corrected`; None when the model's part is nowhere
         near the fingertip.
     """
-    sign = 1.0 if positive else -1.0
-    path = belief.path(positive)
-
-    def apart(value: float) -> Nearest:
-        shapes = [o for o in object_obstacles(path, value) if o.name.startswith("part_")]
-        return nearest_to_tip(arm, q_end, shapes)
-
-    ahead = s + sign * most
-    if apart(ahead).distance_m <= 0.0:
-        return None
-    for k in range(1, SEARCH_STEPS + 1):
-        back = s + sign * most * (1.0 - 2.0 * k / SEARCH_STEPS)
-        if apart(back).distance_m <= 0.0:
-            touch = _touch(apart, ahead, back)
-            return apart(touch).name, s - touch
-        ahead = back
-    return None
+    touched = touch_at(belief.path(positive), arm, q_end, s, positive, most)
+    return None if touched is None else (touched.geom, s - touched.s)
 
 
 def _touch(apart: Callable[[float], Nearest], free: float, inside: float) -> float:

@@ -3,7 +3,8 @@
 A camera sees a lever or a handle from one side, drives give way, a part coasts on: motions of one direction end beside
 where they were foreseen to, and nearly as far each time. No effort shows that, the look after each motion does. All
 motions so far are played again in the object as it is believed now, so that what was learnt since about its joint
-counts for them as well; the surface that was pushed is moved to where what is left says it is (:mod:`.side`).
+counts for them as well, or the part is put to where the fingertip stopped, where it pushed to the end; the surface that
+was pushed is moved to where what is left says it is (:mod:`.side`).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from s2r_host.run.belief import Belief
-from s2r_host.run.contact import corrected, side_moved
+from s2r_host.run.contact import corrected, side_moved, touch_at
 from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.physics import braked, newest_law
 from s2r_host.run.record import RunRecord
@@ -76,7 +77,7 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
                 f"{surface or task.part}, {WAY[positive]}",
                 settings.out / f"surfaces-{done}" / str(k),
             )
-            touches = _touches(like, record.belief, record, folder)
+            touches = _touches(like, session, record.belief, record, folder)
             if not touches:
                 continue
             so_far = _moved_so_far(record, way)
@@ -84,9 +85,9 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
             offset = _median(touches, step)
             if abs(offset) < LEAST * task.good_enough:
                 continue
-            geom, _ = Counter(one.planned.pushed_geom for one in like).most_common(1)[0]
+            geom, _ = Counter(one.planned.end.geom for one in like).most_common(1)[0]
             belief = _with_side(record.belief, geom, step, folder, positive=positive)
-            again = _touches(like, belief, record, folder)
+            again = _touches(like, session, belief, record, folder)
             if abs(_median(again) - (_median(touches) - offset)) > FOLLOWS * abs(offset):
                 continue
             record.belief, moved[way] = belief, step
@@ -103,12 +104,12 @@ def tells(done: DoneManipulation, task: Task) -> bool:
 
     Not one that was corrected on its way or stopped, nor one that ended far off: there the fingertip slipped or the
     part went on by itself; nor the short ones that correct another. Hinges coast, but not where they are moved slowly,
-    so that a slow motion tells nothing of the usual ones; slides never do.
+    so that a slow motion tells nothing of the usual ones unless the fingertip pushed to the end; slides never do.
     """
     planned = done.planned
     if planned.corrected or planned.stopped or abs(done.s_target - done.s_initial) < task.far_off:
         return False
-    if planned.pace < 1.0 and task.joint_type == "revolute":
+    if planned.pace < 1.0 and task.joint_type == "revolute" and not planned.end.touching:
         return False
     return abs(done.measured.s - done.foreseen) < task.far_off
 
@@ -119,7 +120,7 @@ def _ways(record: RunRecord, belief: Belief) -> dict[tuple[bool, str], list[Done
     task, ways = record.settings.task, defaultdict(list)
     for one in record.attempts:
         if tells(one, task) and not at_an_edge(_place(one, belief), belief.within):
-            surface = one.planned.pushed_geom if task.joint_type == "prismatic" else ""
+            surface = one.planned.end.geom if task.joint_type == "prismatic" else ""
             ways[_grew(one), surface].append(one)
     return ways
 
@@ -135,17 +136,16 @@ def _grew(done: DoneManipulation) -> bool:
 
 
 def _touches(
-    like: Sequence[DoneManipulation], belief: Belief, record: RunRecord, folder: Path
+    like: Sequence[DoneManipulation], session: Session, belief: Belief, record: RunRecord, folder: Path
 ) -> list[Touch]:
     """How far beyond (negative: short of) where a belief foresees them motions of one kind ended.
 
     Without those that ended far off: one motion that went another way must not shift the rest.
     """
     touches = (
-        Touch(
-            one.measured.s - _foreseen(one, belief, record, folder), one.measured.sigma, _columns(one, belief)
-        )
+        Touch(one.measured.s - s, one.measured.sigma, _columns(one, belief))
         for one in like
+        if (s := _foreseen(one, session, belief, record, folder)) is not None
     )
     return [touch for touch in touches if abs(touch.offset) < record.settings.task.far_off]
 
@@ -162,7 +162,7 @@ def _columns(done: DoneManipulation, belief: Belief) -> np.ndarray:
 def _place(done: DoneManipulation, belief: Belief) -> np.ndarray:
     """Where a motion pushed, in the part's frame: since it was planned, joint value 0 may be another place."""
     X = belief.carried(done.shift, 0.0)
-    return X[:3, :3] @ done.planned.p_pushed + X[:3, 3]
+    return X[:3, :3] @ done.planned.end.p_pushed + X[:3, 3]
 
 
 def _where(touches: Sequence[Touch], so_far: np.ndarray, belief: Belief, task: Task) -> np.ndarray:
@@ -186,9 +186,18 @@ def _median(touches: Sequence[Touch], step: np.ndarray | None = None) -> float:
     return float(np.median(values)) if values else 0.0
 
 
-def _foreseen(done: DoneManipulation, belief: Belief, record: RunRecord, folder: Path) -> float:
-    """Where the object as believed would have been left by a motion that was made [m or rad]."""
+def _foreseen(
+    done: DoneManipulation, session: Session, belief: Belief, record: RunRecord, folder: Path
+) -> float | None:
+    """Where the object as believed would have been left by a motion that was made [m or rad].
+
+    None: it would have been left nowhere near where the fingertip stopped.
+    """
     planned, positive = done.planned, _grew(done)
+    if planned.end.touching:
+        q_end, far_off = planned.delivery.trajectory.q[-1], record.settings.task.far_off
+        touched = touch_at(belief.path(positive), session.arm, q_end, done.measured.s, positive, far_off)
+        return None if touched is None else touched.s
     path, law = belief.path(positive), newest_law(record.lessons)
     if law is not None:
         path = braked(belief, law, done.s_target, folder / f"again-{planned.number}.xml", positive=positive)
@@ -198,4 +207,4 @@ def _foreseen(done: DoneManipulation, belief: Belief, record: RunRecord, folder:
         s_initial=planned.request.s_initial + done.shift,
         s_target=planned.request.s_target + done.shift,
     )
-    return replay(planned.delivery.trajectory, request).final + planned.yields
+    return replay(planned.delivery.trajectory, request).final + planned.end.yields

@@ -11,10 +11,11 @@ from s2r_host.errors import TargetError
 from s2r_host.motion.escape import Escape, plan_escape
 from s2r_host.motion.nearest import nearest_to_tip
 from s2r_host.motion.object_shapes import object_obstacles
-from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
+from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
 from s2r_host.planning import PlanRequest, PlanResult, PlanSettings, plan_manipulation
 from s2r_host.planning.belief import Belief as ObjectBelief
 from s2r_host.run.belief import Belief
+from s2r_host.run.contact import touch_at
 from s2r_host.run.doubts import TOUCHED_SHARE, deep_about, doubt_about, room_about
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Motion, Session
@@ -25,7 +26,29 @@ from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
 from s2r_host.trajectory.deliver import MotionHitsError, apart
 from s2r_host.trajectory.perturb import PERTURBATIONS
 
+TOUCHING_M = 3e-4  # the fingertip this near to the part touches it
+BESIDE = (
+    0.1  # of what is good enough: a motion that leaves the part further beside its target is timed once more
+)
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """How the fingertip leaves the part at the end of a manipulation.
+
+    Attributes:
+        geom: What it presses on.
+        p_pushed: And where, in the part's frame (joint value 0), (3,) [m].
+        yields: How much less far the model's arm, whose servos give way under the contact, moved the part than one that
+            gets to where it is sent [m or rad].
+        touching: Part and fingertip touch at the end; else the part went on by itself.
+    """
+
+    geom: str
+    p_pushed: np.ndarray
+    yields: float
+    touching: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +60,7 @@ class PlannedManipulation:
         request, result, delivery: The task, the plan, the timed and replayed trajectory.
         escape: The way out of contact and home.
         motions: All of it, in order.
-        pushed_geom: What the fingertip presses on at the end.
-        p_pushed: And where, in the part's frame (joint value 0), (3,) [m].
-        yields: How much less far the model's arm, whose servos give way under the contact, moved the part than one that
-            gets to where it is sent [m or rad].
+        end: How the fingertip leaves the part.
         corrected: Other motions followed the first one than was planned.
         stopped: A protection stopped the arm on its way: it did not get to where the plan ends.
         pace: Share of the usual speed at which the part was to be moved.
@@ -52,9 +72,7 @@ class PlannedManipulation:
     delivery: Delivery
     escape: Escape
     motions: tuple[Motion, ...]
-    pushed_geom: str
-    p_pushed: np.ndarray
-    yields: float = 0.0
+    end: End
     corrected: bool = False
     stopped: bool = False
     pace: float = 1.0
@@ -62,7 +80,7 @@ class PlannedManipulation:
     @property
     def foreseen(self) -> float:
         """Joint value at the end, as the model has it for an arm that gets to where it is sent [m or rad]."""
-        return self.delivery.replay.final + self.yields
+        return self.delivery.replay.final + self.end.yields
 
 
 def planned_once(
@@ -91,21 +109,26 @@ def planned_once(
     pushed_at = session.arm.tool_pose(result.q_meas[-1])[:3, 3]
     doubts = tuple(_doubt(change, one.doubt, belief, request, pushed_at) for change in PERTURBATIONS)
     yields = _yields(session, belief, result)
-    sent = replace(request, s_target=request.s_target - yields)
     touching = session.pace * TimeLawSettings.contact_speed_m_s
     pace = TimeLawSettings(speed=settings.plan_speed, contact_speed_m_s=touching)
-    delivery = deliver(sent, result, pace, doubts, accept_fragile=True)
+
+    def delivered(yields: float) -> tuple[Delivery, End]:
+        sent = replace(request, s_target=request.s_target - yields)
+        delivery = deliver(sent, result, pace, doubts, accept_fragile=True)
+        return delivery, _end(session, belief, request, delivery, yields)
+
+    delivery, end = delivered(yields)
+    beside = abs(delivery.replay.final + end.yields - request.s_target)
+    if end.touching and beside > BESIDE * settings.task.good_enough:
+        delivery, end = delivered(end.yields)
     played = delivery.replay
     touched = int(np.argmax(np.abs(played.s - s_initial) > settings.task.moving))
-    end = ManipulationEnd(delivery.trajectory.q[-1], played.final, played.q_meas[:touched])
-    escape, home = way_home(session, belief, request, number, view, end)
+    left = ManipulationEnd(delivery.trajectory.q[-1], played.final, played.q_meas[:touched])
+    escape, home = way_home(session, belief, request, number, view, left)
     motions = (Motion(delivery.trajectory, f"manipulation {number}"), *home)
-    geom, p_pushed = _pushed(session, belief, request, delivery)
-    if delivery.fragile is None and at_an_edge(p_pushed, belief.within):
+    if delivery.fragile is None and at_an_edge(end.p_pushed, belief.within):
         delivery = replace(delivery, fragile=f"fragile: it pushes the {settings.task.part} at an edge")
-    return PlannedManipulation(
-        number, request, result, delivery, escape, motions, geom, p_pushed, yields, pace=session.pace
-    )
+    return PlannedManipulation(number, request, result, delivery, escape, motions, end, pace=session.pace)
 
 
 def request_for(session: Session, belief: Belief, number: int, s_initial: float, one: Try) -> PlanRequest:
@@ -215,20 +238,35 @@ def _doubt(
     )
 
 
-def _pushed(
-    session: Session, belief: Belief, request: PlanRequest, delivery: Delivery
-) -> tuple[str, np.ndarray]:
-    """What the fingertip is nearest to when it moves the part for the last time in the replay, and where, (3,) [m]."""
-    played = delivery.replay
+def _end(session: Session, belief: Belief, request: PlanRequest, delivery: Delivery, yields: float) -> End:
+    """How the fingertip leaves the part.
+
+    Where they touch at the end, an arm that gets to where it is sent leaves the part where it touches the fingertip
+    there, whatever its friction; else the model's servos are taken to have given way by ``yields`` [m or rad].
+    """
+    played, path, growing = delivery.replay, Path(request.object_mjcf), request.s_target > request.s_initial
+    nearest = nearest_to_tip(session.arm, played.q_meas[-1], _part_shapes(path, played.final))
+    if nearest.distance_m < TOUCHING_M:
+        around, most = played.final + yields, session.settings.task.far_off
+        touched = touch_at(path, session.arm, delivery.trajectory.q[-1], around, growing, most)
+        if touched is not None:
+            p = _in_part(belief, touched.p, touched.s)
+            return End(touched.geom, p, touched.s - played.final, touching=True)
     moving = np.flatnonzero(np.abs(np.diff(played.s)) > session.settings.task.moving)
     row = int(moving[-1]) if len(moving) else len(played.s) - 1
     s = float(played.s[row])
-    part = [
-        shape for shape in object_obstacles(Path(request.object_mjcf), s) if shape.name.startswith("part_")
-    ]
-    nearest = nearest_to_tip(session.arm, played.q_meas[row], part)
+    nearest = nearest_to_tip(session.arm, played.q_meas[row], _part_shapes(path, s))
+    return End(nearest.name, _in_part(belief, nearest.p, s), yields, touching=False)
+
+
+def _part_shapes(path: Path, s: float) -> list[Obstacle]:
+    return [shape for shape in object_obstacles(path, s) if shape.name.startswith("part_")]
+
+
+def _in_part(belief: Belief, p: np.ndarray, s: float) -> np.ndarray:
+    """A point (3,) of the base frame in the part's frame, the joint at ``s``."""
     X = belief.carried(s, 0.0)
-    return nearest.name, X[:3, :3] @ nearest.p + X[:3, 3]
+    return X[:3, :3] @ p + X[:3, 3]
 
 
 def _unmodelled(belief: Belief, view: Observation, s: float) -> np.ndarray:

@@ -103,11 +103,9 @@ def reach(
         s_now, learns = done.measured.s, "touch" not in settings.without and not anew
         lesson = _lesson(offset, task.far_off, positive=positive)
         if learns and left and not planned.stopped and lesson:
-            taught = corrected(record.belief, planned.pushed_geom, lesson, positive, folder)
+            taught = corrected(record.belief, planned.end.geom, lesson, positive, folder)
             record.belief = taught.with_proven(positive, planned.result.p_part)
-            journal.say(
-                f"belief corrected: pushed side of {planned.pushed_geom} by {task.unit.show(-lesson)}"
-            )
+            journal.say(f"belief corrected: pushed side of {planned.end.geom} by {task.unit.show(-lesson)}")
     return view
 
 

@@ -120,7 +120,7 @@ def _attempt(done: DoneManipulation) -> dict[str, Any]:
         "tick_start": done.executed[0].tick_start if done.executed else None,
         "plan_seqs": [executed.seq for executed in done.executed],
         "duration_s": planned.delivery.trajectory.duration_s,
-        "pushed_geom": planned.pushed_geom,
+        "pushed_geom": planned.end.geom,
         "escape_clearance_m": planned.escape.clearance_m,
         "planner": {
             "seed": planned.request.seed,

@@ -16,6 +16,7 @@ from s2r_host.run.belief import Belief
 from s2r_host.run.journal import Journal
 from s2r_host.run.lost_motion import LostMotion, learn_lost_motion, tells
 from s2r_host.run.physics import SLOWLY
+from s2r_host.run.planned import End
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import as_json
 from s2r_host.run.settings import RunSettings
@@ -43,7 +44,7 @@ def _done(
     request = PlanRequest(None, "unused", s_initial, foreseen, np.zeros(7))  # type: ignore[arg-type]
     trajectory = SimpleNamespace(built=foreseen, geom=geom, grows=grows)
     planned = SimpleNamespace(
-        foreseen=foreseen, yields=0.0, pushed_geom=geom, p_pushed=np.array([PUSHED, 0.0, 0.0]), number=1,
+        foreseen=foreseen, end=End(geom, np.array([PUSHED, 0.0, 0.0]), 0.0, touching=False), number=1,
         request=request, stopped=False, corrected=False, pace=1.0, delivery=SimpleNamespace(trajectory=trajectory),
     )  # fmt: skip
     for name, value in more.items():
@@ -152,7 +153,8 @@ def test_a_side_that_lies_further_back_is_known_for_pushes_elsewhere_too(run):
     motions = []
     for place in places:
         at = np.array([place, 0.0, 0.0])
-        motion = _done(FAUCET, 0.4, 0.4 + np.arctan2(back_m, place), 0.0, p_pushed=at)
+        motion = _done(FAUCET, 0.4, 0.4 + np.arctan2(back_m, place), 0.0)
+        motion.planned.end = End("part_front", at, 0.0, touching=False)
         motion.planned.delivery.trajectory.at = at
         motions.append(motion)
     session, record = run(FAUCET, *motions[:2])
