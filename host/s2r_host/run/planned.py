@@ -9,14 +9,13 @@ import numpy as np
 
 from s2r_host.errors import TargetError
 from s2r_host.motion.escape import Escape, plan_escape
-from s2r_host.motion.nearest import nearest_to_tip
 from s2r_host.motion.object_shapes import object_obstacles
-from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
+from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.planning import PlanRequest, PlanResult, PlanSettings, plan_manipulation
 from s2r_host.planning.belief import Belief as ObjectBelief
 from s2r_host.run.belief import Belief
-from s2r_host.run.contact import touch_at
 from s2r_host.run.doubts import TOUCHED_SHARE, deep_about, doubt_about, room_about
+from s2r_host.run.end import End, end_of
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Motion, Session
 from s2r_host.run.sure_part import at_an_edge
@@ -26,29 +25,10 @@ from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
 from s2r_host.trajectory.deliver import MotionHitsError, apart
 from s2r_host.trajectory.perturb import PERTURBATIONS
 
-TOUCHING_M = 3e-4  # the fingertip this near to the part touches it
 BESIDE = (
     0.1  # of what is good enough: a motion that leaves the part further beside its target is timed once more
 )
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
-
-
-@dataclass(frozen=True, eq=False)
-class End:
-    """How the fingertip leaves the part at the end of a manipulation.
-
-    Attributes:
-        geom: What it presses on.
-        p_pushed: And where, in the part's frame (joint value 0), (3,) [m].
-        yields: How much less far the model's arm, whose servos give way under the contact, moved the part than one that
-            gets to where it is sent [m or rad].
-        touching: Part and fingertip touch at the end; else the part went on by itself.
-    """
-
-    geom: str
-    p_pushed: np.ndarray
-    yields: float
-    touching: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +95,7 @@ def planned_once(
     def delivered(yields: float) -> tuple[Delivery, End]:
         sent = replace(request, s_target=request.s_target - yields)
         delivery = deliver(sent, result, pace, doubts, accept_fragile=True)
-        return delivery, _end(session, belief, request, delivery, yields)
+        return delivery, end_of(session.arm, belief, request, delivery, yields, settings.task)
 
     delivery, end = delivered(yields)
     beside = abs(delivery.replay.final + end.yields - request.s_target)
@@ -236,37 +216,6 @@ def _doubt(
     return replace(
         one, shift_m=(share * x, share * y, share * z), damping=resistance, joint_friction=resistance
     )
-
-
-def _end(session: Session, belief: Belief, request: PlanRequest, delivery: Delivery, yields: float) -> End:
-    """How the fingertip leaves the part.
-
-    Where they touch at the end, an arm that gets to where it is sent leaves the part where it touches the fingertip
-    there, whatever its friction; else the model's servos are taken to have given way by ``yields`` [m or rad].
-    """
-    played, path, growing = delivery.replay, Path(request.object_mjcf), request.s_target > request.s_initial
-    nearest = nearest_to_tip(session.arm, played.q_meas[-1], _part_shapes(path, played.final))
-    if nearest.distance_m < TOUCHING_M:
-        around, most = played.final + yields, session.settings.task.far_off
-        touched = touch_at(path, session.arm, delivery.trajectory.q[-1], around, growing, most)
-        if touched is not None:
-            p = _in_part(belief, touched.p, touched.s)
-            return End(touched.geom, p, touched.s - played.final, touching=True)
-    moving = np.flatnonzero(np.abs(np.diff(played.s)) > session.settings.task.moving)
-    row = int(moving[-1]) if len(moving) else len(played.s) - 1
-    s = float(played.s[row])
-    nearest = nearest_to_tip(session.arm, played.q_meas[row], _part_shapes(path, s))
-    return End(nearest.name, _in_part(belief, nearest.p, s), yields, touching=False)
-
-
-def _part_shapes(path: Path, s: float) -> list[Obstacle]:
-    return [shape for shape in object_obstacles(path, s) if shape.name.startswith("part_")]
-
-
-def _in_part(belief: Belief, p: np.ndarray, s: float) -> np.ndarray:
-    """A point (3,) of the base frame in the part's frame, the joint at ``s``."""
-    X = belief.carried(s, 0.0)
-    return X[:3, :3] @ p + X[:3, 3]
 
 
 def _unmodelled(belief: Belief, view: Observation, s: float) -> np.ndarray:

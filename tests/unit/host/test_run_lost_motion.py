@@ -13,10 +13,11 @@ from s2r_host.planning.task import PlanRequest
 from s2r_host.report.page import write_report
 from s2r_host.run import lost_motion
 from s2r_host.run.belief import Belief
+from s2r_host.run.contact import Touched
+from s2r_host.run.end import End
 from s2r_host.run.journal import Journal
 from s2r_host.run.lost_motion import LostMotion, learn_lost_motion, tells
 from s2r_host.run.physics import SLOWLY
-from s2r_host.run.planned import End
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import as_json
 from s2r_host.run.settings import RunSettings
@@ -183,6 +184,24 @@ def test_what_was_told_of_the_joint_since_counts_for_earlier_motions(run, monkey
         pytest.approx(0.004, rel=NEARLY),
         pytest.approx(-0.002, rel=NEARLY),
     ]
+
+
+def test_where_the_fingertip_pushed_to_the_end_geometry_says_where_the_part_was_left(run, monkeypatch):
+    """No replay: what the joint resists with does not count."""
+    out = _done(FAUCET, 0.4, 0.42, 0.0)
+    out.planned.end = End("part_front", np.array([PUSHED, 0.0, 0.0]), 0.0, touching=True)
+    out.planned.delivery.trajectory.q = np.zeros((2, 7))
+
+    def touched(path, arm, q_end, s, positive, most):
+        request = SimpleNamespace(object_mjcf=path)
+        return Touched(_played(out.planned.delivery.trajectory, request).final, "part_front", np.zeros(3))  # type: ignore[arg-type]
+
+    monkeypatch.setattr(lost_motion, "touch_at", touched)
+    monkeypatch.setattr(lost_motion, "replay", None)
+    session, record = run(FAUCET, out)
+    session.arm = None
+    learn_lost_motion(session, record)
+    assert _again(record, out) == pytest.approx(0.42, abs=0.02 * NEARLY)
 
 
 def test_a_surface_that_does_not_decide_where_motions_end_stays(run, monkeypatch):

@@ -1,0 +1,80 @@
+"""How a manipulation leaves the part: pushed to the end by the fingertip, or gone on by itself.
+
+The servos of the planner's model are springs: pushing with 10 N they stay a milliradian behind, and by how much depends
+on a friction that is known to a third. A drive with an integral part gets to where it is sent. Where the fingertip
+pushes to the end geometry alone says where the part stays then, and only where it does not the replay's word counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from s2r_host.motion.arm_model import ArmModel
+from s2r_host.motion.nearest import nearest_to_tip
+from s2r_host.motion.object_shapes import object_obstacles
+from s2r_host.motion.obstacles import Obstacle
+from s2r_host.planning import PlanRequest
+from s2r_host.run.belief import Belief
+from s2r_host.run.contact import touch_at
+from s2r_host.run.task import Task
+from s2r_host.trajectory import Delivery
+
+TOUCHING_M = 3e-4  # the fingertip this near to the part touches it
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """How the fingertip leaves the part at the end of a manipulation.
+
+    Attributes:
+        geom: What it presses on.
+        p_pushed: And where, in the part's frame (joint value 0), (3,) [m].
+        yields: How much less far the model's arm, whose servos give way under the contact, moved the part than one that
+            gets to where it is sent [m or rad].
+        touching: Part and fingertip touch at the end; else the part went on by itself.
+    """
+
+    geom: str
+    p_pushed: np.ndarray
+    yields: float
+    touching: bool
+
+
+def end_of(
+    arm: ArmModel, belief: Belief, request: PlanRequest, delivery: Delivery, yields: float, task: Task
+) -> End:
+    """How the fingertip leaves the part.
+
+    Args:
+        arm: Its fingertip.
+        belief: In the object.
+        request: The object file, and which way the part is pushed.
+        delivery: The motion and its replay.
+        yields: How much the model's servos give way by where fingertip and part do not touch at the end [m or rad].
+        task: Kind of object.
+    """
+    played, path, growing = delivery.replay, Path(request.object_mjcf), request.s_target > request.s_initial
+    if nearest_to_tip(arm, played.q_meas[-1], _part_shapes(path, played.final)).distance_m < TOUCHING_M:
+        around, q_end = played.final + yields, delivery.trajectory.q[-1]
+        touched = touch_at(path, arm, q_end, around, growing, task.far_off)
+        if touched is not None:
+            p = _in_part(belief, touched.p, touched.s)
+            return End(touched.geom, p, touched.s - played.final, touching=True)
+    moving = np.flatnonzero(np.abs(np.diff(played.s)) > task.moving)
+    row = int(moving[-1]) if len(moving) else len(played.s) - 1
+    s = float(played.s[row])
+    nearest = nearest_to_tip(arm, played.q_meas[row], _part_shapes(path, s))
+    return End(nearest.name, _in_part(belief, nearest.p, s), yields, touching=False)
+
+
+def _part_shapes(path: Path, s: float) -> list[Obstacle]:
+    return [shape for shape in object_obstacles(path, s) if shape.name.startswith("part_")]
+
+
+def _in_part(belief: Belief, p: np.ndarray, s: float) -> np.ndarray:
+    """A point (3,) of the base frame in the part's frame, the joint at ``s``."""
+    X = belief.carried(s, 0.0)
+    return X[:3, :3] @ p + X[:3, 3]
