@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from s2r_host.perception.estimate import JointEstimate
+from s2r_host.planning.doubt import Z90
 from s2r_host.run.belief import Belief
 from s2r_host.run.contact import corrected, side_moved, touch_at
 from s2r_host.run.manipulate import DoneManipulation
@@ -143,20 +145,31 @@ def _touches(
     Without those that ended far off: one motion that went another way must not shift the rest.
     """
     touches = (
-        Touch(one.measured.s - s, one.measured.sigma, _columns(one, belief))
+        _touch(one, one.measured.s - s, belief)
         for one in like
         if (s := _foreseen(one, session, belief, record, folder)) is not None
     )
     return [touch for touch in touches if abs(touch.offset) < record.settings.task.far_off]
 
 
-def _columns(done: DoneManipulation, belief: Belief) -> np.ndarray:
-    """What one unit of each number that says where the side is does to the end of a motion, see :mod:`.side`."""
-    template = belief.template
+def _touch(done: DoneManipulation, offset: float, belief: Belief) -> Touch:
+    template, measured = belief.template, done.measured
     if template.slides:
-        return np.ones(1)
+        return Touch(offset, measured.sigma, 0.0, np.ones(1))
     p = _place(done, belief)
-    return hinge_columns(p, template.p.mean(axis=0), template.velocity(p[None])[0])
+    velocity = template.velocity(p[None])[0]
+    joint = _of_the_joint(belief.estimate, measured.s, float(np.linalg.norm(velocity)))
+    return Touch(offset, measured.sigma, joint, hinge_columns(p, template.p.mean(axis=0), velocity))
+
+
+def _of_the_joint(estimate: JointEstimate, s: float, radius_m: float) -> float:
+    """How far beside a part may be seen because its hinge lies beside where it is believed, one standard deviation.
+
+    Both views that told the hinge were laid on each other, so there it makes no error; turned on from the nearer one,
+    the part is carried about a line that is somewhat off [rad].
+    """
+    turned = min(abs(s), abs(s - estimate.delta))
+    return estimate.intervals90.axis_offset_m / Z90 * 2.0 * float(np.sin(0.5 * turned)) / radius_m
 
 
 def _place(done: DoneManipulation, belief: Belief) -> np.ndarray:

@@ -4,7 +4,7 @@ A side that lies a millimetre further back than modelled leaves the part that mu
 fingertip pushed 110 mm from a hinge, one degree where it pushed at 60, and by other amounts at other heights where the
 side stands askew. A small rigid motion of the side (a shift and a turn about the part's middle) explains all of them
 at once. Its mean under a Gaussian prior is linear regression (Bishop, Pattern Recognition and Machine Learning, 3.3),
-with an error that all looks of one kind share and one of each motion; motions that went another way are weighed down.
+with errors that all looks of one kind share and one of each motion; motions that went another way are weighed down.
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+SHARED = (
+    0.5  # of a look's variance is the same in all looks of one kind: the same faces seen from the same side
+)
 SCATTER = 0.15  # of what motions usually end beside: by so much like ones differ among themselves
 OUTLYING = 1.5  # scatters from which on a motion counts less
 ROUNDS = 6
@@ -28,11 +31,13 @@ class Touch:
     Attributes:
         offset: How much further than foreseen it left the part (negative: less far) [m or rad].
         sigma: Standard error of the look afterwards [m or rad].
+        joint: Error that the joint, as far as it is known, makes in all looks thereabouts [m or rad].
         columns: What ``offset`` becomes per unit of each number that says where the side is, (k,).
     """
 
     offset: float
     sigma: float
+    joint: float
     columns: np.ndarray
 
 
@@ -68,15 +73,15 @@ def where(touches: Sequence[Touch], beside: float, usual: np.ndarray) -> np.ndar
         return np.zeros(len(usual))
     A = np.stack([touch.columns for touch in seen])
     offset = np.array([touch.offset for touch in seen])
-    prior, scatter = np.diag(usual**2), SCATTER * beside
-    shared = float(np.median([touch.sigma for touch in seen])) ** 2 * np.ones((len(seen), len(seen)))
+    sigma, joint = np.array([touch.sigma for touch in seen]), np.array([touch.joint for touch in seen])
+    prior, told_apart = np.diag(usual**2), len(seen) > 2
+    shared = SHARED * np.outer(sigma, sigma) + np.outer(joint, joint)
+    own = np.sqrt((1.0 - SHARED) * sigma**2 + (SCATTER * beside) ** 2)
     left = offset - np.median(offset)
     found = np.zeros(len(usual))
     for _ in range(ROUNDS):
-        outlying = (
-            np.maximum(np.abs(left) / scatter - OUTLYING, 0.0) if len(seen) > 2 else np.zeros(len(seen))
-        )
-        noise = shared + np.diag(scatter**2 * (1.0 + outlying**2))
+        outlying = np.maximum(np.abs(left) / own - OUTLYING, 0.0) * told_apart
+        noise = shared + np.diag(own**2 * (1.0 + outlying**2))
         found = prior @ A.T @ np.linalg.solve(A @ prior @ A.T + noise, offset)
         left = offset - A @ found
     return found
