@@ -19,6 +19,7 @@ from s2r_host.motion.obstacles import Obstacle
 from s2r_host.planning import PlanRequest
 from s2r_host.run.belief import Belief
 from s2r_host.run.contact import touch_at
+from s2r_host.run.sure_part import at_an_edge
 from s2r_host.run.task import Task
 from s2r_host.trajectory import Delivery
 
@@ -35,12 +36,14 @@ class End:
         yields: How much less far the model's arm, whose servos give way under the contact, moved the part than one that
             gets to where it is sent [m or rad].
         touching: Part and fingertip touch at the end; else the part went on by itself.
+        at_edge: It presses where the part was cut back: the real edge lies beyond, and the part goes further.
     """
 
     geom: str
     p_pushed: np.ndarray
     yields: float
     touching: bool
+    at_edge: bool = False
 
 
 def end_of(
@@ -62,7 +65,8 @@ def end_of(
         touched = touch_at(path, arm, q_end, around, growing, task.far_off)
         if touched is not None:
             p = _in_part(belief, touched.p, touched.s)
-            return End(touched.geom, p, touched.s - played.final, touching=True)
+            edge = at_an_edge(p, belief.within)
+            return End(touched.geom, p, touched.s - played.final, touching=True, at_edge=edge)
     moving = np.flatnonzero(np.abs(np.diff(played.s)) > task.moving)
     row = int(moving[-1]) if len(moving) else len(played.s) - 1
     s = float(played.s[row])

@@ -26,7 +26,6 @@ from s2r_host.run.physics import braked, newest_law
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
 from s2r_host.run.side import Touch, hinge_columns, hinge_doubts, transform, where
-from s2r_host.run.sure_part import at_an_edge
 from s2r_host.run.task import Task
 from s2r_host.trajectory.verify import replay
 
@@ -68,7 +67,7 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
         record: Its belief gets what is learnt.
     """
     settings, task, done = session.settings, session.settings.task, len(record.attempts)
-    ways = {} if record.belief is None or "touch" in settings.without else _ways(record, record.belief)
+    ways = {} if record.belief is None or "touch" in settings.without else _ways(record)
     if record.belief is None or not ways:
         return
     found: dict[str, float] = {}
@@ -116,12 +115,12 @@ def tells(done: DoneManipulation, task: Task) -> bool:
     return abs(done.measured.s - done.foreseen) < task.far_off
 
 
-def _ways(record: RunRecord, belief: Belief) -> dict[tuple[bool, str], list[DoneManipulation]]:
+def _ways(record: RunRecord) -> dict[tuple[bool, str], list[DoneManipulation]]:
     """The motions that tell something of the side they pushed, by direction; of a slide by surface as well, each of
     which is learnt apart."""
     task, ways = record.settings.task, defaultdict(list)
     for one in record.attempts:
-        if tells(one, task) and not at_an_edge(_place(one, belief), belief.within):
+        if tells(one, task) and not one.planned.end.at_edge:
             surface = one.planned.end.geom if task.joint_type == "prismatic" else ""
             ways[_grew(one), surface].append(one)
     return ways

@@ -18,7 +18,6 @@ from s2r_host.run.doubts import TOUCHED_SHARE, deep_about, doubt_about, room_abo
 from s2r_host.run.end import End, end_of
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Motion, Session
-from s2r_host.run.sure_part import at_an_edge
 from s2r_host.run.travel import FREE, LEAVING, timed
 from s2r_host.run.tries import Try
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
@@ -106,8 +105,6 @@ def planned_once(
     left = ManipulationEnd(delivery.trajectory.q[-1], played.final, played.q_meas[:touched])
     escape, home = way_home(session, belief, request, number, view, left)
     motions = (Motion(delivery.trajectory, f"manipulation {number}"), *home)
-    if delivery.fragile is None and at_an_edge(end.p_pushed, belief.within):
-        delivery = replace(delivery, fragile=f"fragile: it pushes the {settings.task.part} at an edge")
     return PlannedManipulation(number, request, result, delivery, escape, motions, end, pace=session.pace)
 
 

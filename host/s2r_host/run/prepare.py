@@ -69,7 +69,8 @@ def prepare_manipulation(
     task, to_go = session.settings.task, abs(session.target - s_initial)
     on_target = _on_target(session.target, careful=number > 1 and to_go <= task.tolerance)
     plans = _Plans(session, lambda one: planned_once(session, belief, number, s_initial, view, one), number)
-    planned = plans.first(on_target)
+    quick, patient = on_target[:QUICK_TRIES], on_target[QUICK_TRIES:]
+    planned = plans.first(quick, off_edges=True) or plans.at_edge or plans.first(patient)
     if planned is not None:
         return planned
     why = grouped([one.reason for one in plans.failed])
@@ -97,16 +98,23 @@ class _Plans:
     Attributes:
         failed: Those without a plan that every believable object survives, with their reasons.
         fragile: The plans of those that have one which not every believable object survives.
+        at_edge: The first plan that every one survives but that pushes the part at an edge, where it was to be avoided.
     """
 
     def __init__(self, session: Session, plan: Callable[[Try], PlannedManipulation], number: int) -> None:
         self.failed: list[FailedTry] = []
         self.fragile: list[PlannedManipulation] = []
+        self.at_edge: PlannedManipulation | None = None
         self._hits = False
         self._plan, self._number, self._journal = plan, number, session.journal
 
-    def first(self, tries: Iterable[Try]) -> PlannedManipulation | None:
-        """Plan one try after the other until every believable object survives; what fails is kept."""
+    def first(self, tries: Iterable[Try], *, off_edges: bool = False) -> PlannedManipulation | None:
+        """Plan one try after the other until every believable object survives; what fails is kept.
+
+        Args:
+            tries: In order.
+            off_edges: Plans that push the part at an edge are kept and not taken.
+        """
         for asked in tries:
             one = replace(asked, apart=self._hits)
             try:
@@ -115,11 +123,15 @@ class _Plans:
                 reason = str(error)
                 self._hits |= isinstance(error, MotionHitsError)
             else:
-                if planned.delivery.fragile is None:
+                fragile = planned.delivery.fragile
+                if fragile is None and not (off_edges and planned.end.at_edge):
                     return planned
-                reason = planned.delivery.fragile
+                reason = fragile or "it pushes the part at an edge"
                 self._hits |= planned.delivery.hits
-                self.fragile.append(planned)
+                if fragile is None:
+                    self.at_edge = self.at_edge or planned
+                else:
+                    self.fragile.append(planned)
             logger.info("try %d to plan manipulation %d: %s", one.number + 1, self._number, reason)
             self.failed.append(FailedTry(self._number, one, reason))
             self._journal.failed_tries.append(self.failed[-1])

@@ -35,9 +35,10 @@ class Trial:
         if not found:
             raise TargetError(f"no way to {one.s_target}")
         delivery = SimpleNamespace(fragile=None, hits=False, strays=0.0)
-        if found is not True:  # how far from the target some object ends
+        if found not in (True, "edge"):  # how far from the target some object ends
             delivery = SimpleNamespace(fragile="fragile: it slips", hits=False, strays=found)
-        return SimpleNamespace(foreseen=one.s_target - 0.01, delivery=delivery)
+        end = SimpleNamespace(at_edge=found == "edge")
+        return SimpleNamespace(foreseen=one.s_target - 0.01, delivery=delivery, end=end)
 
     def prepare(self, s_initial=0.0, number=1):
         session: Any = SimpleNamespace(
@@ -54,6 +55,17 @@ def test_a_plan_that_ends_on_target_is_taken_without_a_word(monkeypatch):
     trial.prepare()
     assert trial.asked == [(TARGET, 1.0, None)]
     assert not trial.warnings
+
+
+def test_a_plan_that_pushes_an_edge_is_taken_where_no_quick_one_does_without(monkeypatch):
+    trial = Trial(monkeypatch, lambda target, tolerance: "edge")
+    assert trial.prepare().end.at_edge
+    assert trial.asked == [(TARGET, 1.0, None)] * prepare.QUICK_TRIES
+    assert not trial.warnings
+    answers = iter(["edge", True])
+    other = Trial(monkeypatch, lambda target, tolerance: next(answers))
+    assert not other.prepare().end.at_edge
+    assert [failed.reason for failed in other.failed_tries] == ["it pushes the part at an edge"]
 
 
 def test_a_state_on_the_way_comes_before_one_beside_the_target(monkeypatch):
