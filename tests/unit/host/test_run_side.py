@@ -32,7 +32,7 @@ def test_what_a_moved_side_does_is_what_its_columns_say(turn, shift):
 def test_a_shifted_and_turned_side_is_found_where_it_was_not_pushed():
     true = np.array([0.005, 0.0, 0.008, 0.0, 0.0015, 0.0])
     pushed = [np.array([x, 0.0, z]) for x, z in ((0.06, 0.1), (0.11, 0.11), (0.09, 0.07), (0.07, 0.13))]
-    found = where([Touch(_columns(p) @ true, 0.0, 0.0, _columns(p)) for p in pushed], BESIDE, DOUBTS)
+    found = where([Touch(float(_columns(p) @ true), 0.0, 0.0, _columns(p)) for p in pushed], BESIDE, DOUBTS)
     elsewhere = np.array([0.1, 0.0, 0.12])
     assert _columns(elsewhere) @ found == pytest.approx(_columns(elsewhere) @ true, abs=np.radians(0.1))
 
