@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import mujoco
@@ -46,6 +46,8 @@ class Belief:
             at the side of the part that such motions push, see :mod:`s2r_host.run.contact`.
         shifts: What was corrected -> how far along or about the axis it was moved from the built model [m or rad].
         within: Where a hinge's part is sure: it is believed to end there.
+        moved: Surface and direction -> how the side that such motions push was moved by lessons about lost motion, see
+            :mod:`s2r_host.run.lost_motion`.
         felt: Mass and friction of the part as the arm felt them; None before it felt anything.
         missed: Places for the fingertip in the part's frame [m] from which a push meant to let the joint grow (True) or
             fall moved nothing: things are not there as believed.
@@ -61,6 +63,7 @@ class Belief:
     growing: Path
     shifts: dict[str, float]
     within: tuple[HalfSpace, ...] = ()
+    moved: dict[str, np.ndarray] = field(default_factory=dict)
     felt: ObjectNumbers | None = None
     braking: tuple[float, float] | None = None
     missed: tuple[tuple[bool, tuple[float, float, float]], ...] = ()

@@ -81,7 +81,7 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
             touches = _touches(like, session, record.belief, record, folder)
             if not touches:
                 continue
-            so_far = _moved_so_far(record, way)
+            so_far = record.belief.moved.get(way, np.zeros(len(touches[0].columns)))
             step = _where(touches, so_far, record.belief, task) - so_far
             offset = _median(touches, step)
             if abs(offset) < LEAST * task.good_enough:
@@ -91,7 +91,7 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
             again = _touches(like, session, belief, record, folder)
             if abs(_median(again) - (_median(touches) - offset)) > FOLLOWS * abs(offset):
                 continue
-            record.belief, moved[way] = belief, step
+            record.belief, moved[way] = replace(belief, moved={**belief.moved, way: so_far + step}), step
             found[f"{geom}, {WAY[positive]}"] = -offset if positive else offset
         stage.note = (
             "; ".join(f"{task.unit.show(lost)} at {what}" for what, lost in found.items()) or "as known"
@@ -124,12 +124,6 @@ def _ways(record: RunRecord) -> dict[tuple[bool, str], list[DoneManipulation]]:
             surface = one.planned.end.geom if task.joint_type == "prismatic" else ""
             ways[_grew(one), surface].append(one)
     return ways
-
-
-def _moved_so_far(record: RunRecord, way: str) -> np.ndarray:
-    """How lessons so far have moved the side that such motions push."""
-    size = 1 if record.settings.task.joint_type == "prismatic" else 6
-    return sum((lesson.moved[way] for lesson in record.lost_motion if way in lesson.moved), np.zeros(size))
 
 
 def _grew(done: DoneManipulation) -> bool:

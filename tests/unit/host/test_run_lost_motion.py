@@ -131,6 +131,17 @@ def test_what_is_known_is_not_learnt_twice(run):
     assert len(record.lost_motion) == 1
 
 
+def test_an_object_modelled_anew_knows_of_no_lesson(run):
+    """Where the joint is told again the model is built again, with its sides where they were seen."""
+    out = _done(FAUCET, 0.4, 0.42, 0.0)
+    session, record = run(FAUCET, out)
+    built = record.belief
+    learn_lost_motion(session, record)
+    record.belief = built
+    learn_lost_motion(session, record)
+    assert _again(record, out) == pytest.approx(0.42, abs=0.02 * NEARLY)
+
+
 def test_one_motion_that_went_another_way_does_not_shift_the_rest(run):
     ends = (0.098, 0.0981, 0.0945)
     motions = [_done(DRAWER, 0.1, end, 0.0) for end in ends]
