@@ -259,9 +259,9 @@ def _lost_motion(record: RunRecord) -> str:
         for lesson in record.lost_motion
     ]
     note = (
-        '<p class="note">How much less far than foreseen the part went (negative: further), by the median of the '
-        "motions so far, played again in the object as believed by then. The surface that they pushed was moved by "
-        "that much along the joint.</p>"
+        '<p class="note">How much less far than foreseen the part went (negative: further), by all motions so far, in '
+        "the object as believed by then: the side that they pushed was moved by so much in the median. Of a hinge's "
+        "part that is a small shift and turn of the side, which <code>run.json</code> has.</p>"
     )
     header = ("after", "lost, by surface and direction")
     return section("Lost motion learnt between the targets", table(header, rows) + note)

@@ -46,19 +46,25 @@ def corrected(belief: Belief, geom: str, offset: float, positive: bool, folder: 
             for source, name in ((belief.falling, "falling.xml"), (belief.growing, "growing.xml"))
         )
         return replace(belief, falling=falling, growing=growing, shifts=_added(belief, geom, -offset))
-    moved = side_moved(belief, belief.template.pose(-offset), positive, folder)
-    return replace(moved, shifts=_added(belief, SIDES[positive], -offset))
+    return side_moved(belief, belief.template.pose(-offset), offset, positive, folder)
 
 
-def side_moved(belief: Belief, X: np.ndarray, positive: bool, folder: Path) -> Belief:
-    """Place a hinge's part anew by ``X`` (4, 4, base frame at joint value 0), for motions of one direction alone.
+def side_moved(belief: Belief, X: np.ndarray, offset: float, positive: bool, folder: Path) -> Belief:
+    """Place a hinge's part anew, for motions of one direction alone.
+
+    Args:
+        belief: So far.
+        X: (4, 4), base frame at joint value 0.
+        offset: How much further that lets motions go, about [rad].
+        positive: The joint grows during those motions.
+        folder: For the new file.
 
     Raises:
         SceneError: The model has no part.
     """
     name = "growing" if positive else "falling"
     path = with_part_moved(belief.path(positive), JOINT, X, folder / f"{name}.xml")
-    shifts = _added(belief, SIDES[positive], 0.0)
+    shifts = _added(belief, SIDES[positive], -offset)
     return (
         replace(belief, shifts=shifts, growing=path)
         if positive

@@ -87,7 +87,7 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
             if abs(offset) < LEAST * task.good_enough:
                 continue
             geom, _ = Counter(one.planned.end.geom for one in like).most_common(1)[0]
-            belief = _with_side(record.belief, geom, step, folder, positive=positive)
+            belief = _with_side(record.belief, geom, step, offset, folder, positive=positive)
             again = _touches(like, session, belief, record, folder)
             if abs(_median(again) - (_median(touches) - offset)) > FOLLOWS * abs(offset):
                 continue
@@ -180,10 +180,12 @@ def _where(touches: Sequence[Touch], so_far: np.ndarray, belief: Belief, task: T
     return where(whole, task.beside, hinge_doubts(task.beside, radius_m))
 
 
-def _with_side(belief: Belief, geom: str, step: np.ndarray, folder: Path, *, positive: bool) -> Belief:
+def _with_side(
+    belief: Belief, geom: str, step: np.ndarray, offset: float, folder: Path, *, positive: bool
+) -> Belief:
     if belief.template.slides:
         return corrected(belief, geom, float(step[0]), positive, folder)
-    return side_moved(belief, transform(step, belief.template.p.mean(axis=0)), positive, folder)
+    return side_moved(belief, transform(step, belief.template.p.mean(axis=0)), offset, positive, folder)
 
 
 def _median(touches: Sequence[Touch], step: np.ndarray | None = None) -> float:
