@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import coal
@@ -10,15 +11,27 @@ import numpy as np
 
 from s2r_host.motion.obstacles import Obstacle, convex_obstacle
 
+JOINT, PART = "object_joint", "part_"
 
-def object_obstacles(mjcf_path: Path, s: float, joint: str = "object_joint") -> list[Obstacle]:
+
+def object_obstacles(mjcf_path: Path, s: float, joint: str = JOINT) -> list[Obstacle]:
     """Every geom of an object file at joint value ``s`` [m or rad].
 
     Boxes, spheres, cylinders and capsules stay primitives; meshes become their convex hull, which they are
     by construction. Planes are left out (the table is its own obstacle).
     """
     model = mujoco.MjModel.from_xml_path(str(mjcf_path))
+    return _obstacles(model, mujoco.MjData(model), s, joint)
+
+
+def part_obstacles(mjcf_path: Path) -> Callable[[float], list[Obstacle]]:
+    """The geoms of an object file's part as obstacles, by joint value [m or rad]; the file is read once."""
+    model = mujoco.MjModel.from_xml_path(str(mjcf_path))
     data = mujoco.MjData(model)
+    return lambda s: [o for o in _obstacles(model, data, s, JOINT) if o.name.startswith(PART)]
+
+
+def _obstacles(model: mujoco.MjModel, data: mujoco.MjData, s: float, joint: str) -> list[Obstacle]:
     data.qpos[model.jnt_qposadr[model.joint(joint).id]] = s
     mujoco.mj_kinematics(model, data)
     found = []

@@ -109,6 +109,11 @@ class Belief:
         """X (4, 4) that carries what is fixed to the part from one joint value to another, base frame."""
         return self.template.pose(s_to) @ np.linalg.inv(self.template.pose(s_from))
 
+    def carry(self, p: np.ndarray, s_from: float, s_to: float) -> np.ndarray:
+        """Where a point (3,) that is fixed to the part goes from one joint value to another, base frame, (3,)."""
+        X = self.carried(s_from, s_to)
+        return X[:3, :3] @ p + X[:3, 3]
+
 
 def estimate_part(
     before: Observation,
@@ -176,15 +181,15 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
 
     The belief in a drawer differs from the built model in one face: the front's back, which no camera saw, is put
     5 mm further in. A plan that hooks the front's upper edge must not count on millimetres nobody measured.
-    A hinge is believed to have enough dry friction to hold its part anywhere, and its part to end a little
-    before where it was seen to end (:mod:`s2r_host.run.sure_part`).
+    A hinge is believed to have enough dry friction to hold its part anywhere, and its part to end a little before
+    where it was seen to end (:mod:`s2r_host.run.sure_part`).
 
     Raises:
         ModelError: The views do not show enough of the object.
     """
     model = build_model(estimate, folder, outward=True, seed=seed)
     template, path = part_template(estimate), model.mjcf_path
-    within: list[HalfSpace] = []
+    within: tuple[HalfSpace, ...] = ()
     if not template.slides:
         template = template.with_back(_thickness_m(model))
         within = sure_within(model.pieces, estimate.motion)
@@ -193,7 +198,7 @@ def build_belief(estimate: JointEstimate, folder: Path, seed: int) -> Belief:
         path = with_face(
             path, "part_front", template.axis, -UNSEEN_MARGIN_M, folder / "believed.xml", inner=True
         )
-    return Belief(estimate, model, template, path, path, {}, tuple(within))
+    return Belief(estimate, model, template, path, path, {}, within)
 
 
 def _thickness_m(model: ObjectModel) -> float:

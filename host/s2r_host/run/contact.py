@@ -15,7 +15,7 @@ import numpy as np
 
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.nearest import Nearest, nearest_to_tip
-from s2r_host.motion.object_shapes import object_obstacles
+from s2r_host.motion.object_shapes import part_obstacles
 from s2r_host.run.belief import JOINT, SIDES, Belief
 from s2r_host.run.object_file import with_face, with_part_moved
 
@@ -107,11 +107,10 @@ def touch_at(
     Returns:
         The first touch when the part comes back from ``most`` beyond; None if it is nowhere near the fingertip.
     """
-    sign = 1.0 if positive else -1.0
+    sign, part = 1.0 if positive else -1.0, part_obstacles(path)
 
     def apart(value: float) -> Nearest:
-        shapes = [o for o in object_obstacles(path, value) if o.name.startswith("part_")]
-        return nearest_to_tip(arm, q_end, shapes)
+        return nearest_to_tip(arm, q_end, part(value))
 
     ahead = s + sign * most
     if apart(ahead).distance_m <= 0.0:

@@ -14,8 +14,7 @@ import numpy as np
 
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.nearest import nearest_to_tip
-from s2r_host.motion.object_shapes import object_obstacles
-from s2r_host.motion.obstacles import Obstacle
+from s2r_host.motion.object_shapes import part_obstacles
 from s2r_host.planning import PlanRequest
 from s2r_host.run.belief import Belief
 from s2r_host.run.contact import touch_at
@@ -60,25 +59,16 @@ def end_of(
         task: Kind of object.
     """
     played, path, growing = delivery.replay, Path(request.object_mjcf), request.s_target > request.s_initial
-    if nearest_to_tip(arm, played.q_meas[-1], _part_shapes(path, played.final)).distance_m < TOUCHING_M:
+    part = part_obstacles(path)
+    if nearest_to_tip(arm, played.q_meas[-1], part(played.final)).distance_m < TOUCHING_M:
         around, q_end = played.final + yields, delivery.trajectory.q[-1]
         touched = touch_at(path, arm, q_end, around, growing, task.far_off)
         if touched is not None:
-            p = _in_part(belief, touched.p, touched.s)
+            p = belief.carry(touched.p, touched.s, 0.0)
             edge = at_an_edge(p, belief.within)
             return End(touched.geom, p, touched.s - played.final, touching=True, at_edge=edge)
     moving = np.flatnonzero(np.abs(np.diff(played.s)) > task.moving)
     row = int(moving[-1]) if len(moving) else len(played.s) - 1
     s = float(played.s[row])
-    nearest = nearest_to_tip(arm, played.q_meas[row], _part_shapes(path, s))
-    return End(nearest.name, _in_part(belief, nearest.p, s), yields, touching=False)
-
-
-def _part_shapes(path: Path, s: float) -> list[Obstacle]:
-    return [shape for shape in object_obstacles(path, s) if shape.name.startswith("part_")]
-
-
-def _in_part(belief: Belief, p: np.ndarray, s: float) -> np.ndarray:
-    """A point (3,) of the base frame in the part's frame, the joint at ``s``."""
-    X = belief.carried(s, 0.0)
-    return X[:3, :3] @ p + X[:3, 3]
+    nearest = nearest_to_tip(arm, played.q_meas[row], part(s))
+    return End(nearest.name, belief.carry(nearest.p, s, 0.0), yields, touching=False)

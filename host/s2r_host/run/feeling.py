@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from s2r_host.motion.arm_model import ArmModel
-from s2r_host.motion.object_shapes import object_obstacles
+from s2r_host.motion.object_shapes import part_obstacles
 from s2r_host.proprioception.following import PushedPart, free_rows
 from s2r_host.proprioception.object_log import Touch, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
@@ -77,7 +77,7 @@ class Feeling:
             return []
         positive = s_to > s_from
         part = PushedPart(
-            [o for o in object_obstacles(belief.path(positive), 0.0, JOINT) if o.name.startswith("part_")],
+            part_obstacles(belief.path(positive))(0.0),
             belief.template.pose,
             belief.template.velocity,
             positive,

@@ -149,7 +149,9 @@ def _touch(done: DoneManipulation, offset: float, belief: Belief) -> Touch:
     template, measured = belief.template, done.measured
     if template.slides:
         return Touch(offset, measured.sigma, 0.0, np.ones(1))
-    p = _place(done, belief)
+    p = belief.carry(
+        done.planned.end.p_pushed, done.shift, 0.0
+    )  # joint value 0 may have become another place
     velocity = template.velocity(p[None])[0]
     joint = _of_the_joint(belief.estimate, measured.s, float(np.linalg.norm(velocity)))
     return Touch(offset, measured.sigma, joint, hinge_columns(p, template.p.mean(axis=0), velocity))
@@ -163,12 +165,6 @@ def _of_the_joint(estimate: JointEstimate, s: float, radius_m: float) -> float:
     """
     turned = min(abs(s), abs(s - estimate.delta))
     return estimate.intervals90.axis_offset_m / Z90 * 2.0 * float(np.sin(0.5 * turned)) / radius_m
-
-
-def _place(done: DoneManipulation, belief: Belief) -> np.ndarray:
-    """Where a motion pushed, in the part's frame: since it was planned, joint value 0 may be another place."""
-    X = belief.carried(done.shift, 0.0)
-    return X[:3, :3] @ done.planned.end.p_pushed + X[:3, 3]
 
 
 def _where(touches: Sequence[Touch], so_far: np.ndarray, belief: Belief, task: Task) -> np.ndarray:

@@ -13,6 +13,7 @@ from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.planning import PlanRequest, PlanResult, PlanSettings, plan_manipulation
 from s2r_host.planning.belief import Belief as ObjectBelief
+from s2r_host.planning.planner import scene_of
 from s2r_host.run.belief import Belief
 from s2r_host.run.doubts import TOUCHED_SHARE, deep_about, doubt_about, room_about
 from s2r_host.run.end import End, end_of
@@ -24,9 +25,7 @@ from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
 from s2r_host.trajectory.deliver import MotionHitsError, apart
 from s2r_host.trajectory.perturb import PERTURBATIONS
 
-BESIDE = (
-    0.1  # of what is good enough: a motion that leaves the part further beside its target is timed once more
-)
+BESIDE = 0.1  # of what is good enough: motions that leave the part further beside are timed once more
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 
 
@@ -82,7 +81,8 @@ def planned_once(
     """
     settings = session.settings
     request = request_for(session, belief, number, s_initial, one)
-    result = plan_manipulation(request)
+    scene = scene_of(request)
+    result = plan_manipulation(request, scene)
     if not result.success:
         raise (TargetError if result.contact is None else MotionHitsError)(result.reason)
     pushed_at = session.arm.tool_pose(result.q_meas[-1])[:3, 3]
@@ -93,7 +93,7 @@ def planned_once(
 
     def delivered(yields: float) -> tuple[Delivery, End]:
         sent = replace(request, s_target=request.s_target - yields)
-        delivery = deliver(sent, result, pace, doubts, accept_fragile=True)
+        delivery = deliver(sent, result, pace, doubts, scene=scene, accept_fragile=True)
         return delivery, end_of(session.arm, belief, request, delivery, yields, settings.task)
 
     delivery, end = delivered(yields)

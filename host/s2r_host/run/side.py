@@ -15,9 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-SHARED = (
-    0.5  # of a look's variance is the same in all looks of one kind: the same faces seen from the same side
-)
+SHARED = 0.5  # of a look's variance is the same in all looks of one kind: the same faces from the same side
 SCATTER = 0.15  # of what motions usually end beside: by so much like ones differ among themselves
 OUTLYING = 1.5  # scatters from which on a motion counts less
 ROUNDS = 6

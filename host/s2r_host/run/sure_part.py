@@ -20,14 +20,13 @@ EDGE_SHARE = 0.08  # of a part's length: a short lever has no eight millimetres 
 WIDE_M = 0.1  # along the hinge, from which on a part may be slipped off sideways
 ONE_SIDED = 0.3  # of its length, how far from the axis a part's middle is that has one free end
 LEAST_LEFT_M = 0.004
-AT_EDGE_M = 0.0015
-
+AT_EDGE_M = 0.0015  # as near to where the part was cut back as a touch is known
 
 HalfSpace = tuple[np.ndarray, float]
 """n (3,) and d [m]: the points p with n · p ≤ d, base frame at joint value 0."""
 
 
-def sure_within(pieces: Sequence[Piece], hinge: JointMotion) -> list[HalfSpace]:
+def sure_within(pieces: Sequence[Piece], hinge: JointMotion) -> tuple[HalfSpace, ...]:
     """Where a hinge's part is sure: short of its free end and, where it is wide, of its sides.
 
     Args:
@@ -48,7 +47,7 @@ def sure_within(pieces: Sequence[Piece], hinge: JointMotion) -> list[HalfSpace]:
     along = corners @ axis
     if np.ptp(along) > WIDE_M:
         limits += [(axis, float(along.max()) - EDGE_M), (-axis, float(-along.min()) - EDGE_M)]
-    return [(normal, limit_m + float(normal @ hinge.origin)) for normal, limit_m in limits]
+    return tuple((normal, limit_m + float(normal @ hinge.origin)) for normal, limit_m in limits)
 
 
 def sure_pieces(pieces: Sequence[Piece], within: Sequence[HalfSpace]) -> list[Piece]:

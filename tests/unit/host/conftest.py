@@ -1,4 +1,5 @@
-"""A joint that swings, as a recording with slow noise and something hidden in its effort; a lever seen twice."""
+"""A joint that swings, as a recording with slow noise and something hidden in its effort; a lever seen twice, and
+one at the fingertip."""
 
 import numpy as np
 import pytest
@@ -6,10 +7,15 @@ from scipy.signal import lfilter
 
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.motion.arm_model import ArmModel
 from s2r_host.perception import synthetic
 from s2r_host.perception.change import compare
 from s2r_host.perception.evidence import Scene
+from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.view import DepthView
+from s2r_host.run.belief import Belief
+from s2r_host.run.measure import PartTemplate
+from s2r_protocol.arms import load_arm
 
 DT = 0.004
 
@@ -55,3 +61,24 @@ def lever_on_column():
         return Scene(before, after, compare(before, after), *everywhere)
 
     return made
+
+
+@pytest.fixture(scope="session")
+def arm():
+    return ArmModel(load_arm("xmate3pro"))
+
+
+@pytest.fixture
+def lever_at_tip(arm, tmp_path):
+    """A lever 10 mm thick about an upright axis 12 cm beside the fingertip at home, which it reaches beyond."""
+    x, y, z = arm.tool_pose(arm.arm.q_home)[:3, 3]
+    path = tmp_path / "lever.xml"
+    path.write_text(
+        f"""<mujoco><compiler angle="radian"/><worldbody><body name="object_base"/><body name="object_part">
+        <joint name="object_joint" axis="0 0 1" pos="{x} {y - 0.12} {z}" range="-1 1"/>
+        <geom name="part_lever" type="box" pos="{x} {y - 0.06} {z}" size="0.005 0.08 0.03"/>
+        </body></worldbody></mujoco>"""
+    )
+    hinge = JointMotion("revolute", np.array([x, y - 0.12, z]), np.array([0.0, 0.0, 1.0]), 0.0)
+    template = PartTemplate(np.zeros((1, 3)), np.array([[-1.0, 0.0, 0.0]]), hinge)
+    return Belief(None, None, template, path, path, {})

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from s2r_host.errors import SceneError
-from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.nearest import nearest_to_tip
 from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.perception.motion import JointMotion
@@ -13,7 +12,6 @@ from s2r_host.run.belief import Belief
 from s2r_host.run.contact import corrected, touched_by_push
 from s2r_host.run.measure import PartTemplate
 from s2r_host.run.object_file import with_face
-from s2r_protocol.arms import load_arm
 
 # A bar 10 mm thick along the axis (-x is out of the cabinet), turned by half a turn about z like real models.
 MJCF = """<mujoco><compiler angle="radian"/><worldbody><body name="object_base"><geom name="base_box" size="0.1 0.1 0.1"
@@ -97,31 +95,9 @@ def test_a_lid_that_went_further_than_foreseen_is_turned_back_about_its_hinge(tm
     assert after.falling == belief.falling  # the other side was not touched
 
 
-@pytest.fixture(scope="module")
-def arm():
-    return ArmModel(load_arm("xmate3pro"))
-
-
-@pytest.fixture
-def lever(arm, tmp_path):
-    """A lever 10 mm thick about an upright axis 12 cm beside the fingertip, and the posture."""
-    q = arm.arm.q_home
-    x, y, z = arm.tool_pose(q)[:3, 3]
-    path = tmp_path / "lever.xml"
-    path.write_text(
-        f"""<mujoco><compiler angle="radian"/><worldbody><body name="object_base"/><body name="object_part">
-        <joint name="object_joint" axis="0 0 1" pos="{x} {y - 0.12} {z}" range="-1 1"/>
-        <geom name="part_lever" type="box" pos="{x} {y - 0.06} {z}" size="0.005 0.08 0.03"/>
-        </body></worldbody></mujoco>"""
-    )
-    hinge = JointMotion("revolute", np.array([x, y - 0.12, z]), np.array([0.0, 0.0, 1.0]), 0.0)
-    template = PartTemplate(np.zeros((1, 3)), np.array([OUT]), hinge)
-    return Belief(None, None, template, path, path, {}), q
-
-
 @pytest.mark.parametrize("positive", [True, False])
-def test_a_push_tells_where_the_side_of_the_lever_is_that_it_touched(lever, arm, tmp_path, positive):
-    belief, q = lever
+def test_a_push_tells_where_the_side_of_the_lever_is_that_it_touched(lever_at_tip, arm, tmp_path, positive):
+    belief, q = lever_at_tip, arm.arm.q_home
 
     def apart(path, s):
         shapes = [shape for shape in object_obstacles(path, s) if shape.name == "part_lever"]
@@ -135,7 +111,7 @@ def test_a_push_tells_where_the_side_of_the_lever_is_that_it_touched(lever, arm,
     assert after.path(not positive) == belief.path(not positive)
 
 
-def test_a_push_that_ended_far_from_the_part_tells_nothing(lever, arm):
-    belief, q = lever
+def test_a_push_that_ended_far_from_the_part_tells_nothing(lever_at_tip, arm):
+    belief, q = lever_at_tip, arm.arm.q_home
     assert touched_by_push(belief, arm, q, 1.2, True, most=0.1) is None
     assert touched_by_push(belief, arm, q, -0.9, True, most=0.1) is None

@@ -7,37 +7,12 @@ import numpy as np
 import pytest
 
 from s2r_host.motion.arm_model import ArmModel
-from s2r_host.perception.motion import JointMotion
 from s2r_host.run.belief import Belief
 from s2r_host.run.contact import touch_at
 from s2r_host.run.end import end_of
-from s2r_host.run.measure import PartTemplate
 from s2r_host.run.task import FAUCET
-from s2r_protocol.arms import load_arm
 
-HINGE_M = 0.12  # of the lever, beside the fingertip
 YIELDS = 0.02
-
-
-@pytest.fixture(scope="module")
-def arm() -> ArmModel:
-    return ArmModel(load_arm("xmate3pro"))
-
-
-@pytest.fixture
-def belief(arm, tmp_path) -> Belief:
-    """A lever 10 mm thick that reaches beyond the fingertip at home."""
-    x, y, z = arm.tool_pose(arm.arm.q_home)[:3, 3]
-    path = tmp_path / "lever.xml"
-    path.write_text(
-        f"""<mujoco><compiler angle="radian"/><worldbody><body name="object_base"/><body name="object_part">
-        <joint name="object_joint" axis="0 0 1" pos="{x} {y - HINGE_M} {z}" range="-1 1"/>
-        <geom name="part_lever" type="box" pos="{x} {y - 0.06} {z}" size="0.005 0.08 0.03"/>
-        </body></worldbody></mujoco>"""
-    )
-    hinge = JointMotion("revolute", np.array([x, y - HINGE_M, z]), np.array([0.0, 0.0, 1.0]), 0.0)
-    template = PartTemplate(np.zeros((1, 3)), np.array([[-1.0, 0.0, 0.0]]), hinge)
-    return Belief(None, None, template, path, path, {})  # type: ignore[arg-type]
 
 
 def _end(arm: ArmModel, belief: Belief, final: float, positive: bool) -> Any:
@@ -52,7 +27,8 @@ def _end(arm: ArmModel, belief: Belief, final: float, positive: bool) -> Any:
 
 
 @pytest.mark.parametrize("positive", [True, False])
-def test_a_lever_pushed_to_the_end_stays_where_it_touches_the_fingertip(arm, belief, positive):
+def test_a_lever_pushed_to_the_end_stays_where_it_touches_the_fingertip(arm, lever_at_tip, positive):
+    belief = lever_at_tip
     touched = touch_at(belief.growing, arm, arm.arm.q_home, 0.25 if positive else -0.25, positive, 0.2)
     assert touched is not None
     behind = touched.s - (0.03 if positive else -0.03)  # where a model that gave way left it
@@ -65,7 +41,7 @@ def test_a_lever_pushed_to_the_end_stays_where_it_touches_the_fingertip(arm, bel
     assert 0.08 < y < 0.14
 
 
-def test_a_lever_that_went_on_by_itself_stays_where_the_replay_has_it(arm, belief):
-    end = _end(arm, belief, 0.6, positive=True)
+def test_a_lever_that_went_on_by_itself_stays_where_the_replay_has_it(arm, lever_at_tip):
+    end = _end(arm, lever_at_tip, 0.6, positive=True)
     assert not end.touching
     assert end.yields == YIELDS

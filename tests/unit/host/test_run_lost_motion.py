@@ -226,6 +226,21 @@ def test_a_surface_that_does_not_decide_where_motions_end_stays(run, monkeypatch
     assert record.lost_motion == []
 
 
+def test_a_motion_that_by_now_would_have_ended_far_off_does_not_count(run, monkeypatch):
+    """With what was learnt of the joint since, it went another way."""
+    motions = [_done(DRAWER, 0.1, end, 0.0) for end in (0.099, 0.098)]
+    astray = motions[0].planned.delivery.trajectory
+
+    def replayed(trajectory, request):
+        far = 0.02 if trajectory is astray else 0.0
+        return SimpleNamespace(final=_played(trajectory, request).final + far)
+
+    monkeypatch.setattr(lost_motion, "replay", replayed)
+    session, record = run(DRAWER, *motions)
+    learn_lost_motion(session, record)
+    assert _again(record, motions[1]) == pytest.approx(0.098, abs=0.002 * NEARLY)
+
+
 def test_motions_that_say_nothing_teach_nothing(run):
     stopped = _done(DRAWER, 0.1, 0.097, 0.0, stopped=True)
     slipped = _done(DRAWER, 0.1, 0.08, 0.0)
