@@ -81,4 +81,4 @@ def lever_at_tip(arm, tmp_path):
     )
     hinge = JointMotion("revolute", np.array([x, y - 0.12, z]), np.array([0.0, 0.0, 1.0]), 0.0)
     template = PartTemplate(np.zeros((1, 3)), np.array([[-1.0, 0.0, 0.0]]), hinge)
-    return Belief(None, None, template, path, path, {})
+    return Belief(None, None, template, path, path, {})  # type: ignore[arg-type]
