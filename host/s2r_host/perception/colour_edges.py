@@ -14,7 +14,9 @@ Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 SMOOTH_PX = 0.8
-LEAST_CONTRAST = 4.0  # 8-bit levels a pixel
+# 8-bit levels a pixel: the edge of a side that is about as grey as what is behind it has no more than two. Where the
+# image has grain, an edge stands out from that.
+LEAST_CONTRAST, GRAINS = 2.0, 4.0
 # An edge that two looks from one place have within so far, at an angle of that cosine, has stayed.
 STILL_PX, STILL_SIDE = 1.2, 0.95
 NEIGHBOURS = 8
@@ -73,7 +75,8 @@ def colour_edges(colour: NDArray[np.uint8], where: Mask) -> ColourEdges:
     gx, gy = (cv2.Sobel(image, cv2.CV_32F, *axes, scale=0.125) for axes in ((1, 0), (0, 1)))
     xx, yy, xy = ((a * b).sum(axis=2) for a, b in ((gx, gx), (gy, gy), (gx, gy)))
     change = np.sqrt(0.5 * (xx + yy + np.sqrt((xx - yy) ** 2 + 4.0 * xy**2)))
-    v, u = np.nonzero((change > LEAST_CONTRAST) & where)
+    grain = float(np.median(change[where])) if where.any() else 0.0
+    v, u = np.nonzero((change > max(LEAST_CONTRAST, GRAINS * grain)) & where)
     if not len(v):
         return ColourEdges(np.empty((0, 2)), np.empty((0, 2)))
     angle = 0.5 * np.arctan2(2.0 * xy[v, u], xx[v, u] - yy[v, u])

@@ -38,6 +38,10 @@ START_TURNS_RAD, START_SLOPES, START_WIDER_M = (
 MOST_COST = 3.5  # px²; what costs more is told no better than by depth
 ERRORS_SHARED = 1.3  # edges err alike, and the solid is none of its kind: errors are larger than they seem
 AGAIN_RAD, LEAST_FOUND = np.radians(1.5), 0.6
+SURE_COST, ASTRAY_RAD = (
+    2.0,
+    np.radians(0.5),
+)  # px² up to which a turn is as sure as edges make it; and error per px² more
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +91,19 @@ def lever_outline(
 
 @dataclass(frozen=True)
 class Turns:
-    """How far a lever has turned in a third look since each of the two that told it, and how much of it is found."""
+    """How far a lever has turned in a third look.
+
+    Attributes:
+        since_first, since_second: Since each of the two looks that told it; the worse the solid explains the looks, the
+            vaguer.
+        found: Share of its outline that the third look shows.
+        explained: The solid explains all three as well as is asked of one that tells a joint.
+    """
 
     since_first: Turn
     since_second: Turn
     found: float
+    explained: bool
 
 
 def turns_since(
@@ -112,17 +124,34 @@ def turns_since(
     if not (comparable(before, after) and comparable(before, now)):
         return None
     turns, sigmas = np.array([told.hinge.delta, expected]), np.array([told.turn_sigma, AGAIN_RAD])
-    prior = Believed(told.hinge, turns, sigmas, told.shape)
-    drawn = [np.empty((0, 3)), np.empty((0, 3)), _corners(prior.shapes()[2])]
+    believed = Believed(told.hinge, turns, sigmas, told.shape)
+    drawn = [np.empty((0, 3)), np.empty((0, 3)), _corners(believed.shapes()[2])]
     seen = looks_at([(before, part_before), (after, part_after), (now, None)], drawn)
-    fitted = fit(seen, prior, np.zeros(len(prior.sigma)), GATES_AGAIN_PX)
-    if fitted is None or fitted.cost > MOST_COST or fitted.found[2] < LEAST_FOUND:
+    # A third look may show an edge that the two before did not, and so that a rod is a box.
+    kinds = (replace(believed, shape=shape) for shape in (told.shape, _other_kind(told.shape)))
+    fits = (fit(seen, kind, np.zeros(len(kind.sigma)), GATES_AGAIN_PX) for kind in kinds)
+    found = [one for one in fits if one is not None and one.found[2] >= LEAST_FOUND]
+    best = min(found, key=lambda one: one.cost, default=None)
+    if best is None:
         return None
-    first, again = fitted.believed.turns
-    C = ERRORS_SHARED**2 * fitted.covariance[4:6, 4:6]
-    between = float(np.sqrt(max(C[0, 0] + C[1, 1] - 2.0 * C[0, 1], 0.0)))
-    since_first = Turn(float(again), float(np.sqrt(C[1, 1])))
-    return Turns(since_first, Turn(float(again - first), between), float(fitted.found[2]))
+    first, again = best.believed.turns
+    C = ERRORS_SHARED**2 * best.covariance[4:6, 4:6]
+    astray = ASTRAY_RAD * max(0.0, best.cost - SURE_COST)
+    since_first, between = (
+        float(np.hypot(np.sqrt(max(variance, 0.0)), astray))
+        for variance in (C[1, 1], C[0, 0] + C[1, 1] - 2.0 * C[0, 1])
+    )
+    return Turns(
+        Turn(float(again), since_first),
+        Turn(float(again - first), between),
+        float(best.found[2]),
+        explained=best.cost <= MOST_COST,
+    )
+
+
+def _other_kind(shape: LeverShape) -> LeverShape:
+    """The box about as wide as a rod, or the rod as wide as a box."""
+    return replace(shape, rod=not shape.rod, half_m=np.full(2, shape.half_m[0]))
 
 
 def _seen_bar(

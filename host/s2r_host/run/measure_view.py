@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ LEVER_M = 0.2  # a part that reaches no further from its hinge is as thin as a l
 # Depth of thin parts errs by so much at the outermost points, and other than its noise tells (31 drawn faucets).
 DEPTH_ERRS_M = 0.0013
 KNOB_SIGMA_RAD = np.deg2rad(0.5)
+# Depth and edges in colour without a solid err by so much more than they say, and by that where they cannot say.
+WITHOUT_SOLID_RAD, UNTOLD_RAD = np.deg2rad(0.8), np.deg2rad(5.0)
 
 
 def measure_in(
@@ -53,13 +55,14 @@ def measure_in(
         found = measure_state(belief.template, now, (low, high), s_expected)
     except SceneError:
         told = _by_solid(belief, now, s_expected, since_told)
-        if told is None:
+        if told is None or not told.explained:
             raise
-        return told
+        return told.measured
     if belief.template.slides or belief.template.reach_m > LEVER_M:
         return found
     found = _with_colour(belief, now, found, since_told)
-    return _by_solid(belief, now, found.s, since_told) or found
+    solid = _by_solid(belief, now, found.s, since_told)
+    return found if solid is None else _both(found, solid.measured)
 
 
 def _by_outline(belief: Belief, view: Observation, knob: KnobOutline, s_expected: float) -> Measurement:
@@ -104,8 +107,16 @@ def _with_colour(belief: Belief, now: DepthView, found: Measurement, since_told:
     return replace(found, s=s + both.delta, sigma=both.sigma)
 
 
-def _by_solid(belief: Belief, now: DepthView, s_expected: float, since_told: bool) -> Measurement | None:
-    """As a lever's outline tells it; None where that did not tell the joint, or is not found again."""
+@dataclass(frozen=True)
+class _Solid:
+    """What a lever's outline tells: its state, and whether the solid explains the looks so well that this will do."""
+
+    measured: Measurement
+    explained: bool
+
+
+def _by_solid(belief: Belief, now: DepthView, s_expected: float, since_told: bool) -> _Solid | None:
+    """None where an outline did not tell the joint, or is not found again."""
     told, before, after = belief.estimate, belief.estimate.view_before, belief.estimate.view_after
     if told.lever is None or not isinstance(before, DepthView) or not isinstance(after, DepthView):
         return None
@@ -116,4 +127,15 @@ def _by_solid(belief: Belief, now: DepthView, s_expected: float, since_told: boo
     if seen is None:
         return None
     since, s = (seen.since_second, told.delta) if since_told else (seen.since_first, 0.0)
-    return Measurement(s + since.delta, since.sigma, EDGE_M, seen.found)
+    return _Solid(Measurement(s + since.delta, since.sigma, EDGE_M, seen.found), seen.explained)
+
+
+def _both(points: Measurement, solid: Measurement) -> Measurement:
+    """A lever's state by depth and edges in colour, and by the solid.
+
+    Taking the one or the other, as the solid explains a look well enough or not, made looks at one state differ by a
+    degree, from which a run then learnt what was not so.
+    """
+    spread = points.sigma if np.isfinite(points.sigma) else UNTOLD_RAD
+    told = combined(Turn(points.s, float(np.hypot(spread, WITHOUT_SOLID_RAD))), Turn(solid.s, solid.sigma))
+    return replace(solid, s=told.delta, sigma=told.sigma)
