@@ -35,7 +35,7 @@ class End:
         yields: How much less far the model's arm, whose servos give way under the contact, moved the part than one that
             gets to where it is sent [m or rad].
         touching: Part and fingertip touch at the end; else the part went on by itself.
-        at_edge: It presses where the part was cut back: the real edge lies beyond, and the part goes further.
+        at_edge: It pushes last where the part was cut back: the real edge lies beyond, and the part goes further.
     """
 
     geom: str
@@ -71,4 +71,5 @@ def end_of(
     row = int(moving[-1]) if len(moving) else len(played.s) - 1
     s = float(played.s[row])
     nearest = nearest_to_tip(arm, played.q_meas[row], part(s))
-    return End(nearest.name, belief.carry(nearest.p, s, 0.0), yields, touching=False)
+    p = belief.carry(nearest.p, s, 0.0)
+    return End(nearest.name, p, yields, touching=False, at_edge=at_an_edge(p, belief.within))

@@ -25,7 +25,7 @@ from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.physics import braked, newest_law
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
-from s2r_host.run.side import Touch, hinge_columns, hinge_doubts, transform, where
+from s2r_host.run.side import Touch, hinge_columns, hinge_doubts, none_slipped, transform, where
 from s2r_host.run.task import Task
 from s2r_host.trajectory.verify import replay
 
@@ -171,9 +171,11 @@ def _where(touches: Sequence[Touch], so_far: np.ndarray, belief: Belief, task: T
     """Where the side is, against where it was modelled before any lesson."""
     whole = [replace(touch, offset=touch.offset + float(touch.columns @ so_far)) for touch in touches]
     if belief.template.slides:
-        return where(whole, task.beside, np.array([task.beside]))
+        return where(whole, task.beside, np.array([[task.beside**2]]))
     radius_m = float(np.median([1.0 / np.linalg.norm(touch.columns[3:]) for touch in touches]))
-    return where(whole, task.beside, hinge_doubts(task.beside, radius_m))
+    lever = belief.estimate.lever
+    prior = hinge_doubts(task.beside, radius_m, None if lever is None else lever.along)
+    return where(none_slipped(whole, task.beside), task.beside, prior)
 
 
 def _with_side(

@@ -20,6 +20,10 @@ SCATTER = 0.15  # of what motions usually end beside: by so much like ones diffe
 OUTLYING = 1.5  # scatters from which on a motion counts less
 ROUNDS = 6
 TURN_PER_M = 6.0  # doubt about a side's turn [rad] per doubt about its place [m]: one part in 170 mm
+ROLL_RAD = 0.15  # of a lever about its own line: it is too thin for a camera to tell how it lies
+SLIPPED = (
+    2.0  # times what motions usually end beside: one that slipped over an edge is that far off, hardly a side
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,28 +59,28 @@ def hinge_columns(p: np.ndarray, middle: np.ndarray, velocity: np.ndarray) -> np
     return np.concatenate([np.cross(p - middle, along), along]) / radius
 
 
-def where(touches: Sequence[Touch], beside: float, usual: np.ndarray) -> np.ndarray:
+def where(touches: Sequence[Touch], beside: float, prior: np.ndarray) -> np.ndarray:
     """Where the side is, against where the model has it.
 
     Args:
         touches: Motions that pushed it, at least one.
         beside: How far beside where they are foreseen motions usually leave the part [m or rad].
-        usual: Standard deviations of what is sought, (k,); see :func:`hinge_doubts`.
+        prior: Covariance of what is sought, (k, k); see :func:`hinge_doubts`.
 
     Returns:
         Mean of what is sought, (k,); zero where the looks tell nothing.
     """
     seen = [touch for touch in touches if np.isfinite(touch.sigma)]
     if not seen:
-        return np.zeros(len(usual))
+        return np.zeros(len(prior))
     A = np.stack([touch.columns for touch in seen])
     offset = np.array([touch.offset for touch in seen])
     sigma, joint = np.array([touch.sigma for touch in seen]), np.array([touch.joint for touch in seen])
-    prior, told_apart = np.diag(usual**2), len(seen) > 2
+    told_apart = len(seen) > 2
     shared = SHARED * np.outer(sigma, sigma) + np.outer(joint, joint)
     own = np.sqrt((1.0 - SHARED) * sigma**2 + (SCATTER * beside) ** 2)
     left = offset - np.median(offset)
-    found = np.zeros(len(usual))
+    found = np.zeros(len(prior))
     for _ in range(ROUNDS):
         outlying = np.maximum(np.abs(left) / own - OUTLYING, 0.0) * told_apart
         noise = shared + np.diag(own**2 * (1.0 + outlying**2))
@@ -85,10 +89,30 @@ def where(touches: Sequence[Touch], beside: float, usual: np.ndarray) -> np.ndar
     return found
 
 
-def hinge_doubts(beside: float, radius_m: float) -> np.ndarray:
-    """Standard deviations of turn and shift of a hinge's side where it is usually pushed so far from the axis, (6,)."""
+def hinge_doubts(beside: float, radius_m: float, along: np.ndarray | None = None) -> np.ndarray:
+    """Covariance of turn and shift of a hinge's side, (6, 6).
+
+    Args:
+        beside: How far beside where they are foreseen motions usually leave the part [rad].
+        radius_m: From the axis to where it is usually pushed.
+        along: Unit vector along a lever's line, (3,); None for what is no lever.
+    """
     shift = beside * radius_m
-    return np.repeat([TURN_PER_M * shift, shift], 3)
+    prior = np.diag(np.repeat([TURN_PER_M * shift, shift], 3) ** 2)
+    if along is not None:
+        prior[:3, :3] += ROLL_RAD**2 * np.outer(along, along)
+    return prior
+
+
+def none_slipped(touches: Sequence[Touch], beside: float) -> list[Touch]:
+    """Those that did not end too far off to tell of a hinge's side, where there are too few to tell an outlier.
+
+    From one that slipped the next would learn to miss by as much the other way. Two that agree are believed.
+    """
+    offsets = [touch.offset for touch in touches]
+    if len(offsets) > 2 or (len(offsets) == 2 and abs(offsets[0] - offsets[1]) < beside):
+        return list(touches)
+    return [touch for touch in touches if abs(touch.offset) < SLIPPED * beside]
 
 
 def transform(found: np.ndarray, middle: np.ndarray) -> np.ndarray:

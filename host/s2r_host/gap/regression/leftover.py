@@ -14,6 +14,7 @@ FLOOR_SLACK_AFTER = 1.4
 # Leftover common to two runs of one motion: correlation, and power in noise floors (clean recordings stay below 0.45).
 COMMON_CORRELATION, COMMON_POWER = 0.35, 0.55
 LEAST_ROWS = 60
+STRAINED = 4.0  # declared deviations of a recording's scale
 QUIET = 1.12  # noise floors; a joint of an arm with no more than that is not searched
 
 
@@ -25,6 +26,8 @@ class Leftover(Regression):
         p = self.problem
         x, B, y, _ = self.solve(chosen, self.noise_level(chosen))
         left = self.without_drift(y - B @ x, TEMPER, self.added_friction(chosen, x))
+        if self._scales_strained(x):
+            return False
         raw = self.unwhitened(self.within_doubt(left))
         slack = FLOOR_SLACK_AFTER if chosen else FLOOR_SLACK
         for blocks in together(p):
@@ -33,6 +36,11 @@ class Leftover(Regression):
                 if left_now is not None and left_now > slack:
                     return False
         return not self.comes_back(chosen)
+
+    def _scales_strained(self, x: np.ndarray) -> bool:
+        """Would the effort of a recording have to be off by far more than its side file says it may be?"""
+        pairs = zip(self.problem.base, x, self.problem.prior, strict=False)
+        return any(p.name == "gain" and abs(found) > STRAINED * sigma for p, found, sigma in pairs)
 
     def within_doubt(self, left: np.ndarray) -> np.ndarray:
         """Leftover with the base parameters moved on held-out rows as far as the fitted rows leave them open.
