@@ -15,6 +15,7 @@ from s2r_host.gap.pipeline import Analysis, analyse
 from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.nuisance import COMPARISON
 from s2r_host.gap.regression.strokes import left_over, together
+from s2r_host.gap.search.search import Search
 
 MODEL = """<mujoco><worldbody><body name="part">
 <joint name="rail" type="slide" axis="1 0 0" frictionloss="4" damping="2"/>
@@ -185,6 +186,15 @@ def test_a_lever_of_doubtful_length_is_no_physics_where_that_is_declared(tmp_pat
     held = found.problem.prior_at(0.05) / found.problem.prior
     expected = [1.0 if p.name in COMPARISON else 0.05 for p in found.problem.base]
     assert held == pytest.approx(expected)  # trust in the machine's numbers says nothing about the comparison
+
+
+@pytest.mark.parametrize(("sigma", "enough"), [(0.2, True), (0.02, False)])
+def test_scales_explain_efforts_only_as_far_as_declared(tmp_path, sigma, enough):
+    """One touch in eight takes more: a slow one of a lever that sticks, say, or a lever that was told too short."""
+    side = {"effort_sigma": {"rail": 0.1}, "effort_gain_sigma": {"rail": sigma}}
+    problem = analysed(tmp_path, scales=(1.0, 1.0, 1.3, 1.0, 1.0, 1.0, 1.0, 1.0), side=side).problem
+    assert problem is not None
+    assert Search(problem).at_floor([]) == enough
 
 
 def test_short_strokes_of_one_session_are_held_against_the_floor_as_one(tmp_path):

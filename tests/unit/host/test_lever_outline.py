@@ -74,6 +74,30 @@ def test_a_third_look_is_measured_since_both(later):
     assert turns.since_second.sigma < 0.02
 
 
+def test_a_box_that_was_told_as_a_rod_is_measured_as_what_it_is():
+    """Where a side was as grey as what is behind it, two looks show a bar with two edges; a third shows three."""
+    first, second, lever = usual()
+    rod = replace(lever, shape=replace(lever.shape, rod=True, half_m=np.full(2, 0.007)))
+    third = lever_look(1.3, HALF_M)
+    turns = turns_since(rod, (seen(first), seen(second)), DepthView(third.frame), 1.3 - 2.4 + 0.03)
+    assert turns is not None
+    assert turns.explained
+    assert turns.since_second.delta == pytest.approx(1.3 - 1.9, abs=0.022)
+
+
+def test_what_a_solid_explains_badly_it_tells_vaguely():
+    first, second, lever = usual()
+    looks = seen(first), seen(second)
+    well, badly = (
+        turns_since(lever, looks, DepthView(lever_look(1.3, HALF_M * (1.0, wider, wider)).frame), 1.3 - 2.4)
+        for wider in (1.0, 1.8)
+    )
+    assert well is not None
+    assert badly is not None
+    assert well.explained
+    assert badly.since_second.sigma > 1.5 * well.since_second.sigma
+
+
 def test_a_lever_that_is_gone_is_not_measured():
     first, second, lever = usual()
     away = lever_look(0.2, np.array([0.03, 0.004, 0.004]))

@@ -1,5 +1,6 @@
 """How a manipulation leaves the part: where geometry has it, unless it went on by itself."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -44,4 +45,14 @@ def test_a_lever_pushed_to_the_end_stays_where_it_touches_the_fingertip(arm, lev
 def test_a_lever_that_went_on_by_itself_stays_where_the_replay_has_it(arm, lever_at_tip):
     end = _end(arm, lever_at_tip, 0.6, positive=True)
     assert not end.touching
+    assert not end.at_edge
     assert end.yields == YIELDS
+
+
+def test_a_lever_that_was_left_where_it_was_cut_back_was_pushed_at_an_edge(arm, lever_at_tip):
+    p = _end(arm, lever_at_tip, 0.6, positive=True).p_pushed
+    outward = np.array([0.0, 1.0, 0.0])
+    short = replace(lever_at_tip, within=((outward, float(outward @ p) + 0.001),))
+    end = _end(arm, short, 0.6, positive=True)
+    assert not end.touching
+    assert end.at_edge

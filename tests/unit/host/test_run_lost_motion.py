@@ -93,7 +93,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
             slides=slides, axis=np.array([1.0, 0.0, 0.0]), pose=pose, p=np.array([[PUSHED, 0.0, 0.0]]),
             velocity=lambda p: np.cross([0.0, 0.0, 1.0], p),
         )  # fmt: skip
-        estimate = SimpleNamespace(delta=0.4, intervals90=SimpleNamespace(axis_offset_m=0.0))
+        estimate = SimpleNamespace(delta=0.4, lever=None, intervals90=SimpleNamespace(axis_offset_m=0.0))
         record.belief = Belief(estimate, None, template, path, path, {})  # type: ignore[arg-type]
         record.goals += [Goal(one.s_target, [one]) for one in motions]
         return SimpleNamespace(settings=settings, journal=record.journal), record

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from s2r_host.errors import SceneError
+from s2r_host.perception.colour_turn import Turn
 from s2r_host.perception.estimate import JointEstimate, estimate_joint
 from s2r_host.perception.intervals import Z90
-from s2r_host.perception.lever_outline import lever_outline
+from s2r_host.perception.lever_outline import Turns, lever_outline
 from s2r_host.perception.segment import Parts
 from s2r_host.perception.synthetic import LEVER_COLOURS, LeverLook, lever_look
 from s2r_host.perception.view import DepthView
@@ -77,6 +78,28 @@ def test_the_outline_measures_since_the_look_that_counts(since_told):
     true = told().delta + NOW - SECOND if since_told else NOW - FIRST
     assert measured.s == pytest.approx(true, abs=0.02)
     assert abs(measured.s - true) < 3.0 * measured.sigma
+
+
+@pytest.mark.parametrize(("sigma_deg", "share"), [(0.2, 0.9), (5.0, 0.1)])
+def test_outline_and_depth_count_by_what_they_err(monkeypatch, sigma_deg, share):
+    """A solid that explains a look badly pulls the state little, one that explains it well nearly all the way."""
+    look, since = seen(lever_look(NOW, HALF_M)), NOW - FIRST
+    without = measure_in(believed(replace(told(), lever=None)), look, since).s
+    off = without + np.radians(2.0)
+    turn = Turn(off, float(np.radians(sigma_deg)))
+    monkeypatch.setattr(
+        measure_view, "turns_since", lambda *_: Turns(turn, turn, 1.0, explained=sigma_deg < 1.0)
+    )
+    moved = (measure_in(believed(told()), look, since).s - without) / (off - without)
+    assert moved == pytest.approx(share, abs=0.1)
+
+
+@pytest.mark.usefixtures("unseen")
+def test_a_solid_that_explains_a_look_badly_does_not_measure_alone(monkeypatch):
+    turn = Turn(NOW - FIRST, 0.05)
+    monkeypatch.setattr(measure_view, "turns_since", lambda *_: Turns(turn, turn, 1.0, explained=False))
+    with pytest.raises(SceneError, match="only 30%"):
+        measure_in(believed(told()), seen(lever_look(NOW, HALF_M)), NOW - FIRST)
 
 
 @pytest.mark.usefixtures("unseen")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from s2r_host.run.side import Touch, hinge_columns, hinge_doubts, transform, where
+from s2r_host.run.side import Touch, hinge_columns, hinge_doubts, none_slipped, transform, where
 
 AXIS = np.array([0.0, 0.0, 1.0])
 MIDDLE = np.array([0.08, 0.0, 0.1])
@@ -82,3 +82,28 @@ def test_one_motion_that_went_another_way_hardly_counts():
     offsets = (0.010, 0.011, 0.1)
     found = where([Touch(offset, 0.0, 0.0, _columns(p)) for offset in offsets], BESIDE, DOUBTS)
     assert _columns(p) @ found == pytest.approx(0.0105, abs=0.001)
+
+
+def test_a_lever_that_lies_rolled_about_its_own_line_is_told_from_pushes_at_two_heights():
+    """A tenth of a radian: half a millimetre, half a degree, five millimetres above and below its middle line."""
+    along, true = np.array([1.0, 0.0, 0.0]), np.array([-0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    touches = [
+        Touch(float(_columns(p) @ true), np.radians(0.1), 0.0, _columns(p))
+        for p in (np.array([0.06, 0.0, 0.105]), np.array([0.06, 0.0, 0.095]))
+    ]
+    elsewhere = _columns(np.array([0.06, 0.0, 0.106]))
+    lever, plate = (
+        elsewhere @ where(touches, BESIDE, hinge_doubts(BESIDE, 0.06, line)) for line in (along, None)
+    )
+    assert lever == pytest.approx(elsewhere @ true, rel=0.2)
+    assert plate < 0.5 * elsewhere @ true
+
+
+@pytest.mark.parametrize(
+    ("offsets_deg", "told"),
+    [((3.5,), 0), ((2.5,), 1), ((3.5, 0.2), 1), ((3.5, 3.0), 2), ((3.5, -3.5), 0), ((3.5, 0.2, 0.1), 3)],
+)
+def test_a_motion_that_slipped_does_not_tell_where_a_side_is_until_another_agrees(offsets_deg, told):
+    columns = _columns(np.array([0.06, 0.0, 0.1]))
+    touches = [Touch(float(np.radians(offset)), 0.0, 0.0, columns) for offset in offsets_deg]
+    assert len(none_slipped(touches, BESIDE)) == told
