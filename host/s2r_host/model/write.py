@@ -8,6 +8,7 @@ MuJoCo computes, so the two agree.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from s2r_host.perception.motion import JointMotion
 Array = NDArray[np.floating]
 
 COLOUR = {"base": "0.55 0.57 0.60 1", "part": "0.85 0.55 0.25 1"}
+RIM_COLOUR = "0.85 0.55 0.25 0.2"
 
 
 def _text(values: Array | list[float] | tuple[float, ...]) -> str:
@@ -28,15 +30,29 @@ def _text(values: Array | list[float] | tuple[float, ...]) -> str:
 
 
 def write_mjcf(
-    path: Path, pieces: list[Piece], motion: JointMotion, joint_range: tuple[float, float], physics: Physics
+    path: Path,
+    pieces: list[Piece],
+    motion: JointMotion,
+    joint_range: tuple[float, float],
+    physics: Physics,
+    rims: Sequence[Piece] = (),
 ) -> None:
-    """Write the MJCF file; ``motion`` gives type, origin and direction (its delta is not used)."""
+    """Write the MJCF file.
+
+    Args:
+        path: Of the file.
+        pieces: Of base and part.
+        motion: Type, origin and direction of the joint (its delta is not used).
+        joint_range: Lowest and highest joint value [m or rad].
+        physics: Numbers of the joint and of all surfaces.
+        rims: Of the part, pieces that nothing touches and that weigh nothing: as far as it may reach.
+    """
     root = ET.Element("mujoco", model="object")
     ET.SubElement(root, "compiler", angle="radian")
     asset = ET.SubElement(root, "asset")
-    for piece in pieces:
+    for name, piece in [*((_geom(piece), piece) for piece in pieces), *((_rim(rim), rim) for rim in rims)]:
         if piece.half_size is None:
-            ET.SubElement(asset, "mesh", name=_geom(piece), vertex=_text(piece.vertices), inertia="convex")
+            ET.SubElement(asset, "mesh", name=name, vertex=_text(piece.vertices), inertia="convex")
     world = ET.SubElement(root, "worldbody")
     base = ET.SubElement(world, "body", name="object_base")
     part = ET.SubElement(base, "body", name="object_part")
@@ -55,6 +71,8 @@ def write_mjcf(
     )
     for piece in pieces:
         _add_geom(base if piece.body == "base" else part, piece, physics)
+    for rim in rims:
+        _add_rim(part, rim)
     if not any(piece.body == "base" for piece in pieces):
         ET.SubElement(base, "inertial", pos="0 0 0", mass="1", diaginertia="0.01 0.01 0.01")
     contact = ET.SubElement(root, "contact")
@@ -67,20 +85,30 @@ def _geom(piece: Piece) -> str:
     return f"{piece.body}_{piece.name}"
 
 
+def _rim(piece: Piece) -> str:
+    return f"rim_{piece.name}"
+
+
 def _add_geom(body: ET.Element, piece: Piece, physics: Physics) -> None:
-    quat = Rotation.from_matrix(piece.X_base_piece[:3, :3]).as_quat(scalar_first=True)
     attributes = {
-        "name": _geom(piece),
         "rgba": COLOUR[piece.body],
         "density": _text([physics.density_kg_m3.value]),
         "friction": _text([physics.surface_friction.value, 0.005, 0.0001]),
     }
+    ET.SubElement(body, "geom", {"name": _geom(piece)} | attributes | _shape(piece, _geom(piece)))
+
+
+def _add_rim(body: ET.Element, piece: Piece) -> None:
+    attributes = {"rgba": RIM_COLOUR, "density": "0", "contype": "0", "conaffinity": "0", "group": "4"}
+    ET.SubElement(body, "geom", {"name": _rim(piece)} | attributes | _shape(piece, _rim(piece)))
+
+
+def _shape(piece: Piece, mesh: str) -> dict[str, str]:
+    quat = Rotation.from_matrix(piece.X_base_piece[:3, :3]).as_quat(scalar_first=True)
+    place = {"pos": _text(piece.X_base_piece[:3, 3]), "quat": _text(quat)}
     if piece.half_size is not None:
-        attributes |= {"type": "box", "size": _text(piece.half_size)}
-    else:
-        attributes |= {"type": "mesh", "mesh": _geom(piece)}
-    attributes |= {"pos": _text(piece.X_base_piece[:3, 3]), "quat": _text(quat)}
-    ET.SubElement(body, "geom", attributes)
+        return {"type": "box", "size": _text(piece.half_size)} | place
+    return {"type": "mesh", "mesh": mesh} | place
 
 
 def write_urdf(

@@ -15,7 +15,7 @@ JOINT, PART = "object_joint", "part_"
 
 
 def object_obstacles(mjcf_path: Path, s: float, joint: str = JOINT) -> list[Obstacle]:
-    """Every geom of an object file at joint value ``s`` [m or rad].
+    """Every geom of an object file that something can touch, at joint value ``s`` [m or rad].
 
     Boxes, spheres, cylinders and capsules stay primitives; meshes become their convex hull, which they are
     by construction. Planes are left out (the table is its own obstacle).
@@ -35,7 +35,7 @@ def _obstacles(model: mujoco.MjModel, data: mujoco.MjData, s: float, joint: str)
     data.qpos[model.jnt_qposadr[model.joint(joint).id]] = s
     mujoco.mj_kinematics(model, data)
     found = []
-    for i in range(model.ngeom):
+    for i in np.flatnonzero(model.geom_contype | model.geom_conaffinity).tolist():
         name = model.geom(i).name or f"geom{i}"
         X = np.eye(4)
         X[:3, :3] = data.geom_xmat[i].reshape(3, 3)

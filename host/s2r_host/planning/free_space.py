@@ -20,14 +20,23 @@ class FreeSpace:
     """Counts the robot's contacts at postures of the arm and states of the object."""
 
     def __init__(
-        self, scene: Scene, threads: int, margin_m: float = 0.0, others: np.ndarray | None = None
+        self,
+        scene: Scene,
+        threads: int,
+        margin_m: float = 0.0,
+        others: np.ndarray | None = None,
+        *,
+        rims: bool = False,
     ) -> None:
         """Args: scene; threads; ``margin_m``, distance that counts as a contact already, but of fingertip and part.
 
         ``others`` are the positions of everything besides the arm, (nq - dof,); None: as the file has them.
+        With ``rims`` the robot touches the part wherever it may reach to.
         """
         self._dof, self._s = scene.dof, scene.s_qpos
-        robot = [_of_robot(scene, threads, margin_m, touching=touching) for touching in (False, True)]
+        robot = [
+            _of_robot(scene, threads, margin_m, touching=touching, rims=rims) for touching in (False, True)
+        ]
         fingers = [_of_fingers(scene, threads, margin_m)] if margin_m > 0.0 else []
         self._all, self._touching = ([count, *fingers] for count in robot)
         self._qpos0 = scene.fine.qpos0.copy()
@@ -58,11 +67,11 @@ class FreeSpace:
         return not self.contacts(np.concatenate(points), s).any()
 
 
-def _of_robot(scene: Scene, threads: int, margin_m: float, *, touching: bool) -> ContactCount:
+def _of_robot(scene: Scene, threads: int, margin_m: float, *, touching: bool, rims: bool) -> ContactCount:
     """Contacts that the robot has; with ``touching``, fingers against the part have none."""
     kind = scene.geom_kind
     robot, finger = kind >= GeomKind.ROBOT, kind == GeomKind.FINGER
-    solid = scene.solid & ~robot
+    solid = (scene.solid | scene.rims if rims else scene.solid) & ~robot
     model = _without_contacts(scene)
     model.geom_contype[robot] = np.where(finger[robot], _FINGER_BIT, _ARM_BIT)
     model.geom_conaffinity[robot | solid] = _ARM_BIT | _FINGER_BIT

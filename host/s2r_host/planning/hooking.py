@@ -49,7 +49,7 @@ def find_hooks(
     """Places for the fingertip to move the part from its present state to ``s_target``, best first, at least one.
 
     With ``leave`` the fingertip must be free to let go there. Where no place leaves the robot the distance that the
-    settings want, those are taken that it fits at.
+    settings want, or no way there keeps clear of where the part's edges may be, those are taken that it fits at.
 
     Raises:
         OutOfReachError: There is no free place behind the part, or the arm reaches none of them.
@@ -58,14 +58,19 @@ def find_hooks(
     patience = patience or Patience()
     name = Path(object_mjcf).name
     refuse_far(scene, world, name)
-    if settings.apart_m > 0.0:
+    rims = bool(scene.rims.any())
+    roomier = [(settings.apart_m, rims)] if settings.apart_m > 0.0 else []
+    roomier += [(0.0, True)] if rims else []
+    for apart_m, clear in roomier:
         try:
             return _hooks_apart(
-                scene, world, name, s_target, settings, settings.apart_m, patience, leave=leave
+                scene, world, name, s_target, settings, apart_m, patience, leave=leave, rims=clear
             )
         except OutOfReachError as error:
-            logger.info("not with %.0f mm around the robot: %s", 1e3 * settings.apart_m, error)
-    return _hooks_apart(scene, world, name, s_target, settings, 0.0, patience, leave=leave)
+            logger.info(
+                "not with %.0f mm around the robot%s: %s", 1e3 * apart_m, ", clear of edges" * clear, error
+            )
+    return _hooks_apart(scene, world, name, s_target, settings, 0.0, patience, leave=leave, rims=False)
 
 
 def _hooks_apart(
@@ -78,6 +83,7 @@ def _hooks_apart(
     patience: Patience,
     *,
     leave: bool,
+    rims: bool,
 ) -> list[Hook]:
     """Places that leave some distance between robot and all but fingertip and part, best first, at least one."""
     probe = HandProbe(scene, world.data, settings.threads)
@@ -99,7 +105,7 @@ def _hooks_apart(
         first = search.take(_FIRST)
         if not len(first):
             continue
-        solver = Postures(scene, world, s_target, settings, leave=leave, apart_m=apart_m)
+        solver = Postures(scene, world, s_target, settings, leave=leave, apart_m=apart_m, rims=rims)
         hooks, places = _cheapest(scene, world, solver, search, first, listed)
         patience.check(f"looking for a free way to {len(hooks)} postures")
         ways = solver.with_approach(_apart(hooks), settings.hooks) or ways

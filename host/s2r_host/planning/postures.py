@@ -40,12 +40,14 @@ class Postures:
         *,
         leave: bool = False,
         apart_m: float = 0.0,
+        rims: bool = False,
     ) -> None:
-        """Args: ``leave``, also free to let go at the target; ``apart_m``, what is nearer to the robot is touched."""
+        """Args: ``leave``, also free to let go at the target; ``apart_m``, what is nearer to the robot is touched;
+        ``rims``, clear of wherever the part may reach to."""
         self._leave = leave
         self._scene, self._q, self._s, self._s_target = scene, world.q, world.s, s_target
         self._tool = ToolKinematics(scene, settings.joint_margin_rad, settings.threads)
-        self._space = FreeSpace(scene, settings.threads, apart_m, world.others)
+        self._space = FreeSpace(scene, settings.threads, apart_m, world.others, rims=rims)
         self._room_m = settings.room_m
         self._missed = in_world(scene, world.data, settings.missed)
         self._proven = in_world(scene, world.data, settings.proven)

@@ -20,6 +20,7 @@ from s2r_host.planning.scene_file import SceneFileError, one_line, read_scene
 from s2r_host.planning.scene_spec import (
     FINGER_PREFIX,
     OBJECT_PREFIX,
+    RIM_PREFIX,
     ROBOT_BIT,
     ROBOT_CONTACTS,
     SCENE_ROBOT_BIT,
@@ -56,6 +57,7 @@ class Scene:
         tool_site: Site of the fingertip.
         geom_kind: GeomKind of every geom, (ngeom,).
         solid: Geoms that the robot can touch, bool (ngeom,).
+        rims: Of the part, which nothing touches and the real part may reach to (``rim_*``), bool (ngeom,).
         on_table: The world frame's plane z = 0 is a table that the planner has added.
         gravity: In the arm's base frame [m/s²], (3,).
         bystanders: Something besides the arm and the task's joint can move.
@@ -76,6 +78,7 @@ class Scene:
     tool_site: int
     geom_kind: np.ndarray
     solid: np.ndarray
+    rims: np.ndarray
     on_table: bool
     gravity: np.ndarray
     bystanders: bool
@@ -184,6 +187,7 @@ def build_scene(
         tool_site=fine.site(arm.tool_frame).id,
         geom_kind=_geom_kinds(fine, arm, part),
         solid=(fine.geom_conaffinity & robot_bit) != 0,
+        rims=_rims(fine, part),
         on_table=given is None,
         gravity=fine.opt.gravity.copy(),
         bystanders=fine.nv > arm.dof + 1,
@@ -215,6 +219,11 @@ def _geom_kinds(model: mujoco.MjModel, arm: ArmDescription, part: int) -> np.nda
         elif part in chain:
             kinds[geom] = GeomKind.PART
     return kinds
+
+
+def _rims(model: mujoco.MjModel, part: int) -> np.ndarray:
+    named = (model.geom(geom).name.startswith(OBJECT_PREFIX + RIM_PREFIX) for geom in range(model.ngeom))
+    return np.fromiter(named, bool, model.ngeom) & (model.geom_bodyid == part)
 
 
 def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:

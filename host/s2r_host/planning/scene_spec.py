@@ -12,10 +12,14 @@ from s2r_host.planning.scene_file import SceneFile, read_spec
 from s2r_host.planning.settings import PlanSettings, ServoSettings
 from s2r_protocol.arms import ArmDescription
 
+RIM_PREFIX = "rim_"  # of geoms that nothing touches, within which a part's real edges lie
 OBJECT_PREFIX = "object/"  # keeps the object's names apart from the arm's
 FINGER_PREFIX = "finger"  # shapes of the tool that are meant to touch the part
 
 ROBOT_BIT, WORLD_BIT = 1, 2
+RIM_BIT = (
+    1 << 28
+)  # nothing meets it; without any bit MuJoCo would leave rims out of the boxes that pairs are sought by
 # A scene keeps its own contact bits; the arm meets everything solid in it through one bit that scenes leave free.
 SCENE_ROBOT_BIT = 1 << 29
 ROBOT_CONTACTS = "robot_contacts"  # the sensor that counts them
@@ -150,6 +154,8 @@ def _object_spec(object_mjcf: str | Path, joint: str) -> mujoco.MjSpec:
         geom.margin = geom.gap = 0.0
         if geom.contype or geom.conaffinity:
             geom.contype, geom.conaffinity = WORLD_BIT, ROBOT_BIT
+        elif geom.name.startswith(RIM_PREFIX):
+            geom.contype = RIM_BIT
     for moving in spec.joints:
         _harden_friction(moving)
     return spec

@@ -218,7 +218,9 @@ def _held(built: ObjectModel, hinge: JointMotion, within: Sequence[HalfSpace], p
     model = mujoco.MjModel.from_xml_path(str(built.mjcf_path))
     believed = float(model.dof_frictionloss[model.joint(JOINT).dofadr[0]])
     sure = path.with_name("sure.xml")
-    write_mjcf(sure, sure_pieces(built.pieces, within), hinge, built.range, built.physics)
+    pieces = sure_pieces(built.pieces, within)
+    rims = [piece for piece in built.pieces if piece.body == "part" and piece not in pieces]
+    write_mjcf(sure, pieces, hinge, built.range, built.physics, rims)
     friction = max(believed, holding_friction(built.mjcf_path, built.range))
     return with_friction(sure, JOINT, friction, path)
 
