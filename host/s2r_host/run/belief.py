@@ -19,7 +19,7 @@ from s2r_host.proprioception.object_numbers import ObjectNumbers
 from s2r_host.run.measure import PartTemplate, part_template
 from s2r_host.run.object_file import with_face, with_friction
 from s2r_host.run.observe import Observation
-from s2r_host.run.sure_part import HalfSpace, sure_pieces, sure_within
+from s2r_host.run.sure_part import HalfSpace, rims, sure_pieces, sure_within
 from s2r_host.run.task import Task
 
 UPRIGHT_AXIS = 0.5
@@ -219,8 +219,7 @@ def _held(built: ObjectModel, hinge: JointMotion, within: Sequence[HalfSpace], p
     believed = float(model.dof_frictionloss[model.joint(JOINT).dofadr[0]])
     sure = path.with_name("sure.xml")
     pieces = sure_pieces(built.pieces, within)
-    rims = [piece for piece in built.pieces if piece.body == "part" and piece not in pieces]
-    write_mjcf(sure, pieces, hinge, built.range, built.physics, rims)
+    write_mjcf(sure, pieces, hinge, built.range, built.physics, rims(built.pieces, pieces))
     friction = max(believed, holding_friction(built.mjcf_path, built.range))
     return with_friction(sure, JOINT, friction, path)
 

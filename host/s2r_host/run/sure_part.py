@@ -59,6 +59,17 @@ def sure_pieces(pieces: Sequence[Piece], within: Sequence[HalfSpace]) -> list[Pi
     return [*part, *(piece for piece in pieces if piece.body != "part")]
 
 
+def rims(pieces: Sequence[Piece], sure: Sequence[Piece]) -> list[Piece]:
+    """Pieces of the part that were cut back, whole: as far as it may reach, which is as far as it was seen to.
+
+    Args:
+        pieces: Of the object.
+        sure: Of :func:`sure_pieces`.
+    """
+    kept = {id(piece) for piece in sure}
+    return [piece for piece in pieces if piece.body == "part" and id(piece) not in kept]
+
+
 def at_an_edge(p: np.ndarray, within: Sequence[HalfSpace]) -> bool:
     """Whether a point (3,) of the part lies where it was cut back: its real edge is somewhere beyond.
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
+from s2r_host.model.belief import REVOLUTE
 from s2r_host.model.pieces import box, hull
+from s2r_host.model.write import write_mjcf
 from s2r_host.perception.motion import JointMotion
-from s2r_host.run.sure_part import EDGE_M, EDGE_SHARE, at_an_edge, sure_pieces, sure_within
+from s2r_host.run.sure_part import EDGE_M, EDGE_SHARE, at_an_edge, rims, sure_pieces, sure_within
 
 HINGE = JointMotion("revolute", np.array([0.7, 0.0, 0.02]), np.array([0.0, 1.0, 0.0]), 0.4)
 
@@ -61,6 +64,42 @@ def test_a_cross_about_its_axis_has_no_free_end():
         )
     )
     assert tuple(sure_pieces(arms, sure_within(arms, HINGE))) == arms
+
+
+@pytest.mark.parametrize("as_box", [True, False])
+def test_what_was_cut_back_is_in_the_file_as_a_rim_that_nothing_touches(tmp_path, as_box):
+    X = _frame(0.6)
+    plate = box("lid", "part", X, np.array([0.01, -0.16, 0.0]), np.array([0.23, 0.16, 0.008]))
+    if not as_box:
+        plate = hull("lid", "part", plate.vertices @ X[:3, :3].T + plate.X_base_piece[:3, 3])
+    hub = box("hub", "part", X, np.array([-0.01, -0.1, -0.01]), np.array([0.01, 0.1, 0.01]))
+    base = box("base", "base", np.eye(4), np.array([0.4, -0.2, 0.0]), np.array([0.7, 0.2, 0.02]))
+    pieces = (plate, hub, base)
+    sure = sure_pieces(pieces, sure_within(pieces, HINGE))
+    assert rims(pieces, sure) == [plate]
+    for name, around in (("without", []), ("with", rims(pieces, sure))):
+        write_mjcf(tmp_path / f"{name}.xml", sure, HINGE, (-1.0, 1.0), REVOLUTE, around)
+    without, model = (
+        mujoco.MjModel.from_xml_path(str(tmp_path / f"{name}.xml")) for name in ("without", "with")
+    )
+    rim = model.geom("rim_lid")
+    assert not (rim.contype[0] or rim.conaffinity[0])
+    assert model.body("object_part").mass == pytest.approx(without.body("object_part").mass)
+    outward = X[:3, 0]
+    reach = {name: _farthest_m(model, name, outward) for name in ("part_lid", "rim_lid")}
+    assert reach["rim_lid"] - reach["part_lid"] == pytest.approx(EDGE_M, abs=1e-3)
+
+
+def _farthest_m(model: mujoco.MjModel, name: str, direction: np.ndarray) -> float:
+    """How far along a direction a geom reaches at joint value 0 [m]."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    geom = model.geom(name).id
+    R, p, mesh = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom], model.geom_dataid[geom]
+    if mesh < 0:
+        return float(direction @ p + np.abs(R.T @ direction) @ model.geom_size[geom])
+    start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    return float(((model.mesh_vert[start : start + count] @ R.T + p) @ direction).max())
 
 
 def test_what_is_pushed_where_the_part_was_cut_back_is_pushed_at_an_edge():
