@@ -38,10 +38,8 @@ START_TURNS_RAD, START_SLOPES, START_WIDER_M = (
 MOST_COST = 3.5  # px²; what costs more is told no better than by depth
 ERRORS_SHARED = 1.3  # edges err alike, and the solid is none of its kind: errors are larger than they seem
 AGAIN_RAD, LEAST_FOUND = np.radians(1.5), 0.6
-SURE_COST, ASTRAY_RAD = (
-    2.0,
-    np.radians(0.5),
-)  # px² up to which a turn is as sure as edges make it; and error per px² more
+# A turn is as sure as edges make it up to so many px², and errs by so much for each more.
+SURE_COST, ASTRAY_RAD = 2.0, np.radians(0.5)
 
 
 @dataclass(frozen=True, eq=False)

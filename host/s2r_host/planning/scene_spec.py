@@ -17,9 +17,8 @@ OBJECT_PREFIX = "object/"  # keeps the object's names apart from the arm's
 FINGER_PREFIX = "finger"  # shapes of the tool that are meant to touch the part
 
 ROBOT_BIT, WORLD_BIT = 1, 2
-RIM_BIT = (
-    1 << 28
-)  # nothing meets it; without any bit MuJoCo would leave rims out of the boxes that pairs are sought by
+# Nothing meets it. Without any bit MuJoCo would leave rims out of the boxes by which it looks for pairs.
+RIM_BIT = 1 << 28
 # A scene keeps its own contact bits; the arm meets everything solid in it through one bit that scenes leave free.
 SCENE_ROBOT_BIT = 1 << 29
 ROBOT_CONTACTS = "robot_contacts"  # the sensor that counts them

@@ -22,7 +22,7 @@ ROUNDS = 6
 TURN_PER_M = 6.0  # doubt about a side's turn [rad] per doubt about its place [m]: one part in 170 mm
 ROLL_RAD = 0.15  # of a lever about its own line: it is too thin for a camera to tell how it lies
 SLIPPED = (
-    2.0  # times what motions usually end beside: one that slipped over an edge is that far off, hardly a side
+    2.0  # times what motions usually end beside: so far off is one that slipped over an edge, hardly a side
 )
 
 
