@@ -138,14 +138,16 @@ def _touches(
     Without those that ended far off: one motion that went another way must not shift the rest.
     """
     touches = (
-        _touch(one, one.measured.s - s, belief)
+        _touch(one, one.measured.s - s, belief, record.settings.task.beside)
         for one in like
         if (s := _foreseen(one, session, belief, record, folder)) is not None
     )
     return [touch for touch in touches if abs(touch.offset) < record.settings.task.far_off]
 
 
-def _touch(done: DoneManipulation, offset: float, belief: Belief) -> Touch:
+def _touch(done: DoneManipulation, offset: float, belief: Belief, beside: float) -> Touch:
+    """One motion. A hinge told vaguely may make any offset in a look, but hardly more than motions usually end beside:
+    what five looks in a row have alike deserves to be believed."""
     template, measured = belief.template, done.measured
     if template.slides:
         return Touch(offset, measured.sigma, 0.0, np.ones(1))
@@ -153,7 +155,7 @@ def _touch(done: DoneManipulation, offset: float, belief: Belief) -> Touch:
         done.planned.end.p_pushed, done.shift, 0.0
     )  # joint value 0 may have become another place
     velocity = template.velocity(p[None])[0]
-    joint = _of_the_joint(belief.estimate, measured.s, float(np.linalg.norm(velocity)))
+    joint = min(_of_the_joint(belief.estimate, measured.s, float(np.linalg.norm(velocity))), beside)
     return Touch(offset, measured.sigma, joint, hinge_columns(p, template.p.mean(axis=0), velocity))
 
 

@@ -160,6 +160,18 @@ def test_what_the_camera_hardly_sees_is_believed_in_part_and_not_more_with_every
     assert _again(record, motion) == pytest.approx(0.49, abs=0.02 * NEARLY)
 
 
+def test_what_looks_have_alike_is_believed_by_half_however_vague_the_hinge(run):
+    """Five motions end 4° short; a hinge told to 50 mm could make all of that in the looks, and 30° as well."""
+    short = np.radians(4.0)
+    motions = [_done(FAUCET, 0.9, 0.9 - short, 0.0) for _ in range(5)]
+    session, record = run(FAUCET, *motions)
+    assert record.belief is not None
+    record.belief.estimate.intervals90.axis_offset_m = 0.05
+    learn_lost_motion(session, record)
+    learnt = 0.9 - _again(record, motions[0])
+    assert 0.4 * short < learnt < 0.6 * short
+
+
 def test_a_side_that_lies_further_back_is_known_for_pushes_elsewhere_too(run):
     """2 mm too far back: 1.1° beside at 100 mm from the axis, 2.3° where the lever is pushed at 50 mm."""
     back_m, places = 0.002, (0.1, 0.07, 0.05)
