@@ -151,9 +151,8 @@ def _touch(done: DoneManipulation, offset: float, belief: Belief, beside: float)
     template, measured = belief.template, done.measured
     if template.slides:
         return Touch(offset, measured.sigma, 0.0, np.ones(1))
-    p = belief.carry(
-        done.planned.end.p_pushed, done.shift, 0.0
-    )  # joint value 0 may have become another place
+    # Since it was planned, joint value 0 may have become another place.
+    p = belief.carry(done.planned.end.p_pushed, done.shift, 0.0)
     velocity = template.velocity(p[None])[0]
     joint = min(_of_the_joint(belief.estimate, measured.s, float(np.linalg.norm(velocity))), beside)
     return Touch(offset, measured.sigma, joint, hinge_columns(p, template.p.mean(axis=0), velocity))

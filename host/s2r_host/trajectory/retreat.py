@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -97,17 +96,13 @@ def _ways_out(
     """Joint paths (n, dof) off the contact, which may touch, and on out, which do not; the most natural ones first."""
     settings, s = request.settings, world.s
     tool = ToolKinematics(scene, settings.joint_margin_rad, settings.threads)
+    space = FreeSpace(scene, settings.threads, others=world.others)
     p, R = tool.pose(q_end)
     back = -np.sign(request.s_target - request.s_initial) * scene.part_motion(world.data, p)
     axis = R[:, 2]
     directions = (-axis, back, back - axis, R[:, 0], -R[:, 0], R[:, 1], -R[:, 1])
-    # Clear of where the part's edges may be first; longest ways first for every direction: a short one leaves the hand
-    # in a corner.
-    spaces = [
-        FreeSpace(scene, settings.threads, others=world.others, rims=rims)
-        for rims in ((True, False) if scene.rims.any() else (False,))
-    ]
-    for space, out_m in product(spaces, _OUT_M):
+    # Longest ways first for every direction: a short one leaves the hand in a corner.
+    for out_m in _OUT_M:
         for back_m in _BACK_M:
             off = _straight(tool, q_end, p, p + back_m * back, R)
             if off is None or space.contacts(off[-1:], s)[0]:

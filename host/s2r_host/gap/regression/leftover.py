@@ -25,9 +25,9 @@ class Leftover(Regression):
         """Is what is left over indistinguishable from the noise floor, on fitted and on held-out rows?"""
         p = self.problem
         x, B, y, _ = self.solve(chosen, self.noise_level(chosen))
-        left = self.without_drift(y - B @ x, TEMPER, self.added_friction(chosen, x))
         if self._scales_strained(x):
             return False
+        left = self.without_drift(y - B @ x, TEMPER, self.added_friction(chosen, x))
         raw = self.unwhitened(self.within_doubt(left))
         slack = FLOOR_SLACK_AFTER if chosen else FLOOR_SLACK
         for blocks in together(p):
