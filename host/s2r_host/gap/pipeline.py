@@ -47,7 +47,9 @@ Log = Callable[[str], None]
 STAMPS_SHARE = 0.15  # one deviation, of a shift of the stamps that the law excludes clearly
 UNTOUCHED = ("nothing_missing", "parameter_off")  # answers that a floor guessed too high gives as well
 FINER = 0.95  # of the guessed floor: below it the channels' own noise is worth a second look
-MUCH_FINER = 0.25  # the same where the first look has named an effect, maybe for what a better one explains
+MUCH_FINER = (
+    0.25  # the same on joints of which the first look has named an effect, maybe for what another explains
+)
 FAR_ABOVE = 2.0  # times the leftover that is unknown above a measured floor
 
 
@@ -197,8 +199,9 @@ def _second_look(
     far above the bounded floor where the first look found no more than numbers.
     """
     finer = _stated(a, config, bounded=True)
-    share = MUCH_FINER if decision.verdict == "physics_missing" else FINER
-    if all(finer.floor[j] >= share * problem.floor[j] for j in problem.joints):
+    named = {e.joint for e in decision.effects}
+    share = {j: MUCH_FINER if a.model.joints[j] in named else FINER for j in problem.joints}
+    if all(finer.floor[j] >= share[j] * problem.floor[j] for j in problem.joints):
         return None
     log("search under the noise of the channels alone")
     search = Search(finer, frozenset(config.skip), log)
@@ -228,8 +231,9 @@ def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem
         find_edges(fit + hold + repeats, a.model)
         for raw, moved in zip(a.fit + a.hold + a.repeats, fit + hold + repeats, strict=True):
             raw.lead[:], raw.v_eps[:] = moved.lead, moved.v_eps
-        problem = build_problem(a.model, fit, hold, repeats, bounded=bounded)
+        before, problem = problem, build_problem(a.model, fit, hold, repeats, bounded=bounded)
         problem.law = late + [f for f in problem.law if f.name != "clock_skew"]
+        problem.set_right = _set_right(before, problem)
     behind = [c.joint for c in problem.contradictions if c.finding is not None]
     if behind:
         links = [links_alone(a.model, x, behind) for x in (fit, hold, repeats)]
@@ -255,6 +259,12 @@ def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem
     for f in late:
         problem.ctx.control_lag[f.joint] = (0.0, 0.0005)
     return problem
+
+
+def _set_right(before: Problem, after: Problem) -> float:
+    """Share of the residual effort's power that went when late stamps were set right."""
+    was, left = (float(np.sum(np.square(one.raw)) / len(one.raw)) for one in (before, after))
+    return 1.0 - left / max(was, 1e-30)
 
 
 def _doubt_patch(a: Analysis, nominal: Twin) -> None:

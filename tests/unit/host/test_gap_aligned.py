@@ -41,34 +41,53 @@ def test_a_late_motion_is_read_where_it_belongs(tmp_path):
     )
 
 
+def late_run(folder, model, name, seed, phase, push=0.0):
+    """A run of a loop with dry friction, position stamped 12 ms late; the law and both channels are declared.
+
+    ``push``: amplitude of an effort that depends on the time alone [N·m].
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 16.0, DT)
+    q = 0.8 * np.sin(1.7 * t + phase) + 0.3 * np.sin(5.3 * t) + 0.1 * np.sin(11.0 * t + phase)
+    v = np.gradient(q, DT)
+    a = np.gradient(v, DT)
+    u = model.inverse(q[:, None], v[:, None], a[:, None])[:, 0] + 0.3 * np.tanh(v / 0.01)
+    u += push * np.sin(4.0 * t + np.sin(0.9 * t))
+    q_cmd = q + u / KP  # what the law was asked for, so that it gives u
+    at = t - 0.012
+    late_q, late_v = np.interp(at, t, q), np.interp(at, t, v)
+    noisy = [x + s * rng.normal(size=len(t)) for x, s in ((late_q, 2e-5), (late_v, 1e-3), (u, 0.01))]
+    table = np.stack([t, *noisy, q_cmd, v], axis=1)
+    file = folder / f"{name}.csv"
+    names = "t,q.elbow,dq.elbow,tau.elbow,q_cmd.elbow,dq_cmd.elbow"
+    np.savetxt(file, table, delimiter=",", header=names, comments="", fmt="%.9g")
+    file.with_suffix(".yaml").write_text(
+        f"controller: {{type: pd, kp: {{elbow: {KP}}}, kd: {{elbow: {KD}}}}}\neffort: measured\ninput: q_cmd\n"
+    )
+    return file
+
+
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
-    """Two runs of a loop with dry friction, position stamped 12 ms late; the law and both channels are declared."""
     folder = tmp_path_factory.mktemp("late")
     path = write_model(folder / "model.xml", 0.3, 0.2)
     model = RigidModel(path)
-    files = []
-    for k in range(2):
-        rng = np.random.default_rng(k)
-        t = np.arange(0.0, 16.0, DT)
-        q = 0.8 * np.sin(1.7 * t + k) + 0.3 * np.sin(5.3 * t) + 0.1 * np.sin(11.0 * t + k)
-        v = np.gradient(q, DT)
-        a = np.gradient(v, DT)
-        u = model.inverse(q[:, None], v[:, None], a[:, None])[:, 0] + 0.3 * np.tanh(v / 0.01)
-        dq_cmd = v + 0.0 * u
-        q_cmd = q + u / KP  # what the law was asked for, so that it gives u
-        at = t - 0.012
-        late_q, late_v = np.interp(at, t, q), np.interp(at, t, v)
-        noisy = [x + s * rng.normal(size=len(t)) for x, s in ((late_q, 2e-5), (late_v, 1e-3), (u, 0.01))]
-        table = np.stack([t, *noisy, q_cmd, dq_cmd], axis=1)
-        file = folder / f"r{k}.csv"
-        names = "t,q.elbow,dq.elbow,tau.elbow,q_cmd.elbow,dq_cmd.elbow"
-        np.savetxt(file, table, delimiter=",", header=names, comments="", fmt="%.9g")
-        file.with_suffix(".yaml").write_text(
-            f"controller: {{type: pd, kp: {{elbow: {KP}}}, kd: {{elbow: {KD}}}}}\neffort: measured\ninput: q_cmd\n"
-        )
-        files.append(file)
-    return path, files
+    return path, [late_run(folder, model, f"r{k}", k, float(k)) for k in range(2)]
+
+
+def test_stamps_that_explain_nearly_all_are_named_though_something_small_is_left(tmp_path):
+    """The stamps are ten times as much as a push that comes back in both runs."""
+    model = RigidModel(write_model(tmp_path / "model.xml", 0.3, 0.2))
+    files = [
+        late_run(tmp_path, model, f"{name}{k}", k, phase, push=0.03)
+        for k, (name, phase) in enumerate((("fit", 0.0), ("again", 0.0), ("held", 1.0)))
+    ]
+    answer = analyse(tmp_path / "model.xml", files[:1], files[2:], files[1:2], QUICK, lambda _: None)
+    assert answer.problem is not None
+    assert answer.problem.set_right > 0.95
+    assert answer.decision is not None
+    assert answer.decision.leftover > 2.0
+    assert [e.name for e in answer.decision.effects] == ["clock_skew"]
 
 
 def test_late_stamps_are_the_only_name_and_no_friction_is_lost_to_them(recordings):

@@ -11,8 +11,8 @@ from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.problem import build_problem
-from s2r_host.gap.regression.solution import Term
-from s2r_host.gap.search.outside import outside
+from s2r_host.gap.regression.solution import Scored, Term
+from s2r_host.gap.search.outside import _explains, outside
 from s2r_host.gap.search.scan import share_taken
 from s2r_host.gap.search.search import Search
 from s2r_host.gap.simulation.replay import Live, build_twin
@@ -108,6 +108,34 @@ def test_the_share_of_a_term_counts_on_its_own_joint():
     assert share_taken(Term("payload", -1), without, with_it) == pytest.approx(0.6)
 
 
+@pytest.mark.parametrize(
+    ("joint", "gain", "share", "number", "named"),
+    [
+        (0, 138.0, 0.96, 3.0, True),
+        (
+            1,
+            138.0,
+            0.96,
+            3.0,
+            False,
+        ),  # on the joint that has a name already, the floor holds what that leaves over
+        (0, 15.0, 0.96, 3.0, False),
+        (0, 138.0, 0.30, 3.0, False),
+        (0, 138.0, 0.96, 130.0, False),
+    ],
+)
+def test_under_a_guessed_floor_another_joint_s_effect_has_to_beat_every_wrong_number(
+    rubbing, monkeypatch, joint, gain, share, number, named
+):
+    search = Search(replace(rubbing.problem, floor_source="estimated"))
+    scanned = [
+        Scored(Term("detent", joint), gain, gain, share, np.zeros(0)),
+        Scored(Term("parameter:mass@a", -1), number, number, 0.1, np.zeros(0)),
+    ]
+    monkeypatch.setattr(search, "scan_profiled", lambda _: (scanned, 3.0))
+    assert search.stands_out([Term("coulomb_friction", 1)], [[]]) == named
+
+
 def test_motors_that_turn_together_are_felt_by_both(model):
     search = searched(model, lambda v, a: 0.012 * a[:, ::-1] + 0.01 * v[:, ::-1])
     solution = search.run()
@@ -147,6 +175,15 @@ def test_the_effort_of_a_joint_in_another_s_is_cross_talk_and_no_effect(model):
     said = outside(search.problem, search, imitation, strained=False)
     assert said is not None
     assert said.startswith("2.0% of the effort of 'j1' in that of 'j2'")
+
+
+@pytest.mark.parametrize(("source", "said"), [("repeat", True), ("estimated", False)])
+def test_under_a_guessed_floor_cross_talk_has_to_explain_as_much_as_the_name(rubbing, source, said):
+    """What is below a floor that was guessed far too high is not yet explained."""
+    floor = {j: 1e3 * x for j, x in rubbing.problem.floor.items()}
+    problem = replace(rubbing.problem, floor=floor, floor_source=source)
+    cause, named, nothing = (share * problem.raw for share in (0.5, 0.2, 1.0))
+    assert _explains(problem, 1, cause, named, nothing) == said
 
 
 def test_friction_is_no_cross_talk(rubbing):

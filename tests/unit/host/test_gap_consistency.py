@@ -7,6 +7,7 @@ from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.regression.solution import Term
 from s2r_host.gap.rig import write_model
+from s2r_host.gap.search import consistency
 from s2r_host.gap.search.consistency import disagreement
 from s2r_host.gap.search.search import Search
 
@@ -65,3 +66,12 @@ def test_an_imitation_is_told_by_its_parts(model, swung, term, hidden, said):
     search = Search(problem)
     found = disagreement(problem, search, search.finish([term], [[]], []))
     assert found is None if said is None else found is not None and said in found
+
+
+@pytest.mark.parametrize(("off", "deviation", "speaks"), [(-2e11, 1.5e11, False), (-0.9, 0.2, True)])
+def test_a_part_that_nothing_shows_contradicts_nothing(model, swung, monkeypatch, off, deviation, speaks):
+    """The weight on a joint that no gravity pulls is rounding: its size would have to be a number without end."""
+    problem = build_problem(model, [swung(model, 0, 0.0, brake)], [swung(model, 2, 1.0, brake)], [])
+    search = Search(problem)
+    monkeypatch.setattr(consistency, "_excess", lambda *_: (off, deviation))
+    assert (disagreement(problem, search, search.finish([SOFT_CLOSE], [[]], [])) is not None) == speaks

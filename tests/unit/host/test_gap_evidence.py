@@ -16,7 +16,7 @@ from s2r_host.gap.regression.solution import Scored, Term
 from s2r_host.gap.rig import write_model
 from s2r_host.gap.search.consistency import disagreement
 from s2r_host.gap.search.search import Search
-from s2r_host.gap.search.wrong_number import with_number
+from s2r_host.gap.search.wrong_number import turned_not_shifted, with_number
 from s2r_host.gap.verdict.decide import decide
 
 DT, FRICTION, DAMPING = 0.004, 0.3, 0.2
@@ -264,3 +264,15 @@ def test_many_numbers_that_follow_the_friction_of_one_recording_do_not_hide_the_
     assert said.verdict == "parameter_off"
     assert [p["name"] for p in said.parameters_off] == ["mass"]
     assert said.parameters_off[0]["to"] == pytest.approx(1.02 * said.parameters_off[0]["from"], rel=0.005)
+
+
+def test_a_turn_that_stands_for_a_centre_of_mass_stays_behind_what_explains_more():
+    def scored(effect, gain):
+        return Scored(Term(effect, 0), gain, gain, 0.0, np.zeros(0))
+
+    centre, friction, tilt = (
+        scored("parameter:com_x@link", 9.0), scored("coulomb_friction", 8.5), scored("gravity_tilt", 5.3)
+    )  # fmt: skip
+    assert turned_not_shifted([centre, friction, tilt]) == [friction, tilt]
+    assert turned_not_shifted([centre, tilt, friction]) == [tilt, friction]
+    assert turned_not_shifted([centre, friction]) == [centre, friction]

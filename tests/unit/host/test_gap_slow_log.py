@@ -1,9 +1,13 @@
 """Slow logs: what is rebuilt between their rows, and what stays open."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
+from s2r_host.gap.motion.law import check_law
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.motion.slow_log import filled
@@ -100,6 +104,18 @@ def test_damping_is_named_from_ten_rows_per_second_and_nothing_when_there_is_non
     assert [e.name for e in found.effects] == ["viscous_friction"]
     assert found.effects[0].parameters["coefficient"]["value"] == pytest.approx(0.08, rel=0.1)
     assert named(model, 0.0).verdict == "nothing_missing"
+
+
+def test_a_commanded_speed_that_was_not_logged_is_read_off_the_command(model):
+    """With its damping counted from rest such a law misses by several times the effort: gains off, or late stamps."""
+    rec = logged(model, 0, 0.0, 0.0, every=1)
+    behind = lfilter(
+        [DT / KD], [1.0, DT * KP / KD - 1.0], rec.channels["tau"]["elbow"]
+    )  # what KP e + KD de/dt = tau leaves the joint behind
+    rec.channels["q_cmd"]["elbow"] = motion(rec.t, 0.0)[0] + behind
+    rows = {k: {j: x[::20] for j, x in table.items()} for k, table in rec.channels.items() if k != "dq_cmd"}
+    session = make_session(model, filled(model, replace(rec, t=rec.t[::20], channels=rows)), 0)
+    assert check_law(model, [session], [], 0) is None
 
 
 def test_fewer_rows_leave_more_open(model):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session, lowpass
@@ -46,7 +47,7 @@ def law_parts(model: RigidModel, s: Session, joint: int, lag_s: float = 0.0) -> 
     v = np.interp(grid + lag_s, grid, s.v[:, joint] if speed is None else speed)
     dq_cmd = s.channel("dq_cmd", name)
     if dq_cmd is None:
-        dq_cmd = np.gradient(command, s.dt) if law.kind != "position_servo" else np.zeros(len(grid))
+        dq_cmd = unlogged_speed(law.kind, command, grid)
     rest = np.zeros(len(grid))
     if law.ki.get(name):
         # The law sums once per tick of its own rate; between the rows kept, the trapezoid is the better guess.
@@ -58,6 +59,11 @@ def law_parts(model: RigidModel, s: Session, joint: int, lag_s: float = 0.0) -> 
         law.kp[name] * (command - q), law.kd.get(name, 0.0) * (dq_cmd - v),
         rest if ahead is None else rest + ahead, float(low[joint]), float(high[joint]),
     )  # fmt: skip
+
+
+def unlogged_speed(kind: str, q_cmd: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Commanded speed of a law where none was logged: how fast the command goes; a position servo uses none."""
+    return np.zeros(len(t)) if kind == "position_servo" else CubicSpline(t, q_cmd)(t, 1)
 
 
 def control_law(model: RigidModel, s: Session, joint: int, lag_s: float = 0.0) -> np.ndarray | None:

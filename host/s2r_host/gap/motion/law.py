@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
-from s2r_host.gap.motion.align import law_parts
+from s2r_host.gap.motion.align import law_parts, unlogged_speed
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import COMPARE_CUT_HZ, Session, lowpass
 from s2r_host.gap.motion.states import filtered
@@ -354,8 +354,10 @@ def _off_at_rows(model: RigidModel, s: Session, joint: int) -> np.ndarray:
     law = rec.controller
     asked = law.kp[name] * (rec.channels["q_cmd"][name] - rec.channels["q"][name])
     speed, command = rec.get("dq", name), rec.get("dq_cmd", name)
+    if command is None:
+        command = unlogged_speed(law.kind, rec.channels["q_cmd"][name], rec.t)
     if speed is not None:
-        asked = asked + law.kd.get(name, 0.0) * ((0.0 if command is None else command) - speed)
+        asked = asked + law.kd.get(name, 0.0) * (command - speed)
     ahead = rec.get("tau_ff", name)
     asked = asked if ahead is None else asked + ahead
     low, high = model.effort_limits()

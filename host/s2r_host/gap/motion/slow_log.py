@@ -100,7 +100,7 @@ def _rebuilt(model: RigidModel, rec: Recording, kept: np.ndarray, t: np.ndarray)
             parts = []
             measured = ((rec.channels["q"][j][kept], rec.channels["dq"][j][kept]), (there[j].q, there[j].v))
             for k, (q, v) in enumerate(measured):
-                dq_cmd = commands["dq_cmd"].get(j)
+                dq_cmd = commands["dq_cmd" if law.kind == "position_servo" else "speed"].get(j)
                 asked = law.kp[j] * (commands["q_cmd"][j][k] - q)
                 asked = asked + law.kd.get(j, 0.0) * ((0.0 if dq_cmd is None else dq_cmd[k]) - v)
                 ahead = commands["tau_ff"].get(j)
@@ -113,8 +113,11 @@ def _rebuilt(model: RigidModel, rec: Recording, kept: np.ndarray, t: np.ndarray)
 def _commands(
     model: RigidModel, rec: Recording, kept: np.ndarray, rows: np.ndarray, t: np.ndarray
 ) -> dict[str, dict[str, tuple[np.ndarray, np.ndarray]]]:
-    """What the controller was told, at the rows and at ``t``; a feed-forward follows the model along the command."""
-    found: dict[str, dict] = {"q_cmd": {}, "dq_cmd": {}, "tau_ff": {}}
+    """What the controller was told, at the rows and at ``t``; a feed-forward follows the model along the command.
+
+    ``speed`` is how fast the command goes, logged or not.
+    """
+    found: dict[str, dict] = {"q_cmd": {}, "dq_cmd": {}, "tau_ff": {}, "speed": {}}
     here: dict[str, Motion] = {}
     there: dict[str, Motion] = {}
     for j in model.joints:
@@ -123,11 +126,12 @@ def _commands(
             continue
         if dq is None:
             found["q_cmd"][j] = (q[kept], _between(rows, q[kept], t))
+            found["speed"][j] = (_between(rows, q[kept], rows, 1), _between(rows, q[kept], t, 1))
             continue
         curve = smoothing_spline(rows, q[kept], dq[kept], 1e-7 * (float(np.ptp(q)) + 1e-9), exact=True)
         here[j], there[j] = motion(curve, rows), motion(curve, t)
         found["q_cmd"][j] = (q[kept], there[j].q)
-        found["dq_cmd"][j] = (dq[kept], there[j].v)
+        found["dq_cmd"][j] = found["speed"][j] = (dq[kept], there[j].v)
     known = len(here) == len(model.joints)
     at, along = (_load(model, here), _load(model, there)) if known else (None, None)
     for i, j in enumerate(model.joints):
@@ -143,9 +147,10 @@ def _commands(
     return found
 
 
-def _between(rows: np.ndarray, x: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """A curve through the rows that does not swing over at steps (Akima, J. ACM 17(4), 1970)."""
-    return np.asarray(Akima1DInterpolator(rows, x, method="makima")(np.clip(t, rows[0], rows[-1])))
+def _between(rows: np.ndarray, x: np.ndarray, t: np.ndarray, derivative: int = 0) -> np.ndarray:
+    """A curve through the rows that does not swing over at steps, or its slope (Akima, J. ACM 17(4), 1970)."""
+    curve = Akima1DInterpolator(rows, x, method="makima")
+    return np.asarray(curve(np.clip(t, rows[0], rows[-1]), derivative))
 
 
 def _load(model: RigidModel, motions: dict[str, Motion]) -> np.ndarray:

@@ -65,6 +65,7 @@ class Problem:
         drift: Friction changes of new held-out sessions; ``law`` where the declared control law does not hold;
             ``contradictions`` where position and speed of a joint do not agree; ``twin`` the second runs;
             ``wanders`` slow forces that no second run repeats.
+        set_right: Share of the residual effort's power that went with the lateness of stamps that the law tells.
     """
 
     ctx: Context
@@ -84,6 +85,7 @@ class Problem:
     floor_doubt: float = 1.0
     drift: list[Drift] = field(default_factory=list)
     law: list[LawFinding] = field(default_factory=list)
+    set_right: float = 0.0
     contradictions: list[Contradiction] = field(default_factory=list)
     twin: Twin | None = None
     wanders: list[Wander] = field(default_factory=list)

@@ -17,6 +17,7 @@ from s2r_host.gap.search.search import Search
 ColumnOf = Callable[[Context, Session, int, Shape, np.ndarray], np.ndarray | None]
 
 WRONG_SHARE, CLEAR = 0.35, 1.2  # of a part; deviations, by noise three times as strong as seen
+BLIND = 10.0  # deviations of this size tell nothing: weight on a joint that no gravity pulls
 FAR = 5.0  # deviations of a number of the model; right names ask for 4.0 at most in the tuning sets
 MAY_MOVE = (*COMPARISON, "effort_offset")
 
@@ -32,7 +33,7 @@ def disagreement(problem: Problem, search: Search, solution: Solution) -> str | 
             (effect.foreign, f"beside {term.effect}, {effect.foreign_is} would have to be {{:.2f}} times as large"),
         ):  # fmt: skip
             off, deviation = _excess(problem, base, term, theta, column_of, solution.noise)
-            if abs(off) > WRONG_SHARE and abs(off) > CLEAR * deviation:
+            if abs(off) > WRONG_SHARE and CLEAR * deviation < abs(off) and deviation < BLIND:
                 size = 1.0 + off if column_of == effect.part else off
                 return f"{words.format(size)} (one deviation {deviation:.2f})"
     return None

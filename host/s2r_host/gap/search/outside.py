@@ -16,6 +16,7 @@ from s2r_host.gap.search.beside_numbers import beside_numbers
 from s2r_host.gap.search.search import Search
 
 MOST_SHARE = 0.3  # of the other joint's effort
+NO_MORE = 1.5  # times the power that the terms leave
 LEAST_TAKEN = 0.5  # of what the numbers leave over without it
 
 
@@ -71,11 +72,16 @@ def _causes(problem: Problem, solution: Solution, joint: int, *, strained: bool)
 def _explains(
     problem: Problem, joint: int, left: np.ndarray, by_terms: np.ndarray, without: np.ndarray
 ) -> bool:
-    """Does a cause leave no more than the terms on a joint do, and a good part less than none, in every recording?"""
+    """Does a cause leave no more than the terms on a joint do, and a good part less than none, in every recording?
+
+    Below a measured floor all is noise. A guessed one may be too high, and what the terms leave tells better.
+    """
+    measured = problem.floor_source == "repeat"
     blocks = [b for b in problem.blocks if b.joint == joint and len(b.picks) > 1]
     for b in blocks:
         every = np.ones_like(b.held)
         own, theirs, bare = (problem.rms(x, b, every) ** 2 for x in (left, by_terms, without))
-        if own > max(theirs, problem.floor[joint] ** 2) or own > LEAST_TAKEN * bare:
+        enough = max(theirs, problem.floor[joint] ** 2) if measured else NO_MORE * theirs
+        if own > enough or own > LEAST_TAKEN * bare:
             return False
     return bool(blocks)

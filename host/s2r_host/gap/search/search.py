@@ -113,6 +113,8 @@ class Search(Scan):
 
         A floor holds in the sum; a delay that five of its prior deviations in a timing error make up for does not.
         """
+        if chosen and self.problem.floor_source != "repeat":
+            return self._beats_numbers_elsewhere(chosen)
         scored, _ = self.scan_profiled(chosen)
         best = next((s for s in scored if not s.term.effect.startswith(PREFIX)), None)
         return best is not None and not self.a_number(best.term) and self.clear(best, slots)
@@ -129,6 +131,18 @@ class Search(Scan):
         best = next((s for s in scored if not self.a_number(s.term)), None)
         return (
             best is not None
+            and best.gain > max(CLEAR_GAIN, number + MIN_GAIN)
+            and best.holdout_gain > BEATING_SHARE
+        )
+
+    def _beats_numbers_elsewhere(self, chosen: list[Term]) -> bool:
+        """`beats_numbers` on a joint that nothing is named on: a floor that was guessed high there holds an effect."""
+        scored, _ = self.scan_profiled(chosen)
+        number = max((s.gain for s in scored if self.a_number(s.term)), default=0.0)
+        best = next((s for s in scored if not self.a_number(s.term)), None)
+        return (
+            best is not None
+            and best.term.joint not in {t.joint for t in chosen}
             and best.gain > max(CLEAR_GAIN, number + MIN_GAIN)
             and best.holdout_gain > BEATING_SHARE
         )

@@ -193,9 +193,10 @@ def _weigh_numbers(
 
 
 def turned_not_shifted(slot: list[Scored]) -> list[Scored]:
-    """Put a turned zero (encoder or base) before a centre of mass that explains as much.
+    """The slot without centres of mass where a turned zero (encoder or base) explains as much as the best of them.
 
-    A centre of mass that is off by just a turn about the joint, at the same distance, would be a coincidence.
+    A centre of mass that is off by just a turn about the joint, at the same distance, would be a coincidence. What
+    explains more than that turn, as a friction that is off, stays before it.
     """
     if not slot[0].term.effect.startswith(f"{PREFIX}com"):
         return slot
@@ -203,4 +204,4 @@ def turned_not_shifted(slot: list[Scored]) -> list[Scored]:
     least = max(ONE_CAUSE, slot[0].gain - max(ALIKE_GAIN, ALIKE_SHARE * slot[0].gain))
     if not turned or turned[0].gain < least:  # a name needs evidence of its own
         return slot
-    return [*turned, *(s for s in slot if s not in turned and not s.term.effect.startswith(f"{PREFIX}com"))]
+    return [s for s in slot if not s.term.effect.startswith(f"{PREFIX}com")]

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context, Runtime, StepState
-from s2r_host.gap.motion.align import control_law
+from s2r_host.gap.motion.align import control_law, unlogged_speed
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.regression.nuisance import BaseParameter
@@ -289,7 +289,7 @@ def _law(rigid: RigidModel, s: Session, joint: int, ticks: int = 1) -> _Law | No
         between = CubicHermiteSpline(s.t, q_cmd, dq_cmd)(np.minimum(fine, s.t[-1]))
     else:
         between = np.interp(fine, s.t, q_cmd)
-        dq_cmd = np.gradient(q_cmd, s.dt) if law.kind != "position_servo" else np.zeros(len(q_cmd))
+        dq_cmd = unlogged_speed(law.kind, q_cmd, s.t)
     return _Law(
         law.kp[name], law.kd.get(name, 0.0), law.ki.get(name, 0.0), between, np.interp(fine, s.t, dq_cmd),
         np.zeros(len(fine)) if ahead is None else np.interp(fine, s.t, ahead),

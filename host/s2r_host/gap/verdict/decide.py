@@ -112,7 +112,8 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     decision.explained = explained(problem, search, solution)
     search.looseness = 1.0
     if not solution.terms:
-        if decision.leftover > LEFTOVER_LIMIT * doubt(problem) or search.comes_back([]):
+        remains = decision.leftover > LEFTOVER_LIMIT * doubt(problem) or search.comes_back([])
+        if remains and problem.set_right < explained_least_of(problem, search, solution, decision.leftover):
             decision.verdict = "unknown"
             decision.reasons.append("no effect of the catalogue removes the leftover")
         elif base_matters(search, problem) or len(problem.joints) > 1:
