@@ -134,6 +134,7 @@ def test_under_a_guessed_floor_another_joint_s_effect_has_to_beat_every_wrong_nu
     ]
     monkeypatch.setattr(search, "scan_profiled", lambda _: (scanned, 3.0))
     assert search.stands_out([Term("coulomb_friction", 1)], [[]]) == named
+    assert not search.stands_out([Term("payload", -1)], [[]])  # acts on every joint
 
 
 def test_motors_that_turn_together_are_felt_by_both(model):

@@ -18,6 +18,7 @@ from s2r_host.gap.search.consistency import disagreement
 from s2r_host.gap.search.search import Search
 from s2r_host.gap.search.wrong_number import turned_not_shifted, with_number
 from s2r_host.gap.verdict.decide import decide
+from s2r_host.gap.verdict.decision import LEFTOVER_LIMIT
 
 DT, FRICTION, DAMPING = 0.004, 0.3, 0.2
 NOISE = 0.02
@@ -276,3 +277,19 @@ def test_a_turn_that_stands_for_a_centre_of_mass_stays_behind_what_explains_more
     assert turned_not_shifted([centre, friction, tilt]) == [friction, tilt]
     assert turned_not_shifted([centre, tilt, friction]) == [tilt, friction]
     assert turned_not_shifted([centre, friction]) == [centre, friction]
+
+
+@pytest.mark.parametrize(("more", "verdict"), [(1.0, "parameter_off"), (2.0, "physics_missing")])
+def test_a_number_that_explains_nearly_all_stays_the_answer_though_something_small_is_left(
+    model, more, verdict
+):
+    """A damping that is off, and a push that comes back in both runs: a fiftieth of its power."""
+
+    def damped(t, q, v, a):
+        return more * DAMPING * v + 0.06 * np.sin(4.0 * t + np.sin(0.9 * t))
+
+    decision = decide(*searched(model, damped))
+    assert decision.leftover > LEFTOVER_LIMIT
+    assert decision.verdict == verdict
+    named = [e.name for e in decision.effects] + [p["name"] for p in decision.parameters_off]
+    assert named == ["damping" if verdict == "parameter_off" else "viscous_friction"]

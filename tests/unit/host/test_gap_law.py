@@ -1,5 +1,7 @@
 """The control law as second witness: what a measured effort hides, wrong gains, late stamps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -20,14 +22,14 @@ def model(tmp_path_factory):
     return RigidModel(write_model(tmp_path_factory.mktemp("rig") / "model.xml"))
 
 
-def recorded(model, index, effort="measured", drive=lambda u: u, kp=KP, late=0, late_s=0.0):
+def recorded(model, index, effort="measured", drive=lambda u: u, kp=KP, kd=KD, late=0, late_s=0.0):
     """A loop whose plant does not matter: position lags the command, the drive bends what the law asks for."""
     rng = np.random.default_rng(index)
     t = np.arange(0, 12, DT)
     q_cmd = 0.6 * np.sin(1.3 * t + index) + 0.2 * np.sin(6.1 * t)
     q = 0.55 * np.sin(1.3 * t + index - 0.1) + 0.19 * np.sin(6.1 * t - 0.3)
     dq_cmd, dq = np.gradient(q_cmd, DT), np.gradient(q, DT)
-    u = drive(kp * (q_cmd - q) + KD * (dq_cmd - dq)) + 0.01 * rng.normal(size=len(t))
+    u = drive(kp * (q_cmd - q) + kd * (dq_cmd - dq)) + 0.01 * rng.normal(size=len(t))
     if late:
         q, dq = np.roll(q, late), np.roll(dq, late)
     q, dq = np.interp(t - late_s, t, q), np.interp(t - late_s, t, dq)
@@ -35,7 +37,7 @@ def recorded(model, index, effort="measured", drive=lambda u: u, kp=KP, late=0, 
         "q": {"elbow": q}, "dq": {"elbow": dq}, "tau": {"elbow": u},
         "q_cmd": {"elbow": q_cmd}, "dq_cmd": {"elbow": dq_cmd},
     }  # fmt: skip
-    law = Controller("pd", {"elbow": KP}, {"elbow": KD}, {}, 250.0)
+    law = Controller("pd", {"elbow": KP}, {"elbow": kd}, {}, 250.0)
     rec = Recording(f"r{index}", t, channels, law, effort, "q_cmd", "a", "", ())
     return make_session(model, rec, index)
 
@@ -55,6 +57,19 @@ def test_a_law_that_holds_for_a_reported_effort_excludes_late_stamps(model):
     late = recorded(model, 0, late_s=0.02)
     assert stamps_within(model, [late], 0) is None
     assert stamps_within(model, [recorded(model, 0, effort="commanded")], 0) is None
+
+
+@pytest.mark.parametrize(("step", "lag_s", "name"), [(3e-3, 0.0, None), (1e-5, 0.02, "bandwidth")])
+def test_steps_of_an_encoder_whose_speed_was_not_logged_are_no_lag(model, step, lag_s, name):
+    def coarse(index):
+        share = 1.0 - np.exp(-DT / lag_s) if lag_s else 1.0
+        s = recorded(model, index, drive=lambda u: lfilter([share], [1.0, share - 1.0], u), kd=10.0)
+        channels = {k: x for k, x in s.rec.channels.items() if k != "dq"}
+        channels["q"] = {"elbow": np.round(channels["q"]["elbow"] / step) * step}
+        return make_session(model, replace(s.rec, channels=channels), index)
+
+    said = check_law(model, [coarse(0)], [coarse(1)], 0)
+    assert (None if said is None else said.name) == name
 
 
 def test_a_delay_behind_a_measured_effort_is_named_with_its_size(model):

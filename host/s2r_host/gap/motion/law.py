@@ -28,6 +28,7 @@ LEAST_GAIN = 15.0
 # that holds, as a share of the effort's power.
 KNOWN_S, CLEARLY, HOLDS = 3e-4, 2.0, 1e-3
 HOLDS_NOISY, SHIFTS_S = 0.05, (0.001, 0.002, 0.004, 0.008)  # the same for an effort with a sensor's noise
+SMOOTHER_HZ = (5.0, 10.0, 20.0, 40.0)
 LEAST_CHANGE = 0.012
 Z90 = 1.645
 TOP = 0.98  # of the rows stay below what a drive reaches
@@ -117,6 +118,8 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
     if name == "clock_skew" and -_held_for(usable[0].s) < shape["lag"] < 0.0:
         return None
     rate = usable[0].s.rec.controller.rate_hz
+    if name in OLD and gain < _smoother_speed(test) + LEAST_GAIN:
+        return None
     if name in OLD and rate and next(iter(shape.values())) <= (1.0 + TICK_DOUBT) / rate:
         return None
     if name == "controller_gain" and all(
@@ -243,6 +246,21 @@ def _gain(test: _Test, which: str) -> Found:
     table = {which: {"value": nominal * (1.0 + x), "from": nominal, "unit": test.gain_unit[which],
                      "interval90": ends, "identifiable": True}}  # fmt: skip
     return test.odds(misfit, 1), "controller_gain", test.share(misfit), table, {}
+
+
+def _smoother_speed(test: _Test) -> float:
+    """Log odds of a law whose drive damps a smoother speed than the one that was made of the positions; 0 if logged.
+
+    Steps of an encoder, differentiated here, are noise that the drive may never have seen: a lag smooths them as well.
+    """
+    name = test.joint_name
+    if any(r.s.rec.get("dq", name) is not None for r in test.rows):
+        return 0.0
+
+    def smoother(r: _Rows, cut_hz: float) -> np.ndarray:
+        return lowpass(r.kd, cut_hz, r.s.dt) - r.kd
+
+    return max(0.0, *(test.odds(test.misfit(lambda r, f=f: smoother(r, f)), 1) for f in SMOOTHER_HZ))
 
 
 def _delayed(r: _Rows, delay: float) -> np.ndarray:

@@ -136,7 +136,12 @@ class Search(Scan):
         )
 
     def _beats_numbers_elsewhere(self, chosen: list[Term]) -> bool:
-        """`beats_numbers` on a joint that nothing is named on: a floor that was guessed high there holds an effect."""
+        """`beats_numbers` on a joint that nothing is named on: a floor that was guessed high there holds an effect.
+
+        A load or a tilt acts on every joint.
+        """
+        if any(t.joint < 0 for t in chosen):
+            return False
         scored, _ = self.scan_profiled(chosen)
         number = max((s.gain for s in scored if self.a_number(s.term)), default=0.0)
         best = next((s for s in scored if not self.a_number(s.term)), None)

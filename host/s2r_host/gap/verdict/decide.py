@@ -26,6 +26,7 @@ from s2r_host.gap.verdict.decision import (
     Decision,
     doubt,
     explained,
+    explained_by_numbers,
     explained_least_of,
     leftover,
     too_much_left,
@@ -43,6 +44,7 @@ from s2r_host.gap.verdict.parameters_off import base_entries, is_parameter, off_
 from s2r_host.gap.verdict.rejected import rejected_list
 
 NO_WORSE = 1.3
+NEARLY_ALL = 0.95  # of the gap, by a number; less than that any number takes from what acts like it
 FRICTION = ("coulomb_friction", "viscous_friction")
 
 
@@ -110,6 +112,9 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     search.looseness = trusted  # the gap is what numbers leave over that move as far as they are trusted to
     decision.leftover = leftover(problem, solution.prediction)
     decision.explained = explained(problem, search, solution)
+    if solution.terms and all(search.a_number(t) for t in solution.terms):
+        alone = explained_by_numbers(problem, solution)
+        decision.explained = alone if alone > NEARLY_ALL else decision.explained
     search.looseness = 1.0
     if not solution.terms:
         remains = decision.leftover > LEFTOVER_LIMIT * doubt(problem) or search.comes_back([])

@@ -86,12 +86,24 @@ def explained(problem: Problem, search: Search, solution: Solution) -> float:
 
     The gap is what small changes of base parameters leave over: a wrong mass is no merit of an effect.
     """
-    rows = search.finish([], [], []).prediction
+    return _removed(problem, search.finish([], [], []).prediction, solution.prediction)
+
+
+def explained_by_numbers(problem: Problem, solution: Solution) -> float:
+    """The same of effects that are no more than numbers of the model: they are not weighed against its moving a little.
+
+    Their gap is what the model as it stands leaves over.
+    """
+    return _removed(problem, problem.raw, solution.prediction)
+
+
+def _removed(problem: Problem, was: np.ndarray, now: np.ndarray) -> float:
+    """Share by which what is left above the floor falls from some leftover rows to others."""
     before = after = 0.0
     for blocks in together(problem):
         held = any(b.held.any() for b in blocks)
-        was, now = (left_over(problem, x, blocks, held=held) or 0.0 for x in (rows, solution.prediction))
+        first, second = (left_over(problem, x, blocks, held=held) or 0.0 for x in (was, now))
         count = len(blocks)
-        before += count * max(0.0, was**2 - 1.0)
-        after += count * max(0.0, now**2 - 1.0)
+        before += count * max(0.0, first**2 - 1.0)
+        after += count * max(0.0, second**2 - 1.0)
     return 1.0 - after / before if before > 0 else 0.0
