@@ -140,6 +140,7 @@ def estimate_joint(
     extra_axes: Sequence[hyp.Axis] = (),
     joint_type: JointType | None = None,
     up: Array | None = UP,
+    beside: Sequence[Array] = (),
     pushed: Sequence[Push] = (),
     known_to: float = KNOWN_TO,
     network: Network | None = None,
@@ -156,6 +157,7 @@ def estimate_joint(
         extra_axes: More candidate axes, e.g. the modes of a network.
         joint_type: Consider only this family (a user who knows it is a drawer may say so).
         up: Unit vector against gravity in the frame of the views, None if unknown: most hinges are upright or level.
+        beside: Directions (3,) in which parts beside this one slide: drawers of one chest slide alike.
         pushed: Where and which way the part was pushed between the views, as far as all of that is known: it did not go
             against every one of them.
         known_to: Answer with a turn only where half its 90 % interval is no more than this share of it.
@@ -170,7 +172,9 @@ def estimate_joint(
     rng = np.random.default_rng(seed)
     scene, warnings = prepare(before, after, region, ignore_mask_before, ignore_mask_after, rng)
     belief = None if network is None else network.belief(scene, np.random.default_rng([seed, 1]))
-    scene, found = look_for_motion(scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up)
+    scene, found = look_for_motion(
+        scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up, beside=beside
+    )
     if belief is not None:
         found = weighed(found, belief, scene, joint_type, np.random.default_rng([seed, 2]))
         known_to = sure_enough(known_to, found, belief)
@@ -184,6 +188,7 @@ def look_for_motion(
     extra_axes: Sequence[hyp.Axis] = (),
     joint_type: JointType | None = None,
     up: Array | None = UP,
+    beside: Sequence[Array] = (),
 ) -> tuple[Scene, Search]:
     """The first half of `estimate_joint`: the scene with its revealed level, and the refined candidates.
 
@@ -192,7 +197,7 @@ def look_for_motion(
     """
     require_motion(scene)
     scene = with_revealed_level(scene, up, rng)
-    return scene, search(scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up)
+    return scene, search(scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up, beside=beside)
 
 
 def conclude(
@@ -355,6 +360,7 @@ def search(
     extra_axes: Sequence[hyp.Axis] = (),
     joint_type: JointType | None = None,
     up: Array | None = UP,
+    beside: Sequence[Array] = (),
 ) -> Search:
     """Look for the motion that explains most of what moved; see `estimate_joint` for the options."""
     # Nearest neighbours in a bare cloud cost ten times a projection.
@@ -364,13 +370,13 @@ def search(
         probe(scene.after, scene.moved_after(), few, rng),
     )
     shape = hyp.structure(scene, rng, up)
-    found = [*extra_axes, *hyp.axes(shape)]
+    found = [*extra_axes, *hyp.slides_beside(shape, beside), *hyp.axes(shape)]
     if joint_type is not None:
         found = [axis for axis in found if axis.joint_type == joint_type]
     motions, cost = hyp.scan(found, scene, *probes)
     anchors = np.concatenate([probes[0].points[:100], probes[1].points[:100]])
     starts = [motion for motion, _ in hyp.best_distinct(motions, cost, anchors, REFINED_HYPOTHESES)]
-    wishes = Wishes(shape.fronts(), up, *shape.levers, columns=tuple(shape.columns))
+    wishes = Wishes(shape.fronts(), up, *shape.levers, columns=tuple(shape.columns), beside=tuple(beside))
     near = sampled(starts, shape.columns, scene, rng) if scene.small() and joint_type != "prismatic" else []
     ranked = rank(starts, scene, wishes, rng, near=near)
     turns = bool(ranked) and ranked[0].motion.joint_type == "revolute"

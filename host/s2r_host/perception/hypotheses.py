@@ -6,6 +6,7 @@ Every axis is then scanned over its joint value by `scan`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -176,6 +177,12 @@ def _slides(shape: Structure) -> list[Axis]:
             found.append(Axis("prismatic", centre, direction, "edge of a moved plane"))
     found.append(Axis("prismatic", centre, np.array([0, 0, 1.0]), "vertical"))
     return found
+
+
+def slides_beside(shape: Structure, directions: Sequence[Array]) -> list[Axis]:
+    """Slides along directions (3,) that are known from parts beside this one."""
+    centre = 0.5 * (shape.low + shape.high)
+    return [Axis("prismatic", centre, one, "along a part beside") for one in directions]
 
 
 def _crossings(shape: Structure) -> list[Axis]:

@@ -21,9 +21,11 @@ from scipy.spatial import cKDTree
 from s2r_host.perception.change import Change
 from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.estimate import JointEstimate, estimate_joint, prepare, search
-from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry
+from s2r_host.perception.evidence import COST_ON_SURFACE, Probe, Scene, carry, probe
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.parallel import disbelief, lines_of, same_line, together
+from s2r_host.perception.ranking import Hypothesis
 from s2r_host.perception.verdict import moved_area, require_motion
 from s2r_host.perception.view import DepthView, View
 
@@ -33,6 +35,7 @@ Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 MOST_PARTS = 4
+PROBED = 600  # changed points of either view by which sets of motions are judged
 LEAST_REST = 0.15  # of the changed points; a smaller rest is no part
 LEAST_FOLLOWS = 0.35  # of a rest must follow one motion for it to be a part's
 LEAST_AREA_M2 = 2e-4  # of surface that follows it
@@ -75,10 +78,17 @@ def estimate_joints(
             _others(view, who, k, old)
             for view, who, old in zip((scene.before, scene.after), owner, ignored, strict=True)
         ]
+        siblings = [one.axis_direction for one in found if one.joint_type == "prismatic"]
+        beside = [one for one in siblings if same_line(one, motions[k])]
         try:
             found.append(
                 estimate_joint(
-                    before, after, ignore_mask_before=masks[0], ignore_mask_after=masks[1], **options
+                    before,
+                    after,
+                    ignore_mask_before=masks[0],
+                    ignore_mask_after=masks[1],
+                    beside=beside[:1],
+                    **options,
                 )
             )
         except AbstainError as error:
@@ -89,8 +99,30 @@ def estimate_joints(
 def motions_of(
     scene: Scene, rng: np.random.Generator, most: int, options: Mapping[str, Any]
 ) -> list[JointMotion]:
-    """Different motions that together explain the change, most explained first."""
+    """Different motions that together explain the change, most explained first.
+
+    Parts are looked for one after the other, and slides along each line that something may have slid along together;
+    the set that explains the views best is taken.
+    """
     kept = {name: options[name] for name in ("extra_axes", "joint_type", "up") if name in options}
+    first = search(scene, rng, **kept).ranked
+    probes = (
+        probe(scene.before, scene.moved_before(), PROBED, rng),
+        probe(scene.after, scene.moved_after(), PROBED, rng),
+    )
+    lines = lines_of([one.motion.direction for one in first if one.motion.joint_type == "prismatic"])
+    sets = [
+        _one_by_one(first, scene, rng, most, kept),
+        *(together(line, scene, probes, most) for line in lines),
+    ]
+    best = min((one for one in sets if one), key=lambda one: disbelief(one, scene, probes), default=[])
+    return sorted(best, key=lambda one: -_followed(one, best, scene))
+
+
+def _one_by_one(
+    ranked: list[Hypothesis], scene: Scene, rng: np.random.Generator, most: int, kept: dict[str, Any]
+) -> list[JointMotion]:
+    """The motion that explains most, then that which explains most of what is left, and so on."""
     total = len(scene.moved_before()) + len(scene.moved_after())
     found: list[JointMotion] = []
     rest = scene
@@ -98,7 +130,7 @@ def motions_of(
         moved = rest.moved_before(), rest.moved_after()
         if len(moved[0]) + len(moved[1]) < LEAST_REST * total or max(_areas(rest)) < LEAST_AREA_M2:
             break
-        ranked = search(rest, rng, **kept).ranked
+        ranked = ranked if rest is scene else search(rest, rng, **kept).ranked
         if not ranked:
             break
         motion = ranked[0].motion
@@ -113,6 +145,16 @@ def motions_of(
             candidate_after=rest.candidate_after & ~_beside(rest.after, moved[1][follows[1]]),
         )
     return found
+
+
+def _followed(motion: JointMotion, among: list[JointMotion], scene: Scene) -> int:
+    """Changed points that follow a motion and none of the others better."""
+    own = among.index(motion)
+    count = 0
+    for side, index in enumerate((scene.moved_before(), scene.moved_after())):
+        cost = np.stack([cost_of(one, scene, index, side) for one in among])
+        count += int(((cost.argmin(axis=0) == own) & (cost[own] <= COST_ON_SURFACE)).sum())
+    return count
 
 
 def carried(motion: JointMotion, scene: Scene, index: NDArray[np.int64], side: int) -> Mask:

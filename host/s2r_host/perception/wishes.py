@@ -21,6 +21,7 @@ Wish = Callable[[JointMotion], float]
 
 FRONT_SIGMA_RAD = np.radians(1.0)
 FRONT_CAPTURE_RAD = np.radians(12.0)
+BESIDE_SIGMA_RAD = np.radians(0.5)
 UPRIGHT_SIGMA_RAD = np.radians(2.0)
 UPRIGHT_CAPTURE_RAD = np.radians(15.0)
 PLUMB_SIGMA_RAD = np.radians(0.3)
@@ -43,6 +44,7 @@ class Wishes:
         up: Unit vector against gravity; None if the frame does not tell.
         before, after: Lines of a thin part in both views, if it is thin.
         columns: Of round bodies that stayed, beside a small part.
+        beside: Directions (3,) in which parts beside this one slide: drawers of one chest slide alike.
         upright_sigma_rad: How exactly a hinge that is nearly upright or level is that.
     """
 
@@ -51,6 +53,7 @@ class Wishes:
     before: Lever | None = None
     after: Lever | None = None
     columns: tuple[Column, ...] = ()
+    beside: tuple[Array, ...] = ()
     upright_sigma_rad: float = UPRIGHT_SIGMA_RAD
 
     @property
@@ -76,7 +79,7 @@ class Wishes:
     def active(self, motion: JointMotion) -> list[Wish]:
         """The wishes that hold for motions near this one."""
         if motion.joint_type == "prismatic":
-            return self._square_to_front(motion)
+            return self._square_to_front(motion) + self._like_those_beside(motion)
         return self._upright_or_level(motion) + self._through_lever(motion) + self._about_column(motion)
 
     def _square_to_front(self, motion: JointMotion) -> list[Wish]:
@@ -85,6 +88,14 @@ class Wishes:
             return []
         normal = self.fronts[int(np.argmax(np.abs(cosine)))]
         return [_across(axis, FRONT_SIGMA_RAD) for axis in perpendicular_basis(normal)]
+
+    def _like_those_beside(self, motion: JointMotion) -> list[Wish]:
+        return [
+            _across(axis, BESIDE_SIGMA_RAD)
+            for one in self.beside
+            if abs(float(one @ motion.direction)) > np.cos(FRONT_CAPTURE_RAD)
+            for axis in perpendicular_basis(one)
+        ]
 
     def _upright_or_level(self, motion: JointMotion) -> list[Wish]:
         if self.up is None:
