@@ -8,9 +8,12 @@ import pytest
 from s2r_host.perception import AbstainError, DepthFrame, estimate_joints
 from s2r_host.perception import synthetic as scenes
 from s2r_host.perception.estimate import prepare
+from s2r_host.perception.evidence import probe
 from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.parallel import together
 from s2r_host.perception.several import motions_of
 from s2r_host.perception.synthetic import Box
+from s2r_host.perception.wishes import Wishes
 
 K, SHAPE = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]]), (360, 640)
 OUT = np.array([-1.0, 0.0, 0.0])
@@ -81,6 +84,49 @@ def test_two_drawers_that_went_unlike_ways_are_told_apart():
     assert [one.joint_type for one in found] == ["prismatic", "prismatic"]
     ways = sorted(float(one.delta * (one.direction @ OUT)) for one in found)
     assert ways == pytest.approx([-0.035, 0.05], abs=0.003)
+
+
+def stacked(lower_m: float, upper_m: float) -> list[tuple[Box, JointMotion]]:
+    """Two like drawers, one above the other: the one that goes in stands out by as much as the other comes out."""
+    return [
+        (
+            at(0.65 + (way < 0) * way, 0.0, z, (0.06, 0.3, 0.13)),
+            JointMotion("prismatic", np.zeros(3), OUT, way),
+        )
+        for z, way in ((0.07, lower_m), (0.21, upper_m))
+    ]
+
+
+def test_fronts_that_changed_places_are_two_drawers_and_none_that_went_up():
+    found = motions(views(stacked(0.06, -0.06)))
+    assert [one.joint_type for one in found] == ["prismatic", "prismatic"]
+    assert min(abs(one.direction @ OUT) for one in found) > np.cos(np.radians(2))
+    assert sorted(float(one.delta * (one.direction @ OUT)) for one in found) == pytest.approx(
+        [-0.06, 0.06], abs=0.003
+    )
+
+
+def test_slides_along_a_line_are_found_by_their_fronts_and_no_more_of_them_than_there_are():
+    for moving, ways in ((stacked(0.06, -0.05), [-0.05, 0.06]), ([drawer(0.0, 0.15, 0.05)], [0.05])):
+        rng = np.random.default_rng(0)
+        scene, _ = prepare(*views(moving), None, None, None, rng)
+        probes = (
+            probe(scene.before, scene.moved_before(), 600, rng),
+            probe(scene.after, scene.moved_after(), 600, rng),
+        )
+        found = together(OUT, scene, probes, 4)
+        assert sorted(float(one.delta * (one.direction @ OUT)) for one in found) == pytest.approx(
+            ways, abs=0.002
+        )
+
+
+def test_a_slide_is_wished_to_go_like_those_beside_it():
+    off = np.radians(3.0)
+    wishes = Wishes(np.empty((0, 3)), beside=(OUT,))
+    askew = JointMotion("prismatic", np.zeros(3), np.array([-np.cos(off), np.sin(off), 0.0]), 0.05)
+    away = JointMotion("prismatic", np.zeros(3), UP, 0.05)
+    assert np.hypot(*[wish(askew) for wish in wishes.active(askew)]) == pytest.approx(6.0, rel=0.01)
+    assert wishes.active(away) == []
 
 
 def test_nothing_moved_is_refused():
