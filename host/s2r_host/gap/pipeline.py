@@ -47,9 +47,8 @@ Log = Callable[[str], None]
 STAMPS_SHARE = 0.15  # one deviation, of a shift of the stamps that the law excludes clearly
 UNTOUCHED = ("nothing_missing", "parameter_off")  # answers that a floor guessed too high gives as well
 FINER = 0.95  # of the guessed floor: below it the channels' own noise is worth a second look
-MUCH_FINER = (
-    0.25  # the same on joints of which the first look has named an effect, maybe for what another explains
-)
+# The same on joints of which the first look has named an effect, maybe for what a better one explains.
+MUCH_FINER = 0.25
 FAR_ABOVE = 2.0  # times the leftover that is unknown above a measured floor
 
 
@@ -263,7 +262,7 @@ def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem
 
 def _set_right(before: Problem, after: Problem) -> float:
     """Share of the residual effort's power that went when late stamps were set right."""
-    was, left = (float(np.sum(np.square(one.raw)) / len(one.raw)) for one in (before, after))
+    was, left = (float(np.mean(np.square(one.raw))) for one in (before, after))
     return 1.0 - left / max(was, 1e-30)
 
 

@@ -78,8 +78,11 @@ def estimate_joints(
             _others(view, who, k, old)
             for view, who, old in zip((scene.before, scene.after), owner, ignored, strict=True)
         ]
-        siblings = [one.axis_direction for one in found if one.joint_type == "prismatic"]
-        beside = [one for one in siblings if same_line(one, motions[k])]
+        beside = [
+            one.axis_direction
+            for one in found
+            if one.joint_type == "prismatic" and same_line(one.axis_direction, motions[k])
+        ]
         try:
             found.append(
                 estimate_joint(
@@ -116,7 +119,7 @@ def motions_of(
         *(together(line, scene, probes, most) for line in lines),
     ]
     best = min((one for one in sets if one), key=lambda one: disbelief(one, scene, probes), default=[])
-    return sorted(best, key=lambda one: -_followed(one, best, scene))
+    return _most_followed_first(best, scene)
 
 
 def _one_by_one(
@@ -147,14 +150,16 @@ def _one_by_one(
     return found
 
 
-def _followed(motion: JointMotion, among: list[JointMotion], scene: Scene) -> int:
-    """Changed points that follow a motion and none of the others better."""
-    own = among.index(motion)
-    count = 0
+def _most_followed_first(motions: list[JointMotion], scene: Scene) -> list[JointMotion]:
+    """Motions in order of how many changed points follow each of them, and none of the others better."""
+    if len(motions) < 2:
+        return motions
+    count = np.zeros(len(motions), dtype=np.int64)
     for side, index in enumerate((scene.moved_before(), scene.moved_after())):
-        cost = np.stack([cost_of(one, scene, index, side) for one in among])
-        count += int(((cost.argmin(axis=0) == own) & (cost[own] <= COST_ON_SURFACE)).sum())
-    return count
+        cost = np.stack([cost_of(one, scene, index, side) for one in motions])
+        clear = cost.min(axis=0) <= COST_ON_SURFACE
+        count += np.bincount(cost.argmin(axis=0)[clear], minlength=len(motions))
+    return [motions[k] for k in np.argsort(-count, kind="stable")]
 
 
 def carried(motion: JointMotion, scene: Scene, index: NDArray[np.int64], side: int) -> Mask:

@@ -126,14 +126,7 @@ class Search(Scan):
         """
         if self.problem.floor_source == "repeat":
             return False  # ``stands_out`` asks for more than that
-        scored, _ = self.scan_profiled([])
-        number = max((s.gain for s in scored if self.a_number(s.term)), default=0.0)
-        best = next((s for s in scored if not self.a_number(s.term)), None)
-        return (
-            best is not None
-            and best.gain > max(CLEAR_GAIN, number + MIN_GAIN)
-            and best.holdout_gain > BEATING_SHARE
-        )
+        return self._ahead_of_numbers([]) is not None
 
     def _beats_numbers_elsewhere(self, chosen: list[Term]) -> bool:
         """`beats_numbers` on a joint that nothing is named on: a floor that was guessed high there holds an effect.
@@ -142,15 +135,21 @@ class Search(Scan):
         """
         if any(t.joint < 0 for t in chosen):
             return False
+        best = self._ahead_of_numbers(chosen)
+        return best is not None and best.term.joint not in {t.joint for t in chosen}
+
+    def _ahead_of_numbers(self, chosen: list[Term]) -> Scored | None:
+        """The best effect on top of some terms, where it explains clearly more than any wrong number does."""
         scored, _ = self.scan_profiled(chosen)
         number = max((s.gain for s in scored if self.a_number(s.term)), default=0.0)
         best = next((s for s in scored if not self.a_number(s.term)), None)
-        return (
-            best is not None
-            and best.term.joint not in {t.joint for t in chosen}
-            and best.gain > max(CLEAR_GAIN, number + MIN_GAIN)
-            and best.holdout_gain > BEATING_SHARE
-        )
+        if (
+            best is None
+            or best.gain <= max(CLEAR_GAIN, number + MIN_GAIN)
+            or best.holdout_gain <= BEATING_SHARE
+        ):
+            return None
+        return best
 
     def a_number(self, term: Term) -> bool:
         """Is the effect no more than a number of the model that is off? Friction is, where the model has some."""
