@@ -11,6 +11,7 @@ import numpy as np
 
 from s2r_host.errors import TargetError
 from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.out_of_reach import OutOfReachError
 from s2r_host.planning.planner import scene_of
 from s2r_host.planning.reach import stops_on_the_way
 from s2r_host.run.belief import Belief
@@ -73,7 +74,7 @@ def prepare_manipulation(
     planned = plans.first(quick, off_edges=True) or plans.at_edge or plans.first(patient)
     if planned is not None:
         return planned
-    why = grouped([one.reason for one in plans.failed])
+    tried, why = len(plans.failed), grouped([one.reason for one in plans.failed])
     planned = plans.least_fragile(SURELY_NEARER * to_go)
     if planned is None and to_go > task.far_off:  # else a correction is worth less than what it may spoil
         planned = plans.first(_second_best(session, belief, s_initial))
@@ -81,7 +82,7 @@ def prepare_manipulation(
     if planned is None:
         raise TargetError(
             f"no plan takes the {task.part} from {show(s_initial)} to {show(session.target)} "
-            f"({len(on_target)} tries: {why}); try another target or placement"
+            f"({tried} tries: {why}); try another target or placement"
         )
     if planned.delivery.fragile is None:
         told = f"all the way ({why}); first to {show(planned.foreseen)}"
@@ -95,6 +96,8 @@ def prepare_manipulation(
 class _Plans:
     """What tries for one manipulation came to. Once a plan has hit something the further ones keep room.
 
+    Chance has no part in where a fingertip fits: where it fits nowhere it is not tried again with the same doubt.
+
     Attributes:
         failed: Those without a plan that every believable object survives, with their reasons.
         fragile: The plans of those that have one which not every believable object survives.
@@ -106,6 +109,7 @@ class _Plans:
         self.fragile: list[PlannedManipulation] = []
         self.at_edge: PlannedManipulation | None = None
         self._hits = False
+        self._out_of_reach: set[tuple[float, float, bool]] = set()
         self._plan, self._number, self._journal = plan, number, session.journal
 
     def first(self, tries: Iterable[Try], *, off_edges: bool = False) -> PlannedManipulation | None:
@@ -117,11 +121,16 @@ class _Plans:
         """
         for asked in tries:
             one = replace(asked, apart=self._hits)
+            places = (one.s_target, one.doubt, one.apart)
+            if places in self._out_of_reach:
+                continue
             try:
                 planned = self._plan(one)
             except RefusedError as error:
                 reason = str(error)
                 self._hits |= isinstance(error, MotionHitsError)
+                if isinstance(error, OutOfReachError):
+                    self._out_of_reach.add(places)
             else:
                 fragile = planned.delivery.fragile
                 if fragile is None and not (off_edges and planned.end.at_edge):

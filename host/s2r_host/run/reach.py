@@ -95,10 +95,11 @@ def reach(
             )
             return view
         positive = done.s_target > done.s_initial
-        if not anew and _in_vain(done, task):
+        if not anew and (_in_vain(done, task) or _stopped_short(done, task)):
             record.belief = record.belief.with_missed(positive, planned.result.p_part)
+            what = "arm was stopped on the way" if planned.stopped else f"{task.part} stayed"
             journal.say(
-                f"the {task.part} stayed: next time it is pushed from elsewhere, if anything else does"
+                f"the {what}: next time the {task.part} is pushed from elsewhere, if anything else does"
             )
         s_now, learns = done.measured.s, "touch" not in settings.without and not anew
         lesson = _lesson(offset, task.far_off, positive=positive)
@@ -186,6 +187,11 @@ def _in_vain(done: DoneManipulation, task: Task) -> bool:
     """The part was to be moved far and stayed: the fingertip met nothing, or something that does not give way."""
     far = abs(done.s_target - done.s_initial) > task.far_off
     return far and abs(done.measured.s - done.s_initial) < task.good_enough
+
+
+def _stopped_short(done: DoneManipulation, task: Task) -> bool:
+    """A protection stopped the arm before the part was where it was to be: something unseen is on this way."""
+    return done.planned.stopped and abs(done.measured.s - done.foreseen) > task.far_off
 
 
 def _held_up(attempts: Sequence[DoneManipulation], same: float) -> bool:

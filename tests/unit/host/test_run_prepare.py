@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from s2r_host.errors import TargetError
+from s2r_host.planning import OutOfReachError
 from s2r_host.run import prepare
 from s2r_host.run.task import FAUCET
 from s2r_host.run.tries import FailedTry, Try, grouped
@@ -94,6 +95,23 @@ def test_when_nothing_is_found_the_reasons_of_all_tries_are_told_and_kept(monkey
     assert [(one["s_target"], one["doubt"], one["tolerance"]) for one in kept] == trial.asked
     assert kept[-1]["reason"] == "no way to 0.4"
     assert {one["manipulation"] for one in kept} == {1}
+
+
+def test_where_a_fingertip_fits_nowhere_it_is_not_tried_again_with_the_same_doubt(monkeypatch):
+    trial, asked = Trial(monkeypatch, lambda target, tolerance: True), []
+
+    def once(_session, _belief, _number, _s, _view, one):
+        asked.append((one.s_target, one.doubt))
+        raise OutOfReachError("object: out of reach")
+
+    monkeypatch.setattr(prepare, "planned_once", once)
+    doubts = sorted(set(prepare.DOUBTS), reverse=True)
+    with pytest.raises(TargetError, match=rf"\({len(doubts)} tries: {len(doubts)} × object: out of reach\)"):
+        trial.prepare()
+    at_target = [doubt for target, doubt in asked if target == TARGET]
+    assert at_target == doubts
+    assert {target for target, _ in asked} == {TARGET, *STOPS}
+    assert len(asked) == len(set(asked))
 
 
 def test_a_fragile_plan_that_is_surely_worth_it_comes_before_a_state_on_the_way(monkeypatch):

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from s2r_host.run.reach import _better_left_alone, _held_up, _in_vain, _lesson, _there
+from s2r_host.run.reach import _better_left_alone, _held_up, _in_vain, _lesson, _stopped_short, _there
 from s2r_host.run.task import TASKS
 
 
@@ -16,6 +16,7 @@ def done(s: float, target: float = 0.5, s_initial: float = 0.0, stopped: bool = 
         s_target=target,
         s_initial=s_initial,
         delta=target - s,
+        foreseen=target,
     )
 
 
@@ -79,6 +80,18 @@ def test_no_correction_is_smaller_than_what_the_measurement_tells(off, sigma, th
 )
 def test_a_part_that_was_to_go_far_and_stayed_was_pushed_in_vain(s, target, in_vain):
     assert _in_vain(done(s, target=target), TASKS["faucet"]) == in_vain
+
+
+@pytest.mark.parametrize(
+    ("s", "stopped", "short"),
+    [
+        (0.2, True, True),
+        (0.2, False, False),  # it slipped off: the place is learnt from by other rules
+        (0.38, True, False),  # stopped where it was to be
+    ],
+)
+def test_a_place_from_which_the_arm_was_stopped_on_its_way_is_avoided(s, stopped, short):
+    assert _stopped_short(done(s, target=0.4, stopped=stopped), TASKS["faucet"]) == short
 
 
 @pytest.mark.parametrize(
