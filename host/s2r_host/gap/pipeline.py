@@ -303,7 +303,7 @@ def _places(problem: Problem, search: Search, decision: Decision) -> list[Place]
         return []
     rows = problem.raw
     if len(problem.joints) > 1:  # a mass that is slightly wrong shows on all joints below it and is no place
-        rows = search.finish([], [], []).prediction
+        rows = search.finish([], [], []).unexplained
     places = with_named(problem, rows, locate(problem, rows), decision)
     if decision.contradictions:
         return [contradicted(problem, c) for c in decision.contradictions]

@@ -89,7 +89,7 @@ def build_model(
     warnings: list[str] = []
     if looks_like_drawer(estimate, seen):
         drawer = measure_drawer(estimate, seen)
-        pieces = drawer_pieces(drawer, seen)
+        pieces = drawer_pieces(drawer)
         if outward and drawer.outward_sign < 0:
             estimate = estimate.reversed()
             drawer = replace(drawer, outward_sign=1.0)

@@ -113,7 +113,7 @@ def measure_drawer(estimate: JointEstimate, seen: ObservedObject) -> Drawer:
     )  # fmt: skip
 
 
-def drawer_pieces(drawer: Drawer, seen: ObservedObject) -> list[Piece]:
+def drawer_pieces(drawer: Drawer) -> list[Piece]:
     """Boxes of a measured drawer."""
     X, low, high = drawer.X_base_D, drawer.front_low, drawer.front_high
     pieces = [box("front", "part", X, low, high)]

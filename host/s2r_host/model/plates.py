@@ -13,7 +13,7 @@ from s2r_host.model.decompose import decompose
 from s2r_host.model.pieces import Piece, hull, outside_m
 from s2r_host.model.points import ObservedObject
 from s2r_host.perception.motion import perpendicular_basis
-from s2r_host.perception.planes import Plane, find_planes, fit_plane
+from s2r_host.perception.planes import find_planes, fit_plane
 
 Array = NDArray[np.floating]
 Body = Literal["base", "part"]
@@ -125,7 +125,7 @@ def _plates(
         if on.sum() < 80:
             continue
         left &= ~on
-        pieces += _plate(f"plate{k}", body, p[on], plane, seen, floor)
+        pieces += _plate(f"plate{k}", body, p[on], seen, floor)
     return pieces, ~left
 
 
@@ -140,7 +140,6 @@ def _plate(
     name: str,
     body: Body,
     points: Array,
-    plane: Plane,
     seen: ObservedObject,
     floor: float | None,
 ) -> list[Piece]:

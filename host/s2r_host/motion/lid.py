@@ -12,7 +12,6 @@ from s2r_host.errors import SceneError
 from s2r_host.motion.scene import Scene
 
 FLAT_COS = 0.95  # planes nearer to level than 18 degrees are the base or the table, not a lid
-LEVEL_AXIS_SIN = 0.2
 PLANE_BAND_M = 0.005
 MIN_AREA_M2 = 0.008
 CELL_M = 0.006

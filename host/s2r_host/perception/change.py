@@ -38,7 +38,7 @@ class Change(enum.IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """Labels (`Change`, uint8) per point of both views, and the measured noise factor."""
+    """Labels (`Change`, uint8) per point of both views."""
 
     before: NDArray[np.uint8]
     after: NDArray[np.uint8]

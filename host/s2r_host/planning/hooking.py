@@ -130,7 +130,7 @@ def _cheapest(
         found += solver.hooks(rest, near_seeds(scene, world.q, rest.p))
         places = Places.all_of([first, rest])
     if len(found) < _ENOUGH:
-        found += solver.hooks(places, far_seeds(scene, world.q, places.p))
+        found += solver.hooks(places, far_seeds(scene, places.p))
     found.sort(key=lambda entry: entry[0])
     logger.debug("%d joint solutions at %d places", len(found), len(places))
     return [hook for _, hook in found[:_RANKED]], places

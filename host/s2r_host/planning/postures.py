@@ -258,7 +258,7 @@ def near_seeds(scene: Scene, q: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
     return [here, turned]
 
 
-def far_seeds(scene: Scene, q: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
+def far_seeds(scene: Scene, p: np.ndarray) -> list[np.ndarray]:
     """More starts, of other postures: the middle of the range and a few by chance, always the same."""
     limits = scene.arm.limits
     rng = np.random.default_rng(0)

@@ -67,7 +67,7 @@ def _carried(
         places = PlaceSearch(scene, world.data, probe, float(np.sign(way)), points, ways=coming).take(listed)
         if len(places):
             postures = Postures(scene, world, s_target, settings)
-            seeds = near_seeds(scene, world.q, places.p) + far_seeds(scene, world.q, places.p)
+            seeds = near_seeds(scene, world.q, places.p) + far_seeds(scene, places.p)
             counts = postures.carried(places, seeds, states)
         if counts.any():
             break

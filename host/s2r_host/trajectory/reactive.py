@@ -68,7 +68,6 @@ class Outlook:
 
     Attributes:
         running_end: Where the object's joint ends with the motion that runs, the offset included.
-        running_contact: What that one would touch unexpectedly, or None.
         motion: A better continuation, or None: the running one stays.
         splice_t: Time of the running motion at which it takes over [s].
         new_end: Where the object's joint ends with it; as ``running_end`` without one.
@@ -78,7 +77,6 @@ class Outlook:
     """
 
     running_end: float
-    running_contact: str | None
     motion: Trajectory | None
     splice_t: float
     new_end: float
@@ -152,7 +150,6 @@ class ReactivePlanner:
             motion, new_end = self._better(running, splice_t, at_splice, target, end, report)
         return Outlook(
             end + self._offset,
-            report.contact,
             motion,
             splice_t,
             new_end + self._offset,

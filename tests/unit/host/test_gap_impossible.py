@@ -97,8 +97,8 @@ def test_a_push_that_names_leave_over_is_still_a_push(monkeypatch, left, by_name
     found = {"numbers": left, "names": by_names}
     touched = {k: None if j is None else SimpleNamespace(joint=j) for k, j in found.items()}
     monkeypatch.setattr(decide, "bursts", lambda _, rows: touched[rows])
-    search: Any = SimpleNamespace(finish=lambda *_: SimpleNamespace(prediction="numbers"))
-    decision: Any = SimpleNamespace(solution=SimpleNamespace(prediction="names"))
+    search: Any = SimpleNamespace(finish=lambda *_: SimpleNamespace(unexplained="numbers"))
+    decision: Any = SimpleNamespace(solution=SimpleNamespace(unexplained="names"))
     problem: Any = None
     assert unnamed_force_beside(problem, search, decision) is said
 
@@ -107,8 +107,8 @@ def solved(fit, held):
     """Does a change of the misfit on fit and on held-out rows count as one of the fitted part only?"""
     rows = np.arange(200) >= 140
     problem: Any = SimpleNamespace(held=rows)
-    search: Any = SimpleNamespace(finish=lambda *_: SimpleNamespace(prediction=np.ones(200)))
-    solution: Any = SimpleNamespace(prediction=np.where(rows, held, fit))
+    search: Any = SimpleNamespace(finish=lambda *_: SimpleNamespace(unexplained=np.ones(200)))
+    solution: Any = SimpleNamespace(unexplained=np.where(rows, held, fit))
     return _of_one_part(problem, search, solution)
 
 
@@ -126,7 +126,7 @@ def test_what_the_recordings_say_they_are_off_by_is_no_unknown_effect(monkeypatc
     sessions = [SimpleNamespace(rec=SimpleNamespace(effort_sigma={"arm": x} if x else {})) for x in sigmas]
     ctx = SimpleNamespace(model=SimpleNamespace(joints=("arm",)), sessions=sessions)
     problem: Any = SimpleNamespace(joints=[0], ctx=ctx)
-    solution: Any = SimpleNamespace(prediction=None)
+    solution: Any = SimpleNamespace(unexplained=None)
     assert _within_declared(problem, solution) == noise
 
 

@@ -89,7 +89,7 @@ class Planner:
         self.leads.append(lead_s)
         offer = self.offers.pop(0) if self.offers else None
         splice_t = min(t_now + lead_s, running.duration_s)
-        return Outlook(0.1, None, offer, splice_t, 0.1, 0.0, np.zeros(1), 0.01, 0.01)
+        return Outlook(0.1, offer, splice_t, 0.1, 0.0, np.zeros(1), 0.01, 0.01)
 
 
 class Always:

@@ -138,11 +138,6 @@ class RunsScreen:
         self._context.playback.open(opened)
         return f"{entry.name}: {opened.t[-1]:.1f} s of motion; move the time slider"
 
-    def show_at(self, t: float) -> None:
-        """Move the slider of the opened run [s]."""
-        self._time.value = min(max(t, 0.0), float(self._time.max))
-        self._context.playback.seek(float(self._time.value))
-
     def _back(self, event: Event) -> None:
         self._context.playback.open(None)
         self._context.scene.clear_object()

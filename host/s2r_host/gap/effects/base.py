@@ -25,7 +25,6 @@ class Columns:
         linear: Regressors, each of shape (time,) for one joint or (time, joint) for all of them.
         positive: Per regressor: the coefficient must not be negative.
         fixed: Required effort with a known coefficient of one, same shapes, or None.
-        secondary: Per regressor: present to support the effect, may vanish (a loop beside a spring).
         smooth: Per regressor the part of it that was made from the filtered motion alone, as the load of the model is,
             same shapes: it passes the second filter only. Passed through the first once more, the difference of two
             multiples of one acceleration would be a filter, and explain what no effect does. Empty: none has any.
@@ -34,7 +33,6 @@ class Columns:
     linear: list[np.ndarray]
     positive: tuple[bool, ...] = ()
     fixed: np.ndarray | None = None
-    secondary: tuple[bool, ...] = ()
     smooth: tuple[np.ndarray, ...] = ()
 
     @classmethod
@@ -83,10 +81,6 @@ class Context:
     def top_speed(self, joint: int) -> float:
         """Largest speed over all sessions (99.5 percentile)."""
         return max(float(np.percentile(np.abs(s.v[:, joint]), 99.5)) for s in self.sessions)
-
-    def top_effort(self, joint: int) -> float:
-        """Largest recorded effort over all sessions (99.5 percentile)."""
-        return max(float(np.percentile(np.abs(s.u[:, joint]), 99.5)) for s in self.sessions)
 
     def turns(self, joint: int) -> int:
         """Reversals of direction over all sessions, chatter inside the velocity noise left out."""
@@ -235,16 +229,6 @@ def turned(angle: float, width: float) -> float:
     On one joint a tilted base and a shifted encoder fit alike: what decides is which of them errs by so much.
     """
     return float(np.log(USUAL_TURN / width)) - min(FAR_TURN, 0.5 * (angle / width) ** 2)
-
-
-def column_force(theta: np.ndarray, basis: Callable[[StepState], tuple[float, ...]]) -> Runtime:
-    """Runtime for an effect whose required effort is a sum of instantaneous basis functions."""
-    coefficients = tuple(float(x) for x in theta)
-
-    def step(state: StepState) -> tuple[float, float]:
-        return sum(c * b for c, b in zip(coefficients, basis(state), strict=True)), 0.0
-
-    return step
 
 
 def as_written(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, x: float) -> float:

@@ -55,7 +55,7 @@ class SoftClose(Effect):
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Speed inside the zone, only on the way in where it is one-way; the pull inside the zone."""
         pulled = -shape["side"] * _inside(s, joint, shape)
-        return Columns([_braked(s, joint, shape), pulled], (True, True), secondary=(False, True))
+        return Columns([_braked(s, joint, shape), pulled], (True, True))
 
     def part(
         self, ctx: Context, s: Session, joint: int, shape: Shape, theta: np.ndarray

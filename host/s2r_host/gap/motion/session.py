@@ -165,10 +165,10 @@ def _quiet_motion(
 ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], float]:
     """Motion at the highest cut whose velocity noise stays a small part of the top speed, and that cut [Hz]."""
     simulated = lead_of_position(rec, joint) > 0.0
-    motion = _motion(rec, joint, t, dt, cut, simulated=simulated)
+    motion = _motion(rec, joint, t, cut, simulated=simulated)
     while cut > least and _speed_noise(motion[1], dt, cut) > NOISY_SPEED * _top(motion[1]):
         cut = max(0.7 * cut, least)
-        motion = _motion(rec, joint, t, dt, cut, simulated=simulated)
+        motion = _motion(rec, joint, t, cut, simulated=simulated)
     return motion, cut
 
 
@@ -177,7 +177,7 @@ def _top(v: np.ndarray) -> float:
 
 
 def _motion(
-    rec: Recording, joint: str, t: np.ndarray, dt: float, cut: float, *, simulated: bool
+    rec: Recording, joint: str, t: np.ndarray, cut: float, *, simulated: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Position, velocity, acceleration from the quieter of two routes: q alone, or q with the logged dq.
 

@@ -53,7 +53,7 @@ def heat_map(a: Analysis) -> Figure:
     assert a.decision is not None
     p = a.problem
     before, total, marks = _heat(a, p.raw)
-    after, _, _ = _heat(a, a.decision.solution.prediction)
+    after, _, _ = _heat(a, a.decision.solution.unexplained)
     figure = Figure(figsize=(9, 1.6 + 0.5 * len(p.joints)))
     top = max(4.0, float(np.percentile(before, 98)))
     for k, (values, label) in enumerate(((before, "before"), (after, "after"))):
@@ -100,7 +100,7 @@ def maps_figure(a: Analysis, j: int) -> Figure:
     assert a.decision is not None
     p = a.problem
     figure = Figure(figsize=(9, 3.2))
-    after = a.decision.solution.prediction
+    after = a.decision.solution.unexplained
     unit, effort = a.model.unit(a.model.joints[j]), a.model.effort_unit(a.model.joints[j])
     for k, (label, pick) in enumerate((("speed", "v"), ("position", "q"))):
         axes = figure.add_subplot(1, 2, k + 1)
@@ -159,7 +159,7 @@ def overlay_figure(a: Analysis, j: int) -> Figure:
     if block is not None:
         t = block.session.t[block.picks][block.held]
         top.plot(t, p.raw[block.rows][block.held], color=BEFORE, lw=0.9, label="before")
-        left = a.decision.solution.prediction[block.rows][block.held]
+        left = a.decision.solution.unexplained[block.rows][block.held]
         top.plot(t, left, color=AFTER, lw=0.9, label="after")
         top.axhspan(-p.floor[j], p.floor[j], color=MUTED, alpha=0.2, lw=0)
         top.legend(fontsize=8, frameon=False, ncols=2)

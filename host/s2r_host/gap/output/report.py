@@ -37,9 +37,9 @@ def write_report(a: Analysis, answer: dict, path: Path) -> None:
         f" · held out {_names(a.hold) or '30 % of each'}"
         f" · repeat {_names(a.repeats) or 'none'} · seed {answer['seed']} · {answer['wall_s']:.0f} s</p>",
         _verdict(answer),
-        _effects(a, answer),
+        _effects(answer),
         _parameters_off(answer),
-        _numbers(a, answer),
+        _numbers(answer),
         _per_joint(answer),
         figures(a),
         _rejected(answer),
@@ -66,7 +66,7 @@ def _verdict(answer: dict) -> str:
     return f"<div class='{css}'>{VERDICTS[answer['verdict']]}{place}</div>"
 
 
-def _effects(a: Analysis, answer: dict) -> str:
+def _effects(answer: dict) -> str:
     if not answer["effects"]:
         return ""
     rows = []
@@ -110,7 +110,7 @@ def _parameters_off(answer: dict) -> str:
     return f"<h2>Parameters off</h2><table><tr>{head}</tr>{rows}</table>"
 
 
-def _numbers(a: Analysis, answer: dict) -> str:
+def _numbers(answer: dict) -> str:
     fit = answer["fit"]
     if "holdout_before" not in fit:
         return ""

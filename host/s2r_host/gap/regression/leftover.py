@@ -118,21 +118,16 @@ class Leftover(Regression):
             thetas.append(x[start : start + k])
             covariances.append(covariance[start : start + k, start : start + k])
             start += k
-        raw_drifted = y - B @ x
+        drifted = y - B @ x
         found = self.added_friction(chosen, x)
-        drift = [d.estimate(raw_drifted, noise, found)[:3] for d in p.drift]
-        left = self.without_drift(raw_drifted, noise, found)
-        y0 = p.y
-        fit, held = ~p.held, p.held
+        drift = [d.estimate(drifted, noise, found)[:3] for d in p.drift]
+        left = self.without_drift(drifted, noise, found)
 
-        def mean2(v: np.ndarray, mask: np.ndarray) -> float:
-            return float(np.mean(v[mask] ** 2)) if mask.any() else float("nan")
+        def mean2_held(v: np.ndarray) -> float:
+            return float(np.mean(v[p.held] ** 2)) if p.held.any() else float("nan")
 
-        raw_left = self.unwhitened(left)
-        predicted = self.unwhitened(self.within_doubt(left))
         return Solution(
             chosen, slots, thetas, covariances, x[:nb], np.sqrt(np.maximum(np.diag(covariance)[:nb], 0.0)), noise,
-            (mean2(y0, fit), mean2(left, fit)), (mean2(y0, held), mean2(left, held)),
-            (mean2(p.raw, fit), mean2(raw_left, fit)), (mean2(p.raw, held), mean2(raw_left, held)),
-            predicted, drift, self.unwhitened(raw_drifted), scans,
+            (mean2_held(p.raw), mean2_held(self.unwhitened(left))), self.unwhitened(self.within_doubt(left)),
+            drift, scans,
         )  # fmt: skip

@@ -57,7 +57,7 @@ def base_parameters(model: RigidModel) -> list[BaseParameter]:
         if m.jnt_stiffness[j] > 0:
             found.append(_stiffness(model, j, joint))
         found.append(_offset(model, j, joint))
-        found.append(_hold(model, j, joint))
+        found.append(_hold(j, joint))
         found.append(_edge(model, j, joint))
     return found
 
@@ -228,7 +228,7 @@ def recording_gains(model: RigidModel, sessions: Sequence[Session]) -> list[Base
     return found
 
 
-def _hold(model: RigidModel, j: int, joint: str) -> BaseParameter:
+def _hold(j: int, joint: str) -> BaseParameter:
     """Timing inside one sample, or one period of a controller of known rate: who logs when is rarely said."""
 
     def column(s: Session) -> np.ndarray:

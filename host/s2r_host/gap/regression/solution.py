@@ -50,8 +50,12 @@ class Solution:
         slots: Per term: everything that was weighed for its place, best first.
         theta: Per term its coefficients.
         covariance: Per term the posterior covariance of its coefficients.
-        base: Posterior of the base parameters and its covariance.
+        base, base_deviation: Posterior of the base parameters: means and standard deviations.
         noise: Working variance of a whitened row.
+        raw_held: Mean square of held-out rows before and after [(N·m)² or N²].
+        unexplained: Rows that are left over, without what numbers in doubt may hold, shape (rows,) [N·m or N].
+        drift: Per drift of the problem its change, covariance and level.
+        scans: What was weighed for the first term's place.
     """
 
     terms: list[Term]
@@ -61,11 +65,7 @@ class Solution:
     base: np.ndarray
     base_deviation: np.ndarray
     noise: float
-    rss_fit: tuple[float, float]
-    rss_held: tuple[float, float]
-    raw_fit: tuple[float, float]
     raw_held: tuple[float, float]
-    prediction: np.ndarray
+    unexplained: np.ndarray
     drift: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
-    drifted: np.ndarray = field(default_factory=lambda: np.zeros(0))
     scans: list[Scored] = field(default_factory=list)

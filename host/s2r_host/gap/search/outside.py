@@ -35,12 +35,12 @@ def outside(problem: Problem, search: Search, solution: Solution, *, strained: b
     ``strained``: the terms leave something over, or ask for numbers far from nominal ones, so that even a single one
     may be an imitation.
     """
-    without = search.finish([], [], []).prediction
+    without = search.finish([], [], []).unexplained
     for joint in sorted({t.joint for t in solution.terms if t.joint >= 0}):
         for cause in _causes(problem, solution, joint, strained=strained):
             left, size = beside_numbers(problem, search, [cause.column])
             likely = cause.least < float(size[0]) < cause.most
-            if likely and _explains(problem, joint, left, solution.prediction, without):
+            if likely and _explains(problem, joint, left, solution.unexplained, without):
                 return cause.words.format(float(size[0]))
     return None
 

@@ -44,7 +44,7 @@ def vibration(problem: Problem, search: Search, solution: Solution) -> tuple[int
             continue
         left, amplitudes = _beside_lines(problem, search, blocks, f)
         powers = [
-            (float(np.mean(left[b.rows] ** 2)), float(np.mean(solution.prediction[b.rows] ** 2)))
+            (float(np.mean(left[b.rows] ** 2)), float(np.mean(solution.unexplained[b.rows] ** 2)))
             for b in blocks
         ]
         ratio, weakest = max(amplitudes) / max(min(amplitudes), 1e-30), min(amplitudes) / problem.floor[j]

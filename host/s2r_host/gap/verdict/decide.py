@@ -110,7 +110,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     search.looseness = looseness
     decision = _name(problem, search, solution)
     search.looseness = trusted  # the gap is what numbers leave over that move as far as they are trusted to
-    decision.leftover = leftover(problem, solution.prediction)
+    decision.leftover = leftover(problem, solution.unexplained)
     decision.explained = explained(problem, search, solution)
     if solution.terms and all(search.a_number(t) for t in solution.terms):
         alone = explained_by_numbers(problem, solution)
@@ -201,7 +201,7 @@ def unnamed_force(problem: Problem, search: Search, decision: Decision) -> None:
 
     No correction by position and speed predicts a push or a vibration: they pass for noise until their times are seen.
     """
-    touched = bursts(problem, search.finish([], [], []).prediction)
+    touched = bursts(problem, search.finish([], [], []).unexplained)
     swings = unheard_line(problem) if touched is None else None
     if touched is not None:
         decision.touched = touched
@@ -215,8 +215,8 @@ def unnamed_force(problem: Problem, search: Search, decision: Decision) -> None:
 
 def unnamed_force_beside(problem: Problem, search: Search, decision: Decision) -> bool:
     """Does something touch a joint that the names of a finer look leave over as the numbers alone do?"""
-    touched = bursts(problem, search.finish([], [], []).prediction)
-    still = bursts(problem, decision.solution.prediction)
+    touched = bursts(problem, search.finish([], [], []).unexplained)
+    still = bursts(problem, decision.solution.unexplained)
     return touched is not None and still is not None and still.joint == touched.joint
 
 
@@ -236,7 +236,7 @@ def _fits_as_well(
     noise = max(min(before.noise, after.noise), TEMPER)
     if worth(search, after, tight, noise) < worth(search, before, loose, noise) - ALONE_SLACK:
         return False
-    left, was = (leftover(problem, x.prediction) for x in (after, before))
+    left, was = (leftover(problem, x.unexplained) for x in (after, before))
     if left <= LEFTOVER_LIMIT * doubt(problem):
         return True
     named, still = (

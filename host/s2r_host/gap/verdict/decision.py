@@ -86,7 +86,7 @@ def explained(problem: Problem, search: Search, solution: Solution) -> float:
 
     The gap is what small changes of base parameters leave over: a wrong mass is no merit of an effect.
     """
-    return _removed(problem, search.finish([], [], []).prediction, solution.prediction)
+    return _removed(problem, search.finish([], [], []).unexplained, solution.unexplained)
 
 
 def explained_by_numbers(problem: Problem, solution: Solution) -> float:
@@ -94,7 +94,7 @@ def explained_by_numbers(problem: Problem, solution: Solution) -> float:
 
     Their gap is what the model as it stands leaves over.
     """
-    return _removed(problem, problem.raw, solution.prediction)
+    return _removed(problem, problem.raw, solution.unexplained)
 
 
 def _removed(problem: Problem, was: np.ndarray, now: np.ndarray) -> float:

@@ -83,7 +83,7 @@ def all_numbers_elsewhere(problem: Problem, search: Search) -> str | None:
     freed = search.finish([], [], [])
     search.looseness = before
     enough = LEFTOVER_LIMIT * doubt(problem)
-    if not leftover(problem, freed.prediction) < enough < leftover(problem, usual.prediction):
+    if not leftover(problem, freed.unexplained) < enough < leftover(problem, usual.unexplained):
         return None
     moved = dict.fromkeys((WEIGHT, INERTIA, FRICTION), 0.0)
     for p, x, deviation in zip(problem.base, freed.base, freed.base_deviation, strict=True):

@@ -103,7 +103,7 @@ def parameters_only(problem: Problem, search: Search) -> Decision:
     else:
         decision.parameters_off = off_entries(problem, search, named)
     decision.explained = explained(problem, search, solution)
-    decision.leftover = leftover(problem, solution.prediction)
+    decision.leftover = leftover(problem, solution.unexplained)
     return decision
 
 
@@ -127,10 +127,10 @@ def _with_one_more(problem: Problem, search: Search, decision: Decision) -> Solu
 
 def _of_one_part(problem: Problem, search: Search, solution: Solution) -> bool:
     """Does a solution explain the fit rows, but none of the held-out ones?"""
-    without = search.finish([], [], []).prediction
+    without = search.finish([], [], []).unexplained
     shares = []
     for rows in (problem.held, ~problem.held):
-        before, after = (float(np.sum(x[rows] ** 2)) for x in (without, solution.prediction))
+        before, after = (float(np.sum(x[rows] ** 2)) for x in (without, solution.unexplained))
         shares.append(1.0 - after / max(before, 1e-30))
     return bool(problem.held.any()) and shares[0] <= 0.0 < LEAST_OF_FIT < shares[1]
 
@@ -142,7 +142,7 @@ def _within_declared(problem: Problem, solution: Solution) -> bool:
     """
     names = [problem.ctx.model.joints[j] for j in problem.joints]
     told = all(s.rec.effort_sigma.get(name, 0.0) > 0.0 for s in problem.ctx.sessions for name in names)
-    return told and leftover(problem, solution.prediction) < 1.0
+    return told and leftover(problem, solution.unexplained) < 1.0
 
 
 def off_entries(problem: Problem, search: Search, named: Named) -> list[dict]:
