@@ -105,6 +105,10 @@ def draw(seed: int, kind: str, arm: str, out: Path) -> None:
     from s2r_protocol.arms import load_arm
     from s2r_sim.world import draw_world
 
+    if out.exists():
+        raise UsageError(
+            f"'{out}' exists: another world there could not be held against its commitment; give another --out"
+        )
     drawn = draw_world(seed, kind, arm=load_arm(arm))
     drawn.save(out)
     click.echo(drawn.commitment)

@@ -1,7 +1,7 @@
 """Many runs of the tool: a spawn pool that keeps its workers, resumable, with a summary over robots and dates.
 
 A job is one line of the batch file. Its answer stands in its own folder; a job whose ``gap.json`` exists is not
-run again, so a stopped batch goes on where it was.
+run again, so a stopped batch goes on where it was. One that was refused or failed is: its file may be mended by then.
 """
 
 from __future__ import annotations
@@ -66,7 +66,11 @@ def _job(path: Path, entry: Any, number: int) -> Job:
         raise GapUsageError(
             f"batch '{path}': job {number + 1} needs name, model and fit; allowed keys: {', '.join(sorted(KEYS))}"
         )
-    base, name = path.parent, str(entry["name"])
+    base, name = path.parent, entry["name"]
+    if not isinstance(name, str):
+        raise GapUsageError(
+            f"batch '{path}': the name of job {number + 1} is read as {name!r}; write it in quotes"
+        )
     if not name or "/" in name or name.startswith("."):
         raise GapUsageError(f"batch '{path}': '{name}' cannot be the name of a folder")
 
@@ -105,15 +109,16 @@ def run_batch(
 
 
 def answered(folder: Path) -> bool:
-    """Is there a whole answer, or a refusal, from an earlier run? A failed run is tried again."""
-    return (folder / "gap.json").is_file() or (folder / "refused.json").is_file()
+    """Is there a whole answer from an earlier run?"""
+    return (folder / "gap.json").is_file()
 
 
 def run_job(job: Job, folder: Path, seed: int) -> None:
     """Run one job: a refused file leaves ``refused.json``, an error of the tool ``failed.json``; the batch goes on."""
     from s2r_host.gap.cli import run_gap
 
-    (folder / "failed.json").unlink(missing_ok=True)
+    for name in ("refused.json", "failed.json"):
+        (folder / name).unlink(missing_ok=True)
     try:
         run_gap(
             job.model, list(job.fit), list(job.holdout), list(job.repeat), job.config, folder,

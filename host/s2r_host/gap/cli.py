@@ -83,6 +83,9 @@ def _batch(path: Path, out: Path, workers: int, as_json: bool, seed: int) -> Exi
         rows = run_batch(jobs, out, workers, seed, bar.update)
     if as_json:
         click.echo(json.dumps(rows, ensure_ascii=False))
+    for row in rows:
+        if row["verdict"] in ("refused", "failed"):
+            click.echo(f"{row['name']}: {row['verdict']}: {row['reason']}", err=True)
     click.echo(f"{len(rows)} runs: {out / 'summary.html'}", err=True)
     return batch_code({r["verdict"] for r in rows})
 
@@ -107,7 +110,7 @@ def run_gap(
     """
     from s2r_host.gap.config import read_config
     from s2r_host.gap.errors import GapUsageError
-    from s2r_host.gap.output.answer import make_answer, write_answer, write_outputs
+    from s2r_host.gap.output.answer import forget_answer, make_answer, write_answer, write_outputs
     from s2r_host.gap.output.extras import add_extras
     from s2r_host.gap.pipeline import analyse
 
@@ -124,6 +127,7 @@ def run_gap(
             click.echo(text, err=True)
 
     analysis = analyse(model_path, fit, holdout, repeat, config, log)
+    forget_answer(out)
     add_extras(analysis, config, seed, out, log)
     answer = make_answer(analysis, seed)
     write_outputs(analysis, out)

@@ -202,7 +202,8 @@ def _pose_of_base(
     if site < 0 and body < 0:
         raise SceneFileError(
             f"scene {path}: no body or site {BASE_NAME!r} to put arm {arm.name!r} on, and no arm with its joints "
-            f"({', '.join(arm.joint_names)}) either"
+            f'({", ".join(arm.joint_names)}) either; where the arm stands, add <site name="{BASE_NAME}" '
+            'pos="x y z"/> to its worldbody'
         )
     owner = int(model.site_bodyid[site]) if site >= 0 else body
     if model.body_weldid[owner] != 0:

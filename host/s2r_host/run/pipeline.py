@@ -19,7 +19,7 @@ from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import write_run_json
 from s2r_host.run.session import Session, open_session
 from s2r_host.run.settings import RunSettings
-from s2r_host.run.travel import go_to
+from s2r_host.run.travel import go_to, leave_touch
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError
 
 logger = logging.getLogger(__name__)
@@ -177,4 +177,5 @@ def _home(session: Session, record: RunRecord) -> None:
             return
         view = record.add_view(observe(session, "start"))
         obstacles = [table_obstacle(), cloud_obstacle(view.scene.p_base, view.scene.p_camera)]
+        leave_touch(session, view, obstacles)
         go_to(session, q_home, obstacles, "home")

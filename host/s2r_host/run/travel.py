@@ -6,9 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from s2r_host.errors import NoMotionError
 from s2r_host.motion.collision import Clearance, CollisionChecker
 from s2r_host.motion.joint_motion import plan_joint_motion
+from s2r_host.motion.leave import way_out_of_touch
 from s2r_host.motion.obstacles import Obstacle
+from s2r_host.run.observe import Observation
 from s2r_host.run.session import Motion, Session
 from s2r_host.trajectory import TimeLawSettings, time_law
 
@@ -43,3 +46,32 @@ def go_to(session: Session, q_goal: np.ndarray, obstacles: Sequence[Obstacle], l
     path = plan_joint_motion(checker, q_start, q_goal, session.rng, what=label)
     session.move([timed(session, path, label, session.settings.travel_speed, FREE)])
     return True
+
+
+def leave_touch(session: Session, view: Observation, obstacles: Sequence[Obstacle]) -> None:
+    """Bring an arm that was left in touch with something out of it, slowly; nothing where it touches nothing.
+
+    A run that was interrupted while it pushed leaves its arm so.
+
+    Args:
+        session: Links.
+        view: The newest look, without the robot.
+        obstacles: What the next motion keeps clear of.
+
+    Raises:
+        NoMotionError: No straight way leads out.
+        ArmStoppedError: The motion was stopped.
+    """
+    q_start = session.status().q_ref
+    touched = CollisionChecker(session.arm, obstacles, Clearance()).touching(q_start)
+    if touched is None:
+        return
+    try:
+        out = way_out_of_touch(session.arm, view.scene.p_base, view.scene.p_camera, q_start)
+    except NoMotionError as error:
+        raise NoMotionError(
+            f"the arm begins in touch ({touched}), and {error}; play the way back that the run before recorded "
+            "('s2r replay DIR --list', then 's2r replay DIR --real --plan N'), or take the object away"
+        ) from error
+    session.journal.warn(f"the arm begins in touch ({touched}): it leaves along its finger, slowly")
+    session.move([timed(session, out, "out of touch", session.settings.push_speed, LEAVING)])

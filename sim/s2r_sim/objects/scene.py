@@ -80,6 +80,7 @@ def write_object(spec: ObjectSpec, folder: Path) -> None:
     """Write ``scene.xml`` (MJCF) and ``object.json`` (parameters and true joint) for inspection or other tools."""
     folder.mkdir(parents=True, exist_ok=True)
     scene = table_scene(spec)
+    scene.worldbody.add_site(name="arm_base")  # objects are placed in the frame of the arm's base
     model = scene.compile()
     (folder / "scene.xml").write_text(scene.to_xml())
     content = {"parameters": spec.model_dump(mode="json"), "joint": asdict(joint_truth(model, spec))}

@@ -9,7 +9,7 @@ from s2r_host.gap.batch import Job, read_jobs, run_batch, run_job, since_when
 from s2r_host.gap.cli import batch_code
 from s2r_host.gap.config import read_config
 from s2r_host.gap.errors import GapRecordingError, GapUsageError
-from s2r_host.gap.output.answer import write_answer
+from s2r_host.gap.output.answer import forget_answer, write_answer
 
 
 def _list(tmp_path, text):
@@ -89,11 +89,29 @@ def test_a_refusal_and_a_bug_leave_their_reason(tmp_path, monkeypatch, error, fi
     assert str(error) in left["reason"]
 
 
-def test_a_failed_job_is_tried_again(tmp_path):
+@pytest.mark.parametrize("left", ["failed.json", "refused.json"])
+def test_a_job_that_failed_or_was_refused_is_tried_again(tmp_path, monkeypatch, left):
     folder = tmp_path / "a"
     folder.mkdir()
-    (folder / "failed.json").write_text("{}", encoding="utf-8")
+    (folder / left).write_text("{}", encoding="utf-8")
     assert not batch.answered(folder)
+    monkeypatch.setattr("s2r_host.gap.cli.run_gap", lambda *_, **__: None)
+    run_job(Job("a", tmp_path / "m", ()), folder, 0)
+    assert not (folder / left).exists()
+
+
+def test_a_name_that_yaml_takes_for_something_else_is_refused(tmp_path):
+    path = tmp_path / "jobs.yaml"
+    path.write_text("- {name: no, model: m.xml, fit: a.csv}\n", encoding="utf-8")
+    with pytest.raises(GapUsageError, match="name of job 1 is read as False; write it in quotes"):
+        batch.read_jobs(path)
+
+
+def test_what_is_left_of_an_older_answer_goes(tmp_path):
+    for name in ("patch.py", "next_experiment.csv", "gap.json", "notes.txt"):
+        (tmp_path / name).write_text("", encoding="utf-8")
+    forget_answer(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
 def test_the_answer_is_written_whole_and_last(tmp_path):

@@ -14,6 +14,15 @@ from s2r_host.gap.simulation.forward import Errors
 from s2r_host.gap.simulation.replay import Twin
 
 SCHEMA = 1
+ANSWER_FILES = (
+    "gap.json",
+    "report.html",
+    "model_patched.xml",
+    "patch.py",
+    "predictions.parquet",
+    "next_experiment.csv",
+    "next_experiment.mcap",
+)
 ROUNDED = 2e-5  # twice what six digits of three moments of inertia may add up to, of the largest
 PATCH_TEXT = '''"""Effects found by `s2r gap` that stock MuJoCo has no attribute for.
 
@@ -127,10 +136,15 @@ def write_answer(answer: dict, folder: Path) -> None:
     part.replace(folder / "gap.json")
 
 
+def forget_answer(folder: Path) -> None:
+    """Take away what an earlier run left in a folder: its model or its next experiment is no part of a new answer."""
+    for name in ANSWER_FILES:
+        (folder / name).unlink(missing_ok=True)
+
+
 def write_outputs(a: Analysis, folder: Path) -> None:
-    """Write everything but the report and the answer; an old answer goes first."""
+    """Write everything but the report and the answer."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "gap.json").unlink(missing_ok=True)
     if a.twin is not None:
         write_model(a.twin, folder)
     if a.after is not None and a.before is not None:
@@ -143,9 +157,7 @@ def write_model(twin: Twin, folder: Path) -> None:
     path = folder / "model_patched.xml"
     path.write_text(twin.spec.to_xml(), encoding="utf-8")
     mujoco.MjModel.from_xml_path(str(path))
-    stale = folder / "patch.py"
     if not twin.live and not np.any(twin.offset):
-        stale.unlink(missing_ok=True)
         return
     terms = [
         {
@@ -157,7 +169,9 @@ def write_model(twin: Twin, folder: Path) -> None:
         }
         for t in twin.live
     ]
-    stale.write_text(PATCH_TEXT.replace("{terms}", json.dumps(terms, indent=4)), encoding="utf-8")
+    (folder / "patch.py").write_text(
+        PATCH_TEXT.replace("{terms}", json.dumps(terms, indent=4)), encoding="utf-8"
+    )
 
 
 def survive_rounding(twin: Twin) -> None:

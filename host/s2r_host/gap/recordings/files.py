@@ -79,6 +79,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
     keep = _usable_rows(path, t, warnings)
     keep = _known_rows(path, t, table, keep, warnings)
     channels: dict[str, dict[str, np.ndarray]] = {}
+    empty: list[str] = []
     for column, raw in table.items():
         kind, _, joint = column.partition(".")
         if column == "t":
@@ -89,9 +90,15 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         joint = str(names.get(joint, joint))
         values = raw[keep] * unit_tables.factor(declared, column, path.name)
         values = _fill_gaps(column, t[keep], values, warnings)
-        if values is not None:
+        if values is None:
+            empty.append(column)
+        else:
             channels.setdefault(kind, {})[joint] = values
     if not channels.get("q"):
+        if positions := [column for column in empty if column.startswith("q.")]:
+            raise GapRecordingError(
+                f"{path.name}: {', '.join(positions)} without numbers: without positions there is nothing to compare"
+            )
         raise GapRecordingError(
             f"{path.name}: no column 'q.<joint>': without positions there is nothing to compare"
         )

@@ -18,8 +18,8 @@ def no_effort(model: RigidModel, fit: list[Session]) -> str | None:
     if any(s.has_u.any() for s in fit):
         return None
     return (
-        "cannot tell: no recording has an effort column (tau.<joint>), and feedback hides a mismatch from the "
-        f"position; record effort for {', '.join(model.joints)}"
+        "cannot tell: no recording has an effort column (tau.<joint>) with numbers in it, and feedback hides a "
+        f"mismatch from the position; record effort for {', '.join(model.joints)}"
     )
 
 
