@@ -6,6 +6,7 @@ import contextlib
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from s2r_host.perception.frames import Cloud, DepthFrame
 
 Step = Callable[[str], None]
+ANSWER_FILES = ("object.xml", "object.urdf", "model.json")
 
 
 @click.command()
@@ -140,6 +142,7 @@ def _build(
     from s2r_host.perception.frames import DepthFrame
     from s2r_host.perception.loading import load_frame
 
+    _forget_answer(out)
     view_before = load_frame(before, frame, camera)  # type: ignore[arg-type]
     view_after = load_frame(after, frame, camera)  # type: ignore[arg-type]
     views = _all_depth(view_before, view_after, [load_frame(path, frame, camera) for path in between])  # type: ignore[arg-type]
@@ -187,6 +190,13 @@ def _build(
     result: dict[str, Any] = {"parts_found": parts}
     (out / "model.json").write_text(json.dumps(result, indent=1) + "\n")
     return result
+
+
+def _forget_answer(out: Path) -> None:
+    """Take away what an earlier answer left: its model is no part of a new one, least of an abstention."""
+    parts = [path for path in out.glob("part_*") if path.is_dir()]
+    for folder, name in product((out, *parts), ANSWER_FILES):
+        (folder / name).unlink(missing_ok=True)
 
 
 def _all_depth(

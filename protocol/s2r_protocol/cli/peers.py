@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import socket
 import subprocess
@@ -33,6 +34,16 @@ def s2r_command(*arguments: str | Path) -> list[str]:
     return [sys.executable, "-m", "s2r_protocol", *map(str, arguments)]
 
 
+def with_parent(*arguments: str | Path) -> list[str]:
+    """The same, for one that must not outlive this process: it is interrupted when this one dies, even by SIGKILL.
+
+    By util-linux' ``setpriv``, since what runs between fork and exec in Python is not safe beside other threads.
+    """
+    setpriv = shutil.which("setpriv")
+    bound = [setpriv, "--pdeathsig", "INT", "--"] if setpriv else []
+    return [*bound, *s2r_command(*arguments)]
+
+
 def free_port() -> int:
     """A TCP port on loopback that nobody listens on right now."""
     with socket.socket() as probe:
@@ -54,7 +65,7 @@ def peer(name: str, arguments: Sequence[str | Path], folder: Path) -> Iterator[s
     ready.unlink(missing_ok=True)
     with log_path.open("w") as log:
         process = subprocess.Popen(
-            [*s2r_command(*arguments), "--ready-file", str(ready)],
+            [*with_parent(*arguments), "--ready-file", str(ready)],
             stdout=log,
             stderr=subprocess.STDOUT,
             start_new_session=True,

@@ -141,17 +141,18 @@ def demo(
 def _run_host(arguments: list[str | Path]) -> int:
     """Run the host in the foreground; it brings the arm to rest before executor and stand-in go.
 
-    Ctrl-C in a terminal reaches the host as well as us; SIGTERM reaches only us and is passed on.
+    Signals reach only us and are passed on, whether a terminal sent them to all of its processes or somebody to one.
     """
-    from s2r_sim.demo.processes import s2r_command
+    from s2r_sim.demo.processes import with_parent
 
-    host = subprocess.Popen(s2r_command(*arguments), stdout=sys.stderr)
+    host = subprocess.Popen(with_parent(*arguments), stdout=sys.stderr, start_new_session=True)
     signal.signal(signal.SIGTERM, lambda number, _frame: host.send_signal(number))
     while True:
         try:
             return host.wait()
         except KeyboardInterrupt:
             _say("interrupted: waiting for the host to bring the arm to rest")
+            host.send_signal(signal.SIGINT)
 
 
 def _say(text: str) -> None:

@@ -23,7 +23,7 @@ class ContactSlip(Effect):
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Limits at quantiles of the pull."""
-        pulls = [p[0] for s in ctx.sessions if (p := wrench_parts(ctx.model, s, joint)) is not None]
+        pulls = [p.along for s in ctx.sessions if (p := wrench_parts(ctx.model, s, joint)) is not None]
         if not pulls:
             return []
         pull = np.abs(np.concatenate(pulls))
@@ -36,7 +36,7 @@ class ContactSlip(Effect):
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """The surplus, as effort that does not arrive."""
         parts = wrench_parts(ctx.model, s, joint)
-        along = np.zeros(len(s.t)) if parts is None else parts[0]
+        along = np.zeros(len(s.t)) if parts is None else parts.along
         return Columns([along - np.clip(along, -shape["limit"], shape["limit"])], (True,))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:

@@ -275,20 +275,40 @@ def wrench_efforts(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarr
     return out
 
 
-def wrench_parts(model: RigidModel, s: Session, joint: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Effort along a joint and size of the force across it, from wrenches on what it moves; None without any."""
+@dataclass(frozen=True, eq=False)
+class WrenchParts:
+    """What wrenches on a joint's part do to it.
+
+    Attributes:
+        along: Effort along the joint [N·m or N], shape (time,).
+        across: Size of the force that its bearing takes [N], shape (time,).
+        racking: Size of the moment that its bearing takes, of a pull beside the centre [N·m], shape (time,).
+    """
+
+    along: np.ndarray
+    across: np.ndarray
+    racking: np.ndarray
+
+
+def wrench_parts(model: RigidModel, s: Session, joint: int) -> WrenchParts | None:
+    """Wrenches on what a joint moves, taken apart; None without any."""
     key = ("wrench", joint)
     if key not in s.cache:
         moved = set(model.subtree_bodies(model.joints[joint]))
         bodies = {b: w for b, w in wrench_bodies(model, s.rec).items() if b in moved}
         efforts = wrench_efforts(model, s.rec, s.t, s.q) if bodies else None
-        if efforts is None:
-            s.cache[key] = None
-        else:
-            total = sum(w[:, :3] for w in bodies.values())
-            size = np.linalg.norm(np.asarray(total), axis=1)
-            across = np.interp(s.t, s.rec.t, size)
-            if model.unit(model.joints[joint]) == "m":
-                across = np.sqrt(np.maximum(across**2 - efforts[:, joint] ** 2, 0.0))
-            s.cache[key] = (efforts[:, joint], across)
+        s.cache[key] = None if efforts is None else _parts(model, s, joint, efforts[:, joint], bodies)
     return s.cache[key]
+
+
+def _parts(
+    model: RigidModel, s: Session, joint: int, along: np.ndarray, bodies: dict[int, np.ndarray]
+) -> WrenchParts:
+    """The bearing of a slide takes every moment, that of a hinge every force, and the rest what is not along it."""
+    total = np.sum(list(bodies.values()), axis=0)
+    force, moment = (
+        np.interp(s.t, s.rec.t, np.linalg.norm(total[:, part], axis=1)) for part in (slice(3), slice(3, 6))
+    )
+    beside = force if model.unit(model.joints[joint]) == "m" else moment
+    beside[:] = np.sqrt(np.maximum(beside**2 - along**2, 0.0))
+    return WrenchParts(along, force, moment)

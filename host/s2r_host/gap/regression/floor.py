@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from scipy.signal import detrend
 
@@ -9,14 +11,15 @@ from s2r_host.gap.effects.base import count_reversals
 from s2r_host.gap.motion.known_noise import known_noise, motion_noise
 from s2r_host.gap.motion.model import FEW_JOINTS, RigidModel
 from s2r_host.gap.motion.rest import rests_of
-from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.session import Session, wrench_parts
 from s2r_host.gap.motion.states import stop_operator
 from s2r_host.gap.motion.time_spans import runs
 from s2r_host.gap.regression.friction_seen import TRUSTED, between_level, trust
 from s2r_host.gap.regression.rows import Block, compare, picks_of, residual
 
 GENERIC_FOLDS = 8
-GENERIC_BINS = 40
+GENERIC_BINS, COARSE_BINS = 40, (6, 12)
+RIDGES = (1e-4, 1e-2, 1e-1)
 LEAST_ROWS = 4 * GENERIC_FOLDS  # fewer hold nothing to predict from
 STROKE_PARTS = 6
 KNOWN_TIMES = 4.5  # the channels' own noise that a bounded floor may be
@@ -47,7 +50,7 @@ def noise_samples(
         if not noise[j]:
             for block, values in zip(blocks, raw, strict=True):
                 if block.joint == j:
-                    noise[j].append(generic_leftover(block.session, j, values, block.picks))
+                    noise[j].append(generic_leftover(model, block.session, j, values, block.picks))
     for j in joints:
         noise[j] = at_least_declared(model.joints[j], noise[j], fit)
     return noise, source
@@ -139,26 +142,28 @@ def find_partner(twin: Session, fit: list[Session]) -> Session | None:
     return best
 
 
-def generic_leftover(s: Session, j: int, values: np.ndarray, picks: np.ndarray) -> np.ndarray:
+def generic_leftover(
+    model: RigidModel, s: Session, j: int, values: np.ndarray, picks: np.ndarray
+) -> np.ndarray:
     """What a generic local correction cannot predict on stretches it was not fitted to, shape (rows,).
 
-    Never more than the residual itself: then nothing was predictable, and all of it counts as noise. It is fitted to
-    the rows that move: what friction holds at rest follows neither place nor speed, and would bend it everywhere.
-    On arms of more joints the floor is spared that: under a finer one each joint's friction takes on what the links
-    leave over.
+    Of corrections with more and more columns the one that predicts best counts: where a motion passes a place once,
+    many columns err by more there than the noise is. Never more than the residual itself: then nothing was
+    predictable, and all of it counts as noise.
+    They are fitted to the rows that move: what friction holds at rest follows neither place nor speed, and would bend
+    them everywhere. On arms of more joints the floor is spared that: under a finer one each joint's friction takes on
+    what the links leave over.
     """
     if len(picks) < LEAST_ROWS:
         return values - np.mean(values)
-    X = generic_basis(s, j, picks)
-    X = X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
     # A single stroke passes every place once: only short stretches leave their surroundings to learn from.
     parts = GENERIC_FOLDS if count_reversals(s, j) >= 2 else GENERIC_FOLDS * STROKE_PARTS
-    fold = np.arange(len(X)) * parts // max(len(X), 1) % GENERIC_FOLDS
+    fold = np.arange(len(picks)) * parts // len(picks) % GENERIC_FOLDS
     moves = ~rests_of(s, j)[picks]
     if s.q.shape[1] > FEW_JOINTS or moves.sum() < LEAST_ROWS:
         moves[:] = True
     best = values - np.mean(values[moves])
-    for ridge in (1e-4, 1e-2, 1e-1):
+    for X, ridge in product(generic_bases(model, s, j, picks), RIDGES):
         left = np.empty_like(values)
         for k in range(GENERIC_FOLDS):
             train, rest = moves & (fold != k), fold == k
@@ -169,13 +174,34 @@ def generic_leftover(s: Session, j: int, values: np.ndarray, picks: np.ndarray) 
     return best
 
 
-def generic_basis(s: Session, j: int, picks: np.ndarray) -> np.ndarray:
-    """Position bins per direction, speed shapes, acceleration, load and its derivatives, shape (rows, k)."""
-    q, v, a = s.q[:, j], s.v[:, j], s.a[:, j]
+def generic_bases(model: RigidModel, s: Session, j: int, picks: np.ndarray) -> list[np.ndarray]:
+    """Columns of generic corrections at the rows ``picks``, each (rows, k) and of unit size: one basis, then more.
+
+    Shapes of the speed with load and acceleration; loops; forces by place and direction in few bins and in many.
+    """
+    finest = int(np.clip(len(picks) // 20, 12, GENERIC_BINS))
+    rigid = _at_rows(rigid_columns(model, s, j), s, j, picks)
+    looped = np.hstack([rigid, _at_rows(loops(s, j), s, j, picks)])
+    fine = np.hstack([looped, _at_rows(by_place(s, j, finest), s, j, picks)])
+    if s.q.shape[1] > FEW_JOINTS:
+        return [fine]
+    coarse = [np.hstack([looped, _at_rows(by_place(s, j, bins), s, j, picks)]) for bins in COARSE_BINS]
+    return [rigid, looped, *coarse, fine]
+
+
+def _at_rows(columns: list[np.ndarray], s: Session, j: int, picks: np.ndarray) -> np.ndarray:
+    """Columns as efforts are compared, of unit size, shape (rows, k)."""
+    if not columns:
+        return np.zeros((len(picks), 0))
+    X = np.stack([compare(c, s, j, True)[picks] for c in columns], axis=1)
+    return X / (np.sqrt(np.mean(X**2, axis=0)) + 1e-12)
+
+
+def rigid_columns(model: RigidModel, s: Session, j: int) -> list[np.ndarray]:
+    """Speed shapes, acceleration, load and its derivatives, and what a wrench presses on the joint's bearing."""
+    v, a = s.v[:, j], s.a[:, j]
     sign, top = s.sign(j), np.max(np.abs(v)) + 1e-12
-    edges = np.linspace(q.min(), q.max() + 1e-12, int(np.clip(len(picks) // 20, 12, GENERIC_BINS)))
-    width = edges[1] - edges[0] + 1e-12
-    columns = [np.ones_like(q), v, np.abs(v), v * np.abs(v)]
+    columns = [np.ones_like(v), v, np.abs(v), v * np.abs(v)]
     columns += [sign * np.exp(-((v / (share * top)) ** 2)) for share in (0.02, 0.1, 0.3)]
     # Late or lagging drives leave derivatives of the load. The effort itself is no column: with the load it spans
     # the residual exactly, and any floor would come out.
@@ -183,11 +209,19 @@ def generic_basis(s: Session, j: int, picks: np.ndarray) -> np.ndarray:
         late = np.gradient(s.load[:, j], s.dt)
         columns += [a, s.load[:, j], np.abs(s.load[:, j]) * sign, late, np.gradient(late, s.dt)]
     columns += [s.load[:, i] for i in range(s.q.shape[1]) if i != j]
-    columns += loops(s, j)
-    for centre in edges:
-        hat = np.maximum(0.0, 1.0 - np.abs(q - centre) / width)
-        columns += [hat, hat * sign]
-    return np.stack([compare(c, s, j, True)[picks] for c in columns], axis=1)
+    pressed = wrench_parts(model, s, j)
+    if pressed is not None:
+        columns += [pressed.across * sign, pressed.racking * sign]
+    return columns
+
+
+def by_place(s: Session, j: int, bins: int) -> list[np.ndarray]:
+    """Force and friction by place: hats over the range, each alone and times the direction."""
+    q, sign = s.q[:, j], s.sign(j)
+    edges = np.linspace(q.min(), q.max() + 1e-12, bins)
+    width = edges[1] - edges[0] + 1e-12
+    hats = [np.maximum(0.0, 1.0 - np.abs(q - centre) / width) for centre in edges]
+    return [column for hat in hats for column in (hat, hat * sign)]
 
 
 def loops(s: Session, j: int) -> list[np.ndarray]:
