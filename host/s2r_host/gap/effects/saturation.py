@@ -9,6 +9,7 @@ from s2r_host.gap.motion.session import Session, nominal_friction
 
 # Quantiles of the effort that the motion needs: it ends at the limit, however much is asked for.
 NEEDED = (0.9, 0.97, 0.995)
+DRIVES, HELD = 1.5, -1e4  # times the model's dry friction that a limit is at least; log odds below it
 SHARES = (0.5, 0.65, 0.75, 0.82, 0.88, 0.92, 0.95, 0.975, 0.99, 0.995, 0.998)
 
 
@@ -39,6 +40,11 @@ class Saturation(Effect):
         plain = [{"limit": x, "v0": 0.0} for x in limits]
         sloped = [(x, y) for x in limits[::2] for y in (1.3, 2.0, 4.0, 8.0)]
         return plain + [{"limit": x / (1.0 - 0.3 / y), "v0": top * y} for x, y in sloped]
+
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """A drive that the joint's own dry friction holds would not be there: clipped at it, any effort fits."""
+        friction = float(ctx.model.model.dof_frictionloss[joint])
+        return 0.0 if shape["limit"] > DRIVES * friction else HELD
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Both on a log scale."""

@@ -45,23 +45,16 @@ def known_noise(model: RigidModel, s: Session, j: int) -> float:
 def motion_noise(model: RigidModel, s: Session, j: int, *, sure: bool = False) -> float:
     """Standard deviation of a joint's inertial effort, below its cut, by the noise of its position or speed.
 
-    The acceleration comes from the better of both, twice or once differentiated: noise of power density S makes
-    (2π)⁴ S f⁵ or (2π)² S f³ of it up to the cut f, but for a factor of the filter. ``sure``: only of channels whose
+    The acceleration comes from one of them, twice or once differentiated: noise of power density S makes (2π)⁴ S f⁵ or
+    (2π)² S f³ of it up to the cut f, but for a factor of the filter. ``sure``: only of channels whose
     spectrum is flat above the motion; what still falls there is motion.
 
     Returns:
         Effort [N·m or N]; 0 where no channel shows any noise.
     """
-    cut = float(s.cut[j])
-    moved = []
-    for kind, gain in (
-        ("q", _GAIN_BEND * (2.0 * np.pi) ** 4 * cut**5),
-        ("dq", _GAIN_SLOPE * (2.0 * np.pi) ** 2 * cut**3),
-    ):
-        x = s.rec.get(kind, model.joints[j])
-        if x is not None:
-            moved.append(_white(x, s.rec.dt, flat=sure) * gain)
-    return float(np.median(np.abs(s.mass[:, j])) * np.sqrt(min(moved, default=0.0)))
+    w = 2.0 * np.pi * float(s.cut[j])
+    gain = (_GAIN_SLOPE * w**2 if s.by_speed[j] else _GAIN_BEND * w**4) * float(s.cut[j])
+    return float(np.median(np.abs(s.mass[:, j])) * np.sqrt(_motion_white(model, s, j, flat=sure) * gain))
 
 
 def motion_density(model: RigidModel, s: Session, j: int, f: np.ndarray) -> np.ndarray:
@@ -77,13 +70,15 @@ def motion_density(model: RigidModel, s: Session, j: int, f: np.ndarray) -> np.n
         One-sided density below the cut [N²·m²/Hz or N²/Hz], shape (frequency,); zero where no channel shows noise.
     """
     w, cut = 2.0 * np.pi * f, float(s.cut[j])
-    moved = []
-    for kind, power in (("q", 4), ("dq", 2)):
-        x = s.rec.get(kind, model.joints[j])
-        if x is not None:
-            moved.append(_white(x, s.rec.dt, flat=True) * w**power / (1.0 + (f / cut) ** 4) ** 2)
-    least = min(moved, key=np.sum, default=np.zeros(len(f)))
-    return least * float(np.median(np.abs(s.mass[:, j]))) ** 2
+    white = _motion_white(model, s, j, flat=True)
+    density = white * w ** (2 if s.by_speed[j] else 4) / (1.0 + (f / cut) ** 4) ** 2
+    return density * float(np.median(np.abs(s.mass[:, j]))) ** 2
+
+
+def _motion_white(model: RigidModel, s: Session, j: int, *, flat: bool) -> float:
+    """One-sided power density of the noise of the channel that the acceleration comes from [unit²/Hz]."""
+    x = s.rec.get("dq" if s.by_speed[j] else "q", model.joints[j])
+    return 0.0 if x is None else _white(x, s.rec.dt, flat=flat)
 
 
 def _white(x: np.ndarray, dt: float, *, flat: bool = False) -> float:

@@ -25,6 +25,10 @@ LINE_MARGIN = 1.5
 FREE_SHARE = 0.02  # of the load: less effort than that drives nothing
 
 
+Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Position, velocity, acceleration, shape (time,) each."""
+
+
 @dataclass(eq=False)
 class Session:
     """Signals of one recording, resampled to an even grid, in the joint order of the model.
@@ -40,6 +44,7 @@ class Session:
         v_noise: Noise of the speed [rad/s or m/s], shape (joint,).
         q_lsb: Resolution of the position [rad or m], shape (joint,).
         lead: How early dry friction turns round before the joint does [s], shape (joint,); see ``friction_edge.py``.
+        by_speed: Velocity and acceleration come from the logged speed, not from the position, shape (joint,).
         cut: Upper end of the band in which efforts are compared [Hz], shape (joint,).
         motion_cut: Cut of the filter behind position and its derivatives [Hz], shape (joint,).
         index: Number of the recording, or of the stretch of one, in the order of the command line.
@@ -64,6 +69,7 @@ class Session:
     cut: np.ndarray
     motion_cut: np.ndarray
     lead: np.ndarray
+    by_speed: np.ndarray
     cache: dict = field(default_factory=dict)
 
     def sign(self, joint: int) -> np.ndarray:
@@ -104,7 +110,7 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
     q, v, a, u = (np.zeros((n, nv)) for _ in range(4))
     q_raw = np.zeros((n, nv))
     u[:] = np.nan
-    v_eps, q_lsb = np.full(nv, 1e-3), np.zeros(nv)
+    v_eps, q_lsb, by_speed = np.full(nv, 1e-3), np.zeros(nv), np.zeros(nv, dtype=bool)
     cut = np.full(nv, min(COMPARE_CUT_HZ, rec.band_hz))
     motion_cut = np.full(nv, min(MOTION_CUT_HZ, 4.0 / 3.0 * rec.band_hz))
     for i, joint in enumerate(model.joints):
@@ -121,7 +127,7 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
             cut[i] = max(cut[i], min(LINE_MARGIN * line, rec.band_hz, 0.4 / dt))
             motion_cut[i] = max(motion_cut[i], cut[i])
         least = LEAST_MOTION_CUT_HZ if cut[i] <= COMPARE_CUT_HZ else float(cut[i])
-        (q[:, i], v[:, i], a[:, i]), motion_cut[i] = _quiet_motion(
+        (q[:, i], v[:, i], a[:, i]), by_speed[i], motion_cut[i] = _quiet_motion(
             full, joint, t, dt, float(motion_cut[i]), least
         )
         cut[i] = min(cut[i], motion_cut[i])
@@ -132,7 +138,7 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
     return Session(
         rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.asarray(np.isfinite(u).all(0)),
         load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, v_noise=v_eps.copy(),
-        q_lsb=q_lsb, q_raw=q_raw, cut=cut, motion_cut=motion_cut, lead=np.zeros(nv),
+        q_lsb=q_lsb, q_raw=q_raw, cut=cut, motion_cut=motion_cut, lead=np.zeros(nv), by_speed=by_speed,
     )  # fmt: skip
 
 
@@ -162,24 +168,26 @@ def line_hz(effort: np.ndarray, dt: float) -> float:
 
 def _quiet_motion(
     rec: Recording, joint: str, t: np.ndarray, dt: float, cut: float, least: float
-) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], float]:
-    """Motion at the highest cut whose velocity noise stays a small part of the top speed, and that cut [Hz]."""
+) -> tuple[Motion, bool, float]:
+    """Motion at the highest cut whose velocity noise stays a small part of the top speed.
+
+    Returns:
+        The motion, whether it comes from the logged speed, and the cut [Hz].
+    """
     simulated = lead_of_position(rec, joint) > 0.0
-    motion = _motion(rec, joint, t, cut, simulated=simulated)
+    motion, by_speed = _motion(rec, joint, t, cut, simulated=simulated)
     while cut > least and _speed_noise(motion[1], dt, cut) > NOISY_SPEED * _top(motion[1]):
         cut = max(0.7 * cut, least)
-        motion = _motion(rec, joint, t, cut, simulated=simulated)
-    return motion, cut
+        motion, by_speed = _motion(rec, joint, t, cut, simulated=simulated)
+    return motion, by_speed, cut
 
 
 def _top(v: np.ndarray) -> float:
     return float(np.percentile(np.abs(v), 99)) if v.size else 1.0
 
 
-def _motion(
-    rec: Recording, joint: str, t: np.ndarray, cut: float, *, simulated: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity, acceleration from the quieter of two routes: q alone, or q with the logged dq.
+def _motion(rec: Recording, joint: str, t: np.ndarray, cut: float, *, simulated: bool) -> tuple[Motion, bool]:
+    """Position, velocity, acceleration from the quieter of two routes: q alone, or q with the logged dq (True).
 
     The logged dq of a ``simulated`` recording is exact.
     """
@@ -195,11 +203,9 @@ def _motion(
         routes.append((q, dq, ddq))
     noise = [np.std(r[2] - lowpass(r[2], 0.5 * cut, fine_dt)) for r in routes]
     # The logged velocity has to be clearly quieter: a filtered one carries a lag that nobody declared.
-    best = routes[1] if len(routes) == 2 and noise[1] < 0.7 * noise[0] else routes[0]
-    if len(routes) == 2 and (simulated or 1.0 / fine_dt < 100.0):
-        best = routes[1]
-    q, dq, ddq = (np.asarray(np.interp(t, fine_t, x)) for x in best)
-    return q, dq, ddq
+    by_speed = len(routes) == 2 and (noise[1] < 0.7 * noise[0] or simulated or 1.0 / fine_dt < 100.0)
+    q, dq, ddq = (np.asarray(np.interp(t, fine_t, x)) for x in routes[int(by_speed)])
+    return (q, dq, ddq), bool(by_speed)
 
 
 def _resample(t_from: np.ndarray, x: np.ndarray, t_to: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from s2r_host.gap.regression.evidence import AR_ORDER
 from s2r_host.gap.regression.rows import Block, compare
 
 STICK_DOUBT = 0.5  # times the friction, for rows at rest
+STICKS = 2.0  # times the friction in motion, from which on what holds at rest counts twice
 REST_DOUBT = 3.0  # the same at rest for longer, where no second run shows what comes back there
 TRUSTED = 0.25  # squared weight from which on a row tells what is left over
 ONE_WAY = 0.05  # spread of the direction of motion below which a joint goes one way only
@@ -61,7 +62,9 @@ def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = Fals
     s, j = block.session, block.joint
     still = compare(stillness(s, j), s, j, True)[block.picks]
     at_rest, moving = stiction(s, j)
-    holds = np.full(len(still), STICK_DOUBT * max(at_rest, moving))
+    # Where a joint sticks by far more than it slides with, the sign of a speed that is noise is wrong by all of it.
+    sticks = max(0.0, at_rest - STICKS * moving)
+    holds = np.full(len(still), STICK_DOUBT * (max(at_rest, moving) + sticks))
     # One stroke does not tell friction from what else it pulls at, and what a latch holds at rest is looked for.
     # What comes back in a second run of a free swing is that friction held it again.
     rests = (guessed or not s.driven(j)) and count_reversals(s, j) >= 2
