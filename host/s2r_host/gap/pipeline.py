@@ -292,8 +292,8 @@ def _doubt_patch(a: Analysis, nominal: Twin) -> None:
         a.decision.parameters_off, a.places = [], []
         a.twin, a.after = nominal, a.before
     else:
-        a.notes.append(
-            f"the patched model predicts {said}: do not simulate with it, whatever its names are worth"
+        a.notes.insert(
+            0, f"the patched model predicts {said}: do not simulate with it, whatever its names are worth"
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import detrend
@@ -28,11 +28,26 @@ CLEARINGS = 3
 LOOP_SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 
 
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Noise samples per joint, one array per recording or block.
+
+    Attributes:
+        size: How large it is [N·m or N].
+        course: The same with the spectrum that it has.
+        source: "repeat" of half the difference of two runs; "estimated" of what generic corrections leave over.
+    """
+
+    size: dict[int, list[np.ndarray]]
+    course: dict[int, list[np.ndarray]]
+    source: str
+
+
 def noise_samples(
     model: RigidModel, joints: list[int], fit: list[Session], repeats: list[Session],
     blocks: list[Block], raw: list[np.ndarray],
-) -> tuple[dict[int, list[np.ndarray]], str]:  # fmt: skip
-    """Noise samples per joint: half the difference of two runs, or what a rich generic model leaves over."""
+) -> Noise:  # fmt: skip
+    """Half the difference of two runs, or what generic corrections leave over."""
     noise: dict[int, list[np.ndarray]] = {j: [] for j in joints}
     for twin in repeats:
         partner = find_partner(twin, fit)
@@ -46,14 +61,17 @@ def noise_samples(
                 difference = residual(model, partner, j)[:n] - residual(model, twin, j)[:n]
                 noise[j].append(difference[picks] / np.sqrt(2.0))
     source = "repeat" if all(noise[j] for j in joints) and joints else "estimated"
+    course = {j: list(noise[j]) for j in joints}
     for j in joints:
         if not noise[j]:
             for block, values in zip(blocks, raw, strict=True):
                 if block.joint == j:
-                    noise[j].append(generic_leftover(model, block.session, j, values, block.picks))
+                    least, richest = generic_leftovers(model, block.session, j, values, block.picks)
+                    noise[j].append(least)
+                    course[j].append(richest)
     for j in joints:
         noise[j] = at_least_declared(model.joints[j], noise[j], fit)
-    return noise, source
+    return Noise(noise, course, source)
 
 
 def floor_level(
@@ -142,36 +160,45 @@ def find_partner(twin: Session, fit: list[Session]) -> Session | None:
     return best
 
 
-def generic_leftover(
+def generic_leftovers(
     model: RigidModel, s: Session, j: int, values: np.ndarray, picks: np.ndarray
-) -> np.ndarray:
-    """What a generic local correction cannot predict on stretches it was not fitted to, shape (rows,).
+) -> tuple[np.ndarray, np.ndarray]:
+    """What generic local corrections cannot predict on stretches they were not fitted to, shape (rows,) each.
 
-    Of corrections with more and more columns the one that predicts best counts: where a motion passes a place once,
-    many columns err by more there than the noise is. Never more than the residual itself: then nothing was
-    predictable, and all of it counts as noise.
+    Of corrections with more and more columns the one that predicts best tells the size of the noise: where a motion
+    passes a place once, many columns err by more there than the noise is. Never more than the residual itself: then
+    nothing was predictable, and all of it counts as noise. The one with most columns tells its course: what fewer leave
+    follows the place, slowly, as no noise does.
     They are fitted to the rows that move: what friction holds at rest follows neither place nor speed, and would bend
     them everywhere. On arms of more joints the floor is spared that: under a finer one each joint's friction takes on
     what the links leave over.
     """
     if len(picks) < LEAST_ROWS:
-        return values - np.mean(values)
+        return values - np.mean(values), values - np.mean(values)
     # A single stroke passes every place once: only short stretches leave their surroundings to learn from.
     parts = GENERIC_FOLDS if count_reversals(s, j) >= 2 else GENERIC_FOLDS * STROKE_PARTS
     fold = np.arange(len(picks)) * parts // len(picks) % GENERIC_FOLDS
     moves = ~rests_of(s, j)[picks]
     if s.q.shape[1] > FEW_JOINTS or moves.sum() < LEAST_ROWS:
         moves[:] = True
-    best = values - np.mean(values[moves])
-    for X, ridge in product(generic_bases(model, s, j, picks), RIDGES):
-        left = np.empty_like(values)
-        for k in range(GENERIC_FOLDS):
-            train, rest = moves & (fold != k), fold == k
-            A = X[train].T @ X[train] + ridge * max(train.sum(), 1) * np.eye(X.shape[1])
-            left[rest] = values[rest] - X[rest] @ np.linalg.solve(A, X[train].T @ values[train])
-        if np.mean(left[moves] ** 2) < np.mean(best[moves] ** 2):
-            best = left
-    return best
+    nothing = values - np.mean(values[moves])
+
+    def left_by(X: np.ndarray) -> np.ndarray:
+        found = [nothing]
+        for ridge in RIDGES:
+            left = np.empty_like(values)
+            for k in range(GENERIC_FOLDS):
+                train, rest = moves & (fold != k), fold == k
+                A = X[train].T @ X[train] + ridge * max(train.sum(), 1) * np.eye(X.shape[1])
+                left[rest] = values[rest] - X[rest] @ np.linalg.solve(A, X[train].T @ values[train])
+            found.append(left)
+        return least_of(found)
+
+    def least_of(found: list[np.ndarray]) -> np.ndarray:
+        return min(found, key=lambda x: float(np.mean(x[moves] ** 2)))
+
+    by_columns = [left_by(X) for X in generic_bases(model, s, j, picks)]
+    return least_of(by_columns), by_columns[-1]
 
 
 def generic_bases(model: RigidModel, s: Session, j: int, picks: np.ndarray) -> list[np.ndarray]:

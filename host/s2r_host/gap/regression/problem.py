@@ -200,31 +200,31 @@ def build_problem(
     joints = [j for j in range(len(model.joints)) if any(s.has_u[j] for s in sessions)]
     blocks, raw = make_blocks(model, sessions, hold, joints)
     joints = [j for j in joints if any(b.joint == j and b.session in fit for b in blocks)]
-    noise, source = noise_samples(model, joints, fit, repeats, blocks, raw)
-    guessed = source != "repeat"
+    noise = noise_samples(model, joints, fit, repeats, blocks, raw)
+    guessed = noise.source != "repeat"
     for j in joints:
         of_joint = [b for b in blocks if b.joint == j]
-        heard = without_rests(of_joint, noise[j]) if guessed else noise[j]
+        heard = without_rests(of_joint, noise.size[j]) if guessed else noise.size[j]
         cut = band(model, j, fit, blocks, heard, guessed=guessed)
         for s in sessions + repeats:
             s.cut[j] = min(max(cut, least_cut(s)), float(s.cut[j]))
     blocks, raw = make_blocks(model, sessions, hold, joints)
-    noise, _ = noise_samples(model, joints, fit, repeats, blocks, raw)
+    noise = noise_samples(model, joints, fit, repeats, blocks, raw)
     start = blocks[-1].rows.stop if blocks else 0
     held = [b.held for b in blocks]
     whiteners, floor = {}, {}
     for j in joints:
         scale = max(_moved_effort(s, j) for s in sessions if s.has_u[j])
         least = max(EQUATIONS * scale, 1e-12)
-        whitener = fit_whitener(noise[j], least)
-        own = max(rms(noise[j]), least)
-        level = floor_level(model, sessions, blocks, noise[j], j, guessed=guessed, bounded=bounded)
+        whitener = fit_whitener(noise.course[j], least)
+        own = max(rms(noise.course[j]), least)
+        level = floor_level(model, sessions, blocks, noise.size[j], j, guessed=guessed, bounded=bounded)
         floor[j] = max(level, least)
         whiteners[j] = replace(whitener, scale=whitener.scale * floor[j] / own)
     problem = Problem(
         ctx, joints, blocks, whiteners, np.zeros(start), np.concatenate(raw), np.zeros(start),
         np.concatenate(held), [*base_parameters(model), *recording_gains(model, sessions)], np.zeros((start, 0)),
-        np.zeros(0), floor, source,
+        np.zeros(0), floor, noise.source,
         np.concatenate([trust(model, b, floor[b.joint], guessed=guessed) for b in blocks]),
     )  # fmt: skip
     for block, values in zip(blocks, raw, strict=True):
@@ -237,7 +237,7 @@ def build_problem(
     problem.effort *= problem.weight
     _fill_base(problem, sessions)
     _fill_drift(problem, fit, hold)
-    problem.floor_doubt = max((rms_doubt(noise[j]) for j in joints), default=1.0)
+    problem.floor_doubt = max((rms_doubt(noise.size[j]) for j in joints), default=1.0)
     if not guessed:
         problem.twin = _second_runs(model, problem, fit, repeats)
         problem.wanders = [w for j in joints if (w := wandering(model, j, fit, repeats)) is not None]
