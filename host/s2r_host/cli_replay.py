@@ -170,16 +170,11 @@ def _replays(
     from s2r_host.replay.replay import replay_plan
 
     done: list[Replayed] = []
-    try:
-        with click.progressbar(length=loops, label="replays", file=sys.stderr, hidden=loops == 1) as bar:
-            for k in range(loops):
-                first = as_found and k == 0
-                done.append(replay_plan(link, model, plan, settings, obstacles, plans, as_found=first))
-                bar.update(1)
-    except KeyboardInterrupt:
-        link.stop()
-        link.wait_at_rest()
-        raise
+    with click.progressbar(length=loops, label="replays", file=sys.stderr, hidden=loops == 1) as bar:
+        for k in range(loops):
+            first = as_found and k == 0
+            done.append(replay_plan(link, model, plan, settings, obstacles, plans, as_found=first))
+            bar.update(1)
     return done
 
 

@@ -27,11 +27,11 @@ class CommandRefusedError(HostError, RefusedError):
 
 
 class ArmStoppedError(HostError, ProtectionStopError):
-    """The executor ended a motion before its plan did."""
+    """The executor ended a motion before its plan did; ``epoch`` is the one that this stop began, where it is known."""
 
-    def __init__(self, text: str, cause: Cause = Cause.NONE) -> None:
+    def __init__(self, text: str, cause: Cause = Cause.NONE, epoch: int | None = None) -> None:
         super().__init__(text)
-        self.cause = cause
+        self.cause, self.epoch = cause, epoch
 
 
 class EmptyCloudError(HostError, RefusedError):

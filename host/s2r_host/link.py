@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from google.protobuf.message import Message
 
-from s2r_host.errors import ArmMismatchError, CommandRefusedError, PeerUnreachableError
+from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedError, PeerUnreachableError
 from s2r_host.link_camera import CameraLink, Capture
 from s2r_host.link_heartbeat import Heart
 from s2r_host.link_observations import JointSample, ObservationFeed, StateSample
@@ -40,6 +40,7 @@ from s2r_host.link_types import (
     refusal_error,
     status_from_message,
     stop_error,
+    stopped_meanwhile_error,
 )
 from s2r_protocol import codec
 from s2r_protocol.faults import ExecutorState, Refusal
@@ -76,6 +77,10 @@ class ExecutorLink:
 
     Use as a context manager; leaving it returns the lease and closes the session. Thread-safe for one
     commanding thread plus :meth:`stop` from any other.
+
+    Every stop and every arming makes a new epoch. The link commands in the epoch that it knows of by its own doing; a
+    stop by anybody else makes its commands stale and its next lease an :class:`ArmStoppedError`. Whoever wants to go on
+    after such a stop says so with :meth:`meet`.
     """
 
     def __init__(
@@ -115,7 +120,8 @@ class ExecutorLink:
         self._hint = silence_hint(tls)
         self._session: zenoh.Session = open_session(endpoint, self._keys, tls)
         try:
-            self.identity, _ = self._greet(connect_timeout_s)
+            self.identity, status = self._greet(connect_timeout_s)
+            self._epoch = status.epoch
             check_same_arm(self.identity, arm)
             self._feed = ObservationFeed(self._session, f"/{self._keys.base}")
         except BaseException:
@@ -133,15 +139,17 @@ class ExecutorLink:
         return self._greet(self._timeout_s)[1]
 
     def meet(self) -> None:
-        """Say hello anew; an executor that was started again meanwhile is checked like the first.
+        """Say hello anew and go on from there, whoever stopped the arm since.
+
+        An executor that was started again meanwhile is checked like the first.
 
         Raises:
             PeerUnreachableError: No answer.
             ArmMismatchError: It now runs another arm model or other limits.
         """
-        identity, _ = self._greet(self._timeout_s)
+        identity, status = self._greet(self._timeout_s)
         check_same_arm(identity, self._arm)
-        self.identity = identity
+        self.identity, self._epoch = identity, status.epoch
 
     def state(self) -> StateSample | None:
         """The newest published state, without asking; None when none arrived within 0.2 s. For any thread."""
@@ -185,6 +193,7 @@ class ExecutorLink:
 
         Raises:
             CommandRefusedError: Somebody else holds it.
+            ArmStoppedError: Somebody stopped, disarmed or armed since this link's last command; nobody has it then.
         """
         reply = self._command(self._keys.lease, pb.LeaseRequest(release=False), pb.LeaseReply)
         if not reply.granted:
@@ -192,7 +201,9 @@ class ExecutorLink:
                 f"lease refused: {reply.reason or 'held by ' + reply.holder}; stop that client or wait until it ends",
                 Refusal.NO_LEASE,
             )
-        self._epoch = reply.epoch
+        if reply.epoch != self._epoch:
+            self._command(self._keys.lease, pb.LeaseRequest(release=True), pb.LeaseReply)
+            raise stopped_meanwhile_error(self.status())
         self._heart = Heart(self._session, self._keys.heartbeat, self._heartbeat_bytes)
 
     def return_lease(self) -> None:
@@ -207,12 +218,24 @@ class ExecutorLink:
 
     @contextmanager
     def leased(self) -> Iterator[None]:
-        """Hold the lease inside the block. Long computations belong outside: they may starve the heartbeat."""
+        """Hold the lease inside the block. Long computations belong outside: they may starve the heartbeat.
+
+        A block that raises leaves the arm at rest, as far as the executor can be reached; why it ended is what the
+        caller hears. A caller that goes on after an :class:`ArmStoppedError` knows of that stop, and of no other.
+
+        Raises:
+            CommandRefusedError, ArmStoppedError: As :meth:`take_lease`.
+        """
         self.take_lease()
         try:
             yield
-        except BaseException:
-            self._return_lease_if_possible()  # why the block ended is what the caller has to hear
+        except BaseException as error:
+            if isinstance(error, ArmStoppedError) and error.epoch is not None:
+                self._epoch = error.epoch
+            try:
+                self._rest_if_possible()  # while the lease still holds: its end would stop the arm as "host lost"
+            finally:
+                self._return_lease_if_possible()
             raise
         self.return_lease()
 
@@ -228,7 +251,7 @@ class ExecutorLink:
         status = self.status()
         if status.state == ExecutorState.HOLD:
             return status
-        self._control(pb.ARM)
+        self._count_own(self._control(pb.ARM))
         return self._wait(
             lambda now: now.state == ExecutorState.HOLD, "arming", stalled_s=timeout_s, wall_limit_s=timeout_s
         )
@@ -250,11 +273,23 @@ class ExecutorLink:
 
     def disarm(self) -> None:
         """Switch the drives off (HOLD -> DISARMED)."""
-        self._control(pb.DISARM)
+        self._count_own(self._control(pb.DISARM))
 
     def stop(self) -> Verdict:
-        """Stop on the path, then hold. Needs no lease; may be called from any thread and any state."""
+        """Stop on the path, then hold. Needs no lease; may be called from any thread and any state.
+
+        Whatever was to be sent is stale from then on, whichever thread is about to send it.
+        """
         return self._control(pb.STOP)
+
+    def come_to_rest(self) -> ExecutorStatus:
+        """Stop, wait until nothing moves, and be able to go on: for the commanding thread, which knows of its own stop.
+
+        Raises:
+            CommandRefusedError, PeerUnreachableError: It is not known whether the arm is at rest.
+        """
+        self._count_own(self.stop())
+        return self.wait_at_rest()
 
     def pause(self) -> Verdict:
         """Bring path time to a stand-still."""
@@ -288,8 +323,9 @@ class ExecutorLink:
 
         Raises:
             CommandRefusedError: With the verdict's sentence: joint, time, quantity, value and limit.
-            PeerUnreachableError: No answer.
+            PeerUnreachableError: No answer, or the heartbeat has ended.
         """
+        self._require_heartbeat()
         body = pb.Plan(
             joint_names=self._arm.joint_names,
             t=np.asarray(path.t, float),
@@ -317,10 +353,11 @@ class ExecutorLink:
 
         Raises:
             ArmStoppedError: The plan was stopped by a protection or on request.
-            PeerUnreachableError: The executor fell silent.
+            PeerUnreachableError: The executor fell silent, or the heartbeat has ended.
         """
 
         def done(now: SeenState) -> bool:
+            self._require_heartbeat()
             if now.plan_seq != verdict.seq:
                 return False
             if now.plan_done and now.state == ExecutorState.HOLD:
@@ -343,6 +380,24 @@ class ExecutorLink:
             self._return_lease_if_possible()
         finally:
             self._session.close()
+
+    def _count_own(self, verdict: Verdict) -> None:
+        """Go on in the epoch that an own command began; a later one holds somebody else's stop and stays unknown."""
+        if verdict.epoch == self._epoch + 1:
+            self._epoch = verdict.epoch
+
+    def _require_heartbeat(self) -> None:
+        if self._heart is not None and self._heart.error is not None:
+            raise PeerUnreachableError(
+                f"the heartbeat to the executor at {self._endpoint} has ended ({self._heart.error}): "
+                "it will take the lease away; start again"
+            )
+
+    def _rest_if_possible(self) -> None:
+        try:
+            self.come_to_rest()
+        except (PeerUnreachableError, CommandRefusedError) as error:
+            logger.warning("the stop was not confirmed: %s", error)
 
     def _return_lease_if_possible(self) -> None:
         try:
@@ -430,7 +485,6 @@ class ExecutorLink:
         verdict = self._command(key, body, pb.Verdict)
         if not verdict.accepted:
             raise refusal_error(verdict, what)
-        self._epoch = verdict.epoch
         return Verdict(verdict.seq, verdict.epoch, verdict.duration)
 
     def _control(self, kind: pb.ControlKind, value: float = 0.0) -> Verdict:
@@ -456,10 +510,7 @@ class ExecutorLink:
             time.sleep(0.1)
         self._met = True
         body = codec.open_body(codec.open_envelope(replies[0]), pb.HelloReply)
-        status = status_from_message(body.status)
-        if not self._heart:
-            self._epoch = body.epoch
-        return identity_from_message(body), status
+        return identity_from_message(body), status_from_message(body.status)
 
 
 def check_same_arm(identity: ExecutorIdentity, arm: ArmDescription) -> None:

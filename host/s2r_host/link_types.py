@@ -191,7 +191,16 @@ def stop_error(status: SeenState) -> ArmStoppedError:
     text = f"arm was stopped {who}: {status.cause.name} (state {status.state.name}, plan time {status.plan_t:.2f} s)"
     if status.why_not_moving:
         text += f"; {status.why_not_moving}"
-    return ArmStoppedError(text, status.cause)
+    return ArmStoppedError(text, status.cause, status.epoch)
+
+
+def stopped_meanwhile_error(status: SeenState) -> ArmStoppedError:
+    """Why a host that computed without the lease does not go on."""
+    return ArmStoppedError(
+        "the arm was stopped, disarmed or armed by somebody else since this client's last command "
+        f"(state {status.state.name}, last cause {status.cause.name}): nothing was sent; start again when it may move",
+        status.cause,
+    )
 
 
 class TickWatch:

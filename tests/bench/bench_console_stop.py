@@ -78,6 +78,7 @@ def first_changed(recording: Path, plan, tick_ns: int) -> float:
 def one_stop(link, button, clock: TickClock, folder: Path, sign: float) -> float | None:
     """Latency of one stop [s]; None when a busy machine disturbed the motion and another protection stopped it."""
     plan = quintic_motion(np.asarray(link.status().q_ref), sign * np.full(ARM.dof, 0.25), 3.0)
+    link.meet()  # goes on after the stop before
     with link.leased():
         if link.status().state == ExecutorState.FAULT:
             link.reset()

@@ -142,8 +142,7 @@ def test_a_stop_stays_on_the_path_and_inside_the_limits(running, tmp_path):
         verdict = host.send_plan(plan, "stopped")
         while host.status().plan_t < 10.0:
             time.sleep(0.005)
-        host.stop()
-        rest = host.wait_at_rest()
+        rest = host.come_to_rest()
         assert rest.state == ExecutorState.HOLD
         assert rest.cause == Cause.STOP_REQUESTED
         assert 10.0 < rest.plan_t < 29.0
@@ -179,6 +178,7 @@ def test_a_killed_host_ends_in_hold_and_the_next_host_goes_on(tmp_path):
             status = host.status()
             assert status.cause == Cause.HOST_LOST
             assert 0.0 < status.plan_t < 19.0
+            host.meet()  # the arm was stopped since the first hello
             host.take_lease()
             host.wait_done(host.send_plan(move(status.q_ref, -0.1 * STEP, 0.5), "next"))
             host.send_plan(move(host.status().q_ref, STEP, 20.0), "interrupted")

@@ -203,6 +203,22 @@ def test_stop_from_another_terminal_ends_the_run_with_six(plant, arm):
     assert "view" in [note["kind"] for note in read_notes(plant["out"] / "run.mcap")]
 
 
+def test_a_stop_while_the_host_plans_ends_the_run_before_its_next_motion(plant, arm):
+    process = subprocess.Popen(run_arguments(plant), stderr=subprocess.PIPE, text=True)
+    wait_for_motion(plant, arm, "push 1: approach")
+    with ExecutorLink(plant["executor"], arm) as link:
+        deadline = time.monotonic() + 600
+        while (now := link.status()).state != ExecutorState.HOLD or now.lease_holder:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        send_stop(plant["executor"], ArmKeys(), timeout_s=5.0)
+    stderr = process.communicate(timeout=600)[1]
+    assert process.returncode == ExitCode.PROTECTION, stderr
+    assert "by somebody else since" in ending(plant)["exit"]["reason"]
+    after = status(plant, arm)
+    assert (after.state, after.plan_seq) == (ExecutorState.HOLD, now.plan_seq)
+
+
 def test_wrong_arm_model_is_refused_before_anything_moves(plant, arm, tmp_path):
     other = tmp_path / "other-arm"
     shutil.copytree(arm.directory, other)

@@ -111,7 +111,8 @@ class Operator:
                 )
             if self._controller not in (None, browser):
                 raise NoControlError(f"browser {self._controller} has control; it has to give it back first")
-            self._on_link(lambda link: None if self._leased else link.take_lease())
+            if not self._leased:
+                self._on_link(_take_lease)
             self._controller, self._leased = browser, True
 
     def give_back(self, browser: int) -> None:
@@ -150,8 +151,10 @@ class Operator:
         """
         with self._lock:
             self._require(browser)
-            if not self._leased:
-                self._on_link(lambda link: link.take_lease())
+            if self._leased:
+                self._on_link(lambda link: link.meet())  # a button pressed after a stop is the wish to go on
+            else:
+                self._on_link(_take_lease)
                 self._leased = True
             return self._on_link(act)
 
@@ -197,3 +200,8 @@ class Operator:
             self._leased = False
         if link is not None:
             link.close()
+
+
+def _take_lease(link: ExecutorLink) -> None:
+    link.meet()  # whoever asks for control has seen how the arm stands
+    link.take_lease()

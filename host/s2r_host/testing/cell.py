@@ -13,7 +13,7 @@ import can
 import numpy as np
 
 from s2r_host.errors import CommandRefusedError, PeerUnreachableError
-from s2r_host.link import ExecutorLink, ExecutorStatus
+from s2r_host.link import ExecutorLink, ExecutorStatus, Verdict
 from s2r_host.trajectory import Trajectory
 from s2r_protocol.arms import ArmDescription, load_arm
 from s2r_protocol.can.python_can import StandInBus
@@ -76,6 +76,12 @@ class LabExecutor(ExecutorLink):
         super().__init__(lab.executor, lab.arm, connect_timeout_s=20.0)
         self.lab = lab
 
+    def stop(self) -> Verdict:
+        """As any link's, but the test that stops the arm goes on afterwards."""
+        verdict = super().stop()
+        self.meet()
+        return verdict
+
     def move_by(self, step_rad: Sequence[float] | float, duration_s: float | None = None) -> ExecutorStatus:
         """Move every joint by its step, from rest to rest on a quintic, and wait for the end.
 
@@ -134,8 +140,7 @@ def open_executor(lab: Lab) -> Iterator[LabExecutor]:
 
 def _rest(link: ExecutorLink, switch_off: bool) -> None:
     try:
-        link.stop()
-        link.wait_at_rest()
+        link.come_to_rest()
         if switch_off:
             link.disarm()
     except (CommandRefusedError, PeerUnreachableError) as error:

@@ -51,6 +51,7 @@ class FakeExecutor:
         )
         self.beats = []
         self.plans = []
+        self.controls = []
         self.refuse = None
         self.ticking = True
         self.recording_parts = []
@@ -62,7 +63,7 @@ class FakeExecutor:
         keys = ArmKeys()
         for key, answer in (
             (keys.hello, self.on_hello),
-            (keys.lease, self.on_lease),
+            (keys.lease, lambda envelope: self.on_lease(envelope)),
             (keys.plan, self.on_plan),
             (keys.control, lambda envelope: self.on_control(envelope)),  # a test may replace it
             (keys.recording, self.on_recording),
@@ -101,6 +102,8 @@ class FakeExecutor:
     def on_plan(self, envelope):
         if self.refuse:
             return pb.Verdict(accepted=False, code=Refusal.VELOCITY, reason=self.refuse, seq=envelope.seq)
+        if envelope.epoch != self.status.epoch:
+            return pb.Verdict(accepted=False, code=Refusal.STALE, reason="stopped since", seq=envelope.seq)
         plan = codec.open_body(envelope, pb.Plan)
         self.plans.append((envelope, plan))
         self.status.state = ExecutorState.RUN
@@ -110,9 +113,15 @@ class FakeExecutor:
 
     def on_control(self, envelope):
         kind = codec.open_body(envelope, pb.Control).kind
+        self.controls.append(kind)
         if kind == pb.ARM:
+            self.status.epoch += 1
             self.status.state = ExecutorState.HOLD
-        if kind == pb.STOP:
+        if kind == pb.DISARM:
+            self.status.epoch += 1
+            self.status.cause = Cause.DISARM_REQUESTED
+            self.status.state = ExecutorState.DISARMED
+        if kind == pb.STOP and self.status.state in (ExecutorState.HOLD, ExecutorState.RUN):
             self.status.epoch += 1
             self.status.cause = Cause.STOP_REQUESTED
             self.status.state = ExecutorState.HOLD
@@ -252,6 +261,159 @@ def test_requested_stop_ends_the_wait_too(executor, link, path):
     send_stop(executor.endpoint, ArmKeys(), timeout_s=2.0)
     with pytest.raises(ArmStoppedError, match="on request"):
         link.wait_done(verdict)
+
+
+def in_lease(link, act):
+    """Whatever ``act`` does with the drives on."""
+    with link.leased():
+        link.arm_drives()
+        act()
+
+
+def fail(error):
+    raise error
+
+
+def stop_elsewhere(executor):
+    """Somebody else's; the arm holds afterwards."""
+    send_stop(executor.endpoint, ArmKeys(), timeout_s=2.0)
+
+
+def test_a_stop_from_another_thread_makes_what_was_to_be_sent_stale(executor, link, path):
+    def send_after_stop():
+        stopping = threading.Thread(target=link.stop)
+        stopping.start()
+        stopping.join()
+        link.send_plan(path, "push")
+
+    with pytest.raises(CommandRefusedError, match="STALE"):
+        in_lease(link, send_after_stop)
+    assert not executor.plans
+
+
+def test_a_stop_while_the_host_computes_is_not_forgotten(executor, link, path):
+    with link.leased():
+        link.arm_drives()
+    stop_elsewhere(executor)
+    assert link.status().state == ExecutorState.HOLD  # asking makes no difference
+    for _ in range(2):  # nor does trying again
+        with pytest.raises(ArmStoppedError, match="STOP_REQUESTED") as caught, link.leased():
+            link.send_plan(path, "push")
+        assert caught.value.exit_code == ExitCode.PROTECTION
+        assert executor.status.lease_holder == ""
+    assert not executor.plans
+
+
+def test_drives_switched_off_while_the_host_computes_are_not_switched_on_again(executor, link):
+    with link.leased():
+        link.arm_drives()
+    executor.on_control(codec.open_envelope(codec.seal(pb.Control(kind=pb.DISARM), codec.Address("other"))))
+    with pytest.raises(ArmStoppedError, match="DISARM_REQUESTED"), link.leased():
+        link.arm_drives()
+    assert executor.status.state == ExecutorState.DISARMED
+
+
+def test_whoever_says_hello_anew_goes_on_after_a_stop(executor, link, path):
+    with link.leased():
+        link.arm_drives()
+    stop_elsewhere(executor)
+    link.meet()
+    with link.leased():
+        link.send_plan(path, "push")
+    assert len(executor.plans) == 1
+
+
+def test_a_host_goes_on_after_its_own_stop_and_after_one_it_was_told_of(executor, link, path):
+    def push_until_stopped():
+        verdict = link.send_plan(path, "push")
+        stop_elsewhere(executor)
+        link.wait_done(verdict)
+
+    with pytest.raises(ValueError, match="a bug"):
+        in_lease(link, lambda: fail(ValueError("a bug")))
+    with pytest.raises(ArmStoppedError, match="on request"):
+        in_lease(link, push_until_stopped)
+    with link.leased():
+        link.send_plan(path, "push again")
+    assert len(executor.plans) == 2
+
+
+def test_a_stop_between_the_last_motion_and_the_end_of_the_lease_counts(executor, link, path):
+    with link.leased():
+        link.arm_drives()
+        verdict = link.send_plan(path, "push")
+        executor.finish()
+        link.wait_done(verdict)
+        stop_elsewhere(executor)
+    with pytest.raises(ArmStoppedError), link.leased():
+        pass
+
+
+def test_a_stop_right_after_arming_counts(executor, link, path):
+    answer = executor.on_control
+
+    def stopped_at_once(envelope):
+        verdict = answer(envelope)
+        if codec.open_body(envelope, pb.Control).kind == pb.ARM:
+            executor.status.epoch += 1
+            verdict.epoch += 1
+        return verdict
+
+    executor.on_control = stopped_at_once
+    with pytest.raises(CommandRefusedError, match="STALE"):
+        in_lease(link, lambda: link.send_plan(path, "push"))
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_a_lease_that_ends_early_leaves_the_arm_at_rest_first(executor, link, path, error):
+    """Ctrl-C in a replay is a stop on request; the end of the lease would stop the arm as "host lost"."""
+    at_release = []
+    answer = executor.on_lease
+
+    def on_lease(envelope):
+        if codec.open_body(envelope, pb.LeaseRequest).release:
+            at_release.append(ExecutorState(executor.status.state))
+        return answer(envelope)
+
+    executor.on_lease = on_lease
+
+    def push_and_fail():
+        link.send_plan(path, "push")
+        raise error
+
+    with pytest.raises(error):
+        in_lease(link, push_and_fail)
+    assert pb.STOP in executor.controls
+    assert at_release == [ExecutorState.HOLD]
+
+
+def test_a_second_interrupt_still_returns_the_lease(executor, link, monkeypatch):
+    monkeypatch.setattr(link, "wait_at_rest", lambda: fail(KeyboardInterrupt()))
+    with pytest.raises(KeyboardInterrupt):
+        in_lease(link, lambda: fail(ValueError("a bug")))
+    assert executor.status.lease_holder == ""
+
+
+def test_a_heartbeat_that_ends_is_said_once_and_ends_the_wait(executor, link, path, monkeypatch, caplog):
+    failing = threading.Event()
+    beat = link._heartbeat_bytes
+
+    def beat_or_fail(count):
+        if failing.is_set():
+            raise zenoh.ZError("session closed")
+        return beat(count)
+
+    monkeypatch.setattr(link, "_heartbeat_bytes", beat_or_fail)
+
+    def push_until_it_fails():
+        verdict = link.send_plan(path, "push")
+        failing.set()
+        link.wait_done(verdict)
+
+    with pytest.raises(PeerUnreachableError, match=r"heartbeat .* has ended \(session closed\)"):
+        in_lease(link, push_until_it_fails)
+    assert caplog.text.count("the heartbeat ended") == 1
+    assert executor.status.state == ExecutorState.HOLD
 
 
 def test_executor_that_dies_during_a_plan_is_noticed(executor, link, path):
