@@ -58,7 +58,8 @@ class TrajectoryRelay:
             enable_drives: Enable the drives when a trajectory finds them off; otherwise it is refused.
         """
         self._link, self._arm, self._enable_drives = link, arm, enable_drives
-        self._waiting: queue.Queue[dict[str, Any] | None] = queue.Queue()
+        self._waiting: queue.Queue[tuple[int, dict[str, Any]] | None] = queue.Queue()
+        self._stops = 0  # what came before one of them is void
         self._busy = threading.Lock()
         namespace = f"/{keys.base}"
         topic_in, topic_log = f"{namespace}/joint_trajectory", f"{namespace}/trajectory_log"
@@ -78,6 +79,7 @@ class TrajectoryRelay:
 
     def _take(self, sample: zenoh.Sample) -> None:
         """In Zenoh's thread: quick, except for a stop, which must not queue behind a motion."""
+        stops = self._stops
         try:
             message = unpack(TRAJECTORY, sample.payload.to_bytes())
             if not message["points"]:
@@ -86,13 +88,14 @@ class TrajectoryRelay:
             elif not self._busy.acquire(blocking=False):
                 raise RosTrajectoryError("a trajectory is being carried out; an empty one stops it")
             else:
-                self._waiting.put(message)
+                self._waiting.put((stops, message))
         except CdrError as error:
             self._say(_WARN, f"refused: not a {TRAJECTORY}: {error}")
         except S2RError as error:
             self._say(_WARN, f"refused: {error}")
 
     def _stop(self) -> None:
+        self._stops += 1  # first: what is not sent yet must find it, what is sent is stopped by the executor
         try:
             self._link.stop()
         except CommandRefusedError:  # by an executor started since; asking first would delay every stop
@@ -100,9 +103,9 @@ class TrajectoryRelay:
             self._link.stop()
 
     def _work(self) -> None:
-        while (message := self._waiting.get()) is not None:
+        while (waiting := self._waiting.get()) is not None:
             try:
-                outcome = _INFO, self._carry_out(message)
+                outcome = _INFO, self._carry_out(*waiting)
             except S2RError as error:
                 outcome = _WARN, f"not carried out: {error}"
             except Exception as error:
@@ -112,18 +115,30 @@ class TrajectoryRelay:
                 self._busy.release()  # whoever hears the outcome may send the next one
             self._say(*outcome)
 
-    def _carry_out(self, message: dict[str, Any]) -> str:
+    def _carry_out(self, stops: int, message: dict[str, Any]) -> str:
+        """Move; ``stops`` is how many there had been when the message came."""
         link = self._link
         link.meet()  # the relay outlives executors
         with link.leased():
+            self._refuse_if_stopped(stops)
             if self._enable_drives:
                 link.arm_drives()
             plan = plan_of(message, self._arm.joint_names, link.status().q_ref, time.time())
+            self._refuse_if_stopped(stops)  # a stop from here on makes the plan stale
             verdict = link.send_plan(plan, f"ROS 2: {message['header']['frame_id'] or 'trajectory'}")
             count = len(message["points"])
             self._say(_INFO, f"accepted: {count} points in {plan.t[-1]:.3f} s, plan {verdict.seq}")
             link.wait_done(verdict)
         return f"done: plan {verdict.seq} ended at rest"
+
+    def _refuse_if_stopped(self, stops: int) -> None:
+        """A stop voids what came before it, also where the executor had nothing to stop yet.
+
+        Raises:
+            RosTrajectoryError: There was one.
+        """
+        if self._stops != stops:
+            raise RosTrajectoryError("a stop came before it began to move; send it again if still wanted")
 
     def _say(self, level: int, text: str) -> None:
         logger.log(level, "%s", text)
@@ -132,10 +147,11 @@ class TrajectoryRelay:
         self._log.put(pack(LOG, {"stamp": stamp, "level": level, "name": NODE, "msg": text}), stamp_ns)
 
     def close(self) -> None:
-        """Stop a motion under way and leave ROS 2's sight."""
+        """Stop a motion under way, void one that waits, and leave ROS 2's sight."""
         self._subscriber.undeclare()
+        self._stops += 1  # also for one that is just arriving
         if self._busy.locked():
-            self._link.stop()
+            self._stop()
         self._waiting.put(None)
         self._worker.join()
         for token in self._tokens:
