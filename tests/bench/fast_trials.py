@@ -87,7 +87,7 @@ class DirectLink:
             q_ref=np.array([d.q_meas if self.stopped else d.q_meas + d.following_error for d in drives]),
             q_meas=np.array([d.q_meas for d in drives]),
             tick=self.plant.master_tick,
-            state=ExecutorState.FAULT if self.stopped else ExecutorState.RUN,
+            state=ExecutorState.FAULT if self.stopped else ExecutorState.HOLD,
             cause=Cause.COLLISION,
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import ExitStack
 
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.run.ask import ask_operator
@@ -41,18 +42,17 @@ def run_task(
         ask: Tells the first target [m or rad], counted as ``settings.target``, where the settings leave it open.
     """
     record = RunRecord(settings, journal, arguments)
+    session: Session | None = None
     try:
-        with journal.stage("connect") as stage:
-            session = open_session(settings, journal)
-            _introduce(record, session)
-            stage.note = f"{record.arm_name} at {settings.executor}"
-        with session:
+        with ExitStack() as links:
+            with journal.stage("connect") as stage:
+                session = links.enter_context(open_session(settings, journal))
+                _introduce(record, session)
+                stage.note = f"{record.arm_name} at {settings.executor}"
             _loop(session, record, ask)
     except KeyboardInterrupt:
-        record.code, record.reason = (
-            ExitCode.INTERRUPTED,
-            "interrupted by the operator; the arm was stopped and is at rest",
-        )
+        rest = session.rest if session else "nothing was moved"
+        record.code, record.reason = ExitCode.INTERRUPTED, f"interrupted by the operator; {rest}"
     except S2RError as error:
         record.code, record.reason = error.exit_code, f"{_reached(record)}{error}"
     except Exception as error:

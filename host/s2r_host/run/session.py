@@ -6,6 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from types import TracebackType
 
@@ -13,13 +14,13 @@ import numpy as np
 
 from s2r_host.errors import CommandRefusedError, PeerUnreachableError, RecordingError
 from s2r_host.link import CameraLink, Capture, ExecutorLink, ExecutorStatus, Verdict
+from s2r_host.link_types import MOVING
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.recording import RunRecorder
 from s2r_host.run.journal import Journal
 from s2r_host.run.settings import RunSettings
 from s2r_host.trajectory import Trajectory
 from s2r_protocol.arms import load_arm
-from s2r_protocol.faults import Cause
 from s2r_protocol.keys import ArmKeys
 
 logger = logging.getLogger(__name__)
@@ -78,7 +79,7 @@ class Sent:
 
 @dataclass
 class Session:
-    """Open links of one run. Leaving it stops nothing: a stop is a decision, see :meth:`stop_now`."""
+    """Open links of one run."""
 
     settings: RunSettings
     journal: Journal
@@ -92,6 +93,7 @@ class Session:
         math.nan
     )  # joint value in force [m or rad], counted as the belief's; told before it is planned for
     pace: float = 1.0  # share of the usual speed at which plans move the part, which is to be felt at several
+    rest: str = "nothing was moved"  # what the executor has confirmed of the arm's rest, in a phrase
 
     def look(self, name: str) -> Capture:
         """Take a picture and keep it."""
@@ -119,21 +121,23 @@ class Session:
     def play(self, commands: Callable[[list[Sent]], None]) -> list[Executed]:
         """Hold the lease with drives on while ``commands`` moves the arm; it notes what it sent, see :meth:`note_sent`.
 
-        However that ends, the arm is at rest then, and the recordings of what was sent are kept.
+        However that ends, the arm is at rest then as far as the executor can be reached, which :attr:`rest` tells, and
+        the recordings of what was sent are kept.
 
         Raises:
             CommandRefusedError, ArmStoppedError, PeerUnreachableError: As :meth:`move`, and what ``commands`` raises.
         """
         sent: list[Sent] = []
         done: list[Executed] = []
+        self.rest = "that the arm is at rest was not confirmed: look at it"
         try:
             with self.link.leased():
-                try:
-                    self.link.arm_drives()
-                    commands(sent)
-                except BaseException:
-                    self._rest_quietly()  # while the lease still holds: its end would stop the arm as "host lost"
-                    raise
+                self.link.arm_drives()
+                commands(sent)
+            self.rest = "the arm is at rest"
+        except BaseException:
+            self._ask_for_rest()
+            raise
         finally:
             done.extend(self._fetch(entry) for entry in sent)
             self.executed.extend(done)
@@ -157,18 +161,20 @@ class Session:
             finally:
                 under_way.wall_s = self.journal.elapsed_s - under_way.begun_s
 
-    def _rest_quietly(self) -> None:
-        """Stop and wait for rest; what cannot be reached any more is only warned about, the first error counts."""
+    def _ask_for_rest(self) -> None:
+        """Whether the arm is at rest after a move that failed; silence is only warned about, the first error counts."""
         try:
-            self.stop_now()
-        except (CommandRefusedError, PeerUnreachableError) as error:
-            self.journal.warn(f"the stop was not confirmed: {error}")
-
-    def stop_now(self) -> None:
-        """Ask for a stop and wait until the arm is at rest."""
-        self.link.stop()
-        status = self.link.wait_at_rest()
-        self.journal.say(f"arm is at rest: {status.state.name}, {Cause(status.cause).name}")
+            status = self.link.status()
+        except PeerUnreachableError as error:
+            self.journal.warn(f"{self.rest}; {error}")
+            return
+        told = f"{status.state.name}, {status.cause.name}"
+        if status.state in MOVING:
+            self.rest = f"the arm still moves ({told}): look at it"
+            self.journal.warn(self.rest)
+        else:
+            self.rest = f"the arm is at rest ({told})"
+            self.journal.say(self.rest)
 
     def _fetch(self, sent: Sent) -> Executed:
         recording, motion = None, sent.motion
@@ -189,10 +195,11 @@ class Session:
         )
 
     def close(self) -> None:
-        """Close links and recording."""
-        self.recorder.close()
-        self.link.close()
-        self.camera.close()
+        """Close recording and links, each whatever becomes of the others."""
+        with ExitStack() as last_first:
+            last_first.callback(self.camera.close)
+            last_first.callback(self.link.close)
+            last_first.callback(self.recorder.close)
 
     def __enter__(self) -> Session:
         return self
@@ -212,21 +219,27 @@ def open_session(settings: RunSettings, journal: Journal) -> Session:
     """
     arm = load_arm(settings.arm)
     keys = ArmKeys(settings.cell, arm.name)
-    link = ExecutorLink(settings.executor, arm, keys, tls=settings.tls)
-    settings.out.mkdir(parents=True, exist_ok=True)
-    facts = {
-        "seed": str(settings.seed),
-        "target": "asked for" if settings.target is None else repr(settings.target),
-        "software": link.identity.software,
-    }
-    recorder = RunRecorder(settings.out / "run.mcap", f"/{keys.base}", arm.joint_names, arm, facts)
-    journal.on_stage = recorder.add_stage
-    return Session(
-        settings=settings,
-        journal=journal,
-        arm=ArmModel(arm),
-        link=link,
-        camera=CameraLink(settings.camera, keys, tls=settings.tls),
-        recorder=recorder,
-        rng=np.random.default_rng(settings.seed),
-    )
+    with ExitStack() as opened:  # what is open already is closed where the next fails
+        link = opened.enter_context(ExecutorLink(settings.executor, arm, keys, tls=settings.tls))
+        settings.out.mkdir(parents=True, exist_ok=True)
+        facts = {
+            "seed": str(settings.seed),
+            "target": "asked for" if settings.target is None else repr(settings.target),
+            "software": link.identity.software,
+        }
+        recorder = opened.enter_context(
+            RunRecorder(settings.out / "run.mcap", f"/{keys.base}", arm.joint_names, arm, facts)
+        )
+        camera = opened.enter_context(CameraLink(settings.camera, keys, tls=settings.tls))
+        session = Session(
+            settings=settings,
+            journal=journal,
+            arm=ArmModel(arm),
+            link=link,
+            camera=camera,
+            recorder=recorder,
+            rng=np.random.default_rng(settings.seed),
+        )
+        journal.on_stage = recorder.add_stage
+        opened.pop_all()
+    return session

@@ -1,0 +1,142 @@
+"""Links of a run: closed however it goes, and honest about whether the arm is at rest."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from s2r_host.errors import PeerUnreachableError
+from s2r_host.run import pipeline
+from s2r_host.run import session as module
+from s2r_host.run.journal import Journal
+from s2r_host.run.record import RunRecord
+from s2r_host.run.session import Session, open_session
+from s2r_host.run.settings import RunSettings
+from s2r_host.run.task import DRAWER
+from s2r_protocol.exits import ExitCode
+from s2r_protocol.faults import Cause, ExecutorState
+
+AT_REST = SimpleNamespace(state=ExecutorState.HOLD, cause=Cause.STOP_REQUESTED)
+MOVING = SimpleNamespace(state=ExecutorState.STOPPING, cause=Cause.HOST_LOST)
+
+
+class Part:
+    """A link or a recorder that notes when it is closed."""
+
+    def __init__(self, name, closed, error=None, status=AT_REST):
+        self.name, self.closed, self.error, self._status = name, closed, error, status
+        self.identity = SimpleNamespace(software="test")
+
+    def add_stage(self, name, phase, note=""):
+        pass
+
+    def close(self):
+        self.closed.append(self.name)
+        if self.error is not None:
+            raise self.error
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    @contextmanager
+    def leased(self):
+        yield
+
+    def arm_drives(self):
+        pass
+
+    def status(self):
+        if isinstance(self._status, Exception):
+            raise self._status
+        return self._status
+
+
+def session_of(tmp_path, closed, status=AT_REST, recorder_error=None):
+    settings = RunSettings(task=DRAWER, target=0.1, out=tmp_path)
+    parts = {name: Part(name, closed) for name in ("camera",)}
+    return Session(
+        settings, Journal(), None, Part("link", closed, status=status), parts["camera"],
+        Part("recorder", closed, recorder_error), np.random.default_rng(0),
+    )  # fmt: skip
+
+
+def test_every_link_is_closed_although_the_recording_cannot_be_finished(tmp_path):
+    closed = []
+    with (
+        pytest.raises(OSError, match="no space"),
+        session_of(tmp_path, closed, recorder_error=OSError("no space")),
+    ):
+        pass
+    assert closed == ["recorder", "link", "camera"]
+
+
+@pytest.mark.parametrize("failing", ["RunRecorder", "CameraLink"])
+def test_what_was_opened_is_closed_where_the_next_cannot_be(tmp_path, monkeypatch, failing):
+    closed = []
+    for name in ("ExecutorLink", "RunRecorder", "CameraLink"):
+        monkeypatch.setattr(module, name, lambda *_, name=name, **__: Part(name, closed))
+
+    def fail(*_, **__):
+        raise OSError("no space")
+
+    monkeypatch.setattr(module, failing, fail)
+    with pytest.raises(OSError, match="no space"):
+        open_session(RunSettings(task=DRAWER, target=0.1, out=tmp_path), Journal())
+    assert closed == (["ExecutorLink"] if failing == "RunRecorder" else ["RunRecorder", "ExecutorLink"])
+
+
+def interrupt(sent):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [
+        (AT_REST, "the arm is at rest (HOLD, STOP_REQUESTED)"),
+        (MOVING, "the arm still moves (STOPPING, HOST_LOST): look at it"),
+        (PeerUnreachableError("silence"), "that the arm is at rest was not confirmed: look at it"),
+        (KeyboardInterrupt(), "that the arm is at rest was not confirmed: look at it"),
+    ],
+    ids=["at rest", "moving", "silent", "interrupted twice"],
+)
+def test_an_interrupted_move_tells_what_the_executor_confirmed(tmp_path, status, said):
+    if isinstance(status, KeyboardInterrupt):
+        session = session_of(tmp_path, [])
+        session.link.status = lambda: interrupt([])
+    else:
+        session = session_of(tmp_path, [], status)
+    with pytest.raises(KeyboardInterrupt):
+        session.play(interrupt)
+    assert session.rest == said
+
+
+def test_a_move_that_went_through_ends_at_rest(tmp_path):
+    session = session_of(tmp_path, [])
+    session.play(lambda sent: None)
+    assert session.rest == "the arm is at rest"
+
+
+@pytest.mark.parametrize("connected", [True, False])
+def test_an_interrupt_before_anything_moved_says_so(tmp_path, monkeypatch, connected):
+    def loop(*_):
+        raise KeyboardInterrupt
+
+    def connect(settings, journal):
+        if not connected:
+            raise KeyboardInterrupt
+        return session_of(tmp_path, [])
+
+    monkeypatch.setattr(pipeline, "open_session", connect)
+    monkeypatch.setattr(pipeline, "_introduce", lambda record, session: None)
+    monkeypatch.setattr(pipeline, "_loop", loop)
+    monkeypatch.setattr(pipeline, "write_run_json", lambda record: None)
+    monkeypatch.setattr(RunRecord, "arm_name", "arm", raising=False)
+    record = pipeline.run_task(RunSettings(task=DRAWER, target=0.1, out=tmp_path), Journal())
+    assert record.code == ExitCode.INTERRUPTED
+    assert record.reason == "interrupted by the operator; nothing was moved"
