@@ -79,7 +79,12 @@ class CameraService:
 
     def _serve(self) -> None:
         while (query := self._waiting.get()) is not None:
-            self._reply(query, self._frame(query))
+            try:
+                frame = self._frame(query)
+            except Exception as error:  # the only worker must outlive it
+                logger.exception("capture %d failed", self._index)
+                frame = pb.Frame(camera=self._camera, error=f"capture failed: {error}")
+            self._reply(query, frame)
 
     def _frame(self, query: zenoh.Query) -> pb.Frame:
         try:
@@ -91,11 +96,7 @@ class CameraService:
             text = f"unknown camera {request.camera!r}; this process has {self._camera!r}"
             return pb.Frame(camera=self._camera, error=text)
         stamp_ns = time.monotonic_ns()
-        try:
-            view = self._look()
-        except Exception as error:
-            logger.exception("capture %d failed", self._index)
-            return pb.Frame(camera=self._camera, error=f"capture failed: {error}")
+        view = self._look()
         self._index += 1
         frame = to_message(view, self._camera, self._index, stamp_ns, self._K, self._X)
         frame.world_commitment = self._world_commitment
@@ -103,5 +104,9 @@ class CameraService:
 
     def _reply(self, query: zenoh.Query, frame: pb.Frame) -> None:
         address = codec.Address(sender=f"camera:{os.getpid()}", seq=self._index)
-        query.reply(query.key_expr, codec.seal(frame, address))
-        query.drop()
+        try:
+            query.reply(query.key_expr, codec.seal(frame, address))
+        except zenoh.ZError as error:  # the asker has gone
+            logger.warning("capture %d could not be sent: %s", self._index, error)
+        finally:
+            query.drop()  # tells the asker that this was all

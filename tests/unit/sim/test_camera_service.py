@@ -61,6 +61,7 @@ def serve(endpoint):
         services.append(CameraService(endpoint, KEYS, look, np.eye(3), np.eye(4), "c0ffee"))
         return endpoint
 
+    start.services = services
     yield start
     for service in services:
         service.close()
@@ -98,6 +99,31 @@ def test_failure_in_rendering_is_told_and_survived(serve):
     endpoint = serve(look)
     assert "lens cap is on" in ask(endpoint, request()).error
     assert not ask(endpoint, request()).error
+
+
+def test_an_image_that_cannot_be_packed_is_told_and_survived(serve):
+    looks = iter([None, SMALL])
+    endpoint = serve(lambda: next(looks))
+    assert "capture failed" in ask(endpoint, request()).error
+    assert not ask(endpoint, request()).error
+
+
+def test_an_asker_that_has_gone_is_survived(serve):
+    class Gone:
+        payload = None
+        key_expr = "key"
+        dropped = False
+
+        def reply(self, *_):
+            raise zenoh.ZError("session closed")
+
+        def drop(self):
+            self.dropped = True
+
+    endpoint, gone = serve(lambda: SMALL), Gone()
+    serve.services[0]._take(gone)
+    assert not ask(endpoint, request()).error
+    assert gone.dropped
 
 
 def test_taken_endpoint_is_refused_with_a_hint(serve):
