@@ -171,8 +171,12 @@ class RunRecorder:
         return self._plans
 
     def add_note(self, kind: str, values: Mapping[str, Any], now_ns: int | None = None) -> None:
-        """Anything else the run knows, as JSON text: estimates, measurements, verdicts."""
-        text = json.dumps({"kind": kind, **values}, sort_keys=True)
+        """Anything else the run knows, as JSON text: estimates, measurements, verdicts.
+
+        Raises:
+            ValueError: A number is not finite, which JSON cannot say; None stands for what is not known.
+        """
+        text = json.dumps({"kind": kind, **values}, sort_keys=True, allow_nan=False)
         self._put("run", TEXT, {"data": text}, now_ns or time.time_ns())
         self._writer.flush()  # a note is what somebody may be waiting for: the console follows the growing file
 
@@ -221,8 +225,10 @@ class RunRecorder:
     def close(self) -> None:
         """Finish the file."""
         self._closed = True
-        self._writer.finish()
-        self._file.close()
+        try:
+            self._writer.finish()
+        finally:
+            self._file.close()
 
     def __enter__(self) -> RunRecorder:
         return self

@@ -17,6 +17,7 @@ from s2r_host.run.planned import PlannedManipulation
 from s2r_host.run.prepare import prepare_manipulation
 from s2r_host.run.reactive import carry_out_reactively
 from s2r_host.run.record import RunRecord
+from s2r_host.run.run_json import finite
 from s2r_host.run.session import Executed, Session
 from s2r_host.run.task import Task
 from s2r_host.run.tell_again import tell_again, tell_lost
@@ -74,7 +75,7 @@ def reach(
         goal.attempts.append(done)
         session.recorder.add_note(
             "state",
-            {"number": number, "s": measured.s, "sigma": measured.sigma, "delta": done.delta},
+            {"number": number, "s": measured.s, "sigma": finite(measured.sigma), "delta": done.delta},
         )
         folder, offset = settings.out / f"model-{number + 1}", measured.s - done.foreseen
         anew = lost or tell_again(session, record, view)

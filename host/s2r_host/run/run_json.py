@@ -59,7 +59,7 @@ def as_json(record: RunRecord) -> dict[str, Any]:
         "s_target": record.goals[-1].target if record.goals else asked,
         "s_initial": first.s_initial if first else record.s_found,
         "s_final": newest.last.measured.s if newest else record.s_found,
-        "s_final_sigma": _finite(newest.last.measured.sigma) if newest else None,
+        "s_final_sigma": finite(newest.last.measured.sigma) if newest else None,
         "delta": newest.last.delta if newest else there.target - there.s_before if there else None,
         "delta_r": newest.delta_r if newest else None,
         "goals": [_goal(goal) for goal in goals],
@@ -98,7 +98,7 @@ def _goal(goal: Goal) -> dict[str, Any]:
         "s_target": goal.target,
         "s_initial": goal.attempts[0].s_initial,
         "s_final": goal.last.measured.s,
-        "s_final_sigma": _finite(goal.last.measured.sigma),
+        "s_final_sigma": finite(goal.last.measured.sigma),
         "delta": goal.last.delta,
         "delta_r": goal.delta_r,
         "attempts": [done.planned.number for done in goal.attempts],
@@ -114,7 +114,7 @@ def _attempt(done: DoneManipulation) -> dict[str, Any]:
         "s_target": done.s_target,
         "s_planned": done.foreseen,
         "s_final": done.measured.s,
-        "s_final_sigma": _finite(done.measured.sigma),
+        "s_final_sigma": finite(done.measured.sigma),
         "delta": done.delta,
         "delta_r": done.delta_r,
         "tick_start": done.executed[0].tick_start if done.executed else None,
@@ -207,7 +207,8 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def _finite(value: float) -> float | None:
+def finite(value: float) -> float | None:
+    """A number as JSON can say it: None where it is not known."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -224,7 +225,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
     if isinstance(value, float):
-        return _finite(value)
+        return finite(value)
     return _last_resort(value) if isinstance(value, (np.ndarray, np.generic, Path)) else value
 
 

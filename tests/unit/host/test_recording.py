@@ -93,6 +93,14 @@ def test_notes_keep_their_order_and_values(tmp_path):
     assert [n["kind"] for n in read_notes(tmp_path / "run.mcap")] == ["estimate", "state"]
 
 
+def test_a_note_with_a_number_that_json_cannot_say_is_refused(tmp_path):
+    with RunRecorder(tmp_path / "run.mcap", "/lab/arm", ("j1",)) as recorder:
+        with pytest.raises(ValueError, match="not JSON compliant"):
+            recorder.add_note("state", {"sigma": float("inf")})
+        recorder.add_note("state", {"sigma": None})
+    assert [note["sigma"] for note in read_notes(tmp_path / "run.mcap")] == [None]
+
+
 def test_depth_image_decodes_in_a_ros_reader(tmp_path, capture):
     with RunRecorder(tmp_path / "run.mcap", "/lab/xmate3pro", NAMES) as recorder:
         recorder.add_capture("A", capture)
