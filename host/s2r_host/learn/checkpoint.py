@@ -1,25 +1,21 @@
-"""Checkpoints of a training run: safetensors for weights and optimiser, JSON for everything a person may read."""
+"""Checkpoints of a training run: one safetensors file, so that weights, optimiser and state are of one epoch."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors import safe_open
+from safetensors.torch import save_file
 from torch import nn
 
 from s2r_host.perception.errors import InputError
 
-WEIGHTS, LIVE, OPTIMISER, STATE = (
-    "weights.safetensors",
-    "live.safetensors",
-    "optimiser.safetensors",
-    "state.json",
-)
+CHECKPOINT, WEIGHTS, STATE = "checkpoint.safetensors", "weights.safetensors", "state.json"
+AVERAGE, LIVE, MOMENTS = "average.", "live.", "moments."
+MAY_CHANGE = ("device",)  # where it is computed; all others tell what comes out
 
 
 def save(
@@ -30,22 +26,22 @@ def save(
     state: dict[str, Any],
     data_hash: str,
 ) -> None:
-    """Write a checkpoint; each file appears whole or not at all, the state last.
+    """Write a checkpoint; killed at any moment it leaves this one or the one before, whole.
 
     ``average`` holds the running average of the weights, which is what is used; ``network`` those being trained.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name, module in ((WEIGHTS, average), (LIVE, network)):
-        weights = {key: tensor.detach().cpu().contiguous() for key, tensor in module.state_dict().items()}
-        _whole(folder / name, partial(save_file, weights, metadata={"data_sha256": data_hash}))
-    moments = {
-        f"{index}.{name}": torch.as_tensor(value).detach().cpu().contiguous()
+    tensors = {AVERAGE + key: tensor for key, tensor in average.state_dict().items()}
+    tensors |= {LIVE + key: tensor for key, tensor in network.state_dict().items()}
+    tensors |= {
+        f"{MOMENTS}{index}.{name}": torch.as_tensor(value)
         for index, values in optimiser.state_dict()["state"].items()
         for name, value in values.items()
     }
-    _whole(folder / OPTIMISER, partial(save_file, moments))
-    text = json.dumps(state | {"data_sha256": data_hash}, indent=1)
-    _whole(folder / STATE, lambda path: path.write_text(text + "\n"))
+    tensors = {key: tensor.detach().cpu().contiguous() for key, tensor in tensors.items()}
+    state = state | {"data_sha256": data_hash}
+    _save_whole(folder / CHECKPOINT, tensors, {"state": json.dumps(state)})
+    _copy_for_use(folder, tensors, state)
 
 
 def resume(
@@ -53,34 +49,64 @@ def resume(
     network: nn.Module,
     average: nn.Module,
     optimiser: torch.optim.Optimizer,
+    settings: dict[str, Any],
     data_hash: str,
 ) -> dict[str, Any] | None:
     """Load a checkpoint if there is one; its state.
 
     Raises:
-        InputError: It was trained on other data.
+        InputError: It was trained on other data or with other settings, or by an earlier version.
     """
-    if not (folder / STATE).exists():
+    if not (folder / CHECKPOINT).exists():
+        if (folder / STATE).exists():
+            raise InputError(f"{folder} holds a run of an earlier version of s2r; name a new --out")
         return None
-    state: dict[str, Any] = json.loads((folder / STATE).read_text())
+    with safe_open(folder / CHECKPOINT, "pt") as file:
+        state: dict[str, Any] = json.loads(file.metadata()["state"])
+        tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - no dictionary
+    _check_same_run(folder, state, settings, data_hash)
+    _copy_for_use(folder, tensors, state)  # the run may have been killed before it did
+    average.load_state_dict(_part(tensors, AVERAGE))
+    network.load_state_dict(_part(tensors, LIVE))
+    full = optimiser.state_dict()
+    moments: dict[int, dict[str, torch.Tensor]] = {}
+    for key, value in _part(tensors, MOMENTS).items():
+        index, name = key.split(".")
+        moments.setdefault(int(index), {})[name] = value
+    full["state"] = moments
+    optimiser.load_state_dict(full)
+    return state | {"settings": settings}
+
+
+def _check_same_run(folder: Path, state: dict[str, Any], settings: dict[str, Any], data_hash: str) -> None:
     if state["data_sha256"] != data_hash:
         raise InputError(
             f"{folder} holds a run on other data (hash {state['data_sha256'][:12]}, here {data_hash[:12]});"
             " name a new --out"
         )
-    average.load_state_dict(load_file(folder / WEIGHTS))
-    network.load_state_dict(load_file(folder / LIVE))
-    full = optimiser.state_dict()
-    moments: dict[int, dict[str, torch.Tensor]] = {}
-    for key, value in load_file(folder / OPTIMISER).items():
-        index, name = key.split(".")
-        moments.setdefault(int(index), {})[name] = value
-    full["state"] = moments
-    optimiser.load_state_dict(full)
-    return state
+    before = state["settings"]
+    other = [
+        f"{name} {before.get(name)}, here {settings.get(name)}"
+        for name in sorted((before.keys() | settings.keys()) - set(MAY_CHANGE))
+        if before.get(name) != settings.get(name)
+    ]
+    if other:  # more epochs, too, are another run: the learning rate falls along all of them
+        raise InputError(
+            f"{folder} holds a run with other settings ({'; '.join(other)}): give the same ones, or name a new --out"
+        )
 
 
-def _whole(path: Path, write: Callable[[Path], Any]) -> None:
+def _part(tensors: dict[str, torch.Tensor], prefix: str) -> dict[str, torch.Tensor]:
+    return {key.removeprefix(prefix): tensor for key, tensor in tensors.items() if key.startswith(prefix)}
+
+
+def _copy_for_use(folder: Path, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
+    """The weights alone for who uses them, and the state for who reads it: copies from the checkpoint, which counts."""
+    _save_whole(folder / WEIGHTS, _part(tensors, AVERAGE), {"data_sha256": state["data_sha256"]})
+    (folder / STATE).write_text(json.dumps(state, indent=1) + "\n")
+
+
+def _save_whole(path: Path, tensors: dict[str, torch.Tensor], metadata: dict[str, str]) -> None:
     part = path.with_suffix(path.suffix + ".part")
-    write(part)
+    save_file(tensors, part, metadata=metadata)
     part.replace(path)

@@ -53,7 +53,7 @@ def train_affordance(data: Path, out: Path, settings: TrainSettings, progress: P
     """Fit or go on fitting; the final state with its metrics per epoch and the critic's calibration.
 
     Raises:
-        InputError: No data, or ``out`` holds a run on other data.
+        InputError: No data, or ``out`` holds a run on other data or with other settings.
     """
     torch.manual_seed(settings.seed)
     files = push_files(data, "train")
@@ -65,7 +65,7 @@ def train_affordance(data: Path, out: Path, settings: TrainSettings, progress: P
     network = PushNetwork().to(settings.device)
     average = copy.deepcopy(network).requires_grad_(False)
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=settings.weight_decay)
-    state = checkpoint.resume(out, network, average, optimiser, digest)
+    state = checkpoint.resume(out, network, average, optimiser, asdict(settings), digest)
     if state is None:
         state = {"epoch": 0, "settings": asdict(settings), "objects": len(fit), "metrics": []}
         state["data_sha256"] = digest

@@ -55,7 +55,7 @@ def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progre
     """Fit or go on fitting; the final state with its metrics per epoch.
 
     Raises:
-        InputError: No data, or ``out`` holds a run on other data.
+        InputError: No data, or ``out`` holds a run on other data or with other settings.
     """
     torch.manual_seed(settings.seed)
     files = pair_files(data, "train")
@@ -65,7 +65,7 @@ def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progre
     network = PairNetwork().to(settings.device)
     average = copy.deepcopy(network).requires_grad_(False)
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=settings.weight_decay)
-    state = checkpoint.resume(out, network, average, optimiser, digest)
+    state = checkpoint.resume(out, network, average, optimiser, asdict(settings), digest)
     if state is None:
         state = {
             "epoch": 0,

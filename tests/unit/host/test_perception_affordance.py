@@ -1,6 +1,7 @@
 """The push network: its input, its training and its export. Training parts need torch (extra 'learn')."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -221,18 +222,40 @@ def test_network_learns_what_pushes_are_useful(trained):
     assert state["metrics"][-1]["validation_part_auc"] > 0.6
 
 
-def test_interrupted_training_goes_on_with_its_epochs(trained, push_folder, tmp_path):
-    from dataclasses import replace
+def test_interrupted_training_goes_on_with_its_epochs(trained, push_folder, tmp_path, monkeypatch):
+    from rich.progress import Progress
 
+    from s2r_host.learn import checkpoint
+    from s2r_host.learn.train import train_affordance
+
+    save, (_, settings, _) = checkpoint.save, trained
+
+    def interrupted(*arguments):
+        save(*arguments)
+        raise KeyboardInterrupt
+
+    settings = replace(settings, epochs=2)
+    with Progress(disable=True) as progress:
+        with monkeypatch.context() as patched:
+            patched.setattr(checkpoint, "save", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                train_affordance(push_folder, tmp_path, settings, progress)
+        state = train_affordance(push_folder, tmp_path, settings, progress)
+    assert [row["epoch"] for row in state["metrics"]] == [1, 2]
+
+
+def test_run_with_other_settings_is_refused_by_name(trained, push_folder):
     from rich.progress import Progress
 
     from s2r_host.learn.train import train_affordance
 
-    _, settings, _ = trained
-    with Progress(disable=True) as progress:
-        train_affordance(push_folder, tmp_path, replace(settings, epochs=1), progress)
-        state = train_affordance(push_folder, tmp_path, replace(settings, epochs=2), progress)
-    assert [row["epoch"] for row in state["metrics"]] == [1, 2]
+    out, settings, _ = trained
+    other = replace(settings, seed=settings.seed + 1, epochs=settings.epochs + 1)
+    with (
+        Progress(disable=True) as progress,
+        pytest.raises(InputError, match=r"epochs .*, here .*; seed 0, here 1"),
+    ):
+        train_affordance(push_folder, out, other, progress)
 
 
 def test_run_on_other_data_is_refused(trained, push_folder, tmp_path):

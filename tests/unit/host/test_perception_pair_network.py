@@ -316,16 +316,40 @@ def test_network_learns_the_part_and_the_joint(trained):
     assert state["parameters"] < 1_000_000
 
 
-def test_interrupted_training_goes_on_with_its_epochs(trained, pair_folder, tmp_path):
+def test_interrupted_training_goes_on_with_its_epochs(trained, pair_folder, tmp_path, monkeypatch):
+    from rich.progress import Progress
+
+    from s2r_host.learn import checkpoint
+    from s2r_host.learn.train_model import train_model
+
+    save, (_, settings, _) = checkpoint.save, trained
+
+    def interrupted(*arguments):
+        save(*arguments)
+        raise KeyboardInterrupt
+
+    settings = replace(settings, epochs=2)
+    with Progress(disable=True) as progress:
+        with monkeypatch.context() as patched:
+            patched.setattr(checkpoint, "save", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                train_model(pair_folder, tmp_path, settings, progress)
+        state = train_model(pair_folder, tmp_path, settings, progress)
+    assert [row["epoch"] for row in state["metrics"]] == [1, 2]
+
+
+def test_run_with_other_settings_is_refused_by_name(trained, pair_folder):
     from rich.progress import Progress
 
     from s2r_host.learn.train_model import train_model
 
-    _, settings, _ = trained
-    with Progress(disable=True) as progress:
-        train_model(pair_folder, tmp_path, replace(settings, epochs=1), progress)
-        state = train_model(pair_folder, tmp_path, replace(settings, epochs=2), progress)
-    assert [row["epoch"] for row in state["metrics"]] == [1, 2]
+    out, settings, _ = trained
+    other = replace(settings, seed=settings.seed + 1, epochs=settings.epochs + 1)
+    with (
+        Progress(disable=True) as progress,
+        pytest.raises(InputError, match=r"epochs .*, here .*; seed 0, here 1"),
+    ):
+        train_model(pair_folder, out, other, progress)
 
 
 def test_command_trains_exports_and_goes_on(learn, pair_folder, tmp_path, scene):
