@@ -50,7 +50,8 @@ def back_off(session: Session, error: ArmStoppedError, way_in: np.ndarray, label
         if len(back) < 2:
             return
         try:
-            session.move([timed(session, back, label, session.settings.push_speed)])
+            # Beside the way in there may be no room at all.
+            session.move([timed(session, back, label, session.settings.push_speed, clearance_m=0.0)])
         except ArmStoppedError as again:
             error = again  # jammed: each time the drives are armed anew, what is squeezed relaxes a little
         else:

@@ -183,7 +183,14 @@ def way_home(
         carried=belief.carried(request.s_initial, end.s),
     )
     return escape, (
-        timed(session, escape.out, f"manipulation {number}: out of contact", settings.push_speed, LEAVING),
+        timed(
+            session,
+            escape.out,
+            f"manipulation {number}: out of contact",
+            settings.push_speed,
+            LEAVING,
+            escape.clearance_m,
+        ),
         timed(session, escape.home, f"manipulation {number}: home", settings.travel_speed, FREE),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,12 +17,25 @@ from s2r_host.run.session import Motion, Session
 from s2r_host.trajectory import TimeLawSettings, time_law
 
 AT_GOAL_RAD = 1e-3
+TIP_M_PER_RAD = (
+    0.6  # how far smoothing takes the fingertip per radian that each joint may leave the path, at worst
+)
+LEAST_DEVIATION_RAD = 0.5e-3  # sharper corners than that are hardly any nearer to the path, and slow
 FREE, LEAVING, NEVER = 0.0, 0.5, 1.0
 """A way through the air touches nothing from its beginning, a way out of contact nothing in its second half."""
 
 
-def timed(session: Session, q_path: np.ndarray, label: str, speed: float, free_from: float = NEVER) -> Motion:
+def timed(
+    session: Session,
+    q_path: np.ndarray,
+    label: str,
+    speed: float,
+    free_from: float = NEVER,
+    clearance_m: float = np.inf,
+) -> Motion:
     """A joint path of shape (n, dof) as a motion within all limits.
+
+    The motion rounds the path's corners: what was checked for collisions is left by up to half of ``clearance_m``.
 
     Args:
         session: For the arm.
@@ -29,8 +43,12 @@ def timed(session: Session, q_path: np.ndarray, label: str, speed: float, free_f
         label: What it is called.
         speed: Share of the full one.
         free_from: Share of its time from which on it is to touch nothing.
+        clearance_m: What the path keeps to everything, where that is little.
     """
-    return Motion(time_law(q_path, session.arm.arm, TimeLawSettings(speed=speed)), label, free_from)
+    usual = TimeLawSettings(speed=speed)
+    narrow = max(LEAST_DEVIATION_RAD, 0.5 * clearance_m / TIP_M_PER_RAD)
+    settings = replace(usual, deviation_rad=min(usual.deviation_rad, narrow))
+    return Motion(time_law(q_path, session.arm.arm, settings), label, free_from)
 
 
 def go_to(session: Session, q_goal: np.ndarray, obstacles: Sequence[Obstacle], label: str) -> bool:
