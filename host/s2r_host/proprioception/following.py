@@ -78,7 +78,10 @@ def follow(
     s_end: float,
     most: float,
 ) -> Followed | None:
-    """The part over the longest stretch of the rows without a jump; None where it nowhere touches the fingertip.
+    """The part over the longest stretch of the rows without a jump; None where some row touches nothing of it.
+
+    A fingertip that was felt to push, where the part as known is out of its reach, pushed something else or a part that
+    is not where it is believed: the other rows of the stretch are then believed no more than that one.
 
     The part is ahead of the fingertip; moved back towards it, it touches at some value and overlaps beyond. Another
     place of the part, the inside of a drawer's back for one, may do so too, at another value: the touch begins with
