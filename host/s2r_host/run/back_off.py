@@ -10,7 +10,7 @@ from s2r_host.run.travel import timed
 from s2r_protocol.faults import Cause
 
 ON_THE_WAY_RAD = 0.05  # largest joint's distance from the way in
-STEP_RAD = 0.03
+STEP_RAD = 0.01  # chords of 0.03 cut corners of the way in by 5 mm
 MOST_TRIES, LEAST_TRIES = 8, 3  # each frees a little of what is squeezed; so many may gain nothing
 GAIN_RAD = 1e-3
 

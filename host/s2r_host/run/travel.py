@@ -14,7 +14,7 @@ from s2r_host.motion.leave import way_out_of_touch
 from s2r_host.motion.obstacles import Obstacle
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Motion, Session
-from s2r_host.trajectory import TimeLawSettings, time_law
+from s2r_host.trajectory import TimeLawSettings, TrajectoryError, time_law
 
 AT_GOAL_RAD = 1e-3
 TIP_M_PER_RAD = (
@@ -35,7 +35,8 @@ def timed(
 ) -> Motion:
     """A joint path of shape (n, dof) as a motion within all limits.
 
-    The motion rounds the path's corners: what was checked for collisions is left by up to half of ``clearance_m``.
+    The motion rounds the path's corners: what was checked for collisions is left by up to half of ``clearance_m``, by
+    more only where no narrower motion can be timed.
 
     Args:
         session: For the arm.
@@ -45,10 +46,15 @@ def timed(
         free_from: Share of its time from which on it is to touch nothing.
         clearance_m: What the path keeps to everything, where that is little.
     """
-    usual = TimeLawSettings(speed=speed)
-    narrow = max(LEAST_DEVIATION_RAD, 0.5 * clearance_m / TIP_M_PER_RAD)
-    settings = replace(usual, deviation_rad=min(usual.deviation_rad, narrow))
-    return Motion(time_law(q_path, session.arm.arm, settings), label, free_from)
+    usual, arm = TimeLawSettings(speed=speed), session.arm.arm
+    deviation_rad = max(LEAST_DEVIATION_RAD, 0.5 * clearance_m / TIP_M_PER_RAD)
+    while deviation_rad < usual.deviation_rad:
+        try:
+            narrow = replace(usual, deviation_rad=deviation_rad)
+            return Motion(time_law(q_path, arm, narrow), label, free_from)
+        except TrajectoryError:  # no speed leads round so sharp a corner
+            deviation_rad *= 2.0
+    return Motion(time_law(q_path, arm, usual), label, free_from)
 
 
 def go_to(session: Session, q_goal: np.ndarray, obstacles: Sequence[Obstacle], label: str) -> bool:

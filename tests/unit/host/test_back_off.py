@@ -67,6 +67,22 @@ def test_the_arm_goes_back_along_its_way_to_the_beginning():
     assert off.max() < 0.03
 
 
+def test_the_way_back_round_a_corner_leaves_the_way_in_by_less_than_a_millimetre():
+    """A fingertip behind an edge has no room beside the way it came."""
+    there = np.linspace(0.0, 0.15, 61)[:, None]
+    first, then = np.array([0, 0.5, 0, 1.0, 0, 0.5, 0]), np.array([1.0, 0, 0.5, 0, 0, 0, 0])
+    way = np.concatenate([HOME + there * first, HOME + there[-1] * first + there[1:] * then])
+    cell = Cell(way[-1] + SAG)
+    back_off(cell, ArmStoppedError("met something", Cause.COLLISION), way, "back")
+    motion = cell.moved[0].trajectory
+    played = motion.sample(np.linspace(0.0, motion.duration_s, 400))[0]
+    p, p_in = (np.array([cell.arm.tool_pose(q)[:3, 3] for q in some]) for some in (played, way))
+    a, b = p_in[:-1], p_in[1:]
+    share = np.einsum("pni,ni->pn", p[:, None] - a, b - a) / ((b - a) ** 2).sum(axis=1)
+    nearest = a + np.clip(share, 0.0, 1.0)[..., None] * (b - a)
+    assert np.linalg.norm(p[:, None] - nearest, axis=2).min(axis=1).max() < 1e-3
+
+
 def test_the_arm_that_has_not_moved_yet_stays():
     cell = Cell(WAY[0])
     back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
