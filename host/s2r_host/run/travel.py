@@ -17,9 +17,8 @@ from s2r_host.run.session import Motion, Session
 from s2r_host.trajectory import TimeLawSettings, TrajectoryError, time_law
 
 AT_GOAL_RAD = 1e-3
-TIP_M_PER_RAD = (
-    0.6  # how far smoothing takes the fingertip per radian that each joint may leave the path, at worst
-)
+# How far smoothing takes the fingertip per radian that each joint may leave the path, at worst.
+TIP_M_PER_RAD = 0.6
 LEAST_DEVIATION_RAD = 0.5e-3  # sharper corners than that are hardly any nearer to the path, and slow
 FREE, LEAVING, NEVER = 0.0, 0.5, 1.0
 """A way through the air touches nothing from its beginning, a way out of contact nothing in its second half."""
