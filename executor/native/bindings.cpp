@@ -357,8 +357,11 @@ class PyShared {
   PySnapshot snapshot() {
     PySnapshot out;
     out.dof = block().config.dof;
-    while (!block().snapshot.try_read(out.s)) {
+    // A core that was killed, or lost the processor, in the middle of its write leaves one that nobody finishes: the
+    // newest whole copy stands then, and the beats below tell whether the core still lives.
+    for (int i = 0; i < kSnapshotTries && !block().snapshot.try_read(snapshot_); ++i) {
     }
+    out.s = snapshot_;
     const std::uint64_t beats = block().core_beats.load(std::memory_order_relaxed);
     const std::int64_t now = monotonic_ns();
     if (beats != core_beats_) {
@@ -377,8 +380,10 @@ class PyShared {
  private:
   static constexpr std::int64_t kAliveTimeout_ns = 1'000'000'000;
   static constexpr std::int64_t kSteppedAliveTimeout_ns = 10'000'000'000;  // it waits for the stand-in, however slow
+  static constexpr int kSnapshotTries = 1000;  // a write takes less time than one try to read
   SharedMemory memory_;
   nb::object record_dtype_, event_dtype_;
+  Snapshot snapshot_{};
   std::uint64_t core_beats_ = 0;
   std::int64_t core_seen_ns_ = 0;
 };
@@ -727,6 +732,12 @@ NB_MODULE(_native, m) {
   m.attr("QUIT") = static_cast<int>(CommandKind::kQuit);
   m.attr("RAD_PER_COUNT") = kRadPerCount;
   m.attr("START_TOLERANCE_RAD") = kStartTolerance;
+  m.attr("SPLICE_POSITION_RAD") = kSplicePosition;
+  m.attr("SPLICE_VELOCITY_RAD_S") = kSpliceVelocity;
+  m.attr("SPLICE_ACCELERATION_RAD_S2") = kSpliceAcceleration;
+  m.attr("MIN_SEGMENT_S") = kMinSegment_s;
+  m.attr("MAX_DURATION_S") = kMaxDuration_s;
+  m.attr("MAX_STOP_S") = kMaxStop_s;
   m.attr("MAX_BUS_LOAD") = kMaxBusLoad;
   m.attr("EXECUTOR_STATES") = to_dict(kStateNames);
   m.attr("STOP_CATEGORIES") = to_dict(kStopCategoryNames);
@@ -761,6 +772,9 @@ NB_MODULE(_native, m) {
       .def_prop_ro(
           "speed_scale", [](const PySnapshot& p) { return p.s.speed_scale; },
           "Rate of path time now; between plans the rate the next one starts with.")
+      .def_prop_ro(
+          "speed_set", [](const PySnapshot& p) { return p.s.speed_set; },
+          "Rate of path time that was asked for last; a ramp leads there, a drive's warning stays below.")
       .def_prop_ro(
           "q_ref", [](const PySnapshot& p) { return to_array(p.s.q_ref, p.dof); }, nb::rv_policy::automatic,
           "[rad], shape (dof,).")

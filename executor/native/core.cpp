@@ -288,6 +288,7 @@ void Core::publish(std::int64_t lateness_ns) noexcept {
   s.plan_t = plan_t_;
   s.plan_done = plan_done_ ? 1 : 0;
   s.speed_scale = motion_.has_plan() ? motion_.rate() : allowed_speed();
+  s.speed_set = speed_;
   s.state = static_cast<std::uint8_t>(state_);
   s.cause = static_cast<std::uint16_t>(cause_.cause);
   s.cause_joint = static_cast<std::int16_t>(cause_.joint);

@@ -79,6 +79,7 @@ Refused Core::disarm() noexcept {
   switch (state_) {
     case State::kHold:
       if (closing_brakes_) return {};
+      if (reenabling_) return {Refusal::kState, first_not_enabled(), double(static_cast<int>(state_)), 3.0};
       if (config_.brake_feedback) {  // power stays on until every brake has closed: watch_brakes()
         closing_brakes_ = true;
         brakes_since_tick_ = tick_;
@@ -200,7 +201,8 @@ void Core::reject(std::uint64_t plan_id, const Refused& refused) noexcept {
   events_.push(event);
 }
 
-// SIGTERM and QUIT: stop on the path, disable, say so a few times, end.
+// SIGTERM and QUIT: stop on the path, disable, say so a few times, end. While a brake that has not closed keeps the arm
+// under power, disarming is refused and asked for again in the next tick.
 void Core::work_off_quit() noexcept {
   if (!quit_) return;
   const bool off = state_ == State::kDisarmed || ((state_ == State::kFault || state_ == State::kEstop) && !quick_stop_);

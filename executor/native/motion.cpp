@@ -42,15 +42,26 @@ void Motion::drop_plan() noexcept {
   reference_.dq = reference_.ddq = {};
 }
 
-// From a steady rate to rest and back a segment's own duration holds for all that it covers. Any other change may reach
-// into segments whose own is longer: take the longest within reach.
+// Longest stop duration of the segments between here and s_to, those of a plan that takes over on the way included.
+double Motion::stop_duration_until(double s_to) const noexcept {
+  if (child_ == nullptr || s_to < child_->splice_t) return cursor_.stop_duration(s_, s_to);
+  PlanCursor child;
+  child.open(*child_);
+  return std::max(cursor_.stop_duration(s_, child_->splice_t), child.stop_duration(0.0, s_to - child_->splice_t));
+}
+
+// From a steady rate to rest and back a segment's own duration holds for all that it covers of its plan. Any other
+// change may reach into segments whose own is longer, of a plan that waits to take over as well: take the longest
+// within reach.
 double Motion::ramp_duration(double target) const noexcept {
   const bool to_rest = target == 0.0, from_rest = ramp_.rate() == 0.0;
-  if (ramp_.steady() && (to_rest || from_rest)) return cursor_.stop_duration(s_, s_);
-  const double rate = std::max({ramp_.rate(), ramp_.target(), target});
   double duration = cursor_.stop_duration(s_, s_);
-  for (int i = 0; i < plan_->knots; ++i) {
-    const double longer = cursor_.stop_duration(s_, s_ + rate * duration);
+  const bool stays = child_ == nullptr || s_ + ramp_.distance_of_change(target, duration) < child_->splice_t;
+  if (ramp_.steady() && (to_rest || from_rest) && stays) return duration;
+  const double rate = std::max({ramp_.rate(), ramp_.target(), target});
+  const int segments = plan_->knots + (child_ != nullptr ? child_->knots : 0);
+  for (int i = 0; i < segments; ++i) {
+    const double longer = stop_duration_until(s_ + rate * duration);
     if (longer <= duration) break;
     duration = longer;
   }

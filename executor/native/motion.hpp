@@ -59,7 +59,8 @@ class Motion {
   void begin_fade(const PathPoint& left_over) noexcept;
   void add_fade() noexcept;
   bool faded() const noexcept { return fade_t_ >= kFadeDuration_s; }
-  double remaining() const noexcept;                   // path time until rest [s]
+  double remaining() const noexcept;  // path time until rest [s]
+  double stop_duration_until(double s_to) const noexcept;
   double ramp_duration(double target) const noexcept;  // of a change of rate that begins now [s]
 
   // A plan may start a hair off the reference (the START and SPLICE tolerances). The difference fades out over this

@@ -5,8 +5,6 @@
 namespace s2r {
 namespace {
 
-constexpr double kMinSegment_s = 1e-4, kMaxDuration_s = 3600.0;
-constexpr double kMaxStop_s = 10.0;
 constexpr double kRestVelocity = 1e-6, kRestAcceleration = 1e-4;
 
 Refused check_times(const Plan& plan, double dt) noexcept {

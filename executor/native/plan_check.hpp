@@ -5,6 +5,8 @@
 
 namespace s2r {
 
+inline constexpr double kMinSegment_s = 1e-4, kMaxDuration_s = 3600.0;
+inline constexpr double kMaxStop_s = 10.0;           // longest stop on the path
 inline constexpr double kStartTolerance = 1e-4;      // [rad] between a plan's first knot and the reference
 inline constexpr double kSplicePosition = 1e-6;      // [rad]
 inline constexpr double kSpliceVelocity = 1e-5;      // [rad/s]

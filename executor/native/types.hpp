@@ -167,7 +167,8 @@ struct Snapshot {
   std::uint64_t plan_id = 0;
   std::uint64_t next_plan_id = 0;  // waits for its splice point; 0 = none
   double plan_t = 0.0;
-  double speed_scale = 1.0;
+  double speed_scale = 1.0;  // rate of path time now
+  double speed_set = 1.0;    // the rate that was asked for
   double cause_value = 0.0;
   double cause_limit = 0.0;
   Joints q_ref{}, dq_ref{}, ddq_ref{}, q_meas{}, dq_meas{}, tau_meas{};

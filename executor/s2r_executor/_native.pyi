@@ -19,6 +19,18 @@ RAD_PER_COUNT: float
 
 START_TOLERANCE_RAD: float
 
+SPLICE_POSITION_RAD: float
+
+SPLICE_VELOCITY_RAD_S: float
+
+SPLICE_ACCELERATION_RAD_S2: float = 0.0001
+
+MIN_SEGMENT_S: float
+
+MAX_DURATION_S: float
+
+MAX_STOP_S: float
+
 MAX_BUS_LOAD: float
 
 EXECUTOR_STATES: dict[str, int]
@@ -84,6 +96,12 @@ class Snapshot:
     def speed_scale(self) -> float:
         """
         Rate of path time now; between plans the rate the next one starts with.
+        """
+
+    @property
+    def speed_set(self) -> float:
+        """
+        Rate of path time that was asked for last; a ramp leads there, a drive's warning stays below.
         """
 
     @property

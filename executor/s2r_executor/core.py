@@ -63,6 +63,8 @@ class CoreSnapshot(Protocol):
     @property
     def speed_scale(self) -> float: ...  # noqa: D102
     @property
+    def speed_set(self) -> float: ...  # noqa: D102
+    @property
     def q_ref(self) -> np.ndarray: ...  # noqa: D102
     @property
     def dq_ref(self) -> np.ndarray: ...  # noqa: D102

@@ -477,6 +477,57 @@ def test_stop_before_the_splice_stays_on_the_parent(armed, plan_from, use_of_lim
     assert on_path(armed, plan) < 1e-12
 
 
+@pytest.mark.parametrize("before_s", [0.01, 0.05])
+def test_a_pause_that_reaches_into_a_waiting_plan_takes_that_plans_ramp(
+    armed, plan_from, use_of_limits, before_s
+):
+    plan = plan_from(armed.state.q_ref, distance=0.3)
+    plan = dataclasses.replace(plan, stop_duration=np.full(7, 0.2))
+    child = branch_of(plan, 0.6, 0.1)
+    armed.run_plan(plan)
+    armed.submit(child, plan_id=2, parent_id=1, splice_t=0.6)
+    armed.until(lambda s: s.plan_t >= 0.6 - before_s)
+    armed.command(PAUSE)
+    armed.step()
+    first = armed.state.tick
+    paused = armed.until(lambda s: s.state == ExecutorState.PAUSED, 700)
+    assert paused.tick - first + 1 == 600
+    assert paused.plan_id == 2
+    armed.command(RESUME)
+    armed.until(lambda s: s.plan_done, 2500)
+    assert use_of_limits(armed.emitted()) <= 1.0
+
+
+def test_a_resume_that_reaches_into_a_waiting_plan_takes_that_plans_ramp(armed, plan_from):
+    plan = plan_from(armed.state.q_ref, distance=0.3)
+    plan = dataclasses.replace(plan, stop_duration=np.full(7, 0.2))
+    armed.run_plan(plan)
+    armed.submit(branch_of(plan, 0.6, 0.1), plan_id=2, parent_id=1, splice_t=0.6)
+    armed.until(lambda s: s.plan_t >= 0.42)
+    armed.command(PAUSE)
+    paused = armed.until(lambda s: s.state == ExecutorState.PAUSED, 700)
+    assert paused.next_plan_id == 2
+    assert 0.5 < paused.plan_t < 0.53
+    armed.command(RESUME)
+    armed.step()
+    first = armed.state.tick
+    assert armed.until(lambda s: s.speed_scale == 1.0).tick - first + 1 == 600
+
+
+def test_a_pause_that_ends_before_a_waiting_plan_keeps_its_own_ramp(armed, plan_from):
+    plan = plan_from(armed.state.q_ref, distance=0.3)
+    plan = dataclasses.replace(plan, stop_duration=np.full(7, 0.2))
+    armed.run_plan(plan)
+    armed.submit(branch_of(plan, 0.6, 0.1), plan_id=2, parent_id=1, splice_t=0.6)
+    armed.until(lambda s: s.plan_t >= 0.35)
+    armed.command(PAUSE)
+    armed.step()
+    first = armed.state.tick
+    paused = armed.until(lambda s: s.state == ExecutorState.PAUSED, 700)
+    assert paused.tick - first + 1 == 200
+    assert paused.next_plan_id == 2
+
+
 def ramp(cell, joint, counts, ticks=20):
     """Move a joint away from its setpoint no faster than a joint can move."""
     begin = cell.drives.offset[joint]

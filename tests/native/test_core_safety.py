@@ -462,6 +462,37 @@ def test_quit_stops_on_the_path_disables_and_finishes(moving, use_of_limits, how
     assert [ctrl for _, ctrl, _ in moving.drives.setpoints[-3:]] == [0, 0, 0]
 
 
+def reenabling(cell):
+    """A brake has not closed: the drives are being enabled again, one of them takes its time."""
+    cell.drives.brake_stuck[1] = True
+    cell.command(DISARM)
+    cell.step(50)
+    cell.drives.stuck[4] = 3
+    cell.until(lambda s: s.cause == Cause.BRAKE, 400)
+    cell.step(10)
+    assert cell.drives.ctrl == 2
+    return cell
+
+
+@pytest.mark.parametrize("kind", [DISARM, QUIT])
+def test_while_drives_are_enabled_again_after_a_stuck_brake_nothing_takes_the_power(armed, kind):
+    reenabling(armed)
+    armed.command(kind)
+    armed.step(100)
+    assert armed.drives.ctrl == 2
+    if kind == DISARM:
+        assert causes(armed, REJECTED)[-1] == (Refusal.STATE, 4)
+    armed.drives.stuck.clear()
+    armed.drives.brake_stuck.clear()
+    armed.step(5)
+    if kind == DISARM:
+        armed.step(2000)
+        assert armed.state.state == ExecutorState.HOLD
+        armed.command(DISARM)
+    armed.until(lambda s: s.state == ExecutorState.DISARMED, 100)
+    assert armed.events(STOP_BEGUN) == []
+
+
 def test_state_events_tell_the_whole_story(moving):
     moving.command(STOP)
     moving.step(700)

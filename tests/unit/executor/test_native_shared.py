@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import mmap
+import time
+
 import numpy as np
 import pytest
 
@@ -12,7 +15,7 @@ CONFIG = {
     "tick_ns": 1_000_000,
     "packing": "fd",
     "bus": "unix:/nowhere.sock",
-    "clock": "lockstep",
+    "clock": "real",
     "q_min": [-1.0, -1.0],
     "q_max": [1.0, 1.0],
     "dq_max": [1.0, 1.0],
@@ -76,6 +79,25 @@ def test_running_core_shows_that_it_lives():
     assert shared.snapshot().alive
     del core
     assert not shared.snapshot().alive
+
+
+def test_a_core_killed_in_the_middle_of_a_write_leaves_the_last_whole_snapshot():
+    shared = _native.Shared.create(CONFIG)
+    core = _native.Core(shared)
+    with mmap.mmap(shared.fd, 0) as memory:
+        seen = []
+        for tick in range(4):
+            core.step([], tick)
+            seen.append(np.frombuffer(memory[:], np.int64))
+        whole = shared.snapshot()
+        # The sequence lock counts two per write, odd while one is under way; it lies before what it guards.
+        version = np.flatnonzero((np.diff(seen, axis=0) == 2).all(axis=0))[0]
+        memory[8 * version : 8 * version + 8] = (int(seen[-1][version]) + 1).to_bytes(8, "little")
+        left = shared.snapshot()
+        assert (left.tick, left.state) == (whole.tick, whole.state)
+        assert left.alive
+        time.sleep(1.1)
+        assert not shared.snapshot().alive
 
 
 @pytest.mark.parametrize(
