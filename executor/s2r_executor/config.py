@@ -177,6 +177,17 @@ class ExecutorConfig(_Strict):
         return max(strict_s, LOCKSTEP_TIMEOUT_S if self.clock == "lockstep" else STAND_IN_HOST_TIMEOUT_S)
 
     @property
+    def longest_path_stop_s(self) -> float:
+        """Until rest after a stop on the path that begins while the rate of path time changes anyway [s]."""
+        return 2.0 * self.admission.stop_duration_max_s
+
+    @property
+    def longest_stop_s(self) -> float:
+        """Until the drives are off, a brake that does not close and drives that are enabled again included [s]."""
+        core = self.core
+        return self.longest_path_stop_s + core.goal_timeout_s + core.brake_timeout_s + core.arming_timeout_s
+
+    @property
     def tick_ns(self) -> int:
         """One setpoint per this many nanoseconds."""
         return self.core.tick_ns[self.packing]

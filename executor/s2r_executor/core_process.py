@@ -11,12 +11,14 @@ from typing import IO, Any
 
 from s2r_executor.config import ExecutorConfig
 from s2r_executor.core import QUIT, Core
+from s2r_executor.stalls import Patience
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.exits import ExitCode, NotReadyError, S2RError, UnreachableError, UsageError
 
 logger = logging.getLogger(__name__)
 
 _START_TIMEOUT_S = 10.0
+_END_S = 1.0  # for the last setpoints and the end of the process, once the drives are off
 _EXECUTABLE = "s2r-rt"
 
 
@@ -110,6 +112,8 @@ class CoreProcess:
         from s2r_executor import _native  # built later than this file is read
 
         self._bus = config.bus
+        self._stepped = config.clock == "lockstep"
+        self._quit_within_s = config.longest_stop_s + _END_S
         try:
             shared = _native.Shared.create(core_settings(config, arm))
         except ValueError as error:
@@ -175,16 +179,22 @@ class CoreProcess:
         if code is not None:
             raise self._ended(code, "by itself; the drives stop by their own watchdogs")
 
-    def quit(self, timeout_s: float = 2.0) -> int:
-        """Ask the core to end and wait; kill it if it does not. Returns its exit code."""
+    def quit(self, timeout_s: float | None = None) -> int:
+        """Ask the core to stop on the path and end, and wait; kill it if it does not. Returns its exit code.
+
+        Args:
+            timeout_s: Time for that [s]; None: what the configuration allows a stop to take, and a second.
+        """
+        limit_s = self._quit_within_s if timeout_s is None else timeout_s
         if self._process.poll() is None:
-            self.core.command(QUIT, self.core.snapshot().epoch)
-            deadline = time.monotonic() + timeout_s
-            while self._process.poll() is None and time.monotonic() < deadline:
+            core = self.core.snapshot()
+            self.core.command(QUIT, core.epoch)
+            patience = Patience(limit_s, self._stepped, core.tick, time.monotonic())
+            while self._process.poll() is None and not patience.ended(self.core.snapshot(), time.monotonic()):
                 self.core.beat()
                 time.sleep(0.005)
         if self._process.poll() is None:
-            logger.error("the real-time core did not end within %.1f s and is killed", timeout_s)
+            logger.error("the real-time core did not end within %.1f s and is killed", limit_s)
             self.kill()
         return self._process.returncode
 

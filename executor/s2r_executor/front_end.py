@@ -37,7 +37,8 @@ from s2r_protocol.proto import s2r_pb2 as pb
 logger = logging.getLogger(__name__)
 
 _MOVING = {ExecutorState.RUN, ExecutorState.PAUSED, ExecutorState.STOPPING, ExecutorState.STOP1}
-_POWERED = _MOVING - {ExecutorState.STOP1} | {ExecutorState.HOLD, ExecutorState.ARMING}
+# Where the core answers a STOP with a new epoch. In STOPPING and STOP1 one is under way, which has made its own.
+_STOP_HAS_EPOCH = {ExecutorState.HOLD, ExecutorState.ARMING, ExecutorState.RUN, ExecutorState.PAUSED}
 _ALLOWED_IN: dict[int, set[ExecutorState]] = {
     pb.ARM: {ExecutorState.DISARMED},
     pb.DISARM: {ExecutorState.DISARMED, ExecutorState.ARMING, ExecutorState.HOLD},
@@ -53,7 +54,6 @@ _RECORDS_EVERY = (
     5  # rounds of the watch loop: handing over few ticks at a time costs more than what is done with them
 )
 _KEPT_REJECTIONS = 64
-_KEPT_PLANS = 4  # the running one, one that waits for its splice point, and those they have replaced
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,8 @@ class FrontEnd:
         self._next_plan_id = 1
         self._seq_of_plan: dict[int, int] = {0: 0}
         self._rejections: OrderedDict[int, np.void] = OrderedDict()  # plan id -> the core's event
-        self._admitted: OrderedDict[int, AdmittedPlan] = OrderedDict()  # plan id -> what the core plays
+        self._refused_command: np.void | None = None  # the core's event for the command under way
+        self._admitted: dict[int, AdmittedPlan] = {}  # plan id -> what the core plays or is about to
         self._rejections_lock = threading.Lock()
         self._timing = TickTiming()
         self._stepped = config.clock == "lockstep"
@@ -290,9 +291,6 @@ class FrontEnd:
             raise CommandRefusedError(
                 Refusal.INTERNAL, "the core's plan queue is full; is the core still running?"
             )
-        self._admitted[plan_id] = admitted
-        while len(self._admitted) > _KEPT_PLANS:
-            self._admitted.popitem(last=False)
         started = self._wait(
             lambda c: (
                 plan_id in (c.plan_id, c.next_plan_id if parent_id else 0)
@@ -300,6 +298,8 @@ class FrontEnd:
             )
         )
         rejection = self._rejection(plan_id)
+        if rejection is None:  # a core that has not answered in time may still start it
+            self._keep_admitted(plan_id, admitted)
         if rejection is not None or not started:
             reason = f"the core did not take the plan within {_ANSWER_WITHIN_S:g} s"
             self._recorder.drop_plan(plan_id, reason if rejection is None else "the core refused it")
@@ -315,8 +315,16 @@ class FrontEnd:
         )
         return Accepted(epoch, admitted.duration_s)
 
+    def _keep_admitted(self, plan_id: int, admitted: AdmittedPlan) -> None:
+        """Remember a plan that may be spliced into, and forget those that the core has left behind."""
+        core = self._core.snapshot()
+        playing = {i: plan for i, plan in self._admitted.items() if i in (core.plan_id, core.next_plan_id)}
+        self._admitted = {**playing, plan_id: admitted}
+
     def control(self, address: Address, kind: int, value: float) -> Accepted:
         """Carry out a control command and wait until the core has done so.
+
+        STOP is begun then and PAUSE has come to rest, or its plan to its end; SET_SPEED is taken, its ramp goes on.
 
         Raises:
             CommandRefusedError: It is unknown, not possible now, or the core did not follow.
@@ -350,48 +358,113 @@ class FrontEnd:
             return self._carry_out(kind, core, value)
 
     def stop(self, cause: Cause) -> Accepted:
-        """Stop on the path (category 2) whatever the state; never waits for other commands."""
+        """Stop on the path (category 2) whatever the state; never waits for other commands.
+
+        Raises:
+            CommandRefusedError: The core is dead or did not answer; the stop lies before it all the same.
+        """
         self._stops_asked += 1
         before = self._core.snapshot()
         self._send(pb.STOP, before.epoch, 0.0 if cause is Cause.STOP_REQUESTED else float(cause))
-        if ExecutorState(before.state) in _POWERED:  # the core answers each of these with a new epoch
-            self._wait(lambda c: c.epoch != before.epoch, _STOP_WITHIN_S)
-        logger.info("stop: %s, state was %s", cause.name, ExecutorState(before.state).name)
-        return Accepted(self._core.snapshot().epoch)
+        state = ExecutorState(before.state)
+        logger.info("stop: %s, state was %s", cause.name, state.name)
+        if not before.alive:
+            raise _core_is_dead()
+        answered = state not in _STOP_HAS_EPOCH or self._wait(
+            lambda c: not c.alive or c.epoch != before.epoch or c.state not in _STOP_HAS_EPOCH, _STOP_WITHIN_S
+        )
+        after = self._core.snapshot()
+        if not after.alive:
+            raise _core_is_dead()
+        if not answered:
+            raise CommandRefusedError(
+                Refusal.INTERNAL, f"the core did not answer the stop within {_STOP_WITHIN_S:g} s"
+            )
+        return Accepted(after.epoch)
 
     def _carry_out(self, kind: int, core: CoreSnapshot, value: float) -> Accepted:
-        self._send(kind, core.epoch, value)
-        config = self.config.core
+        config = self.config
         if kind == pb.ARM:
             # From DISARMED through ARMING to HOLD or a latched fault.
-            self._wait(
+            self._order(
+                pb.ARM,
+                core.epoch,
                 lambda c: (
                     c.epoch != core.epoch and c.state not in (ExecutorState.ARMING, ExecutorState.DISARMED)
                 ),
-                config.arming_timeout_s + _ANSWER_WITHIN_S,
+                within_s=config.core.arming_timeout_s + _ANSWER_WITHIN_S,
             )
             self._expect(pb.ARM, ExecutorState.HOLD)
             self._cap_speed()
-        elif kind == pb.RESET:
-            self._wait(lambda c: c.state == ExecutorState.DISARMED)
-            self._expect(pb.RESET, ExecutorState.DISARMED)
-        elif kind == pb.DISARM:
-            self._wait(lambda c: c.state == ExecutorState.DISARMED)
-            self._expect(pb.DISARM, ExecutorState.DISARMED)
+        elif kind in (pb.RESET, pb.DISARM):
+            self._order(kind, core.epoch, lambda c: c.state == ExecutorState.DISARMED)
+            self._expect(kind, ExecutorState.DISARMED)
         elif kind == pb.PAUSE:
-            self._wait(lambda c: c.state != ExecutorState.RUN)
+            within_s = config.longest_path_stop_s + config.core.goal_timeout_s + _ANSWER_WITHIN_S
+            self._order(pb.PAUSE, core.epoch, lambda c: c.state != ExecutorState.RUN, within_s=within_s)
+            self._expect_on_plan(pb.PAUSE, ExecutorState.PAUSED)
         elif kind == pb.RESUME:
-            self._wait(lambda c: c.state != ExecutorState.PAUSED)
+            self._order(pb.RESUME, core.epoch, lambda c: c.state != ExecutorState.PAUSED)
+            self._expect_on_plan(pb.RESUME, ExecutorState.RUN)
+        elif kind == pb.SET_SPEED:
+            self._order(pb.SET_SPEED, core.epoch, lambda c: c.speed_set == value, value)
         return Accepted(self._core.snapshot().epoch)
+
+    def _order(
+        self,
+        kind: int,
+        epoch: int,
+        done: Callable[[CoreSnapshot], bool],
+        value: float = 0.0,
+        within_s: float = _ANSWER_WITHIN_S,
+    ) -> None:
+        """Send a command and wait until it is done.
+
+        Raises:
+            CommandRefusedError: The core refused it, died, or did neither in time.
+        """
+        self._refused_command = None
+        self._send(kind, epoch, value)
+        ended = self._wait(lambda c: done(c) or not c.alive or self._refused_command is not None, within_s)
+        core, name = self._core.snapshot(), pb.ControlKind.Name(kind)
+        if not core.alive:
+            raise _core_is_dead()
+        if done(core):
+            return
+        refused = self._refused_command
+        if refused is not None:
+            raise CommandRefusedError(
+                Refusal(int(refused["cause"])),
+                f"the core refused {name} in {ExecutorState(core.state).name}. "
+                + self.status().why_not_moving,
+                quantity="state",
+                value=float(refused["value"]),
+                limit=float(refused["limit"]),
+            )
+        if not ended:
+            raise CommandRefusedError(
+                Refusal.INTERNAL,
+                f"the core has not carried out {name} within {within_s:g} s. " + self.status().why_not_moving,
+            )
 
     def _cap_speed(self) -> None:
         """Arming starts at full speed in the core; no plan is taken before the cap holds."""
         if self._speed_cap == 1.0:
             return
-        self._send(pb.SET_SPEED, self._core.snapshot().epoch, self._speed_cap)
-        if not self._wait(lambda c: c.speed_scale <= self._speed_cap):
+        cap = self._speed_cap
+        try:
+            self._order(pb.SET_SPEED, self._core.snapshot().epoch, lambda c: c.speed_set <= cap, cap)
+        except CommandRefusedError as error:
             self._send(pb.DISARM, self._core.snapshot().epoch)
-            raise CommandRefusedError(Refusal.INTERNAL, "the core did not take the speed cap: disarmed again")
+            raise CommandRefusedError(
+                Refusal.INTERNAL, f"the core did not take the speed cap: disarmed again ({error})"
+            ) from error
+
+    def _expect_on_plan(self, kind: int, wanted: ExecutorState) -> None:
+        """As :meth:`_expect`, but a plan whose rest was shorter than the ramp may have come to its end."""
+        core = self._core.snapshot()
+        if not (core.state == ExecutorState.HOLD and core.plan_done):
+            self._expect(kind, wanted)
 
     def _expect(self, kind: int, wanted: ExecutorState) -> None:
         state = ExecutorState(self._core.snapshot().state)
@@ -410,9 +483,7 @@ class FrontEnd:
         check_addressee(address, self.identity)
         core = self._core.snapshot()
         if not core.alive:
-            raise CommandRefusedError(
-                Refusal.STATE, "the real-time core is not running: restart the executor"
-            )
+            raise _core_is_dead()
         with self._lease_lock:
             holder = self._lease.holder
         if address.sender != holder:
@@ -519,11 +590,15 @@ class FrontEnd:
 
     def _note_rejections(self, events: np.ndarray) -> None:
         for event in events:
-            if event["kind"] == EventKind.REJECTED and event["plan_id"]:
-                with self._rejections_lock:
-                    self._rejections[int(event["plan_id"])] = event
-                    if len(self._rejections) > _KEPT_REJECTIONS:
-                        self._rejections.popitem(last=False)
+            if event["kind"] != EventKind.REJECTED:
+                continue
+            if not event["plan_id"]:
+                self._refused_command = event
+                continue
+            with self._rejections_lock:
+                self._rejections[int(event["plan_id"])] = event
+                if len(self._rejections) > _KEPT_REJECTIONS:
+                    self._rejections.popitem(last=False)
 
     def close(self) -> None:
         """Finish what is being written."""
@@ -531,16 +606,32 @@ class FrontEnd:
         if self._black_box is not None:
             self._black_box.close()
 
-    def shut_down(self, timeout_s: float = 5.0) -> bool:
-        """Stop on the path, then switch the drives off; True if it came to rest and off in time."""
+    def shut_down(self, timeout_s: float | None = None) -> bool:
+        """Stop on the path, then switch the drives off; True if it came to rest and off in time.
+
+        Args:
+            timeout_s: For each of the two [s]; None: what the configuration allows a stop to take.
+        """
         core = self._core.snapshot()
         if not core.alive:
             return False
+        limit_s = self.config.longest_stop_s if timeout_s is None else timeout_s
         if ExecutorState(core.state) in _MOVING:
-            self.stop(Cause.STOP_REQUESTED)
-            self._wait(lambda c: ExecutorState(c.state) not in _MOVING, timeout_s)
+            self._stop_if_moving(Cause.STOP_REQUESTED)
+            self._wait(lambda c: not c.alive or ExecutorState(c.state) not in _MOVING, limit_s)
         core = self._core.snapshot()
         if ExecutorState(core.state) in (ExecutorState.HOLD, ExecutorState.ARMING):
-            self._send(pb.DISARM, core.epoch)
-            self._wait(lambda c: c.state == ExecutorState.DISARMED, timeout_s)
+            try:
+                self._order(
+                    pb.DISARM, core.epoch, lambda c: c.state == ExecutorState.DISARMED, within_s=limit_s
+                )
+            except CommandRefusedError as error:
+                logger.error("the drives were not switched off: %s", error)
         return ExecutorState(self._core.snapshot().state) not in _MOVING | {ExecutorState.HOLD}
+
+
+def _core_is_dead() -> CommandRefusedError:
+    return CommandRefusedError(
+        Refusal.STATE,
+        "the real-time core is not running, the drives stop by themselves: restart the executor",
+    )

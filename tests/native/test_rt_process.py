@@ -268,3 +268,33 @@ def test_can_interface_that_does_not_exist_is_unreachable(make_cell):
     )
     assert result.returncode == 5
     assert "bus 'can:nosuch0'" in result.stderr
+
+
+def test_quitting_in_motion_waits_for_the_longest_stop_that_admission_allows(tmp_path, make_drives):
+    from s2r_executor.config import load_config
+    from s2r_executor.core_process import CoreProcess
+    from s2r_protocol.arms import load_arm
+
+    config = load_config(overrides={"bus": f"unix:{tmp_path / 'bus.sock'}", "clock": "lockstep"})
+    bus = BusOfOne(tmp_path / "bus.sock", make_drives())
+    process = CoreProcess(config, load_arm("xmate3pro"))
+    core = process.core
+
+    def until(condition):
+        deadline = time.monotonic() + TIMEOUT_S
+        while not condition(core.snapshot()):
+            assert time.monotonic() < deadline
+            core.beat()
+            time.sleep(0.002)
+
+    until(lambda s: s.tick > 10)
+    core.command(1, core.snapshot().epoch)
+    until(lambda s: s.state == ExecutorState.HOLD)
+    q = np.stack([core.snapshot().q_ref] * 2)
+    q[1] += 0.05
+    stop_s = np.array([config.admission.stop_duration_max_s])
+    core.submit_plan(1, core.snapshot().epoch, np.array([0.0, 8.0]), q, 0 * q, 0 * q, stop_s, 0.0, 0.0)
+    until(lambda s: s.plan_t > 3.0)
+    assert process.quit() == 0
+    assert core.snapshot().state == ExecutorState.DISARMED
+    bus.close()

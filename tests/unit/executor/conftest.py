@@ -1,4 +1,4 @@
-"""A core without a bus, plans that are easy to reason about, and the arm of the project."""
+"""The core in virtual time, plans that are easy to reason about, and the arm of the project."""
 
 from __future__ import annotations
 
@@ -10,46 +10,17 @@ import numpy as np
 import pytest
 
 from s2r_executor.admission import Admission
-from s2r_executor.config import AdmissionConfig
-from s2r_executor.core import QUIT, EventKind
+from s2r_executor.config import AdmissionConfig, load_config
+from s2r_executor.core_process import core_settings
 from s2r_executor.plan import PlanRequest
-from s2r_executor.quintic import sample, spline_through
 from s2r_protocol.arms import load_arm
-from s2r_protocol.faults import Cause, ExecutorState, Refusal
+from s2r_protocol.can.frames import CanFrame
+from s2r_protocol.faults import ExecutorState
 from s2r_protocol.proto import s2r_pb2 as pb
+from s2r_sim.bus.fd_nodes import FdNodes
+from s2r_sim.drives_alone import DrivesAlone
 
-DOF = 7
-RECORD = np.dtype(
-    [
-        ("tick", "<u8"),
-        ("stamp_ns", "<i8"),
-        ("lateness_ns", "<i8"),
-        ("state", "<u4"),
-        ("cause", "<u4"),
-        ("plan_id", "<u8"),
-        ("plan_t", "<f8"),
-        ("speed_scale", "<f8"),
-        ("q_ref", "<f8", (DOF,)),
-        ("dq_ref", "<f8", (DOF,)),
-        ("ddq_ref", "<f8", (DOF,)),
-        ("q_meas", "<f8", (DOF,)),
-        ("dq_meas", "<f8", (DOF,)),
-        ("tau_meas", "<f8", (DOF,)),
-    ]
-)
-EVENT = np.dtype(
-    [
-        ("tick", "<u8"),
-        ("stamp_ns", "<i8"),
-        ("kind", "<u4"),
-        ("state", "<u4"),
-        ("cause", "<u4"),
-        ("joint", "<i4"),
-        ("plan_id", "<u8"),
-        ("value", "<f8"),
-        ("limit", "<f8"),
-    ]
-)
+TICK_NS = 1_000_000
 
 
 def atomic(method):
@@ -63,155 +34,114 @@ def atomic(method):
     return held
 
 
-class FakeCore:
-    """Plays plans perfectly, one tick per millisecond, but only when told to advance."""
+class SteppedCore:
+    """The native core on the stand-in's drives; time moves, a tick per millisecond, only when told to advance.
 
-    def __init__(self, q: np.ndarray) -> None:
+    What the front end asks of it is passed on and remembered. A full ring is the only thing that is made up here.
+    """
+
+    def __init__(self, arm) -> None:
+        from s2r_executor import _native
+
+        config = load_config(
+            overrides={"bus": "unix:none", "clock": "lockstep", "core.collision_share": 10.0}
+        )
         self._lock = threading.RLock()
-        self.state = ExecutorState.DISARMED
-        self.cause, self.epoch, self.tick = 0, 1, 0
-        self.plan_id, self.plan_t, self.plan_done = 0, 0.0, False
-        self.speed = 1.0
-        self.q, self.dq = np.array(q, float), np.zeros(DOF)
-        self.alive, self.beats, self.records_dropped = True, 0, 0
+        self._shared = _native.Shared.create(core_settings(config, arm))
+        self._core = _native.Core(self._shared)
+        self._plant = DrivesAlone(arm)
+        self._nodes = FdNodes(self._plant.drives)
+        self._answers: list[tuple[int, bytes, bool]] = []
+        self._now_ns = 0
+        self.drives = self._plant.drives
+        self.beats = 0
         self.commands: list[tuple[int, int, float]] = []
         self.submitted: list[SimpleNamespace] = []
-        self.ring_full = self.refuses_arm = False
-        self._spline = None
-        self._records: list[np.void] = []
-        self._events: list[np.void] = []
+        self.ring_full = False
+        self.advance(3)
 
-    def beat(self):
-        self.beats += 1
+    # -- what tests do with it ------------------------------------------------------------------------
 
     @atomic
-    def submit_plan(self, plan_id, epoch, t, q, dq, ddq, stop_duration, path_tolerance, goal_tolerance, **_):
+    def advance(self, ticks: int = 1) -> None:
+        """Time goes on; the front end's process lives all the while."""
+        for _ in range(ticks if self._core is not None else 0):
+            self._shared.beat()
+            self._now_ns += TICK_NS
+            for can_id, data, fd in self._core.step(self._answers, self._now_ns):
+                self._nodes.receive(can_id, CanFrame(can_id, data, is_fd=fd, brs=True).pack())
+            self._plant.advance(TICK_NS)
+            answers = (CanFrame.unpack(packet) for packet in self._nodes.answers())
+            self._answers = [(frame.can_id, frame.data, frame.is_fd) for frame in answers]
+
+    def until(self, *states: ExecutorState, ticks: int = 5000) -> None:
+        """Advance to one of these states."""
+        for _ in range(ticks):
+            if self.state in states:
+                return
+            self.advance()
+        raise AssertionError(f"{self.state.name} after {ticks} ticks")
+
+    def arm(self) -> None:
+        """From DISARMED to HOLD, without a front end."""
+        self._shared.command(pb.ARM, self.epoch)
+        self.until(ExecutorState.HOLD)
+
+    @atomic
+    def die(self) -> None:
+        """The process ends."""
+        self._core = None
+
+    @property
+    def state(self) -> ExecutorState:
+        return ExecutorState(self.snapshot().state)
+
+    @property
+    def q(self) -> np.ndarray:
+        return np.asarray(self.snapshot().q_ref)
+
+    def __getattr__(self, name):
+        """Fields of the snapshot: epoch, cause, tick, plan_id, plan_t, plan_done, speed_set."""
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.snapshot(), name)
+
+    # -- what the front end does with it --------------------------------------------------------------
+
+    @property
+    def records_dropped(self) -> int:
+        return self._shared.records_dropped
+
+    @atomic
+    def beat(self):
+        self.beats += 1
+        self._shared.beat()
+
+    @atomic
+    def submit_plan(self, plan_id, epoch, *arrays, **more):
         if self.ring_full:
             return False
-        self.submitted.append(
-            SimpleNamespace(plan_id=plan_id, epoch=epoch, t=t, q=q, stop_duration=stop_duration)
-        )
-        if epoch != self.epoch:
-            self._event(EventKind.REJECTED, cause=Refusal.STALE, plan_id=plan_id)
-            return True
-        self._spline = spline_through(t, q, dq, ddq)
-        self.plan_id, self.plan_t, self.plan_done, self.state = plan_id, 0.0, False, ExecutorState.RUN
-        self.cause = 0
-        self._event(EventKind.PLAN_STARTED, plan_id=plan_id)
-        return True
+        self.submitted.append(SimpleNamespace(plan_id=plan_id, epoch=epoch, stop_duration=arrays[4], **more))
+        return self._shared.submit_plan(plan_id, epoch, *arrays, **more)
 
     @atomic
     def command(self, kind, epoch, value=0.0):
         if self.ring_full:
             return False
         self.commands.append((kind, epoch, value))
-        if kind == pb.STOP:
-            if self.state in (ExecutorState.RUN, ExecutorState.PAUSED):
-                self.cause = int(value) or int(Cause.STOP_REQUESTED)
-                self.state, self.dq, self._spline = ExecutorState.HOLD, np.zeros(DOF), None
-                self.epoch += 1
-                self._event(EventKind.STOP_BEGUN, cause=self.cause, plan_id=self.plan_id)
-            return True
-        if epoch != self.epoch:
-            self._event(EventKind.REJECTED, cause=Refusal.STALE)
-            return True
-        match kind:
-            case pb.ARM:
-                self.epoch += 1
-                self.state = ExecutorState.FAULT if self.refuses_arm else ExecutorState.HOLD
-                self.cause = int(Cause.ARMING_TIMEOUT) if self.refuses_arm else 0
-            case pb.SET_SPEED:
-                self.speed = value
-            case pb.DISARM | pb.RESET:
-                self.state = ExecutorState.DISARMED
-            case pb.PAUSE:
-                self.state = ExecutorState.PAUSED
-            case pb.RESUME:
-                self.state = ExecutorState.RUN
-            case _ if kind == QUIT:
-                self.alive = False
-        return True
-
-    @atomic
-    def advance(self, ticks: int) -> None:
-        for _ in range(ticks):
-            self.tick += 1
-            if self.state == ExecutorState.RUN and self._spline is not None:
-                self.plan_t = min(round(self.plan_t + 1e-3, 9), self._spline.duration_s)
-                now = sample(self._spline, np.array([self.plan_t]))
-                self.q, self.dq = now.q[0], now.dq[0]
-                if self.plan_t >= self._spline.duration_s:
-                    self.state, self.plan_done, self._spline = ExecutorState.HOLD, True, None
-                    self._event(EventKind.PLAN_DONE, plan_id=self.plan_id)
-            self._record()
-
-    def _record(self) -> None:
-        record = np.zeros((), RECORD)
-        for name, value in (
-            ("tick", self.tick),
-            ("stamp_ns", self.tick * 1_000_000),
-            ("state", self.state),
-            ("cause", self.cause),
-            ("plan_id", self.plan_id),
-            ("plan_t", self.plan_t),
-            ("speed_scale", 1.0),
-            ("q_ref", self.q),
-            ("dq_ref", self.dq),
-            ("q_meas", self.q + 1e-4),
-            ("dq_meas", self.dq),
-            ("tau_meas", np.full(DOF, 2.5)),
-        ):
-            record[name] = value
-        self._records.append(record)
-
-    def _event(self, kind, cause=0, plan_id=0, joint=-1, value=0.0, limit=0.0):
-        event = np.zeros((), EVENT)
-        event["tick"], event["stamp_ns"] = self.tick, self.tick * 1_000_000
-        event["kind"], event["state"], event["cause"] = kind, self.state, cause
-        event["plan_id"], event["joint"], event["value"], event["limit"] = plan_id, joint, value, limit
-        self._events.append(event)
+        return self._shared.command(kind, epoch, value)
 
     @atomic
     def records(self, max_records=8192):
-        taken, self._records = self._records[:max_records], self._records[max_records:]
-        return np.array(taken, RECORD)
+        return self._shared.records(max_records)
 
     @atomic
     def events(self, max_events=1024):
-        taken, self._events = self._events[:max_events], self._events[max_events:]
-        return np.array(taken, EVENT)
+        return self._shared.events(max_events)
 
     @atomic
     def snapshot(self):
-        return SimpleNamespace(
-            alive=self.alive,
-            state=int(self.state),
-            cause=int(self.cause),
-            cause_joint=-1,
-            cause_value=0.0,
-            cause_limit=0.0,
-            tick=self.tick,
-            stamp_ns=self.tick * 1_000_000,
-            epoch=self.epoch,
-            plan_id=self.plan_id,
-            plan_t=self.plan_t,
-            plan_done=self.plan_done,
-            speed_scale=self.speed,
-            q_ref=self.q.copy(),
-            dq_ref=self.dq.copy(),
-            ddq_ref=np.zeros(DOF),
-            q_meas=self.q + 1e-4,
-            dq_meas=self.dq.copy(),
-            tau_meas=np.full(DOF, 2.5),
-            drive_state=np.full(DOF, 4, np.uint8),
-            feedback_age=np.zeros(DOF, np.uint32),
-            overruns=0,
-            missed=0,
-            tx_failed=0,
-            crc_errors=0,
-            realtime=False,
-            bus_load_computed=0.68,
-        )
+        return self._shared.snapshot()
 
 
 @pytest.fixture(scope="session")
@@ -226,7 +156,7 @@ def admission(arm):
 
 @pytest.fixture
 def core(arm):
-    return FakeCore(arm.q_home)
+    return SteppedCore(arm)
 
 
 @pytest.fixture(scope="session")

@@ -1,9 +1,8 @@
-"""What reaches the core and what does not, with a core that plays plans perfectly."""
+"""What reaches the core and what does not; the core is the native one, in virtual time."""
 
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,6 +12,7 @@ import pytest
 from s2r_executor.config import load_config
 from s2r_executor.front_end import FrontEnd
 from s2r_executor.plan import CommandRefusedError
+from s2r_executor.quintic import sample, spline_through
 from s2r_protocol.codec import Address
 from s2r_protocol.faults import Cause, ExecutorState, Refusal
 from s2r_protocol.proto import s2r_pb2 as pb
@@ -38,10 +38,27 @@ class NoRecorder:
 def rig(arm, core):
     clock = SimpleNamespace(now=100.0)
     recorder = NoRecorder()
-    front_end = FrontEnd(
-        arm, load_config(overrides={"bus": "can:none"}), core, recorder, now_s=lambda: clock.now
+    return make_rig(arm, core, clock=clock, recorder=recorder)
+
+
+def make_rig(arm, core, speed_cap=1.0, **parts):
+    """A front end whose waiting moves the core's time and its own watch loop."""
+    rig = SimpleNamespace(core=core, seq=0, **{"clock": SimpleNamespace(now=100.0), **parts})
+
+    def idle():
+        core.advance()
+        rig.front_end.step()
+
+    rig.front_end = FrontEnd(
+        arm,
+        load_config(overrides={"bus": "can:none"}),
+        core,
+        parts.get("recorder", NoRecorder()),
+        now_s=lambda: rig.clock.now,
+        idle=idle,
+        speed_cap=speed_cap,
     )
-    return SimpleNamespace(front_end=front_end, core=core, clock=clock, recorder=recorder, seq=0)
+    return rig
 
 
 def address(rig, sender="host:1", **changes):
@@ -99,10 +116,12 @@ def test_a_stop_needs_neither_lease_nor_epoch_nor_process(rig, smooth_plan):
     armed(rig)
     rig.front_end.plan(address(rig), smooth_plan(), b"")
     epoch = rig.core.epoch
+    rig.core.advance(700)
     accepted = rig.front_end.control(Address(sender="anybody"), pb.STOP, 0.0)
-    assert rig.core.state == ExecutorState.HOLD
+    assert rig.core.state == ExecutorState.STOPPING
     assert rig.core.cause == Cause.STOP_REQUESTED
     assert accepted.epoch == epoch + 1
+    rig.core.until(ExecutorState.HOLD)
 
 
 def test_after_a_stop_old_epochs_are_refused_until_the_sender_catches_up(rig, smooth_plan):
@@ -110,6 +129,7 @@ def test_after_a_stop_old_epochs_are_refused_until_the_sender_catches_up(rig, sm
     rig.front_end.plan(address(rig), smooth_plan(), b"")
     late = address(rig)
     rig.front_end.stop(Cause.STOP_REQUESTED)
+    rig.core.until(ExecutorState.HOLD)
     assert code_of(rig.front_end.plan, late, smooth_plan(start=rig.core.q), b"") is Refusal.STALE
     rig.front_end.plan(address(rig), smooth_plan(start=rig.core.q), b"")
 
@@ -152,10 +172,9 @@ def test_a_plan_the_core_refuses_is_reported_with_its_code_and_not_recorded(rig,
     submit = rig.core.submit_plan
 
     def outdated(plan_id, epoch, *rest, **more):
-        rig.core.epoch += 1  # a stop inside the core, after the front end looked
-        result = submit(plan_id, epoch, *rest, **more)
-        rig.front_end.step()
-        return result
+        rig.core.command(pb.STOP, epoch)  # after the front end looked
+        rig.core.advance()
+        return submit(plan_id, epoch, *rest, **more)
 
     monkeypatch.setattr(rig.core, "submit_plan", outdated)
     assert code_of(rig.front_end.plan, address(rig), smooth_plan(), b"") is Refusal.STALE
@@ -171,9 +190,20 @@ def test_a_full_ring_is_an_error_and_not_a_silent_loss(rig, smooth_plan):
 
 def test_a_dead_core_is_said_so(rig):
     armed(rig)
-    rig.core.alive = False
+    rig.core.die()
     assert code_of(rig.front_end.control, address(rig), pb.DISARM, 0.0) is Refusal.STATE
     assert "not running" in rig.front_end.status().why_not_moving
+
+
+def bring_to(rig, state, smooth_plan):
+    """From HOLD to the state, by whatever leads there."""
+    if state == ExecutorState.DISARMED:
+        rig.front_end.control(address(rig), pb.DISARM, 0.0)
+    elif state == ExecutorState.RUN:
+        rig.front_end.plan(address(rig), smooth_plan(), b"")
+    elif state == ExecutorState.FAULT:
+        rig.core.drives[0].brake_released, rig.core.drives[0].brake_stuck = False, False
+        rig.core.until(ExecutorState.FAULT)
 
 
 @pytest.mark.parametrize(
@@ -188,9 +218,10 @@ def test_a_dead_core_is_said_so(rig):
         (pb.DISARM, ExecutorState.RUN),
     ],
 )
-def test_commands_are_refused_in_states_where_they_mean_nothing(rig, kind, state):
+def test_commands_are_refused_in_states_where_they_mean_nothing(rig, smooth_plan, kind, state):
     armed(rig)
-    rig.core.state = state
+    bring_to(rig, state, smooth_plan)
+    assert rig.core.state == state
     before = list(rig.core.commands)
     assert code_of(rig.front_end.control, address(rig), kind, 0.5) is Refusal.STATE
     assert rig.core.commands == before
@@ -212,14 +243,15 @@ def test_speed_scale_is_above_zero_and_at_most_one(rig, value, good):
     if good:
         rig.front_end.control(address(rig), pb.SET_SPEED, value)
         assert rig.core.commands[-1][0] == pb.SET_SPEED
+        assert rig.core.speed_set == value
     else:
         assert code_of(rig.front_end.control, address(rig), pb.SET_SPEED, value) is Refusal.VELOCITY
 
 
 def test_arming_that_ends_in_a_fault_is_refused_with_the_reason(rig):
-    rig.core.refuses_arm = True
+    rig.core.drives[1].brake_stuck = False
     rig.front_end.lease(address(rig), release=False)
-    with pytest.raises(CommandRefusedError, match=r"did not reach 'operation enabled'"):
+    with pytest.raises(CommandRefusedError, match=r"ARM ended in FAULT instead of HOLD.*'joint2': a brake"):
         rig.front_end.control(address(rig), pb.ARM, 0.0)
 
 
@@ -239,8 +271,9 @@ def test_silence_of_the_holder_stops_the_arm_once_with_its_cause(rig, smooth_pla
     assert rig.core.state == ExecutorState.RUN
     rig.clock.now += 0.002
     rig.front_end.step()
+    rig.core.advance()
     rig.front_end.step()
-    assert rig.core.state == ExecutorState.HOLD
+    rig.core.until(ExecutorState.HOLD)
     assert rig.core.cause == Cause.HOST_LOST
     assert [c for c in rig.core.commands if c[0] == pb.STOP] == [(pb.STOP, 2, float(Cause.HOST_LOST))]
 
@@ -266,7 +299,8 @@ def test_giving_the_lease_back_in_motion_stops_the_arm(rig, smooth_plan):
     armed(rig)
     rig.front_end.plan(address(rig), smooth_plan(), b"")
     rig.front_end.lease(address(rig), release=True)
-    assert rig.core.state == ExecutorState.HOLD
+    rig.core.advance()
+    rig.core.until(ExecutorState.HOLD)
     assert rig.core.cause == Cause.HOST_LOST
 
 
@@ -287,22 +321,25 @@ def test_every_step_beats_the_core(rig):
 
 def test_a_stop_does_not_wait_for_a_slow_admission(rig, smooth_plan, monkeypatch):
     armed(rig)
+    who = address(rig)
+    rig.front_end.plan(who, smooth_plan(), b"")
     entered, leave = threading.Event(), threading.Event()
 
-    def stuck(request, q_ref):
+    def stuck(request, start):
         entered.set()
         assert leave.wait(10)
         raise CommandRefusedError(Refusal.TIME, "stuck")
 
-    monkeypatch.setattr(rig.front_end._admission, "admit", stuck)
+    monkeypatch.setattr(rig.front_end._admission, "admit_splice", stuck)
+    next_plan = smooth_plan(parent_seq=who.seq, splice_t=1.0)
     worker = threading.Thread(
-        target=lambda: code_of(rig.front_end.plan, address(rig), smooth_plan(), b""), daemon=True
+        target=lambda: code_of(rig.front_end.plan, address(rig), next_plan, b""), daemon=True
     )
     worker.start()
     assert entered.wait(10)
-    rig.core.state = ExecutorState.RUN
     rig.front_end.control(Address(sender="anybody"), pb.STOP, 0.0)
-    assert rig.core.state == ExecutorState.HOLD
+    assert rig.core.cause == Cause.STOP_REQUESTED
+    assert rig.core.state in (ExecutorState.STOPPING, ExecutorState.HOLD)
     leave.set()
     worker.join(10)
 
@@ -310,10 +347,16 @@ def test_a_stop_does_not_wait_for_a_slow_admission(rig, smooth_plan, monkeypatch
 def test_shut_down_stops_on_the_path_and_disarms(rig, smooth_plan):
     armed(rig)
     rig.front_end.plan(address(rig), smooth_plan(), b"")
-    started = time.monotonic()
-    assert rig.front_end.shut_down(timeout_s=5.0)
-    assert time.monotonic() - started < 4.0
+    rig.core.advance(700)
+    assert rig.front_end.shut_down()
     assert rig.core.state == ExecutorState.DISARMED
+
+
+def test_shut_down_with_a_brake_that_does_not_close_says_so_and_keeps_the_power(rig):
+    armed(rig)
+    rig.core.drives[1].brake_stuck = True
+    assert not rig.front_end.shut_down()
+    assert rig.core.state == ExecutorState.HOLD
 
 
 def test_addresses_for_another_arm_are_refused_before_anything_else(rig, smooth_plan):
@@ -328,35 +371,143 @@ def test_addresses_for_another_arm_are_refused_before_anything_else(rig, smooth_
         assert code_of(call, wrong, *rest) is Refusal.MODEL
 
 
-def capped(arm, core, cap):
-    config = load_config(overrides={"bus": "can:none"})
-    front_end = FrontEnd(arm, config, core, NoRecorder(), speed_cap=cap)
-    return SimpleNamespace(front_end=front_end, core=core, seq=0)
-
-
 def test_a_degraded_machine_is_capped_before_any_plan_can_start(arm, core):
-    armed(capped(arm, core, 0.25))
-    assert core.speed == 0.25
+    armed(make_rig(arm, core, speed_cap=0.25))
+    assert core.speed_set == 0.25
     kinds = [kind for kind, _, _ in core.commands]
     assert kinds == [pb.ARM, pb.SET_SPEED]
 
 
 def test_a_speed_above_the_cap_is_refused_and_below_it_taken(arm, core):
-    rig = armed(capped(arm, core, 0.25))
+    rig = armed(make_rig(arm, core, speed_cap=0.25))
     with pytest.raises(
         CommandRefusedError, match=r"0\.26 is outside \(0, 0\.25\]; this machine allows no more"
     ):
         rig.front_end.control(address(rig), pb.SET_SPEED, 0.26)
     rig.front_end.control(address(rig), pb.SET_SPEED, 0.2)
-    assert core.speed == 0.2
+    assert core.speed_set == 0.2
+
+
+def losing(rig, monkeypatch, kind):
+    """Commands of this kind never reach the core."""
+    command = rig.core.command
+    monkeypatch.setattr(rig.core, "command", lambda k, *rest: k == kind or command(k, *rest))
 
 
 def test_a_core_that_does_not_take_the_cap_is_disarmed_again(arm, core, monkeypatch):
-    rig = capped(arm, core, 0.25)
-    taken = core.command
-    monkeypatch.setattr(core, "command", lambda kind, *rest: kind == pb.SET_SPEED or taken(kind, *rest))
-    monkeypatch.setattr("s2r_executor.front_end._ANSWER_WITHIN_S", 0.01)
+    rig = make_rig(arm, core, speed_cap=0.25)
+    losing(rig, monkeypatch, pb.SET_SPEED)
     rig.front_end.lease(address(rig), release=False)
     with pytest.raises(CommandRefusedError, match="did not take the speed cap"):
         rig.front_end.control(address(rig), pb.ARM, 0.0)
-    assert core.state == ExecutorState.DISARMED
+    core.advance()
+    core.until(ExecutorState.DISARMED)
+
+
+# -- whether the core followed ------------------------------------------------------------------------
+
+
+def running(rig, smooth_plan, ticks=700):
+    """In the middle of a plan; returns it and its number."""
+    armed(rig)
+    who, plan = address(rig), smooth_plan()
+    rig.front_end.plan(who, plan, b"")
+    rig.core.advance(ticks)
+    return plan, who.seq
+
+
+def test_pause_is_answered_when_the_arm_stands_and_resume_when_it_goes_on(rig, smooth_plan):
+    running(rig, smooth_plan)
+    rig.front_end.control(address(rig), pb.PAUSE, 0.0)
+    assert rig.core.state == ExecutorState.PAUSED
+    rig.front_end.control(address(rig), pb.RESUME, 0.0)
+    assert rig.core.state == ExecutorState.RUN
+    rig.core.until(ExecutorState.HOLD)
+    assert rig.core.plan_done
+
+
+def test_a_pause_shortly_before_the_end_lets_the_plan_end(rig, smooth_plan):
+    running(rig, smooth_plan, ticks=1997)
+    rig.front_end.control(address(rig), pb.PAUSE, 0.0)
+    assert (rig.core.state, rig.core.plan_done) == (ExecutorState.HOLD, True)
+
+
+def test_a_speed_is_answered_when_the_core_has_taken_it(rig, smooth_plan):
+    running(rig, smooth_plan)
+    rig.front_end.control(address(rig), pb.SET_SPEED, 0.5)
+    assert rig.core.speed_set == 0.5
+
+
+@pytest.mark.parametrize("kind", [pb.PAUSE, pb.SET_SPEED])
+def test_a_command_the_core_never_sees_is_not_called_accepted(rig, smooth_plan, monkeypatch, kind):
+    running(rig, smooth_plan)
+    losing(rig, monkeypatch, kind)
+    monkeypatch.setattr(rig.front_end, "_wait", lambda done, limit_s: done(rig.core.snapshot()))
+    assert code_of(rig.front_end.control, address(rig), kind, 0.5) is Refusal.INTERNAL
+
+
+@pytest.mark.parametrize("kind", [pb.PAUSE, pb.SET_SPEED])
+def test_a_command_that_the_core_refuses_is_refused_with_its_code(rig, smooth_plan, monkeypatch, kind):
+    running(rig, smooth_plan)
+    command = rig.core.command
+    monkeypatch.setattr(rig.core, "command", lambda k, epoch, value=0.0: command(k, epoch - 1, value))
+    assert code_of(rig.front_end.control, address(rig), kind, 0.5) is Refusal.STALE
+
+
+def test_a_pause_that_a_stop_overtakes_is_not_called_accepted(rig, smooth_plan, monkeypatch):
+    running(rig, smooth_plan)
+    command = rig.core.command
+    monkeypatch.setattr(
+        rig.core, "command", lambda *order: command(*order) and command(pb.STOP, rig.core.epoch)
+    )
+    with pytest.raises(CommandRefusedError, match="PAUSE ended in STOPPING instead of PAUSED"):
+        rig.front_end.control(address(rig), pb.PAUSE, 0.0)
+
+
+def test_a_second_stop_while_the_arm_comes_to_rest_is_answered_at_once(rig, smooth_plan):
+    running(rig, smooth_plan)
+    first = rig.front_end.stop(Cause.STOP_REQUESTED)
+    tick = rig.core.tick
+    assert rig.front_end.stop(Cause.STOP_REQUESTED) == first
+    assert rig.core.tick == tick
+    assert rig.core.state == ExecutorState.STOPPING
+
+
+def test_a_stop_to_a_dead_core_is_not_called_accepted(rig, smooth_plan):
+    running(rig, smooth_plan)
+    rig.core.die()
+    with pytest.raises(CommandRefusedError, match="core is not running"):
+        rig.front_end.control(Address(sender="anybody"), pb.STOP, 0.0)
+
+
+def test_a_stop_the_core_never_sees_is_not_called_accepted(rig, smooth_plan, monkeypatch):
+    running(rig, smooth_plan)
+    losing(rig, monkeypatch, pb.STOP)
+    monkeypatch.setattr("s2r_executor.front_end._STOP_WITHIN_S", 0.05)
+    assert code_of(rig.front_end.stop, Cause.STOP_REQUESTED) is Refusal.INTERNAL
+
+
+def continuation(plan, seq, splice_t):
+    """The rest of a plan, as a plan of its own that takes over from it."""
+    spline = spline_through(plan.t, plan.q, plan.dq, plan.ddq)
+    at = sample(spline, np.linspace(splice_t, plan.t[-1], 12))
+    return replace(plan, t=at.t - splice_t, q=at.q, dq=at.dq, ddq=at.ddq, parent_seq=seq, splice_t=splice_t)
+
+
+def test_plans_that_the_core_refused_leave_the_running_one_to_be_spliced(rig, smooth_plan, monkeypatch):
+    plan, seq = running(rig, smooth_plan, ticks=200)
+    admit = rig.front_end._admission.admit_splice
+
+    def slowly(*arguments):
+        admitted = admit(*arguments)
+        rig.core.advance(100)  # the splice point passes meanwhile
+        return admitted
+
+    monkeypatch.setattr(rig.front_end._admission, "admit_splice", slowly)
+    for _ in range(5):
+        late = continuation(plan, seq, rig.core.plan_t + 0.06)
+        assert code_of(rig.front_end.plan, address(rig), late, b"") is Refusal.LATE
+    monkeypatch.undo()
+    rig.front_end.plan(address(rig), continuation(plan, seq, 1.5), b"")
+    rig.core.until(ExecutorState.HOLD)
+    assert (rig.core.plan_id, rig.core.plan_done) == (7, True)
