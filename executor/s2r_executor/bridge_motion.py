@@ -103,7 +103,11 @@ def _motion(
     wanted.max_jerk = (_JERK_HEADROOM * limits.dddq_max).tolist()
     wanted.minimum_duration = duration_s
     motion = ruckig.Trajectory(dof)
-    if ruckig.Ruckig(dof).calculate(wanted, motion) not in (ruckig.Result.Working, ruckig.Result.Finished):
+    try:
+        verdict = ruckig.Ruckig(dof).calculate(wanted, motion)
+    except ruckig.RuckigError:  # one of the two states is outside the limits by itself
+        return None
+    if verdict not in (ruckig.Result.Working, ruckig.Result.Finished):
         return None
     if motion.duration > _LONGEST * duration_s:
         return None

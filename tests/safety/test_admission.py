@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from s2r_executor.admission import Admission
-from s2r_executor.bridge_motion import PathState
+from s2r_executor.bridge_motion import PathState, bridge
 from s2r_executor.checks.bounds import check_bounds
 from s2r_executor.config import AdmissionConfig, BoxZone
 from s2r_executor.plan import CommandRefusedError, PlanRequest
@@ -227,6 +227,30 @@ def test_a_splice_that_misses_the_running_plan_gets_a_bridge_inside_the_limits(o
         (dense.dddq, limits.dddq_max),
     ):
         assert (np.abs(values) <= limit * (1 + 1e-6)).all()
+
+
+def fast_plan(shares, t=(0.0, 0.2, 0.4, 0.8)):
+    """The first joint at these shares of its velocity limit."""
+    speeds = np.outer(shares, one_joint(0, ADMISSION._arm.limits.dq_max[0]))
+    q = Q + np.vstack([np.zeros(7), np.cumsum(np.diff(t)[:, None] * (speeds[1:] + speeds[:-1]) / 2, axis=0)])
+    return PlanRequest(NAMES, np.array(t), q, speeds, 0.0 * q, parent_seq=1, splice_t=0.5)
+
+
+def test_a_bridge_joins_later_where_the_plan_is_too_fast_to_be_joined_sooner():
+    plan = fast_plan((0.8, 0.95, 0.8, 0.0))
+    start = PathState(plan.q[0] + one_joint(0, 1e-3), plan.dq[0], plan.ddq[0])
+    joined = bridge(plan, start, ADMISSION._arm.limits, AdmissionConfig())
+    np.testing.assert_array_equal(joined.q[0], start.q)
+    assert not (joined.q == plan.q[1]).all(axis=1).any()
+    np.testing.assert_array_equal(joined.q[-1], plan.q[-1])
+
+
+def test_a_plan_that_is_too_fast_to_be_joined_anywhere_is_refused_as_a_splice():
+    plan = fast_plan((0.95, 0.95, 0.95, 0.95))
+    start = PathState(plan.q[0] + one_joint(0, 1e-3), plan.dq[0], plan.ddq[0])
+    with pytest.raises(CommandRefusedError, match="no motion inside the limits joins") as caught:
+        bridge(plan, start, ADMISSION._arm.limits, AdmissionConfig())
+    assert caught.value.code is Refusal.SPLICE
 
 
 def test_a_splice_too_far_from_the_running_plan_is_refused_with_its_numbers():
