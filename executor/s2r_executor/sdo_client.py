@@ -98,15 +98,15 @@ class SdoClient:
             SdoAbortError: The drive has no such entry.
             SdoTimeoutError: It did not answer.
         """
-        payload = self._ask(node, sdo.pack_head(sdo.UPLOAD, index, subindex))
-        command, _, _, data = self._checked(node, payload, index, subindex)
+        payload = self._ask(node, sdo.pack_head(sdo.UPLOAD, index, subindex), sdo.UPLOAD, index, subindex)
+        command, _, _, data = sdo.unpack_head(payload)
         value = sdo.expedited(command, data)
         if value is not None:
             return value
         (size,), value, toggle, last = struct.unpack("<I", data), b"", 0, False
         while not last:
-            payload = self._ask(node, bytes([sdo.UPLOAD_SEGMENT | toggle]).ljust(8, b"\0"))
-            self._checked(node, payload, index, subindex)
+            request = bytes([sdo.UPLOAD_SEGMENT | toggle]).ljust(8, b"\0")
+            payload = self._ask(node, request, toggle, index, subindex)
             part, last = sdo.segment_part(payload)
             value += part
             toggle ^= sdo.TOGGLE
@@ -128,20 +128,26 @@ class SdoClient:
                     found[node] = found.get(node, 0) + 1
         return found
 
-    def _ask(self, node: int, payload: bytes) -> bytes:
-        self._line.send(CanFrame(sdo.REQUEST_ID + node, payload))
+    def _ask(self, node: int, request: bytes, answer: int, index: int, subindex: int) -> bytes:
+        """Send a request and wait for its own answer: a late one to another entry is none.
+
+        Args:
+            node: Whom to ask.
+            request: Eight bytes.
+            answer: Command of the answer, as :func:`sdo.answers` takes it.
+            index: Of the entry.
+            subindex: Of the entry.
+        """
+        self._line.send(CanFrame(sdo.REQUEST_ID + node, request))
         until = time.monotonic() + self._timeout_s
         while (frame := self._line.receive(until)) is not None:
-            if frame.can_id == sdo.RESPONSE_ID + node and len(frame.data) == 8:
+            if frame.can_id != sdo.RESPONSE_ID + node or len(frame.data) != 8:
+                continue
+            if sdo.answers(frame.data, sdo.ABORT, index, subindex):
+                raise SdoAbortError(node, index, subindex, struct.unpack("<I", frame.data[4:])[0])
+            if sdo.answers(frame.data, answer, index, subindex):
                 return frame.data
         raise SdoTimeoutError(f"node {node} did not answer an SDO within {self._timeout_s:g} s")
-
-    @staticmethod
-    def _checked(node: int, payload: bytes, index: int, subindex: int) -> tuple[int, int, int, bytes]:
-        head = sdo.unpack_head(payload)
-        if head[0] == sdo.ABORT:
-            raise SdoAbortError(node, index, subindex, struct.unpack("<I", head[3])[0])
-        return head
 
 
 def _next_step(address: str) -> str:

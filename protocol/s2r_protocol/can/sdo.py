@@ -36,6 +36,16 @@ def upload_response(index: int, subindex: int, value: bytes) -> bytes:
     return pack_head(UPLOAD | 0x01, index, subindex, struct.pack("<I", len(value)))
 
 
+def answers(payload: bytes, command: int, index: int, subindex: int) -> bool:
+    """Whether this answers that entry's request: UPLOAD (its first answer), ABORT, or a segment of this toggle.
+
+    A segment carries no entry; its toggle alone tells it from the one before.
+    """
+    if command in (UPLOAD, ABORT):
+        return payload[0] & 0xE0 == command and unpack_head(payload)[1:3] == (index, subindex)
+    return payload[0] & (0xE0 | TOGGLE) == command
+
+
 def expedited(command: int, data: bytes) -> bytes | None:
     """The value in a first answer, or None if it comes in segments."""
     if not command & 0x02:
