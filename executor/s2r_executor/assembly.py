@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from contextlib import ExitStack
 from types import TracebackType
 
 from s2r_executor.bridge import Bridge, software_name
@@ -72,7 +73,8 @@ class Executor:
         self.front_end: FrontEnd | None = None
         self.bridge: Bridge | None = None
         self._watcher.start()
-        try:
+        with ExitStack() as undo:  # nothing stays when an address is taken
+            undo.callback(self._end_watch)
             self.recorder = Recorder(
                 config.record,
                 arm,
@@ -92,12 +94,11 @@ class Executor:
                 },
                 config.publish_period_s,
             )
+            undo.callback(self.recorder.close)
             front_end = FrontEnd(arm, config, core, self.recorder, speed_cap=self.preflight.speed_cap)
             self.bridge = Bridge(front_end, encoder, config)
             self.front_end = front_end
-        except BaseException:
-            self._end_watch()
-            raise
+            undo.pop_all()
 
     def _watch(self) -> None:
         """Beats, host watch, records. Its death is the front end's death: the core then stops the arm by itself."""
@@ -140,9 +141,11 @@ class Executor:
 
         Raises:
             CoreDiedError: The core ended by itself.
-            NotReadyError: The watch loop failed.
+            NotReadyError: The watch loop or the publishing thread failed.
         """
         self.process.check()
+        if self.bridge is not None:
+            self.bridge.check()
         if not self._heard:
             self._listen_for_drives()
         if self._failure is not None:

@@ -23,6 +23,7 @@ from s2r_executor.observations import EVENTS, PLAN, TIMING, TOPICS, Encoder, Top
 from s2r_executor.plan import CommandRefusedError, PlanRequest
 from s2r_executor.status import ExecutorStatus
 from s2r_protocol import codec, session
+from s2r_protocol.exits import NotReadyError
 from s2r_protocol.faults import Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
@@ -69,6 +70,7 @@ class Bridge:
         self._commands = ThreadPoolExecutor(max_workers=1, thread_name_prefix="s2r-command")
         self._last_refusal_s = 0.0
         self._ended = threading.Event()
+        self._failure: Exception | None = None  # of the publishing thread
         self._publish_lock = threading.Lock()
         self._session = session.listen(config.listen, Role.EXECUTOR, self._keys, config.tls)
         try:
@@ -88,7 +90,7 @@ class Bridge:
         except BaseException:
             self._session.close()
             raise
-        self._publishing = threading.Thread(target=self._publish_loop, name="s2r-publish", daemon=True)
+        self._publishing = threading.Thread(target=self._publish_until_ended, name="s2r-publish", daemon=True)
         self._publishing.start()
 
     # -- observations -------------------------------------------------------------------------------
@@ -106,6 +108,24 @@ class Bridge:
         with self._publish_lock:
             if not self._ended.is_set():
                 self._publishers[topic].put(message, stamp_ns)
+
+    def check(self) -> None:
+        """Look after the publishing thread.
+
+        Raises:
+            NotReadyError: It ended by itself: nobody sees this executor any more.
+        """
+        if self._failure is not None:
+            raise NotReadyError(
+                f"the executor publishes no more: {self._failure}; restart it"
+            ) from self._failure
+
+    def _publish_until_ended(self) -> None:
+        try:
+            self._publish_loop()
+        except Exception as error:
+            logger.exception("publishing failed")
+            self._failure = error
 
     def _publish_loop(self) -> None:
         timing_at_s = 0.0

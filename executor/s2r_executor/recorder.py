@@ -31,6 +31,7 @@ logger = logging.getLogger(__name__)
 
 _QUEUE_BATCHES = 4096
 _CLOSE_TIMEOUT_S = 20.0
+_KILLED_WITHIN_S = 2.0
 _RESTART_S = 1.0
 _RECOVER = "what was written can be mended with 's2r log recover'"
 
@@ -90,6 +91,7 @@ class Recorder:
         self._lock = threading.Lock()
         self._state = _State()
         self._queue: queue.Queue[Frame | None] = queue.Queue(_QUEUE_BATCHES)
+        self._given_up = threading.Event()  # the writer was killed at the end: no other one is started
         self._thread: threading.Thread | None = None
         self._process: subprocess.Popen[bytes] | None = None
         if directory is None:
@@ -157,21 +159,44 @@ class Recorder:
         return known or RecordingAnswer(False, f"no plan {plan_seq} ran since the executor started")
 
     def close(self) -> None:
-        """Finish all files and end the writer."""
+        """Finish all files and end the writer; one that hangs is killed first."""
         if self._thread is None:
             return
-        self._queue.put(None)
-        self._thread.join()
-        assert self._process is not None
-        try:
-            self._process.wait(_CLOSE_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
+        if not self._finish(time.monotonic() + _CLOSE_TIMEOUT_S):
             logger.error("recorder did not finish within %.0f s and is ended; %s", _CLOSE_TIMEOUT_S, _RECOVER)
-            self._process.kill()
-            self._process.wait()
-        self._listener.join()
+            self._end_writer()
+        self._listener.join(_KILLED_WITHIN_S)
         self._connection.close()
         self._thread = None
+
+    def _finish(self, until_s: float) -> bool:
+        """Let the writer take everything and end; False if it has not by then (monotonic clock)."""
+        assert self._thread is not None
+        assert self._process is not None
+        try:
+            self._queue.put(None, timeout=_left(until_s))
+            self._thread.join(_left(until_s))
+            self._process.wait(_left(until_s))
+        except (queue.Full, subprocess.TimeoutExpired):
+            return False
+        return True
+
+    def _end_writer(self) -> None:
+        """Kill the writer: a send that waits for it ends as well, and the rest of the queue is dropped."""
+        assert self._thread is not None
+        assert self._process is not None
+        self._given_up.set()
+        self._process.kill()
+        try:
+            self._connection.shutdown(socket.SHUT_RDWR)  # a process in a disk's hands outlives its kill
+        except OSError:
+            logger.debug("the connection to the recorder had ended")
+        try:
+            self._queue.put(None, timeout=_KILLED_WITHIN_S)
+            self._thread.join(_KILLED_WITHIN_S)
+            self._process.wait(_KILLED_WITHIN_S)
+        except (queue.Full, subprocess.TimeoutExpired):
+            logger.error("the recorder's process hangs in the kernel and is left behind; is the disk gone?")
 
     def _put(self, frame: Frame) -> None:
         if self._thread is None:
@@ -208,7 +233,8 @@ class Recorder:
     def _send_all(self) -> None:
         broken_at_s: float | None = None
         while (frame := self._queue.get()) is not None:
-            if broken_at_s is not None and time.monotonic() - broken_at_s > _RESTART_S:
+            waited = broken_at_s is not None and time.monotonic() - broken_at_s > _RESTART_S
+            if waited and not self._given_up.is_set():
                 self._connection = self._start_writer()
                 broken_at_s = None
             if broken_at_s is None:
@@ -261,3 +287,8 @@ class Recorder:
                             state.answers[seq] = RecordingAnswer(False, f"not recorded: {said['reason']}")
         if said["kind"] == "failed":
             logger.error("recording failed: %s; motion goes on without it", said["reason"])
+
+
+def _left(until_s: float) -> float:
+    """Time left on the monotonic clock [s]."""
+    return max(0.0, until_s - time.monotonic())

@@ -27,18 +27,18 @@ from s2r_protocol.ros2 import topic_key, unpack
 KEYS = ArmKeys("lab", "xmate3pro")
 
 
-def load_fake_core():
+def load_stepped_core():
     """The core of the unit tests; test folders are no packages."""
     import importlib.util
     from pathlib import Path
 
     path = Path(__file__).parents[1] / "unit" / "executor" / "conftest.py"
-    spec = importlib.util.spec_from_file_location("executor_fakes", path)
+    spec = importlib.util.spec_from_file_location("executor_fixtures", path)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
     assert spec.loader is not None
     spec.loader.exec_module(module)
-    return module.FakeCore
+    return module.SteppedCore
 
 
 def free_port():
@@ -52,7 +52,7 @@ def rig(tmp_path):
     arm = load_arm("xmate3pro")
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = load_config(overrides={"bus": "unix:none", "listen": [endpoint], "host_timeout_s": 5.0})
-    core = load_fake_core()(arm.q_home)
+    core = load_stepped_core()(arm)
     encoder = Encoder(arm, Timeline(0, 1_000_000, stepped=True))
     recorder = Recorder(tmp_path, arm, "/lab/xmate3pro", encoder, config.recorder, {})
     front_end = FrontEnd(arm, config, core, recorder)
@@ -62,13 +62,14 @@ def rig(tmp_path):
 
     def watch():
         while not ended.wait(0.002):
-            if core.state == ExecutorState.RUN:
-                core.advance(20)
+            core.advance(20)
             bridge.publish_events(front_end.step())
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
-    yield SimpleNamespace(arm=arm, core=core, front_end=front_end, session=session, seq=0, endpoint=endpoint)
+    yield SimpleNamespace(
+        arm=arm, core=core, front_end=front_end, bridge=bridge, session=session, seq=0, endpoint=endpoint
+    )
     ended.set()
     watcher.join()
     session.close()
@@ -143,7 +144,9 @@ def test_hello_tells_arm_hashes_and_state(rig):
     assert reply.tick_ns == 1_000_000
     assert reply.host_timeout_ms == 5000
     assert reply.status.state == ExecutorState.DISARMED
-    np.testing.assert_array_equal(reply.status.q_ref, rig.core.q)
+    np.testing.assert_allclose(
+        reply.status.q_ref, rig.core.q, atol=1e-4
+    )  # unpowered, it follows the encoders
 
 
 def test_plan_runs_is_recorded_and_the_recording_comes_back(rig):
@@ -259,7 +262,7 @@ def test_stop_from_a_stranger_is_obeyed_and_a_second_host_gets_no_lease(rig):
     assert (other.granted, other.holder) == (False, "host:test")
     verdict = ask(rig, KEYS.control, pb.Control(kind=pb.STOP), pb.Verdict, sender="stop:1", epoch=0, seq=1)
     assert verdict.accepted
-    assert rig.core.state == ExecutorState.HOLD
+    wait_for(lambda: rig.core.state == ExecutorState.HOLD, "rest")
     assert verdict.epoch == rig.core.epoch
 
 
@@ -285,7 +288,7 @@ def test_observations_are_ros_messages_on_rmw_zenoh_keys_with_attachments(rig):
     wait_for(lambda: set(received) == set(names), f"topics, got {sorted(received)}")
     assert received["joint_states"][0]["name"] == list(rig.arm.joint_names)
     assert received["executor_state"][0]["lease_holder"] in ("", "host:test")
-    assert "PLAN_STARTED" in received["events"][0]["msg"]
+    assert "STATE, in ARMING" in received["events"][0]["msg"]
     assert all(len(attachment) == 33 for _, attachment in received.values())
     for subscriber in subscribers:
         subscriber.undeclare()
@@ -303,3 +306,53 @@ def test_a_second_executor_on_the_same_address_is_told_so(rig):
     config = load_config(overrides={"bus": "unix:none", "listen": [rig.endpoint]})
     with pytest.raises(NotReadyError, match="--listen"):
         Bridge(rig.front_end, Encoder(rig.arm, Timeline(0, 1, stepped=True)), config)
+
+
+def test_publishing_that_fails_is_logged_and_seen_by_whoever_looks_after_the_executor(
+    rig, monkeypatch, caplog
+):
+    from s2r_protocol.exits import NotReadyError
+
+    rig.bridge.check()
+
+    def fail(status):
+        raise zenoh.ZError("the session is gone")
+
+    monkeypatch.setattr(rig.bridge._encoder, "snapshot", fail)
+    rig.bridge._publishing.join(60)
+    with pytest.raises(NotReadyError, match="publishes no more: the session is gone"):
+        rig.bridge.check()
+    assert "publishing failed" in caplog.text
+
+
+def test_an_executor_whose_address_is_taken_leaves_no_process_and_no_thread(rig, tmp_path, monkeypatch):
+    from s2r_executor import assembly
+    from s2r_protocol.exits import NotReadyError
+
+    class Process:
+        core = rig.core
+
+        def __init__(self, config, arm):
+            self.killed = False
+
+        def kill(self):
+            self.killed = True
+
+    writers = []
+
+    class Recorder(assembly.Recorder):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            writers.append(self)
+
+    monkeypatch.setattr(assembly, "CoreProcess", Process)
+    monkeypatch.setattr(assembly, "Recorder", Recorder)
+    before = set(threading.enumerate())
+    config = load_config(
+        overrides={"bus": "unix:none", "listen": [rig.endpoint], "record": str(tmp_path / "records")}
+    )
+    with pytest.raises(NotReadyError, match="--listen"):
+        assembly.Executor(config)
+    (recorder,) = writers
+    assert recorder._process.poll() is not None
+    assert not [t for t in set(threading.enumerate()) - before if t.name.startswith("s2r-")]

@@ -138,3 +138,16 @@ def test_the_front_ends_death_finishes_the_files(tmp_path, arm, core):
     found = read_recording(recorder.session_path)
     assert not found.damage.any
     assert found.has_index
+
+
+def test_a_writer_that_hangs_is_killed_at_the_end_and_holds_nobody_up(recorder, core, monkeypatch):
+    monkeypatch.setattr("s2r_executor.recorder._CLOSE_TIMEOUT_S", 0.5)
+    os.kill(recorder.writer_pid, signal.SIGSTOP)
+    core.advance(1000)
+    records, events = core.records(), core.events()
+    until(lambda: (recorder.feed(records, events, ""), recorder.loss.ticks > 0)[1])  # the queue is full
+    begin = time.monotonic()
+    recorder.close()
+    assert time.monotonic() - begin < 30.0
+    with pytest.raises(ProcessLookupError):
+        os.kill(recorder.writer_pid, 0)
