@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Seconds = Annotated[float, Field(ge=1e-3, le=60)]
+Tolerance = Annotated[float, Field(ge=1e-6, le=1)]
+Ticks = Annotated[int, Field(ge=1, le=1000)]
+Celsius = Annotated[int, Field(ge=1, le=255)]
 Share = Annotated[float, Field(ge=0, lt=1, allow_inf_nan=False)]
 
 STAND_IN_HOST_TIMEOUT_S = 0.5
@@ -47,9 +51,9 @@ class AdmissionConfig(_Strict):
     start_tolerance_rad: Positive = 1e-4
     rest_speed_rad_s: Positive = 1e-6
     rest_acceleration_rad_s2: Positive = 1e-4
-    min_segment_s: Positive = 1e-3
+    min_segment_s: Annotated[float, Field(ge=1e-4)] = 1e-3
     max_segment_s: Positive = 30.0
-    max_duration_s: Positive = 600.0
+    max_duration_s: Annotated[float, Field(gt=0, le=3600)] = 600.0
     max_knots: Annotated[int, Field(ge=2, le=4096)] = 4096  # the core keeps this many per plan
     torque_margin: Share = 0.1
     max_payload_kg: NotNegative = 3.0
@@ -58,46 +62,48 @@ class AdmissionConfig(_Strict):
     table_z_m: float | None = 0.0
     fingertip_table_margin_m: NotNegative = 0.005
     keep_out: tuple[BoxZone, ...] = ()
-    stop_duration_max_s: Positive = 2.0
+    stop_duration_max_s: Annotated[float, Field(gt=0, le=10)] = 2.0
     commit_horizon_s: Positive = 0.05  # a splice must lie at least so far ahead of the running plan's time
     bridge_max_rad: NotNegative = (
         0.02  # a splice that misses the running plan by more is refused, not bridged
     )
     bridge_max_rad_s: NotNegative = 0.2
-    max_path_tolerance_rad: Positive = 0.2
-    max_goal_tolerance_rad: Positive = 0.1
+    max_path_tolerance_rad: Tolerance = 0.2
+    max_goal_tolerance_rad: Tolerance = 0.1
 
 
 class CoreConfig(_Strict):
-    """Passed on to the native core."""
+    """Passed on to the native core, which checks again; it takes whatever these ranges allow."""
 
     tick_ns: dict[Literal["fd", "classic"], int] = {"fd": 1_000_000, "classic": 4_000_000}
     gate_margin: Annotated[float, Field(ge=1.0, le=1.1)] = 1.02
-    path_tolerance_rad: Positive = 0.05
-    goal_tolerance_rad: Positive = 0.02
-    goal_timeout_s: Positive = 2.0
-    feedback_warn_ticks: Annotated[int, Field(ge=1)] = 1
-    feedback_stop_ticks: Annotated[int, Field(ge=1)] = 3
-    feedback_fault_ticks: Annotated[int, Field(ge=1)] = 10
-    front_end_timeout_s: Positive = 0.1
-    answer_timeout_s: Positive = (
-        5.0  # lock-step, wall clock; on a bus that does not say when a period is over
-    )
-    arming_timeout_s: Positive = 2.0
-    realtime_priority: Annotated[int, Field(ge=0, le=99)] = 80
-    record_capacity: Annotated[int, Field(ge=1024)] = 16_384
+    path_tolerance_rad: Tolerance = 0.05
+    goal_tolerance_rad: Tolerance = 0.02
+    goal_timeout_s: Seconds = 2.0
+    feedback_warn_ticks: Ticks = 1
+    feedback_stop_ticks: Ticks = 3
+    feedback_fault_ticks: Ticks = 10
+    front_end_timeout_s: Seconds = 0.1
+    answer_timeout_s: Seconds = 5.0  # lock-step, wall clock; on a bus that does not say when a period is over
+    arming_timeout_s: Seconds = 2.0
+    realtime_priority: Annotated[int, Field(ge=0, le=98)] = 80
+    record_capacity: Annotated[int, Field(ge=1024, le=1 << 22)] = 16_384
     following_rest_share: Annotated[float, Field(ge=0.05, le=1)] = (
         0.5  # of the path tolerance, for a joint at rest
     )
-    frozen_rad: Positive = 0.004  # travel of the reference with not one count of measured motion
-    collision_share: Positive = 0.5  # of the torque limit: contact nobody planned
-    collision_ticks: Annotated[int, Field(ge=1)] = 5
-    temperature_warn_C: Annotated[int, Field(ge=1, le=255)] = 70
-    temperature_stop_C: Annotated[int, Field(ge=1, le=255)] = 85
-    warning_speed: Annotated[float, Field(gt=0, le=1)] = 0.5  # rate of path time while a drive warns
+    frozen_rad: Annotated[float, Field(ge=1e-4, le=1)] = (
+        0.004  # travel of the reference with not one count of measured motion
+    )
+    collision_share: Annotated[float, Field(ge=0.01, le=10)] = (
+        0.5  # of the torque limit: contact nobody planned
+    )
+    collision_ticks: Ticks = 5
+    temperature_warn_C: Celsius = 70
+    temperature_stop_C: Celsius = 85
+    warning_speed: Annotated[float, Field(ge=0.01, le=1)] = 0.5  # rate of path time while a drive warns
     brake_feedback: bool = True  # the drives report their brakes
-    brake_timeout_s: Positive = 0.3
-    estop_discrepancy_s: Positive = 0.05
+    brake_timeout_s: Annotated[float, Field(ge=1e-3, le=10)] = 0.3
+    estop_discrepancy_s: Annotated[float, Field(ge=1e-3, le=1)] = 0.05
 
 
 Softer = Literal["kernel", "governor", "CPUs", "RT throttling", "hypervisor", "transmit queue"]
@@ -137,7 +143,7 @@ class ExecutorConfig(_Strict):
     bus: str = "unix:/run/s2r/bus.sock"
     packing: Literal["fd", "classic"] = "fd"
     clock: Literal["real", "lockstep"] = "real"
-    pace: NotNegative = 1.0
+    pace: Annotated[float, Field(ge=0, le=1000)] = 1.0
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     tls: Path | None = None  # folder with the certificates; None: this machine only
     record: Path | None = None

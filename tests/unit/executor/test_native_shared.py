@@ -8,6 +8,11 @@ import time
 import numpy as np
 import pytest
 
+from s2r_executor.admission import SPLICE_ACCELERATION_RAD_S2, SPLICE_POSITION_RAD, SPLICE_VELOCITY_RAD_S
+from s2r_executor.config import AdmissionConfig, CoreConfig, ExecutorConfig
+from s2r_executor.core_process import core_settings
+from s2r_protocol.arms import load_arm
+
 _native = pytest.importorskip("s2r_executor._native", reason="the native core is not built")
 
 CONFIG = {
@@ -149,3 +154,44 @@ def test_records_and_events_can_be_saved_as_they_come(tmp_path):
     np.savez(tmp_path / "black-box.npz", records=shared.records(), events=shared.events())
     with np.load(tmp_path / "black-box.npz") as content:
         assert content["records"].dtype["q_ref"].shape == (2,)
+
+
+def ends(model):
+    """Every number of a section of the configuration at both ends of its range."""
+    for name, field in model.model_fields.items():
+        for bound in field.metadata:
+            for side in ("ge", "gt", "le", "lt"):
+                if (value := getattr(bound, side, None)) is not None:
+                    yield name, value
+
+
+ORDERED = (
+    ("feedback_warn_ticks", "feedback_stop_ticks", "feedback_fault_ticks"),
+    ("temperature_warn_C", "temperature_stop_C"),
+)
+
+
+@pytest.mark.parametrize(("name", "value"), ends(CoreConfig))
+def test_what_the_configuration_takes_the_core_takes(name, value):
+    together = next((names for names in ORDERED if name in names), (name,))
+    config = CoreConfig(**dict.fromkeys(together, value))
+    settings = core_settings(ExecutorConfig(core=config, bus="unix:/nowhere.sock"), load_arm("xmate3pro"))
+    _native.Shared.create(settings)
+
+
+@pytest.mark.parametrize("name", CoreConfig.model_fields)
+def test_every_number_of_the_core_has_both_ends(name):
+    if CoreConfig.model_fields[name].annotation in (int, float):
+        assert len([1 for other, _ in ends(CoreConfig) if other == name]) == 2
+
+
+def test_admission_and_core_hold_the_same_numbers():
+    assert SPLICE_POSITION_RAD == _native.SPLICE_POSITION_RAD
+    assert SPLICE_VELOCITY_RAD_S == _native.SPLICE_VELOCITY_RAD_S
+    assert SPLICE_ACCELERATION_RAD_S2 == _native.SPLICE_ACCELERATION_RAD_S2
+    assert AdmissionConfig().start_tolerance_rad == _native.START_TOLERANCE_RAD
+    limits = dict(ends(AdmissionConfig))  # the last of each: the upper end where there are two
+    assert limits["stop_duration_max_s"] == _native.MAX_STOP_S
+    assert limits["max_duration_s"] == _native.MAX_DURATION_S
+    assert limits["min_segment_s"] == _native.MIN_SEGMENT_S
+    assert limits["max_knots"] == _native.MAX_KNOTS
