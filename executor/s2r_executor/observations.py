@@ -26,7 +26,7 @@ LOG = "rcl_interfaces/msg/Log"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 TICK_TIMING = "s2r_msgs/msg/TickTiming"
 
-_DEBUG, _INFO, _WARN, _ERROR = 10, 20, 30, 40
+_INFO, _WARN, _ERROR = 20, 30, 40
 _LEVEL = {
     EventKind.STATE: _INFO,
     EventKind.PLAN_STARTED: _INFO,

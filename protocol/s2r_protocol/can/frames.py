@@ -18,7 +18,6 @@ CAN_ERR_FLAG = 0x2000_0000  # error message from the controller, never on the wi
 CAN_SFF_MASK = 0x0000_07FF
 CAN_EFF_MASK = 0x1FFF_FFFF
 CANFD_BRS = 0x01  # data phase at the higher bit rate
-CANFD_ESI = 0x02  # the sender is error passive
 CANFD_FDF = 0x04  # marks CAN FD; set by newer kernels
 
 # linux/can/error.h: error class in the identifier, detail in data[1] (controller).

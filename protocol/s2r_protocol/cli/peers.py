@@ -87,7 +87,6 @@ class Cell:
     bus: str
     folder: Path
     executor_process: subprocess.Popen[bytes]
-    stand_in_process: subprocess.Popen[bytes]
 
     @property
     def recordings(self) -> Path:
@@ -132,8 +131,8 @@ def stand_in_cell(
             *both,
             *executor,
         )
-        with peer("sim-arm", arm, folder) as of_arm, peer("executor", front, folder) as of_executor:
-            yield Cell(endpoint, camera, bus, folder, of_executor, of_arm)
+        with peer("sim-arm", arm, folder), peer("executor", front, folder) as of_executor:
+            yield Cell(endpoint, camera, bus, folder, of_executor)
 
 
 def _wait_until_ready(name: str, process: subprocess.Popen[bytes], ready: Path, log_path: Path) -> None:
