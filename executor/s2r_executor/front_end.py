@@ -385,12 +385,12 @@ class FrontEnd:
     def _carry_out(self, kind: int, core: CoreSnapshot, value: float) -> Accepted:
         config = self.config
         if kind == pb.ARM:
-            # From DISARMED through ARMING to HOLD or a latched fault.
+            # From DISARMED through ARMING to HOLD or a latched fault; a stop on the way makes an epoch of its own.
             self._order(
                 pb.ARM,
                 core.epoch,
                 lambda c: (
-                    c.epoch != core.epoch and c.state not in (ExecutorState.ARMING, ExecutorState.DISARMED)
+                    c.epoch > core.epoch + 1 or c.state not in (ExecutorState.DISARMED, ExecutorState.ARMING)
                 ),
                 within_s=config.core.arming_timeout_s + _ANSWER_WITHIN_S,
             )

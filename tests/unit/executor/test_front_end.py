@@ -255,6 +255,20 @@ def test_arming_that_ends_in_a_fault_is_refused_with_the_reason(rig):
         rig.front_end.control(address(rig), pb.ARM, 0.0)
 
 
+def test_arming_that_a_stop_ends_is_refused_at_once(rig, monkeypatch):
+    idle = rig.front_end._idle
+
+    def stop_while_arming():
+        idle()
+        if rig.core.state == ExecutorState.ARMING:
+            rig.core.command(pb.STOP, rig.core.epoch)
+
+    monkeypatch.setattr(rig.front_end, "_idle", stop_while_arming)
+    rig.front_end.lease(address(rig), release=False)
+    with pytest.raises(CommandRefusedError, match="ARM ended in DISARMED instead of HOLD"):
+        rig.front_end.control(address(rig), pb.ARM, 0.0)
+
+
 # -- host loss ----------------------------------------------------------------------------------------
 
 
