@@ -14,6 +14,7 @@ from s2r_executor.config import ExecutorConfig
 from s2r_executor.core_process import CoreProcess
 from s2r_executor.front_end import FrontEnd
 from s2r_executor.observations import Encoder, Timeline
+from s2r_executor.one_master import OneMaster
 from s2r_executor.preflight import run_preflight
 from s2r_executor.recorder import Recorder
 from s2r_executor.status import describe_silence, silent_joints
@@ -36,7 +37,8 @@ class Executor:
         """Start everything.
 
         Raises:
-            NotReadyError: Native parts missing, address in use, or a machine that must not drive this bus.
+            NotReadyError: Native parts missing, address in use, a bus that has a master already, or a machine that must
+                not drive this bus.
             UnreachableError: The bus cannot be opened.
         """
         self.config = config
@@ -54,12 +56,12 @@ class Executor:
             logger.warning(
                 "no 'commissioned' record is named: nobody has checked how these drives are set up"
             )
-        self.process = CoreProcess(config, self.arm)
-        try:
+        with ExitStack() as undo:
+            self._master = undo.enter_context(OneMaster(config.bus))
+            self.process = CoreProcess(config, self.arm)
+            undo.callback(self.process.kill)
             self._assemble()
-        except BaseException:
-            self.process.kill()
-            raise
+            undo.pop_all()
 
     def _assemble(self) -> None:
         config, arm = self.config, self.arm
@@ -193,6 +195,7 @@ class Executor:
             self.front_end.close()
         self.recorder.close()
         self.front_end = self.bridge = None  # the shared memory must be free before the interpreter goes
+        self._master.close()
         logger.info("real-time core ended with exit %d", code)
 
     def __enter__(self) -> Executor:

@@ -26,30 +26,44 @@ _CHECK_PERIOD_S = 0.1
 _WATCH_STUCK_S = 1.0
 
 
+def _default(key: str) -> str:
+    """What holds where neither the option nor a configuration file says otherwise."""
+    value = ExecutorConfig.model_fields[key].default
+    return ", ".join(value) if isinstance(value, tuple) else f"{value}"
+
+
 @click.command()
-@click.option("--bus", help="unix:PATH (stand-in) or can:IFACE.")
+@click.option("--bus", show_default=_default("bus"), help="unix:PATH (stand-in) or can:IFACE.")
 @click.option(
-    "--packing", type=click.Choice(["fd", "classic"]), help="CAN FD at 1 kHz or classical CAN at 250 Hz."
+    "--packing",
+    type=click.Choice(["fd", "classic"]),
+    show_default=_default("packing"),
+    help="CAN FD at 1 kHz or classical CAN at 250 Hz; as the arm or its stand-in has it.",
 )
 @click.option(
     "--clock",
     type=click.Choice(["real", "lockstep"]),
-    help="lockstep: time advances with the drives' answers.",
+    show_default=_default("clock"),
+    help="lockstep: time advances with the drives' answers; as the stand-in has it ('s2r sim-arm': lockstep).",
 )
 @click.option(
     "--pace",
     type=float,
+    show_default=_default("pace"),
     help="lockstep: at most this many times the wall clock; 0 = as fast as possible while the arm is busy.",
 )
 @click.option(
-    "--listen", multiple=True, help="Zenoh address to listen on, e.g. tcp/127.0.0.1:7447. May be repeated."
+    "--listen",
+    multiple=True,
+    show_default=_default("listen"),
+    help="Zenoh address to listen on, e.g. tcp/127.0.0.1:7447. May be repeated.",
 )
 @tls_option
 @click.option(
     "--record", type=click.Path(file_okay=False, path_type=Path), help="Folder for recordings (MCAP)."
 )
-@click.option("--cell", help="Name of the cell in the key space.")
-@click.option("--arm", help="Shipped arm's name or a folder with an arm.yaml.")
+@click.option("--cell", show_default=_default("cell"), help="Name of the cell in the key space.")
+@click.option("--arm", show_default=_default("arm"), help="Shipped arm's name or a folder with an arm.yaml.")
 @click.option(
     "--config", "config_path", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="YAML file."
 )

@@ -140,7 +140,7 @@ class ExecutorConfig(_Strict):
 
     arm: str = "xmate3pro"
     cell: str = "lab"
-    bus: str = "unix:/run/s2r/bus.sock"
+    bus: str = "unix:/tmp/s2r.sock"  # where 's2r sim-arm' listens
     packing: Literal["fd", "classic"] = "fd"
     clock: Literal["real", "lockstep"] = "real"
     pace: Annotated[float, Field(ge=0, le=1000)] = 1.0

@@ -156,7 +156,8 @@ class CoreProcess:
         text = f"the real-time core ended {how} (exit {code}): {self._said() or 'it said nothing'}"
         if code == ExitCode.UNREACHABLE:
             return BusUnreachableError(
-                f"{text}. Is the arm or its stand-in ('s2r sim-arm') running on {self._bus}?"
+                f"{text}. Is the arm or its stand-in ('s2r sim-arm') running on {self._bus}? Executor and stand-in "
+                "need the same --bus, --packing and --clock"
             )
         if code == ExitCode.NOT_READY:
             return NotReadyError(text)

@@ -27,7 +27,7 @@ from s2r_executor.plan import AdmittedPlan, CommandRefusedError, PlanRequest
 from s2r_executor.quintic import sample, spline_through
 from s2r_executor.recorder import PlanIdentity, Recorder, RecordingAnswer, RecordingLoss
 from s2r_executor.stalls import Patience, StallWatch
-from s2r_executor.status import ExecutorStatus, silent_joints, why_not_moving
+from s2r_executor.status import LOOK_AT, ExecutorStatus, silent_joints, why_not_moving
 from s2r_executor.tick_timing import TickTiming
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.codec import Address
@@ -467,12 +467,14 @@ class FrontEnd:
             self._expect(kind, wanted)
 
     def _expect(self, kind: int, wanted: ExecutorState) -> None:
-        state = ExecutorState(self._core.snapshot().state)
+        core = self._core.snapshot()
+        state = ExecutorState(core.state)
         if state != wanted:
+            left_off = kind == pb.ARM and state == ExecutorState.DISARMED and not core.cause
+            why = f"The drives did not switch on: {LOOK_AT}." if left_off else self.status().why_not_moving
             raise CommandRefusedError(
                 Refusal.STATE,
-                f"{pb.ControlKind.Name(kind)} ended in {state.name} instead of {wanted.name}. "
-                + self.status().why_not_moving,
+                f"{pb.ControlKind.Name(kind)} ended in {state.name} instead of {wanted.name}. {why}",
                 quantity="state",
                 value=state,
                 limit=wanted,

@@ -52,12 +52,16 @@ def silent_joints(core: CoreSnapshot, joint_names: tuple[str, ...]) -> tuple[str
     )
 
 
+LOOK_AT = (
+    "look at power, cables and bus, and whether the executor's --packing and --clock are theirs ('s2r sim-arm' runs in "
+    "lockstep unless told otherwise)"
+)
+"""What to do about drives that do not answer or do not follow."""
+
+
 def describe_silence(silent: tuple[str, ...]) -> str:
     """As a clause, what to do about joints whose drives do not answer."""
-    return (
-        f"no answer from the drives of {', '.join(silent)}: look at power, cables and bus, and whether the "
-        "executor's --packing is theirs"
-    )
+    return f"no answer from the drives of {', '.join(silent)}: {LOOK_AT}"
 
 
 def describe_cause(core: CoreSnapshot, joint_names: tuple[str, ...]) -> str:

@@ -1,0 +1,78 @@
+"""One master per bus: a lock that an executor holds as long as it lives, however it ends."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+from pathlib import Path
+from types import TracebackType
+
+from s2r_protocol.exits import NotReadyError
+
+_FOLDER = Path("/run/lock")  # of all users, empty after a start of the machine
+
+
+class OneMaster:
+    """Held while this process drives a bus. Another machine's or network name space's master is not seen by it."""
+
+    def __init__(self, bus: str) -> None:
+        """Take the lock.
+
+        Args:
+            bus: ``unix:PATH`` or ``can:IFACE``.
+
+        Raises:
+            NotReadyError: A process of this machine drives that bus already.
+        """
+        self._path = _lock_of(bus)
+        self._file = _locked(self._path, bus)
+        os.ftruncate(self._file, 0)
+        os.pwrite(self._file, f"{os.getpid()}\n".encode(), 0)
+
+    def close(self) -> None:
+        """Let the next master come."""
+        self._path.unlink(missing_ok=True)
+        os.close(self._file)
+
+    def __enter__(self) -> OneMaster:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _lock_of(bus: str) -> Path:
+    """Beside a stand-in's socket, whatever path leads to it; of an interface, apart by its network name space."""
+    kind, _, name = bus.partition(":")
+    if kind == "unix":
+        return Path(f"{os.path.realpath(name)}.lock")
+    folder = _FOLDER if os.access(_FOLDER, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
+    return folder / f"s2r-{kind}-{name}-{os.stat('/proc/self/ns/net').st_ino}.lock"
+
+
+def _locked(path: Path, bus: str) -> int:
+    """Descriptor of the locked file; one that its holder took away meanwhile is no lock."""
+    while True:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            holder = os.pread(file, 32, 0).decode(errors="replace").strip() or "unknown"
+            os.close(file)
+            raise NotReadyError(
+                f"bus {bus} has a master already: the executor with process id {holder}; two would send setpoints to "
+                "the same drives. Stop that one first, or name another --bus"
+            ) from error
+        if _is(file, path):
+            return file
+        os.close(file)
+
+
+def _is(file: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file), path.stat())
+    except FileNotFoundError:
+        return False
