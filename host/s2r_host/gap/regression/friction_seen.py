@@ -62,12 +62,14 @@ def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = Fals
     s, j = block.session, block.joint
     still = compare(stillness(s, j), s, j, True)[block.picks]
     at_rest, moving = stiction(s, j)
-    # Where a joint sticks by far more than it slides with, the sign of a speed that is noise is wrong by all of it.
-    sticks = max(0.0, at_rest - STICKS * moving)
-    holds = np.full(len(still), STICK_DOUBT * (max(at_rest, moving) + sticks))
+    holds = np.full(len(still), STICK_DOUBT * max(at_rest, moving))
+    there_and_back = count_reversals(s, j) >= 2
+    if there_and_back and not guessed and len(model.joints) <= FEW_JOINTS:
+        # Where a joint sticks by far more than it slides with, the sign of a speed that is noise is wrong by all of it.
+        holds += STICK_DOUBT * max(0.0, at_rest - STICKS * moving)
     # One stroke does not tell friction from what else it pulls at, and what a latch holds at rest is looked for.
     # What comes back in a second run of a free swing is that friction held it again.
-    rests = (guessed or not s.driven(j)) and count_reversals(s, j) >= 2
+    rests = (guessed or not s.driven(j)) and there_and_back
     if rests:
         at_rest_for_long = rests_of(s, j)[block.picks]
         holds[at_rest_for_long] = max(REST_DOUBT * moving, holds[0])
