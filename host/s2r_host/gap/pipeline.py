@@ -164,9 +164,12 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     if reason:
         a.verdict = decision.verdict = "insufficient"
         a.notes.insert(0, reason)
+    elif decision.verdict in UNTOUCHED and (wide := insufficient.wide_guess(problem)):
+        a.notes.append(wide)
     if (
         decision.verdict == "physics_missing"
         and not any(has_loop(a.model, s) for s in a.fit)
+        and not any(search.effects[t.effect].simulated_by_mean for t in decision.solution.terms)
         and drifts_freely(problem)
     ):
         log("numbers refitted on the simulated motion")

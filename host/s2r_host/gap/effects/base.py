@@ -134,6 +134,7 @@ class Effect:
     # Relative error (one deviation) of a parameter beyond its noise where the equation is known to be coarse; read from
     # tuning sets. From 0.5 on the parameter is not identifiable.
     model_error: ClassVar[dict[str, float]] = {}
+    simulated_by_mean: ClassVar[bool] = False  # one joint's simulation has a mean for what the effect follows
     costly: ClassVar[bool] = False  # shapes are refined only when a seed beats having no effect at all
 
     def applies(self, ctx: Context, joint: int) -> bool:

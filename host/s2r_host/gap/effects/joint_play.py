@@ -19,6 +19,7 @@ class JointPlay(Effect):
     signature = "resistance grows when the pull is off centre"
     separating_motion = "pull left, centre and right of the handle"
     confusable = ("load_dependent_friction", "contact_slip")
+    simulated_by_mean = True
 
     def applies(self, ctx: Context, joint: int) -> bool:
         """Needs a wrench on the moved part."""

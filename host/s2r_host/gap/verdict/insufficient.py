@@ -11,6 +11,7 @@ from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.rows import LEAST_ROWS, picks_of
 
 ONE_WAY = 0.02
+WIDE = 0.02  # of the spread of the effort: a guess of the floor from which on a second run is asked for
 
 
 def no_effort(model: RigidModel, fit: list[Session]) -> str | None:
@@ -65,6 +66,25 @@ def poor_excitation(model: RigidModel, fit: list[Session], problem: Problem) -> 
         if top < 10.0 * max(float(s.v_eps[j]) for s in fit):
             return f"cannot tell: joint '{name}' never moves faster than its velocity noise ({top:.3g}); move it faster"
     return None
+
+
+def wide_guess(problem: Problem) -> str | None:
+    """A sentence when 'nothing' or 'only a number' may be no more than a noise floor that had to be guessed wide."""
+    if problem.floor_source == "repeat":
+        return None
+    shares = {}
+    for j in problem.joints:
+        effort = np.concatenate([s.u[:, j] for s in problem.ctx.sessions if s.has_u[j]])
+        shares[j] = problem.floor[j] / max(float(np.std(effort)), 1e-12)
+    j = max(shares, key=lambda k: shares[k])
+    if shares[j] < WIDE:
+        return None
+    name = problem.ctx.model.joints[j]
+    return (
+        f"no second run: the noise floor is a guess, {problem.floor[j]:.3g} {problem.ctx.model.effort_unit(name)} on "
+        f"'{name}' ({shares[j]:.0%} of its effort), and what is smaller passes for noise; record the same motion once "
+        "more and give it with --repeat"
+    )
 
 
 def _still(model: RigidModel, fit: list[Session], j: int) -> str:
