@@ -207,7 +207,14 @@ def _foreseen(
         return None if touched is None else touched.s
     path, law = belief.path(positive), newest_law(record.lessons)
     if law is not None:
-        path = braked(belief, law, done.s_target, folder / f"again-{planned.number}.xml", positive=positive)
+        path = braked(
+            belief,
+            law,
+            done.s_target,
+            folder / f"again-{planned.number}.xml",
+            positive=positive,
+            rests_at=planned.request.s_initial + done.shift,
+        )
     request = replace(
         planned.request,
         object_mjcf=path,

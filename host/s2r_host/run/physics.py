@@ -219,8 +219,16 @@ def before_target(session: Session, record: RunRecord) -> None:
             f"with {pull:+.2f} against a dry friction of {dry:.2f}; it stays only where something holds it"
         )
     folder = session.settings.out / f"physics-{len(record.attempts)}"
+    rests_at = record.goals[-1].s_before if record.goals else np.nan
     falling, growing = (
-        braked(belief, law, target, folder / f"{name}-for-{len(record.goals)}.xml", positive=positive)
+        braked(
+            belief,
+            law,
+            target,
+            folder / f"{name}-for-{len(record.goals)}.xml",
+            positive=positive,
+            rests_at=rests_at,
+        )
         for positive, name in ((False, "falling"), (True, "growing"))
     )
     least = min(law.braking(target, positive, slides) for positive in (False, True))
@@ -234,8 +242,12 @@ def newest_law(lessons: Sequence[PhysicsLesson]) -> JointLaw | None:
     return None if lesson is None else lesson.law
 
 
-def braked(belief: Belief, law: JointLaw, target: float, path: Path, *, positive: bool) -> Path:
+def braked(
+    belief: Belief, law: JointLaw, target: float, path: Path, *, positive: bool, rests_at: float
+) -> Path:
     """Write the object as it resists a motion that ends at a target.
+
+    It stays where it was seen at rest, whatever is thought to pull it there.
 
     Args:
         belief: So far; its surfaces are taken.
@@ -243,10 +255,17 @@ def braked(belief: Belief, law: JointLaw, target: float, path: Path, *, positive
         target: Joint value [m or rad].
         path: Where the file goes.
         positive: The motion lets the joint grow.
+        rests_at: Where the part is before it [m or rad]; not finite where no look has told.
     """
     slides, source = belief.template.slides, belief.path(positive)
-    held = 0.0 if slides else HELD * abs(_bias(mujoco.MjModel.from_xml_path(str(source)), target))
-    return _with_law(source, law, max(law.braking(target, positive, slides), held), path)
+    model = mujoco.MjModel.from_xml_path(str(source))
+    held = [law.braking(target, positive, slides)]
+    if not slides:
+        held.append(HELD * abs(_bias(model, target)))
+    if np.isfinite(rests_at):
+        stiffness, rest = law.spring
+        held.append(HELD * abs(_bias(model, rests_at) + stiffness * (rests_at - rest)))
+    return _with_law(source, law, max(held), path)
 
 
 def _telling(lessons: Sequence[PhysicsLesson]) -> PhysicsLesson | None:

@@ -211,6 +211,27 @@ def test_a_part_that_something_pulls_away_is_warned_of_unless_it_stayed_there_be
     assert not session.journal.warnings
 
 
+def test_a_part_stays_in_the_model_where_it_was_seen_at_rest(learnt, tmp_path):
+    """Plans are refused where it would not stay; a spring that was named wrongly is no reason for that."""
+    spec = mujoco.MjSpec.from_file(str(learnt.model))
+    spec.joint("object_joint").stiffness, spec.joint("object_joint").springref = [60.0, 0, 0], 0.0
+    rigid = SimpleNamespace(model=mujoco.MjModel.from_xml_path(str(learnt.model)))
+    law = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid), rigid.model)  # pyright: ignore[reportArgumentType]
+    session: Any = SimpleNamespace(
+        settings=RunSettings(0.1, tmp_path / "run", learn_physics=True), target=0.01, journal=Journal()
+    )
+    record = RunRecord(session.settings, Journal())
+    record.belief = _believed(learnt.model)
+    record.lessons.append(PhysicsLesson(3, tmp_path, "physics_missing", law=law))
+    friction = []
+    for s_before in (0.02, 0.15):
+        record.goals.append(Goal(0.01, s_before=s_before))
+        before_target(session, record)
+        friction.append(float(mujoco.MjModel.from_xml_path(str(record.belief.growing)).dof_frictionloss[0]))
+    assert friction[0] == pytest.approx(law.braking(0.01, True, slides=True), rel=1e-4)
+    assert friction[1] == pytest.approx(1.05 * 60.0 * 0.15, rel=1e-4)
+
+
 def test_every_third_motion_is_slow_until_a_lesson_has_told_something(tmp_path):
     assert [pace(number, []) for number in range(1, 6)] == [1.0, 1.0, SLOWLY, 1.0, 1.0]
     open_answers = [PhysicsLesson(3, tmp_path, verdict) for verdict in ("unknown", "insufficient", "refused")]
