@@ -57,7 +57,8 @@ class Executor:
                 "no 'commissioned' record is named: nobody has checked how these drives are set up"
             )
         with ExitStack() as undo:
-            self._master = undo.enter_context(OneMaster(config.bus))
+            self._master = OneMaster(config.bus)
+            undo.callback(self._master.close)
             self.process = CoreProcess(config, self.arm)
             undo.callback(self.process.kill)
             self._assemble()

@@ -29,7 +29,7 @@ _WATCH_STUCK_S = 1.0
 def _default(key: str) -> str:
     """What holds where neither the option nor a configuration file says otherwise."""
     value = ExecutorConfig.model_fields[key].default
-    return ", ".join(value) if isinstance(value, tuple) else f"{value}"
+    return ", ".join(value) if isinstance(value, tuple) else str(value)
 
 
 @click.command()

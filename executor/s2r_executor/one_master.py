@@ -6,7 +6,7 @@ import fcntl
 import os
 import tempfile
 from pathlib import Path
-from types import TracebackType
+from urllib.parse import quote
 
 from s2r_protocol.exits import NotReadyError
 
@@ -35,22 +35,23 @@ class OneMaster:
         self._path.unlink(missing_ok=True)
         os.close(self._file)
 
-    def __enter__(self) -> OneMaster:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
 
 def _lock_of(bus: str) -> Path:
-    """Beside a stand-in's socket, whatever path leads to it; of an interface, apart by its network name space."""
+    """Beside a stand-in's socket, whatever path leads to it; of an interface, apart by its network name space.
+
+    Where the socket's folder takes no files, or is not there at all, opening the bus is what tells so.
+    """
     kind, _, name = bus.partition(":")
     if kind == "unix":
-        return Path(f"{os.path.realpath(name)}.lock")
-    folder = _FOLDER if os.access(_FOLDER, os.W_OK | os.X_OK) else Path(tempfile.gettempdir())
-    return folder / f"s2r-{kind}-{name}-{os.stat('/proc/self/ns/net').st_ino}.lock"
+        name = os.path.realpath(name)
+        if _takes_files(Path(name).parent):
+            return Path(f"{name}.lock")
+    folder = _FOLDER if _takes_files(_FOLDER) else Path(tempfile.gettempdir())
+    return folder / f"s2r-{kind}-{quote(name, safe='')}-{os.stat('/proc/self/ns/net').st_ino}.lock"
+
+
+def _takes_files(folder: Path) -> bool:
+    return os.access(folder, os.W_OK | os.X_OK)
 
 
 def _locked(path: Path, bus: str) -> int:

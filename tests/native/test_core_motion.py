@@ -477,16 +477,19 @@ def test_stop_before_the_splice_stays_on_the_parent(armed, plan_from, use_of_lim
     assert on_path(armed, plan) < 1e-12
 
 
+def run_before_waiting_plan(armed, plan_from, plan_t):
+    """Play a plan whose stops take 0.2 s up to a time of it; a branch with longer ones takes over at 0.6 s."""
+    plan = dataclasses.replace(plan_from(armed.state.q_ref, distance=0.3), stop_duration=np.full(7, 0.2))
+    armed.run_plan(plan)
+    armed.submit(branch_of(plan, 0.6, 0.1), plan_id=2, parent_id=1, splice_t=0.6)
+    armed.until(lambda s: s.plan_t >= plan_t)
+
+
 @pytest.mark.parametrize("before_s", [0.01, 0.05])
 def test_a_pause_that_reaches_into_a_waiting_plan_takes_that_plans_ramp(
     armed, plan_from, use_of_limits, before_s
 ):
-    plan = plan_from(armed.state.q_ref, distance=0.3)
-    plan = dataclasses.replace(plan, stop_duration=np.full(7, 0.2))
-    child = branch_of(plan, 0.6, 0.1)
-    armed.run_plan(plan)
-    armed.submit(child, plan_id=2, parent_id=1, splice_t=0.6)
-    armed.until(lambda s: s.plan_t >= 0.6 - before_s)
+    run_before_waiting_plan(armed, plan_from, 0.6 - before_s)
     armed.command(PAUSE)
     armed.step()
     first = armed.state.tick
@@ -499,11 +502,7 @@ def test_a_pause_that_reaches_into_a_waiting_plan_takes_that_plans_ramp(
 
 
 def test_a_resume_that_reaches_into_a_waiting_plan_takes_that_plans_ramp(armed, plan_from):
-    plan = plan_from(armed.state.q_ref, distance=0.3)
-    plan = dataclasses.replace(plan, stop_duration=np.full(7, 0.2))
-    armed.run_plan(plan)
-    armed.submit(branch_of(plan, 0.6, 0.1), plan_id=2, parent_id=1, splice_t=0.6)
-    armed.until(lambda s: s.plan_t >= 0.42)
+    run_before_waiting_plan(armed, plan_from, 0.42)
     armed.command(PAUSE)
     paused = armed.until(lambda s: s.state == ExecutorState.PAUSED, 700)
     assert paused.next_plan_id == 2
@@ -515,11 +514,7 @@ def test_a_resume_that_reaches_into_a_waiting_plan_takes_that_plans_ramp(armed, 
 
 
 def test_a_pause_that_ends_before_a_waiting_plan_keeps_its_own_ramp(armed, plan_from):
-    plan = plan_from(armed.state.q_ref, distance=0.3)
-    plan = dataclasses.replace(plan, stop_duration=np.full(7, 0.2))
-    armed.run_plan(plan)
-    armed.submit(branch_of(plan, 0.6, 0.1), plan_id=2, parent_id=1, splice_t=0.6)
-    armed.until(lambda s: s.plan_t >= 0.35)
+    run_before_waiting_plan(armed, plan_from, 0.35)
     armed.command(PAUSE)
     armed.step()
     first = armed.state.tick

@@ -16,18 +16,15 @@ TOUCHING_M = 0.02  # what is seen nearer to the hand than this is what it touche
 OUT_M = (0.1, 0.15, 0.06)
 
 
-def way_out_of_touch(
-    arm: ArmModel, p_base: np.ndarray, p_camera: np.ndarray, q_start: np.ndarray
-) -> np.ndarray:
+def way_out_of_touch(checker: CollisionChecker, p_base: np.ndarray, q_start: np.ndarray) -> np.ndarray:
     """A straight way of the fingertip from among what it touches to a posture that is free.
 
     Along the finger comes first: so it came in, more often than not. Only what the hand touches now may be near the
     way, and nothing may be where it ends.
 
     Args:
-        arm: Kinematics and shapes.
+        checker: What the arm has to be free of where the way ends.
         p_base: Observed points, base frame [m], (n, 3).
-        p_camera: Position of the camera, base frame [m], (3,).
         q_start: Posture in touch [rad], (dof,).
 
     Returns:
@@ -36,18 +33,17 @@ def way_out_of_touch(
     Raises:
         NoMotionError: No direction leads out.
     """
-    cells = voxels(p_base)
+    arm, cells = checker.arm, voxels(p_base)
     others = cells[_apart_from_hand(arm, cells, q_start) > TOUCHING_M]
     on_the_way = CollisionChecker(
         arm, [table_obstacle(), cloud_obstacle(others)], Clearance(obstacle_m=0.0, table_m=0.0, tip_m=0.0)
     )
-    at_the_end = CollisionChecker(arm, [table_obstacle(), cloud_obstacle(p_base, p_camera)], Clearance())
     ik, X = InverseKinematics(arm), arm.tool_pose(q_start)
     back, up = -X[:3, 2], np.array([0.0, 0.0, 1.0])
     for direction in (back, back + up, up, 2.0 * back + up):
         for out_m in OUT_M:
             path = straight_line(arm, ik, q_start, X[:3, 3] + out_m * direction / np.linalg.norm(direction))
-            if path is not None and on_the_way.path_is_free(path) and at_the_end.is_free(path[-1]):
+            if path is not None and on_the_way.path_is_free(path) and checker.is_free(path[-1]):
                 return path
     raise NoMotionError("no straight way of the fingertip leads out of what the arm touches")
 

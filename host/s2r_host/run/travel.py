@@ -86,11 +86,12 @@ def leave_touch(session: Session, view: Observation, obstacles: Sequence[Obstacl
         ArmStoppedError: The motion was stopped.
     """
     q_start = session.status().q_ref
-    touched = CollisionChecker(session.arm, obstacles, Clearance()).touching(q_start)
+    checker = CollisionChecker(session.arm, obstacles, Clearance())
+    touched = checker.touching(q_start)
     if touched is None:
         return
     try:
-        out = way_out_of_touch(session.arm, view.scene.p_base, view.scene.p_camera, q_start)
+        out = way_out_of_touch(checker, view.scene.p_base, q_start)
     except NoMotionError as error:
         raise NoMotionError(
             f"the arm begins in touch ({touched}), and {error}; play the way back that the run before recorded "

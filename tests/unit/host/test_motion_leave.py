@@ -29,7 +29,7 @@ def test_a_fingertip_on_a_surface_goes_back_along_itself(arm):
     q = arm.arm.q_home
     checker = CollisionChecker(arm, [table_obstacle(), cloud_obstacle(p, p_camera)], Clearance())
     assert checker.touching(q) is not None
-    path = way_out_of_touch(arm, p, p_camera, q)
+    path = way_out_of_touch(checker, p, q)
     assert path[0] == pytest.approx(q)
     assert checker.is_free(path[-1])
     X, out = arm.tool_pose(q), arm.tool_pose(path[-1])[:3, 3]
@@ -42,5 +42,7 @@ def test_an_arm_that_is_walled_in_stays_and_says_so(arm):
     rng = np.random.default_rng(1)
     around = rng.normal(size=(20_000, 3))
     around = X[:3, 3] - 0.1 * X[:3, 2] + 0.19 * around / np.linalg.norm(around, axis=1, keepdims=True)
+    p_camera = X[:3, 3] + [0.0, 0.0, 1.0]
+    checker = CollisionChecker(arm, [table_obstacle(), cloud_obstacle(around, p_camera)], Clearance())
     with pytest.raises(NoMotionError, match="no straight way"):
-        way_out_of_touch(arm, around, X[:3, 3] + [0.0, 0.0, 1.0], q)
+        way_out_of_touch(checker, around, q)

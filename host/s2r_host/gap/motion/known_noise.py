@@ -46,8 +46,8 @@ def motion_noise(model: RigidModel, s: Session, j: int, *, sure: bool = False) -
     """Standard deviation of a joint's inertial effort, below its cut, by the noise of its position or speed.
 
     The acceleration comes from one of them, twice or once differentiated: noise of power density S makes (2π)⁴ S f⁵ or
-    (2π)² S f³ of it up to the cut f, but for a factor of the filter. ``sure``: only of channels whose
-    spectrum is flat above the motion; what still falls there is motion.
+    (2π)² S f³ of it up to the cut f, but for a factor of the filter. ``sure``: only of a channel whose spectrum is flat
+    above the motion; what still falls there is motion.
 
     Returns:
         Effort [N·m or N]; 0 where no channel shows any noise.

@@ -56,15 +56,7 @@ def _blocked(problem: Problem, search: Search) -> list[dict]:
 
 def rejected_at_floor(problem: Problem, search: Search) -> list[dict]:
     """The whole catalogue, when the model reaches the noise floor without any of it."""
-    found = []
-    for key in search.candidates():
-        if not key[0].startswith(PREFIX):
-            found.append(
-                _entry(
-                    problem,
-                    key,
-                    0.0,
-                    "the model, its numbers moved a little, already reaches the noise floor",
-                )
-            )
+    why = "the model, its numbers moved a little, already reaches the noise floor"
+    keys = [key for key in search.candidates() if not key[0].startswith(PREFIX)]
+    found = [_entry(problem, key, 0.0, why) for key in keys]
     return found + _blocked(problem, search)
