@@ -118,12 +118,12 @@ def run(
     Ctrl-C stops the arm on its path, waits for rest and still writes the recording. This is software, not an
     emergency stop.
     """
-    from s2r_host.run.task import TASKS, parse_point, parse_target
+    from s2r_host.run.task import TASKS, parse_point
 
     task = TASKS[object_kind]
     place = None if at is None else parse_point(at)
-    first = None if target == "ask" else parse_target(target, task)
-    then = tuple(parse_target(one, task, "--then") for one in further)
+    first = None if target == "ask" else task.targets.read(target)
+    then = tuple(task.targets.read(one, "--then") for one in further)
     if learn_physics and len(then) < 2:
         raise UsageError(
             f"--learn-physics learns after every third target, and there are only {1 + len(then)}: add some with --then"

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
 
 from s2r_host.plan_process import PlanOrder, plan_in_process
 from s2r_protocol.cli.options import SEED, FiniteRange
+from s2r_protocol.cli.progress import progress_line
 from s2r_protocol.exits import S2RError
+from s2r_protocol.targets import read_joint_value
 
 
 @click.command()
@@ -22,7 +22,7 @@ from s2r_protocol.exits import S2RError
     help="MJCF file with the object, and the arm or a body or site 'arm_base' for it.",
 )
 @click.option("--joint", required=True, help="The object's joint, a slide or a hinge.")
-@click.option("--target", type=float, required=True, help="Where the joint shall end [m or rad].")
+@click.option("--target", required=True, help="Where the joint shall end: 0.15, 150mm; 0.5, 30deg.")
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option(
     "--tool", help="Put a tool into the gripper: t_shape or semi_ring; the arm with it goes to OUT/arm."
@@ -54,7 +54,7 @@ from s2r_protocol.exits import S2RError
 def plan(
     scene: Path,
     joint: str,
-    target: float,
+    target: str,
     arm: str,
     tool: str | None,
     q0: str | None,
@@ -70,21 +70,23 @@ def plan(
     Writes plan.csv (t, q.<joint>; every 2 ms), knots.csv, plan.json, trace.csv, strip.png and model/ into --out.
     Scene and object start at their qpos0. Exit 4 with a reason when there is no plan; plan.json then has it as well.
     """
+    s_target, target_type = read_joint_value(target, "--target")
     order = PlanOrder(
         scene=str(scene),
         joint=joint,
-        target=repr(target),
+        target=s_target,
+        target_type=target_type,
         arm=arm,
         tool=tool,
         q0=q0,
         out=str(out),
         seed=seed,
-        time_limit_s=repr(time_limit_s),
+        time_limit_s=time_limit_s,
         threads=threads,
         ensemble=ensemble,
     )
     try:
-        with _progress() as tell:
+        with progress_line() as tell:
             answer = plan_in_process(order, tell)
     except S2RError as error:
         click.echo(f"s2r plan: {error}", err=True)
@@ -112,16 +114,3 @@ def plan(
 def _print(out: Path, as_json: bool) -> None:
     if as_json:
         click.echo((out / "plan.json").read_text(), nl=False)
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[str], None]]:
-    """A line on standard error that says what is being done; gone at the end, absent where nobody looks."""
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        line = progress.add_task("starting", total=None)
-        yield lambda text: progress.update(line, description=text)

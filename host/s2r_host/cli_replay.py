@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import sys
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from s2r_protocol.cli.options import FiniteRange, tls_option
+from s2r_protocol.cli.options import UNUSED_FOLDER, FiniteRange, tls_option
 from s2r_protocol.exits import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -62,9 +63,7 @@ DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 @click.option(
     "--world", type=click.Path(path_type=Path, exists=True), help="Stand-in's world [default: SOURCE's own]."
 )
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=None, help="Folder [default: replay-<plan> beside]."
-)
+@click.option("--out", type=UNUSED_FOLDER, help="Folder, new or empty [default: replay-<plan> beside].")
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--cell", default="lab", show_default=True)
 @tls_option
@@ -114,19 +113,25 @@ def replay(
     plans = read_source(source, description)
     if only_list and as_json:
         listed = [
-            {"plan": plan.number, "label": plan.label, "duration_s": plan.trajectory.duration_s}
+            {
+                "plan": plan.number,
+                "label": plan.label,
+                "duration_s": plan.trajectory.duration_s,
+                "broken_off_s": plan.cut_s,
+            }
             for plan in plans
         ]
         click.echo(json.dumps(listed, indent=1))
         return int(ExitCode.OK)
     if only_list:
         for plan in plans:
-            click.echo(f"{plan.number:3d}  {plan.trajectory.duration_s:6.2f} s  {plan.label}")
+            cut = "" if plan.cut_s is None else f"  (broken off by a stop at {plan.cut_s:.2f} s)"
+            click.echo(f"{plan.number:3d}  {plan.trajectory.duration_s:6.2f} s  {plan.label}{cut}")
         return int(ExitCode.OK)
     plan = pick(plans, number, source)
     settings = ReplaySettings(speed, t_start, step_s, _ask_next)
     sent = as_sent(plan, settings)
-    folder = out or (source if source.is_dir() else source.parent) / f"replay-{plan.number}"
+    folder = out or _unused((source if source.is_dir() else source.parent) / f"replay-{plan.number}")
     keys = ArmKeys(cell, description.name)
     model = ArmModel(description)
     if real:
@@ -155,6 +160,14 @@ def replay(
         ):
             done = _replays(link, model, plans, plan, settings, (), loops, as_found=True)
     return _report(done, description, source, folder, as_json, "real" if real else "stand-in", speed)
+
+
+def _unused(folder: Path) -> Path:
+    """The folder, or with a number behind it: an earlier replay is kept."""
+    candidates = itertools.chain(
+        [folder], (folder.with_name(f"{folder.name}-{k}") for k in itertools.count(2))
+    )
+    return next(one for one in candidates if not one.exists())
 
 
 def _replays(

@@ -24,6 +24,7 @@ from typing import Any
 
 from s2r_host.errors import HostError
 from s2r_protocol.exits import ExitCode, NotReadyError, RefusedError
+from s2r_protocol.targets import JointType
 
 GRACE_S = 4.0  # after the time limit, in which the search may end itself
 _WRITING_S = 30.0  # for the files of a plan that has been found
@@ -51,24 +52,20 @@ class PlannerDiedError(HostError, NotReadyError):
 
 @dataclass(frozen=True)
 class PlanOrder:
-    """The options of ``s2r plan``, as they are told to the process that plans; numbers as text, for NaN."""
+    """The options of ``s2r plan``, as they are told to the process that plans."""
 
     scene: str
     joint: str
-    target: str
+    target: float
+    target_type: JointType | None
     arm: str
     tool: str | None
     q0: str | None
     out: str
     seed: int
-    time_limit_s: str
+    time_limit_s: float
     threads: int
     ensemble: tuple[str, ...]
-
-    @property
-    def limit_s(self) -> float:
-        """The time limit [s]."""
-        return float(self.time_limit_s)
 
 
 def plan_in_process(
@@ -139,7 +136,7 @@ class _Child:
             while True:
                 if time.perf_counter() > self._deadline_s:
                     raise PlanTimeError(
-                        f"no plan within the time limit of {self._order.limit_s:g} s; given up at: {self.doing}"
+                        f"no plan within the time limit of {self._order.time_limit_s:g} s; given up at: {self.doing}"
                     )
                 if not listening.select(_LOOK_S):
                     continue
@@ -168,7 +165,7 @@ class _Child:
         if self.doing == WRITING:
             self._deadline_s = max(self._deadline_s, time.perf_counter() + _WRITING_S)
         elif self._deadline_s == math.inf:
-            self._deadline_s = time.perf_counter() + self._order.limit_s + GRACE_S
+            self._deadline_s = time.perf_counter() + self._order.time_limit_s + GRACE_S
         return None
 
     def _died(self, code: int) -> Exception:
@@ -186,14 +183,13 @@ class _Child:
         out = Path(self._order.out)
         for name in PLAN_FILES:
             (out / name).unlink(missing_ok=True)
-        target = float(self._order.target)
         answer = {
             **refusal(reason, self._order.seed, self._control_steps),
             "cpu_s": cpu_s,
             "wall_s": self.elapsed_s,
             "scene": self._order.scene,
             "joint": self._order.joint,
-            "target": target if math.isfinite(target) else str(target),
+            "target": self._order.target,
             "arm": self._order.arm,
         }
         (out / "plan.json").write_text(json.dumps(answer, indent=1) + "\n")

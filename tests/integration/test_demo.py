@@ -77,3 +77,13 @@ def test_an_arm_that_is_not_there_is_refused_before_anything_starts(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == ExitCode.USAGE, done.stderr
     assert "spoon" in done.stderr
+
+
+def test_a_demo_refuses_an_absurd_target_before_anything_starts(tmp_path):
+    out = tmp_path / "demo"
+    command = [sys.executable, "-m", "s2r_protocol", "demo", "--out", str(out)]
+    for option in ("--target=5m", "--then=30deg"):
+        done = subprocess.run([*command, option], capture_output=True, text=True, timeout=600)
+        assert done.returncode == ExitCode.USAGE
+        assert option.split("=")[0] in done.stderr
+        assert not out.exists()

@@ -12,6 +12,8 @@ from pathlib import Path
 import click
 
 from s2r_host.log.cli import recording_file
+from s2r_host.log.new_file import check_new_file
+from s2r_protocol.cli.progress import progress_line
 
 
 @click.command()
@@ -28,7 +30,11 @@ def view(file: Path, out: Path | None, arm: str | None) -> None:
     from s2r_host.log.tables import read_recording
 
     source = recording_file(file)
-    recording = read_recording(source)
+    if out is not None:
+        check_new_file(out)
+    with progress_line() as tell:
+        tell(f"reading {source}")
+        recording = read_recording(source)
     if recording.damage.any:
         click.echo(f"s2r view: {source} is damaged; showing what is readable", err=True)
     rerun = _rerun()
@@ -41,7 +47,9 @@ def view(file: Path, out: Path | None, arm: str | None) -> None:
         return
     from s2r_host.log.view import write_html
 
-    click.echo(write_html(recording, out or source.with_suffix(".html"), arm))
+    with progress_line() as tell:
+        page = write_html(recording, out or source.with_suffix(".html"), arm, tell)
+    click.echo(page)
 
 
 def _rerun() -> str | None:

@@ -8,31 +8,49 @@ from dataclasses import dataclass
 import numpy as np
 
 from s2r_host.log.tables import EXECUTOR_STATE, TEXT, Recording
+from s2r_protocol.faults import ExecutorState
 from s2r_protocol.ros2 import unpack
+
+_STOPS = (ExecutorState.STOPPING, ExecutorState.STOP1, ExecutorState.FAULT, ExecutorState.ESTOP)
 
 
 @dataclass(frozen=True)
 class Segment:
-    """One executed plan: its number, its label if known, and its span in nanoseconds since the Unix epoch."""
+    """One executed plan; times in nanoseconds since the Unix epoch.
+
+    Attributes:
+        seq: Its number.
+        label: Its label, if known.
+        begin_ns, end_ns: Its span.
+        cut_ns: When a stop broke it off; None: it went to its end, or the recording ends before.
+    """
 
     seq: int
     label: str
     begin_ns: int
     end_ns: int
+    cut_ns: int | None = None
 
 
 def segments(recording: Recording) -> list[Segment]:
     """Executed plans in the order of time; empty when the recording holds no executor states."""
     spans: dict[int, list[int]] = {}
+    cuts: dict[int, int] = {}
     for topic in recording.of_type(EXECUTOR_STATE):
         for data in topic.messages:
             body = unpack(EXECUTOR_STATE, data)
             seq = int(body["plan_seq"])
             if seq:
                 stamp = body["header"]["stamp"]
-                spans.setdefault(seq, []).append(int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"]))
+                stamp_ns = int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
+                spans.setdefault(seq, []).append(stamp_ns)
+                if body["state"] in _STOPS and not body["plan_done"]:
+                    cuts[seq] = min(stamp_ns, cuts.get(seq, stamp_ns))
     labels = plan_labels(recording)
-    found = [Segment(seq, labels.get(seq, f"plan {seq}"), min(s), max(s)) for seq, s in spans.items()]
+    found = [
+        Segment(seq, labels.get(seq, f"plan {seq}"), min(s), max(s), cuts.get(seq))
+        for seq, s in spans.items()
+    ]
     return sorted(found, key=lambda segment: segment.begin_ns)
 
 

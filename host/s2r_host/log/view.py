@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
@@ -27,8 +28,13 @@ _APART_RAD = 4e-3  # a reference nearer than this only muddies the arm it hides 
 _PAUSE_S = 0.3
 
 
-def write_html(recording: Recording, path: Path, arm_name: str | None = None) -> Path:
-    """Write the page.
+def write_html(
+    recording: Recording,
+    path: Path,
+    arm_name: str | None = None,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Path:
+    """Write the page; ``tell`` hears what is being done.
 
     Raises:
         MissingPartError: viser is not installed.
@@ -36,13 +42,16 @@ def write_html(recording: Recording, path: Path, arm_name: str | None = None) ->
         UsageError: ``path`` is a folder or lies in none.
     """
     check_new_file(path)
+    tell("decoding joint states")
     joints = recording.joints()
     try:
         reference = recording.joints("joint_commands")
     except RecordingError:
         reference = None
     found = segments(recording)
-    player = escape(_player(recording, joints, reference, ArmShapes(arm_of(recording, arm_name))), quote=True)
+    shapes = ArmShapes(arm_of(recording, arm_name))
+    player = escape(_player(recording, joints, reference, shapes, tell), quote=True)
+    tell("plotting")
     name = "/".join(recording.path.absolute().parts[-3:])
     frame = (
         f'<iframe title="the arm in 3D" srcdoc="{player}" '
@@ -69,7 +78,13 @@ def write_html(recording: Recording, path: Path, arm_name: str | None = None) ->
     return path
 
 
-def _player(recording: Recording, joints: Joints, reference: Joints | None, shapes: ArmShapes) -> str:
+def _player(
+    recording: Recording,
+    joints: Joints,
+    reference: Joints | None,
+    shapes: ArmShapes,
+    tell: Callable[[str], None],
+) -> str:
     """viser's own offline player of the motion, as HTML."""
     try:
         import viser
@@ -99,7 +114,9 @@ def _player(recording: Recording, joints: Joints, reference: Joints | None, shap
         if axis is not None:
             scene.show_axis(Axis(*axis))
         recorder = server.get_scene_serializer()
-        for t in np.arange(0.0, opened.t[-1], step):
+        times = np.arange(0.0, opened.t[-1], step)
+        for k, t in enumerate(times):
+            tell(f"frame {k + 1} of {len(times)} of the 3D player")
             i = min(int(np.searchsorted(opened.t, t)), len(opened.t) - 1)
             scene.real.show(opened.q[i])
             if opened.q_ref is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from s2r_host.perception.motion import JointType
+from s2r_protocol.targets import JointType
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ from s2r_host.model.plates import base_pieces, part_pieces
 from s2r_host.model.points import ObservedObject, observe
 from s2r_host.model.write import write_mjcf, write_urdf
 from s2r_host.perception.estimate import JointEstimate
-from s2r_host.perception.motion import JointMotion, JointType
+from s2r_host.perception.motion import JointMotion
+from s2r_protocol.targets import JointType
 
 logger = logging.getLogger(__name__)
 

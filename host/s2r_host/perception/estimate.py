@@ -29,7 +29,7 @@ from s2r_host.perception.lever_outline import LeverOutline, lever_outline
 from s2r_host.perception.lever_shape import LeverShape
 from s2r_host.perception.levers import line_within
 from s2r_host.perception.line import HUB_M
-from s2r_host.perception.motion import JointMotion, JointType, Push, line_distance
+from s2r_host.perception.motion import JointMotion, Push, line_distance
 from s2r_host.perception.network_belief import Belief, Network, weighed_by
 from s2r_host.perception.ranking import Hypothesis, explained_by, rank
 from s2r_host.perception.refine import sides
@@ -49,6 +49,7 @@ from s2r_host.perception.verdict import (
 )
 from s2r_host.perception.view import CloudView, DepthView, View
 from s2r_host.perception.wishes import Wishes
+from s2r_protocol.targets import JointType
 
 logger = logging.getLogger(__name__)
 

@@ -23,8 +23,9 @@ from s2r_host.perception.levers import (
     line_pivots,
     line_within,
 )
-from s2r_host.perception.motion import JointMotion, JointType, perpendicular_basis
+from s2r_host.perception.motion import JointMotion, perpendicular_basis
 from s2r_host.perception.planes import Plane, crossing_line, find_planes
+from s2r_protocol.targets import JointType
 
 Array = NDArray[np.floating]
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-JointType = Literal["revolute", "prismatic"]
+from s2r_protocol.targets import JointType
+
 Array = NDArray[np.floating]
 
 

@@ -108,9 +108,20 @@ def as_sent(plan: Replayable, settings: ReplaySettings) -> Trajectory:
     """What goes to admission.
 
     Raises:
+        RecordingError: Only what a stop left of the plan was recorded.
         TargetError: Speed or start time out of range.
     """
+    _check_whole(plan)
     return slowed(from_time(plan.trajectory, settings.t_start), settings.speed)
+
+
+def _check_whole(plan: Replayable) -> None:
+    if plan.cut_s is not None:
+        raise RecordingError(
+            f"plan {plan.number} '{plan.label}' was broken off by a stop {plan.cut_s:.2f} s after its start, and this "
+            "recording holds what was played, not what was planned: braking is no plan. Replay it from the run.mcap of "
+            "the host that sent it"
+        )
 
 
 def replay_plan(
@@ -143,6 +154,7 @@ def replay_plan(
     with link.leased():
         link.arm_drives()
         for earlier in recorded_way(plans, plan, link.status().q_ref, whole=as_found):
+            _check_whole(earlier)
             _go_to(link, arm, earlier.trajectory.q[0], obstacles, earlier.label)
             again = slowed(earlier.trajectory, settings.speed)
             link.wait_done(link.send_plan(again, f"replay: '{earlier.label}' on the way"))

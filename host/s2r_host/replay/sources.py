@@ -19,6 +19,7 @@ from s2r_host.log.tables import EXECUTOR_STATE, TRAJECTORY, Recording, read_reco
 from s2r_host.recording import JointTrack
 from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
 from s2r_protocol.arms import ArmDescription
+from s2r_protocol.exits import UsageError
 
 KNOT_S = 0.02
 DEFAULT_LABEL = "manipulation"
@@ -34,12 +35,15 @@ class Replayable:
         label: E.g. "push 1".
         trajectory: Knots.
         first: Its first execution, None when the source holds none.
+        cut_s: Plan time at which a stop broke off the motion that the knots are read from; what follows is the
+            executor's braking. None: the knots are a plan.
     """
 
     number: int
     label: str
     trajectory: Trajectory
     first: JointTrack | None
+    cut_s: float | None = None
 
 
 def read_source(path: Path, arm: ArmDescription) -> list[Replayable]:
@@ -68,7 +72,7 @@ def pick(plans: list[Replayable], number: int | None, who: Path) -> Replayable:
     """A plan by its number; by default the first planned manipulation, else the last plan.
 
     Raises:
-        RecordingError: There is no such number.
+        UsageError: There is no such number.
     """
     if number is None:
         named = [plan for plan in plans if plan.label.startswith(DEFAULT_LABEL)]
@@ -77,7 +81,7 @@ def pick(plans: list[Replayable], number: int | None, who: Path) -> Replayable:
         if plan.number == number:
             return plan
     known = ", ".join(f"{plan.number} ({plan.label})" for plan in plans)
-    raise RecordingError(f"{who} has no plan {number}; it has {known}")
+    raise UsageError(f"--plan {number}: {who} has no such plan; it has {known}")
 
 
 def _from_trajectories(recording: Recording, arm: ArmDescription) -> list[Replayable]:
@@ -139,7 +143,9 @@ def _from_references(recording: Recording, arm: ArmDescription) -> list[Replayab
         ddq = np.gradient(dq, t, axis=0)
         ddq[0] = ddq[-1] = 0.0
         first = tracks.of(segment.seq)
-        found.append(Replayable(number, segment.label, Trajectory(t, q, dq, ddq), first))
+        cut = segment.cut_ns
+        cut_s = None if cut is None else max(0.0, (cut - int(joints.stamp_ns[keep[0]])) * 1e-9)
+        found.append(Replayable(number, segment.label, Trajectory(t, q, dq, ddq), first, cut_s))
     return found
 
 

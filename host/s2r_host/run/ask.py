@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 
 from s2r_host.run.record import RunRecord
-from s2r_host.run.task import parse_target
 from s2r_protocol.exits import UsageError
 
 
@@ -36,7 +35,7 @@ def ask_operator(record: RunRecord) -> float:
         if not line:
             raise UsageError("--target ask: standard input ended without a target; nothing more was moved")
         try:
-            return parse_target(line.strip(), task)
+            return task.targets.read(line.strip())
         except UsageError as error:
             if not sys.stdin.isatty():
                 raise

@@ -96,7 +96,7 @@ class RunSettings:
     def __post_init__(self) -> None:
         known = self.then if self.target is None else (self.target, *self.then)
         for target in known:
-            self.task.check(target)
+            self.task.targets.check(target)
         show = self.task.unit.show
         for before, after in pairwise(known):
             if abs(after - before) < self.task.tolerance:

@@ -23,7 +23,8 @@ from s2r_host.trajectory.picture_strip import save_picture_strip
 from s2r_host.trajectory.plan_files import write_knots_csv, write_model, write_plan_csv, write_trace_csv
 from s2r_host.trajectory.verify import trace_of
 from s2r_protocol.arms import ArmDescription
-from s2r_protocol.exits import S2RError
+from s2r_protocol.exits import S2RError, UsageError
+from s2r_protocol.targets import JointType, units_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,7 @@ class PlanTask:
         scene: MJCF file; scene and object start at their ``qpos0``.
         joint: The object's joint.
         s_target: Where it shall end [m or rad].
+        target_type: Kind of joint that the unit of the target belongs to; None: it had no unit.
         arm: The arm that is put at ``arm_base``, or that the scene holds.
         out: Folder for the results; made if it is not there.
         q_initial: The arm's start pose [rad], (dof,); None: its home.
@@ -49,6 +51,7 @@ class PlanTask:
     out: Path
     q_initial: np.ndarray | None = None
     seed: int = 0
+    target_type: JointType | None = None
     settings: PlanSettings = field(default_factory=PlanSettings)
     doubt_files: tuple[Path, ...] = ()
 
@@ -69,6 +72,7 @@ def plan_scene(task: PlanTask, patience: Patience) -> dict[str, Any]:
         patience.check("reading the scene")
         request = _request(task)
         scene = scene_of(request)
+        _check_unit(task, scene)
         settings = task.settings
         if task.doubt_files:
             from s2r_host.planning.doubt_files import doubt_from_files  # perception takes its time to import
@@ -87,6 +91,13 @@ def plan_scene(task: PlanTask, patience: Patience) -> dict[str, Any]:
     _write_all(task, request, scene, plan)
     _save(task, answer)
     return answer
+
+
+def _check_unit(task: PlanTask, scene: Scene) -> None:
+    joint_type: JointType = "prismatic" if scene.prismatic else "revolute"
+    if task.target_type not in (None, joint_type):
+        kind = "slide" if scene.prismatic else "hinge"
+        raise UsageError(f"--target: joint {task.joint!r} is a {kind}, measured in {units_of(joint_type)}")
 
 
 def _request(task: PlanTask) -> PlanRequest:

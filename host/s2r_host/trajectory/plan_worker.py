@@ -69,7 +69,8 @@ def _planned(order: PlanOrder, tell: Callable[[str, int], None]) -> dict[str, An
     task = PlanTask(
         scene=Path(order.scene),
         joint=order.joint,
-        s_target=float(order.target),
+        s_target=order.target,
+        target_type=order.target_type,
         arm=description,
         out=out,
         q_initial=posture(order.q0, description.joint_names),
@@ -77,7 +78,7 @@ def _planned(order: PlanOrder, tell: Callable[[str, int], None]) -> dict[str, An
         settings=PlanSettings(threads=order.threads, ensemble=members),
         doubt_files=doubt_files,
     )
-    patience = Patience(order.limit_s, lambda doing: tell(doing, patience.control_steps))
+    patience = Patience(order.time_limit_s, lambda doing: tell(doing, patience.control_steps))
     return plan_scene(task, patience)
 
 

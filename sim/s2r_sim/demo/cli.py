@@ -75,11 +75,15 @@ def demo(
     from s2r_sim.demo.processes import free_port, peer, s2r_command
     from s2r_sim.demo.verdict import draw_truth, open_truth
 
-    load_arm(arm)  # refuses what is no arm before anything starts
+    goal, asked = GOALS[kind], target or GOALS[kind].target
+    # What is no arm, no number or no angle of this kind is refused before anything starts.
+    load_arm(arm)
+    goal.targets.read(asked)
+    for one in further:
+        goal.targets.read(one, "--then")
     folder = out or Path("runs") / f"demo-{seed}-{time.strftime('%Y%m%d-%H%M%S')}"
     folder.mkdir(parents=True, exist_ok=True)
     world = folder / "world.json"
-    goal = GOALS[kind]
     _say(f"drawing hidden {kind} {seed}")
     drawn = subprocess.run(
         s2r_command("world", "draw", "--kind", kind, "--seed", str(seed), "--arm", arm, "--out", world),
@@ -109,8 +113,8 @@ def demo(
         front_end = ("executor", "--record", folder / "recordings", "--bus", bus, "--listen", executor, *both)
         host = (
             "run",
-            goal.task,
-            f"--target={target or goal.target}",
+            goal.targets.kind,
+            f"--target={asked}",
             *(f"--then={one}" for one in further),
             "--attempts",
             str(attempts),
@@ -164,7 +168,7 @@ def _print_verdict(verdict: DemoVerdict, picture: Path, goal: Goal) -> None:
     from rich.table import Table
 
     def shown(value: float | None) -> str:
-        return "–" if value is None else f"{goal.factor * value:+.2f} {goal.unit}"
+        return "–" if value is None else goal.targets.unit.show(value)
 
     table = Table(title="the sealed world, opened", show_header=False, title_justify="left")
     table.add_row("target", shown(verdict.s_target))

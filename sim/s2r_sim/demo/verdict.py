@@ -122,22 +122,21 @@ def draw_truth(folder: Path, verdict: DemoVerdict, goal: Goal) -> Path:
 
     run = json.loads((folder / "run/run.json").read_text())
     truth = _truth_of_part(folder, run)
+    unit = goal.targets.unit
     figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
-    axes.plot(truth.t, goal.factor * truth.s, color="#20639b", label="truth, opened after the run")
+    axes.plot(truth.t, unit.factor * truth.s, color="#20639b", label="truth, opened after the run")
     counted = float(run["s_origin"])
     targets = [aimed["s_target"] - counted for aimed in run["goals"]] or [verdict.s_target]
     for k, target in enumerate(targets):
         label = "target" if k == 0 else None
-        axes.axhline(goal.factor * target, color="#3caea3", linestyle="--", label=label)
+        axes.axhline(unit.factor * target, color="#3caea3", linestyle="--", label=label)
     ticks = [attempt["tick_start"] for attempt in run["attempts"][1:]]
     times = [float(truth.t[truth.master_tick.searchsorted(tick)]) for tick in ticks] + [float(truth.t[-1])]
     for k, (t, attempt) in enumerate(zip(times, run["attempts"], strict=False)):
         label = "measured by the camera" if k == 0 else None
-        axes.plot(t, goal.factor * (attempt["s_final"] - counted), "o", color="#ed553b", label=label)
-    axes.set(xlabel="simulated time [s]", ylabel=f"{goal.name}, from as found [{goal.unit}]")
-    axes.set_title(
-        f"hidden {goal.name} {verdict.seed}: true δ = {goal.factor * verdict.delta_true:+.2f} {goal.unit}"
-    )
+        axes.plot(t, unit.factor * (attempt["s_final"] - counted), "o", color="#ed553b", label=label)
+    axes.set(xlabel="simulated time [s]", ylabel=f"{goal.name}, from as found [{unit.name}]")
+    axes.set_title(f"hidden {goal.name} {verdict.seed}: true δ = {unit.show(verdict.delta_true)}")
     axes.grid(alpha=0.3)
     axes.legend()
     path = folder / "truth.png"

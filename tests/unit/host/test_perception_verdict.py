@@ -10,8 +10,9 @@ import pytest
 
 from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.intervals import Intervals
-from s2r_host.perception.motion import JointMotion, JointType
+from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.verdict import KNOWN_TO, VAGUELY, judge, require_narrow
+from s2r_protocol.targets import JointType
 
 Z = np.array([0.0, 0.0, 1.0])
 

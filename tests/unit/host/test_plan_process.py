@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from s2r_host import plan_process
 from s2r_host.cli_plan import plan
 from s2r_host.plan_process import PlanOrder, plan_in_process
-from s2r_protocol.exits import ExitCode, S2RError
+from s2r_protocol.exits import ExitCode, S2RError, UsageError
 
 # A planner that says where it is, and then does what the test wants.
 START = """
@@ -25,15 +25,15 @@ say(doing="attempt 1, step 3", control_steps=3)
 """
 
 
-def order(out, limit_s="3600"):
-    return PlanOrder("room.xml", "tap", "nan", "xmate3pro", None, None, str(out), 7, limit_s, 1, ())
+def order(out, limit_s=3600.0):
+    return PlanOrder("room.xml", "tap", 0.5, None, "xmate3pro", None, None, str(out), 7, limit_s, 1, ())
 
 
 def planner(text):
     return sys.executable, "-c", START + text
 
 
-def refused(out, text, limit_s="3600"):
+def refused(out, text, limit_s=3600.0):
     """The error and ``plan.json`` when a planner does something else than planning."""
     with pytest.raises((S2RError, RuntimeError)) as caught:
         plan_in_process(order(out, limit_s), lambda doing: None, planner(text))
@@ -42,14 +42,14 @@ def refused(out, text, limit_s="3600"):
     assert answer["success"] is False
     assert answer["held"] is False
     assert answer["seed"] == 7
-    assert answer["target"] == "nan"
+    assert answer["target"] == 0.5
     assert answer["wall_s"] > 0.0
     return caught.value, answer
 
 
 def test_a_planner_that_never_looks_at_the_clock_is_ended_after_the_time_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(plan_process, "GRACE_S", 0.2)
-    error, answer = refused(tmp_path, "time.sleep(3600)", limit_s="1.0")
+    error, answer = refused(tmp_path, "time.sleep(3600)", limit_s=1.0)
     assert str(error) == "no plan within the time limit of 1 s; given up at: attempt 1, step 3"
     assert error.exit_code == ExitCode.REFUSED
     assert answer["control_steps"] == 3
@@ -62,7 +62,7 @@ def test_nothing_of_half_a_plan_stays_when_the_planner_is_ended(tmp_path, monkey
         tmp_path,
         "say(doing='writing the files', control_steps=9)\n"
         "open(os.path.join(order['out'], 'plan.csv'), 'w').write('t')\ntime.sleep(3600)",
-        limit_s="1.0",
+        limit_s=1.0,
     )
     assert not (tmp_path / "plan.csv").exists()
 
@@ -70,7 +70,7 @@ def test_nothing_of_half_a_plan_stays_when_the_planner_is_ended(tmp_path, monkey
 def test_a_planner_that_is_writing_its_files_may_finish_after_the_time_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(plan_process, "GRACE_S", 0.0)
     text = "say(doing='writing the files', control_steps=9)\ntime.sleep(1.5)\nsay(answer={'success': True})"
-    assert plan_in_process(order(tmp_path, "1.0"), lambda doing: None, planner(text)) == {"success": True}
+    assert plan_in_process(order(tmp_path, 1.0), lambda doing: None, planner(text)) == {"success": True}
 
 
 def test_an_old_answer_does_not_outlive_a_new_request(tmp_path):
@@ -166,3 +166,11 @@ def test_a_time_limit_that_is_no_number_is_refused(tmp_path):
     options = ["--scene", "x.xml", "--joint", "tap", "--target", "1", "--out", str(tmp_path)]
     result = CliRunner().invoke(plan, [*options, "--time-limit", "nan"], standalone_mode=False)
     assert "'--time-limit': nan is not a finite number" in result.exception.format_message()
+
+
+def test_a_target_that_is_no_number_is_refused(tmp_path):
+    options = ["--scene", "x.xml", "--joint", "tap", "--out", str(tmp_path)]
+    for target, words in (("nan", "--target nan is not finite"), ("wide", "--target 'wide' is not a number")):
+        result = CliRunner().invoke(plan, [*options, "--target", target], standalone_mode=False)
+        assert isinstance(result.exception, UsageError)
+        assert words in str(result.exception)

@@ -1,6 +1,7 @@
 """Scenes somebody else wrote: where the arm goes, what stays as it was, and what is refused."""
 
 import json
+import math
 from dataclasses import replace
 
 import mujoco
@@ -56,8 +57,9 @@ def refused(path, joint, target, **changes):
     """Exit code and sentence of ``s2r plan``, without the process that it starts."""
     out = path.parent / "out"
     order = PlanOrder(
-        scene=str(path), joint=joint, target=target, arm="xmate3pro", tool=None, q0=None, out=str(out), seed=0,
-        time_limit_s="600", threads=1, ensemble=(),
+        scene=str(path), joint=joint, target=target, target_type=None, arm="xmate3pro", tool=None,
+        q0=None, out=str(out), seed=0,
+        time_limit_s=600.0, threads=1, ensemble=(),
     )  # fmt: skip
     answer = carried_out(replace(order, **changes), lambda doing, steps: None)
     return answer["exit_code"], answer["refused"], out
@@ -153,12 +155,13 @@ def test_nan_in_the_scene_is_refused_by_field(scene_file):
 @pytest.mark.parametrize(
     ("joint", "target", "changes", "code", "text"),
     [
-        ("tap", "2.0", {}, 4, "beyond its range"),
-        ("tap", "0.0", {}, 4, "nothing to move"),
-        ("tap", "nan", {}, 4, "not a finite number"),
-        ("lid", "0.5", {}, 2, "no joint 'lid'; it has tap"),
-        ("tap", "0.5", {"q0": "1,2"}, 2, "--q0 has 2 numbers"),
-        ("tap", "0.5", {"arm": "nowhere"}, 2, "no arm 'nowhere'"),
+        ("tap", 2.0, {}, 4, "beyond its range"),
+        ("tap", 0.0, {}, 4, "nothing to move"),
+        ("tap", math.nan, {}, 4, "not a finite number"),
+        ("lid", 0.5, {}, 2, "no joint 'lid'; it has tap"),
+        ("tap", 0.5, {"target_type": "prismatic"}, 2, "joint 'tap' is a hinge, measured in deg or ° or rad"),
+        ("tap", 0.5, {"q0": "1,2"}, 2, "--q0 has 2 numbers"),
+        ("tap", 0.5, {"arm": "nowhere"}, 2, "no arm 'nowhere'"),
     ],
 )
 def test_absurd_requests_end_with_one_sentence_and_a_code(scene_file, joint, target, changes, code, text):
@@ -174,14 +177,14 @@ def test_absurd_requests_end_with_one_sentence_and_a_code(scene_file, joint, tar
 
 def test_an_object_out_of_reach_is_refused_with_both_distances(scene_file):
     text = SCENE.replace("0.6 1.12 0.7", "0.6 3.0 0.7")
-    code, stderr, _ = refused(scene_file(text=text), "tap", "0.5")
+    code, stderr, _ = refused(scene_file(text=text), "tap", 0.5)
     assert code == 4
     assert "out of reach" in stderr
 
 
 def test_a_lid_lighter_in_friction_than_gravity_is_refused(scene_file):
     text = SCENE.replace('axis="0 0 1"', 'axis="1 0 0"')
-    code, stderr, _ = refused(scene_file(friction=0.01, text=text), "tap", "0.5")
+    code, stderr, _ = refused(scene_file(friction=0.01, text=text), "tap", 0.5)
     assert code == 4
     assert "does not stay" in stderr
     assert "friction holds only 0.01 N·m" in stderr
@@ -216,7 +219,7 @@ def test_a_light_part_that_creeps_below_its_friction_is_refused_with_what_to_set
     flap = """<joint name="flap" axis="0 -1 0" range="0 .8" damping=".1" frictionloss=".3"/>
       <geom type="capsule" size=".009" fromto="0 0 .01 -.12 0 .02" mass=".1"/>"""
     path = scene_file(text=ALONE.replace("{part}", flap).replace("{height}", ".25"))
-    code, text, _ = refused(path, "flap", "0.5")
+    code, text, _ = refused(path, "flap", 0.5)
     assert code == 4
     assert "creeps below its 0.30 N·m" in text
     assert 'solreffriction="0.004 1"' in text
@@ -228,7 +231,7 @@ def test_a_part_inside_its_own_scene_is_refused_with_what_it_overlaps(scene_file
       <geom type="capsule" size=".01" fromto="0 -.12 0 0 .12 0" mass=".2"/>"""
     thin = ALONE.replace('size=".02 .12"', 'size=".01 .12"')
     path = scene_file(text=thin.replace("{part}", cross).replace("{height}", ".1"))
-    code, text, _ = refused(path, "valve", "0.5")
+    code, text, _ = refused(path, "valve", 0.5)
     assert code == 4
     assert "overlaps by" in text
     assert "wing" in text
@@ -237,8 +240,8 @@ def test_a_part_inside_its_own_scene_is_refused_with_what_it_overlaps(scene_file
 @pytest.mark.parametrize(
     ("kind", "target", "text"),
     [
-        ("hinge", "360", "57.3 turns away, more than the 4 that are planned; is it meant in degrees?"),
-        ("slide", "50", "50 m away, farther than the arm 'xmate3pro' gets"),
+        ("hinge", 360, "57.3 turns away, more than the 4 that are planned; is it meant in degrees?"),
+        ("slide", 50, "50 m away, farther than the arm 'xmate3pro' gets"),
     ],
 )
 def test_ways_that_no_arm_goes_along_with_are_refused_without_a_search(scene_file, kind, target, text):
@@ -250,7 +253,7 @@ def test_ways_that_no_arm_goes_along_with_are_refused_without_a_search(scene_fil
 
 def test_a_part_of_visual_geoms_alone_is_refused(scene_file):
     text = SCENE.replace('<geom type="capsule"', '<geom type="capsule" contype="0" conaffinity="0"')
-    code, sentence, _ = refused(scene_file(text=text), "tap", "0.5")
+    code, sentence, _ = refused(scene_file(text=text), "tap", 0.5)
     assert code == 4
     assert sentence.endswith("the part that joint 'tap' moves has no solid geom to push")
 
@@ -260,7 +263,7 @@ def test_a_joint_that_a_servo_of_the_scene_holds_is_refused_with_that_reason(sce
     text = SCENE.replace('<key qpos="0.5"/>', "").replace(
         "<keyframe>", '<actuator><position joint="tap" kp="50"/></actuator><keyframe>'
     )
-    code, sentence, _ = refused(scene_file(text=text, more=cup), "tap", "0.5")
+    code, sentence, _ = refused(scene_file(text=text, more=cup), "tap", 0.5)
     assert code == 4
     assert "does not stay at s_target = 0.5000" in sentence
     assert "the scene's own actuator, told 0, pushes it with 25.00 N·m" in sentence
@@ -268,7 +271,7 @@ def test_a_joint_that_a_servo_of_the_scene_holds_is_refused_with_that_reason(sce
 
 def test_a_range_in_degrees_that_was_meant_as_radians_is_named(scene_file):
     path = scene_file(text=SCENE.replace('range="-80 80"', 'range="-1.5 1.5"'))
-    code, stderr, _ = refused(path, "tap", "1.0")
+    code, stderr, _ = refused(path, "tap", 1.0)
     assert code == 4
     assert "beyond its range [-0.0262, 0.0262] rad" in stderr
     assert '<compiler angle="radian"/>' in stderr

@@ -5,15 +5,18 @@ import json
 import numpy as np
 import pytest
 
+from s2r_host.cli_replay import _unused
 from s2r_host.errors import RecordingError, TargetError
 from s2r_host.recording import JOINT_STATE, STATE, JointTrack, RunRecorder, plan_track, stamp
 from s2r_host.replay.overlay import write_overlay
 from s2r_host.replay.pace import from_time, path_time, slowed
-from s2r_host.replay.replay import Replayed, compare, repeatability
+from s2r_host.replay.replay import Replayed, ReplaySettings, as_sent, compare, repeatability
 from s2r_host.replay.sources import Replayable, pick, read_source, trajectory_of_message
 from s2r_host.trajectory import Trajectory
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.root import main
+from s2r_protocol.exits import UsageError
+from s2r_protocol.faults import ExecutorState
 
 ARM = load_arm("xmate3pro")
 NAMES = tuple(f"joint{i}" for i in range(1, 8))
@@ -59,7 +62,9 @@ def test_default_is_the_first_planned_manipulation(run):
 
 
 def test_unknown_number_lists_the_known_ones(run):
-    with pytest.raises(RecordingError, match=r"no plan 9; it has 1 \(push 1\), 2 \(manipulation 1\), 3"):
+    with pytest.raises(
+        UsageError, match=r"--plan 9: .* has no such plan; it has 1 \(push 1\), 2 \(manipulation 1\), 3"
+    ):
         pick(read_source(run, ARM), 9, run)
 
 
@@ -68,7 +73,7 @@ def test_the_list_of_plans_can_be_read_by_a_machine(run, capsys):
         main(["replay", str(run), "--list", "--json"])
     assert ended.value.code == 0
     listed = json.loads(capsys.readouterr().out)
-    assert [set(plan) for plan in listed] == [{"plan", "label", "duration_s"}] * len(listed)
+    assert [set(plan) for plan in listed] == [{"plan", "label", "duration_s", "broken_off_s"}] * len(listed)
     assert listed
 
 
@@ -217,3 +222,36 @@ def test_an_executors_own_recording_is_a_source_without_a_run_folder(tmp_path, t
     np.testing.assert_allclose(only.trajectory.sample(t)[0], trajectory.sample(t)[0], atol=2e-4)
     assert isinstance(only, Replayable)
     assert only.first is not None
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_what_a_stop_left_of_a_plan_is_no_plan(tmp_path, trajectory, stopped, capsys):
+    file = tmp_path / "motion.mcap"
+    with RunRecorder(file, "/lab/xmate3pro", NAMES) as recorder:
+        for k in range(1, 101):
+            t_ns = 10_000_000_000 + k * 10_000_000
+            q, dq, _ = trajectory.sample(k * 0.01)
+            header = {"stamp": stamp(t_ns)}
+            body = {"header": header, "name": NAMES, "position": q, "velocity": dq}
+            for topic in ("joint_states", "joint_commands"):
+                recorder._put(topic, JOINT_STATE, body, t_ns)
+            state = ExecutorState.STOPPING if stopped and k > 60 else ExecutorState.RUN
+            body = {"header": header, "state": int(state), "plan_seq": 4, "plan_t": k * 0.01}
+            recorder._put("executor_state", STATE, body, t_ns)
+    plan = pick(read_source(file, ARM), None, file)
+    if not stopped:
+        assert plan.cut_s is None
+        assert as_sent(plan, ReplaySettings()).duration_s == pytest.approx(1.0, abs=0.05)
+        return
+    assert plan.cut_s == pytest.approx(0.6)
+    with pytest.raises(RecordingError, match=r"broken off by a stop 0.60 s after its start"):
+        as_sent(plan, ReplaySettings())
+    with pytest.raises(SystemExit):
+        main(["replay", str(file), "--list"])
+    assert "(broken off by a stop at 0.60 s)" in capsys.readouterr().out
+
+
+def test_an_earlier_replay_is_kept(tmp_path):
+    assert _unused(tmp_path / "replay-1") == tmp_path / "replay-1"
+    (tmp_path / "replay-1").mkdir()
+    assert _unused(tmp_path / "replay-1") == tmp_path / "replay-1-2"

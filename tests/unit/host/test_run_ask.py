@@ -39,7 +39,7 @@ def test_on_a_terminal_it_is_asked_again_until_it_is_a_target(monkeypatch, recor
     typed(monkeypatch, "20mm\nfar\n400deg\n20deg\n", terminal=True)
     assert ask_operator(record) == pytest.approx(math.radians(20))
     assert [line for line in record.journal.said if "--target" in line] == [
-        "--target 20mm: the joint of a faucet is not measured in mm",
+        "--target 20mm: the joint of a faucet is measured in deg or ° or rad",
         "--target 'far' is not a number, with or without a unit (deg or ° or rad)",
         next(line for line in record.journal.said if "outside" in line),
     ]

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from s2r_host.run.task import DRAWER, LAPTOP, parse_target
+from s2r_host.run.task import DRAWER, LAPTOP
 from s2r_protocol.exits import UsageError
 
 
@@ -23,14 +23,14 @@ from s2r_protocol.exits import UsageError
     ],
 )
 def test_a_target_is_read_with_or_without_its_unit(text, task, value):
-    assert parse_target(text, task) == pytest.approx(value)
+    assert task.targets.read(text) == pytest.approx(value)
 
 
 @pytest.mark.parametrize(
     ("text", "task", "words"),
     [
-        ("150mm", LAPTOP, "not measured in mm"),
-        ("10deg", DRAWER, "not measured in deg"),
+        ("150mm", LAPTOP, "measured in deg"),
+        ("10deg", DRAWER, "measured in mm"),
         ("open", DRAWER, "not a number"),
         ("", LAPTOP, "not a number"),
         ("nan", DRAWER, "not finite"),
@@ -40,13 +40,13 @@ def test_a_target_is_read_with_or_without_its_unit(text, task, value):
 )
 def test_a_target_that_cannot_be_meant_is_refused(text, task, words):
     with pytest.raises(UsageError, match=words):
-        parse_target(text, task)
+        task.targets.read(text)
 
 
 def test_the_refusal_names_the_option_that_was_given():
     for text in ("far", "nan", "5m", "10deg"):
         with pytest.raises(UsageError, match=r"^--then "):
-            parse_target(text, DRAWER, "--then")
+            DRAWER.targets.read(text, "--then")
 
 
 def test_a_target_is_refused_before_anything_heavy_is_loaded():
