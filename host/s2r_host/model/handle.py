@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 
 from s2r_host.model.pieces import Piece, box
 from s2r_host.perception.estimate import JointEstimate
-from s2r_host.perception.frames import project
+from s2r_host.perception.frames import pixel_rays, project
 from s2r_host.perception.view import DepthView
 
 Array = NDArray[np.floating]
@@ -233,9 +233,7 @@ def _window(view: DepthView, X_base_face: Array, handle: Handle) -> _Window | No
         return None
     u, v = np.meshgrid(np.arange(u0, u1), np.arange(v0, v1))
     depth = view.depth[v0:v1, u0:u1].ravel()
-    ray_C = np.stack(
-        [(u - view.K[0, 2]) / view.K[0, 0], (v - view.K[1, 2]) / view.K[1, 1], np.ones(u.shape)], -1
-    )
+    ray_C = pixel_rays(view.K, u, v)
     keep = depth > 0
     keep[np.flatnonzero(keep)] &= np.arange(int(keep.sum())) % max(1, int(keep.sum()) // 6000) == 0
     rays = ray_C.reshape(-1, 3)[keep] @ X_face_camera[:3, :3].T

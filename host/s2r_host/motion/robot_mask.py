@@ -8,6 +8,7 @@ import coal
 import numpy as np
 
 from s2r_host.motion.arm_model import ArmModel
+from s2r_host.perception.frames import backproject
 
 INFLATION_M = 0.02
 
@@ -33,13 +34,7 @@ class DepthView(Protocol):
 
 def back_project(view: DepthView) -> np.ndarray:
     """Points in the base frame [m], shape (h, w, 3); rows without a return are NaN."""
-    depth = np.asarray(view.depth_m, float)
-    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    K = view.K
-    p_camera = np.stack([(u - K[0, 2]) / K[0, 0] * depth, (v - K[1, 2]) / K[1, 1] * depth, depth], axis=-1)
-    p_base = p_camera @ view.X_base_camera[:3, :3].T + view.X_base_camera[:3, 3]
-    p_base[depth <= 0.0] = np.nan
-    return p_base
+    return backproject(view.depth_m, view.K, view.X_base_camera)
 
 
 def robot_mask(

@@ -71,8 +71,16 @@ def backproject(
     h, w = depth_m.shape
     u, v = np.meshgrid(np.arange(w), np.arange(h))
     z = np.where(depth_m > 0, depth_m, np.nan).astype(np.float64)
-    p_C = np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=-1)
+    p_C = pixel_rays(K, u, v) * z[..., None]
     return p_C @ X_base_camera[:3, :3].T + X_base_camera[:3, 3]
+
+
+def pixel_rays(
+    K: NDArray[np.floating], u: NDArray[np.generic], v: NDArray[np.generic]
+) -> NDArray[np.floating]:
+    """Where pixels look, in the OpenCV camera frame, with z = 1: times depth it is a point. Shape (..., 3)."""
+    x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
+    return np.stack([x, y, np.ones_like(x)], axis=-1)
 
 
 def project(

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_host.perception.frames import DepthFrame
+from s2r_host.perception.frames import DepthFrame, pixel_rays
 from s2r_host.perception.motion import JointMotion, rotation, unit
 
 Array = NDArray[np.floating]
@@ -65,7 +65,7 @@ def render(
             o3d.core.Tensor.from_numpy(corners.astype(np.float32)), o3d.core.Tensor.from_numpy(_FACES)
         )
     v, u = np.mgrid[: shape[0], : shape[1]]
-    ray_C = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(shape)], axis=-1)
+    ray_C = pixel_rays(K, u, v)
     direction = ray_C @ X_base_camera[:3, :3].T
     origin = np.broadcast_to(X_base_camera[:3, 3], direction.shape)
     rays = np.concatenate([origin, direction], axis=-1).astype(np.float32)
@@ -242,7 +242,7 @@ def lever_look(turn_rad: float, half_m: Array = LEVER_HALF_M, p_camera: Array | 
     K, shape = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]]), (480, 640)
     X = look_at(np.array([0.0, -0.5, 0.6]) if p_camera is None else p_camera, LEVER_HINGE)
     v, u = np.mgrid[: shape[0], : shape[1]]
-    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(shape)], axis=-1)
+    rays = pixel_rays(K, u, v)
     R = rotation(np.array([0.0, 0.0, 1.0]), turn_rad)
     middle = LEVER_HINGE + half_m[0] * R[:, 0]
     way = rays @ X[:3, :3].T

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from s2r_host.perception.frames import Cloud, DepthFrame
+from s2r_host.perception.frames import Cloud, DepthFrame, pixel_rays
 
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -117,9 +117,7 @@ class DepthView:
         self.index_of_pixel[self.flat] = np.arange(len(self.flat))
         v, u = np.divmod(self.flat, w)
         z = smooth.ravel()[self.flat]
-        p_C = np.stack(
-            [(u - self.K[0, 2]) / self.K[0, 0] * z, (v - self.K[1, 2]) / self.K[1, 1] * z, z], axis=1
-        )
+        p_C = pixel_rays(self.K, u, v) * z[:, None]
         R = self.X_base_camera[:3, :3]
         self.points: Array = p_C @ R.T + self.X_base_camera[:3, 3]
         self.normals: Array = normal_C.reshape(-1, 3)[self.flat] @ R.T
@@ -236,11 +234,10 @@ def fit_planes(depth: Array, K: Array, noise_scale: float = 1.0) -> tuple[Array,
         slope_u[take], slope_v[take], value[take] = a[take], b[take], c[take]
         good |= take
     # On the plane: 1/z = a (u - u0) + b (v - v0) + c with u = fx x/z + cx, hence the normal below.
-    x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
+    ray = pixel_rays(K, u, v)
     nx, ny = slope_u * K[0, 0], slope_v * K[1, 1]
-    nz = value - nx * x - ny * y
+    nz = value - nx * ray[..., 0] - ny * ray[..., 1]
     normal = np.stack([nx, ny, nz], axis=-1)
-    ray = np.stack([x, y, np.ones_like(x)], axis=-1)
     normal = np.where(good[..., None], normal, ray)
     normal = -normal / np.linalg.norm(normal, axis=-1, keepdims=True)
     smooth = np.where(good, 1.0 / np.where(good, value, 1.0), depth)

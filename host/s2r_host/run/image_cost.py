@@ -12,6 +12,7 @@ import warnings
 
 import numpy as np
 
+from s2r_host.perception.frames import pixel_rays
 from s2r_host.perception.view import DepthView
 
 CELL_PX = 2
@@ -106,8 +107,7 @@ class ImageCost:
         X, K = np.linalg.inv(self._view.X_camera_base), self._view.K
         rows, columns = np.divmod(np.arange(len(self._z_seen)), self._shape[1])
         u, v = CELL_PX * (columns + 0.5) - 0.5, CELL_PX * (rows + 0.5) - 0.5
-        ray = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(len(u))])
-        return self._z_seen * (X[2, :3] @ ray) + X[2, 3]
+        return self._z_seen * (pixel_rays(K, u, v) @ X[2, :3]) + X[2, 3]
 
     def _cells(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(depth [m], cell or -1) of points (n, 3)."""
