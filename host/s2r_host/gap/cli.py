@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from s2r_protocol.cli.options import SEED
-from s2r_protocol.exits import ExitCode
+from s2r_protocol.exits import ExitCode, S2RError
 
 LISTS = ("--fit", "--holdout", "--repeat")
 
@@ -110,7 +110,13 @@ def run_gap(
     """
     from s2r_host.gap.config import read_config
     from s2r_host.gap.errors import GapUsageError
-    from s2r_host.gap.output.answer import forget_answer, make_answer, write_answer, write_outputs
+    from s2r_host.gap.output.answer import (
+        check_replaceable,
+        forget_answer,
+        make_answer,
+        write_answer,
+        write_outputs,
+    )
     from s2r_host.gap.output.extras import add_extras
     from s2r_host.gap.pipeline import analyse
 
@@ -120,13 +126,20 @@ def run_gap(
     config = read_config(config_path)
     if out.exists() and not out.is_dir():
         raise GapUsageError(f"--out '{out}' is a file; give a folder")
+    check_replaceable(out, [model_path, *fit, *holdout, *repeat])
+    new = not out.exists()
     out.mkdir(parents=True, exist_ok=True)  # a place that takes no files is told at once
 
     def log(text: str) -> None:
         if not quiet:
             click.echo(text, err=True)
 
-    analysis = analyse(model_path, fit, holdout, repeat, config, log)
+    try:
+        analysis = analyse(model_path, fit, holdout, repeat, config, log)
+    except S2RError:
+        if new:
+            out.rmdir()
+        raise
     forget_answer(out)
     add_extras(analysis, config, seed, out, log)
     answer = make_answer(analysis, seed)

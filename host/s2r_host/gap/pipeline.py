@@ -25,9 +25,9 @@ from s2r_host.gap.output.generic import fit_generic
 from s2r_host.gap.recordings.files import read_recording
 from s2r_host.gap.recordings.holes import stretches
 from s2r_host.gap.regression.base_terms import PREFIX, BaseTerm
-from s2r_host.gap.regression.floor import find_partner
 from s2r_host.gap.regression.friction_edge import find_edges
 from s2r_host.gap.regression.problem import Problem, build_problem
+from s2r_host.gap.regression.second_run import find_partner, no_partner
 from s2r_host.gap.regression.seeds import fill_residuals
 from s2r_host.gap.regression.solution import Solution
 from s2r_host.gap.search.search import Search
@@ -120,6 +120,7 @@ def analyse(
         placed[len(fit) : len(fit) + len(hold)],
         placed[len(fit) + len(hold) :],
     )
+    notes += [why for twin in repeats if (why := no_partner(twin, fit)) is not None]
     if not hold:
         notes.append(
             "no held-out recording given: the last 30 % of each fit recording is held out, of each of several strokes "
@@ -340,7 +341,7 @@ def _calibrate(a: Analysis, seconds: float) -> None:
 
 
 def _without_effort(a: Analysis, log: Log) -> None:
-    log("no effort channel: position only")
+    log("the effort cannot be compared: position only")
     ctx = Context(a.model, a.fit)
     nominal = build_twin(a.model, ctx, [])
     a.twin = nominal

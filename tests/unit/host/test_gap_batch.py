@@ -9,7 +9,7 @@ from s2r_host.gap.batch import Job, read_jobs, run_batch, run_job, since_when
 from s2r_host.gap.cli import batch_code
 from s2r_host.gap.config import read_config
 from s2r_host.gap.errors import GapRecordingError, GapUsageError
-from s2r_host.gap.output.answer import forget_answer, write_answer
+from s2r_host.gap.output.answer import check_replaceable, forget_answer, write_answer
 
 
 def _list(tmp_path, text):
@@ -111,7 +111,27 @@ def test_what_is_left_of_an_older_answer_goes(tmp_path):
     for name in ("patch.py", "next_experiment.csv", "gap.json", "notes.txt"):
         (tmp_path / name).write_text("", encoding="utf-8")
     forget_answer(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["gap.json.part", "notes.txt"]
+
+
+@pytest.mark.parametrize("own", ["gap.json", "gap.json.part"])
+def test_what_is_no_earlier_answer_is_not_replaced(tmp_path, own):
+    (tmp_path / "fit.csv").write_text("", encoding="utf-8")
+    check_replaceable(tmp_path, [tmp_path / "fit.csv"])
+    (tmp_path / "report.html").write_text("mine", encoding="utf-8")
+    with pytest.raises(
+        GapUsageError, match=r"holds report.html, and no gap.json: no earlier answer; .* another folder"
+    ):
+        check_replaceable(tmp_path, [])
+    (tmp_path / own).write_text("{}", encoding="utf-8")
+    check_replaceable(tmp_path, [])
+
+
+def test_an_answer_does_not_replace_what_it_is_made_from(tmp_path):
+    for name in ("gap.json", "next_experiment.csv"):
+        (tmp_path / name).write_text("", encoding="utf-8")
+    with pytest.raises(GapUsageError, match=r"holds next_experiment.csv, which this run reads"):
+        check_replaceable(tmp_path, [tmp_path / "next_experiment.csv"])
 
 
 def test_the_answer_is_written_whole_and_last(tmp_path):

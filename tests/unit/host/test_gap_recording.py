@@ -127,3 +127,10 @@ def test_the_step_of_a_log_is_that_of_its_rate_whenever_it_began(start):
     t = start + 0.01 * np.arange(1000)
     rec = Recording("r", t - t[0], {}, Controller(), "measured", "effort", "a", "", ())
     assert rec.dt == 0.01
+
+
+@pytest.mark.parametrize("gain", [-3.0, float("nan"), float("inf")])
+def test_a_gain_that_is_none_is_refused(tmp_path, gain):
+    side = {"controller": {"type": "pd", "kp": {"elbow": gain}}}
+    with pytest.raises(GapRecordingError, match=r"controller.kp of 'elbow' is (-3|nan|inf); a gain is"):
+        read_recording(simple(tmp_path, side))

@@ -14,6 +14,7 @@ from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.problem import Problem, build_problem
+from s2r_host.gap.regression.second_run import find_partner, no_partner
 from s2r_host.gap.rig import write_model
 from s2r_host.gap.search.search import Search
 from s2r_host.gap.verdict.parameters_off import parameters_only
@@ -135,3 +136,13 @@ def test_rows_that_friction_leaves_open_are_no_leftover():
     stated: Any = SimpleNamespace(floor_source="repeat", trust=weight)
     block: Any = SimpleNamespace(rows=slice(0, 400))
     assert Problem.rms(stated, rows, block, np.ones(400, dtype=bool)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_second_run_of_another_motion_is_told(model):
+    first, again, other = (recorded(model, k, phase) for k, phase in ((0, 0.0), (1, 0.0), (2, 1.0)))
+    assert no_partner(again, [first]) is None
+    assert find_partner(other, [first]) is None
+    why = no_partner(other, [first])
+    assert why is not None
+    assert why.startswith("r2 is no second run of any --fit recording and is left out: its positions differ")
+    assert "10% is allowed" in why

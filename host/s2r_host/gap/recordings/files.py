@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from pathlib import Path
 
 import numpy as np
@@ -278,5 +279,11 @@ def _controller(side: dict, names: dict, path: Path) -> Controller:
             gains[key] = {str(names.get(j, j)): float(v) for j, v in table.items()}
         except (TypeError, ValueError) as error:
             raise GapRecordingError(f"{path.stem}.yaml: controller.{key}: {error}") from error
+        for joint, value in gains[key].items():
+            if not 0.0 <= value < math.inf:
+                raise GapRecordingError(
+                    f"{path.stem}.yaml: controller.{key} of '{joint}' is {value:g}; a gain is a finite number of 0 or "
+                    "more, as in kp (q_cmd - q)"
+                )
     rate = raw.get("rate_hz")
     return Controller(kind=str(kind), rate_hz=float(rate) if rate else None, **gains)

@@ -16,6 +16,7 @@ from s2r_host.gap.motion.states import stop_operator
 from s2r_host.gap.motion.time_spans import runs
 from s2r_host.gap.regression.friction_seen import TRUSTED, between_level, trust
 from s2r_host.gap.regression.rows import Block, compare, picks_of, residual
+from s2r_host.gap.regression.second_run import find_partner
 
 GENERIC_FOLDS = 8
 GENERIC_BINS, COARSE_BINS = 40, (6, 12)
@@ -143,21 +144,6 @@ def at_least_declared(joint: str, noise: list[np.ndarray], fit: list[Session]) -
     declared = float(np.sqrt(np.average(squares, weights=[len(s.t) for s in fit]))) if fit else 0.0
     seen = rms(noise) if noise else 0.0
     return [x * (declared / seen) for x in noise] if 0.0 < seen < declared else noise
-
-
-def find_partner(twin: Session, fit: list[Session]) -> Session | None:
-    """The fit session that shows the same motion, or None."""
-    best, best_rms = None, np.inf
-    for s in fit:
-        if abs(s.dt - twin.dt) > 1e-6 or abs(len(s.t) - len(twin.t)) > 0.1 * len(s.t):
-            continue
-        n = min(len(s.t), len(twin.t))
-        rms = float(np.sqrt(np.mean((s.q[:n] - twin.q[:n]) ** 2)))
-        if rms < best_rms:
-            best, best_rms = s, rms
-    if best is None or best_rms > 0.1 * max(float(np.max(np.std(best.q, axis=0))), 1e-9):
-        return None
-    return best
 
 
 def generic_leftovers(

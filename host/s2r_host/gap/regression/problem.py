@@ -15,7 +15,6 @@ from s2r_host.gap.regression.drift import Drift
 from s2r_host.gap.regression.evidence import Whitener, fit_whitener
 from s2r_host.gap.regression.floor import (
     LEAST_ROWS,
-    find_partner,
     floor_level,
     noise_samples,
     rms,
@@ -25,6 +24,7 @@ from s2r_host.gap.regression.floor import (
 from s2r_host.gap.regression.friction_seen import TRUSTED, dry_level, friction_levels, trust
 from s2r_host.gap.regression.nuisance import COMPARISON, BaseParameter, base_parameters, recording_gains
 from s2r_host.gap.regression.rows import Block, band, compare, least_cut, make_blocks
+from s2r_host.gap.regression.second_run import find_partner
 from s2r_host.gap.regression.unrepeated import Wander, wandering
 
 EDGE_SHARE = 0.5

@@ -12,8 +12,8 @@ import numpy as np
 
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session, lowpass
-from s2r_host.gap.regression.floor import find_partner
 from s2r_host.gap.regression.rows import residual
+from s2r_host.gap.regression.second_run import find_partner
 
 SLOW_HZ = 5.0
 LATER_S = (0.25, 0.5)
