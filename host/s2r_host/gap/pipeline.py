@@ -165,7 +165,7 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     if reason:
         a.verdict = decision.verdict = "insufficient"
         a.notes.insert(0, reason)
-    elif decision.verdict in UNTOUCHED and (wide := insufficient.wide_guess(problem)):
+    elif decision.verdict != "unknown" and (wide := insufficient.wide_guess(problem)):
         a.notes.append(wide)
     if (
         decision.verdict == "physics_missing"

@@ -146,3 +146,15 @@ def test_a_second_run_of_another_motion_is_told(model):
     assert why is not None
     assert why.startswith("r2 is no second run of any --fit recording and is left out: its positions differ")
     assert "10% is allowed" in why
+
+
+@pytest.mark.parametrize(
+    ("step", "drift", "copied"), [(0.0, 0.0, False), (1e-4, 0.0, True), (1e-4, 3e-4, False)]
+)
+def test_a_second_run_that_repeats_every_step_of_the_encoder_is_none(model, step, drift, copied):
+    first, again = recorded(model, 0, 0.0), recorded(model, 1, 0.0)
+    for s, off in ((first, 0.0), (again, drift)):
+        q = s.rec.channels["q"]["elbow"] + off * np.sin(0.3 * s.rec.t)
+        s.rec.as_read.channels["q"]["elbow"] = np.round(q / step) * step if step else q
+    assert (find_partner(again, [first]) is None) == copied
+    assert ("repeat nearly every encoder step of r0" in (no_partner(again, [first]) or "")) == copied

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, turned
+from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session
 
 STEP = 1e-2
@@ -28,7 +29,7 @@ class GravityTilt(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Derivative of the load by the two tilt angles; a direction without influence is left out."""
-        both = [self._column(ctx, s, axis) for axis in range(2)]
+        both = tilted_loads(ctx.model, s)
         return Columns.of_motion([both[axis] for axis in self._axes(ctx)])
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
@@ -37,20 +38,8 @@ class GravityTilt(Effect):
 
     def _axes(self, ctx: Context) -> list[int]:
         s = ctx.sessions[0]
-        sizes = [float(np.sqrt(np.mean(self._column(ctx, s, axis) ** 2))) for axis in range(2)]
+        sizes = [float(np.sqrt(np.mean(load**2))) for load in tilted_loads(ctx.model, s)]
         return [axis for axis in range(2) if sizes[axis] > 1e-3 * max(sizes)] or [0]
-
-    def _column(self, ctx: Context, s: Session, axis: int) -> np.ndarray:
-        key = ("tilt", axis)
-        if key not in s.cache:
-            across = tilt_directions(ctx.model.model)[axis]
-            strength = float(np.linalg.norm(ctx.model.model.opt.gravity))
-
-            def change(m: mujoco.MjModel) -> None:
-                m.opt.gravity[:] = m.opt.gravity + STEP * strength * across
-
-            s.cache[key] = (ctx.model.inverse(s.q, s.v, s.a, ctx.model.variant(change)) - s.load) / STEP
-        return s.cache[key]
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Tilt angles; a single joint sees only one of them."""
@@ -70,6 +59,24 @@ class GravityTilt(Effect):
             g = g + float(value) * strength * directions[axis]
         spec.option.gravity = g / np.linalg.norm(g) * strength
         return True
+
+
+def tilted_loads(model: RigidModel, s: Session) -> list[np.ndarray]:
+    """How the load of every joint changes with the tilt of the base about two level axes, [N·m/rad], (time, dof) each.
+
+    Nothing where there is no gravity.
+    """
+    strength = float(np.linalg.norm(model.model.opt.gravity))
+    if strength == 0.0:
+        return []
+    for axis, across in enumerate(tilt_directions(model.model)):
+
+        def change(m: mujoco.MjModel, across: np.ndarray = across) -> None:
+            m.opt.gravity[:] = m.opt.gravity + STEP * strength * across
+
+        if ("tilt", axis) not in s.cache:
+            s.cache["tilt", axis] = (model.inverse(s.q, s.v, s.a, model.variant(change)) - s.load) / STEP
+    return [s.cache["tilt", axis] for axis in range(2)]
 
 
 def tilt_directions(m: mujoco.MjModel) -> np.ndarray:

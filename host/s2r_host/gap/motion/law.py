@@ -31,6 +31,7 @@ HOLDS_NOISY, SHIFTS_S = 0.05, (0.001, 0.002, 0.004, 0.008)  # the same for an ef
 SMOOTHER_HZ = (5.0, 10.0, 20.0, 40.0)
 LEAST_CHANGE = 0.012
 Z90 = 1.645
+PASSED, PASSES = 1.2, 0.01  # times a limit, in a share of the rows: what arrives there was not cut off at it
 TOP = 0.98  # of the rows stay below what a drive reaches
 MODEL_ERROR = 0.012  # relative error of a value beyond its noise
 TICK_SHARE = (
@@ -330,7 +331,10 @@ def _clip(test: _Test, unit: str) -> Found:
     misfit = test.misfit(lambda r: change(r, limit, best[1]))
     table = {"limit": {"value": limit, "unit": unit, "interval90": test.interval(cost, limit, limit),
                        "identifiable": True}}  # fmt: skip
-    return test.odds(misfit, 2), "saturation", test.share(misfit), table, {"limit": limit, "v0": best[1]}
+    arrived = np.concatenate([np.abs(r.s.rec.as_read.channels["tau"][test.joint_name]) for r in test.rows])
+    passed = np.mean(arrived > PASSED * limit) > PASSES
+    odds = -np.inf if passed else test.odds(misfit, 2)
+    return odds, "saturation", test.share(misfit), table, {"limit": limit, "v0": best[1]}
 
 
 def _rows(model: RigidModel, s: Session, joint: int, held: bool) -> _Rows | None:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.signal import detrend
 
 from s2r_host.gap.effects.base import count_reversals
+from s2r_host.gap.effects.gravity_tilt import tilted_loads
 from s2r_host.gap.motion.known_noise import known_noise, motion_noise
 from s2r_host.gap.motion.model import FEW_JOINTS, RigidModel
 from s2r_host.gap.motion.rest import rests_of
@@ -16,7 +17,7 @@ from s2r_host.gap.motion.states import stop_operator
 from s2r_host.gap.motion.time_spans import runs
 from s2r_host.gap.regression.friction_seen import TRUSTED, between_level, trust
 from s2r_host.gap.regression.rows import Block, compare, picks_of, residual
-from s2r_host.gap.regression.second_run import find_partner
+from s2r_host.gap.regression.second_run import find_partner, led_by_hand
 
 GENERIC_FOLDS = 8
 GENERIC_BINS, COARSE_BINS = 40, (6, 12)
@@ -48,7 +49,7 @@ def noise_samples(
     model: RigidModel, joints: list[int], fit: list[Session], repeats: list[Session],
     blocks: list[Block], raw: list[np.ndarray],
 ) -> Noise:  # fmt: skip
-    """Half the difference of two runs, or what generic corrections leave over."""
+    """Half the difference of two runs, or what generic corrections leave over; the less of both where hands led."""
     noise: dict[int, list[np.ndarray]] = {j: [] for j in joints}
     for twin in repeats:
         partner = find_partner(twin, fit)
@@ -63,13 +64,17 @@ def noise_samples(
                 noise[j].append(difference[picks] / np.sqrt(2.0))
     source = "repeat" if all(noise[j] for j in joints) and joints else "estimated"
     course = {j: list(noise[j]) for j in joints}
+    led = any(led_by_hand(twin, find_partner(twin, fit)) for twin in repeats)
     for j in joints:
+        if noise[j] and not led:
+            continue
+        own = [(b, values) for b, values in zip(blocks, raw, strict=True) if b.joint == j]
+        left = [generic_leftovers(model, b.session, j, values, b.picks) for b, values in own]
         if not noise[j]:
-            for block, values in zip(blocks, raw, strict=True):
-                if block.joint == j:
-                    least, richest = generic_leftovers(model, block.session, j, values, block.picks)
-                    noise[j].append(least)
-                    course[j].append(richest)
+            noise[j], course[j] = [least for least, _ in left], [richest for _, richest in left]
+        elif left:  # what the two ways differ by is in half their difference as well
+            share = min(1.0, rms([least for least, _ in left]) / max(rms(noise[j]), 1e-30))
+            noise[j] = [share * x for x in noise[j]]
     for j in joints:
         noise[j] = at_least_declared(model.joints[j], noise[j], fit)
     return Noise(noise, course, source)
@@ -222,6 +227,8 @@ def rigid_columns(model: RigidModel, s: Session, j: int) -> list[np.ndarray]:
         late = np.gradient(s.load[:, j], s.dt)
         columns += [a, s.load[:, j], np.abs(s.load[:, j]) * sign, late, np.gradient(late, s.dt)]
     columns += [s.load[:, i] for i in range(s.q.shape[1]) if i != j]
+    if s.q.shape[1] > FEW_JOINTS:  # no shape of one joint's place follows what the others do to its gravity
+        columns += [load[:, j] for load in tilted_loads(model, s)]
     pressed = wrench_parts(model, s, j)
     if pressed is not None:
         columns += [pressed.across * sign, pressed.racking * sign]

@@ -7,16 +7,30 @@ import numpy as np
 from s2r_host.gap.motion.session import Session
 
 MOST_LONGER = 0.1  # of its rows that a second run may have more or less
+SMOOTH = 1e-6  # of the spread of the motion: steps below it are digits of the file
+LED = 0.002  # of the spread of the motion that two runs under one controller differ by at most, rms
+COPIED = 0.9  # of the rows in which an encoder steps
+ONE_SIZE = 0.5  # ratio of two of the smallest gaps between values that lie on steps
+STAMP_S = 1e-4  # stamps this close together are of one row
 MOST_APART = 0.1  # of the spread of the motion that the positions of two runs may differ by, rms
 
 
 def find_partner(twin: Session, fit: list[Session]) -> Session | None:
-    """The fit session that shows the same motion, or None."""
+    """The fit session that shows the same motion, or None.
+
+    A run whose encoder repeats to the last step is none: what its steps make of speeds, accelerations and hence of the
+    residual comes back in it, and would pass for physics.
+    """
     alike = [s for s in fit if _as_long(twin, s)]
     if not alike:
         return None
     best = min(alike, key=lambda s: _apart(twin, s))
-    return None if _apart(twin, best) > MOST_APART * _spread(best) else best
+    return best if _apart(twin, best) <= MOST_APART * _spread(best) and not _copied(twin, best) else None
+
+
+def led_by_hand(twin: Session, partner: Session | None) -> bool:
+    """Do two runs of one motion differ by more than a drive lets them?"""
+    return partner is not None and _apart(twin, partner) > LED * _spread(partner)
 
 
 def no_partner(twin: Session, fit: list[Session]) -> str | None:
@@ -27,7 +41,10 @@ def no_partner(twin: Session, fit: list[Session]) -> str | None:
     if alike:
         best = min(alike, key=lambda s: _apart(twin, s))
         why = (
-            f"its positions differ from those of {best.rec.name} by {_apart(twin, best):.3g} rms, "
+            f"its positions repeat nearly every encoder step of {best.rec.name}, which no machine does, and the noise "
+            "of the effort alone is not that of the comparison"
+            if _copied(twin, best)
+            else f"its positions differ from those of {best.rec.name} by {_apart(twin, best):.3g} rms, "
             f"{_apart(twin, best) / _spread(best):.0%} of that motion; {MOST_APART:.0%} is allowed"
         )
     else:
@@ -44,6 +61,36 @@ def _apart(twin: Session, s: Session) -> float:
     """Difference of the positions row by row, rms over rows and joints [rad or m]."""
     n = min(len(s.t), len(twin.t))
     return float(np.sqrt(np.mean((s.q[:n] - twin.q[:n]) ** 2)))
+
+
+def _copied(twin: Session, s: Session) -> bool:
+    """Do the encoders of all joints repeat nearly every step? Machines do that of one joint, not of all.
+
+    Positions without steps, as of an equation, leave nothing that comes back.
+    """
+    one, other = s.rec.as_read, twin.rec.as_read
+    _, here, there = np.intersect1d(
+        np.round(one.t / STAMP_S), np.round(other.t / STAMP_S), return_indices=True
+    )
+    if len(here) < 2:
+        return False
+    for joint, q in one.channels["q"].items():
+        pair = np.stack([q[here], other.channels["q"][joint][there]])
+        if not _stepped(pair[0], SMOOTH * _spread(s)):
+            return False
+        steps = np.any(np.diff(pair, axis=1) != 0.0, axis=0)
+        if not steps.any() or np.mean((pair[0] == pair[1])[1:][steps]) < COPIED:
+            return False
+    return True
+
+
+def _stepped(x: np.ndarray, least: float) -> bool:
+    """Do values lie on steps that are larger than ``least``? Between those of a smooth curve are gaps of every size."""
+    gaps = np.diff(np.unique(x))
+    if len(gaps) == 0:
+        return False
+    small, next_small = np.percentile(gaps, (1, 5))
+    return bool(small > max(least, ONE_SIZE * next_small))
 
 
 def _spread(s: Session) -> float:

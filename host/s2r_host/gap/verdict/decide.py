@@ -139,7 +139,7 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
     if odd is not None:
         decision.reasons.append(odd)
     if odd is not None or too_much_left(problem, search, decision):
-        nearest = ", ".join(e.name for e in decision.effects) or "a wrong parameter"
+        nearest = " and ".join(e.name for e in decision.effects) or "a wrong parameter"
         decision.reasons.append(
             f"the best of the catalogue ({nearest}) leaves {decision.leftover:.1f} times the noise floor and explains "
             f"{decision.explained:.0%} of the gap"
@@ -152,6 +152,10 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         decision.verdict, decision.effects = "unknown", []
         # Numbers found beside an imitation are as little worth as that is.
         decision.parameters_off = possible(decision.parameters_off) if odd is None else []
+        if decision.parameters_off:
+            decision.reasons.append(
+                "the numbers listed as off may stand in for what has no name: do not take them over as they are"
+            )
     return decision
 
 

@@ -69,7 +69,7 @@ def poor_excitation(model: RigidModel, fit: list[Session], problem: Problem) -> 
 
 
 def wide_guess(problem: Problem) -> str | None:
-    """A sentence when 'nothing' or 'only a number' may be no more than a noise floor that had to be guessed wide."""
+    """A sentence when what is missing besides may pass for noise, whose floor had to be guessed wide."""
     if problem.floor_source == "repeat":
         return None
     shares = {}

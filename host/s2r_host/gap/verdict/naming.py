@@ -14,6 +14,8 @@ from s2r_host.gap.verdict.intervals import MODEL_ERROR, Z90, parameter_table
 
 HEAT, CEILING = 0.001, 0.98
 ALIKE_HEAT = 2.0  # between effects that are declared alike
+CLOSE = 8.0  # nats by which an effect that is declared alike may be behind
+LEAST_TOLD = 0.005  # of the held-out misfit: less is told as evidence
 SET_LEAST = 0.01  # probability from which a rival belongs to the set
 CLEAR_DEVIATIONS = 5.0  # of a size, before what it belongs to is named beside
 EQUIVALENT = (
@@ -23,7 +25,10 @@ EQUIVALENT = (
     ("payload", "spring_return"),
     ("payload", "effort_scale"),
     ("cable_spring", "spring_return"),
+    ("joint_elasticity", "flexible_part"),
 )
+# What moves on a spring behind an encoder at the motor is link or part: all that differs is where friction sits.
+BEHIND, BEHIND_MARGIN = ("joint_elasticity", "flexible_part"), 0.15
 
 
 @dataclass
@@ -63,11 +68,15 @@ def named_effect(problem: Problem, search: Search, solution: Solution, i: int, s
     also = [k[0] for p, k in others if p > SET_LEAST and k[0] != term.effect and not k[0].startswith(PREFIX)]
     for group in EQUIVALENT:
         if term.effect in group:
-            also += [n for n in group if n != term.effect and n not in also and _close(slot, n)]
+            margin = BEHIND_MARGIN if group == BEHIND else 0.0
+            also += [n for n in group if n != term.effect and n not in also and _close(slot, n, margin)]
     gain = next((s.holdout_gain for s in slot if s.term.key == term.key), 0.0)
     runner = next((s for s in slot if s.term.key != term.key), None)
     text = f"removes {gain:.0%} of the held-out misfit in this place"
-    if runner is not None:
+    own_gain = next((s.gain for s in slot if s.term.key == term.key), 0.0)
+    if gain < LEAST_TOLD:
+        text = f"{own_gain:.0f} nats of evidence, though next to nothing of the held-out misfit is its own"
+    elif runner is not None:
         text += (
             f"; the next best, {runner.term.effect.removeprefix(PREFIX)}, removes {runner.holdout_gain:.0%}"
         )
@@ -152,6 +161,6 @@ def alike(one: str, other: str) -> bool:
     return one != other and any(one in group and other in group for group in EQUIVALENT)
 
 
-def _close(slot: list[Scored], name: str, margin: float = 8.0) -> bool:
+def _close(slot: list[Scored], name: str, share: float) -> bool:
     best = max((s.gain for s in slot), default=0.0)
-    return any(s.term.effect == name and s.gain > best - margin for s in slot)
+    return any(s.term.effect == name and s.gain > best - max(CLOSE, share * best) for s in slot)

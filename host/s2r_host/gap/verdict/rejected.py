@@ -7,24 +7,36 @@ import numpy as np
 from s2r_host.gap.regression.base_terms import PREFIX
 from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.solution import Scored, Solution
-from s2r_host.gap.search.search import Search
+from s2r_host.gap.search.search import MIN_GAIN, Search
+
+LEAST_HELD = 0.01  # of the held-out misfit: less is no improvement
 
 
 def rejected_list(problem: Problem, search: Search, solution: Solution) -> list[dict]:
     """Everything weighed but not chosen, the closest first, then what could not act or be seen."""
     chosen = {t.key for t in solution.terms}
     seen: dict[tuple[str, int], Scored] = {}
+    won: dict[tuple[str, int], float] = {}
     for slot in [solution.scans, *solution.slots]:
         for s in slot:
             if s.term.key not in chosen and not s.term.effect.startswith(PREFIX):
                 seen[s.term.key] = s
+                won[s.term.key] = slot[0].holdout_gain
     found = []
     for key, s in sorted(seen.items(), key=lambda x: -x[1].holdout_gain):
-        why = "improves held-out data by less than the winner" if s.gain > 12 else "no evidence"
-        if s.holdout_gain < 0.01:
-            why = "does not improve held-out data"
-        found.append(_entry(problem, key, s.holdout_gain, why))
+        found.append(_entry(problem, key, s.holdout_gain, _why(s, won[key])))
     return found + _blocked(problem, search)
+
+
+def _why(s: Scored, won: float) -> str:
+    """The reason against an explanation of a place whose winner takes a share ``won`` of the held-out misfit."""
+    if s.holdout_gain < LEAST_HELD:
+        return "does not improve held-out data"
+    if s.gain <= MIN_GAIN:
+        return "no evidence"
+    if s.holdout_gain > won:
+        return "predicts held-out data as well as the winner, but has less evidence in all"
+    return "improves held-out data by less than the winner"
 
 
 def _entry(problem: Problem, key: tuple[str, int], gain: float, why: str) -> dict:
