@@ -184,7 +184,7 @@ def test_under_a_guessed_floor_cross_talk_has_to_explain_as_much_as_the_name(rub
     floor = {j: 1e3 * x for j, x in rubbing.problem.floor.items()}
     problem = replace(rubbing.problem, floor=floor, floor_source=source)
     cause, named, nothing = (share * problem.raw for share in (0.5, 0.2, 1.0))
-    assert _explains(problem, 1, cause, named, nothing) == said
+    assert _explains(problem, 1, cause, named, nothing, likely=True) == said
 
 
 def test_friction_is_no_cross_talk(rubbing):
@@ -200,13 +200,25 @@ def test_drag_of_a_fluid_is_not_viscous_friction_and_more(model):
     assert "drag of a fluid" in said
 
 
-def test_one_name_alone_is_asked_for_drag_only_where_it_leaves_something_over(model):
-    search = searched(model, lambda v, a: np.array([0.0, 0.04]) * v * np.abs(v))
+@pytest.mark.parametrize(
+    ("drag", "strained", "said"), [(0.04, True, True), (0.04, False, True), (0.0, False, False)]
+)
+def test_one_name_that_leaves_nothing_over_gives_way_only_to_a_clearly_better_drag(
+    model, drag, strained, said
+):
+    def hidden(v, a):
+        return np.array([0.0, drag]) * v * np.abs(v) + np.array([0.0, 0.05 if drag == 0.0 else 0.0]) * v
+
+    search = searched(model, hidden)
     alone = search.finish([Term("viscous_friction", 1)], [], [])
-    said = outside(search.problem, search, alone, strained=True)
-    assert said is not None
-    assert "drag of a fluid" in said
-    assert outside(search.problem, search, alone, strained=False) is None
+    found = outside(search.problem, search, alone, strained=strained)
+    assert (found is not None and "drag of a fluid" in found) == said
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.79, True), (0.81, False)])
+def test_what_is_not_likely_has_to_leave_clearly_less(rubbing, share, said):
+    cause, named, nothing = (x * rubbing.problem.raw for x in (np.sqrt(share * 0.1), np.sqrt(0.1), 1.0))
+    assert _explains(rubbing.problem, 1, cause, named, nothing, likely=False) == said
 
 
 def test_a_late_position_is_felt_by_every_joint(model):

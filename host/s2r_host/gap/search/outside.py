@@ -15,22 +15,26 @@ from s2r_host.gap.regression.solution import Solution
 from s2r_host.gap.search.beside_numbers import beside_numbers
 from s2r_host.gap.search.search import Search
 
-MOST_SHARE = 0.3  # of the other joint's effort
+USUAL_SHARE, MOST_SHARE = 0.3, 1.0  # of the other joint's effort
 NO_MORE = 1.5  # times the power that the terms leave
+CLEARLY_LESS = 0.8  # the same of a cause that is not likely
 LEAST_TAKEN = 0.5  # of what the numbers leave over without it
 
 
 class Cause(NamedTuple):
-    """A whitened column, what its size may be, and a sentence with the size left open."""
+    """A whitened column, between what its size is likely and may be at all, and a sentence with the size left open."""
 
     column: np.ndarray
-    least: float
-    most: float
+    likely: tuple[float, float]
+    possible: tuple[float, float]
     words: str
 
 
 def outside(problem: Problem, search: Search, solution: Solution, *, strained: bool) -> str | None:
     """A sentence naming the cause outside the catalogue that explains as much as the terms on a joint, or None.
+
+    What is not likely (a share of another effort as large as it is; drag in the place of a single name that leaves
+    nothing over) has to explain clearly more.
 
     ``strained``: the terms leave something over, or ask for numbers far from nominal ones, so that even a single one
     may be an imitation.
@@ -39,9 +43,10 @@ def outside(problem: Problem, search: Search, solution: Solution, *, strained: b
     for joint in sorted({t.joint for t in solution.terms if t.joint >= 0}):
         for cause in _causes(problem, solution, joint, strained=strained):
             left, size = beside_numbers(problem, search, [cause.column])
-            likely = cause.least < float(size[0]) < cause.most
-            if likely and _explains(problem, joint, left, solution.unexplained, without):
-                return cause.words.format(float(size[0]))
+            x = float(size[0])
+            likely, possible = (low < x < high for low, high in (cause.likely, cause.possible))
+            if possible and _explains(problem, joint, left, solution.unexplained, without, likely=likely):
+                return cause.words.format(x)
     return None
 
 
@@ -53,28 +58,29 @@ def _causes(problem: Problem, solution: Solution, joint: int, *, strained: bool)
             efforts = {b.session.index: b.session.u[:, other] for b in blocks}
             yield Cause(
                 problem.whiten(efforts, joint),
-                -MOST_SHARE,
-                MOST_SHARE,
+                (-USUAL_SHARE, USUAL_SHARE),
+                (-MOST_SHARE, MOST_SHARE),
                 f"{{:.1%}} of the effort of '{model.joints[other]}' in that of '{name}' explain as much: cross-talk of "
                 "two channels",
             )
-    if strained or sum(t.joint == joint for t in solution.terms) > 1:
-        speeds = {b.session.index: b.session.v[:, joint] for b in blocks}
-        unit, effort = model.unit(name), model.effort_unit(name)
-        yield Cause(
-            problem.whiten({k: v * np.abs(v) for k, v in speeds.items()}, joint),
-            0.0,
-            np.inf,
-            f"{{:.3g}} {effort}·s²/{unit}² times the square of the speed of '{name}' explain as much: drag of a fluid",
-        )
+    likely = strained or sum(t.joint == joint for t in solution.terms) > 1
+    speeds = {b.session.index: b.session.v[:, joint] for b in blocks}
+    unit, effort = model.unit(name), model.effort_unit(name)
+    yield Cause(
+        problem.whiten({k: v * np.abs(v) for k, v in speeds.items()}, joint),
+        (0.0, np.inf if likely else 0.0),
+        (0.0, np.inf),
+        f"{{:.3g}} {effort}·s²/{unit}² times the square of the speed of '{name}' explain as much: drag of a fluid",
+    )
 
 
 def _explains(
-    problem: Problem, joint: int, left: np.ndarray, by_terms: np.ndarray, without: np.ndarray
+    problem: Problem, joint: int, left: np.ndarray, by_terms: np.ndarray, without: np.ndarray, *, likely: bool
 ) -> bool:
     """Does a cause leave no more than the terms on a joint do, and a good part less than none, in every recording?
 
-    Below a measured floor all is noise. A guessed one may be too high, and what the terms leave tells better.
+    Below a measured floor all is noise. A guessed one may be too high, and what the terms leave tells better. What is
+    not ``likely`` leaves clearly less.
     """
     measured = problem.floor_source == "repeat"
     blocks = [b for b in problem.blocks if b.joint == joint and len(b.picks) > 1]
@@ -82,6 +88,8 @@ def _explains(
         every = np.ones_like(b.held)
         own, theirs, bare = (problem.rms(x, b, every) ** 2 for x in (left, by_terms, without))
         enough = max(theirs, problem.floor[joint] ** 2) if measured else NO_MORE * theirs
+        if not likely:
+            enough = CLEARLY_LESS * theirs
         if own > enough or own > LEAST_TAKEN * bare:
             return False
     return bool(blocks)
