@@ -9,7 +9,7 @@ import pytest
 from s2r_host.gap.effects.base import IMPOSSIBLE
 from s2r_host.gap.regression.base_terms import FAR, MULTIPLE, BaseTerm
 from s2r_host.gap.verdict import decide, parameters_off
-from s2r_host.gap.verdict.decide import impossible, possible, unnamed_force_beside
+from s2r_host.gap.verdict.decide import _of_no_size, impossible, possible, unnamed_force_beside
 from s2r_host.gap.verdict.decision import EXPLAINED_CLOSE, Decision, too_much_left
 from s2r_host.gap.verdict.parameters_off import _taken, _within_declared, base_entries
 
@@ -166,3 +166,19 @@ def test_a_number_that_leaves_what_all_of_them_do_not_is_not_the_one(monkeypatch
     one = Decision("parameter_off", solution, leftover=left, explained=explained)
     monkeypatch.setattr(decide, "parameters_only", lambda *_: one)
     assert decide._one_number(problem, search, Decision("nothing_missing", solution)).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("name", "intervals", "none"),
+    [
+        ("effort_scale", [[0.98, 1.02]], True),
+        ("effort_scale", [[1.01, 1.05]], False),
+        ("gravity_tilt", [[-0.01, 0.02], [0.01, 0.03]], False),
+        ("gravity_tilt", [[-0.01, 0.02], [-0.01, 0.03]], True),
+        ("viscous_friction", [[-0.1, 0.1]], False),
+    ],
+)
+def test_a_scale_that_may_as_well_be_one_is_not_named(name, intervals, none):
+    tables = {str(k): {"interval90": ends} for k, ends in enumerate(intervals)}
+    named: Any = SimpleNamespace(name=name, parameters=tables)
+    assert _of_no_size(named) == none

@@ -46,6 +46,7 @@ from s2r_host.gap.verdict.rejected import rejected_list
 NO_WORSE = 1.3
 NEARLY_ALL = 0.95  # of the gap, by a number; less than that any number takes from what acts like it
 FRICTION = ("coulomb_friction", "viscous_friction")
+NOMINAL = {"effort_scale": 1.0, "gravity_tilt": 0.0, "encoder_offset": 0.0}
 
 
 def decide(problem: Problem, search: Search, log: Callable[[str], None] = lambda _: None) -> Decision:
@@ -257,6 +258,8 @@ def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
             continue  # its sign came out wrong: it has no size
         slot = solution.slots[i] if i < len(solution.slots) else []
         named = named_effect(problem, search, solution, i, slot)
+        if _of_no_size(named):
+            continue
         if term.effect.startswith(PREFIX) or is_parameter(problem, named, slot):
             decision.parameters_off += off_entries(problem, search, named)
         else:
@@ -274,6 +277,14 @@ def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
             if (entry["name"], entry.get("body", entry.get("joint"))) not in known:
                 decision.parameters_off.append(entry)
     return decision
+
+
+def _of_no_size(named: Named) -> bool:
+    """Is a scale or an angle stated that may as well be what the model has? It stands in for what others leave over."""
+    if named.name not in NOMINAL:
+        return False
+    nominal, tables = NOMINAL[named.name], named.parameters.values()
+    return bool(tables) and all(p["interval90"][0] <= nominal <= p["interval90"][1] for p in tables)
 
 
 def restate(problem: Problem, search: Search, decision: Decision) -> None:
