@@ -29,6 +29,7 @@ LATE_SHARE = 0.1  # of the held-out misfit that a second name for something late
 MAX_EFFECTS = 3
 FURTHER_SHARE = 0.3
 BEATING_SHARE = 0.5  # of the held-out misfit, taken by what goes before wrong numbers above a guessed floor
+LATE_BESIDE_CHAOS = 0.6  # the same, by something late beside an effect that no equation follows closely
 FURTHER_GAIN = 0.004
 AHEAD, AHEAD_SHARE = 5.0, 0.1  # log odds before the next name; held-out misfit it takes
 # First effects tried in pairs; held-out misfit the second has to take.
@@ -159,13 +160,21 @@ class Search(Scan):
             return nominal_friction_of(self.problem.ctx.model, term.effect, term.joint) > 0
         return term.effect in NUMBERS
 
-    @staticmethod
-    def _worth_it(best: Scored, slots: list[list[Scored]]) -> bool:
-        """A first effect needs evidence; a further one must also take a good part of what is left."""
+    def _worth_it(self, best: Scored, slots: list[list[Scored]]) -> bool:
+        """A first effect needs evidence; a further one must also take a good part of what is left.
+
+        What a loose gear leaves over comes a little late: a delay beside it has to take most of that.
+        """
         if not slots:
             return best.gain > MIN_GAIN and best.holdout_gain > LEAST_SHARE
         first = max((s.gain for s in slots[0]), default=0.0)
-        return best.gain > max(MIN_GAIN, FURTHER_GAIN * first) and best.holdout_gain > FURTHER_SHARE
+        late = best.term.effect in LATE and self._chaotic(slots)
+        share = LATE_BESIDE_CHAOS if late else FURTHER_SHARE
+        return best.gain > max(MIN_GAIN, FURTHER_GAIN * first) and best.holdout_gain > share
+
+    def _chaotic(self, slots: list[list[Scored]]) -> bool:
+        """Is one of the effects chosen so far such that no equation follows it closely?"""
+        return any(self.effects[s[0].term.effect].explained_least < 1.0 for s in slots if s)
 
     def clear(self, best: Scored, slots: list[list[Scored]]) -> bool:
         """Evidence that is no small fraction of the first effect's cannot be the error of its equation.
@@ -175,7 +184,7 @@ class Search(Scan):
         """
         if self.problem.floor_source != "repeat":
             return False
-        chaotic = any(self.effects[s[0].term.effect].explained_least < 1.0 for s in slots if s)
+        chaotic = self._chaotic(slots)
         first = max((s.gain for s in slots[0]), default=0.0) if slots else 0.0
         share = CHAOTIC_SHARE if chaotic else CLEAR_SHARE
         # Beside an effect, a millisecond more or less fits a little everywhere.
