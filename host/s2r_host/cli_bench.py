@@ -66,7 +66,8 @@ def planning(
 ) -> None:
     """Plan random tasks with several planners, interleaved; every delivered motion is verified apart.
 
-    Can be interrupted and continued: results.jsonl in --out is read first.
+    Can be interrupted and continued with the same options: results.jsonl in --out is read first. Other placements,
+    seeds, tasks and planners may be added; anything else needs another --out (results.conditions.json).
     """
     from rich.console import Console
     from rich.progress import Progress

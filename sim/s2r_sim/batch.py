@@ -17,6 +17,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from s2r_protocol.cli.conditions import keep_to
 from s2r_protocol.exits import UsageError
 from s2r_sim import batch_worker
 from s2r_sim.errors import WorkerLostError
@@ -57,7 +58,7 @@ def run_jobs(
     """
     todo = list(jobs)
     if conditions is not None:
-        _keep_to(conditions, results)
+        keep_to(conditions, results, begun=bool(results_in(results)))
     known = dict(_read(results))
     if still_there is not None:
         _forget_lost(known, todo, still_there, results, label)
@@ -151,26 +152,6 @@ def _on_workers(work: Work, jobs: list[Job], workers: int) -> Iterator[tuple[Job
                     f"worker processes died {count} times with job {job} among those they worked on; "
                     "is the machine out of memory? what is done is kept, the same command goes on from there"
                 ) from None
-
-
-def _keep_to(conditions: dict[str, Any], results: Path) -> None:
-    """Note the conditions beside the results, or refuse to mix results made with others.
-
-    Raises:
-        UsageError: Names the condition, both values and what to do.
-    """
-    path = results.with_suffix(".conditions.json")
-    if path.is_file() and results_in(results):  # without a result nothing can be mixed
-        before = json.loads(path.read_text())
-        for name, value in conditions.items():
-            if before.get(name) != value:
-                raise UsageError(
-                    f"{results} holds results with {name} {before.get(name)!r}, not {value!r}: give another --out, or "
-                    "the same options to go on"
-                )
-        return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(conditions, indent=1) + "\n")
 
 
 def results_in(results: Path) -> list[dict[str, Any]]:

@@ -1,5 +1,6 @@
 """The planner's benchmark: sides, peers, numbers."""
 
+import json
 import sys
 from dataclasses import replace
 from types import ModuleType
@@ -136,6 +137,30 @@ def test_a_run_is_continued_and_its_numbers_stay(tmp_path):
     assert len(first[0]["replays"]) == 2
     assert again[0]["cpu_s"] == first[0]["cpu_s"]
     assert len(read(tmp_path / "results.jsonl")) == 1
+
+
+@pytest.mark.parametrize(
+    "other", [{"collection": 1}, {"threads": 2}, {"replays": 3}, {"tool": "t_shape"}, {"doubt": "built"}]
+)
+def test_results_of_other_conditions_are_not_returned_for_these(tmp_path, other):
+    results, given = tmp_path / "results.jsonl", Conditions(collection=0, threads=1)
+    todo = list(jobs(["ours"], ["drawer_open"], 1, 1))
+    run([], results, given, str)
+    results.write_text(json.dumps({"key": todo[0].key}) + "\n")
+    assert run(todo, results, given, str) == [{"key": todo[0].key}]
+    (name,) = other
+    with pytest.raises(
+        UsageError, match=f"results with --{name} .*, not {other[name]!r}: give another --out"
+    ):
+        run(todo, results, replace(given, **other), str)
+
+
+def test_results_of_which_nobody_knows_the_conditions_are_not_continued(tmp_path):
+    results = tmp_path / "results.jsonl"
+    todo = list(jobs(["ours"], ["drawer_open"], 1, 1))
+    results.write_text(json.dumps({"key": todo[0].key}) + "\n")
+    with pytest.raises(UsageError, match=r"no results\.conditions\.json .* give another --out"):
+        run(todo, results, Conditions(collection=0, threads=1), str)
 
 
 def test_a_plan_that_is_given_up_counts_with_what_it_took(tmp_path):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from s2r_host.trajectory.deliver import deliver
 from s2r_host.trajectory.trajectory import Trajectory
 from s2r_host.trajectory.verify import replays
 from s2r_protocol.arms import load_arm
+from s2r_protocol.cli.conditions import keep_to
 from s2r_protocol.exits import S2RError
 
 
@@ -83,11 +85,20 @@ class Conditions:
     doubt: str = "usual"
     decomposed: bool = False
 
+    def named(self) -> dict[str, Any]:
+        """By the names of the options that set them, as they are kept beside the results."""
+        options = {"patience_s": "--patience", "decomposed": "--coacd"}
+        return {options.get(k, f"--{k.replace('_', '-')}"): v for k, v in asdict(self).items()}
+
 
 def run(todo: list[Job], results: Path, conditions: Conditions, tell: Callable[[str], None]) -> list[Row]:
-    """Run the jobs that ``results`` does not hold yet and append each as one line; returns all asked for."""
-    results.parent.mkdir(parents=True, exist_ok=True)
+    """Run the jobs that ``results`` does not hold yet and append each as one line; returns all asked for.
+
+    Raises:
+        UsageError: The results that are there were made with other conditions.
+    """
     done = {row["key"]: row for row in read(results)}
+    keep_to(conditions.named(), results, begun=bool(done))
     arm = load_arm(conditions.arm)
     if conditions.tool:
         arm = write_arm_with_tool(arm, tool_named(conditions.tool), results.parent / f"arm-{conditions.tool}")
