@@ -94,8 +94,14 @@ def draw(
     help="The tool's switches, with --batch.",
 )
 def run(folder: Path, command: str, workers: int, timeout_s: float, batch: bool, config: Path | None) -> None:
-    """Run a tool over all cases; may be stopped and started again. Ends by hashing the verdicts."""
+    """Run a tool over all cases; may be stopped and started again with the same command.
+
+    Ends by hashing the verdicts. Cases on which the tool gave no answer are run again until then; where it gave none
+    at all nothing is hashed (exit 4).
+    """
     from s2r_conceal.run import run_all, run_batched
+    from s2r_conceal.seal import read_manifest
+    from s2r_conceal.verdicts import no_answers
 
     if config is not None and not batch:
         raise click.UsageError("--config goes with --batch; without it, put the option into --command")
@@ -104,6 +110,8 @@ def run(folder: Path, command: str, workers: int, timeout_s: float, batch: bool,
             total = run_batched(folder, command, workers, timeout_s, bar, config)
         else:
             total = run_all(folder, command, workers, timeout_s, bar)
+    for sentence in no_answers(folder, list(read_manifest(folder)["cases"])):
+        click.echo(sentence, err=True)
     click.echo(f"verdicts hashed: {total}")
 
 

@@ -21,6 +21,12 @@ class SealError(ConcealError, ValueError):
     exit_code = ExitCode.REFUSED
 
 
+class ToolFailedError(ConcealError, RuntimeError):
+    """The tool that was run has given no verdict at all."""
+
+    exit_code = ExitCode.REFUSED
+
+
 class VerdictsMissingError(ConcealError, RuntimeError):
     """The answers stay shut: the verdicts are not complete or not hashed yet."""
 

@@ -17,8 +17,9 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Protocol
 
+from s2r_conceal import verdicts
 from s2r_conceal.errors import ConcealError
-from s2r_conceal.seal import check_files, publish_verdicts, read_manifest
+from s2r_conceal.seal import check_files, publish_verdicts, read_manifest, sha256
 
 INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)  # how a program ends that a Ctrl-C has reached
 ROLES = ("fit", "holdout", "repeat")
@@ -35,13 +36,13 @@ class Bar(Protocol):
 
 
 def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar) -> str:
-    """Run ``command`` over every case without a verdict, then hash all verdicts.
+    """Run ``command`` over every case without an answer, then hash all verdicts.
 
     Args:
         folder: A drawn set.
         command: Program and leading arguments; ``--model … --fit … --holdout … --repeat … --out …`` follow.
         workers: Cases at a time.
-        timeout_s: Limit per case [s]; a case that runs into it gets a verdict saying so.
+        timeout_s: Limit per case [s]; the verdict on a case that runs into it says so.
         bar: Told about every finished case.
 
     Returns:
@@ -49,19 +50,21 @@ def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar
 
     Raises:
         SealError: A file of the set was changed.
-        ConcealError: The program cannot be started.
+        ConcealError: The program cannot be started, or the set has verdicts of another one.
+        ToolFailedError: The tool has answered on no case; nothing is hashed.
     """
     manifest = read_manifest(folder)
     check_files(folder, manifest)
     words = _program(command)
     folder = folder.absolute()
     (folder / "verdicts").mkdir(exist_ok=True)
-    todo = [c for c in manifest["cases"] if not (folder / "verdicts" / f"{c}.json").is_file()]
-    bar.length = len(manifest["cases"])
-    bar.update(len(manifest["cases"]) - len(todo))
+    cases, question = list(manifest["cases"]), verdicts.asked(command)
+    todo = verdicts.to_do(folder, cases, question)
+    bar.length = len(cases)
+    bar.update(len(cases) - len(todo))
     # Threads: each of them waits for a process of its own.
     with ThreadPoolExecutor(workers) as pool:
-        pending = [pool.submit(run_case, folder, case, words, timeout_s) for case in todo]
+        pending = [pool.submit(run_case, folder, case, words, timeout_s, question) for case in todo]
         try:
             for done in as_completed(pending):
                 done.result()
@@ -69,6 +72,8 @@ def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)  # else what is queued would be worked off first
             raise
+    if todo:
+        verdicts.check_answered(folder, cases)
     return publish_verdicts(folder)
 
 
@@ -82,15 +87,23 @@ def run_batched(
 
     Raises:
         SealError: A file of the set was changed.
-        ConcealError: The program cannot be started, or left cases without an answer.
+        ConcealError: The program cannot be started, left cases without an answer, or the set has verdicts of
+            another one.
+        ToolFailedError: The tool has answered on no case; nothing is hashed.
     """
     manifest = read_manifest(folder)
     check_files(folder, manifest)
     words = _program(command)
     folder = folder.absolute()
-    work, verdicts = folder / "work", folder / "verdicts"
-    verdicts.mkdir(exist_ok=True)
-    cases = manifest["cases"]
+    work = folder / "work"
+    (folder / "verdicts").mkdir(exist_ok=True)
+    cases = list(manifest["cases"])
+    question = verdicts.asked(command, sha256(config.read_bytes()) if config is not None else None)
+    todo = verdicts.to_do(folder, cases, question)
+    bar.length = len(cases)
+    if not todo:
+        bar.update(len(cases))
+        return publish_verdicts(folder)
     for case in cases:
         (work / case).mkdir(parents=True, exist_ok=True)
         for name in INPUTS:
@@ -104,7 +117,6 @@ def run_batched(
     ]
     (work / "jobs.json").write_text(json.dumps(jobs) + "\n")
     arguments = ["--batch", "jobs.json", "--out", "out", "--seed", "0", "--workers", str(workers)]
-    bar.length = len(cases)
     shown = 0
     with (work / "stderr.txt").open("w") as said:
         running = subprocess.Popen([*words, *arguments], cwd=work, stdout=subprocess.DEVNULL, stderr=said)
@@ -118,12 +130,13 @@ def run_batched(
         finally:
             running.terminate()
             running.wait()
-    for case in cases:
+    for case in todo:
         verdict = _batch_verdict(work / "out" / case)
         if verdict is None:
             said_last = (work / "stderr.txt").read_text()[-500:]
             raise ConcealError(f"the tool left {case} without an answer: {said_last}; start again to go on")
-        _write(verdicts / f"{case}.json", verdict)
+        verdicts.write(folder, case, {**verdict, **question})
+    verdicts.check_answered(folder, cases)
     return publish_verdicts(folder)
 
 
@@ -149,8 +162,8 @@ def _program(command: str) -> list[str]:
     return [str(Path(program).absolute()), *words[1:]]
 
 
-def run_case(folder: Path, case: str, words: list[str], timeout_s: float) -> None:
-    """Run the tool on one case and write its verdict file, whole or not at all.
+def run_case(folder: Path, case: str, words: list[str], timeout_s: float, question: verdicts.Verdict) -> None:
+    """Run the tool on one case and write its verdict file with the ``question`` that led to it.
 
     Raises:
         ConcealError: The tool was interrupted, which is no verdict.
@@ -163,13 +176,7 @@ def run_case(folder: Path, case: str, words: list[str], timeout_s: float) -> Non
         for role in ROLES:
             arguments += [f"--{role}", f"{role}.csv"]
         verdict = _run(place, [*words, *arguments, "--out", "out", "--seed", "0"], timeout_s)
-    _write(folder / "verdicts" / f"{case}.json", verdict)
-
-
-def _write(path: Path, verdict: dict[str, Any]) -> None:
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(verdict, indent=1) + "\n")
-    part.replace(path)
+    verdicts.write(folder, case, {**verdict, **question})
 
 
 def _run(place: Path, words: list[str], timeout_s: float) -> dict[str, Any]:

@@ -177,6 +177,12 @@ def hash_verdicts(folder: Path) -> dict[str, str]:
     return {path.stem: sha256(path.read_bytes()) for path in found}
 
 
+def hashed_verdicts(folder: Path) -> dict[str, str]:
+    """The published hash of every verdict, by case; none before they are published."""
+    path = folder / VERDICTS
+    return json.loads(path.read_text())["verdicts"] if path.is_file() else {}
+
+
 def publish_verdicts(folder: Path) -> str:
     """Write ``verdicts.json`` with the hash of every verdict; returns the hash over all of them."""
     hashes = hash_verdicts(folder)
@@ -195,7 +201,7 @@ def check_verdicts(folder: Path, manifest: dict[str, Any]) -> None:
     path = folder / VERDICTS
     if not path.is_file():
         raise VerdictsMissingError(f"{path} does not exist: run 's2r conceal run {folder} --command …' first")
-    stated = json.loads(path.read_text())["verdicts"]
+    stated = hashed_verdicts(folder)
     missing = sorted(set(manifest["cases"]) - set(stated))
     if missing:
         raise VerdictsMissingError(

@@ -10,12 +10,14 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
+from click.testing import CliRunner
 
 from s2r_conceal import draw
 from s2r_conceal.calibrate import calibrate
 from s2r_conceal.cases import draw_cases
+from s2r_conceal.cli import conceal
 from s2r_conceal.effects.table import EFFECTS
-from s2r_conceal.errors import ConcealError, DrawError, SealError
+from s2r_conceal.errors import ConcealError, DrawError, SealError, ToolFailedError
 from s2r_conceal.masks import Mask, rows
 from s2r_conceal.plans import CLEAN_VARIANTS, GROUPS, possible
 from s2r_conceal.record import active_mask, record
@@ -384,3 +386,64 @@ def test_an_interrupted_tool_has_given_no_verdict_and_what_is_queued_is_left_alo
         run_all(folder, f"{sys.executable} {tool}", 1, 60.0, _Bar())
     assert not list((folder / "verdicts").iterdir())
     assert len(calls.read_text()) <= 2
+
+
+ANSWERS = """
+import json, pathlib, sys
+pathlib.Path('out').mkdir()
+pathlib.Path('out/gap.json').write_text(json.dumps({'verdict': 'nothing_missing', 'by': sys.argv[1]}))
+"""
+
+
+@pytest.fixture
+def unasked(drawn, tmp_path):
+    """A set without a verdict, and a tool that answers."""
+    shutil.copytree(drawn[0] / "one", tmp_path / "set", ignore=shutil.ignore_patterns("verdicts*"))
+    tool = tmp_path / "answers.py"
+    tool.write_text(ANSWERS)
+    return tmp_path / "set", f"{sys.executable} {tool}"
+
+
+def _run(folder, command, *options):
+    return CliRunner().invoke(conceal, ["run", str(folder), "--command", command, *options])
+
+
+def test_a_tool_that_fails_on_every_case_has_given_no_verdicts_and_another_may_be_run(unasked):
+    folder, tool = unasked
+    with pytest.raises(ToolFailedError, match=r"8 of 8 cases: the tool ended without gap\.json \(exit 1\)"):
+        run_all(folder, "false", 2, 60.0, _Bar())
+    assert ToolFailedError.exit_code == 4
+    assert not (folder / "verdicts.json").exists()
+    assert "verdicts hashed" in _run(folder, tool + " a").output
+
+
+def test_cases_where_the_tool_failed_are_counted_and_run_again_until_the_verdicts_are_hashed(
+    unasked, tmp_path
+):
+    folder, _ = unasked
+    tool, trap = tmp_path / "tool.py", tmp_path / "trap"
+    tool.write_text(
+        f"import os, pathlib\nif not pathlib.Path({str(trap)!r}).exists():\n"
+        f"    pathlib.Path({str(trap)!r}).touch()\n    raise SystemExit(3)\n" + ANSWERS
+    )
+    ended = _run(folder, f"{sys.executable} {tool} a")
+    assert ended.exit_code == 0, ended.output
+    assert "1 of 8 cases: the tool ended without gap.json (exit 3)" in ended.output
+    (folder / "verdicts.json").unlink()  # as if it had been interrupted before
+    assert "ended without" not in _run(folder, f"{sys.executable} {tool} a").output
+
+
+def test_verdicts_of_two_commands_are_not_mixed(unasked, drawn, tmp_path):
+    folder, tool = unasked
+    _run(folder, tool + " a")
+    refused = _run(folder, tool + " b")
+    assert isinstance(refused.exception, ConcealError)
+    assert refused.exception.exit_code == 2
+    assert " a', not " in str(refused.exception)
+    verdict = json.loads((folder / "verdicts" / "case-0001.json").read_text())
+    assert verdict["command"] == f"{tool} a"
+    for path in folder.glob("verdicts/*.json"):  # as versions wrote them that kept no command
+        old = {k: v for k, v in json.loads(path.read_text()).items() if k not in ("command", "config_sha256")}
+        path.write_text(json.dumps(old))
+    assert "verdicts hashed" in _run(folder, tool + " b").output
+    assert "false alarms" in score_folder(folder, drawn[0] / "one.key", tmp_path / "score")
