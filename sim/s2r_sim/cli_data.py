@@ -106,10 +106,16 @@ def pairs(
 @data.command("import")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option("--part", help="Name or meaning of the part that moves; needed if there are several.")
-@click.option("--height", default=0.3, show_default=True, help="Height on the table [m].")
+@click.option(
+    "--height", default=0.3, show_default=True, help="Height on the table [m]; the object is scaled to it."
+)
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the result.")
 def import_(folder: Path, part: str | None, height: float, out: Path) -> None:
-    """Put an object of PartNet-Mobility or Shape2Motion on the stand-in's table: scene.xml and object.json."""
+    """Put an object on the stand-in's table: scene.xml and object.json.
+
+    FOLDER is of PartNet-Mobility, of Shape2Motion, or one with the URDF of an own object, z up, in meshes (.obj),
+    boxes, cylinders and spheres.
+    """
     from s2r_sim.objects.mobility_scene import MobilityPlace, write_mobility
 
     if not 0.02 <= height <= 1.5:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from s2r_protocol.exits import NotReadyError, UsageError
+from s2r_protocol.exits import NotReadyError, RefusedError, UsageError
 
 
 class WorldFileError(UsageError):
     """A world file cannot be read, or says something impossible."""
+
+
+class ShapelessError(RefusedError):
+    """An object's part has no shape: nothing of it could be seen or touched."""
 
 
 class TruthFileError(UsageError):

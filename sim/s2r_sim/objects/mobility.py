@@ -1,9 +1,10 @@
-"""Folders of PartNet-Mobility and Shape2Motion as plain data: links with meshes, joints, what they are called.
+"""Folders of PartNet-Mobility and Shape2Motion as plain data: links with shapes, joints, what they are called.
 
 PartNet-Mobility (Xiang et al., "SAPIEN", CVPR 2020): ``mobility.urdf`` with meshes below ``textured_objs/`` and
 ``semantics.txt`` with lines "link_0 hinge door". Shape2Motion (Wang et al., CVPR 2019): ``part_objs/NAME.obj``
 and ``motion_attributes.json``, a tree of parts with ``dof_name``, ``motion_type`` ("R", "T", "RT" or none),
 ``center`` and ``direction``. The data sets are not part of this project; their users bring their own copy.
+An own object is a folder with one URDF of any name, z up.
 """
 
 from __future__ import annotations
@@ -17,18 +18,11 @@ from typing import Any
 import numpy as np
 
 from s2r_sim.errors import WorldFileError
+from s2r_sim.objects.mobility_shapes import MeshPlace, Shape, numbers, origin, shapes_of
 
 URDF, SEMANTICS = "mobility.urdf", "semantics.txt"
 ATTRIBUTES, PARTS = "motion_attributes.json", "part_objs"
 UNLIMITED = {"revolute": (-np.pi, np.pi), "prismatic": (0.0, 0.3)}  # [rad], [folder's units]
-
-
-@dataclass(frozen=True, eq=False)
-class MeshPlace:
-    """A mesh file and where its frame sits in its link's frame (4, 4)."""
-
-    file: Path
-    X_link_mesh: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +37,7 @@ class MobileLink:
         X_parent_link: Pose at joint value 0, shape (4, 4); the joint's axis passes its origin.
         axis: Unit vector in the link's frame, shape (3,).
         limits: Lower and upper joint value [rad or the folder's unit of length].
-        meshes: What it consists of.
+        shapes: What it consists of.
     """
 
     name: str
@@ -53,7 +47,7 @@ class MobileLink:
     X_parent_link: np.ndarray
     axis: np.ndarray
     limits: tuple[float, float]
-    meshes: tuple[MeshPlace, ...] = field(default=())
+    shapes: tuple[Shape, ...] = field(default=())
 
 
 def read_mobility(folder: Path) -> tuple[MobileLink, ...]:
@@ -62,54 +56,61 @@ def read_mobility(folder: Path) -> tuple[MobileLink, ...]:
     Raises:
         WorldFileError: Neither layout, or a file of it cannot be used; the text names it.
     """
-    if (folder / URDF).is_file():
-        links = _read_urdf(folder)
+    file = urdf_of(folder)
+    if file is not None:
+        links = _read_urdf(file)
     elif (folder / ATTRIBUTES).is_file():
         links = _read_attributes(folder)
     else:
         raise WorldFileError(
-            f"{folder} is no object folder: neither {URDF} (PartNet-Mobility) nor {ATTRIBUTES} (Shape2Motion) is in it"
+            f"{folder} is no object folder: neither {URDF} (PartNet-Mobility) nor another single URDF nor {ATTRIBUTES} "
+            "(Shape2Motion) is in it"
         )
     for link in links:
-        for mesh in link.meshes:
-            if not mesh.file.is_file():
+        for shape in link.shapes:
+            if isinstance(shape, MeshPlace) and not shape.file.is_file():
                 raise WorldFileError(
-                    f"{folder}: link {link.name!r} names the mesh {mesh.file}, which is missing"
+                    f"{folder}: link {link.name!r} names the mesh {shape.file}, which is missing"
                 )
     return _parents_first(links, folder)
 
 
-def _read_urdf(folder: Path) -> list[MobileLink]:
+def urdf_of(folder: Path) -> Path | None:
+    """The URDF of an object folder: PartNet-Mobility's, or the only one; None where there is none."""
+    if (folder / URDF).is_file():
+        return folder / URDF
+    found = sorted(folder.glob("*.urdf"))
+    return found[0] if len(found) == 1 else None
+
+
+def _read_urdf(file: Path) -> list[MobileLink]:
+    folder = file.parent
     try:
-        robot = ET.parse(folder / URDF).getroot()
+        robot = ET.parse(file).getroot()
     except ET.ParseError as error:
-        raise WorldFileError(f"{folder / URDF}: {error}") from error
+        raise WorldFileError(f"{file}: {error}") from error
     meanings = _semantics(folder / SEMANTICS)
-    joints = {_reference(j, "child", folder): j for j in robot.findall("joint")}
+    joints = {_reference(j, "child", file): j for j in robot.findall("joint")}
     links = []
     for element in robot.findall("link"):
         name = element.get("name", "")
-        meshes = tuple(
-            MeshPlace(folder / mesh.get("filename", ""), _origin(visual))
-            for visual in element.findall("visual")
-            if (mesh := visual.find("geometry/mesh")) is not None
-        )
+        shapes = shapes_of(element, folder)
         joint = joints.get(name)
         if joint is None:
             links.append(
-                MobileLink(name, meanings.get(name, ""), None, "fixed", np.eye(4), _Z, (0.0, 0.0), meshes)
+                MobileLink(name, meanings.get(name, ""), None, "fixed", np.eye(4), _Z, (0.0, 0.0), shapes)
             )
             continue
         kind = {"continuous": "revolute"}.get(joint.get("type", ""), joint.get("type", ""))
         if kind not in ("fixed", "revolute", "prismatic"):
             raise WorldFileError(
-                f"{folder / URDF}: joint {joint.get('name')!r} is {kind!r}; known are fixed, revolute, continuous and"
+                f"{file}: joint {joint.get('name')!r} is {kind!r}; known are fixed, revolute, continuous and"
                 " prismatic"
             )
-        parent = _reference(joint, "parent", folder)
+        parent = _reference(joint, "parent", file)
         axis, limits = _axis(joint), _limits(joint, kind)
         links.append(
-            MobileLink(name, meanings.get(name, ""), parent, kind, _origin(joint), axis, limits, meshes)
+            MobileLink(name, meanings.get(name, ""), parent, kind, origin(joint), axis, limits, shapes)
         )
     return links
 
@@ -125,34 +126,16 @@ def _semantics(file: Path) -> dict[str, str]:
     return {row[0]: row[-1] for row in rows if len(row) >= 2}
 
 
-def _reference(joint: ET.Element, tag: str, folder: Path) -> str:
+def _reference(joint: ET.Element, tag: str, file: Path) -> str:
     found = joint.find(tag)
     if found is None or not found.get("link"):
-        raise WorldFileError(f"{folder / URDF}: joint {joint.get('name')!r} names no {tag} link")
+        raise WorldFileError(f"{file}: joint {joint.get('name')!r} names no {tag} link")
     return str(found.get("link"))
-
-
-def _numbers(text: str | None, fallback: str) -> np.ndarray:
-    return np.array([float(word) for word in (text or fallback).split()])
-
-
-def _origin(element: ET.Element) -> np.ndarray:
-    """Pose (4, 4) of an ``origin`` tag; roll, pitch, yaw about fixed axes as in URDF."""
-    X = np.eye(4)
-    tag = element.find("origin")
-    if tag is None:
-        return X
-    (r, p, y) = _numbers(tag.get("rpy"), "0 0 0")
-    Rx = np.array([[1, 0, 0], [0, np.cos(r), -np.sin(r)], [0, np.sin(r), np.cos(r)]])
-    Ry = np.array([[np.cos(p), 0, np.sin(p)], [0, 1, 0], [-np.sin(p), 0, np.cos(p)]])
-    Rz = np.array([[np.cos(y), -np.sin(y), 0], [np.sin(y), np.cos(y), 0], [0, 0, 1]])
-    X[:3, :3], X[:3, 3] = Rz @ Ry @ Rx, _numbers(tag.get("xyz"), "0 0 0")
-    return X
 
 
 def _axis(joint: ET.Element) -> np.ndarray:
     tag = joint.find("axis")
-    axis = _numbers(None if tag is None else tag.get("xyz"), "1 0 0")
+    axis = numbers(None if tag is None else tag.get("xyz"), "1 0 0")
     return axis / max(float(np.linalg.norm(axis)), 1e-9)
 
 

@@ -1,4 +1,4 @@
-"""One moving part of a PartNet-Mobility or Shape2Motion object, in real size on the stand-in's table.
+"""One moving part of a PartNet-Mobility, Shape2Motion or own object, in real size on the stand-in's table.
 
 The chosen joint moves, all others stay at 0. Rays see the meshes as they are; contacts use the convex hull of
 every mesh file, as MuJoCo does.
@@ -13,13 +13,19 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from s2r_sim.errors import WorldFileError
-from s2r_sim.objects.mobility import MobileLink, read_mobility
+from s2r_sim.errors import ShapelessError, WorldFileError
+from s2r_sim.objects.mobility import MobileLink, read_mobility, urdf_of
+from s2r_sim.objects.mobility_shapes import SOLIDS, MeshPlace, Shape, SolidPlace
 from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
 from s2r_sim.objects.scene import JointTruth, add_table
 
+GEOMS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+}
 GREY = (0.62, 0.6, 0.58, 1.0)
-# y up, front z  ->  z up, front -x (towards the arm), as PartNet-Mobility's own first joint does it.
+# Shape2Motion: y up, front z  ->  z up, front -x (towards the arm), as PartNet-Mobility's first joint does it.
 Y_UP = np.array([[0.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -61,6 +67,7 @@ def mobility_scene(
 
     Raises:
         WorldFileError: No such part, several of them, or a folder that cannot be used.
+        ShapelessError: What moves has no shape.
     """
     place = place or MobilityPlace()
     links = read_mobility(folder)
@@ -70,16 +77,17 @@ def mobility_scene(
     for link in links:
         if link.parent in with_part:
             with_part.add(link.name)
+    _check_shape(links, with_part, folder)
     scene = mujoco.MjSpec()
     scene.modelname = folder.name
     scene.compiler.degree = False
     scene.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     add_table(scene)
-    scale, X_W = _standing(links, X, place)
+    scale, X_W = _standing(links, X, place, np.eye(4) if urdf_of(folder) else Y_UP)
     base = scene.worldbody.add_body(name=BASE_BODY)
     body = base.add_body(name=PART_BODY)
     for link in links:
-        _add_meshes(
+        _add_shapes(
             scene, body if link.name in with_part else base, link, X_W @ _scaled(X[link.name], scale), scale
         )
     X_joint = X_W @ _scaled(X[chosen.name], scale)
@@ -117,6 +125,7 @@ def mobility_truth(model: mujoco.MjModel, place: MobilityPlace | None = None) ->
 def write_mobility(folder: Path, out: Path, part: str | None, place: MobilityPlace) -> JointTruth:
     """Write ``scene.xml`` (MJCF, meshes by absolute path) and ``object.json`` (true joint), as for drawn objects."""
     scene = mobility_scene(folder, part, place)
+    scene.worldbody.add_site(name="arm_base")  # so that `s2r plan` knows where the arm stands
     truth = mobility_truth(scene.compile(), place)
     out.mkdir(parents=True, exist_ok=True)
     (out / "scene.xml").write_text(scene.to_xml())
@@ -137,6 +146,16 @@ def _choose(links: tuple[MobileLink, ...], part: str | None, folder: Path) -> Mo
     raise WorldFileError(f"{folder}: {wanted} is needed, there are {len(named)}; parts that move: {names}")
 
 
+def _check_shape(links: tuple[MobileLink, ...], moving: set[str], folder: Path) -> None:
+    """Refuse a part that can be neither seen nor touched."""
+    if any(link.shapes for link in links if link.name in moving):
+        return
+    raise ShapelessError(
+        f"{folder}: {', '.join(sorted(moving))} would move and {'has' if len(moving) == 1 else 'have'} no shape; give "
+        f"it a <visual> with a mesh or a {', '.join(SOLIDS)}"
+    )
+
+
 def _world_poses(links: tuple[MobileLink, ...]) -> dict[str, np.ndarray]:
     """Pose of every link at joint values 0 in the folder's root frame."""
     X: dict[str, np.ndarray] = {}
@@ -152,19 +171,14 @@ def _scaled(X: np.ndarray, scale: float) -> np.ndarray:
 
 
 def _standing(
-    links: tuple[MobileLink, ...], X: dict[str, np.ndarray], place: MobilityPlace
+    links: tuple[MobileLink, ...], X: dict[str, np.ndarray], place: MobilityPlace, upright: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """Scale, and the pose (4, 4) that puts the scaled object upright on the table.
 
-    PartNet-Mobility's URDF turns y up into z up by its first fixed joint; Shape2Motion's files stay y up.
+    A URDF has z up (PartNet-Mobility's turns its meshes by its first fixed joint); Shape2Motion's files stay y up.
     """
-    upright = np.eye(4) if any(link.parent is not None and link.joint == "fixed" for link in links) else Y_UP
-    points = []
-    for link in links:
-        for mesh in link.meshes:
-            T = upright @ X[link.name] @ mesh.X_link_mesh
-            points.append(_vertices(mesh.file) @ T[:3, :3].T + T[:3, 3])
-    cloud = np.concatenate(points)
+    corners = [_corners(shape, upright @ X[link.name]) for link in links for shape in link.shapes]
+    cloud = np.concatenate(corners)
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     scale = place.height_m / max(float(high[2] - low[2]), 1e-9)
     c, s = np.cos(place.yaw_rad), np.sin(place.yaw_rad)
@@ -178,8 +192,21 @@ def _standing(
     return scale, X_W
 
 
+def _corners(shape: Shape, X_link: np.ndarray) -> np.ndarray:
+    """The two corners of the box along the axes around a shape of a link that is at ``X_link``, shape (2, 3)."""
+    if isinstance(shape, SolidPlace):
+        T = X_link @ shape.X_link_solid
+        reach = shape.reach(T[:3, :3])
+        return np.stack([T[:3, 3] - reach, T[:3, 3] + reach])
+    T = X_link @ shape.X_link_mesh
+    points = (_vertices(shape.file) * shape.scale) @ T[:3, :3].T + T[:3, 3]
+    return np.stack([points.min(axis=0), points.max(axis=0)])
+
+
 def _vertices(file: Path) -> np.ndarray:
     """Vertices of a Wavefront file, shape (n, 3)."""
+    if file.suffix.lower() != ".obj":
+        raise WorldFileError(f"{file}: meshes are read as Wavefront files; write it as .obj and name that")
     rows = [line.split()[1:4] for line in file.read_text().splitlines() if line.startswith("v ")]
     try:
         points = np.array(rows, dtype=float).reshape(-1, 3)
@@ -190,20 +217,24 @@ def _vertices(file: Path) -> np.ndarray:
     return points
 
 
-def _add_meshes(
+def _add_shapes(
     scene: mujoco.MjSpec, body: mujoco.MjsBody, link: MobileLink, X_W_link: np.ndarray, scale: float
 ) -> None:
-    for k, mesh in enumerate(link.meshes):
-        name = f"{link.name}_{k}"
+    for k, shape in enumerate(link.shapes):
+        name, quat = f"{link.name}_{k}", np.empty(4)
+        X_link_shape = shape.X_link_mesh if isinstance(shape, MeshPlace) else shape.X_link_solid
+        T = X_W_link @ _scaled(X_link_shape, scale)
+        mujoco.mju_mat2Quat(quat, T[:3, :3].ravel())
+        if isinstance(shape, SolidPlace):
+            size = [*(scale * np.array(shape.size)), 0.0, 0.0][:3]
+            body.add_geom(name=name, type=GEOMS[shape.kind], size=size, pos=T[:3, 3], quat=quat, rgba=GREY)
+            continue
         scene.add_mesh(
             name=name,
-            file=str(mesh.file.resolve()),
-            scale=[scale] * 3,
+            file=str(shape.file.resolve()),
+            scale=scale * shape.scale,
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,  # the data sets' meshes are not closed
         )
-        T = X_W_link @ _scaled(mesh.X_link_mesh, scale)
-        quat = np.empty(4)
-        mujoco.mju_mat2Quat(quat, T[:3, :3].ravel())
         body.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, pos=T[:3, 3], quat=quat, rgba=GREY
         )

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from s2r_sim.cli_data import data
-from s2r_sim.errors import WorldFileError
+from s2r_sim.errors import ShapelessError, WorldFileError
 from s2r_sim.objects.mobility import read_mobility
 from s2r_sim.objects.mobility_scene import MobilityPlace, mobility_scene, mobility_truth, movable
 from s2r_sim.objects.naming import PART_BODY
@@ -162,11 +162,108 @@ def test_a_folder_that_cannot_be_used_is_refused_by_name(partnet, spoil, reason)
         mobility_scene(partnet, "drawer")
 
 
+OWN = """<robot name="box_with_drawer">
+  <link name="body">
+    <visual><origin xyz="0 0 0.1"/><geometry><box size="0.3 0.4 0.2"/></geometry></visual>
+  </link>
+  <link name="drawer">
+    <visual><geometry><box size="0.02 0.3 0.1"/></geometry></visual>
+    <visual><origin xyz="-0.02 0 0" rpy="0 1.5707963 0"/><geometry>
+      <cylinder radius="0.01" length="0.02"/></geometry></visual>
+    <visual><origin xyz="-0.03 0 0"/><geometry><sphere radius="0.015"/></geometry></visual>
+  </link>
+  <joint name="slide" type="prismatic">
+    <origin xyz="-0.16 0 0.1"/><axis xyz="-1 0 0"/><parent link="body"/><child link="drawer"/>
+    <limit lower="0" upper="0.2"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def own(tmp_path):
+    """An ordinary URDF: z up, primitive shapes, no mesh and no fixed joint."""
+    folder = tmp_path / "own"
+    folder.mkdir()
+    (folder / "box_with_drawer.urdf").write_text(OWN)
+    return folder
+
+
+def test_an_own_urdf_of_boxes_cylinders_and_spheres_stands_upright_in_its_own_size(own):
+    model = mobility_scene(own, place=MobilityPlace(height_m=0.2, x_m=0.65)).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    body = data.geom("body_0")
+    np.testing.assert_allclose(model.geom("body_0").size, [0.15, 0.2, 0.1], atol=1e-9)
+    assert body.xpos[2] == pytest.approx(0.1)
+    np.testing.assert_allclose(model.geom("drawer_1").size[:2], [0.01, 0.01], atol=1e-9)
+    # From the sphere's front to the body's back it is 0.355 deep; its middle stands at x.
+    assert data.geom("drawer_2").xpos[0] - 0.015 == pytest.approx(0.65 - 0.355 / 2)
+    truth = mobility_truth(model)
+    np.testing.assert_allclose(truth.direction, [-1.0, 0.0, 0.0], atol=1e-9)
+    assert truth.q_max == pytest.approx(0.2)
+
+
+def test_the_urdf_of_the_how_to_becomes_a_scene(tmp_path):
+    page = Path(__file__).parents[3] / "docs" / "how-to" / "own-object.md"
+    (tmp_path / "chest.urdf").write_text(page.read_text().split("```xml\n")[1].split("```")[0])
+    assert mobility_scene(tmp_path).compile().njnt == 1
+
+
+def test_what_collides_stands_for_what_is_not_drawn_and_a_mesh_keeps_its_own_scale(own):
+    write_box(own / "front.obj", (-10.0, -150.0, -50.0), (10.0, 150.0, 50.0))
+    mesh = '<mesh filename="front.obj" scale="0.001 0.001 0.001"/>'
+    text = OWN.replace('<box size="0.02 0.3 0.1"/>', mesh).replace("visual>", "collision>")
+    (own / "box_with_drawer.urdf").write_text(text)
+    model = mobility_scene(own, place=MobilityPlace(height_m=0.2)).compile()
+    half = sorted(model.geom_aabb[model.geom("drawer_0").id][3:])  # along the axes of inertia
+    assert half == pytest.approx([0.01, 0.05, 0.15], abs=1e-6)
+
+
+def test_a_part_without_a_shape_is_refused_by_the_names_of_its_links(own, tmp_path):
+    start, end = OWN.index("    <visual><geometry><box size"), OWN.index('  </link>\n  <joint name="slide"')
+    (own / "box_with_drawer.urdf").write_text(OWN[:start] + OWN[end:])
+    ended = CliRunner().invoke(data, ["import", str(own), "--out", str(tmp_path / "o")])
+    assert isinstance(ended.exception, ShapelessError)
+    assert ended.exception.exit_code == 4
+    assert "drawer would move and has no shape" in str(ended.exception)
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        (
+            "sphere radius",
+            "capsule radius",
+            "'drawer' has a 'capsule'; known are mesh, box, cylinder, sphere",
+        ),
+        (' length="0.02"', "", "the cylinder of link 'drawer' lacks or misstates its size"),
+        ("0.3 0.4 0.2", "0.3 -0.4 0.2", "the box of link 'body' must have sizes above 0"),
+        ('<sphere radius="0.015"/>', '<mesh filename="knob.obj"/>', "knob.obj, which is missing"),
+    ],
+)
+def test_a_shape_that_cannot_be_read_is_refused_by_its_link(own, old, new, reason):
+    (own / "box_with_drawer.urdf").write_text(OWN.replace(old, new))
+    with pytest.raises(WorldFileError, match=reason):
+        mobility_scene(own)
+
+
+def test_a_mesh_of_another_format_is_refused_with_what_to_write(own):
+    (own / "knob.stl").write_bytes(b"\x80\xff")
+    (own / "box_with_drawer.urdf").write_text(
+        OWN.replace('<sphere radius="0.015"/>', '<mesh filename="knob.stl"/>')
+    )
+    with pytest.raises(WorldFileError, match=r"knob\.stl: meshes are read as Wavefront files"):
+        mobility_scene(own)
+
+
 def test_import_command_writes_a_scene_that_loads(partnet, tmp_path):
     result = CliRunner().invoke(
         data, ["import", str(partnet), "--part", "drawer", "--out", str(tmp_path / "o")]
     )
     assert result.exit_code == 0, result.output
     assert "prismatic joint" in result.output
-    mujoco.MjModel.from_xml_path(str(tmp_path / "o" / "scene.xml"))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "o" / "scene.xml"))
+    assert model.site("arm_base").pos.tolist() == [0.0, 0.0, 0.0]  # s2r plan puts the arm there
     assert json.loads((tmp_path / "o" / "object.json").read_text())["joint"]["joint_type"] == "prismatic"
