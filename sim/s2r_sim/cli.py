@@ -41,7 +41,13 @@ SPLITS = ("train", "validation", "test")
 @click.option("--cell", default="lab", show_default=True)
 @click.option("--arm", "arm_name", default="xmate3pro", show_default=True, help="Name or folder of an arm.")
 @click.option(
-    "--inject", multiple=True, metavar="RULE", help="Disturb the bus: ACTION:ID@FIRST[-LAST]; repeatable."
+    "--inject",
+    multiple=True,
+    metavar="RULE",
+    help="Disturb the bus: ACTION:ID@FIRST[-LAST], e.g. drop:0x183@100-140; repeatable. ACTION: drop (sent, received "
+    "by nobody), corrupt (one bit of the payload flips), delay (one tick late), enobufs (the sender's queue is full). "
+    "ID: a frame's identifier (docs/protocol.md), * for all. Ticks count from 0: the bus periods since this command "
+    "began, in lock-step the executor's since it came. How many frames each rule met is printed at the end.",
 )
 @click.option("--ready-file", type=click.Path(path_type=Path), help="Created once everything listens.")
 def sim_arm(

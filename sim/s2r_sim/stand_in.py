@@ -15,6 +15,7 @@ from types import FrameType
 import click
 
 from s2r_protocol.arms import load_arm
+from s2r_protocol.can.identifiers import FRAMES, is_used
 from s2r_protocol.can.timing import BitRate, check_load
 from s2r_protocol.exits import UsageError
 from s2r_protocol.keys import ArmKeys
@@ -74,7 +75,9 @@ def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
     nodes = NODES[config.packing](plant.drives)
     rate = BitRate()
     load = check_load(config.packing, arm.dof, nodes.tick_ns, rate)
-    wire = Wire(nodes.tick_ns, rate, [Injection.parse(text) for text in config.injections])
+    injections = [Injection.parse(text) for text in config.injections]
+    _warn_of_strangers(injections, config.packing, arm.dof)
+    wire = Wire(nodes.tick_ns, rate, injections)
     click.echo(f"world {world.commitment}")
     with ExitStack() as stack:
         if config.truth_file is not None:
@@ -109,6 +112,25 @@ def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
             bus.ticks,
             100 * wire.load,
             nodes.refused,
+        )
+        for rule in injections:
+            click.echo(f"{wire.disturbed[rule]} frames disturbed by '{rule}'")
+
+
+def _warn_of_strangers(injections: list[Injection], packing: str, drives: int) -> None:
+    """Say which rules meet neither executor nor drives. Not refused: a test may bring a node of its own."""
+    for rule in injections:
+        if rule.can_id is None or is_used(rule.can_id, packing, drives):
+            continue
+        known = ", ".join(
+            f"{frame.name} {ids[0]:#05x}" + (f" to {ids[-1]:#05x}" if len(ids) > 1 else "")
+            for frame in FRAMES[packing]
+            for ids in [frame.of(drives)]
+        )
+        click.echo(
+            f"s2r sim-arm: --inject '{rule}': neither executor nor drives send {rule.can_id:#05x} in the {packing} "
+            f"packing; it can only meet frames of a node of your own. Theirs are {known}",
+            err=True,
         )
 
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import re
 from bisect import insort
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import NamedTuple
 
 from s2r_protocol.can.frames import CAN_EFF_FLAG, CAN_EFF_MASK, FD_BYTES
+from s2r_protocol.can.identifiers import LARGEST
 from s2r_protocol.can.timing import BitRate, frame_ns
 from s2r_protocol.exits import UsageError
 
@@ -29,7 +30,7 @@ class Injection:
         action: "drop" (transmitted, received by nobody), "corrupt" (one payload bit flips undetected by CAN), "delay"
             (one tick late), "enobufs" (the sender's queue is full: an error frame instead of a transmission).
         can_id: Frames it hits; None: all.
-        first_tick, last_tick: Inclusive.
+        first_tick, last_tick: Inclusive; ticks count from 0 at the stand-in's first period.
     """
 
     action: str
@@ -42,7 +43,7 @@ class Injection:
         """Read ``action:identifier@first-last``, such as ``drop:0x181@100-103`` or ``corrupt:*@50``.
 
         Raises:
-            UsageError: The text does not follow this form.
+            UsageError: The text does not follow this form, or says what no frame can ever meet.
         """
         match = re.fullmatch(r"(\w+):(\*|0[xX][0-9a-fA-F]+|\d+)@(\d+)(?:-(\d+))?", text)
         if match is None or match[1] not in ACTIONS:
@@ -50,8 +51,24 @@ class Injection:
                 f"injection {text!r} is not of the form ACTION:ID@FIRST[-LAST] with ACTION one of {', '.join(ACTIONS)}"
             )
         can_id = None if match[2] == "*" else int(match[2], 0)
+        if can_id is not None and can_id > LARGEST:
+            raise UsageError(
+                f"injection {text!r}: no frame has the identifier {can_id:#x}; they have 11 bits, 0x000 to "
+                f"{LARGEST:#x}, and are listed in docs/protocol.md"
+            )
         first = int(match[3])
-        return cls(match[1], can_id, first, int(match[4]) if match[4] else first)
+        last = int(match[4]) if match[4] else first
+        if last < first:
+            raise UsageError(
+                f"injection {text!r}: the last tick, {last}, is before the first, {first}; swap them"
+            )
+        return cls(match[1], can_id, first, last)
+
+    def __str__(self) -> str:
+        """As it is read."""
+        who = "*" if self.can_id is None else f"{self.can_id:#05x}"
+        last = "" if self.last_tick == self.first_tick else f"-{self.last_tick}"
+        return f"{self.action}:{who}@{self.first_tick}{last}"
 
 
 class Waiting(NamedTuple):
@@ -74,6 +91,7 @@ class Wire:
         self.tick_ns = tick_ns
         self._rate = rate
         self._injections = list(injections)
+        self.disturbed: Counter[Injection] = Counter()  # frames that each rule has hit
         self._waiting: list[Waiting] = []  # by identifier, those of one identifier as they came
         self._duration_ns: dict[tuple[bool, int], int] = {}
         self._busy_ns = 0
@@ -158,6 +176,7 @@ class Wire:
         for rule in self._injections:
             if not rule.first_tick <= tick <= rule.last_tick or rule.can_id not in (None, frame.can_id):
                 continue
+            self.disturbed[rule] += 1
             if rule.action == "drop":
                 return frame._replace(lost=True)
             if rule.action == "corrupt":

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from s2r_executor.observations import TOPICS
+from s2r_protocol.can.identifiers import FRAMES
 from s2r_protocol.faults import ExecutorState, Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.ros2 import topic_key, type_hash
@@ -45,3 +46,14 @@ def test_every_topic_has_a_row_with_its_type_and_hash(topic):
 
 def test_the_example_key_is_the_real_one():
     assert topic_key("/lab/xmate3pro/joint_states", "sensor_msgs/msg/JointState") in PAGE
+
+
+@pytest.mark.parametrize("packing", FRAMES)
+def test_every_frame_of_a_packing_has_a_row_in_its_table(packing):
+    table = PAGE.split(f"`--packing {packing}`")[1].split("\n\n")[1]
+    rows = [tuple(cell.strip() for cell in line.strip("|").split("|")) for line in table.splitlines()[2:]]
+    named = {(row[0].strip("`"), row[1], row[2]) for row in rows}
+    assert named == {
+        (f"{frame.base:#05x}" + (" + n" if frame.per_drive else ""), frame.name, frame.sender)
+        for frame in FRAMES[packing]
+    }

@@ -55,6 +55,7 @@ def test_stand_in_serves_a_master_hides_its_world_and_ends_on_ctrl_c(tmp_path):
     command += ["--world", tmp_path / "w.json", "--pace", "0", "--truth", tmp_path / "t.csv"]
     command += ["--bus", f"unix:{tmp_path}/b.sock", "--listen", f"tcp/127.0.0.1:{port}"]
     command += ["--ready-file", tmp_path / "ready"]
+    command += ["--inject", "drop:0x123@0-99", "--inject", "delay:0x185@12000"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
         end = time.monotonic() + 300
@@ -78,6 +79,9 @@ def test_stand_in_serves_a_master_hides_its_world_and_ends_on_ctrl_c(tmp_path):
     drawn = load_world(tmp_path / "w.json")
     assert process.returncode == 0, output
     assert drawn.commitment in output
+    assert "neither executor nor drives send 0x123 in the fd packing" in output
+    assert "STAT 0x181 to 0x187" in output
+    assert "0 frames disturbed by 'delay:0x185@12000'" in output
     for secret in (drawn.salt, drawn.object.mass_kg, drawn.object.coulomb_N, drawn.object.opening_m):
         assert str(secret) not in output
     assert not (tmp_path / "b.sock").exists()

@@ -90,6 +90,27 @@ def test_malformed_rule_is_refused_with_the_form(text):
         Injection.parse(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("delay:0x183@5-2", "the last tick, 2, is before the first, 5"),
+        ("drop:0x99999@1", "no frame has the identifier 0x99999; they have 11 bits"),
+        ("drop:0x800@1", "0x000 to 0x7ff"),
+    ],
+)
+def test_a_rule_that_no_frame_can_meet_is_refused(text, reason):
+    with pytest.raises(UsageError, match=reason):
+        Injection.parse(text)
+
+
+def test_a_rule_is_written_as_it_is_read_and_counts_what_it_has_met():
+    w = wire("drop:0x181@0-9", "delay:*@3")
+    for tick in (0, 3, 12):
+        w.offer(classic(0x181), None, 0, tick)
+        w.offer(classic(0x182), None, 0, tick)
+    assert {str(rule): count for rule, count in w.disturbed.items()} == {"drop:0x181@0-9": 2, "delay:*@3": 1}
+
+
 def test_rule_without_a_range_hits_one_tick():
     assert Injection.parse("drop:0x80@7") == Injection("drop", 0x80, 7, 7)
     assert Injection.parse("delay:*@7-9") == Injection("delay", None, 7, 9)
