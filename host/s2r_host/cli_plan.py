@@ -67,7 +67,8 @@ def plan(
 ) -> None:
     """Plan how the arm moves a joint of an object in SCENE to a target value, without moving anything.
 
-    Writes plan.csv (t, q.<joint>; every 2 ms), knots.csv, plan.json, trace.csv, strip.png and model/ into --out.
+    Writes plan.csv (t, q.<joint>; every 2 ms), plan.mcap for 's2r replay', knots.csv, plan.json, trace.csv, strip.png
+    and model/ into --out.
     Scene and object start at their qpos0. Exit 4 with a reason when there is no plan; plan.json then has it as well.
     """
     s_target, target_type = read_joint_value(target, "--target")

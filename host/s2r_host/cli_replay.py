@@ -89,7 +89,9 @@ def replay(
     tls: Path | None,
     as_json: bool,
 ) -> int:
-    """Send a plan of SOURCE (a run folder or a recording) through admission again and compare the executions.
+    """Send a plan of SOURCE through admission again and compare the executions.
+
+    SOURCE is a run folder, a recording, plan.mcap of 's2r plan', or a table (.csv) of t [s] and q.<joint> [rad].
 
     On a stand-in of its own by default; --real sends it to a running executor, after showing where it starts and
     how fast it gets. The arm first goes to the start: along the plans recorded before it when it

@@ -31,7 +31,15 @@ _WRITING_S = 30.0  # for the files of a plan that has been found
 _LOOK_S = 0.25
 _PLANNER = (sys.executable, "-m", "s2r_host.trajectory.plan_worker")
 WRITING = "writing the files"
-PLAN_FILES = ("plan.csv", "knots.csv", "trace.csv", "strip.png", "model/scene.xml", "model/scene.mjb")
+PLAN_FILES = (
+    "plan.csv",
+    "plan.mcap",
+    "knots.csv",
+    "trace.csv",
+    "strip.png",
+    "model/scene.xml",
+    "model/scene.mjb",
+)
 
 
 class PlanAnswerError(HostError):

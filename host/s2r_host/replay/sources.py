@@ -1,4 +1,4 @@
-"""Where plans to replay come from: a run, an executor's recording, or anybody's recording of a trajectory.
+"""Where plans to replay come from: a run, an executor's recording, or anybody's recording or table of a trajectory.
 
 Whatever the file says goes through the same admission as any plan; here it is only read and brought into knots.
 """
@@ -17,12 +17,14 @@ from s2r_host.errors import RecordingError
 from s2r_host.log.segments import inside, notes, segments
 from s2r_host.log.tables import EXECUTOR_STATE, TRAJECTORY, Recording, read_recording
 from s2r_host.recording import JointTrack
+from s2r_host.replay.table import KNOT_S, read_table
 from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.exits import UsageError
 
-KNOT_S = 0.02
 DEFAULT_LABEL = "manipulation"
+SESSION = "session-"
+MOST_NAMED = 5
 _WAYPOINT_SPEED = 0.3
 
 
@@ -47,11 +49,13 @@ class Replayable:
 
 
 def read_source(path: Path, arm: ArmDescription) -> list[Replayable]:
-    """All plans of a run folder or recording.
+    """All plans of a run folder or recording; the one of a table (``.csv``).
 
     Raises:
         RecordingError: It holds none, or of another arm.
     """
+    if path.suffix.lower() == ".csv":
+        return [Replayable(1, path.stem, read_table(path, arm), None)]
     file = path / "run.mcap" if path.is_dir() else path
     recording = read_recording(file)
     if recording.damage.any:
@@ -64,8 +68,20 @@ def read_source(path: Path, arm: ArmDescription) -> list[Replayable]:
     else:
         found = _from_references(recording, arm)
     if not found:
-        raise RecordingError(f"{file} holds no plan; was the run stopped before the first motion?")
+        raise RecordingError(f"{file} holds no plan; {_where_plans_are(file)}")
     return found
+
+
+def _where_plans_are(file: Path) -> str:
+    """What to do about a recording without plans."""
+    if not file.name.startswith(SESSION):
+        return "was the run stopped before the first motion?"
+    beside = sorted(file.parent.glob("plan-*.mcap"))
+    if not beside:
+        return "an executor's session never does: it keeps each plan in a plan-….mcap, and beside it there is none"
+    names = ", ".join(one.name for one in beside[:MOST_NAMED])
+    more = f" and {len(beside) - MOST_NAMED} more" if len(beside) > MOST_NAMED else ""
+    return f"an executor's session never does, its plans are beside it: {names}{more}; name one of them"
 
 
 def pick(plans: list[Replayable], number: int | None, who: Path) -> Replayable:

@@ -16,6 +16,7 @@ from s2r_host.planning.scene_spec import fine_model_spec
 from s2r_host.planning.task import PlanRequest
 from s2r_host.trajectory.trajectory import Trajectory
 from s2r_host.trajectory.verify import Trace
+from s2r_protocol.arms import ArmDescription
 
 SAMPLE_S = 0.002
 
@@ -35,6 +36,15 @@ def write_knots_csv(path: Path, trajectory: Trajectory, joint_names: tuple[str, 
     """Write the quintic knots as the executor gets them: ``t``, then ``q.``, ``dq.``, ``ddq.`` of every joint."""
     header = ["t", *(f"{kind}.{name}" for kind in ("q", "dq", "ddq") for name in joint_names)]
     _write(path, header, np.column_stack([trajectory.t, trajectory.q, trajectory.dq, trajectory.ddq]))
+    return path
+
+
+def write_plan_mcap(path: Path, trajectory: Trajectory, arm: ArmDescription, label: str) -> Path:
+    """Write the trajectory as a recording with one plan, which `s2r replay` sends to an arm with these joints."""
+    from s2r_host.recording import RunRecorder  # takes a tenth of a second, which a refusal does not need
+
+    with RunRecorder(path, f"/plan/{arm.name}", arm.joint_names, arm) as recorder:
+        recorder.add_plan(trajectory, label, 0)
     return path
 
 

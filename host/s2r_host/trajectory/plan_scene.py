@@ -20,7 +20,13 @@ from s2r_host.planning.task import PlanRequest
 from s2r_host.trajectory.legs import plan_legs
 from s2r_host.trajectory.legs_joined import Leg, LeggedPlan
 from s2r_host.trajectory.picture_strip import save_picture_strip
-from s2r_host.trajectory.plan_files import write_knots_csv, write_model, write_plan_csv, write_trace_csv
+from s2r_host.trajectory.plan_files import (
+    write_knots_csv,
+    write_model,
+    write_plan_csv,
+    write_plan_mcap,
+    write_trace_csv,
+)
 from s2r_host.trajectory.verify import trace_of
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.exits import S2RError, UsageError
@@ -120,6 +126,9 @@ def _write_all(task: PlanTask, request: PlanRequest, scene: Scene, plan: LeggedP
     names = task.arm.joint_names
     write_plan_csv(task.out / "plan.csv", delivery.trajectory, names)
     write_knots_csv(task.out / "knots.csv", delivery.trajectory, names)
+    write_plan_mcap(
+        task.out / "plan.mcap", delivery.trajectory, task.arm, f"{task.joint} to {task.s_target:g}"
+    )
     write_trace_csv(task.out / "trace.csv", trace_of(delivery.trajectory, request, scene), names)
     write_model(task.out / "model", request, scene)
     save_picture_strip(

@@ -16,6 +16,7 @@ from s2r_host.planning.free_space import FINE_STEP_RAD, FreeSpace
 from s2r_host.planning.scene import GeomKind, SceneFileError, build_scene
 from s2r_host.planning.scene_file import read_spec
 from s2r_host.planning.settings import PlanSettings
+from s2r_host.replay.sources import read_source
 from s2r_host.trajectory.plan_worker import carried_out
 from s2r_protocol.arms import load_arm
 
@@ -204,6 +205,10 @@ def test_a_plan_leaves_the_files_it_promises(scene_file):
     table = np.genfromtxt(out / "plan.csv", delimiter=",", names=True, deletechars="")
     assert table.dtype.names == ("t", *(f"q.{name}" for name in ARM.joint_names))
     assert np.diff(table["t"]).max() <= 0.002 + 1e-9
+    (recorded,) = read_source(out / "plan.mcap", ARM)
+    (knots,) = read_source(out / "knots.csv", ARM)
+    np.testing.assert_allclose(recorded.trajectory.q, knots.trajectory.q, atol=1e-8)
+    np.testing.assert_allclose(recorded.trajectory.t, knots.trajectory.t, atol=1e-8)
     model = mujoco.MjModel.from_xml_path(str(out / "model" / "scene.xml"))
     assert model.joint("object/tap").id >= 0
     for name in ("trace.csv", "knots.csv", "strip.png"):

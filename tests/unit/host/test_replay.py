@@ -13,6 +13,7 @@ from s2r_host.replay.pace import from_time, path_time, slowed
 from s2r_host.replay.replay import Replayed, ReplaySettings, as_sent, compare, repeatability
 from s2r_host.replay.sources import Replayable, pick, read_source, trajectory_of_message
 from s2r_host.trajectory import Trajectory
+from s2r_host.trajectory.plan_files import write_knots_csv, write_plan_csv
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.root import main
 from s2r_protocol.exits import UsageError
@@ -202,6 +203,64 @@ def test_a_foreign_trajectory_that_cannot_be_meant_is_refused_by_name(trajectory
     short["points"][2]["positions"] = [0.0]
     with pytest.raises(RecordingError, match="point 2 has 1 positions"):
         trajectory_of_message(short, ARM)
+
+
+def test_a_table_of_positions_is_a_source(tmp_path, trajectory):
+    write_plan_csv(tmp_path / "plan.csv", trajectory, NAMES)
+    (plan,) = read_source(tmp_path / "plan.csv", ARM)
+    t = np.linspace(0, 1, 200)
+    for have, want, atol in zip(
+        plan.trajectory.sample(t), trajectory.sample(t), (1e-5, 1e-3, 0.1), strict=True
+    ):
+        np.testing.assert_allclose(have, want, atol=atol)
+    assert np.diff(plan.trajectory.t).min() >= 0.019
+    assert not plan.trajectory.dq[[0, -1]].any()
+
+
+def test_a_table_with_velocities_and_accelerations_is_taken_as_it_is(tmp_path, trajectory):
+    write_knots_csv(tmp_path / "knots.csv", trajectory, NAMES)
+    (plan,) = read_source(tmp_path / "knots.csv", ARM)
+    np.testing.assert_allclose(plan.trajectory.ddq, trajectory.ddq, atol=1e-7)
+    np.testing.assert_allclose(plan.trajectory.t, trajectory.t)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (
+            lambda text: text.replace("q.joint3", "q.elbow"),
+            r"no column q\.joint3; a trajectory of xmate3pro has t",
+        ),
+        (lambda text: text.replace("t,", "time,", 1), "no column t"),
+        (lambda text: text.replace("\n0.002,", "\n0.002,x", 1), "line 3: needs 8 finite numbers"),
+        (lambda text: text.replace("\n0.002,", "\n0.002,1,", 1), "line 3: needs 8 finite numbers"),
+        (lambda text: text.replace("\n0.002,", "\n0,", 1), "line 3: t does not rise"),
+        (lambda text: text.splitlines()[0], "0 rows below its header"),
+        (lambda text: "", "0 rows below its header"),
+    ],
+)
+def test_a_table_that_is_no_trajectory_is_refused_by_column_or_line(tmp_path, trajectory, spoil, reason):
+    file = write_plan_csv(tmp_path / "plan.csv", trajectory, NAMES)
+    file.write_text(spoil(file.read_text()))
+    with pytest.raises(RecordingError, match=reason):
+        read_source(file, ARM)
+
+
+def test_an_executors_session_names_the_plans_beside_it(tmp_path):
+    session = tmp_path / "session-20261128T010203Z.mcap"
+    with RunRecorder(session, "/lab/xmate3pro", NAMES) as recorder:
+        for t_ns in (1, 2):
+            header = {"stamp": stamp(t_ns)}
+            body = {"header": header, "name": NAMES, "position": [0.0] * 7, "velocity": [0.0] * 7}
+            for topic in ("joint_states", "joint_commands"):
+                recorder._put(topic, JOINT_STATE, body, t_ns)
+            recorder._put("executor_state", STATE, {"header": header}, t_ns)
+    with pytest.raises(RecordingError, match="beside it there is none"):
+        read_source(session, ARM)
+    for seq in range(7):
+        (tmp_path / f"plan-3-{seq}.mcap").touch()
+    with pytest.raises(RecordingError, match=r"plans are beside it: plan-3-0\.mcap, .* and 2 more; name one"):
+        read_source(session, ARM)
 
 
 def test_an_executors_own_recording_is_a_source_without_a_run_folder(tmp_path, trajectory):

@@ -1,0 +1,30 @@
+"""What `s2r plan` leaves goes through admission and is played by the stand-in, as recording and as table."""
+
+import json
+
+import numpy as np
+import pytest
+
+from s2r_host.trajectory import TimeLawSettings, time_law
+from s2r_host.trajectory.plan_files import write_plan_csv, write_plan_mcap
+from s2r_protocol.arms import load_arm
+from s2r_protocol.cli.root import main
+
+ARM = load_arm("xmate3pro")
+
+
+@pytest.mark.parametrize("name", ["plan.mcap", "plan.csv"])
+def test_a_planned_motion_is_replayed_on_the_stand_in(tmp_path, capsys, name):
+    home = np.asarray(ARM.q_home)
+    motion = time_law(home + 0.2 * np.linspace(0.0, 1.0, 5)[:, None], ARM, TimeLawSettings(speed=0.3))
+    if name == "plan.csv":
+        write_plan_csv(tmp_path / name, motion, ARM.joint_names)
+    else:
+        write_plan_mcap(tmp_path / name, motion, ARM, "away from home")
+    with pytest.raises(SystemExit) as ended:
+        main(["replay", str(tmp_path / name), "--out", str(tmp_path / "again"), "--json"])
+    said = capsys.readouterr()
+    assert ended.value.code == 0, said.err
+    answer = json.loads(said.out)
+    assert answer["against"] == "plan"
+    assert max(answer["rms_rad"].values()) < 2e-3
