@@ -7,8 +7,9 @@ from pathlib import Path
 
 import click
 
-from s2r_host.plan_process import PlanOrder, plan_in_process
+from s2r_host.plan_process import PLAN_FILES, PlanOrder, plan_in_process
 from s2r_protocol.cli.options import SEED, FiniteRange
+from s2r_protocol.cli.outputs import check_own_results
 from s2r_protocol.cli.progress import progress_line
 from s2r_protocol.exits import S2RError
 from s2r_protocol.targets import read_joint_value
@@ -29,7 +30,10 @@ from s2r_protocol.targets import read_joint_value
 )
 @click.option("--q0", help="Start pose of the arm, comma-separated [rad] [default: its home].")
 @click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the results."
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Folder for the results; an earlier plan there is replaced, other files are not.",
 )
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of all chance; same seed, same plan.")
 @click.option(
@@ -71,6 +75,7 @@ def plan(
     and model/ into --out.
     Scene and object start at their qpos0. Exit 4 with a reason when there is no plan; plan.json then has it as well.
     """
+    check_own_results(out, "plan.json", ("success",), PLAN_FILES)
     s_target, target_type = read_joint_value(target, "--target")
     order = PlanOrder(
         scene=str(scene),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from s2r_protocol.cli.options import SEED, tls_option
+from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, tls_option
 from s2r_protocol.exits import UsageError
 
 PACKINGS = ("fd", "classic")
@@ -124,7 +124,7 @@ def draw(seed: int, kind: str, arm: str, out: Path) -> None:
 @click.option("--kind", required=True)
 @click.option("--split", type=click.Choice(SPLITS), default="train", show_default=True)
 @click.option("--seed", type=SEED, required=True)
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder.")
+@click.option("--out", type=UNUSED_FOLDER, required=True, help="Folder, new or empty.")
 def write_object(kind: str, split: str, seed: int, out: Path) -> None:
     """Write one procedural object as MJCF with its parameters and true joint."""
     from s2r_sim.objects import scene

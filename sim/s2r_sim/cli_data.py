@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from s2r_protocol.cli.options import UNUSED_FOLDER
 from s2r_protocol.exits import UsageError
 
 
@@ -109,7 +110,7 @@ def pairs(
 @click.option(
     "--height", default=0.3, show_default=True, help="Height on the table [m]; the object is scaled to it."
 )
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the result.")
+@click.option("--out", type=UNUSED_FOLDER, required=True, help="Folder of the result, new or empty.")
 def import_(folder: Path, part: str | None, height: float, out: Path) -> None:
     """Put an object on the stand-in's table: scene.xml and object.json.
 

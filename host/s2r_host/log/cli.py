@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from s2r_protocol.cli.options import FiniteRange
+from s2r_protocol.cli.outputs import check_new_file, check_unused
 from s2r_protocol.exits import ExitCode, UsageError
 
 _RECORDING = click.Path(path_type=Path, exists=True)
@@ -70,7 +71,9 @@ def recover(file: Path, out: Path | None, as_json: bool) -> int:
     from s2r_host.log.recover import recover as mend
 
     source = recording_file(file)
-    saved = mend(source, out or source.with_suffix(".recovered.mcap"))
+    target = out or source.with_suffix(".recovered.mcap")
+    check_new_file(target)
+    saved = mend(source, target)
     if as_json:
         values = {**asdict(saved), "path": str(saved.path)}
         click.echo(json.dumps(values, indent=1))
@@ -93,16 +96,26 @@ def recover(file: Path, out: Path | None, as_json: bool) -> int:
 @log.command()
 @click.argument("file", type=_RECORDING)
 @click.option("--to", "kind", type=click.Choice(EXPORTS), required=True, help="Format.")
-@click.option("--out", type=click.Path(path_type=Path), help="File (rrd) or folder [default: beside FILE].")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="New file (rrd) or folder [default: beside FILE]."
+)
 @click.option(
     "--fps", type=click.IntRange(1, 1000), default=50, show_default=True, help="lerobot: frames per second."
 )
 @click.option("--arm", help="rrd: shipped arm or folder [default: what the recording names].")
 def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None) -> int:
-    """Turn FILE into tables (parquet, csv), a Rerun recording (rrd) or a LeRobot dataset (lerobot)."""
+    """Turn FILE into tables (parquet, csv), a Rerun recording (rrd) or a LeRobot dataset (lerobot).
+
+    What lies at --out already is not replaced; an earlier export beside FILE is, a dataset excepted.
+    """
     from s2r_host.log.tables import read_recording
 
     source = recording_file(file)
+    folder = out or source.with_name(f"{source.stem}-{kind}")
+    if kind == "rrd" and out is not None:
+        check_new_file(out)
+    elif kind == "lerobot" or out is not None:  # episodes of two exports in one folder would be one dataset
+        check_unused(folder)
     recording = read_recording(source)
     if recording.damage.any:
         click.echo(f"s2r log: {source} is damaged; exporting what is readable", err=True)
@@ -111,7 +124,6 @@ def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None) -
 
         click.echo(export_rrd(recording, out or source.with_suffix(".rrd"), arm))
         return int(ExitCode.OK)
-    folder = out or source.with_name(f"{source.stem}-{kind}")
     if kind == "lerobot":
         from s2r_host.log.export_lerobot import export_lerobot
 

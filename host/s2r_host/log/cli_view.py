@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from s2r_host.log.cli import recording_file
-from s2r_host.log.new_file import check_new_file
+from s2r_protocol.cli.outputs import check_new_file
 from s2r_protocol.cli.progress import progress_line
 
 
@@ -22,7 +22,7 @@ from s2r_protocol.cli.progress import progress_line
     "--html",
     "out",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write this one HTML file; no Rerun.",
+    help="Write this one HTML file; no Rerun. An earlier page of this command may be replaced, another file not.",
 )
 @click.option("--arm", help="Shipped arm or folder [default: what the recording names].")
 def view(file: Path, out: Path | None, arm: str | None) -> None:
@@ -30,15 +30,19 @@ def view(file: Path, out: Path | None, arm: str | None) -> None:
     from s2r_host.log.tables import read_recording
 
     source = recording_file(file)
-    if out is not None:
-        check_new_file(out)
+    rerun = None if out is not None else _rerun()
+    page = out or source.with_suffix(".html")
+    if rerun is None:
+        from s2r_host.log.view import is_own_page
+
+        if not is_own_page(page):
+            check_new_file(page)
     with progress_line() as tell:
         tell(f"reading {source}")
         recording = read_recording(source)
     if recording.damage.any:
         click.echo(f"s2r view: {source} is damaged; showing what is readable", err=True)
-    rerun = _rerun()
-    if out is None and rerun is not None:
+    if rerun is not None:
         from s2r_host.log.export_rrd import export_rrd
 
         path = export_rrd(recording, Path(tempfile.mkdtemp(prefix="s2r-view-")) / f"{source.stem}.rrd", arm)
@@ -48,7 +52,7 @@ def view(file: Path, out: Path | None, arm: str | None) -> None:
     from s2r_host.log.view import write_html
 
     with progress_line() as tell:
-        page = write_html(recording, out or source.with_suffix(".html"), arm, tell)
+        write_html(recording, page, arm, tell)
     click.echo(page)
 
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from s2r_host.errors import MissingPartError
 from s2r_host.log.arm_of import arm_of
-from s2r_host.log.new_file import check_new_file
 from s2r_host.log.segments import notes
 from s2r_host.log.tables import EXECUTOR_STATE, IMAGE, LOG, Joints, Recording
 from s2r_host.report.arm_shapes import ArmShapes, quat_wxyz
+from s2r_protocol.cli.outputs import check_place
 from s2r_protocol.faults import ExecutorState
 from s2r_protocol.ros2 import unpack
 
@@ -29,7 +29,7 @@ def export_rrd(recording: Recording, path: Path, arm_name: str | None = None) ->
         RecordingError: No joint states, or the arm is unknown.
         UsageError: ``path`` is a folder or lies in none.
     """
-    check_new_file(path)
+    check_place(path)
     try:
         import rerun as rr
     except ImportError as error:

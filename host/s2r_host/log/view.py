@@ -14,18 +14,30 @@ from matplotlib.figure import Figure
 
 from s2r_host.errors import MissingPartError, RecordingError
 from s2r_host.log.arm_of import arm_of
-from s2r_host.log.new_file import check_new_file
 from s2r_host.log.segments import Segment, segments
 from s2r_host.log.tables import Joints, Recording
 from s2r_host.report.arm_shapes import ArmShapes
 from s2r_host.report.markup import page, section, table
 from s2r_host.report.style import EXECUTED, PLANNED, RC, inline_png
+from s2r_protocol.cli.outputs import check_place
 
 FRAMES_HZ = 20.0
 MAX_FRAMES = 1200
 CLOUD_POINTS = 20_000
 _APART_RAD = 4e-3  # a reference nearer than this only muddies the arm it hides in
 _PAUSE_S = 0.3
+
+
+PAUSES = "the player leaves out the pauses between motions"
+_HEAD_BYTES = 1 << 16
+
+
+def is_own_page(path: Path) -> bool:
+    """Whether a file is a page that was written here: its first lines say so."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return PAUSES.encode() in file.read(_HEAD_BYTES)
 
 
 def write_html(
@@ -41,7 +53,7 @@ def write_html(
         RecordingError: No joint states, or the arm is unknown.
         UsageError: ``path`` is a folder or lies in none.
     """
-    check_new_file(path)
+    check_place(path)
     tell("decoding joint states")
     joints = recording.joints()
     try:
@@ -68,7 +80,7 @@ def write_html(
     facts = sorted(recording.metadata.get("s2r", {}).items())
     parts = [
         f"<h1>{escape(name)}</h1><p class='lead'>{len(joints.stamp_ns)} joint states, {joints.t[-1]:.2f} s; "
-        "the player leaves out the pauses between motions</p>",
+        f"{PAUSES}</p>",
         section("The arm, and in blue its reference where they differ; drag to turn", frame),
         section("Motions", table(("plan", "begins", "takes"), rows)) if rows else "",
         section("Joints", inline_png(_plots(joints, reference, found), "joints over time")),

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from s2r_protocol.cli.options import SEED
+from s2r_protocol.cli.outputs import check_own_results
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError, UsageError
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 Step = Callable[[str], None]
 ANSWER_FILES = ("object.xml", "object.urdf", "model.json")
+PICTURES = ("view_before.png", "view_after.png", "cloud.png", "model.png")
+ANSWER_KEYS = ("abstain", "joint_type", "parts_found")  # one of them is in every model.json
 
 
 @click.command()
@@ -42,7 +45,7 @@ ANSWER_FILES = ("object.xml", "object.urdf", "model.json")
     "--out",
     type=click.Path(file_okay=False, writable=True, path_type=Path),
     required=True,
-    help="Folder for model, JSON and pictures.",
+    help="Folder for model, JSON and pictures; an earlier answer there is replaced, other files are not.",
 )
 @click.option(
     "--frame",
@@ -135,6 +138,10 @@ def _build(
             raise UsageError(
                 f"--between {path} is the view of {ends[path.resolve()]}; give one taken in between"
             )
+    written = {(out / name).resolve() for name in (*ANSWER_FILES, *PICTURES)}
+    for path in (before, after, *between):
+        if path.resolve() in written:
+            raise UsageError(f"--out {out}: the result would replace the view {path}; name another folder")
     if between and several:
         raise UsageError("--between refines the joint of one part; it does not go with --several")
     if network and frame == "camera":
@@ -193,9 +200,14 @@ def _build(
 
 
 def _forget_answer(out: Path) -> None:
-    """Take away what an earlier answer left: its model is no part of a new one, least of an abstention."""
+    """Take away what an earlier answer left: its model is no part of a new one, least of an abstention.
+
+    Raises:
+        UsageError: A file of that name is not of an earlier answer.
+    """
+    check_own_results(out, "model.json", ANSWER_KEYS, (*ANSWER_FILES[:2], *PICTURES))
     parts = [path for path in out.glob("part_*") if path.is_dir()]
-    for folder, name in product((out, *parts), ANSWER_FILES):
+    for folder, name in product((out, *parts), (*ANSWER_FILES, *PICTURES)):
         (folder / name).unlink(missing_ok=True)
 
 

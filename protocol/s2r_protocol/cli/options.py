@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from s2r_protocol.exits import UsageError
+from s2r_protocol.cli.outputs import check_unused
 
 tls_option = click.option(
     "--tls",
@@ -51,16 +51,6 @@ class _UnusedFolder(click.Path):
         folder = Path(os.fsdecode(super().convert(value, param, ctx)))
         check_unused(folder)
         return folder
-
-
-def check_unused(folder: Path) -> None:
-    """Refuse a folder that holds something.
-
-    Raises:
-        UsageError: The folder exists and holds something, or is a file.
-    """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(f"--out {folder} exists and is not empty; name a new folder")
 
 
 UNUSED_FOLDER = _UnusedFolder(path_type=Path)

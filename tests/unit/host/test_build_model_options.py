@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 import pytest
+from click.testing import CliRunner
 
 from s2r_host.model.cli import build_model, parse_region
 from s2r_protocol.exits import UsageError
@@ -23,3 +24,34 @@ def test_a_file_as_out_is_refused_at_once(tmp_path):
             standalone_mode=False,
         )
     assert (tmp_path / "taken").read_text() == "mine"
+
+
+def refusal(*words):
+    return CliRunner().invoke(build_model, ["--before", "a.ply", "--after", "b.ply", *map(str, words)]).stderr
+
+
+def test_a_result_does_not_replace_files_of_somebody_else(tmp_path):
+    for name in ("object.xml", "cloud.png", "notes.txt"):
+        (tmp_path / name).write_text("mine")
+    assert "holds object.xml, cloud.png, not written by this command" in refusal("--out", tmp_path)
+    (tmp_path / "model.json").write_text('{"layers": 3}')
+    assert "holds model.json, object.xml, cloud.png" in refusal("--out", tmp_path)
+    assert (tmp_path / "object.xml").read_text() == "mine"
+
+
+def test_an_earlier_result_is_taken_away_with_its_pictures_and_other_files_stay(tmp_path):
+    for name in ("object.xml", "cloud.png", "notes.txt"):
+        (tmp_path / name).write_text("old")
+    (tmp_path / "model.json").write_text('{"joint_type": "revolute"}')
+    assert "a.ply" in refusal("--out", tmp_path)  # it is not there
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+    assert "a.ply" in refusal("--out", tmp_path)
+
+
+def test_a_view_is_not_replaced_by_the_picture_of_its_name(tmp_path):
+    view = tmp_path / "view_before.png"
+    view.write_text("depth")
+    (tmp_path / "model.json").write_text('{"abstain": true}')
+    said = refusal("--between", view, "--out", tmp_path)
+    assert f"would replace the view {view}" in said
+    assert view.read_text() == "depth"

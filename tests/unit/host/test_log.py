@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -129,6 +130,45 @@ def test_a_result_that_cannot_be_written_is_refused_before_the_work(whole, tmp_p
     for write in (write_html, export_rrd):
         with pytest.raises(UsageError, match=r"is a folder; name a file|there is no folder .*nowhere"):
             write(read_recording(whole), tmp_path / target)
+
+
+@pytest.mark.parametrize(("kind", "inside"), [("csv", "own.csv"), ("parquet", "own.csv"), ("rrd", None)])
+def test_an_export_replaces_nothing_at_the_place_that_is_named(whole, tmp_path, capsys, kind, inside):
+    out = tmp_path / "out"
+    if inside is None:
+        out.write_text("mine")
+    else:
+        out.mkdir()
+        (out / inside).write_text("mine")
+    assert exit_code("log", "export", whole, "--to", kind, "--out", out) == ExitCode.USAGE
+    assert re.search("name a new folder|name another file", capsys.readouterr().err)
+    assert (out if inside is None else out / inside).read_text() == "mine"
+
+
+def test_tables_beside_a_recording_may_be_made_again_and_a_dataset_not(whole, capsys):
+    assert exit_code("log", "export", whole, "--to", "csv") == 0
+    assert exit_code("log", "export", whole, "--to", "csv") == 0
+    folder = whole.with_name(f"{whole.stem}-lerobot")
+    folder.mkdir()
+    (folder / "mine").touch()
+    assert exit_code("log", "export", whole, "--to", "lerobot") == ExitCode.USAGE
+    assert "not empty" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_a_page_replaces_an_earlier_page_and_nothing_else(whole, capsys, monkeypatch, named):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    page = whole.with_suffix(".html")
+    words = ["view", whole, *(["--html", page] if named else [])]
+    page.write_text("<p>mine</p>")
+    assert exit_code(*words) == ExitCode.USAGE
+    assert "exists and would be replaced" in capsys.readouterr().err
+    assert page.read_text() == "<p>mine</p>"
+    page.unlink()
+    assert exit_code(*words) == 0
+    assert exit_code(*words) == 0
+    assert page.stat().st_size > 10_000
 
 
 def test_a_damaged_chunk_costs_only_itself(whole, tmp_path):

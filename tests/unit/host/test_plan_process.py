@@ -174,3 +174,13 @@ def test_a_target_that_is_no_number_is_refused(tmp_path):
         result = CliRunner().invoke(plan, [*options, "--target", target], standalone_mode=False)
         assert isinstance(result.exception, UsageError)
         assert words in str(result.exception)
+
+
+def test_a_plan_does_not_replace_a_table_of_somebody_else(tmp_path):
+    (tmp_path / "plan.csv").write_text("mine")
+    words = ["--scene", "none.xml", "--joint", "j", "--target", "0.1", "--json", "--out", str(tmp_path)]
+    ended = CliRunner().invoke(plan, words)
+    assert isinstance(ended.exception, UsageError)
+    assert "holds plan.csv, not written by this command" in str(ended.exception)
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.csv"]
+    assert (tmp_path / "plan.csv").read_text() == "mine"

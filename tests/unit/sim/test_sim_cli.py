@@ -30,6 +30,14 @@ def test_drawn_world_prints_the_commitment_that_commit_confirms(tmp_path):
     assert drawn.output.strip() == load_world(tmp_path / "w.json").commitment
 
 
+def test_another_object_does_not_replace_the_first(tmp_path):
+    words = ("object", "--kind", "drawer", "--out", tmp_path / "o")
+    assert run(world, *words, "--seed", 3).exit_code == 0
+    first = (tmp_path / "o" / "scene.xml").read_text()
+    assert "not empty; name a new folder" in str(run(world, *words, "--seed", 4).exception)
+    assert (tmp_path / "o" / "scene.xml").read_text() == first
+
+
 @pytest.mark.parametrize("arguments", [[], ["--seed", 1, "--world", "w.json"]])
 def test_exactly_one_source_of_the_world_is_needed(arguments):
     assert isinstance(run(sim_arm, *arguments).exception, UsageError)

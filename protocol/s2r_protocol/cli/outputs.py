@@ -1,0 +1,75 @@
+"""Where a command may write: what lies there already and is not its own stays as it is (docs/conventions.md).
+
+Told before the seconds of work that a result takes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable
+from pathlib import Path
+
+from s2r_protocol.exits import UsageError
+
+
+def check_unused(folder: Path) -> None:
+    """Refuse a folder that holds something.
+
+    Raises:
+        UsageError: The folder exists and holds something, or is a file.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(f"--out {folder} exists and is not empty; name a new folder")
+
+
+def check_own_results(folder: Path, answer: str, keys: Collection[str], files: Iterable[str]) -> None:
+    """Refuse a folder where a result would replace files that are not those of an earlier one.
+
+    Args:
+        folder: Where the result goes; other files may lie there.
+        answer: The JSON file that tells an earlier result of the same command.
+        keys: It has one of them.
+        files: What the result may write, ``answer`` aside.
+
+    Raises:
+        UsageError: A file of that name is somebody else's.
+    """
+    if _has_key(folder / answer, keys):
+        return
+    taken = [name for name in (answer, *files) if (folder / name).exists()]
+    if taken:
+        raise UsageError(
+            f"--out {folder} holds {', '.join(taken)}, not written by this command, which would be replaced; name "
+            "another folder"
+        )
+
+
+def check_place(path: Path) -> None:
+    """Refuse a place where no file can be.
+
+    Raises:
+        UsageError: ``path`` is a folder, or the folder it shall lie in does not exist.
+    """
+    if path.is_dir():
+        raise UsageError(f"{path} is a folder; name a file")
+    if not path.parent.is_dir():
+        raise UsageError(f"there is no folder {path.parent} for {path.name}; make it or name another file")
+
+
+def check_new_file(path: Path) -> None:
+    """Refuse a place where no file can be, or where one is.
+
+    Raises:
+        UsageError: As :func:`check_place`, or ``path`` exists.
+    """
+    check_place(path)
+    if path.exists():
+        raise UsageError(f"{path} exists and would be replaced; name another file, or remove it")
+
+
+def _has_key(file: Path, keys: Collection[str]) -> bool:
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and not content.keys().isdisjoint(keys)
