@@ -10,7 +10,7 @@ class ExitCode(enum.IntEnum):
 
     OK = 0
     BUG = 1  # an unexpected exception: please report it
-    USAGE = 2  # wrong option, unknown name, unreadable file
+    USAGE = 2  # wrong option, unknown name, missing or unreadable file, a place that is taken
     NOT_READY = 3  # the machine lacks something; the message prints the fix
     REFUSED = 4  # a plan, model or recording was refused with a reason
     UNREACHABLE = 5  # no answer from a peer process
