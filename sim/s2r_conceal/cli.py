@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from s2r_protocol.cli.options import SEED, FiniteRange
+from s2r_protocol.cli.progress import counted
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -70,7 +71,7 @@ def draw(
     from s2r_conceal.draw import draw_set
 
     key = key or out.with_name(out.name + ".key.json")
-    with click.progressbar(length=sum(counts.values()), label="drawing") as bar:
+    with counted("drawing", sum(counts.values())) as bar:
         draw_set(seed, rig, counts, out, key, bar.update, duration_s, workers=workers)
     click.echo(
         f"{sum(counts.values())} cases in {out}; answers sealed, key in {key}: keep it away from the tool"
@@ -105,7 +106,7 @@ def run(folder: Path, command: str, workers: int, timeout_s: float, batch: bool,
 
     if config is not None and not batch:
         raise click.UsageError("--config goes with --batch; without it, put the option into --command")
-    with click.progressbar(length=0, label="running") as bar:
+    with counted("running") as bar:
         if batch:
             total = run_batched(folder, command, workers, timeout_s, bar, config)
         else:

@@ -15,27 +15,19 @@ import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from s2r_conceal import verdicts
 from s2r_conceal.errors import ConcealError
 from s2r_conceal.seal import check_files, publish_verdicts, read_manifest, sha256
+from s2r_protocol.cli.progress import Count
 
 INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)  # how a program ends that a Ctrl-C has reached
 ROLES = ("fit", "holdout", "repeat")
 INPUTS = ("model.xml", *(f"{role}.{kind}" for role in ROLES for kind in ("csv", "yaml")))
 
 
-class Bar(Protocol):
-    """What is needed of a progress bar."""
-
-    length: int | None
-
-    def update(self, n_steps: int) -> None:
-        """Advance."""
-
-
-def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar) -> str:
+def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Count) -> str:
     """Run ``command`` over every case without an answer, then hash all verdicts.
 
     Args:
@@ -78,7 +70,7 @@ def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Bar
 
 
 def run_batched(
-    folder: Path, command: str, workers: int, timeout_s: float, bar: Bar, config: Path | None = None
+    folder: Path, command: str, workers: int, timeout_s: float, bar: Count, config: Path | None = None
 ) -> str:
     """Like :func:`run_all`, with one call of ``command --batch JOBS``: a tool that keeps its workers starts once.
 

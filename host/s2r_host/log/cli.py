@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -103,7 +104,8 @@ def recover(file: Path, out: Path | None, as_json: bool) -> int:
     "--fps", type=click.IntRange(1, 1000), default=50, show_default=True, help="lerobot: frames per second."
 )
 @click.option("--arm", help="rrd: shipped arm or folder [default: what the recording names].")
-def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None) -> int:
+@click.option("--json", "as_json", is_flag=True, help="Print what was written on standard output.")
+def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None, as_json: bool) -> int:
     """Turn FILE into tables (parquet, csv), a Rerun recording (rrd) or a LeRobot dataset (lerobot).
 
     What lies at --out already is not replaced; an earlier export beside FILE is, a dataset excepted.
@@ -119,24 +121,26 @@ def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None) -
     recording = read_recording(source)
     if recording.damage.any:
         click.echo(f"s2r log: {source} is damaged; exporting what is readable", err=True)
+    values: dict[str, Any] = {"format": kind, "damaged": recording.damage.any}
     if kind == "rrd":
         from s2r_host.log.export_rrd import export_rrd
 
-        click.echo(export_rrd(recording, out or source.with_suffix(".rrd"), arm))
-        return int(ExitCode.OK)
-    if kind == "lerobot":
+        written = export_rrd(recording, out or source.with_suffix(".rrd"), arm)
+        values["files"] = lines = [str(written)]
+    elif kind == "lerobot":
         from s2r_host.log.export_lerobot import export_lerobot
 
-        count = export_lerobot(recording, folder, fps)
-        click.echo(f"{count} episodes in {folder}")
-        return int(ExitCode.OK)
-    from s2r_host.log.export_tables import export_tables
+        values["episodes"] = export_lerobot(recording, folder, fps)
+        values["folder"] = str(folder)
+        lines = [f"{values['episodes']} episodes in {folder}"]
+    else:
+        from s2r_host.log.export_tables import export_tables
 
-    written, left_out = export_tables(recording, folder, kind)
-    for path in written:
-        click.echo(path)
-    if left_out:
-        click.echo(f"not tables, left out: {', '.join(left_out)}", err=True)
+        tables, values["left_out"] = export_tables(recording, folder, kind)
+        values["files"] = lines = [str(path) for path in tables]
+        if values["left_out"]:
+            click.echo(f"not tables, left out: {', '.join(values['left_out'])}", err=True)
+    click.echo(json.dumps(values, indent=1) if as_json else "\n".join(lines))
     return int(ExitCode.OK)
 
 

@@ -95,6 +95,7 @@ def build_model(
     "reason": ...} when the views do not determine one joint.
     """
     try:
+        _check_options(before, after, between, out, frame, region, several, network)
         with _steps(quiet=as_json) as step:
             result = _build(
                 before,
@@ -130,22 +131,6 @@ def _build(
 ) -> dict[str, Any]:  # fmt: skip
     step("reading both views")
     box = parse_region(region)
-    if before.resolve() == after.resolve():
-        raise UsageError(f"--before and --after are the same file ({before}); two views are needed")
-    ends = {before.resolve(): "--before", after.resolve(): "--after"}
-    for path in between:
-        if path.resolve() in ends:
-            raise UsageError(
-                f"--between {path} is the view of {ends[path.resolve()]}; give one taken in between"
-            )
-    written = {(out / name).resolve() for name in (*ANSWER_FILES, *PICTURES)}
-    for path in (before, after, *between):
-        if path.resolve() in written:
-            raise UsageError(f"--out {out}: the result would replace the view {path}; name another folder")
-    if between and several:
-        raise UsageError("--between refines the joint of one part; it does not go with --several")
-    if network and frame == "camera":
-        raise UsageError("--network knows views with z up only; it does not go with --frame camera")
     from s2r_host.perception.frames import DepthFrame
     from s2r_host.perception.loading import load_frame
 
@@ -199,13 +184,37 @@ def _build(
     return result
 
 
-def _forget_answer(out: Path) -> None:
-    """Take away what an earlier answer left: its model is no part of a new one, least of an abstention.
+def _check_options(
+    before: Path, after: Path, between: tuple[Path, ...], out: Path, frame: str, region: str | None, several: bool,
+    network: bool | None,
+) -> None:  # fmt: skip
+    """Refuse what can be told from the options alone.
 
     Raises:
-        UsageError: A file of that name is not of an earlier answer.
+        UsageError: Names the option and what to do.
     """
+    parse_region(region)
+    if before.resolve() == after.resolve():
+        raise UsageError(f"--before and --after are the same file ({before}); two views are needed")
+    ends = {before.resolve(): "--before", after.resolve(): "--after"}
+    for path in between:
+        if path.resolve() in ends:
+            raise UsageError(
+                f"--between {path} is the view of {ends[path.resolve()]}; give one taken in between"
+            )
+    written = {(out / name).resolve() for name in (*ANSWER_FILES, *PICTURES)}
+    for path in (before, after, *between):
+        if path.resolve() in written:
+            raise UsageError(f"--out {out}: the result would replace the view {path}; name another folder")
+    if between and several:
+        raise UsageError("--between refines the joint of one part; it does not go with --several")
+    if network and frame == "camera":
+        raise UsageError("--network knows views with z up only; it does not go with --frame camera")
     check_own_results(out, "model.json", ANSWER_KEYS, (*ANSWER_FILES[:2], *PICTURES))
+
+
+def _forget_answer(out: Path) -> None:
+    """Take away what an earlier answer left: its model is no part of a new one, least of an abstention."""
     parts = [path for path in out.glob("part_*") if path.is_dir()]
     for folder, name in product((out, *parts), (*ANSWER_FILES, *PICTURES)):
         (folder / name).unlink(missing_ok=True)

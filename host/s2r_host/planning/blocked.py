@@ -67,7 +67,7 @@ def _why(
     s, dof = float(data.qpos[scene.s_qpos]), scene.s_dof
     unit, force = ("m", "N") if scene.prismatic else ("rad", "N·m")
     stops = (
-        f"joint {request.joint!r} does not get to s_target = {request.s_target:.4f}: pushed with {push_N:.0f} N at "
+        f"joint {request.joint!r} does not get to target = {request.s_target:.4f}: pushed with {push_N:.0f} N at "
         f"its outermost point, the part alone gets from {request.s_initial:.4f} to {s:.4f} {unit} in {_WATCHED_S:g} s"
     )
     overlapping = overlap(model, data, scene)

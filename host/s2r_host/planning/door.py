@@ -16,18 +16,18 @@ def check_numbers(request: PlanRequest) -> None:
     arm = request.arm
     q = np.asarray(request.q_initial, dtype=float)
     if q.shape != (arm.dof,):
-        raise PlanRefusedError(f"q_initial has shape {q.shape}; arm {arm.name!r} needs ({arm.dof},)")
-    for name, value in (("s_initial", request.s_initial), ("s_target", request.s_target)):
+        raise PlanRefusedError(f"the start pose has shape {q.shape}; arm {arm.name!r} needs ({arm.dof},)")
+    for name, value in (("start", request.s_initial), ("target", request.s_target)):
         if not np.isfinite(value):
-            raise PlanRefusedError(f"{name} = {value} is not a finite number")
+            raise PlanRefusedError(f"joint {request.joint!r}: {name} = {value} is not a finite number")
     for name, value in zip(arm.joint_names, q, strict=True):
         if not np.isfinite(value):
-            raise PlanRefusedError(f"joint {name!r}: q_initial = {value} is not a finite number")
+            raise PlanRefusedError(f"joint {name!r}: start pose = {value} is not a finite number")
     limits = arm.limits
     for i, name in enumerate(arm.joint_names):
         if not limits.q_min[i] <= q[i] <= limits.q_max[i]:
             raise PlanRefusedError(
-                f"joint {name!r} (index {i}): q_initial = {q[i]:.3f} rad is outside "
+                f"joint {name!r} (index {i}): start pose = {q[i]:.3f} rad is outside "
                 f"[{limits.q_min[i]:.3f}, {limits.q_max[i]:.3f}] rad"
             )
 
@@ -38,14 +38,14 @@ def check_target(request: PlanRequest, scene: Scene, tolerance: float) -> None:
     s_initial, s_target = request.s_initial, request.s_target
     if abs(s_target - s_initial) < tolerance:
         raise PlanRefusedError(
-            f"joint {request.joint!r}: s_target = {s_target:.4f} {unit} equals s_initial = {s_initial:.4f} {unit} "
+            f"joint {request.joint!r}: target = {s_target:.4f} {unit} equals start = {s_initial:.4f} {unit} "
             f"within the success band of {tolerance:g} {unit}: there is nothing to move"
         )
     if scene.s_range is None:
         _refuse_absurd_way(request, scene)
         return
     low, high = scene.s_range
-    for name, value, slack in (("s_initial", s_initial, tolerance), ("s_target", s_target, 0.0)):
+    for name, value, slack in (("start", s_initial, tolerance), ("target", s_target, 0.0)):
         if not low - slack <= value <= high + slack:
             raise PlanRefusedError(
                 f"joint {request.joint!r}: {name} = {value:.4f} {unit} is beyond its range "
@@ -59,13 +59,13 @@ def _refuse_absurd_way(request: PlanRequest, scene: Scene) -> None:
     reach_m = arm_reach_m(scene)
     if scene.prismatic and way > 2.0 * reach_m:
         raise PlanRefusedError(
-            f"joint {request.joint!r}: s_target = {request.s_target:g} m is {way:g} m away, farther than the arm "
+            f"joint {request.joint!r}: target = {request.s_target:g} m is {way:g} m away, farther than the arm "
             f"{scene.arm.name!r} gets from one side of its base to the other, {2.0 * reach_m:.2f} m"
         )
     turns = way / (2.0 * np.pi)
     if not scene.prismatic and turns > _MOST_TURNS:
         raise PlanRefusedError(
-            f"joint {request.joint!r}: s_target = {request.s_target:g} rad is {turns:.1f} turns away, more than the "
+            f"joint {request.joint!r}: target = {request.s_target:g} rad is {turns:.1f} turns away, more than the "
             f"{_MOST_TURNS:g} that are planned; is it meant in degrees?"
         )
 

@@ -26,7 +26,7 @@ def check_stays(request: PlanRequest, scene: Scene, tolerance: float) -> None:
     """
     if is_coupled(scene):
         return
-    for name, s in (("s_initial", request.s_initial), ("s_target", request.s_target)):
+    for name, s in (("start", request.s_initial), ("target", request.s_target)):
         problem = drift(request, scene, tolerance, s, creep_bands=_CREEPS_AWAY)
         if problem is not None:
             raise PlanRefusedError(f"joint {request.joint!r} does not stay at {name} = {s:.4f}: {problem}")
@@ -37,7 +37,7 @@ def creeping(request: PlanRequest, scene: Scene) -> str | None:
     if is_coupled(scene):
         return None
     tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
-    for name, s in (("s_initial", request.s_initial), ("s_target", request.s_target)):
+    for name, s in (("start", request.s_initial), ("target", request.s_target)):
         problem = drift(request, scene, tolerance, s)
         if problem is not None:
             return f"joint {request.joint!r} creeps at {name} = {s:.4f}: {problem}"

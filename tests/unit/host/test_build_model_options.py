@@ -55,3 +55,10 @@ def test_a_view_is_not_replaced_by_the_picture_of_its_name(tmp_path):
     said = refusal("--between", view, "--out", tmp_path)
     assert f"would replace the view {view}" in said
     assert view.read_text() == "depth"
+
+
+def test_options_that_exclude_each_other_are_told_without_a_spinner(tmp_path):
+    view = tmp_path / "a.ply"
+    words = ["--before", str(view), "--after", str(view), "--out", str(tmp_path / "out")]
+    said = CliRunner().invoke(build_model, words).stderr
+    assert said.startswith("s2r build-model: --before and --after are the same file")

@@ -145,6 +145,16 @@ def test_an_export_replaces_nothing_at_the_place_that_is_named(whole, tmp_path, 
     assert (out if inside is None else out / inside).read_text() == "mine"
 
 
+def test_what_an_export_has_written_can_be_read_by_a_machine(whole, tmp_path, capsys):
+    assert exit_code("log", "export", whole, "--to", "csv", "--out", tmp_path / "c", "--json") == 0
+    written = json.loads(capsys.readouterr().out)
+    assert written["format"] == "csv"
+    assert not written["damaged"]
+    assert all(Path(file).is_file() for file in written["files"])
+    assert exit_code("log", "export", whole, "--to", "lerobot", "--out", tmp_path / "l", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["episodes"] == 1
+
+
 def test_tables_beside_a_recording_may_be_made_again_and_a_dataset_not(whole, capsys):
     assert exit_code("log", "export", whole, "--to", "csv") == 0
     assert exit_code("log", "export", whole, "--to", "csv") == 0

@@ -122,7 +122,7 @@ def test_a_lid_that_is_lighter_in_friction_than_gravity_is_refused_with_both_num
         <geom type="box" pos="-0.108 0 0.004" size="0.108 0.15 0.004"/></body></body></worldbody></mujoco>"""
     )
     with pytest.raises(
-        PlanRefusedError, match=r"does not stay at s_initial = 0.0000: untouched it moves by"
+        PlanRefusedError, match=r"does not stay at start = 0.0000: untouched it moves by"
     ) as caught:
         plan_trajectory(request(ARM, path, 0.5))
     assert "friction holds only 0.05 N·m" in str(caught.value)

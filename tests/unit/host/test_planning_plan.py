@@ -214,17 +214,17 @@ def refusal(request_: PlanRequest, **changes) -> str:
 
 
 def test_target_beyond_the_range_is_refused_with_the_range(request_):
-    assert "s_target = 0.4000 m is beyond its range [-0.0700, 0.2100] m" in refusal(request_, s_target=0.4)
+    assert "target = 0.4000 m is beyond its range [-0.0700, 0.2100] m" in refusal(request_, s_target=0.4)
 
 
 def test_target_equal_to_the_start_is_refused(request_):
     assert "there is nothing to move" in refusal(request_, s_target=-0.0295)
 
 
-@pytest.mark.parametrize("name", ["s_initial", "s_target"])
+@pytest.mark.parametrize(("field", "name"), [("s_initial", "start"), ("s_target", "target")])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_numbers_that_are_not_finite_are_refused_by_name(request_, name, value):
-    assert f"{name} = {value} is not a finite number" in refusal(request_, **{name: value})
+def test_numbers_that_are_not_finite_are_refused_by_name(request_, field, name, value):
+    assert f"{name} = {value} is not a finite number" in refusal(request_, **{field: value})
 
 
 def test_nan_in_the_start_pose_is_refused_with_the_joint(request_):
@@ -240,7 +240,7 @@ def test_wrong_joint_count_is_refused(request_):
 def test_start_pose_outside_the_limits_is_refused(request_):
     q = ARM.q_home.copy()
     q[1] = 2.2
-    assert "joint 'joint2' (index 1): q_initial = 2.200 rad is outside" in refusal(request_, q_initial=q)
+    assert "joint 'joint2' (index 1): start pose = 2.200 rad is outside" in refusal(request_, q_initial=q)
 
 
 def test_start_pose_in_contact_is_refused(request_):

@@ -270,7 +270,7 @@ def test_a_joint_that_a_servo_of_the_scene_holds_is_refused_with_that_reason(sce
     )
     code, sentence, _ = refused(scene_file(text=text, more=cup), "tap", 0.5)
     assert code == 4
-    assert "does not stay at s_target = 0.5000" in sentence
+    assert "does not stay at target = 0.5000" in sentence
     assert "the scene's own actuator, told 0, pushes it with 25.00 N·m" in sentence
 
 

@@ -429,6 +429,8 @@ def test_cases_where_the_tool_failed_are_counted_and_run_again_until_the_verdict
     ended = _run(folder, f"{sys.executable} {tool} a")
     assert ended.exit_code == 0, ended.output
     assert "1 of 8 cases: the tool ended without gap.json (exit 3)" in ended.output
+    assert "running: 1 of 8\n" in ended.stderr  # nobody sees a bar here
+    assert "running: 8 of 8\n" in ended.stderr
     (folder / "verdicts.json").unlink()  # as if it had been interrupted before
     assert "ended without" not in _run(folder, f"{sys.executable} {tool} a").output
 
