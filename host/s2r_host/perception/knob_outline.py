@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 from scipy.optimize import least_squares
 
-from s2r_host.motion.robot_mask import back_project
-from s2r_host.perception.frames import DepthFrame, project
+from s2r_host.perception.frames import DepthFrame, backproject, project
 
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -333,4 +332,5 @@ def _top(frame: DepthFrame, p_middle: Array) -> Array | None:
     near = ((us - u) ** 2 + (vs - v) ** 2 < r * r) & (frame.depth_m > 0.0)
     if near.sum() < LEAST_TOP:
         return None
-    return np.append(p_middle[:2], float(np.median(back_project(frame)[near][:, 2])))
+    p_seen = backproject(frame.depth_m, frame.K, frame.X_base_camera)[near]
+    return np.append(p_middle[:2], float(np.median(p_seen[:, 2])))
