@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from s2r_host.gap.regression.base_terms import NEVER_NEGATIVE, PREFIX, BaseTerm
@@ -36,9 +34,6 @@ AS_PARAMETER = {
 }
 FRICTION = ("coulomb_friction", "viscous_friction")
 LEAST_OF_FIT = 0.05  # of the misfit of the fit rows
-LEAST_SHOWN = (
-    0.005  # the same: what takes less than this, and nothing of held-out rows, does not show in the effort
-)
 SMALL_CHANGE = 1.6  # of what the model has: its number may be off by so much
 
 
@@ -92,12 +87,8 @@ def parameters_only(problem: Problem, search: Search) -> Decision:
     decision = Decision("parameter_off", solution, rejected=rejected_at_floor(problem, search))
     is_number = is_parameter(problem, named, slot)
     search.looseness = 1.0
-    taken = _taken(problem, search, solution)
-    if taken.not_shown:  # noise of a sensor that is fed back correlates effort and acceleration
-        bare = search.finish([], [], [])
-        return Decision("nothing_missing", bare, rejected=rejected_at_floor(problem, search))
     if named.name in (*LIKE_PARAMETERS, *FRICTION) and not is_number:
-        if taken.of_one_part:
+        if _of_one_part(problem, search, solution):
             bare = search.finish([], [], [])
             if _within_declared(problem, bare):
                 return Decision("nothing_missing", bare, rejected=rejected_at_floor(problem, search))
@@ -134,30 +125,14 @@ def _with_one_more(problem: Problem, search: Search, decision: Decision) -> Solu
     return decision.solution
 
 
-class _Taken(NamedTuple):
-    """Shares that a solution takes of the effort that the other numbers leave over."""
-
-    fitted: float
-    held: float
-
-    @property
-    def of_one_part(self) -> bool:
-        """It explains the rows that were fitted, and none of those held out."""
-        return self.held <= 0.0 and self.fitted > LEAST_OF_FIT
-
-    @property
-    def not_shown(self) -> bool:
-        """It explains neither."""
-        return self.held <= 0.0 and self.fitted < LEAST_SHOWN
-
-
-def _taken(problem: Problem, search: Search, solution: Solution) -> _Taken:
+def _of_one_part(problem: Problem, search: Search, solution: Solution) -> bool:
+    """Does a solution explain the fit rows, but none of the held-out ones?"""
     without = search.finish([], [], []).unexplained
     shares = []
-    for rows in (~problem.held, problem.held):
+    for rows in (problem.held, ~problem.held):
         before, after = (float(np.sum(x[rows] ** 2)) for x in (without, solution.unexplained))
         shares.append(1.0 - after / max(before, 1e-30))
-    return _Taken(*shares)
+    return bool(problem.held.any()) and shares[0] <= 0.0 < LEAST_OF_FIT < shares[1]
 
 
 def _within_declared(problem: Problem, solution: Solution) -> bool:
