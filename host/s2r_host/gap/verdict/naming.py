@@ -75,7 +75,7 @@ def named_effect(problem: Problem, search: Search, solution: Solution, i: int, s
     text = f"removes {gain:.0%} of the held-out misfit in this place"
     own_gain = next((s.gain for s in slot if s.term.key == term.key), 0.0)
     if gain < LEAST_TOLD:
-        text = f"{own_gain:.0f} nats of evidence, though next to nothing of the held-out misfit is its own"
+        text = f"{own_gain:.0f} nats of evidence for this cause instead of several numbers that moved a little each"
     elif runner is not None:
         text += (
             f"; the next best, {runner.term.effect.removeprefix(PREFIX)}, removes {runner.holdout_gain:.0%}"
