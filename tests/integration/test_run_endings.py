@@ -21,6 +21,7 @@ from s2r_host.cli_stop import send_stop
 from s2r_host.link import ExecutorLink
 from s2r_host.perception.synthetic import look_at
 from s2r_host.recording import joint_track, read_notes, read_plans
+from s2r_host.trajectory import TimeLawSettings, time_law
 from s2r_protocol import codec
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import ExitCode
@@ -259,6 +260,32 @@ def test_dry_run_plans_the_push_and_moves_nothing(plant, arm):
     assert done.returncode == ExitCode.OK, done.stderr
     assert "nothing was moved" in json.loads(done.stdout)["exit"]["reason"]
     assert status(plant, arm).state == ExecutorState.DISARMED
+
+
+def move_away(plant, arm, q):
+    """Bring the arm straight to a posture and switch it off there; its state then."""
+    with ExecutorLink(plant["executor"], arm) as link:
+        with link.leased():
+            start = link.arm_drives().q_ref
+            link.wait_done(
+                link.send_plan(time_law(np.array([start, q]), arm, TimeLawSettings(speed=0.3)), "away")
+            )
+            link.disarm()
+        return link.status()
+
+
+def test_dry_run_away_from_home_plans_from_there_without_arming_or_sending_anything(plant, arm):
+    before = move_away(plant, arm, arm.q_home + np.array([0.3, -0.1, 0, 0, 0, 0, 0]))
+    done = run(plant, "--dry-run", "--json")
+    after = status(plant, arm)
+    assert done.returncode == ExitCode.OK, done.stderr
+    assert "not there and not sent there: joint 'joint1' (index 0)" in done.stderr
+    assert (
+        json.loads(done.stdout)["exit"]["reason"] == "dry run: the first push is planned, nothing was moved"
+    )
+    assert after.state == ExecutorState.DISARMED
+    assert (after.epoch, after.plan_seq) == (before.epoch, before.plan_seq)  # ARM would have begun an epoch
+    assert np.allclose(after.q_meas, before.q_meas, atol=1e-4)
 
 
 def test_absent_executor_ends_with_five_and_its_address(tmp_path):

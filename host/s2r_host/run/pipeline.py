@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.run.ask import ask_operator
 from s2r_host.run.belief import build_belief
+from s2r_host.run.dry_run import planned_where_it_stands, stay
 from s2r_host.run.feeling import Feeling
 from s2r_host.run.journal import Journal
 from s2r_host.run.lessons import learn_from_push
@@ -20,7 +21,7 @@ from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import write_run_json
 from s2r_host.run.session import Session, open_session
 from s2r_host.run.settings import RunSettings
-from s2r_host.run.travel import go_to, leave_touch
+from s2r_host.run.travel import at_home, go_to, leave_touch
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError
 
 logger = logging.getLogger(__name__)
@@ -65,13 +66,14 @@ def run_task(
 
 def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]) -> None:
     settings, journal, task = session.settings, session.journal, session.settings.task
-    _home(session, record)
-    with journal.stage("view A") as stage:
-        before = record.add_view(observe(session, "A"))
-        stage.note = f"{len(before.scene.p_base)} object points"
-    told = push_until_told(session, record, before)
+    with planned_where_it_stands(session):
+        _home(session, record)
+        with journal.stage("view A") as stage:
+            before = record.add_view(observe(session, "A"))
+            stage.note = f"{len(before.scene.p_base)} object points"
+        told = push_until_told(session, record, before)
     if told is None:
-        record.code, record.reason = ExitCode.OK, "dry run: the first push is planned, nothing was moved"
+        record.code, record.reason = ExitCode.OK, f"dry run: the first push is planned, {session.rest}"
         return
     record.told_by_push, record.push_seen_from = told.estimate, told.before.name
     with journal.stage("build model") as stage:
@@ -171,11 +173,13 @@ def _introduce(record: RunRecord, session: Session) -> None:
 def _home(session: Session, record: RunRecord) -> None:
     with session.journal.stage("home") as stage:
         session.link.wait_for_drives()
-        q_home = session.arm.arm.q_home
-        if abs(session.status().q_ref - q_home).max() < 1e-3:
+        if at_home(session):
             stage.note = "already there"
             return
         view = record.add_view(observe(session, "start"))
         obstacles = [table_obstacle(), cloud_obstacle(view.scene.p_base, view.scene.p_camera)]
+        if session.settings.dry_run:
+            stage.note = stay(session, obstacles)
+            return
         leave_touch(session, view, obstacles)
-        go_to(session, q_home, obstacles, "home")
+        go_to(session, session.arm.arm.q_home, obstacles, "home")

@@ -126,7 +126,10 @@ class Session:
 
         Raises:
             CommandRefusedError, ArmStoppedError, PeerUnreachableError: As :meth:`move`, and what ``commands`` raises.
+            RuntimeError: In a dry run, before anything is sent: whoever asked for a motion there has a bug.
         """
+        if self.settings.dry_run:
+            raise RuntimeError("a motion was asked for in a dry run; nothing was sent")
         sent: list[Sent] = []
         done: list[Executed] = []
         self.rest = "that the arm is at rest was not confirmed: look at it"

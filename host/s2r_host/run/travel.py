@@ -56,6 +56,11 @@ def timed(
     return Motion(time_law(q_path, arm, usual), label, free_from)
 
 
+def at_home(session: Session) -> bool:
+    """Whether the arm stands at its home posture."""
+    return bool(np.abs(session.status().q_ref - session.arm.arm.q_home).max() < AT_GOAL_RAD)
+
+
 def go_to(session: Session, q_goal: np.ndarray, obstacles: Sequence[Obstacle], label: str) -> bool:
     """Move to a posture by a checked way; False when already there.
 
@@ -97,5 +102,5 @@ def leave_touch(session: Session, view: Observation, obstacles: Sequence[Obstacl
             f"the arm begins in touch ({touched}), and {error}; play the way back that the run before recorded "
             "('s2r replay DIR --list', then 's2r replay DIR --real --plan N'), or take the object away"
         ) from error
-    session.journal.warn(f"the arm begins in touch ({touched}): it leaves along its finger, slowly")
     session.move([timed(session, out, "out of touch", session.settings.push_speed, LEAVING)])
+    session.journal.warn(f"the arm began in touch ({touched}): it left along its finger, slowly")

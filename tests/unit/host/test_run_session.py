@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -120,6 +121,16 @@ def test_a_move_that_went_through_ends_at_rest(tmp_path):
     session = session_of(tmp_path, [])
     session.play(lambda sent: None)
     assert session.rest == "the arm is at rest"
+
+
+def test_a_dry_run_sends_nothing_whoever_asks_for_a_motion(tmp_path):
+    session = session_of(tmp_path, [])
+    session.settings = replace(session.settings, dry_run=True)
+    asked = []
+    with pytest.raises(RuntimeError, match="in a dry run; nothing was sent"):
+        session.play(asked.append)
+    assert not asked
+    assert session.rest == "nothing was moved"
 
 
 @pytest.mark.parametrize("connected", [True, False])
