@@ -103,9 +103,10 @@ Refused Core::disarm() noexcept {
   }
 }
 
+// Taken at once, carried out by watch_reset().
 Refused Core::reset() noexcept {
   const bool latched = state_ == State::kFault || state_ == State::kEstop;
-  if (!latched || quick_stop_ || resetting_) return {Refusal::kState, -1, double(static_cast<int>(state_)), 0.0};
+  if (!latched || resetting_) return {Refusal::kState, -1, double(static_cast<int>(state_)), 0.0};
   resetting_ = true;
   reset_since_tick_ = tick_;
   return {};

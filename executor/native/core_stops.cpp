@@ -157,9 +157,11 @@ void Core::watch_arming() noexcept {
   }
 }
 
-// A latch clears when every drive answers and none is in fault, and not by itself: only after a fresh RESET.
+// A latch clears when every drive answers and none is in fault, and not by itself: only after a fresh RESET. One that
+// comes while the drives still brake waits for them.
 void Core::watch_reset() noexcept {
   if (quick_stop_ && seconds_since(state_since_tick_) > kQuickStopTime_s) quick_stop_ = false;
+  if (quick_stop_) reset_since_tick_ = tick_;
   if (!resetting_ || tick_ == reset_since_tick_) return;
   const int oldest = oldest_answer(), faulty = first_in_fault();
   const bool answers = age_[oldest] < static_cast<std::uint32_t>(config_.feedback_stop_ticks);
@@ -169,7 +171,10 @@ void Core::watch_reset() noexcept {
     apply(Trigger::kReset);
   } else if (seconds_since(reset_since_tick_) > kResetTimeout_s) {
     resetting_ = false;
-    reject(0, {Refusal::kState, answers ? faulty : oldest, double(static_cast<int>(state_)), 0.0});
+    if (!answers)
+      reject(0, {Refusal::kState, oldest, double(age_[oldest]), double(config_.feedback_stop_ticks)});
+    else
+      reject(0, {Refusal::kState, faulty, faulty < 0 ? 0.0 : double(drives_[faulty].error), 0.0});
   }
 }
 

@@ -21,6 +21,7 @@ from s2r_executor.black_box import BlackBox
 from s2r_executor.bridge_motion import PathState
 from s2r_executor.config import ExecutorConfig
 from s2r_executor.core import Core, CoreSnapshot, EventKind
+from s2r_executor.core_refusals import refused_command, refused_plan
 from s2r_executor.door import Identity, SequenceBook, check_addressee, check_epoch
 from s2r_executor.lease import Lease, LeaseDecision
 from s2r_executor.plan import AdmittedPlan, CommandRefusedError, PlanRequest
@@ -305,7 +306,7 @@ class FrontEnd:
             self._recorder.drop_plan(plan_id, reason if rejection is None else "the core refused it")
             if rejection is None:
                 raise CommandRefusedError(Refusal.INTERNAL, reason)
-            raise self._refused_by_core(rejection)
+            raise refused_plan(rejection, self.arm.joint_names)
         logger.info(
             "plan %d '%s' of '%s' runs for %.2f s",
             address.seq,
@@ -433,14 +434,7 @@ class FrontEnd:
             return
         refused = self._refused_command
         if refused is not None:
-            raise CommandRefusedError(
-                Refusal(int(refused["cause"])),
-                f"the core refused {name} in {ExecutorState(core.state).name}. "
-                + self.status().why_not_moving,
-                quantity="state",
-                value=float(refused["value"]),
-                limit=float(refused["limit"]),
-            )
+            raise refused_command(kind, refused, core, self.arm.joint_names, self.status().why_not_moving)
         if not ended:
             raise CommandRefusedError(
                 Refusal.INTERNAL,
@@ -515,26 +509,6 @@ class FrontEnd:
             self._idle()
             core = self._core.snapshot()
         return True
-
-    def _refused_by_core(self, event: np.void) -> CommandRefusedError:
-        """What the core said, for the operator; it checks again by itself what admission has checked."""
-        code, joint = Refusal(int(event["cause"])), int(event["joint"])
-        name = self.arm.joint_names[joint] if 0 <= joint < len(self.arm.joint_names) else ""
-        why = {
-            Refusal.STALE: "it stopped or was armed meanwhile",
-            Refusal.STATE: "it changed its state meanwhile",
-            Refusal.LATE: "the splice point had passed when the plan arrived; splice further ahead",
-        }.get(code, "the plan does not fit the reference any more")
-        where = f"joint '{name}' (index {joint}): " if name else ""
-        return CommandRefusedError(
-            code,
-            f"{where}the core refused the plan ({code.name}): {why}; value {event['value']:.6g}, "
-            f"limit {event['limit']:.6g}",
-            joint=name,
-            quantity=code.name.lower(),
-            value=float(event["value"]),
-            limit=float(event["limit"]),
-        )
 
     def _rejection(self, plan_id: int) -> np.void | None:
         with self._rejections_lock:

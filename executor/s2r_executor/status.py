@@ -8,7 +8,7 @@ from s2r_executor.core import CoreSnapshot
 from s2r_executor.fault_table import FAULTS
 from s2r_protocol.faults import Cause, ExecutorState
 
-_NEVER_TICKS = 65_535  # where the core stops counting the age of an answer, and where it begins (core.cpp)
+NEVER_TICKS = 65_535  # where the core stops counting the age of an answer, and where it begins (core.cpp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +47,7 @@ def known_cause(number: int) -> Cause:
 
 def silent_joints(core: CoreSnapshot, joint_names: tuple[str, ...]) -> tuple[str, ...]:
     """Joints whose drive has not answered since the core started, or not for a minute and more."""
-    return tuple(
-        name for name, age in zip(joint_names, core.feedback_age, strict=True) if age >= _NEVER_TICKS
-    )
+    return tuple(name for name, age in zip(joint_names, core.feedback_age, strict=True) if age >= NEVER_TICKS)
 
 
 LOOK_AT = (

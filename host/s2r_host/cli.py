@@ -88,7 +88,9 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     is_flag=True,
     help="After a collision stop on the way into contact, reset and back off; without it the run ends there.",
 )
-@click.option("--dry-run", is_flag=True, help="Look and plan the first push from where the arm stands; move nothing.")
+@click.option(
+    "--dry-run", is_flag=True, help="Look and plan the first push from where the arm stands; move nothing."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print run.json on standard output.")
 def run(
     object_kind: str,

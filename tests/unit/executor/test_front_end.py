@@ -13,6 +13,8 @@ from s2r_executor.config import load_config
 from s2r_executor.front_end import FrontEnd
 from s2r_executor.plan import CommandRefusedError
 from s2r_executor.quintic import sample, spline_through
+from s2r_protocol.can import fd
+from s2r_protocol.can.frames import CanFrame
 from s2r_protocol.codec import Address
 from s2r_protocol.faults import Cause, ExecutorState, Refusal
 from s2r_protocol.proto import s2r_pb2 as pb
@@ -525,3 +527,51 @@ def test_plans_that_the_core_refused_leave_the_running_one_to_be_spliced(rig, sm
     rig.front_end.plan(address(rig), continuation(plan, seq, 1.5), b"")
     rig.core.until(ExecutorState.HOLD)
     assert (rig.core.plan_id, rig.core.plan_done) == (7, True)
+
+
+# -- what the core refuses ----------------------------------------------------------------------------
+
+
+def test_arming_with_a_drive_that_fell_silent_names_joint_age_and_limit(rig, monkeypatch):
+    rig.front_end.lease(address(rig), release=False)
+    answers = rig.core._nodes.answers
+    monkeypatch.setattr(
+        rig.core._nodes,
+        "answers",
+        lambda: [p for p in answers() if CanFrame.unpack(p).can_id != fd.STAT_ID + 3],
+    )
+    rig.core.advance(50)
+    with pytest.raises(CommandRefusedError) as refused:
+        rig.front_end.control(address(rig), pb.ARM, 0.0)
+    error = refused.value
+    assert str(error).startswith(
+        "joint 'joint3' (index 2): the core refused ARM: its drive has not answered for 5"
+    )
+    assert "--packing and --clock" in str(error)
+    assert (error.code, error.joint, error.quantity) == (Refusal.STATE, "joint3", "ticks without an answer")
+    assert error.value > error.limit == rig.front_end.config.core.feedback_fault_ticks
+
+
+def test_arming_outside_a_position_limit_names_joint_place_and_limit(rig, arm):
+    q = arm.limits.q_max[1] + 0.1
+    rig.core._plant.q[1] = rig.core.drives[1]._q_brake = q
+    rig.core.advance(20)
+    rig.front_end.lease(address(rig), release=False)
+    with pytest.raises(CommandRefusedError) as refused:
+        rig.front_end.control(address(rig), pb.ARM, 0.0)
+    error = refused.value
+    assert str(error).startswith("joint 'joint2' (index 1): the core refused ARM: it stands at")
+    assert (error.code, error.joint, error.quantity) == (Refusal.POSITION, "joint2", "position")
+    assert error.limit == pytest.approx(arm.limits.q_max[1])
+
+
+def test_a_reset_right_after_a_latch_waits_until_the_drives_have_braked(rig, smooth_plan):
+    armed(rig)
+    rig.front_end.plan(address(rig), smooth_plan(), b"")
+    rig.core.advance(800)
+    bring_to(rig, ExecutorState.FAULT, smooth_plan)
+    rig.core.drives[0].brake_stuck = None
+    latched = rig.core.tick
+    rig.front_end.control(address(rig), pb.RESET, 0.0)
+    assert rig.core.state == ExecutorState.DISARMED
+    assert rig.core.tick - latched > 900
