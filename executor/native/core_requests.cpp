@@ -119,11 +119,20 @@ Refused Core::set_speed(double value) noexcept {
   return {};
 }
 
-// A stop is never refused: an unknown cause number counts as an ordinary request.
+// A stop is never refused: an unknown cause number counts as an ordinary request. With the drives off there is nothing
+// to stop, but whoever is about to arm and move has to hear of it.
 void Core::take_stop(double value) noexcept {
   const bool plausible = value >= 1.0 && value <= 999.0;
   const auto cause = static_cast<Cause>(plausible ? static_cast<std::uint16_t>(value) : 0U);
-  stop({cause != Cause::kNone && is_known(cause) ? cause : Cause::kStopRequested});
+  const Trip trip{cause != Cause::kNone && is_known(cause) ? cause : Cause::kStopRequested};
+  if (state_ != State::kDisarmed) {
+    stop(trip);
+    return;
+  }
+  cause_ = trip;
+  ++epoch_;
+  emit(EventKind::kStopBegun, trip);
+  emit(EventKind::kStopDone, trip);
 }
 
 void Core::take_plan() noexcept {

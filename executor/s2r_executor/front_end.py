@@ -39,7 +39,13 @@ logger = logging.getLogger(__name__)
 
 _MOVING = {ExecutorState.RUN, ExecutorState.PAUSED, ExecutorState.STOPPING, ExecutorState.STOP1}
 # Where the core answers a STOP with a new epoch. In STOPPING and STOP1 one is under way, which has made its own.
-_STOP_HAS_EPOCH = {ExecutorState.HOLD, ExecutorState.ARMING, ExecutorState.RUN, ExecutorState.PAUSED}
+_STOP_HAS_EPOCH = {
+    ExecutorState.DISARMED,
+    ExecutorState.HOLD,
+    ExecutorState.ARMING,
+    ExecutorState.RUN,
+    ExecutorState.PAUSED,
+}
 _ALLOWED_IN: dict[int, set[ExecutorState]] = {
     pb.ARM: {ExecutorState.DISARMED},
     pb.DISARM: {ExecutorState.DISARMED, ExecutorState.ARMING, ExecutorState.HOLD},

@@ -575,3 +575,13 @@ def test_a_reset_right_after_a_latch_waits_until_the_drives_have_braked(rig, smo
     rig.front_end.control(address(rig), pb.RESET, 0.0)
     assert rig.core.state == ExecutorState.DISARMED
     assert rig.core.tick - latched > 900
+
+
+def test_a_stop_while_the_drives_are_off_voids_what_was_about_to_arm_and_move(rig):
+    rig.front_end.lease(address(rig), release=False)
+    before = address(rig)
+    accepted = rig.front_end.control(Address(sender="anybody"), pb.STOP, 0.0)
+    assert accepted.epoch == before.epoch + 1
+    assert rig.core.state == ExecutorState.DISARMED
+    assert code_of(rig.front_end.control, before, pb.ARM, 0.0) is Refusal.STALE
+    assert "The last stop: a stop was requested." in rig.front_end.status().why_not_moving
