@@ -7,16 +7,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from s2r_protocol.can.drive import DriveState
 from s2r_protocol.faults import Cause
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One row: a clause, then two sentences."""
+    """One row: a clause, then two sentences, then the unit of its value and limit; empty where they have none."""
 
     meaning: str
     reaction: str
     recover: str
+    unit: str = ""
 
 
 _CAT2 = "Slowed down on its path to rest and holds there, drives on (category 2)."
@@ -36,11 +38,13 @@ FAULTS: dict[Cause, Fault] = {
         "the executor's front end fell silent",
         _CAT2,
         "Restart the executor; the front end crashed or its machine is overloaded.",
+        "s",
     ),
     Cause.FEEDBACK_LOST: Fault(
         "a joint's answers are missing on the bus",
         _CAT1,
         "Check the drive's cable and power, then send RESET and ARM.",
+        "ticks",
     ),
     Cause.BUS_OFF: Fault(
         "the CAN controller went bus-off",
@@ -61,11 +65,13 @@ FAULTS: dict[Cause, Fault] = {
         "setpoints could not be put on the bus",
         "The drives extrapolate up to 3 ticks, then stop by their own watchdogs.",
         "Check the bus and its transmit queue length, then send RESET and ARM.",
+        "ticks",
     ),
     Cause.OVERRUN: Fault(
         "the loop missed too many cycles",
         _CAT1,
         "Give the core real-time rights ('s2r doctor' says how), then send RESET and ARM.",
+        "ticks",
     ),
     Cause.DRIVE_FAULT: Fault(
         "a drive reports a fault",
@@ -82,7 +88,7 @@ FAULTS: dict[Cause, Fault] = {
         _NO_STOP,
         "Check that all drives are powered and on the bus, then send RESET and ARM.",
     ),
-    Cause.PLAUSIBILITY: Fault("a joint's measured position made an impossible jump", _CAT1, _RESET),
+    Cause.PLAUSIBILITY: Fault("a joint's measured position made an impossible jump", _CAT1, _RESET, "rad"),
     Cause.BRAKE: Fault("a brake and its encoder contradict each other", "Switched off (category 0).", _RESET),
     Cause.ESTOP: Fault(
         "the emergency stop chain is open",
@@ -99,25 +105,29 @@ FAULTS: dict[Cause, Fault] = {
         _CAT1,
         "Report it with the recording, then restart the executor.",
     ),
-    Cause.LIMIT_POSITION: Fault("a setpoint would have left the position limits", _CAT1, _RESET),
-    Cause.LIMIT_VELOCITY: Fault("a setpoint would have exceeded the velocity limit", _CAT1, _RESET),
-    Cause.LIMIT_ACCELERATION: Fault("a setpoint would have exceeded the acceleration limit", _CAT1, _RESET),
-    Cause.LIMIT_JERK: Fault("a setpoint would have exceeded the jerk limit", _CAT1, _RESET),
+    Cause.LIMIT_POSITION: Fault("a setpoint would have left the position limits", _CAT1, _RESET, "rad"),
+    Cause.LIMIT_VELOCITY: Fault("a setpoint would have exceeded the velocity limit", _CAT1, _RESET, "rad/s"),
+    Cause.LIMIT_ACCELERATION: Fault(
+        "a setpoint would have exceeded the acceleration limit", _CAT1, _RESET, "rad/s²"
+    ),
+    Cause.LIMIT_JERK: Fault("a setpoint would have exceeded the jerk limit", _CAT1, _RESET, "rad/s³"),
     Cause.FOLLOWING: Fault(
         "a joint does not follow its reference",
         _CAT1,
         "Look for contact, overload or a wrong payload, then send RESET and ARM.",
+        "rad",
     ),
     Cause.COLLISION: Fault(
-        "joint torques say that the arm met something",
-        _CAT1,
-        "Free the arm, then send RESET and ARM.",
+        "joint torques say that the arm met something", _CAT1, "Free the arm, then send RESET and ARM.", "N·m"
     ),
-    Cause.OVER_TEMPERATURE: Fault("a drive is too hot", _CAT1, "Let it cool down, then send RESET and ARM."),
+    Cause.OVER_TEMPERATURE: Fault(
+        "a drive is too hot", _CAT1, "Let it cool down, then send RESET and ARM.", "°C"
+    ),
     Cause.GOAL_TOLERANCE: Fault(
         "a joint did not reach its goal in time",
         "Holds at the end of its plan, drives on (category 2).",
         "Look for contact or a wrong payload; " + _AGAIN[0].lower() + _AGAIN[1:],
+        "rad",
     ),
     Cause.STOP_REQUESTED: Fault("a stop was requested", _CAT2, _AGAIN),
     Cause.DISARM_REQUESTED: Fault(
@@ -129,6 +139,28 @@ FAULTS: dict[Cause, Fault] = {
 }
 
 
+def numbers_of(cause: Cause, value: float, limit: float) -> str:
+    """What the core compared, in words: "0.0612 rad, limit 0.05 rad"; empty where its numbers say nothing."""
+    match cause:
+        case Cause.DRIVE_NOT_ENABLED | Cause.ARMING_TIMEOUT:
+            return f"it is {_drive_state(value)}"
+        case Cause.DRIVE_FAULT:
+            return f"error 0x{int(value):04x}" if value else ""
+        case Cause.BRAKE | Cause.ESTOP | Cause.ESTOP_DISCREPANCY:
+            return ""  # which of two contacts
+        case _ if limit == 0.0:  # the cause has no number to tell
+            return ""
+    unit = FAULTS[cause].unit
+    space = f" {unit}" if unit else ""
+    return f"{value:.4g}{space}, limit {limit:.4g}{space}"
+
+
+def _drive_state(number: float) -> str:
+    """The drive's state in its own words: "switched on"."""
+    known = number in DriveState._value2member_map_
+    return DriveState(int(number)).name.lower().replace("_", " ") if known else f"in state {number:g}"
+
+
 def markdown() -> str:
     """The table as a page."""
     lines = [
@@ -137,6 +169,10 @@ def markdown() -> str:
         "Why the arm stopped or will not move. 1xx: transport, 2xx: hard fault, 3xx: limiting, 4xx: asked for.",
         "Generated by `python -m s2r_executor.fault_table`; a test compares.",
         "This is software and carries no performance level: emergency stop and safe torque off are hardware.",
+        "",
+        "On a terminal, `s2r state` tells which one it is, `s2r reset` sends RESET and `s2r arm` sends ARM; "
+        "`s2r run` arms by itself.",
+        "A RESET that comes while the drives still brake, up to 1 s after a latch in motion, waits for them.",
         "",
         "| number | cause | meaning | what the arm did | how to recover |",
         "|---|---|---|---|---|",

@@ -209,22 +209,24 @@ def event_text(event: np.void, joint_names: tuple[str, ...]) -> str:
     number, joint = int(event["cause"]), int(event["joint"])
     if kind is EventKind.REJECTED:
         why = Refusal(number).name if number in Refusal._value2member_map_ else f"code {number}"
-        return f"tick {event['tick']}: {kind.name} plan {event['plan_id']}: {why}, in {state}"
+        what = f"plan {event['plan_id']}" if event["plan_id"] else "command"
+        return f"tick {event['tick']}: {kind.name} {what}: {why}, in {state}"
     text = f"tick {event['tick']}: {kind.name}, in {state}"
     if int(event["plan_id"]):
         text += f", plan {event['plan_id']}"
     if number:
         cause = known_cause(number)
         text += f", cause {number} {cause.name}: {FAULTS[cause].meaning}"
-        if 0 <= joint < len(joint_names) and 200 <= number < 400:
-            text += f", joint '{joint_names[joint]}'"
+    if 0 <= joint < len(joint_names):
+        text += f", joint '{joint_names[joint]}'"
     value, limit = float(event["value"]), float(event["limit"])
     if kind is EventKind.PLAN_STARTED:
         text += f", {value:.2f} s long"
     elif kind is EventKind.PLAN_DONE:
         text += f", {1e3 * value:.2f} mrad from its goal, tolerance {1e3 * limit:.3g} mrad"
     elif limit != 0.0 or value != 0.0:
-        text += f", value {value:.6g}, limit {limit:.6g}"
+        unit = f" {FAULTS[known_cause(number)].unit}".rstrip()
+        text += f", value {value:.6g}{unit}, limit {limit:.6g}{unit}"
     return text
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from s2r_executor.core import CoreSnapshot
-from s2r_executor.fault_table import FAULTS
+from s2r_executor.fault_table import FAULTS, numbers_of
 from s2r_protocol.faults import Cause, ExecutorState
 
 NEVER_TICKS = 65_535  # where the core stops counting the age of an answer, and where it begins (core.cpp)
@@ -63,15 +63,15 @@ def describe_silence(silent: tuple[str, ...]) -> str:
 
 
 def describe_cause(core: CoreSnapshot, joint_names: tuple[str, ...]) -> str:
-    """The cause as a clause: "joint 'joint2': following error 0.061 exceeds 0.05"."""
+    """The cause as a clause: "joint 'joint2': a joint does not follow its reference (0.061 rad, limit 0.05 rad)"."""
     cause = known_cause(core.cause)
     if cause is Cause.NONE:
         return "no cause"
     text = FAULTS[cause].meaning
-    # A limit of 0 means that the cause has no number to tell.
-    if core.cause_limit != 0.0:
-        text += f" ({core.cause_value:.4g}, limit {core.cause_limit:.4g})"
-    if 0 <= core.cause_joint < len(joint_names) and 200 <= cause < 400:
+    numbers = numbers_of(cause, core.cause_value, core.cause_limit)
+    if numbers:
+        text += f" ({numbers})"
+    if 0 <= core.cause_joint < len(joint_names):
         text = f"joint '{joint_names[core.cause_joint]}': {text}"
     return text
 

@@ -50,7 +50,36 @@ def test_joint_value_and_limit_are_named():
     text = describe_cause(
         snapshot(cause=Cause.FOLLOWING, cause_joint=1, cause_value=0.0612, cause_limit=0.05), NAMES
     )
-    assert text == "joint 'joint2': a joint does not follow its reference (0.0612, limit 0.05)"
+    assert text == "joint 'joint2': a joint does not follow its reference (0.0612 rad, limit 0.05 rad)"
+
+
+def test_lost_answers_name_their_joint_and_count_in_ticks():
+    core = snapshot(cause=Cause.FEEDBACK_LOST, cause_joint=3, cause_value=6, cause_limit=5)
+    text = describe_cause(core, NAMES)
+    assert text == "joint 'joint4': a joint's answers are missing on the bus (6 ticks, limit 5 ticks)"
+
+
+def test_a_torque_is_told_with_its_unit():
+    core = snapshot(cause=Cause.COLLISION, cause_joint=1, cause_value=-16.55, cause_limit=14.5)
+    assert describe_cause(core, NAMES).endswith("(-16.55 N·m, limit 14.5 N·m)")
+
+
+@pytest.mark.parametrize(
+    ("cause", "value", "limit", "said"),
+    [
+        (Cause.DRIVE_FAULT, 0x8611, 0.0, "(error 0x8611)"),
+        (Cause.ARMING_TIMEOUT, 3.0, 4.0, "(it is switched on)"),
+        (Cause.DRIVE_NOT_ENABLED, 12.0, 4.0, "(it is in state 12)"),
+    ],
+)
+def test_what_a_drive_reports_is_told_in_its_words(cause, value, limit, said):
+    core = snapshot(cause=cause, cause_joint=0, cause_value=value, cause_limit=limit)
+    assert describe_cause(core, NAMES).endswith(said)
+
+
+def test_a_brake_has_no_numbers_to_tell():
+    core = snapshot(cause=Cause.BRAKE, cause_joint=1, cause_value=0.0, cause_limit=1.0)
+    assert describe_cause(core, NAMES) == "joint 'joint2': a brake and its encoder contradict each other"
 
 
 def test_drives_that_have_never_answered_are_named_before_anything_else():
