@@ -58,7 +58,7 @@ def _about_a_joint(kind: int, event: np.void) -> tuple[str, str] | None:
         return f"its drive has {silence} (limit {limit:.0f} ticks); {LOOK_AT}", "ticks without an answer"
     if kind == pb.RESET:
         return (
-            f"its drive still reports a fault, error 0x{int(value):04x}; remove its cause, then send RESET again",
+            f"its drive still reports a fault, error 0x{int(value):04x}; remove its cause, then 's2r reset' again",
             "drive error",
         )
     if kind == pb.DISARM:

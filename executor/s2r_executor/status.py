@@ -76,6 +76,9 @@ def describe_cause(core: CoreSnapshot, joint_names: tuple[str, ...]) -> str:
     return text
 
 
+_ON_A_TERMINAL = " On a terminal: 's2r reset', then 's2r arm'; 's2r run' arms by itself."
+
+
 def why_not_moving(core: CoreSnapshot, joint_names: tuple[str, ...], lease_holder: str) -> str:
     """One sentence for the operator."""
     if not core.alive:
@@ -90,7 +93,10 @@ def why_not_moving(core: CoreSnapshot, joint_names: tuple[str, ...], lease_holde
             if silent:
                 clause = describe_silence(silent)
                 return f"{clause[0].upper()}{clause[1:]}."
-            return "The drives are off: take the lease and send ARM." + stopped
+            return (
+                "The drives are off: take the lease and send ARM ('s2r arm'; 's2r run' arms by itself)."
+                + stopped
+            )
         case ExecutorState.ARMING:
             return "The drives are being switched on."
         case ExecutorState.HOLD:
@@ -110,6 +116,7 @@ def why_not_moving(core: CoreSnapshot, joint_names: tuple[str, ...], lease_holde
             recover = FAULTS[known_cause(core.cause)].recover
             return (
                 f"A fault is latched: {describe_cause(core, joint_names)}; {recover[0].lower()}{recover[1:]}"
+                + (_ON_A_TERMINAL if "RESET" in recover else "")
             )
         case ExecutorState.ESTOP:
-            return "The emergency stop chain is open: release it, then send RESET and ARM."
+            return "The emergency stop chain is open: release it, then send RESET and ARM." + _ON_A_TERMINAL

@@ -11,14 +11,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import zenoh
+from click.testing import CliRunner
 
 from s2r_executor.bridge import Bridge
 from s2r_executor.config import load_config
 from s2r_executor.front_end import FrontEnd
 from s2r_executor.observations import TOPICS, Encoder, Timeline
 from s2r_executor.recorder import Recorder
+from s2r_host import cli_drives
 from s2r_protocol import codec
 from s2r_protocol.arms import load_arm
+from s2r_protocol.exits import ExitCode, S2RError
 from s2r_protocol.faults import ExecutorState, Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
@@ -356,3 +359,62 @@ def test_an_executor_whose_address_is_taken_leaves_no_process_and_no_thread(rig,
     (recorder,) = writers
     assert recorder._process.poll() is not None
     assert not [t for t in set(threading.enumerate()) - before if t.name.startswith("s2r-")]
+
+
+# -- the terminal's commands --------------------------------------------------------------------------
+
+
+def s2r(rig, name, *more):
+    """Exit code and what is said of a command that talks with this executor."""
+    arguments = [name, "--executor", rig.endpoint, *more]
+    out = CliRunner().invoke(getattr(cli_drives, name), arguments[1:])
+    if isinstance(out.exception, S2RError):
+        return out.exception.exit_code, str(out.exception)
+    assert out.exception is None, out.exception
+    return out.exit_code, out.output
+
+
+def test_a_terminal_clears_a_latch_and_arms_again_and_gives_the_lease_back_each_time(rig):
+    code, said = s2r(rig, "arm")
+    assert code == ExitCode.OK
+    assert "it was DISARMED, it is HOLD" in said
+    rig.core.drives[0].brake_released, rig.core.drives[0].brake_stuck = False, False
+    rig.core.until(ExecutorState.FAULT)
+    rig.core.drives[0].brake_stuck = None
+    code, said = s2r(rig, "arm")
+    assert code == ExitCode.REFUSED
+    assert "refused ARM: ARM is not possible in FAULT" in said
+    assert "'s2r reset', then 's2r arm'" in said
+    code, said = s2r(rig, "reset")
+    assert code == ExitCode.OK, said
+    assert "it was FAULT, it is DISARMED" in said
+    assert s2r(rig, "arm")[0] == ExitCode.OK
+    code, said = s2r(rig, "disarm")
+    assert code == ExitCode.OK, said
+    assert rig.core.state == ExecutorState.DISARMED
+    assert rig.front_end.status().lease_holder == ""
+
+
+def test_a_terminal_gets_no_lease_while_another_client_holds_it(rig):
+    assert ask(rig, KEYS.lease, pb.LeaseRequest(), pb.LeaseReply).granted
+    code, said = s2r(rig, "arm")
+    assert code == ExitCode.REFUSED
+    assert "'host:test' holds the lease" in said
+    assert rig.core.state == ExecutorState.DISARMED
+
+
+def test_the_state_is_told_in_words_and_as_json(rig, tmp_path):
+    code, said = s2r(rig, "state")
+    assert code == ExitCode.OK
+    assert "lab/xmate3pro at" in said
+    assert "DISARMED. The drives are off" in said
+    (tmp_path / "arm.yaml").write_text("name: xmate3pro\n")
+    told = json.loads(s2r(rig, "state", "--json", "--arm", str(tmp_path))[1])
+    assert (told["state"], told["cause"], told["lease_holder"]) == ("DISARMED", "NONE", "")
+    assert told["joint_names"] == list(rig.arm.joint_names)
+
+
+def test_silence_says_that_nothing_was_sent():
+    code, said = s2r(SimpleNamespace(endpoint=f"tcp/127.0.0.1:{free_port()}"), "reset", "--timeout", "0.2")
+    assert code == ExitCode.UNREACHABLE
+    assert "RESET was not sent" in said

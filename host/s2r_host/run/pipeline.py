@@ -6,6 +6,8 @@ import logging
 from collections.abc import Callable
 from contextlib import ExitStack
 
+from s2r_host.errors import CommandRefusedError
+from s2r_host.link_types import LATCHED
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
 from s2r_host.run.ask import ask_operator
 from s2r_host.run.belief import build_belief
@@ -23,6 +25,7 @@ from s2r_host.run.session import Session, open_session
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.travel import at_home, go_to, leave_touch
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError
+from s2r_protocol.faults import Refusal
 
 logger = logging.getLogger(__name__)
 
@@ -49,6 +52,7 @@ def run_task(
             with journal.stage("connect") as stage:
                 session = links.enter_context(open_session(settings, journal))
                 _introduce(record, session)
+                _refuse_latched(session)
                 stage.note = f"{record.arm_name} at {settings.executor}"
             _loop(session, record, ask)
     except KeyboardInterrupt:
@@ -168,6 +172,20 @@ def _introduce(record: RunRecord, session: Session) -> None:
     arm = session.arm.arm
     record.identity = session.link.identity
     record.arm_name, record.model_hash, record.limit_hash = arm.name, arm.model_hash, arm.limit_hash
+
+
+def _refuse_latched(session: Session) -> None:
+    """A fault that was there before the run: looking and planning would be in vain.
+
+    Raises:
+        CommandRefusedError: The executor would not arm.
+    """
+    status = session.status()
+    if status.state in LATCHED and not session.settings.dry_run:
+        raise CommandRefusedError(
+            f"the arm cannot move, the executor is {status.state.name}: {status.why_not_moving}",
+            Refusal.STATE,
+        )
 
 
 def _home(session: Session, record: RunRecord) -> None:

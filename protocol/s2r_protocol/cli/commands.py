@@ -61,6 +61,12 @@ COMMANDS: dict[str, Command] = {
         "s2r_protocol.cli.bench:bench", "host,sim", "Measure executor or planner on this machine."
     ),
     "stop": Command("s2r_host.cli_stop:stop", "", "Stop the arm on its path, from any terminal."),
+    "state": Command(
+        "s2r_host.cli_drives:state", "", "Tell the executor's state and why the arm does not move."
+    ),
+    "reset": Command("s2r_host.cli_drives:reset", "", "Clear a latched fault whose cause is gone."),
+    "arm": Command("s2r_host.cli_drives:arm", "", "Switch the drives on; the arm holds its position."),
+    "disarm": Command("s2r_host.cli_drives:disarm", "", "Close the brakes and switch the drives off."),
     "config": Command(
         "s2r_executor.cli_config:config", "", "Show the executor's configuration, or its schema."
     ),

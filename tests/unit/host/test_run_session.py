@@ -133,6 +133,25 @@ def test_a_dry_run_sends_nothing_whoever_asks_for_a_motion(tmp_path):
     assert session.rest == "nothing was moved"
 
 
+@pytest.mark.parametrize("dry_run", [True, False])
+def test_a_latched_fault_ends_a_run_that_would_move_before_it_looks(tmp_path, monkeypatch, dry_run):
+    latched = SimpleNamespace(
+        state=ExecutorState.FAULT, why_not_moving="A fault is latched: ...; 's2r reset'."
+    )
+    session, begun = session_of(tmp_path, [], latched), []
+    session.settings = replace(session.settings, dry_run=dry_run)
+    monkeypatch.setattr(pipeline, "open_session", lambda *_: session)
+    monkeypatch.setattr(pipeline, "_introduce", lambda record, session: None)
+    monkeypatch.setattr(pipeline, "_loop", lambda *_: begun.append(1))
+    monkeypatch.setattr(pipeline, "write_run_json", lambda record: None)
+    monkeypatch.setattr(RunRecord, "arm_name", "arm", raising=False)
+    record = pipeline.run_task(session.settings, Journal())
+    assert bool(begun) == dry_run
+    if not dry_run:
+        assert record.code == ExitCode.REFUSED
+        assert record.reason.startswith("the arm cannot move, the executor is FAULT: A fault is latched")
+
+
 @pytest.mark.parametrize("connected", [True, False])
 def test_an_interrupt_before_anything_moved_says_so(tmp_path, monkeypatch, connected):
     def loop(*_):
