@@ -13,6 +13,7 @@ from s2r_executor.config import ExecutorConfig
 from s2r_executor.core import QUIT, Core
 from s2r_executor.stalls import Patience
 from s2r_protocol.arms import ArmDescription
+from s2r_protocol.arms.bus_range import off_bus
 from s2r_protocol.exits import ExitCode, NotReadyError, S2RError, UnreachableError, UsageError
 
 logger = logging.getLogger(__name__)
@@ -88,6 +89,20 @@ def core_settings(config: ExecutorConfig, arm: ArmDescription) -> dict[str, Any]
     }
 
 
+def _check_bus_range(arm: ArmDescription) -> None:
+    """Refuse an arm that the core would refuse, all at once and in the arm's words.
+
+    Raises:
+        UsageError: Names every limit that the bus cannot carry.
+    """
+    problems = [f"{found.text}; {found.fix}" for found in off_bus(arm)]
+    if problems:
+        raise UsageError(
+            f"{arm.directory}: the bus cannot carry this arm (see 's2r doctor --arm'):\n  "
+            + "\n  ".join(problems)
+        )
+
+
 class CoreProcess:
     """Owns the shared memory and the child process.
 
@@ -105,10 +120,11 @@ class CoreProcess:
 
         Raises:
             NotReadyError: The native parts are missing.
-            UsageError: The core refused its configuration.
+            UsageError: The bus cannot carry the arm's limits, or the core refused its configuration.
             BusUnreachableError: It could not open the bus.
         """
         executable = native_executable()
+        _check_bus_range(arm)
         from s2r_executor import _native  # built later than this file is read
 
         self._bus = config.bus

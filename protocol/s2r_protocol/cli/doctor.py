@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from s2r_protocol.arms import ArmDescription, load_arm
+from s2r_protocol.arms.bus_range import off_bus
 from s2r_protocol.cli.findings import print_findings
 from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.machine import Finding, Level
@@ -111,7 +112,12 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
         text = "no shape is named finger_*: nothing may touch the object"
         fix = "name the fingertip's shapes finger_left, …"
         findings.append(Finding("fingertip", Level.PROBLEM, text, fix))
-    return [*findings, _offsets(arm), _angles(arm), *_home_pose(arm)]
+    return [*findings, _offsets(arm), _angles(arm), *_bus(arm), *_home_pose(arm)]
+
+
+def _bus(arm: ArmDescription) -> list[Finding]:
+    off = [Finding(found.what, Level.PROBLEM, found.text, found.fix) for found in off_bus(arm)]
+    return off or [Finding("bus", Level.OK, "all limits fit the bus")]
 
 
 def _angles(arm: ArmDescription) -> Finding:

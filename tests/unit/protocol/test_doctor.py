@@ -67,6 +67,21 @@ def test_limits_in_degrees_are_a_problem(tmp_path):
     assert findings["angles"].fix == "angles are radians, not degrees"
 
 
+def test_every_limit_that_the_bus_cannot_carry_is_told_with_its_joint_and_unit(tmp_path):
+    raw = yaml.safe_load((load_arm("xmate3pro").directory / "arm.yaml").read_text())
+    raw["joints"][0]["dq_max"] = 180.0
+    raw["joints"][4]["dq_max"] = 1e-4
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(raw))
+    findings = {f.topic: f for f in module.check_arm(load_arm(tmp_path)) if f.level == Level.PROBLEM}
+    assert sorted(findings) == ["joint1.dq_max", "joint5.dq_max"]
+    told = findings["joint1.dq_max"]
+    assert told.text.startswith(
+        "joint 'joint1' (index 0): dq_max = 180 rad/s is outside [0.001, 6.5534] rad/s"
+    )
+    assert told.fix == "degrees? 180°/s are 3.142 rad/s"
+    assert "degrees" not in findings["joint5.dq_max"].fix
+
+
 def test_an_arm_without_a_named_fingertip_is_told_what_to_do(tmp_path):
     raw = yaml.safe_load((load_arm("xmate3pro").directory / "arm.yaml").read_text())
     raw["shapes"] = [s for s in raw["shapes"] if not s["name"].startswith("finger_") and s["link"] != "link5"]
