@@ -55,9 +55,10 @@ void run_real(Core& core, const Config& config, QuitGuard& guard) noexcept {
 
 // A stand-in that says when a period is over decides by that alone whether an answer is lost: until then simulated time
 // stands still, however long its machine or its disk stalls. A bus that never says so is believed after the time-out.
+// Nobody is waited for when the drives are off and the end was asked for: there is nothing to bring to rest.
 void wait_for_answers(Core& core, Bus& bus, const Config& config, QuitGuard& guard) noexcept {
   const std::int64_t deadline = monotonic_ns() + static_cast<std::int64_t>(1e9 * config.answer_timeout_s);
-  while (!core.all_answered() && !core.bus_closed() && !guard.expired()) {
+  while (!core.all_answered() && !core.bus_closed() && !guard.expired() && !core.ending_unpowered()) {
     const std::int64_t left_ms = (deadline - monotonic_ns() + 999'999) / 1'000'000;
     const bool timed_out = left_ms <= 0;
     if (timed_out && !core.periods_announced()) return;  // ages of the missing answers grow, the watchdogs decide

@@ -43,6 +43,7 @@ class Core {
   // Stop on the path, disable the drives, finish.
   void request_quit() noexcept { quit_ = true; }
   bool finished() const noexcept { return bus_closed_ || quit_done_; }
+  bool ending_unpowered() const noexcept { return quit_ && state_ == State::kDisarmed; }
   bool bus_closed() const noexcept { return bus_closed_; }
   bool periods_announced() const noexcept { return periods_announced_; }
   State state() const noexcept { return state_; }

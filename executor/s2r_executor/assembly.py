@@ -11,7 +11,7 @@ from types import TracebackType
 from s2r_executor.bridge import Bridge, software_name
 from s2r_executor.commission_record import check_record
 from s2r_executor.config import ExecutorConfig
-from s2r_executor.core_process import CoreProcess
+from s2r_executor.core_process import CoreProcess, told_exit
 from s2r_executor.front_end import FrontEnd
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.one_master import OneMaster
@@ -197,7 +197,7 @@ class Executor:
         self.recorder.close()
         self.front_end = self.bridge = None  # the shared memory must be free before the interpreter goes
         self._master.close()
-        logger.info("real-time core ended with exit %d", code)
+        logger.info("real-time core ended (%s)", told_exit(code))
 
     def __enter__(self) -> Executor:
         return self

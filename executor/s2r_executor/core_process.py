@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import signal
 import subprocess
 import time
 from importlib import util
@@ -15,11 +16,13 @@ from s2r_executor.stalls import Patience
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.arms.bus_range import off_bus
 from s2r_protocol.exits import ExitCode, NotReadyError, S2RError, UnreachableError, UsageError
+from s2r_protocol.faults import ExecutorState
 
 logger = logging.getLogger(__name__)
 
 _START_TIMEOUT_S = 10.0
 _END_S = 1.0  # for the last setpoints and the end of the process, once the drives are off
+_SAY_AFTER_S = 2.0  # what an end takes that has nothing to wait for
 _EXECUTABLE = "s2r-rt"
 
 
@@ -49,6 +52,14 @@ def native_executable() -> Path:
         f"the executor's native parts (_native and {_EXECUTABLE}) are not built: "
         "run 'make build' (or reinstall sim2real2)"
     )
+
+
+def told_exit(code: int) -> str:
+    """A process's exit code in words; a negative one is the signal that ended it."""
+    if code >= 0:
+        return f"exit {code}"
+    known = -code in signal.Signals._value2member_map_
+    return f"killed by {signal.Signals(-code).name if known else f'signal {-code}'}"
 
 
 def core_settings(config: ExecutorConfig, arm: ArmDescription) -> dict[str, Any]:
@@ -169,7 +180,10 @@ class CoreProcess:
 
     def _ended(self, code: int, how: str) -> S2RError:
         """The error for an exit code of ``s2r-rt``: 2 usage, 3 machine not ready, 5 bus absent or closed."""
-        text = f"the real-time core ended {how} (exit {code}): {self._said() or 'it said nothing'}"
+        said = self._said() or (
+            "look for who did that; the kernel does when memory is short" if code < 0 else "it said nothing"
+        )
+        text = f"the real-time core ended {how} ({told_exit(code)}): {said}"
         if code == ExitCode.UNREACHABLE:
             return BusUnreachableError(
                 f"{text}. Is the arm or its stand-in ('s2r sim-arm') running on {self._bus}? Executor and stand-in "
@@ -206,10 +220,20 @@ class CoreProcess:
         if self._process.poll() is None:
             core = self.core.snapshot()
             self.core.command(QUIT, core.epoch)
-            patience = Patience(limit_s, self._stepped, core.tick, time.monotonic())
+            if core.state == ExecutorState.DISARMED:
+                self._process.terminate()  # heard also while it waits for drives that never answer
+            began_s, said = time.monotonic(), False
+            patience = Patience(limit_s, self._stepped, core.tick, began_s)
             while self._process.poll() is None and not patience.ended(self.core.snapshot(), time.monotonic()):
                 self.core.beat()
                 time.sleep(0.005)
+                if not said and time.monotonic() - began_s > _SAY_AFTER_S:
+                    said = True
+                    logger.info(
+                        "waiting for the real-time core to bring the arm to rest (it is %s), at most %.0f s",
+                        ExecutorState(self.core.snapshot().state).name,
+                        limit_s,
+                    )
         if self._process.poll() is None:
             logger.error("the real-time core did not end within %.1f s and is killed", limit_s)
             self.kill()

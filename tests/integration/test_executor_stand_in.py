@@ -223,7 +223,18 @@ def test_a_core_that_dies_ends_the_executor_as_a_protection_stop(tmp_path):
         )
         os.kill(int(core), signal.SIGKILL)
         assert started.executor.wait(60) == 6
-        assert "drives stop by their own watchdogs" in (tmp_path / "executor.log").read_text()
+        log = (tmp_path / "executor.log").read_text()
+    assert "drives stop by their own watchdogs (killed by SIGKILL)" in log
+
+
+def test_an_executor_that_no_drive_ever_answered_ends_at_once(tmp_path):
+    with rig(tmp_path, packing="classic") as started:
+        time.sleep(1.0)  # until it waits for its first answers
+        began = time.monotonic()
+        started.executor.send_signal(signal.SIGINT)
+        assert started.executor.wait(60) == 0
+        assert time.monotonic() - began < 4.0  # 2 s on a machine with nothing else to do
+    assert "real-time core ended (exit 0)" in (tmp_path / "executor.log").read_text()
 
 
 def test_a_stand_in_that_goes_away_is_named_as_an_unreachable_bus(tmp_path):
