@@ -41,10 +41,11 @@ def check_addressee(address: Address, identity: Identity) -> None:
         ("limits", address.limit_hash, identity.limit_hash),
     ):
         if theirs != ours:
+            named = f"{what} hash {theirs.hex()[:12]}" if theirs else f"no {what} hash"
             raise CommandRefusedError(
                 Refusal.MODEL,
-                f"{what} hash {theirs.hex()[:12] or 'is missing'} of '{address.sender}' is not this arm's "
-                f"{ours.hex()[:12]}; use the same arm description and release on both sides",
+                f"'{address.sender}' sent {named}, this arm's is {ours.hex()[:12]}; use the same arm "
+                "description and release on both sides",
                 quantity=f"{what}_hash",
             )
 
@@ -99,7 +100,8 @@ class SequenceBook:
         if address.seq <= last:
             raise CommandRefusedError(
                 Refusal.STALE,
-                f"message {address.seq} of '{address.sender}' comes after its message {last}",
+                f"message {address.seq} of '{address.sender}' comes after its message {last}; go on from {last + 1}, "
+                "or take a sender name of its own for every process",
                 quantity="seq",
                 value=address.seq,
                 limit=last,

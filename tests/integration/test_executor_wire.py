@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -359,6 +361,21 @@ def test_an_executor_whose_address_is_taken_leaves_no_process_and_no_thread(rig,
     (recorder,) = writers
     assert recorder._process.poll() is not None
     assert not [t for t in set(threading.enumerate()) - before if t.name.startswith("s2r-")]
+
+
+# -- a client of somebody else's ----------------------------------------------------------------------
+
+
+def test_the_page_s_client_moves_the_arm_and_is_not_locked_out_when_it_starts_again(rig, capsys):
+    page = (Path(__file__).parents[2] / "docs/how-to/own-client.md").read_text()
+    (code,) = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
+    assert "tcp/127.0.0.1:7447" in code
+    for start in (1, 2):
+        exec(compile(code.replace("tcp/127.0.0.1:7447", rig.endpoint), "own-client.md", "exec"), {})
+        assert rig.core.q[0] == pytest.approx(rig.arm.q_home[0] + 0.2 * start, abs=5e-3)
+    assert capsys.readouterr().out.count("joint1: ") == 2
+    assert rig.core.state == ExecutorState.DISARMED
+    assert rig.front_end.status().lease_holder == ""
 
 
 # -- the terminal's commands --------------------------------------------------------------------------

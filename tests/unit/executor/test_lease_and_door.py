@@ -123,6 +123,16 @@ def test_sequence_numbers_must_rise_per_sender():
         with pytest.raises(CommandRefusedError) as error:
             book.admit(address(seq=seq))
         assert error.value.code is Refusal.STALE
+    assert "go on from 10, or take a sender name of its own for every process" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "said"), [(b"", "'host:1' sent no model hash"), (b"x" * 32, "'host:1' sent model hash 787878")]
+)
+def test_a_missing_hash_is_told_from_another_one(theirs, said):
+    with pytest.raises(CommandRefusedError) as error:
+        check_addressee(address(model_hash=theirs), ME)
+    assert str(error.value).startswith(said)
 
 
 def test_the_same_bytes_get_the_same_answer_and_others_do_not():
