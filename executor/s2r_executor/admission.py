@@ -80,7 +80,8 @@ class Admission:
             if len(plan.t) > self._config.max_knots:
                 raise CommandRefusedError(
                     Refusal.SIZE,
-                    f"with its bridge the plan has {len(plan.t)} knots, allowed are {self._config.max_knots}",
+                    f"with its bridge the plan has {len(plan.t)} knots, allowed are {self._config.max_knots}; "
+                    "set knots less close",
                     quantity="knots",
                     value=len(plan.t),
                     limit=self._config.max_knots,

@@ -17,6 +17,7 @@ import numpy as np
 import zenoh
 from google.protobuf.message import Message
 
+from s2r_executor.checks.form import check_names
 from s2r_executor.config import ExecutorConfig
 from s2r_executor.front_end import Accepted, FrontEnd
 from s2r_executor.observations import EVENTS, PLAN, TIMING, TOPICS, Encoder, Topic
@@ -234,7 +235,11 @@ class Bridge:
 
     def _plan(self, envelope: pb.Envelope, wire: bytes) -> pb.Verdict:
         def act(address: codec.Address) -> Accepted:
-            request = plan_from_message(codec.open_body(envelope, pb.Plan))
+            body = codec.open_body(envelope, pb.Plan)
+            check_names(
+                tuple(body.joint_names), self._front_end.arm.joint_names
+            )  # the arrays' shape hangs on them
+            request = plan_from_message(body)
             accepted = self._front_end.plan(address, request, wire)
             self._publish(PLAN, *self._encoder.plan(request))
             return accepted
@@ -372,7 +377,8 @@ def plan_from_message(body: pb.Plan) -> PlanRequest:
         if len(values) != n * dof:
             raise CommandRefusedError(
                 Refusal.SIZE,
-                f"{name} holds {len(values)} values, {n} knots of {dof} joints need {n * dof}",
+                f"{name} holds {len(values)} values, {n} knots of {dof} joints need {n * dof}; send knot "
+                "after knot, a value per joint",
                 quantity=name,
                 value=len(values),
                 limit=n * dof,
@@ -381,7 +387,7 @@ def plan_from_message(body: pb.Plan) -> PlanRequest:
     if len(body.payload_com) not in (0, 3):
         raise CommandRefusedError(
             Refusal.SIZE,
-            f"payload_com holds {len(body.payload_com)} values, expected none or 3",
+            f"payload_com holds {len(body.payload_com)} values, expected none or 3: x, y, z in the tool frame",
             quantity="payload_com",
             value=len(body.payload_com),
             limit=3,

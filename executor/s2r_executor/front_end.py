@@ -354,7 +354,9 @@ class FrontEnd:
                     value=state,
                 )
             if kind == pb.SET_SPEED and not 0.0 < value <= self._speed_cap:
-                why = "" if self._speed_cap == 1.0 else "; this machine allows no more, 's2r doctor' says why"
+                why = "; send a share of the planned speed, and PAUSE to stand still"
+                if self._speed_cap < 1.0:
+                    why = "; this machine allows no more, 's2r doctor' says why"
                 raise CommandRefusedError(
                     Refusal.VELOCITY,
                     f"speed scale {value:g} is outside (0, {self._speed_cap:g}]{why}",

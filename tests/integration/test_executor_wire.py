@@ -190,6 +190,15 @@ def test_a_refused_plan_names_joint_time_quantity_value_and_limit(rig):
     assert rig.core.submitted == []
 
 
+def test_a_plan_for_fewer_joints_is_one_for_another_model(rig):
+    armed(rig)
+    plan = small_plan(rig)
+    del plan.joint_names[-1]
+    verdict = ask(rig, KEYS.plan, plan, pb.Verdict)
+    assert (verdict.code, verdict.quantity) == (Refusal.MODEL, "joint_names")
+    assert (verdict.value, verdict.limit) == (6, 7)
+
+
 def test_a_duplicated_message_acts_once_and_gets_the_same_answer_each_time(rig):
     armed(rig)
     wire = codec.seal(small_plan(rig), address(rig))

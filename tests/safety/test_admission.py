@@ -13,6 +13,7 @@ import pytest
 from s2r_executor.admission import Admission
 from s2r_executor.bridge_motion import PathState, bridge
 from s2r_executor.checks.bounds import check_bounds
+from s2r_executor.checks.collision import CollisionModel
 from s2r_executor.config import AdmissionConfig, BoxZone
 from s2r_executor.plan import CommandRefusedError, PlanRequest
 from s2r_executor.quintic import sample, spline_through
@@ -44,7 +45,7 @@ def one_joint(joint, amount):
 def refused(plan, q_ref=Q, admission=ADMISSION):
     with pytest.raises(CommandRefusedError) as error:
         admission.admit(plan, q_ref)
-    assert str(error.value)
+    assert "; " in str(error.value), "what is wrong, and after it what to do"
     return error.value
 
 
@@ -269,7 +270,9 @@ def test_tolerances_and_payload_have_bounds(field, limit):
     plan = move(one_joint(0, 0.01), 3.0)
     ADMISSION.admit(replace(plan, **{field: limit}), Q)
     assert refused(replace(plan, **{field: np.nextafter(limit, 9.0)})).quantity == field
-    assert refused(replace(plan, **{field: -1e-9})).quantity == field
+    error = refused(replace(plan, **{field: -1e-9}))
+    assert error.quantity == field
+    assert f"or start the executor with another admission.max_{field.removesuffix('_mass')}" in str(error)
 
 
 # -- limits -------------------------------------------------------------------------------------------
@@ -421,6 +424,29 @@ def test_self_collision_only_in_the_middle_of_a_segment_is_found():
     assert error.code is Refusal.COLLISION
     assert " - " in error.quantity
     assert 0.0 < error.t < 3.0
+    assert error.value < error.limit == pytest.approx(0.01)
+    assert "10 mm must be between them; plan around it" in str(error)
+
+
+def test_a_collision_tells_the_distance_that_is_left_without_the_inflation():
+    """Down to 2 mm over the plane for the hand: 5 mm must be left."""
+    import pinocchio as pin
+
+    start = np.array([0.0, 0.5, 0.0, 1.3, 0.0, 1.2, 0.0])
+    model = CollisionModel(ARM, AdmissionConfig())
+    goal = start + one_joint(1, 0.6)
+    t = np.linspace(0.0, 1.0, 2000)
+    posed = start + t[:, None] * (goal - start)
+    hits = [q for q in posed if _touches(model, pin, q)]
+    error = model._refusal(hits[0], 0.5)
+    assert error.quantity.endswith("table (hand)")
+    assert error.value == pytest.approx(0.005, abs=2e-4)
+    assert error.limit == 0.005
+    assert model._refusal(hits[-1], 0.5).value < 0.0
+
+
+def _touches(model, pin, q):
+    return pin.computeCollisions(model._model, model._data, model._geometry, model._geometry_data, q, True)
 
 
 def test_a_thin_keep_out_wall_is_not_jumped_over():

@@ -57,7 +57,7 @@ def _check_knots(spline: Spline, limits: JointLimits, joint_names: tuple[str, ..
     raise CommandRefusedError(
         Refusal.POSITION,
         f"joint '{joint_names[j]}' (index {j}): position {value!r} rad at {spline.t[k]:.4f} s is outside "
-        f"[{limits.q_min[j]:g}, {limits.q_max[j]:g}] rad",
+        f"[{limits.q_min[j]:g}, {limits.q_max[j]:g}] rad; plan inside them",
         joint=joint_names[j],
         t=float(spline.t[k]),
         quantity="position",
@@ -71,11 +71,16 @@ def _refusal(
 ) -> CommandRefusedError:
     start, end = spline.t[worst.segment], spline.t[worst.segment + 1]
     t = float(start + worst.fraction * (end - start))
+    what_to_do = (
+        "plan farther inside, or set knots closer"
+        if code is Refusal.POSITION
+        else "give the motion more time there"
+    )
     where = "at" if worst.fraction in (0.0, 1.0) else "between knots at"
     return CommandRefusedError(
         code,
         f"joint '{joint_names[worst.joint]}' (index {worst.joint}): {quantity} {worst.value:.9g} {unit} {where} "
-        f"{t:.4f} s exceeds the limit {worst.limit:g} {unit}",
+        f"{t:.4f} s exceeds the limit {worst.limit:g} {unit}; {what_to_do}",
         joint=joint_names[worst.joint],
         t=t,
         quantity=quantity,

@@ -122,17 +122,34 @@ class CollisionModel:
 
     def _refusal(self, q: np.ndarray, t: float) -> CommandRefusedError:
         pin.computeCollisions(self._model, self._data, self._geometry, self._geometry_data, q, False)
-        for index, pair in enumerate(self._geometry.collisionPairs):
+        for index in range(len(self._geometry.collisionPairs)):
             if self._geometry_data.collisionResults[index].isCollision():
-                first, second = self._shape_names[pair.first], self._shape_names[pair.second]
-                return CommandRefusedError(
-                    Refusal.COLLISION,
-                    f"'{first}' comes closer than {self._inflation_m * 1e3:g} mm (each) to '{second}' at {t:.3f} s",
-                    t=t,
-                    quantity=f"{first} - {second}",
-                    limit=self._inflation_m,
-                )
-        return CommandRefusedError(Refusal.COLLISION, f"the arm touches something at {t:.3f} s", t=t)
+                return self._too_near(index, t)
+        return CommandRefusedError(
+            Refusal.COLLISION, f"the arm touches something at {t:.3f} s; plan around it", t=t
+        )
+
+    def _too_near(self, index: int, t: float) -> CommandRefusedError:
+        """The refusal for a pair that touches with its inflation, with what is left between the two without."""
+        pair = self._geometry.collisionPairs[index]
+        first, second = self._shape_names[pair.first], self._shape_names[pair.second]
+        shapes = (self._geometry.geometryObjects[i].geometry for i in (pair.first, pair.second))
+        needed_m = self._inflation_m * sum(not isinstance(shape, coal.Halfspace) for shape in shapes)
+        between = pin.computeDistance(self._geometry, self._geometry_data, index).min_distance
+        distance_m = needed_m + min(0.0, float(between))
+        apart = (
+            f"comes within {1e3 * distance_m:.1f} mm of"
+            if distance_m > 0.0
+            else f"goes {-1e3 * distance_m:.1f} mm into"
+        )
+        return CommandRefusedError(
+            Refusal.COLLISION,
+            f"'{first}' {apart} '{second}' at {t:.3f} s, {1e3 * needed_m:g} mm must be between them; plan around it",
+            t=t,
+            quantity=f"{first} - {second}",
+            value=distance_m,
+            limit=needed_m,
+        )
 
 
 def _rotation_of_z_to(direction: np.ndarray) -> np.ndarray:

@@ -65,7 +65,8 @@ def check_torque(
         raise CommandRefusedError(
             Refusal.TORQUE,
             f"joint '{joint_names[j]}' (index {j}): torque {tau[k, j]:.4g} N·m at {samples.t[k]:.3f} s exceeds "
-            f"{limit[j]:.4g} N·m ({tau_max[j]:g} N·m less {margin:.0%} margin)",
+            f"{limit[j]:.4g} N·m ({tau_max[j]:g} N·m less {margin:.0%} margin); give the motion more time, carry less, "
+            "or plan with the arm less far out",
             joint=joint_names[j],
             t=float(samples.t[k]),
             quantity="torque",

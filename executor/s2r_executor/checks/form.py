@@ -8,6 +8,7 @@ from s2r_executor.config import AdmissionConfig
 from s2r_executor.plan import CommandRefusedError, PlanRequest
 from s2r_protocol.faults import Refusal
 
+_FINITE = "send finite numbers; a planner that divides by zero makes these"
 _UNITS = {"q": "rad", "dq": "rad/s", "ddq": "rad/s²"}
 
 
@@ -15,7 +16,7 @@ def check_form(
     plan: PlanRequest, joint_names: tuple[str, ...], config: AdmissionConfig, from_rest: bool = True
 ) -> None:
     """Everything that needs no arm model but its joint names. Arrays have matching shapes afterwards."""
-    _check_names(plan, joint_names)
+    check_names(plan.joint_names, joint_names)
     _check_sizes(plan, len(joint_names), config)
     _check_finite(plan, joint_names)
     _check_time(plan, config)
@@ -23,22 +24,27 @@ def check_form(
     _check_rest(plan, joint_names, config, from_rest)
 
 
-def _check_names(plan: PlanRequest, joint_names: tuple[str, ...]) -> None:
-    if plan.joint_names == joint_names:
+def check_names(theirs: tuple[str, ...], joint_names: tuple[str, ...]) -> None:
+    """The joints a plan is for are the arm's, in its order.
+
+    Raises:
+        CommandRefusedError: MODEL.
+    """
+    if theirs == joint_names:
         return
     wrong = next(
         (
             f"joint {i} is {a!r}, expected {b!r}"
-            for i, (a, b) in enumerate(zip(plan.joint_names, joint_names, strict=False))
+            for i, (a, b) in enumerate(zip(theirs, joint_names, strict=False))
             if a != b
         ),
-        f"{len(plan.joint_names)} joints, expected {len(joint_names)}",
+        f"{len(theirs)} joints, expected {len(joint_names)}",
     )
     raise CommandRefusedError(
         Refusal.MODEL,
         f"joint names do not match the arm: {wrong}; send {', '.join(joint_names)} in this order",
         quantity="joint_names",
-        value=len(plan.joint_names),
+        value=len(theirs),
         limit=len(joint_names),
     )
 
@@ -48,7 +54,8 @@ def _check_sizes(plan: PlanRequest, dof: int, config: AdmissionConfig) -> None:
     if not 2 <= n <= config.max_knots:
         raise CommandRefusedError(
             Refusal.SIZE,
-            f"plan has {n} knots, allowed are 2 to {config.max_knots}",
+            f"plan has {n} knots, allowed are 2 to {config.max_knots}; "
+            + ("send its start and its end" if n < 2 else "set knots less close, or divide the motion"),
             quantity="knots",
             value=n,
             limit=2 if n < 2 else config.max_knots,
@@ -59,7 +66,7 @@ def _check_sizes(plan: PlanRequest, dof: int, config: AdmissionConfig) -> None:
             raise CommandRefusedError(
                 Refusal.SIZE,
                 f"{name} holds {shape[0] if shape else 0} x {shape[1] if len(shape) > 1 else 0} values "
-                f"for {n} knots of {dof} joints",
+                f"for {n} knots of {dof} joints; send one per knot and joint",
                 quantity=name,
                 value=float(np.prod(shape)),
                 limit=n * dof,
@@ -71,7 +78,7 @@ def _check_finite(plan: PlanRequest, joint_names: tuple[str, ...]) -> None:
     if len(bad):
         raise CommandRefusedError(
             Refusal.NONFINITE,
-            f"time of knot {bad[0]} is {plan.t[bad[0]]}",
+            f"time of knot {bad[0]} is {plan.t[bad[0]]}; {_FINITE}",
             quantity="time",
             value=float(plan.t[bad[0]]),
         )
@@ -82,7 +89,8 @@ def _check_finite(plan: PlanRequest, joint_names: tuple[str, ...]) -> None:
             k, j = int(knots[0]), int(joints[0])
             raise CommandRefusedError(
                 Refusal.NONFINITE,
-                f"joint '{joint_names[j]}' (index {j}): {name} of knot {k} is {values[k, j]} {unit}",
+                f"joint '{joint_names[j]}' (index {j}): {name} of knot {k} is {values[k, j]} {unit}; "
+                f"{_FINITE}",
                 joint=joint_names[j],
                 t=float(plan.t[k]),
                 quantity=name,
@@ -92,13 +100,13 @@ def _check_finite(plan: PlanRequest, joint_names: tuple[str, ...]) -> None:
         if not np.isfinite(getattr(plan, name)):
             raise CommandRefusedError(
                 Refusal.NONFINITE,
-                f"{name} is {getattr(plan, name)}",
+                f"{name} is {getattr(plan, name)}; {_FINITE}",
                 quantity=name,
                 value=getattr(plan, name),
             )
     if not np.isfinite(plan.payload_com).all():
         raise CommandRefusedError(
-            Refusal.NONFINITE, f"payload_com is {list(plan.payload_com)}", quantity="payload_com"
+            Refusal.NONFINITE, f"payload_com is {list(plan.payload_com)}; {_FINITE}", quantity="payload_com"
         )
 
 
@@ -106,7 +114,7 @@ def _check_time(plan: PlanRequest, config: AdmissionConfig) -> None:
     if plan.t[0] != 0.0:
         raise CommandRefusedError(
             Refusal.TIME,
-            f"the first knot is at {plan.t[0]} s, it must be at 0",
+            f"the first knot is at {plan.t[0]} s, it must be at 0; count time from the plan's beginning",
             quantity="time",
             value=plan.t[0],
         )
@@ -114,15 +122,16 @@ def _check_time(plan: PlanRequest, config: AdmissionConfig) -> None:
     # A knot grid of exactly the smallest step may round below it.
     short = np.nonzero(~(width >= config.min_segment_s * (1 - 1e-6)))[0]
     long = np.nonzero(~(width <= config.max_segment_s))[0]
-    for bad, limit, word in (
-        (short, config.min_segment_s, "at least"),
-        (long, config.max_segment_s, "at most"),
+    for bad, limit, word, what_to_do in (
+        (short, config.min_segment_s, "at least", "let times rise, and leave out knots that stand too close"),
+        (long, config.max_segment_s, "at most", "set knots in between"),
     ):
         if len(bad):
             k = int(bad[0])
             raise CommandRefusedError(
                 Refusal.TIME,
-                f"segment {k} from {plan.t[k]:.6g} s lasts {width[k]:.6g} s, it must last {word} {limit:g} s",
+                f"segment {k} from {plan.t[k]:.6g} s lasts {width[k]:.6g} s, it must last {word} {limit:g} s; "
+                f"{what_to_do}",
                 t=float(plan.t[k]),
                 quantity="segment time",
                 value=float(width[k]),
@@ -131,7 +140,7 @@ def _check_time(plan: PlanRequest, config: AdmissionConfig) -> None:
     if not plan.t[-1] <= config.max_duration_s:
         raise CommandRefusedError(
             Refusal.TIME,
-            f"plan lasts {plan.t[-1]:.6g} s, allowed are {config.max_duration_s:g} s",
+            f"plan lasts {plan.t[-1]:.6g} s, allowed are {config.max_duration_s:g} s; send it in parts",
             t=float(plan.t[-1]),
             quantity="duration",
             value=float(plan.t[-1]),
@@ -140,15 +149,17 @@ def _check_time(plan: PlanRequest, config: AdmissionConfig) -> None:
 
 
 def _check_scalars(plan: PlanRequest, config: AdmissionConfig) -> None:
-    for name, value, limit, unit, code in (
-        ("payload_mass", plan.payload_mass, config.max_payload_kg, "kg", Refusal.TORQUE),
-        ("path_tolerance", plan.path_tolerance, config.max_path_tolerance_rad, "rad", Refusal.POSITION),
-        ("goal_tolerance", plan.goal_tolerance, config.max_goal_tolerance_rad, "rad", Refusal.POSITION),
+    for name, value, key, unit, code in (
+        ("payload_mass", plan.payload_mass, "max_payload_kg", "kg", Refusal.TORQUE),
+        ("path_tolerance", plan.path_tolerance, "max_path_tolerance_rad", "rad", Refusal.POSITION),
+        ("goal_tolerance", plan.goal_tolerance, "max_goal_tolerance_rad", "rad", Refusal.POSITION),
     ):
+        limit: float = getattr(config, key)
         if not 0 <= value <= limit:
             raise CommandRefusedError(
                 code,
-                f"{name} = {value:g} {unit} is outside [0, {limit:g}] {unit}",
+                f"{name} = {value:g} {unit} is outside [0, {limit:g}] {unit}; send one inside, or start the executor "
+                f"with another admission.{key}",
                 quantity=name,
                 value=value,
                 limit=limit,
@@ -169,7 +180,7 @@ def _check_rest(
                 raise CommandRefusedError(
                     Refusal.NOT_AT_REST,
                     f"joint '{joint_names[j]}' (index {j}): plan {where} with {name} = {values[j]:.6g} {unit}, "
-                    f"rest is at most {limit:g} {unit}",
+                    f"rest is at most {limit:g} {unit}; begin and end at rest",
                     joint=joint_names[j],
                     t=float(plan.t[knot]),
                     quantity=name,
