@@ -22,6 +22,7 @@ from s2r_executor.config import ExecutorConfig
 from s2r_executor.front_end import Accepted, FrontEnd
 from s2r_executor.observations import EVENTS, PLAN, TIMING, TOPICS, Encoder, Topic
 from s2r_executor.plan import CommandRefusedError, PlanRequest
+from s2r_executor.refusal_log import RefusalLog
 from s2r_executor.status import ExecutorStatus
 from s2r_protocol import codec, session
 from s2r_protocol.exits import NotReadyError
@@ -35,7 +36,6 @@ from s2r_protocol.session import Role
 logger = logging.getLogger(__name__)
 
 _NODE = "s2r_executor"
-_LOG_REFUSED_EVERY_S = 1.0
 _TIMING_PERIOD_S = 0.5
 
 
@@ -69,7 +69,7 @@ class Bridge:
             limit_hash=front_end.identity.limit_hash,
         )
         self._commands = ThreadPoolExecutor(max_workers=1, thread_name_prefix="s2r-command")
-        self._last_refusal_s = 0.0
+        self._refusals = RefusalLog()
         self._ended = threading.Event()
         self._failure: Exception | None = None  # of the publishing thread
         self._publish_lock = threading.Lock()
@@ -133,6 +133,7 @@ class Bridge:
         while not self._ended.wait(self._config.publish_period_s):
             if time.monotonic() >= timing_at_s:
                 timing_at_s = time.monotonic() + _TIMING_PERIOD_S
+                self._refusals.tell()
                 self._publish(TIMING, *self._encoder.timing(*self._front_end.punctuality()))
             status = self._front_end.status()
             stamp_ns = int(self._encoder.timeline.of(status.core.tick, status.core.stamp_ns))
@@ -171,14 +172,16 @@ class Bridge:
             logger.info("query on %s came while shutting down", query.key_expr)
 
     def _answer(self, query: zenoh.Query, answer: Callable[[pb.Envelope, bytes], Message]) -> None:
-        wire = _payload(query)
+        wire, what = _payload(query), f"a message on {query.key_expr}"
         try:
-            reply = answer(codec.open_envelope(wire), wire)
+            envelope = codec.open_envelope(wire)
+            what = _name_of(codec.address_of(envelope), str(query.key_expr))
+            reply = answer(envelope, wire)
         except codec.MessageRefusedError as error:
-            self._log_refusal(str(query.key_expr), error)
+            self._refusals.add(what, error)
             reply = pb.Verdict(accepted=False, code=error.code, reason=str(error))
         except CommandRefusedError as error:
-            self._log_refusal(str(query.key_expr), error)
+            self._refusals.add(what, error)
             reply = self._refused(error, 0)
         except Exception:
             logger.exception("a query on %s failed", query.key_expr)
@@ -200,11 +203,6 @@ class Bridge:
             logger.warning("answer on %s could not be sent: %s", query.key_expr, error)
         finally:
             query.drop()  # tells the asker that this was all; without it it waits until its time is up
-
-    def _log_refusal(self, key: str, error: Exception) -> None:
-        if time.monotonic() - self._last_refusal_s > _LOG_REFUSED_EVERY_S:
-            self._last_refusal_s = time.monotonic()
-            logger.warning("refused on %s: %s", key, str(error))
 
     def _hello(self, envelope: pb.Envelope, wire: bytes) -> pb.HelloReply:
         codec.open_body(envelope, pb.Hello)
@@ -278,7 +276,7 @@ class Bridge:
             book.admit(address)
             verdict = _accepted(act(address), address.seq)
         except CommandRefusedError as error:
-            self._log_refusal("command", error)
+            self._refusals.add(_name_of(address, envelope.kind), error)
             verdict = self._refused(error, address.seq)
         book.remember(address, wire, verdict.SerializeToString())
         return verdict
@@ -311,7 +309,7 @@ class Bridge:
             request = codec.open_body(codec.open_envelope(wire), pb.RecordingRequest)
             replies = self._recording_replies(request.plan_seq)
         except codec.MessageRefusedError as error:
-            self._log_refusal(str(query.key_expr), error)
+            self._refusals.add(f"a message on {query.key_expr}", error)
             replies = [pb.Verdict(accepted=False, code=error.code, reason=str(error))]
         except OSError as error:
             logger.exception("a recording cannot be read")
@@ -334,7 +332,7 @@ class Bridge:
             envelope = codec.open_envelope(sample.payload.to_bytes())
             codec.open_body(envelope, pb.Heartbeat)
         except codec.MessageRefusedError as error:
-            self._log_refusal(self._keys.heartbeat, error)
+            self._refusals.add(f"a message on {self._keys.heartbeat}", error)
             return
         self._front_end.heartbeat(codec.address_of(envelope))
 
@@ -351,6 +349,10 @@ class Bridge:
 
 def _payload(query: zenoh.Query) -> bytes:
     return query.payload.to_bytes() if query.payload is not None else b""
+
+
+def _name_of(address: codec.Address, on: str) -> str:
+    return f"message {address.seq} of '{address.sender}' ({on})"
 
 
 def _is_stop(wire: bytes) -> bool:

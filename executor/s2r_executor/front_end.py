@@ -113,6 +113,7 @@ class FrontEnd:
         self._command_lock = threading.Lock()  # one command at a time; STOP does not wait for it
         self._ring_lock = threading.Lock()  # the core's command rings have one producer
         self._lease_lock = threading.Lock()
+        self._fell_silent = ""  # who lost the lease last, by silence
         self._stops_asked = 0
         self._dropped_said = 0
         self._next_plan_id = 1
@@ -164,6 +165,8 @@ class FrontEnd:
                 decision = self._lease.release(address.sender)
         if decision.granted:
             logger.info("lease %s by '%s'", "returned" if release else "taken", address.sender)
+            if address.sender == self._fell_silent:
+                self._fell_silent = ""
             if release:
                 self._stop_if_moving(Cause.HOST_LOST)
         return decision
@@ -491,12 +494,16 @@ class FrontEnd:
         with self._lease_lock:
             holder = self._lease.holder
         if address.sender != holder:
-            raise CommandRefusedError(
-                Refusal.NO_LEASE,
-                f"'{address.sender}' does not hold the lease, {f'{holder!r}' if holder else 'nobody'} does; "
-                "take it first",
-                quantity="lease",
-            )
+            who = f"{holder!r}" if holder else "nobody"
+            lasts_s = self.config.effective_host_timeout_s
+            why = f"'{address.sender}' does not hold the lease, {who} does; take it first"
+            if address.sender == self._fell_silent:
+                why = (
+                    f"'{address.sender}' lost the lease, {who} holds it now: its heartbeat was silent for longer than "
+                    f"the {lasts_s:g} s that the lease lasts, was its process or machine stopped? An arm that moved was "
+                    "stopped then; look at the state, and take the lease again"
+                )
+            raise CommandRefusedError(Refusal.NO_LEASE, why, quantity="lease", limit=lasts_s)
         check_epoch(address, core.epoch)
         return core
 
@@ -537,6 +544,7 @@ class FrontEnd:
             silence_s = self._lease.silence_s(self._now_s())
             lost = self._lease.expire(self._now_s())
         if lost:
+            self._fell_silent = lost
             logger.warning(
                 "lease of '%s' ended: no heartbeat for %.0f ms, limit %.0f ms",
                 lost,

@@ -303,6 +303,18 @@ def test_the_lease_does_not_come_back_by_itself_after_silence(rig, smooth_plan):
     assert code_of(rig.front_end.plan, address(rig), smooth_plan(), b"") is Refusal.NO_LEASE
 
 
+def test_a_host_that_was_frozen_is_told_that_its_heartbeat_fell_silent(rig, smooth_plan):
+    armed(rig)
+    rig.clock.now += rig.front_end.config.effective_host_timeout_s + 8.0
+    rig.front_end.step()
+    with pytest.raises(
+        CommandRefusedError, match=r"'host:1' lost the lease, nobody holds it now: its heartbeat"
+    ):
+        rig.front_end.plan(address(rig), smooth_plan(), b"")
+    with pytest.raises(CommandRefusedError, match="'other' does not hold the lease"):
+        rig.front_end.plan(address(rig, "other"), smooth_plan(), b"")
+
+
 def test_silence_while_holding_ends_the_lease_without_a_stop(rig):
     armed(rig)
     rig.clock.now += 1.0
