@@ -135,10 +135,14 @@ class Bridge:
                 timing_at_s = time.monotonic() + _TIMING_PERIOD_S
                 self._refusals.tell()
                 self._publish(TIMING, *self._encoder.timing(*self._front_end.punctuality()))
-            status = self._front_end.status()
-            stamp_ns = int(self._encoder.timeline.of(status.core.tick, status.core.stamp_ns))
-            for topic, message in self._encoder.snapshot(status):
-                self._publishers[topic].put(message, stamp_ns)
+            self._publish_state()
+        self._publish_state()  # how it ended, for whoever waits for a motion
+
+    def _publish_state(self) -> None:
+        status = self._front_end.status()
+        stamp_ns = int(self._encoder.timeline.of(status.core.tick, status.core.stamp_ns))
+        for topic, message in self._encoder.snapshot(status):
+            self._publishers[topic].put(message, stamp_ns)
 
     def _topic(self, topic: Topic) -> str:
         return f"/{self._keys.base}/{topic.name}"

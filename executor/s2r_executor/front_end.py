@@ -54,6 +54,10 @@ _ALLOWED_IN: dict[int, set[ExecutorState]] = {
     pb.SET_SPEED: {ExecutorState.HOLD, ExecutorState.RUN, ExecutorState.PAUSED},
     pb.RESET: {ExecutorState.FAULT, ExecutorState.ESTOP},
 }
+_ENDING = (
+    "The executor is being ended (Ctrl-C or SIGTERM there): the arm comes to rest and the drives go off. Start the "
+    "executor again before anything else."
+)
 _ANSWER_WITHIN_S = 2.0
 _STOP_WITHIN_S = 0.5
 _POLL_S = 0.001
@@ -113,6 +117,7 @@ class FrontEnd:
         self._command_lock = threading.Lock()  # one command at a time; STOP does not wait for it
         self._ring_lock = threading.Lock()  # the core's command rings have one producer
         self._lease_lock = threading.Lock()
+        self._ending = False
         self._fell_silent = ""  # who lost the lease last, by silence
         self._stops_asked = 0
         self._dropped_said = 0
@@ -137,7 +142,7 @@ class FrontEnd:
             core=core,
             plan_seq=self._seq_of_plan.get(core.plan_id, 0),
             lease_holder=holder,
-            why_not_moving=why_not_moving(core, self.arm.joint_names, holder),
+            why_not_moving=_ENDING if self._ending else why_not_moving(core, self.arm.joint_names, holder),
             silent_joints=silent_joints(core, self.arm.joint_names),
         )
 
@@ -500,8 +505,8 @@ class FrontEnd:
             if address.sender == self._fell_silent:
                 why = (
                     f"'{address.sender}' lost the lease, {who} holds it now: its heartbeat was silent for longer than "
-                    f"the {lasts_s:g} s that the lease lasts, was its process or machine stopped? An arm that moved was "
-                    "stopped then; look at the state, and take the lease again"
+                    f"the {lasts_s:g} s that the lease lasts (was its process stopped?). An arm that moved was stopped "
+                    "then; look at the state, and take the lease again"
                 )
             raise CommandRefusedError(Refusal.NO_LEASE, why, quantity="lease", limit=lasts_s)
         check_epoch(address, core.epoch)
@@ -607,6 +612,7 @@ class FrontEnd:
         core = self._core.snapshot()
         if not core.alive:
             return False
+        self._ending = True
         limit_s = self.config.longest_stop_s if timeout_s is None else timeout_s
         if ExecutorState(core.state) in _MOVING:
             self._stop_if_moving(Cause.STOP_REQUESTED)

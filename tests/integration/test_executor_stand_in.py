@@ -17,6 +17,7 @@ import pytest
 
 from s2r_executor.quintic import sample, spline_through
 from s2r_protocol.arms import load_arm
+from s2r_protocol.exits import S2RError
 from s2r_protocol.faults import Cause, ExecutorState
 
 native = pytest.importorskip("s2r_executor._native", reason="the native core is not built")
@@ -225,6 +226,19 @@ def test_a_core_that_dies_ends_the_executor_as_a_protection_stop(tmp_path):
         assert started.executor.wait(60) == 6
         log = (tmp_path / "executor.log").read_text()
     assert "drives stop by their own watchdogs (killed by SIGKILL)" in log
+
+
+def test_a_host_hears_that_the_executor_is_being_ended_under_its_motion(tmp_path):
+    def move_under_an_end(started, host):
+        with host.leased():
+            verdict = host.send_plan(move(host.arm_drives().q_ref, STEP, duration_s=6.0), "long")
+            time.sleep(1.0)
+            started.executor.send_signal(signal.SIGINT)
+            host.wait_done(verdict)
+
+    with rig(tmp_path, pace="1") as started, link.ExecutorLink(started.endpoint, ARM) as host:
+        with pytest.raises(S2RError, match="The executor is being ended"):
+            move_under_an_end(started, host)
 
 
 def test_an_executor_that_no_drive_ever_answered_ends_at_once(tmp_path):

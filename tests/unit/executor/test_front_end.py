@@ -380,6 +380,16 @@ def test_shut_down_stops_on_the_path_and_disarms(rig, smooth_plan):
     assert rig.core.state == ExecutorState.DISARMED
 
 
+def test_whoever_moved_the_arm_is_told_that_the_executor_ends(rig, smooth_plan):
+    armed(rig)
+    rig.front_end.plan(address(rig), smooth_plan(), b"")
+    rig.core.advance(300)
+    rig.front_end.shut_down()
+    assert rig.front_end.status().why_not_moving.startswith(
+        "The executor is being ended (Ctrl-C or SIGTERM there)"
+    )
+
+
 def test_shut_down_with_a_brake_that_does_not_close_says_so_and_keeps_the_power(rig):
     armed(rig)
     rig.core.drives[1].brake_stuck = True
