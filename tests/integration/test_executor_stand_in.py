@@ -236,9 +236,12 @@ def test_a_host_hears_that_the_executor_is_being_ended_under_its_motion(tmp_path
             started.executor.send_signal(signal.SIGINT)
             host.wait_done(verdict)
 
-    with rig(tmp_path, pace="1") as started, link.ExecutorLink(started.endpoint, ARM) as host:
-        with pytest.raises(S2RError, match="The executor is being ended"):
-            move_under_an_end(started, host)
+    with (
+        rig(tmp_path, pace="1") as started,
+        link.ExecutorLink(started.endpoint, ARM) as host,
+        pytest.raises(S2RError, match="The executor is being ended"),
+    ):
+        move_under_an_end(started, host)
 
 
 def test_an_executor_that_no_drive_ever_answered_ends_at_once(tmp_path):
