@@ -43,7 +43,7 @@ FAULTS: dict[Cause, Fault] = {
     Cause.FEEDBACK_LOST: Fault(
         "a joint's answers are missing on the bus",
         _CAT1,
-        "Check the drive's cable and power, then send RESET and ARM.",
+        "Check the drive's cable and power, and that --packing and --clock are its own, then send RESET and ARM.",
         "ticks",
     ),
     Cause.BUS_OFF: Fault(
