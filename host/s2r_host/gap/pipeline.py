@@ -162,6 +162,8 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
     reason = insufficient.no_motion(a.model, a.fit, problem)
     if reason is None and decision.verdict in ("nothing_missing", "parameter_off"):
         reason = insufficient.poor_excitation(a.model, a.fit, problem)
+    if reason is None and decision.verdict == "nothing_missing":
+        reason = insufficient.passes_for_noise(problem)
     if reason:
         a.verdict = decision.verdict = "insufficient"
         a.notes.insert(0, reason)

@@ -1,5 +1,7 @@
 """One recording and no second run: what may pass for noise, and what may not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,8 @@ from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.floor import generic_leftovers
 from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.regression.rows import make_blocks
-from s2r_host.gap.verdict.insufficient import wide_guess
+from s2r_host.gap.verdict import insufficient
+from s2r_host.gap.verdict.insufficient import passes_for_noise, wide_guess
 
 DT = 0.004
 MASS, FRICTION, DAMPING = 3.0, 2.0, 4.0
@@ -145,3 +148,21 @@ def test_a_wide_guess_asks_for_a_second_run(model):
     said = wide_guess(loud)
     assert said is not None
     assert "record the same motion once more and give it with --repeat" in said
+
+
+@pytest.mark.parametrize(
+    ("share", "times_known", "declared", "said"),
+    [(0.1, 3.0, 0.0, True), (0.1, 1.5, 0.0, False), (0.03, 3.0, 0.0, False), (0.1, 3.0, 1.0, False)],
+)
+def test_nothing_is_not_missing_where_a_guess_is_far_above_all_known_noise(
+    model, monkeypatch, share, times_known, declared, said
+):
+    problem = build_problem(model, [make_session(model, pulled(0.0), 0)], [], [])
+    session = problem.ctx.sessions[0]
+    floor = {0: share * float(np.std(session.u[:, 0]))}
+    monkeypatch.setattr(insufficient, "known_noise", lambda *_: floor[0] / times_known)
+    session.rec.effort_sigma["rail"] = declared * floor[0]
+    found = passes_for_noise(replace(problem, floor=floor))
+    assert (found is not None) == said
+    assert found is None or "The noise that is known of is" in found
+    assert passes_for_noise(replace(problem, floor=floor, floor_source="repeat")) is None

@@ -94,6 +94,17 @@ def test_a_slow_force_that_no_second_run_repeats_is_no_noise(model):
     assert "no second run repeats" in found.words("elbow", "N·m")
 
 
+def test_a_force_that_swings_at_one_frequency_is_repeated_by_no_second_run(model):
+    rng = np.random.default_rng(4)
+    first, again = (make_session(model, logged(model, k), k) for k in range(2))
+    for s in (first, again):
+        s.u[:, 0] += 1.5 * np.sin(2.0 * np.pi * 6.3 * s.t + rng.uniform(0.0, 6.0))
+    found = wandering(model, 0, [first], [again])
+    assert found is not None
+    assert found.line_Hz == pytest.approx(6.3, abs=0.1)
+    assert "at 6.3" in found.words("elbow", "N·m")
+
+
 def test_noise_that_forgets_itself_is_noise_however_large(model):
     first, again = (make_session(model, logged(model, k), k) for k in range(2))
     assert wandering(model, 0, [first], [again]) is None

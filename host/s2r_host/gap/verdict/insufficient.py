@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import count_reversals
+from s2r_host.gap.motion.known_noise import known_noise
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.regression.problem import Problem
@@ -12,6 +13,8 @@ from s2r_host.gap.regression.rows import LEAST_ROWS, picks_of
 
 ONE_WAY = 0.02
 WIDE = 0.02  # of the spread of the effort: a guess of the floor from which on a second run is asked for
+# The same, and times the noise that the channels show: a guess that says nothing about what is missing.
+FAR_TOO_WIDE, UNHEARD = 0.05, 2.0
 
 
 def no_effort(model: RigidModel, fit: list[Session]) -> str | None:
@@ -72,17 +75,42 @@ def wide_guess(problem: Problem) -> str | None:
     """A sentence when what is missing besides may pass for noise, whose floor had to be guessed wide."""
     if problem.floor_source == "repeat":
         return None
+    shares = _floor_shares(problem)
+    j = max(shares, key=lambda k: shares[k])
+    return _guessed(problem, j, shares[j]) if shares[j] >= WIDE else None
+
+
+def passes_for_noise(problem: Problem) -> str | None:
+    """A sentence when 'nothing missing' would only mean that the floor had to be guessed far above all known noise.
+
+    What a generic correction leaves over of a force that changes with time is as large as that force.
+    """
+    if problem.floor_source == "repeat":
+        return None
+    shares, model = _floor_shares(problem), problem.ctx.model
+    for j in sorted(shares, key=lambda k: -shares[k]):
+        name, sessions = model.joints[j], [s for s in problem.ctx.sessions if s.has_u[j]]
+        heard = max(max(known_noise(model, s, j), s.rec.effort_sigma.get(name, 0.0)) for s in sessions)
+        if shares[j] >= FAR_TOO_WIDE and problem.floor[j] > UNHEARD * heard > 0.0:
+            guessed = _guessed(problem, j, shares[j])
+            return f"cannot tell: {guessed}. The noise that is known of is {heard:.3g}"
+    return None
+
+
+def _floor_shares(problem: Problem) -> dict[int, float]:
+    """The noise floor of each joint as a share of the spread of its effort."""
     shares = {}
     for j in problem.joints:
         effort = np.concatenate([s.u[:, j] for s in problem.ctx.sessions if s.has_u[j]])
         shares[j] = problem.floor[j] / max(float(np.std(effort)), 1e-12)
-    j = max(shares, key=lambda k: shares[k])
-    if shares[j] < WIDE:
-        return None
+    return shares
+
+
+def _guessed(problem: Problem, j: int, share: float) -> str:
     name = problem.ctx.model.joints[j]
     return (
         f"no second run: the noise floor is a guess, {problem.floor[j]:.3g} {problem.ctx.model.effort_unit(name)} on "
-        f"'{name}' ({shares[j]:.0%} of its effort), and what is smaller passes for noise; record the same motion once "
+        f"'{name}' ({share:.0%} of its effort), and what is smaller passes for noise; record the same motion once "
         "more and give it with --repeat"
     )
 
