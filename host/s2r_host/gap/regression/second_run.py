@@ -21,11 +21,10 @@ def find_partner(twin: Session, fit: list[Session]) -> Session | None:
     A run whose encoder repeats to the last step is none: what its steps make of speeds, accelerations and hence of the
     residual comes back in it, and would pass for physics.
     """
-    alike = [s for s in fit if _as_long(twin, s)]
-    if not alike:
-        return None
-    best = min(alike, key=lambda s: _apart(twin, s))
-    return best if _apart(twin, best) <= MOST_APART * _spread(best) and not _copied(twin, best) else None
+    best, apart = _nearest(twin, fit)
+    return (
+        best if best is not None and apart <= MOST_APART * _spread(best) and not _copied(twin, best) else None
+    )
 
 
 def led_by_hand(twin: Session, partner: Session | None) -> bool:
@@ -35,22 +34,32 @@ def led_by_hand(twin: Session, partner: Session | None) -> bool:
 
 def no_partner(twin: Session, fit: list[Session]) -> str | None:
     """Why a recording is a second run of none of ``fit``; None where it is one."""
-    if find_partner(twin, fit) is not None:
-        return None
-    alike = [s for s in fit if _as_long(twin, s)]
-    if alike:
-        best = min(alike, key=lambda s: _apart(twin, s))
+    best, apart = _nearest(twin, fit)
+    if best is None:
+        lengths = ", ".join(f"{s.rec.name} has {len(s.t)} rows of {s.dt:.4g} s" for s in fit)
+        why = f"it has {len(twin.t)} rows of {twin.dt:.4g} s as they are compared, {lengths}"
+    elif _copied(twin, best):
         why = (
             f"its positions repeat nearly every encoder step of {best.rec.name}, which no machine does, and the noise "
             "of the effort alone is not that of the comparison"
-            if _copied(twin, best)
-            else f"its positions differ from those of {best.rec.name} by {_apart(twin, best):.3g} rms, "
-            f"{_apart(twin, best) / _spread(best):.0%} of that motion; {MOST_APART:.0%} is allowed"
+        )
+    elif apart > MOST_APART * _spread(best):
+        why = (
+            f"its positions differ from those of {best.rec.name} by {apart:.3g} rms, "
+            f"{apart / _spread(best):.0%} of that motion; {MOST_APART:.0%} is allowed"
         )
     else:
-        lengths = ", ".join(f"{s.rec.name} has {len(s.t)} rows of {s.dt:.4g} s" for s in fit)
-        why = f"it has {len(twin.t)} rows of {twin.dt:.4g} s as they are compared, {lengths}"
+        return None
     return f"{twin.rec.name} is no second run of any --fit recording and is left out: {why}"
+
+
+def _nearest(twin: Session, fit: list[Session]) -> tuple[Session | None, float]:
+    """The session as long whose positions are nearest, and how far apart they are, rms [rad or m]."""
+    apart = [(_apart(twin, s), k) for k, s in enumerate(fit) if _as_long(twin, s)]
+    if not apart:
+        return None, np.inf
+    least, k = min(apart)
+    return fit[k], least
 
 
 def _as_long(twin: Session, s: Session) -> bool:
