@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from s2r_host.log.recording_file import recording_file
 from s2r_protocol.cli.options import UNUSED_FOLDER, FiniteRange, tls_option
 from s2r_protocol.exits import ExitCode, UsageError
 
@@ -91,7 +92,7 @@ def replay(
 ) -> int:
     """Send a plan of SOURCE through admission again and compare the executions.
 
-    SOURCE is a run folder, a recording, plan.mcap of 's2r plan', or a table (.csv) of t [s] and q.<joint> [rad].
+    SOURCE is the folder of a run or of 's2r plan', a recording, or a table (.csv) of t [s] and q.<joint> [rad].
 
     On a stand-in of its own by default; --real sends it to a running executor, after showing where it starts and
     how fast it gets. The arm first goes to the start: along the plans recorded before it when it
@@ -103,8 +104,7 @@ def replay(
             raise UsageError(
                 f"{name} is for a running executor: add --real, or leave it out to use a stand-in"
             )
-    if source.is_dir() and not (source / "run.mcap").is_file():
-        raise UsageError(f"folder {source} holds no run.mcap; name a recording or a run folder")
+    recording_file(source)  # refuses a folder without one before all that is loaded now
     from s2r_host.motion.arm_model import ArmModel
     from s2r_host.replay.replay import ReplaySettings, as_sent
     from s2r_host.replay.sources import pick, read_source

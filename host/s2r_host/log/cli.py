@@ -9,31 +9,18 @@ from typing import Any
 
 import click
 
+from s2r_host.log.recording_file import recording_file
 from s2r_protocol.cli.options import FiniteRange
 from s2r_protocol.cli.outputs import check_new_file, check_unused
-from s2r_protocol.exits import ExitCode, UsageError
+from s2r_protocol.exits import ExitCode
 
 _RECORDING = click.Path(path_type=Path, exists=True)
 EXPORTS = ("parquet", "csv", "rrd", "lerobot")
 
 
-def recording_file(path: Path) -> Path:
-    """A recording given as a file, or as a run folder that holds ``run.mcap``.
-
-    Raises:
-        UsageError: The folder holds none.
-    """
-    if not path.is_dir():
-        return path
-    inside = path / "run.mcap"
-    if not inside.is_file():
-        raise UsageError(f"folder {path} holds no run.mcap; name a recording or a run folder")
-    return inside
-
-
 @click.group()
 def log() -> None:
-    """Check, mend, export and compare recordings (MCAP). A run folder stands for its run.mcap."""
+    """Check, mend, export and compare recordings (MCAP). The folder of a run or a plan stands for its recording."""
 
 
 @log.command()

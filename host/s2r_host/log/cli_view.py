@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from s2r_host.log.cli import recording_file
+from s2r_host.log.recording_file import recording_file
 from s2r_protocol.cli.outputs import check_new_file
 from s2r_protocol.cli.progress import progress_line
 

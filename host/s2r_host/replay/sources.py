@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from s2r_host.errors import RecordingError
+from s2r_host.log.recording_file import recording_file
 from s2r_host.log.segments import inside, notes, segments
 from s2r_host.log.tables import EXECUTOR_STATE, TRAJECTORY, Recording, read_recording
 from s2r_host.recording import JointTrack
@@ -49,14 +50,15 @@ class Replayable:
 
 
 def read_source(path: Path, arm: ArmDescription) -> list[Replayable]:
-    """All plans of a run folder or recording; the one of a table (``.csv``).
+    """All plans of a recording or of a run's or plan's folder; the one of a table (``.csv``).
 
     Raises:
         RecordingError: It holds none, or of another arm.
+        UsageError: The folder is neither a run's nor a plan's.
     """
     if path.suffix.lower() == ".csv":
         return [Replayable(1, path.stem, read_table(path, arm), None)]
-    file = path / "run.mcap" if path.is_dir() else path
+    file = recording_file(path)
     recording = read_recording(file)
     if recording.damage.any:
         raise RecordingError(

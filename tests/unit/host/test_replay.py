@@ -13,7 +13,7 @@ from s2r_host.replay.pace import from_time, path_time, slowed
 from s2r_host.replay.replay import Replayed, ReplaySettings, as_sent, compare, repeatability
 from s2r_host.replay.sources import Replayable, pick, read_source, trajectory_of_message
 from s2r_host.trajectory import Trajectory
-from s2r_host.trajectory.plan_files import write_knots_csv, write_plan_csv
+from s2r_host.trajectory.plan_files import write_knots_csv, write_plan_csv, write_plan_mcap
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.root import main
 from s2r_protocol.exits import UsageError
@@ -261,6 +261,15 @@ def test_an_executors_session_names_the_plans_beside_it(tmp_path):
         (tmp_path / f"plan-3-{seq}.mcap").touch()
     with pytest.raises(RecordingError, match=r"plans are beside it: plan-3-0\.mcap, .* and 2 more; name one"):
         read_source(session, ARM)
+
+
+def test_the_folder_of_a_plan_stands_for_its_recording(tmp_path, trajectory, capsys):
+    write_plan_mcap(tmp_path / "plan.mcap", trajectory, ARM, "drawer to 0.1")
+    (plan,) = read_source(tmp_path, ARM)
+    np.testing.assert_allclose(plan.trajectory.q, trajectory.q, atol=1e-9)
+    with pytest.raises(SystemExit):
+        main(["replay", str(tmp_path), "--list"])
+    assert "drawer to 0.1" in capsys.readouterr().out
 
 
 def test_an_executors_own_recording_is_a_source_without_a_run_folder(tmp_path, trajectory):
