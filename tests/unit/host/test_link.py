@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import re
 import socket
 import threading
 import time
@@ -9,15 +10,16 @@ import time
 import numpy as np
 import pytest
 import zenoh
+from click.testing import CliRunner
 
-from s2r_host.cli_stop import send_stop
+from s2r_host.cli_stop import send_stop, stop
 from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedError, PeerUnreachableError
 from s2r_host.link import ExecutorLink
 from s2r_host.link_observations import JOINTS, STATE
 from s2r_host.link_session import open_session
 from s2r_protocol import codec
 from s2r_protocol.arms import load_arm
-from s2r_protocol.exits import ExitCode
+from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.faults import Cause, ExecutorState, Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
@@ -553,6 +555,37 @@ def test_stop_needs_no_lease(executor):
     verdict, before = send_stop(executor.endpoint, ArmKeys(), timeout_s=2.0)
     assert verdict.accepted
     assert before.lease_holder == ""
+
+
+def test_a_stop_finds_its_arm_by_the_folder_of_its_description(executor, arm, tmp_path):
+    (tmp_path / "arm.yaml").write_text(f"name: {arm.name}\n")
+    options = ["--executor", executor.endpoint, "--timeout", "2", "--arm"]
+    ended = CliRunner().invoke(stop, [*options, str(tmp_path)])
+    assert ended.exit_code == 0, ended.output
+    assert f"stop accepted by lab/{arm.name}" in ended.output
+    assert executor.controls == [pb.STOP]
+    (tmp_path / "arm.yaml").write_text("name: another\n")
+    ended = CliRunner().invoke(
+        stop, ["--executor", executor.endpoint, "--timeout", "0.2", "--arm", str(tmp_path)]
+    )
+    assert isinstance(ended.exception, PeerUnreachableError)
+    assert executor.controls == [pb.STOP]
+
+
+@pytest.mark.parametrize(
+    ("said", "reason"),
+    [
+        (None, "there is no .*arm.yaml; name the folder"),
+        ("name: [", "is no YAML"),
+        ("joints: []\n", "says no 'name'"),
+    ],
+)
+def test_a_folder_that_names_no_arm_stops_nothing_and_says_so(tmp_path, said, reason):
+    if said is not None:
+        (tmp_path / "arm.yaml").write_text(said)
+    ended = CliRunner().invoke(stop, ["--arm", str(tmp_path)])
+    assert isinstance(ended.exception, UsageError)
+    assert re.search(f"{reason}.*nothing was sent", str(ended.exception), re.DOTALL)
 
 
 def test_stop_without_executor_says_that_nothing_was_stopped():
