@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from dataclasses import replace
 
 import numpy as np
 
-from s2r_host.planning.along_route import AlongRoute
-from s2r_host.planning.attempt import Attempt
 from s2r_host.planning.blocked import check_gets_there
+from s2r_host.planning.cascade import Cascade
 from s2r_host.planning.door import check_numbers, check_target
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.hook import Hook
@@ -22,11 +20,8 @@ from s2r_host.planning.proposals import Route
 from s2r_host.planning.rewards import Task
 from s2r_host.planning.sampler import SamplerFactory, icem_sampler
 from s2r_host.planning.scene import Scene, build_scene
-from s2r_host.planning.settings import Stage
 from s2r_host.planning.staying import check_stays, s_after
 from s2r_host.planning.task import PlanRefusedError, PlanRequest, PlanResult
-
-logger = logging.getLogger(__name__)
 
 _CREPT_M = 0.003  # way of a part's outermost point from which on it is somewhere else
 
@@ -84,12 +79,9 @@ def plan_manipulation(
     hooks = _hooks_on_arrival(request, scene, world, patience)
     places_cpu_s = time.process_time() - before_places
     task = Task(request.s_initial, request.s_target, tolerance, scene.prismatic)
-    attempts: list[Attempt] = []
-    for index, stage in enumerate(settings.cascade):
-        _try_stage(attempts, hooks, (index, stage), request, scene, task, world, patience, sampler)
-        if attempts[-1].reason is None or not attempts[-1].arrived:
-            break
-    result = attempts[-1].result(attempts)
+    cascade = Cascade(request, scene, task, world, hooks, patience, sampler)
+    cascade.run()
+    result = cascade.attempts[-1].result(cascade.attempts)
     return replace(
         result,
         cpu_s=time.process_time() - start_cpu,
@@ -131,55 +123,6 @@ def _hooks_on_arrival(request: PlanRequest, scene: Scene, world: FineWorld, pati
         return found(FineWorld(scene, np.asarray(request.q_initial, dtype=float), s_there, request.others))
     except OutOfReachError:
         return hooks
-
-
-def _try_stage(
-    attempts: list[Attempt],
-    hooks: list[Hook],
-    stage: tuple[int, Stage],
-    request: PlanRequest,
-    scene: Scene,
-    task: Task,
-    world: FineWorld,
-    patience: Patience,
-    sampler: SamplerFactory,
-) -> None:
-    """Make one attempt of the cascade and, if wanted where that got stuck, one along the route it was offered.
-
-    A place that the arm does not get to is dropped and the next one taken.
-    """
-    index, settings_of_stage = stage
-    settings = request.settings
-    along_too = settings.along_route and settings.lead_in and not request.leave
-    while True:
-        hook = hooks[index % len(hooks)]
-        given = (
-            scene,
-            settings_of_stage,
-            index,
-            settings,
-            task,
-            hook,
-            world,
-            request.seed,
-            patience,
-            sampler,
-        )
-        attempt = Attempt(*given)
-        attempt.run()
-        attempts.append(attempt)
-        if attempt.reason is not None:
-            logger.info("stage %d of the plan failed: %s", index, attempt.reason)
-        if along_too and attempt.stuck:
-            along = AlongRoute(*given)
-            along.run()
-            if along.reason is None:
-                attempts.append(along)
-            else:
-                logger.info("nor along the route: %s", along.reason)
-        if attempt.arrived or len(hooks) == 1:
-            return
-        hooks.remove(hook)
 
 
 def is_possible(request: PlanRequest, scene: Scene) -> bool:

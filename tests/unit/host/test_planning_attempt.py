@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from s2r_host.planning import planner
+from s2r_host.planning import cascade
 from s2r_host.planning.attempt import Attempt
 from s2r_host.planning.patience import TimeIsUpError
 from s2r_host.planning.rewards import Task
@@ -76,22 +76,22 @@ def test_a_place_that_the_arm_does_not_get_to_is_dropped_for_the_next_in_the_sam
     monkeypatch, blocked, tried
 ):
     class Fake:
-        def __init__(self, _scene, _stage, index, _settings, _task, hook, *_):
+        def __init__(self, *, index, hook, **_):
             self.hook, self.index, self.arrived, self.reason = hook, index, hook not in blocked, "no"
             self.stuck = True
 
         def run(self):
             pass
 
-    monkeypatch.setattr(planner, "Attempt", Fake)
-    attempts: Any = []
-    hooks: Any = list("abc")
+    monkeypatch.setattr(cascade, "Attempt", Fake)
     request: Any = SimpleNamespace(settings=PlanSettings(), seed=0, leave=False)
+    hooks: Any = list("abc")
     nothing: Any = None
-    planner._try_stage(attempts, hooks, (0, nothing), request, *[nothing] * 5)
-    assert "".join(attempt.hook for attempt in attempts) == tried
-    assert hooks == [hook for hook in "abc" if hook not in blocked]
-    assert {attempt.index for attempt in attempts} == {0}
+    stages = cascade.Cascade(request, nothing, nothing, nothing, hooks, nothing, nothing)
+    stages.try_stage(0, nothing)
+    assert "".join(attempt.hook for attempt in stages.attempts) == tried  # type: ignore[arg-type]
+    assert stages.hooks == [hook for hook in "abc" if hook not in blocked]
+    assert {attempt.index for attempt in stages.attempts} == {0}
 
 
 REQUEST: Any = SimpleNamespace(settings=PlanSettings())
