@@ -120,73 +120,118 @@ def follow_reactively(
         ArmStoppedError: A protection or a person stopped the arm.
         PeerUnreachableError: The executor fell silent.
     """
-    began_s, report = time.monotonic(), ReactiveReport()
+    following = _Following(link, feed, planner, restarts, label, sent, planner.settings.lead_s)
+    following.play(first)
+    return following.report
 
-    def admitted(motion: Trajectory, running: _Plan | None = None, splice_t: float = math.inf) -> _Plan:
-        name = f"{label}: look {len(report.outlooks)}" if report.played else label
-        if running is None:
-            verdict = link.send_plan(motion, name)
-        else:
-            verdict = link.send_plan(motion, name, running=running.verdict, splice_t=splice_t)
-        report.played.append((motion, verdict, splice_t))
-        sent(motion, name, verdict)
-        return _Plan(motion, verdict)
 
-    plan = admitted(first)
+@dataclass
+class _Following:
+    """One run of `follow_reactively`, whose arguments begin it.
+
+    Attributes:
+        lead_s: How long before it takes over a continuation is sent [s]; longer after some that came too late.
+        playing: What the executor plays.
+        coming: What was admitted to take over from that and has not yet.
+        rest_s: Since when the arm rests, on our monotonic clock; infinite while it moves.
+        tries: Made to go on from rest, admitted or not.
+        report: What happened so far.
+        began_s: When the first plan was sent, on our monotonic clock.
+    """
+
+    link: ExecutorLink
+    feed: ObjectFeed
+    planner: ReactivePlanner
+    restarts: int
+    label: str
+    sent: Callable[[Trajectory, str, Verdict], None]
+    lead_s: float
+    playing: _Plan = field(init=False)
     coming: _Plan | None = None
-    planner.begin(first)
-    lead_s, rest_s, tries = planner.settings.lead_s, math.inf, 0  # tries: to go on from rest
-    while True:
-        due_s = time.monotonic() + 1.0 / planner.settings.rate_hz
-        status = link.status()
-        _check_going(status, (coming or plan).verdict)
-        if coming is not None and status.plan_seq == coming.verdict.seq:
-            plan, coming = coming, None
+    rest_s: float = math.inf
+    tries: int = 0
+    report: ReactiveReport = field(default_factory=ReactiveReport)
+    began_s: float = field(init=False)
+
+    def play(self, first: Trajectory) -> None:
+        """As `follow_reactively`."""
+        self.began_s, report = time.monotonic(), self.report
+        self.playing = self._send(first)
+        self.planner.begin(first)
+        while True:
+            due_s = time.monotonic() + 1.0 / self.planner.settings.rate_hz
+            status = self.link.status()
+            _check_going(status, (self.coming or self.playing).verdict)
+            resting = self._keep_up(status)
+            if self.coming is not None or status.plan_seq != self.playing.verdict.seq:
+                time.sleep(_POLL_S)
+                continue
+            seen = self.feed.latest()
+            if seen is None or not _tells(seen, self.playing, resting=resting):
+                if resting and time.monotonic() - self.rest_s > _UNSEEN_S:
+                    break
+                report.unseen += not resting
+                _sleep_until(due_s)
+                continue
+            outlook = self._look(seen, status.plan_t, resting=resting)
+            if outlook.motion is None or (resting and self.tries >= self.restarts):
+                if resting:
+                    break
+            elif not self._take(outlook.motion, outlook, resting=resting):
+                continue  # the next look is due at once: what was refused is no longer of use
+            _sleep_until(due_s)
+        last = self.feed.latest()
+        report.final, report.duration_s = last.value if last else None, time.monotonic() - self.began_s
+
+    def _keep_up(self, status: ExecutorStatus) -> bool:
+        """Note which plan plays; a continuation that never took over is given up. Whether the arm rests."""
+        if self.coming is not None and status.plan_seq == self.coming.verdict.seq:
+            self.playing, self.coming = self.coming, None
         resting = status.plan_done and status.state == ExecutorState.HOLD
-        rest_s = min(rest_s, time.monotonic()) if resting else math.inf
-        if coming is not None and resting and time.monotonic() - rest_s > _TAKE_OVER_S:
-            report.played.pop()
-            report.refused.append(f"plan {coming.verdict.seq} was admitted, but did not take over")
-            coming = None
-        if coming is not None or status.plan_seq != plan.verdict.seq:
-            time.sleep(_POLL_S)
-            continue
-        seen = feed.latest()
-        if seen is None or not _tells(seen, plan, resting=resting):
-            if resting and time.monotonic() - rest_s > _UNSEEN_S:
-                break
-            report.unseen += not resting
-            _sleep_until(due_s)
-            continue
-        report.looked_s.append(time.monotonic() - began_s)
-        report.moving.append(not resting)
+        self.rest_s = min(self.rest_s, time.monotonic()) if resting else math.inf
+        if self.coming is not None and resting and time.monotonic() - self.rest_s > _TAKE_OVER_S:
+            self.report.played.pop()
+            self.report.refused.append(f"plan {self.coming.verdict.seq} was admitted, but did not take over")
+            self.coming = None
+        return resting
+
+    def _look(self, seen: Seen, plan_t: float, *, resting: bool) -> Outlook:
+        self.report.looked_s.append(time.monotonic() - self.began_s)
+        self.report.moving.append(not resting)
         t_seen = None if seen.plan_seq is None else seen.plan_t
-        outlook = planner.look(plan.motion, status.plan_t, seen.value, lead_s, t_seen, seen.half90)
-        report.outlooks.append(outlook)
-        if outlook.motion is None or (resting and tries >= restarts):
-            if resting:
-                break
-            _sleep_until(due_s)
-            continue
+        outlook = self.planner.look(self.playing.motion, plan_t, seen.value, self.lead_s, t_seen, seen.half90)
+        self.report.outlooks.append(outlook)
+        return outlook
+
+    def _take(self, motion: Trajectory, outlook: Outlook, *, resting: bool) -> bool:
+        """Send what the planner found better, to take over or, at rest, to begin anew; False if it was refused."""
         try:
             if resting:
-                tries += 1
-                plan, rest_s = admitted(outlook.motion), math.inf
-                report.restarted += 1
+                self.tries += 1
+                self.playing, self.rest_s = self._send(motion), math.inf
+                self.report.restarted += 1
             else:
-                coming = admitted(outlook.motion, plan, outlook.splice_t)
-                report.spliced += 1
-            planner.accept(outlook)
+                self.coming = self._send(motion, self.playing, outlook.splice_t)
+                self.report.spliced += 1
         except CommandRefusedError as error:
-            report.refused.append(str(error))
+            self.report.refused.append(str(error))
             logger.info("the running plan goes on: %s", error)
             if error.code == Refusal.LATE:
-                lead_s = min(_LEAD_GROWTH * lead_s, _LEAD_MOST_S)
-            continue
-        _sleep_until(due_s)
-    last = feed.latest()
-    report.final, report.duration_s = last.value if last else None, time.monotonic() - began_s
-    return report
+                self.lead_s = min(_LEAD_GROWTH * self.lead_s, _LEAD_MOST_S)
+            return False
+        self.planner.accept(outlook)
+        return True
+
+    def _send(self, motion: Trajectory, running: _Plan | None = None, splice_t: float = math.inf) -> _Plan:
+        """Have a motion admitted: from rest, or as what takes over from ``running`` at its time ``splice_t`` [s]."""
+        name = f"{self.label}: look {len(self.report.outlooks)}" if self.report.played else self.label
+        if running is None:
+            verdict = self.link.send_plan(motion, name)
+        else:
+            verdict = self.link.send_plan(motion, name, running=running.verdict, splice_t=splice_t)
+        self.report.played.append((motion, verdict, splice_t))
+        self.sent(motion, name, verdict)
+        return _Plan(motion, verdict)
 
 
 def _tells(seen: Seen, plan: _Plan, *, resting: bool) -> bool:
