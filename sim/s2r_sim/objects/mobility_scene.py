@@ -36,7 +36,7 @@ class MobilityPlace:
     Attributes:
         height_m: Its height on the table; the data sets have no unit of length.
         x_m, y_m, yaw_rad: Place of its middle, and turn.
-        damping, coulomb, density: Of the moving joint [N·m·s/rad, N·m or N·s/m, N], and [kg/m³].
+        damping, coulomb: Of the moving joint [N·m·s/rad, N·m or N·s/m, N].
         share: Joint value as found, as a share of its range.
     """
 
@@ -46,7 +46,6 @@ class MobilityPlace:
     yaw_rad: float = 0.0
     damping: float = 0.2
     coulomb: float = 0.5
-    density: float = 300.0
     share: float = 0.3
 
 
