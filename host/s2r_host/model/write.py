@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from s2r_host.model.belief import Physics
 from s2r_host.model.pieces import Piece
+from s2r_host.object_names import BASE_BODY, JOINT, PART_BODY, RIM_PREFIX
 from s2r_host.perception.motion import JointMotion
 
 Array = NDArray[np.floating]
@@ -54,12 +55,12 @@ def write_mjcf(
         if piece.half_size is None:
             ET.SubElement(asset, "mesh", name=name, vertex=_text(piece.vertices), inertia="convex")
     world = ET.SubElement(root, "worldbody")
-    base = ET.SubElement(world, "body", name="object_base")
-    part = ET.SubElement(base, "body", name="object_part")
+    base = ET.SubElement(world, "body", name=BASE_BODY)
+    part = ET.SubElement(base, "body", name=PART_BODY)
     ET.SubElement(
         part,
         "joint",
-        name="object_joint",
+        name=JOINT,
         type="slide" if motion.joint_type == "prismatic" else "hinge",
         pos=_text(motion.origin),
         axis=_text(motion.direction),
@@ -76,7 +77,7 @@ def write_mjcf(
     if not any(piece.body == "base" for piece in pieces):
         ET.SubElement(base, "inertial", pos="0 0 0", mass="1", diaginertia="0.01 0.01 0.01")
     contact = ET.SubElement(root, "contact")
-    ET.SubElement(contact, "exclude", body1="object_base", body2="object_part")
+    ET.SubElement(contact, "exclude", body1=BASE_BODY, body2=PART_BODY)
     ET.indent(root)
     path.write_text(ET.tostring(root, encoding="unicode") + "\n")
 
@@ -86,7 +87,7 @@ def _geom(piece: Piece) -> str:
 
 
 def _rim(piece: Piece) -> str:
-    return f"rim_{piece.name}"
+    return f"{RIM_PREFIX}{piece.name}"
 
 
 def _add_geom(body: ET.Element, piece: Piece, physics: Physics) -> None:
@@ -130,11 +131,11 @@ def write_urdf(
     joint = ET.SubElement(
         robot,
         "joint",
-        name="object_joint",
+        name=JOINT,
         type="prismatic" if motion.joint_type == "prismatic" else "revolute",
     )
-    ET.SubElement(joint, "parent", link="object_base")
-    ET.SubElement(joint, "child", link="object_part")
+    ET.SubElement(joint, "parent", link=BASE_BODY)
+    ET.SubElement(joint, "child", link=PART_BODY)
     ET.SubElement(joint, "origin", xyz=_text(p_joint), rpy="0 0 0")
     ET.SubElement(joint, "axis", xyz=_text(motion.direction))
     ET.SubElement(

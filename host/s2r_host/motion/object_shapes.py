@@ -10,8 +10,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.motion.obstacles import Obstacle, convex_obstacle
-
-JOINT, PART = "object_joint", "part_"
+from s2r_host.object_names import JOINT, PART_PREFIX
 
 
 def object_obstacles(mjcf_path: Path, s: float, joint: str = JOINT) -> list[Obstacle]:
@@ -28,7 +27,7 @@ def part_obstacles(mjcf_path: Path) -> Callable[[float], list[Obstacle]]:
     """The geoms of an object file's part as obstacles, by joint value [m or rad]; the file is read once."""
     model = mujoco.MjModel.from_xml_path(str(mjcf_path))
     data = mujoco.MjData(model)
-    return lambda s: [o for o in _obstacles(model, data, s, JOINT) if o.name.startswith(PART)]
+    return lambda s: [o for o in _obstacles(model, data, s, JOINT) if o.name.startswith(PART_PREFIX)]
 
 
 def _obstacles(model: mujoco.MjModel, data: mujoco.MjData, s: float, joint: str) -> list[Obstacle]:

@@ -16,11 +16,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from s2r_host.object_names import RIM_PREFIX
 from s2r_host.planning.scene_file import SceneFileError, one_line, read_scene
 from s2r_host.planning.scene_spec import (
     FINGER_PREFIX,
     OBJECT_PREFIX,
-    RIM_PREFIX,
     ROBOT_BIT,
     ROBOT_CONTACTS,
     SCENE_ROBOT_BIT,

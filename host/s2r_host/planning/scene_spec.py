@@ -8,11 +8,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from s2r_host.object_names import RIM_PREFIX
 from s2r_host.planning.scene_file import SceneFile, read_spec
 from s2r_host.planning.settings import PlanSettings, ServoSettings
 from s2r_protocol.arms import ArmDescription
 
-RIM_PREFIX = "rim_"  # of geoms that nothing touches, within which a part's real edges lie
 OBJECT_PREFIX = "object/"  # keeps the object's names apart from the arm's
 FINGER_PREFIX = "finger"  # shapes of the tool that are meant to touch the part
 

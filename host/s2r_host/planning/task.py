@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.errors import HostError
+from s2r_host.object_names import JOINT
 from s2r_host.planning.hook import Hook
 from s2r_host.planning.settings import PlanSettings
 from s2r_protocol.arms import ArmDescription
@@ -42,7 +43,7 @@ class PlanRequest:
     s_initial: float
     s_target: float
     q_initial: np.ndarray
-    joint: str = "object_joint"
+    joint: str = JOINT
     seed: int = 0
     in_scene: bool = False
     settings: PlanSettings = field(default_factory=PlanSettings)

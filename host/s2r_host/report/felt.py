@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from s2r_host.object_names import JOINT
 from s2r_host.proprioception.object_log import Touch
 from s2r_host.proprioception.object_numbers import explained
 from s2r_host.report.style import RC
-from s2r_host.run.belief import JOINT, Belief
+from s2r_host.run.belief import Belief
 from s2r_host.run.task import Task
 
 COLOURS = ("#20639b", "#d1495b", "#3c8d5a", "#8d6a9f", "#b8860b", "#555555")

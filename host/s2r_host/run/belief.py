@@ -12,6 +12,7 @@ import numpy as np
 from s2r_host.errors import SceneError
 from s2r_host.model.build import ObjectModel, build_model
 from s2r_host.model.write import write_mjcf
+from s2r_host.object_names import JOINT
 from s2r_host.perception.estimate import JointEstimate, Region, estimate_joint
 from s2r_host.perception.motion import JointMotion, Push
 from s2r_host.perception.verdict import VAGUELY
@@ -29,7 +30,6 @@ AROUND_M = 0.1  # beyond the object's points, in which its part may have moved
 USUAL_PLATE_M = 0.006
 HOLDING = 1.25  # friction over the gravity that it holds
 RANGE_SAMPLES = 41
-JOINT = "object_joint"
 SIDES = {True: "the side pushed to let it grow", False: "the side pushed to let it fall"}  # of a hinge's part
 UNSEEN_MARGIN_M = 0.005
 

@@ -16,7 +16,8 @@ import numpy as np
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.nearest import Nearest, nearest_to_tip
 from s2r_host.motion.object_shapes import part_obstacles
-from s2r_host.run.belief import JOINT, SIDES, Belief
+from s2r_host.object_names import JOINT
+from s2r_host.run.belief import SIDES, Belief
 from s2r_host.run.object_file import with_face, with_part_moved
 
 SEARCH_STEPS = 24

@@ -12,12 +12,13 @@ from pathlib import Path
 
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.object_shapes import part_obstacles
+from s2r_host.object_names import JOINT
 from s2r_host.proprioception.following import PushedPart, free_rows
 from s2r_host.proprioception.object_log import Touch, touches, write_log
 from s2r_host.proprioception.object_numbers import learn_numbers
 from s2r_host.proprioception.own_torques import learn_own_torques
 from s2r_host.proprioception.samples import Samples, samples_in
-from s2r_host.run.belief import JOINT, Belief, holding_friction
+from s2r_host.run.belief import Belief, holding_friction
 from s2r_host.run.object_file import with_lean, with_numbers
 from s2r_host.run.session import Executed
 

@@ -24,8 +24,9 @@ from s2r_host.gap.output.answer import make_answer, write_answer, write_outputs
 from s2r_host.gap.output.report import write_report
 from s2r_host.gap.pipeline import Analysis, analyse
 from s2r_host.gap.simulation.replay import Twin
+from s2r_host.object_names import JOINT
 from s2r_host.planning.doubt import Z90
-from s2r_host.run.belief import JOINT, Belief
+from s2r_host.run.belief import Belief
 from s2r_host.run.feeling import felt_object
 from s2r_host.run.object_file import with_numbers
 from s2r_host.run.record import RunRecord

@@ -20,9 +20,10 @@ from rich.console import Console
 import s2r_host.run.feeling
 import s2r_host.run.pipeline
 from s2r_host.motion.arm_model import ArmModel
+from s2r_host.object_names import JOINT
 from s2r_host.proprioception.object_log import Touch
 from s2r_host.proprioception.object_numbers import learn_numbers
-from s2r_host.run.belief import JOINT, Belief
+from s2r_host.run.belief import Belief
 from s2r_host.run.feeling import Feeling, felt_object
 from s2r_host.run.journal import Journal
 from s2r_host.run.session import Executed, Session

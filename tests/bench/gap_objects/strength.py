@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from gap_objects.hidden import draw
-from s2r_host.run.belief import JOINT
+from s2r_host.object_names import JOINT
 from s2r_sim.paper.trials import Trial
 
 FELT = 0.5  # of the accuracy of the effort: less of an effect cannot be expected to get a name
