@@ -138,7 +138,6 @@ def estimate_joint(
     region: Region | None = None,
     ignore_mask_before: Mask | None = None,
     ignore_mask_after: Mask | None = None,
-    extra_axes: Sequence[hyp.Axis] = (),
     joint_type: JointType | None = None,
     up: Array | None = UP,
     beside: Sequence[Array] = (),
@@ -155,7 +154,6 @@ def estimate_joint(
         region: Box (xmin, xmax, ymin, ymax, zmin, zmax) [m] in which to look for motion.
         ignore_mask_before: Pixels (h, w) of the first view to forget, e.g. the robot.
         ignore_mask_after: The same for the second view.
-        extra_axes: More candidate axes, e.g. the modes of a network.
         joint_type: Consider only this family (a user who knows it is a drawer may say so).
         up: Unit vector against gravity in the frame of the views, None if unknown: most hinges are upright or level.
         beside: Directions (3,) in which parts beside this one slide: drawers of one chest slide alike.
@@ -173,9 +171,7 @@ def estimate_joint(
     rng = np.random.default_rng(seed)
     scene, warnings = prepare(before, after, region, ignore_mask_before, ignore_mask_after, rng)
     belief = None if network is None else network.belief(scene, np.random.default_rng([seed, 1]))
-    scene, found = look_for_motion(
-        scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up, beside=beside
-    )
+    scene, found = look_for_motion(scene, rng, joint_type=joint_type, up=up, beside=beside)
     if belief is not None:
         found = weighed(found, belief, scene, joint_type, np.random.default_rng([seed, 2]))
         known_to = sure_enough(known_to, found, belief)
@@ -186,7 +182,6 @@ def look_for_motion(
     scene: Scene,
     rng: np.random.Generator,
     *,
-    extra_axes: Sequence[hyp.Axis] = (),
     joint_type: JointType | None = None,
     up: Array | None = UP,
     beside: Sequence[Array] = (),
@@ -198,7 +193,7 @@ def look_for_motion(
     """
     require_motion(scene)
     scene = with_revealed_level(scene, up, rng)
-    return scene, search(scene, rng, extra_axes=extra_axes, joint_type=joint_type, up=up, beside=beside)
+    return scene, search(scene, rng, joint_type=joint_type, up=up, beside=beside)
 
 
 def conclude(
@@ -358,7 +353,6 @@ def search(
     scene: Scene,
     rng: np.random.Generator,
     *,
-    extra_axes: Sequence[hyp.Axis] = (),
     joint_type: JointType | None = None,
     up: Array | None = UP,
     beside: Sequence[Array] = (),
@@ -371,7 +365,7 @@ def search(
         probe(scene.after, scene.moved_after(), few, rng),
     )
     shape = hyp.structure(scene, rng, up)
-    found = [*extra_axes, *hyp.slides_beside(shape, beside), *hyp.axes(shape)]
+    found = [*hyp.slides_beside(shape, beside), *hyp.axes(shape)]
     if joint_type is not None:
         found = [axis for axis in found if axis.joint_type == joint_type]
     motions, cost = hyp.scan(found, scene, *probes)

@@ -107,7 +107,7 @@ def motions_of(
     Parts are looked for one after the other, and slides along each line that something may have slid along together;
     the set that explains the views best is taken.
     """
-    kept = {name: options[name] for name in ("extra_axes", "joint_type", "up") if name in options}
+    kept = {name: options[name] for name in ("joint_type", "up") if name in options}
     first = search(scene, rng, **kept).ranked
     probes = (
         probe(scene.before, scene.moved_before(), PROBED, rng),
