@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from s2r_protocol.cli.options import SEED
+from s2r_protocol.cli.outputs import check_inputs_stay, check_own_results
 from s2r_protocol.exits import ExitCode, S2RError
 
 LISTS = ("--fit", "--holdout", "--repeat")
@@ -111,7 +112,8 @@ def run_gap(
     from s2r_host.gap.config import read_config
     from s2r_host.gap.errors import GapUsageError
     from s2r_host.gap.output.answer import (
-        check_replaceable,
+        ANSWER_FILES,
+        RUNNING,
         forget_answer,
         make_answer,
         write_answer,
@@ -126,7 +128,8 @@ def run_gap(
     config = read_config(config_path)
     if out.exists() and not out.is_dir():
         raise GapUsageError(f"--out '{out}' is a file; give a folder")
-    check_replaceable(out, [model_path, *fit, *holdout, *repeat])
+    check_inputs_stay(out, ANSWER_FILES, [model_path, *fit, *holdout, *repeat])
+    check_own_results(out, "gap.json", ("verdict",), ANSWER_FILES[1:], begun=RUNNING)
     new = not out.exists()
     out.mkdir(parents=True, exist_ok=True)  # a place that takes no files is told at once
 

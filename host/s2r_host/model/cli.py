@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from s2r_protocol.cli.options import SEED
-from s2r_protocol.cli.outputs import check_own_results
+from s2r_protocol.cli.outputs import check_inputs_stay, check_own_results
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError, UsageError
 
 if TYPE_CHECKING:
@@ -202,10 +202,7 @@ def _check_options(
             raise UsageError(
                 f"--between {path} is the view of {ends[path.resolve()]}; give one taken in between"
             )
-    written = {(out / name).resolve() for name in (*ANSWER_FILES, *PICTURES)}
-    for path in (before, after, *between):
-        if path.resolve() in written:
-            raise UsageError(f"--out {out}: the result would replace the view {path}; name another folder")
+    check_inputs_stay(out, (*ANSWER_FILES, *PICTURES), (before, after, *between))
     if between and several:
         raise UsageError("--between refines the joint of one part; it does not go with --several")
     if network and frame == "camera":

@@ -22,7 +22,9 @@ def check_unused(folder: Path) -> None:
         raise UsageError(f"--out {folder} exists and is not empty; name a new folder")
 
 
-def check_own_results(folder: Path, answer: str, keys: Collection[str], files: Iterable[str]) -> None:
+def check_own_results(
+    folder: Path, answer: str, keys: Collection[str], files: Iterable[str], begun: str | None = None
+) -> None:
     """Refuse a folder where a result would replace files that are not those of an earlier one.
 
     Args:
@@ -30,11 +32,12 @@ def check_own_results(folder: Path, answer: str, keys: Collection[str], files: I
         answer: The JSON file that tells an earlier result of the same command.
         keys: It has one of them.
         files: What the result may write, ``answer`` aside.
+        begun: The file that tells of one which was broken off, where the command leaves one.
 
     Raises:
         UsageError: A file of that name is somebody else's.
     """
-    if _has_key(folder / answer, keys):
+    if _has_key(folder / answer, keys) or (begun is not None and (folder / begun).exists()):
         return
     taken = [name for name in (answer, *files) if (folder / name).exists()]
     if taken:
@@ -42,6 +45,25 @@ def check_own_results(folder: Path, answer: str, keys: Collection[str], files: I
             f"--out {folder} holds {', '.join(taken)}, not written by this command, which would be replaced; name "
             "another folder"
         )
+
+
+def check_inputs_stay(folder: Path, files: Iterable[str], inputs: Iterable[Path]) -> None:
+    """Refuse a folder where a result would replace what it is made from, an earlier one's files among that.
+
+    Args:
+        folder: Where the result goes.
+        files: What it may write there.
+        inputs: What it is made from.
+
+    Raises:
+        UsageError: One of the inputs is one of the files.
+    """
+    written = {(folder / name).resolve() for name in files}
+    for path in inputs:
+        if path.resolve() in written:
+            raise UsageError(
+                f"--out {folder}: the result would replace {path}, which it is made from; name another folder"
+            )
 
 
 def check_place(path: Path) -> None:

@@ -53,7 +53,7 @@ def test_a_view_is_not_replaced_by_the_picture_of_its_name(tmp_path):
     view.write_text("depth")
     (tmp_path / "model.json").write_text('{"abstain": true}')
     said = refusal("--between", view, "--out", tmp_path)
-    assert f"would replace the view {view}" in said
+    assert f"would replace {view}, which it is made from" in said
     assert view.read_text() == "depth"
 
 

@@ -6,10 +6,11 @@ import pytest
 
 from s2r_host.gap import batch
 from s2r_host.gap.batch import Job, read_jobs, run_batch, run_job, since_when
-from s2r_host.gap.cli import batch_code
+from s2r_host.gap.cli import batch_code, run_gap
 from s2r_host.gap.config import read_config
 from s2r_host.gap.errors import GapRecordingError, GapUsageError
-from s2r_host.gap.output.answer import check_replaceable, forget_answer, write_answer
+from s2r_host.gap.output.answer import forget_answer, write_answer
+from s2r_protocol.exits import S2RError, UsageError
 
 
 def _list(tmp_path, text):
@@ -114,24 +115,35 @@ def test_what_is_left_of_an_older_answer_goes(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["gap.json.part", "notes.txt"]
 
 
-@pytest.mark.parametrize("own", ["gap.json", "gap.json.part"])
-def test_what_is_no_earlier_answer_is_not_replaced(tmp_path, own):
-    (tmp_path / "fit.csv").write_text("", encoding="utf-8")
-    check_replaceable(tmp_path, [tmp_path / "fit.csv"])
+def refusal(folder, fit):
+    """What a run into a folder says before it reads anything."""
+    with pytest.raises(UsageError) as ended:
+        run_gap(folder / "m.xml", [fit], [], [], None, folder, seed=0, quiet=True)
+    return str(ended.value)
+
+
+def test_what_is_no_earlier_answer_is_not_replaced(tmp_path):
     (tmp_path / "report.html").write_text("mine", encoding="utf-8")
-    with pytest.raises(
-        GapUsageError, match=r"holds report.html, and no gap.json: no earlier answer; .* another folder"
-    ):
-        check_replaceable(tmp_path, [])
-    (tmp_path / own).write_text("{}", encoding="utf-8")
-    check_replaceable(tmp_path, [])
+    assert "holds report.html, not written by this command" in refusal(tmp_path, tmp_path / "fit.csv")
+    (tmp_path / "gap.json").write_text('{"width_m": 3}', encoding="utf-8")
+    assert "holds gap.json, report.html, not written" in refusal(tmp_path, tmp_path / "fit.csv")
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize(("own", "content"), [("gap.json", '{"verdict": "found"}'), ("gap.json.part", "")])
+def test_an_earlier_answer_whole_or_broken_off_is_made_again(tmp_path, own, content):
+    (tmp_path / "report.html").write_text("old", encoding="utf-8")
+    (tmp_path / own).write_text(content, encoding="utf-8")
+    with pytest.raises(S2RError) as ended:
+        run_gap(tmp_path / "m.xml", [tmp_path / "fit.csv"], [], [], None, tmp_path, seed=0, quiet=True)
+    assert "m.xml" in str(ended.value)  # past the folder: there is no such model
 
 
 def test_an_answer_does_not_replace_what_it_is_made_from(tmp_path):
-    for name in ("gap.json", "next_experiment.csv"):
-        (tmp_path / name).write_text("", encoding="utf-8")
-    with pytest.raises(GapUsageError, match=r"holds next_experiment.csv, which this run reads"):
-        check_replaceable(tmp_path, [tmp_path / "next_experiment.csv"])
+    (tmp_path / "gap.json").write_text('{"verdict": "found"}', encoding="utf-8")
+    fit = tmp_path / "next_experiment.csv"
+    fit.write_text("", encoding="utf-8")
+    assert f"would replace {fit}, which it is made from" in refusal(tmp_path, fit)
 
 
 def test_the_answer_is_written_whole_and_last(tmp_path):

@@ -9,7 +9,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from s2r_host.gap.errors import GapUsageError
 from s2r_host.gap.pipeline import Analysis, floor_json
 from s2r_host.gap.simulation.forward import Errors
 from s2r_host.gap.simulation.replay import Twin
@@ -136,25 +135,6 @@ def write_answer(answer: dict, folder: Path) -> None:
     part = folder / RUNNING
     part.write_text(json.dumps(answer, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     part.replace(folder / "gap.json")
-
-
-def check_replaceable(folder: Path, inputs: list[Path]) -> None:
-    """Refuse a folder in which an answer would replace what is no earlier answer.
-
-    Raises:
-        GapUsageError: It holds files with the names of an answer and was never written to by this tool, or one of
-            ``inputs`` is among them.
-    """
-    there = [folder / name for name in ANSWER_FILES if (folder / name).exists()]
-    read = {path.resolve() for path in inputs}
-    taken = [path for path in there if path.resolve() in read]
-    own = any((folder / name).exists() for name in ("gap.json", RUNNING))
-    if taken or (there and not own):
-        names = ", ".join(path.name for path in taken or there)
-        whose = "which this run reads" if taken else "and no gap.json: no earlier answer"
-        raise GapUsageError(
-            f"--out '{folder}' holds {names}, {whose}; it would be replaced: name another folder"
-        )
 
 
 def forget_answer(folder: Path) -> None:
