@@ -19,6 +19,7 @@ class Recovered:
     """What a recovery brought back.
 
     Attributes:
+        path: Of the new file.
         messages: In the new file.
         attachments: In the new file.
         orphans: Messages whose channel was lost with a damaged chunk.
@@ -47,24 +48,23 @@ def recover(source: Path, target: Path) -> Recovered:
     part = target.with_name(target.name + ".part")
     try:
         with part.open("wb") as stream:
-            counts = _copy(scan, Writer(stream, compression=CompressionType.ZSTD))
-        messages, attachments, *_ = counts
-        if scan.damage.any and not messages and not attachments:
+            found = _copy(scan, Writer(stream, compression=CompressionType.ZSTD), target)
+        if found.damage.any and not found.messages and not found.attachments:
             size = source.stat().st_size
             raise RecordingError(
                 f"nothing of {source} could be saved: no message and no attachment of its {size} bytes "
-                f"is readable ({scan.damage.reason}), so {target} was not written; look for a copy of the recording"
+                f"is readable ({found.damage.reason}), so {target} was not written; look for a copy of the recording"
             )
         os.replace(part, target)
     except BaseException:
         with contextlib.suppress(FileNotFoundError):
             part.unlink()
         raise
-    return Recovered(target, *counts, scan.damage)
+    return found
 
 
-def _copy(scan: Scan, writer: Writer) -> tuple[int, int, int, int, int]:
-    """Messages, attachments, orphans, first and last log time [ns] of what was copied."""
+def _copy(scan: Scan, writer: Writer, target: Path) -> Recovered:
+    """Copy what can be read; ``target`` is where it is going to be."""
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
     messages = attachments = orphans = last = 0
@@ -109,4 +109,4 @@ def _copy(scan: Scan, writer: Writer) -> tuple[int, int, int, int, int]:
     if not begun:
         writer.start(profile=scan.profile, library="s2r log recover")
     writer.finish()
-    return messages, attachments, orphans, first or 0, last
+    return Recovered(target, messages, attachments, orphans, first or 0, last, scan.damage)
