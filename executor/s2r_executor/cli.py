@@ -6,7 +6,6 @@ import errno
 import gc
 import logging
 import os
-import signal
 import sys
 import threading
 import time
@@ -17,6 +16,7 @@ import click
 
 from s2r_executor.config import ExecutorConfig, load_config, parse_override
 from s2r_executor.service_manager import ServiceManager
+from s2r_protocol.cli.ending import hear, restore
 from s2r_protocol.cli.options import tls_option
 from s2r_protocol.exits import ExitCode
 
@@ -152,7 +152,7 @@ def _check_record(folder: Path | None) -> None:
 
 
 def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:
-    """Run until SIGINT or SIGTERM: then stop on the path, disarm, close.
+    """Run until SIGINT, SIGTERM or the loss of its terminal: then stop on the path, disarm, close.
 
     Raises:
         OSError: The folder for recordings takes none.
@@ -164,10 +164,7 @@ def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:
 
     asked_to_end = threading.Event()
     manager = ServiceManager(os.environ)
-    previous = {
-        number: signal.signal(number, lambda *_: asked_to_end.set())
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    previous = hear(lambda *_: asked_to_end.set())
     try:
         with Executor(config) as executor_:
             line = executor_.summary()
@@ -187,7 +184,6 @@ def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:
             logger.info("shut down in %.2f s", time.monotonic() - started)
         del executor_
     finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+        restore(previous)
         gc.collect()  # callbacks and their objects form cycles; the native module wants none alive at exit
     return ExitCode.OK if at_rest else ExitCode.PROTECTION

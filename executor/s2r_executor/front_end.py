@@ -55,8 +55,8 @@ _ALLOWED_IN: dict[int, set[ExecutorState]] = {
     pb.RESET: {ExecutorState.FAULT, ExecutorState.ESTOP},
 }
 _ENDING = (
-    "The executor is being ended (Ctrl-C or SIGTERM there): the arm comes to rest and the drives go off. Start the "
-    "executor again before anything else."
+    "The executor is being ended (Ctrl-C, SIGTERM or a lost terminal there): the arm comes to rest and the drives go "
+    "off. Start the executor again before anything else."
 )
 _ANSWER_WITHIN_S = 2.0
 _STOP_WITHIN_S = 0.5

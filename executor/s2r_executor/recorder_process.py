@@ -144,7 +144,7 @@ class Writer:
 
 def main() -> None:
     """Entry point of the process."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # meant for the front end; its end is ours
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # meant for the front end; its end is ours
         signal.signal(number, signal.SIG_IGN)
     connection = socket.socket(fileno=int(sys.argv[1]))
     Writer(WriterSettings(**json.loads(sys.argv[2])), connection).run()

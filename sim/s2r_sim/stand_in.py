@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import logging
 import os
-import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ import click
 from s2r_protocol.arms import load_arm
 from s2r_protocol.can.identifiers import FRAMES, is_used
 from s2r_protocol.can.timing import BitRate, check_load
+from s2r_protocol.cli.ending import hear, restore
 from s2r_protocol.exits import UsageError
 from s2r_protocol.keys import ArmKeys
 from s2r_sim.bus.bus import Bus
@@ -63,7 +63,7 @@ class StandInConfig:
 
 
 def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
-    """Run until SIGINT or SIGTERM.
+    """Run until SIGINT, SIGTERM or the loss of its terminal.
 
     Raises:
         S2RError: It cannot start; the text says why.
@@ -149,9 +149,8 @@ def _stopped_by_signals(bus: Bus) -> Iterator[None]:
     def stop(_signal: int, _frame: FrameType | None) -> None:
         bus.stop()
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = hear(stop)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        restore(before)

@@ -193,6 +193,21 @@ def test_interrupt_during_a_motion_stops_the_arm_and_keeps_the_recording(plant, 
     assert "Traceback" not in stderr
 
 
+def test_a_terminal_that_is_closed_during_a_motion_stops_the_arm_and_keeps_the_recording(plant, arm):
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(
+        ["setsid", "--ctty", *run_arguments(plant)], stdin=theirs, stdout=theirs, stderr=theirs
+    )
+    os.close(theirs)
+    wait_for_motion(plant, arm, "push 1: approach")
+    os.close(ours)  # the window is closed: SIGHUP, and whatever is printed from now on fails
+    assert process.wait(timeout=600) == ExitCode.INTERRUPTED
+    now = status(plant, arm)
+    assert (now.state, now.cause, now.lease_holder) == (ExecutorState.HOLD, Cause.STOP_REQUESTED, "")
+    assert "interrupted" in ending(plant)["exit"]["reason"]
+    assert joint_track(plant["out"] / "run.mcap", "joint_commands").q.size
+
+
 def test_stop_from_another_terminal_ends_the_run_with_six(plant, arm):
     process = subprocess.Popen(run_arguments(plant), stderr=subprocess.PIPE, text=True)
     wait_for_motion(plant, arm, "push 1: approach")

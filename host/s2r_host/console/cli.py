@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import signal
 import threading
 from pathlib import Path
 from types import FrameType
 
 import click
 
+from s2r_protocol.cli.ending import hear, restore
 from s2r_protocol.cli.options import tls_option
 from s2r_protocol.exits import ExitCode, UsageError
 
@@ -81,7 +81,7 @@ def console(
             os._exit(ExitCode.INTERRUPTED)
         ended.set()
 
-    before = {n: signal.signal(n, end) for n in (signal.SIGINT, signal.SIGTERM)}
+    before = hear(end)
     try:
         from s2r_host.console.gate import Address, Gate
 
@@ -109,8 +109,7 @@ def console(
                 ready_file.write_text(url + "\n", encoding="utf-8")
             ended.wait()
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        restore(before)
 
 
 def _read_token(path: Path) -> str:

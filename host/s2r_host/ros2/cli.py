@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import signal
 import threading
 import time
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from s2r_protocol.cli.ending import hear, restore
 from s2r_protocol.cli.options import tls_option
 from s2r_protocol.session import AddressError, endpoint_for
 
@@ -70,7 +70,7 @@ def ros2(
     description = load_arm(arm)
     keys = ArmKeys(cell, description.name)
     ended = threading.Event()
-    before = {n: signal.signal(n, lambda *_: ended.set()) for n in (signal.SIGINT, signal.SIGTERM)}
+    before = hear(lambda *_: ended.set())
     try:
         with (
             join(router, Role.HOST, keys)
@@ -89,8 +89,7 @@ def ros2(
                 ready_file.write_text(f"/{keys.base}/joint_trajectory\n", encoding="utf-8")
             ended.wait()
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        restore(before)
 
 
 def _check_loopback(option: str, address: str) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from s2r_protocol.cli.commands import COMMANDS
+from s2r_protocol.cli.ending import hear
 from s2r_protocol.exits import ExitCode, NotReadyError, S2RError
 
 
@@ -125,7 +126,7 @@ def _report_file(error: OSError) -> ExitCode:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run ``s2r`` and exit with the documented code. SIGTERM ends every command as Ctrl-C does."""
+    """Run ``s2r`` and exit with the documented code. SIGTERM and a lost terminal end every command as Ctrl-C does."""
     asked_to_end = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -134,8 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         signal.default_int_handler(number, frame)
 
     # A shell's background job starts deaf to Ctrl-C. Whatever moves an arm has to hear it.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
+    hear(interrupt)
     try:
         code = s2r.main(args=arguments, prog_name="s2r", standalone_mode=False)
     except S2RError as error:

@@ -209,7 +209,9 @@ class Bus:
         self._forget(client)
         if not client.is_master or self.plant.at_rest:
             return
-        logger.warning("%r, the bus master, left while the drives were on: they stop by themselves", client)
+        logger.warning(
+            "%r, the bus master, left before all brakes were on: the drives stop by themselves", client
+        )
         end_ns = self.plant.t_ns + RUN_OUT_NS
         while not self.plant.at_rest and self.plant.t_ns < end_ns:
             self.tick()

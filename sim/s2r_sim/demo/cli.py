@@ -9,10 +9,12 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING
 
 import click
 
+from s2r_protocol.cli.ending import hear, restore
 from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, FiniteRange, attempts_option
 from s2r_protocol.exits import ExitCode
 
@@ -150,13 +152,17 @@ def _run_host(arguments: list[str | Path]) -> int:
     from s2r_sim.demo.processes import with_parent
 
     host = subprocess.Popen(with_parent(*arguments), stdout=sys.stderr, start_new_session=True)
-    signal.signal(signal.SIGTERM, lambda number, _frame: host.send_signal(number))
-    while True:
-        try:
-            return host.wait()
-        except KeyboardInterrupt:
+
+    def pass_on(number: int, _frame: FrameType | None) -> None:
+        if number == signal.SIGINT:
             _say("interrupted: waiting for the host to bring the arm to rest")
-            host.send_signal(signal.SIGINT)
+        host.send_signal(number)
+
+    before = hear(pass_on)
+    try:
+        return host.wait()
+    finally:
+        restore(before)
 
 
 def _say(text: str) -> None:

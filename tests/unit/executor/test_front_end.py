@@ -386,7 +386,7 @@ def test_whoever_moved_the_arm_is_told_that_the_executor_ends(rig, smooth_plan):
     rig.core.advance(300)
     rig.front_end.shut_down()
     assert rig.front_end.status().why_not_moving.startswith(
-        "The executor is being ended (Ctrl-C or SIGTERM there)"
+        "The executor is being ended (Ctrl-C, SIGTERM or a lost terminal there)"
     )
 
 
