@@ -13,9 +13,10 @@ logger = logging.getLogger(__name__)
 
 DEPTH = 3
 INDEX_NAME = "index.sqlite"
+_VERSION = 2  # an index of another one is made anew
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS runs (
-    folder TEXT PRIMARY KEY, mtime REAL, ended REAL, task TEXT, arm TEXT, target REAL, delta REAL,
+    folder TEXT PRIMARY KEY, mtime REAL, ended REAL, task TEXT, arm TEXT, unit TEXT, target REAL, delta REAL,
     code INTEGER, outcome TEXT, reason TEXT, plans INTEGER, wall_s REAL, seed INTEGER, arguments TEXT
 )
 """
@@ -23,12 +24,16 @@ CREATE TABLE IF NOT EXISTS runs (
 
 @dataclass(frozen=True)
 class RunEntry:
-    """One run. ``target`` and ``delta`` [m, rad] are None if it did not get that far; ``ended`` is Unix time."""
+    """One run.
+
+    ``target`` and ``delta`` [``unit``: m or rad] are None if it did not get that far; ``ended`` is Unix time.
+    """
 
     folder: Path
     ended: float
     task: str
     arm: str
+    unit: str
     target: float | None
     delta: float | None
     code: int
@@ -52,6 +57,9 @@ class RunIndex:
         self.root = root
         root.mkdir(parents=True, exist_ok=True)
         self._database = sqlite3.connect(root / INDEX_NAME, check_same_thread=False)
+        if self._database.execute("PRAGMA user_version").fetchone() != (_VERSION,):
+            self._database.execute("DROP TABLE IF EXISTS runs")
+            self._database.execute(f"PRAGMA user_version = {_VERSION}")
         self._database.execute(_SCHEMA)
 
     def refresh(self) -> int:
@@ -104,6 +112,7 @@ def _row(path: Path, mtime: float) -> tuple[Any, ...] | None:
             mtime,
             str(run["task"]),
             str(run["arm"]["name"]),
+            str(run.get("unit", "m")),
             None if run["s_target"] is None else run["s_target"] - run.get("s_origin", 0.0),
             run["delta"],
             int(run["exit"]["code"]),
@@ -120,8 +129,24 @@ def _row(path: Path, mtime: float) -> tuple[Any, ...] | None:
 
 
 def _entry(row: tuple[Any, ...]) -> RunEntry:
-    folder, _, ended, task, arm, target, delta, code, outcome, reason, plans, wall_s, seed, arguments = row
+    (
+        folder,
+        _,
+        ended,
+        task,
+        arm,
+        unit,
+        target,
+        delta,
+        code,
+        outcome,
+        reason,
+        plans,
+        wall_s,
+        seed,
+        arguments,
+    ) = row
     return RunEntry(
-        Path(folder), ended, task, arm, target, delta, code, outcome, reason, plans, wall_s, seed,
+        Path(folder), ended, task, arm, unit, target, delta, code, outcome, reason, plans, wall_s, seed,
         tuple(json.loads(arguments)),
     )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import sqlite3
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +18,7 @@ from s2r_host.console.live_run import cloud_of
 from s2r_host.console.operator import NoControlError, Operator
 from s2r_host.console.run_index import RunIndex
 from s2r_host.console.screens.gap import gap_markup, read_answer
-from s2r_host.console.screens.runs import again
+from s2r_host.console.screens.runs import again, joint_value
 from s2r_host.console.screens.timing import blame
 from s2r_host.errors import RecordingError
 from s2r_protocol.arms import load_arm
@@ -184,6 +185,26 @@ def test_an_unreadable_run_is_left_out_and_a_removed_one_forgotten(tmp_path):
     index.refresh()
     assert index.find() == []
     index.close()
+
+
+def test_a_lid_is_listed_in_degrees_also_where_an_older_index_lies(tmp_path):
+    older = sqlite3.connect(tmp_path / "index.sqlite")
+    older.execute("CREATE TABLE runs (folder TEXT PRIMARY KEY, mtime REAL)")
+    older.close()
+    (tmp_path / "lid").mkdir()
+    run = {
+        "task": "laptop", "unit": "rad", "s_target": -0.5, "delta": None, "verdicts": [], "wall_s": 1.0,
+        "arm": {"name": "a"}, "exit": {"code": 0, "name": "OK", "reason": ""},
+        "inputs": {"settings": {"seed": 0}, "arguments": []},
+    }  # fmt: skip
+    (tmp_path / "lid/run.json").write_text(json.dumps(run))
+    index = RunIndex(tmp_path)
+    index.refresh()
+    (entry,) = index.find()
+    index.close()
+    assert joint_value(entry.target, entry.unit) == "-28.6°"
+    assert joint_value(entry.delta, entry.unit) == "–"
+    assert joint_value(0.15, "m") == "+150.0 mm"
 
 
 STATE = {"missed": 0, "crc_errors": 0, "tx_failed": 0, "overruns": 0, "realtime": True}

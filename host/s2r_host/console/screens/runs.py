@@ -16,6 +16,7 @@ from s2r_host.console.scene import Axis
 from s2r_host.errors import RecordingError
 from s2r_host.log.tables import read_recording
 from s2r_protocol.exits import RefusedError
+from s2r_protocol.targets import DEGREE, MILLIMETRE
 
 _NONE = "no run"
 _SHOWN = 12
@@ -68,7 +69,14 @@ class RunsScreen:
             if chosen in names:
                 self.choice.value = chosen
         rows = [
-            (_ago(e.ended), e.name, _mm(e.target), _mm(e.delta), e.outcome.lower()) for e in found[:_SHOWN]
+            (
+                _ago(e.ended),
+                e.name,
+                joint_value(e.target, e.unit),
+                joint_value(e.delta, e.unit),
+                e.outcome.lower(),
+            )
+            for e in found[:_SHOWN]
         ]
         header = ("ended", "run", "target", "δ", "outcome")
         content = ui.block(
@@ -200,8 +208,9 @@ def _preformatted(text: str) -> str:
     )
 
 
-def _mm(value: float | None) -> str:
-    return "–" if value is None else f"{1e3 * value:+.1f} mm"
+def joint_value(value: float | None, unit: str) -> str:
+    """A value [unit: m or rad] as people read it; a dash where there is none."""
+    return "–" if value is None else (DEGREE if unit == "rad" else MILLIMETRE).show(value, digits=1)
 
 
 def _ago(unix_s: float) -> str:
