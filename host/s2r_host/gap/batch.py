@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from s2r_host.gap.errors import GapUsageError
 from s2r_host.gap.workers import each_done
@@ -202,9 +203,10 @@ def _page(rows: list[dict]) -> str:
 
 def _line(row: dict) -> str:
     name = html.escape(row["name"])
-    link = name if not row.get("report") else f"<a href='{name}/report.html'>{name}</a>"
-    what = ", ".join(f"{e['name']} on {e['joint']} ({e['probability']:.2f})" for e in row["effects"])
-    what = what or ", ".join(f"{p['name']} of {p['place']}" for p in row.get("parameters_off", []))
+    link = name if not row.get("report") else f"<a href='{quote(row['name'])}/report.html'>{name}</a>"
+    found = [f"{e['name']} on {e['joint']} ({e['probability']:.2f})" for e in row["effects"]]
+    found += [f"{p['name']} of {p['place']}" for p in row.get("parameters_off", [])]
+    what = ", ".join(found)
     kind = {"nothing_missing": "fine", "insufficient": "open"}.get(row["verdict"], "found")
     return (
         f"<tr><td>{link}<td>{html.escape(row['robot'])}<td>{html.escape(row['date'])}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import click
@@ -77,11 +76,19 @@ def gap(
 
 
 def _batch(path: Path, out: Path, workers: int, as_json: bool, seed: int) -> ExitCode:
-    from s2r_host.gap.batch import read_jobs, run_batch
+    from s2r_host.gap.batch import answered, read_jobs, run_batch
+    from s2r_protocol.cli.progress import counted
 
     jobs = read_jobs(path)
-    with click.progressbar(length=len(jobs), label="runs", file=sys.stderr) as bar:
-        rows = run_batch(jobs, out, workers, seed, bar.update)
+    try:
+        with counted("runs", len(jobs)) as bar:
+            rows = run_batch(jobs, out, workers, seed, bar.update)
+    except KeyboardInterrupt:
+        done = sum(answered(out / job.name) for job in jobs)
+        click.echo(
+            f"{done} of {len(jobs)} runs have an answer; the same command goes on from there", err=True
+        )
+        raise
     if as_json:
         click.echo(json.dumps(rows, ensure_ascii=False))
     for row in rows:

@@ -6,7 +6,7 @@ import pytest
 
 from s2r_host.gap import batch
 from s2r_host.gap.batch import Job, read_jobs, run_batch, run_job, since_when
-from s2r_host.gap.cli import batch_code, run_gap
+from s2r_host.gap.cli import _batch, batch_code, run_gap
 from s2r_host.gap.config import read_config
 from s2r_host.gap.errors import GapRecordingError, GapUsageError
 from s2r_host.gap.output.answer import forget_answer, write_answer
@@ -73,6 +73,31 @@ def test_finished_jobs_are_not_run_again_and_the_summary_says_since_when(tmp_pat
     since = {"robot": "r1", "joint": "j1", "effect": "cogging", "since": "2026-02", "runs": 1}
     assert since_when(rows) == [since]
     assert "2026-02" in (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
+
+
+def test_the_summary_names_parameters_beside_effects_and_links_any_folder():
+    row = {
+        "name": "50% #2", "robot": "r1", "date": "", "verdict": "physics_missing", "effects": [COGGING],
+        "parameters_off": [{"name": "armature", "place": "j1"}], "report": True,
+    }  # fmt: skip
+    line = batch._line(row)
+    assert "href='50%25%20%232/report.html'" in line
+    assert "cogging on j1 (0.90), armature of j1" in line
+
+
+def test_an_interrupted_batch_says_how_far_it_is_and_how_to_go_on(tmp_path, monkeypatch, capsys):
+    path = _list(tmp_path, "- {name: a, model: m.xml, fit: r.csv}\n- {name: b, model: m.xml, fit: r.csv}")
+    _answer(tmp_path / "out" / "a", "nothing_missing")
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(batch, "each_done", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        _batch(path, tmp_path / "out", 1, False, 0)
+    said = capsys.readouterr().err
+    assert "runs: 1 of 2" in said
+    assert "1 of 2 runs have an answer; the same command goes on from there" in said
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from s2r_host.gap.output.answer import make_answer
 from s2r_host.gap.output.figures import _overlay_motion
-from s2r_host.gap.output.report import _per_joint, _rejected
+from s2r_host.gap.output.report import _numbers, _per_joint, _rejected
 from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.regression.solution import Term
 from s2r_host.gap.verdict.decision import Decision
@@ -45,3 +45,13 @@ def test_the_simulated_motion_is_shown_where_late_stamps_gave_its_recording_anot
     _overlay_motion(analysis, 0, block, motion, error)  # pyright: ignore[reportArgumentType]
     assert [line.get_label() for line in motion.lines] == ["before", "recorded"]
     assert np.allclose(error.lines[0].get_ydata(), 0.1)
+
+
+def test_efforts_and_positions_have_units_of_their_own():
+    errors = {f"{part}_{when}": 0.1 for part in ("train", "holdout") for when in ("before", "after")}
+    floor = {"q_rmse": 1e-5, "tau_rmse": 0.02, "source": "repeat"}
+    for unit, effort in (("rad", "N·m"), ("m", "N")):
+        page = _numbers({"fit": {"unit": unit, **errors}, "baselines": {}, "floor": floor})
+        assert f"position [{unit}], held out" in page
+        assert f"effort [{effort}], held out" in page
+        assert f"position 1e-05 {unit}, effort 0.02 {effort}." in page

@@ -119,24 +119,30 @@ def _numbers(answer: dict) -> str:
         return "–" if x is None else f"{x:.4g}"
 
     loop = "closed loop" if fit.get("closed_loop") else "open-loop windows"
+    unit = fit["unit"]
+    effort_unit = {"rad": "N·m", "m": "N"}.get(unit, "N·m or N, per joint")
     rows = [
-        (f"position, fitted, {loop}", fit["train_before"], fit["train_after"]),
-        (f"position, held out, {loop}", fit["holdout_before"], fit["holdout_after"]),
-        ("effort, held out", fit.get("effort_holdout_before"), fit.get("effort_holdout_after")),
+        (f"position [{unit}], fitted, {loop}", fit["train_before"], fit["train_after"]),
+        (f"position [{unit}], held out, {loop}", fit["holdout_before"], fit["holdout_after"]),
+        (
+            f"effort [{effort_unit}], held out",
+            fit.get("effort_holdout_before"),
+            fit.get("effort_holdout_after"),
+        ),
     ]
     if fit.get("closed_loop"):  # without a law the open-loop windows are what the rows above show
         open_loop = fit["open_loop_holdout_before"], fit["open_loop_holdout_after"]
-        rows.insert(2, ("position, held out, open-loop windows", *open_loop))
+        rows.insert(2, (f"position [{unit}], held out, open-loop windows", *open_loop))
     body = "".join(f"<tr><td>{n}<td class=num>{cell(b)}<td class=num>{cell(c)}</tr>" for n, b, c in rows)
     for name, b in answer["baselines"].items():
-        body += f"<tr><td>baseline {name.replace('_', ' ')}, held out<td><td class=num>{cell(b['holdout'])}"
+        body += f"<tr><td>baseline {name.replace('_', ' ')} [{unit}], held out<td><td class=num>{cell(b['holdout'])}"
         body += f" (open loop {cell(b['open_loop_holdout'])})</tr>"
     floor = answer["floor"]
     return (
-        f"<h2>Root mean square errors [{fit['unit']}]</h2><table>"
+        "<h2>Root mean square errors</h2><table>"
         f"<tr><th>what<th class=num>before<th class=num>after</tr>{body}</table>"
-        f"<p class=muted>Noise floor ({floor['source']}): position {cell(floor['q_rmse'])},"
-        f" effort {cell(floor['tau_rmse'])}.</p>"
+        f"<p class=muted>Noise floor ({floor['source']}): position {cell(floor['q_rmse'])} {unit},"
+        f" effort {cell(floor['tau_rmse'])} {effort_unit}.</p>"
     )
 
 
@@ -188,7 +194,7 @@ def _next(answer: dict) -> str:
     if n.get("trajectory"):
         plan = n["trajectory"].replace(".csv", ".mcap")
         file = f" Trajectory: <code>{n['trajectory']}</code>; on an arm: <code>s2r replay {plan}</code>."
-    which = f"Separates {' from '.join(n['separates'])}. " if n.get("separates") else ""
+    which = f"To tell {' from '.join(n['separates'])}: " if n.get("separates") else ""
     return f"<h2>Next experiment</h2><p>{which}{html.escape(n['why'])}.{file}</p>"
 
 
