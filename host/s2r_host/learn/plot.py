@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+LONG = 12  # epochs from which on points would only hide the lines
+
 
 def plot_metrics(metrics: list[dict[str, Any]], path: Path) -> None:
     """One line per loss of the push network, and the validation AUC."""
@@ -29,10 +31,8 @@ def plot_metrics(metrics: list[dict[str, Any]], path: Path) -> None:
         epoch, [row["validation_part_auc"] for row in metrics], color="#ed553b", label="points of the part"
     )
     right.axhline(0.5, color="#999", linestyle=":")
-    right.set(xlabel="epoch", ylabel="AUC", ylim=(0.4, 1.0), title="telling apart, unseen objects")
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-        axes.legend()
+    right.set(xlabel="epoch", ylabel="AUC", ylim=(0.0, 1.02), title="telling apart, unseen objects")
+    _dress((left, right), len(epoch))
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -62,8 +62,16 @@ def plot_pair_metrics(metrics: list[dict[str, Any]], path: Path) -> None:
     right.plot(epoch, [row["validation_type_right"] for row in metrics], label="type right")
     right.plot(epoch, [row["validation_iou"] for row in metrics], label="part, IoU")
     right.set(xlabel="epoch", ylim=(0.0, 1.02), title="type and part, unseen objects")
-    for axes in (left, middle, right):
-        axes.grid(alpha=0.3)
-        axes.legend()
+    _dress((left, middle, right), len(epoch))
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _dress(panels: tuple[Any, ...], epochs: int) -> None:
+    """Grid, legend and whole epochs; a point per epoch where they are few, as one alone makes no line."""
+    for axes in panels:
+        for line in axes.get_lines():
+            line.set_marker("." if epochs < LONG else "None")
+        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.grid(alpha=0.3)
+        axes.legend()

@@ -18,6 +18,7 @@ from s2r_host.learn.calibrate import Calibration, calibrate, expected_error
 from s2r_host.learn.network import PushNetwork, part_of
 from s2r_host.learn.push_files import PushSample, data_hash, load_pushes, push_files
 from s2r_host.learn.push_loss import ENCODER_INPUTS, batch, losses
+from s2r_host.perception.errors import InputError
 
 logger = logging.getLogger(__name__)
 
@@ -53,7 +54,7 @@ def train_affordance(data: Path, out: Path, settings: TrainSettings, progress: P
     """Fit or go on fitting; the final state with its metrics per epoch and the critic's calibration.
 
     Raises:
-        InputError: No data, or ``out`` holds a run on other data or with other settings.
+        InputError: No data that teaches anything, or ``out`` holds a run on other data or with other settings.
     """
     torch.manual_seed(settings.seed)
     files = push_files(data, "train")
@@ -98,6 +99,7 @@ def _epoch(
     """One pass; mean losses."""
     network.train()
     rng = np.random.default_rng([settings.seed, epoch])
+    torch.manual_seed(int(rng.integers(2**63)))  # the proposals' noise; a run that goes on draws the same
     order = rng.permutation(len(fit))
     sums: dict[str, float] = {}
     steps = 0
@@ -178,9 +180,18 @@ def area_under_curve(score: np.ndarray, truth: np.ndarray) -> float:
 
 
 def _load(files: list[Path], seed: int, times: int, progress: Progress, label: str) -> list[list[PushSample]]:
-    """Samplings of every view that shows its object."""
+    """Samplings of every view that shows its object.
+
+    Raises:
+        InputError: None does.
+    """
     samples = [load_pushes(file, seed, times) for file in progress.track(files, description=label)]
     seen = [some for some in samples if some]
+    if not seen:
+        raise InputError(
+            f"{label}: of {len(files)} objects in {files[0].parent} none shows its part and a push at it that could "
+            "begin; make more: s2r data pushes --objects N --pushes N"
+        )
     if len(seen) < len(files):
         logger.info("%s: %d of %d objects out of sight", label, len(files) - len(seen), len(files))
     return seen

@@ -20,6 +20,7 @@ from s2r_host.learn.pair_loss import batch, losses
 from s2r_host.learn.pair_network import PairNetwork
 from s2r_host.learn.push_files import data_hash
 from s2r_host.learn.train import cosine_rate, follow, on_device
+from s2r_host.perception.errors import InputError
 from s2r_host.perception.pair_cloud import facing
 from s2r_host.perception.pair_votes import Votes, errors
 
@@ -55,7 +56,7 @@ def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progre
     """Fit or go on fitting; the final state with its metrics per epoch.
 
     Raises:
-        InputError: No data, or ``out`` holds a run on other data or with other settings.
+        InputError: No data that teaches anything, or ``out`` holds a run on other data or with other settings.
     """
     torch.manual_seed(settings.seed)
     files = pair_files(data, "train")
@@ -175,6 +176,16 @@ def evaluate(network: PairNetwork, samples: list[PairSample], settings: ModelSet
 
 
 def _load(files: list[Path], progress: Progress, label: str) -> list[PairSample]:
+    """All pairs that show their motion.
+
+    Raises:
+        InputError: None does.
+    """
     samples = [one for file in progress.track(files, description=label) for one in load_pairs(file)]
+    if not samples:
+        raise InputError(
+            f"{label}: of {len(files)} objects in {files[0].parent} no pair of views shows what moved; make more: "
+            "s2r data pairs --objects N"
+        )
     logger.info("%s: %d pairs of %d objects", label, len(samples), len(files))
     return samples

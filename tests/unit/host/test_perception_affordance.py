@@ -236,12 +236,45 @@ def test_interrupted_training_goes_on_with_its_epochs(trained, push_folder, tmp_
 
     settings = replace(settings, epochs=2)
     with Progress(disable=True) as progress:
+        whole = train_affordance(push_folder, tmp_path / "whole", settings, progress)
         with monkeypatch.context() as patched:
             patched.setattr(checkpoint, "save", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 train_affordance(push_folder, tmp_path, settings, progress)
         state = train_affordance(push_folder, tmp_path, settings, progress)
     assert [row["epoch"] for row in state["metrics"]] == [1, 2]
+    untimed = [[row | {"seconds": 0.0} for row in run["metrics"]] for run in (whole, state)]
+    assert untimed[0] == untimed[1]
+
+
+def test_data_of_which_no_push_can_begin_is_refused(learn, push_folder, tmp_path):
+    from rich.progress import Progress
+
+    from s2r_host.learn.train import TrainSettings, train_affordance
+
+    for file in push_folder.glob("*-train-*.npz"):
+        content = dict(np.load(file))
+        np.savez(tmp_path / file.name, **content | {"blocked": np.ones_like(content["blocked"])})
+    with (
+        Progress(disable=True) as progress,
+        pytest.raises(InputError, match="none shows its part and a push"),
+    ):
+        train_affordance(tmp_path, tmp_path / "run", TrainSettings(epochs=1), progress)
+
+
+def test_picture_of_one_epoch_shows_its_points(tmp_path, monkeypatch):
+    plt = pytest.importorskip("matplotlib.pyplot")
+    from s2r_host.learn.plot import plot_metrics
+
+    names = ("critic", "part", "line", "proposal", "actionability")
+    row = dict.fromkeys([*names, "validation_critic", "validation_part"], 0.7)
+    row |= {"epoch": 1, "validation_auc": 0.3, "validation_part_auc": 0.6}
+    monkeypatch.setattr(plt, "close", lambda figure: None)
+    plot_metrics([row], tmp_path / "metrics.png")
+    (left, right), _ = plt.gcf().axes, monkeypatch.undo()
+    assert all(line.get_marker() == "." for line in left.get_lines())
+    assert right.get_ylim()[0] <= 0.3
+    plt.close("all")
 
 
 def test_run_with_other_settings_is_refused_by_name(trained, push_folder):
