@@ -112,8 +112,10 @@ def _load_npz(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
     if depth.dtype.kind not in "fiu":
         raise InputError(f"view {path}: depth has type {depth.dtype}; expected metres as float")
     depth = np.array(depth, dtype=np.float32)
-    if np.isnan(depth).any() and np.isfinite(depth).sum() >= FEWEST_POINTS:
-        depth[~np.isfinite(depth)] = 0.0  # NaN as "no return" is common; an all-NaN image is refused below
+    if np.isnan(depth).any():
+        depth[~np.isfinite(depth)] = (
+            0.0  # NaN as "no return" is common; an all-NaN image is refused as empty below
+        )
     if frame == "camera":
         X = np.eye(4)
     elif "T_base_camera" in arrays:
@@ -184,8 +186,13 @@ def _pose(path: Path, frame: FrameName, camera: Camera) -> NDArray[np.floating]:
 
 
 def _colour_or_none(colour: NDArray[np.generic] | None, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
-    if colour is None or colour.shape != (*shape, 3) or colour.dtype != np.uint8:
+    if colour is None:
         return None
+    if colour.shape != (*shape, 3) or colour.dtype != np.uint8:
+        raise BadViewError(
+            f"colour is {colour.dtype} with shape {colour.shape}; expected uint8 with shape {(*shape, 3)},"
+            " a colour per pixel of the depth: convert it, or leave it out"
+        )
     return np.asarray(colour, dtype=np.uint8)
 
 

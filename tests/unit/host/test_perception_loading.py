@@ -89,7 +89,12 @@ def test_a_million_points_are_fine(tmp_path):
     ("changes", "words"),
     [
         ({"depth": plate(0.0)}, "holds 0 returns"),
-        ({"depth": np.full((120, 160), np.nan, np.float32)}, "not finite"),
+        ({"depth": np.full((120, 160), np.nan, np.float32)}, "holds 0 returns"),
+        (
+            {"colour": np.zeros((60, 80, 3), np.uint8)},
+            r"colour is uint8 with shape \(60, 80, 3\); expected uint8",
+        ),
+        ({"colour": np.zeros((120, 160, 3))}, r"colour is float64 .* convert it, or leave it out"),
         ({"depth": plate(800.0)}, "look like millimetres"),
         ({"depth": plate(-0.5)}, "negative"),
         ({"K": np.diag([0.0, 0.0, 1.0])}, "focal"),
