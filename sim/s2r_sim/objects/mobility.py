@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from s2r_sim.errors import WorldFileError
-from s2r_sim.objects.mobility_shapes import MeshPlace, Shape, numbers, origin, shapes_of
+from s2r_sim.objects.mobility_shapes import MeshPlace, Shape, origin, shapes_of, triple
 
 URDF, SEMANTICS = "mobility.urdf", "semantics.txt"
 ATTRIBUTES, PARTS = "motion_attributes.json", "part_objs"
@@ -70,7 +70,8 @@ def read_mobility(folder: Path) -> tuple[MobileLink, ...]:
         for shape in link.shapes:
             if isinstance(shape, MeshPlace) and not shape.file.is_file():
                 raise WorldFileError(
-                    f"{folder}: link {link.name!r} names the mesh {shape.file}, which is missing"
+                    f"{folder}: link {link.name!r} names the mesh {shape.file}, which is missing; meshes are named from"
+                    " that folder"
                 )
     return _parents_first(links, folder)
 
@@ -89,11 +90,19 @@ def _read_urdf(file: Path) -> list[MobileLink]:
         robot = ET.parse(file).getroot()
     except ET.ParseError as error:
         raise WorldFileError(f"{file}: {error}") from error
+    names = [link.get("name", "") for link in robot.findall("link")]
+    if robot.tag != "robot" or not names:
+        raise WorldFileError(
+            f"{file}: is no URDF; expected a <robot> with <link>s, found a <{robot.tag}> with {len(names)}"
+        )
+    _check_once(names, "links are named", file)
+    joints = {_reference(joint, "child", names, file): joint for joint in robot.findall("joint")}
+    _check_once(
+        [_reference(joint, "child", names, file) for joint in robot.findall("joint")], "joints move", file
+    )
     meanings = _semantics(folder / SEMANTICS)
-    joints = {_reference(j, "child", file): j for j in robot.findall("joint")}
     links = []
-    for element in robot.findall("link"):
-        name = element.get("name", "")
+    for name, element in zip(names, robot.findall("link"), strict=True):
         shapes = shapes_of(element, folder)
         joint = joints.get(name)
         if joint is None:
@@ -107,11 +116,11 @@ def _read_urdf(file: Path) -> list[MobileLink]:
                 f"{file}: joint {joint.get('name')!r} is {kind!r}; known are fixed, revolute, continuous and"
                 " prismatic"
             )
-        parent = _reference(joint, "parent", file)
-        axis, limits = _axis(joint), _limits(joint, kind)
-        links.append(
-            MobileLink(name, meanings.get(name, ""), parent, kind, origin(joint), axis, limits, shapes)
-        )
+        parent, who = _reference(joint, "parent", names, file), f"{file}: joint {joint.get('name')!r}"
+        pose, limits, axis = origin(joint, who), _limits(joint, kind, who), _Z
+        if kind != "fixed":  # exporters give the fixed ones an axis of zeros
+            axis = _unit(triple(joint.find("axis"), "xyz", "1 0 0", who), who)
+        links.append(MobileLink(name, meanings.get(name, ""), parent, kind, pose, axis, limits, shapes))
     return links
 
 
@@ -122,35 +131,70 @@ def _semantics(file: Path) -> dict[str, str]:
     """Meaning per link: the last word of its line."""
     if not file.is_file():
         return {}
-    rows = [line.split() for line in file.read_text().splitlines() if line.strip()]
+    rows = [line.split() for line in text_of(file).splitlines() if line.strip()]
     return {row[0]: row[-1] for row in rows if len(row) >= 2}
 
 
-def _reference(joint: ET.Element, tag: str, file: Path) -> str:
+def text_of(file: Path) -> str:
+    """A text file's content.
+
+    Raises:
+        WorldFileError: It is not UTF-8.
+    """
+    try:
+        return file.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise WorldFileError(
+            f"{file}: is not UTF-8 ({error.reason} at byte {error.start}); save it as UTF-8"
+        ) from error
+
+
+def _check_once(names: list[str], what: str, file: Path) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise WorldFileError(f"{file}: {names.count(name)} {what} {name!r}; a URDF has one")
+
+
+def _reference(joint: ET.Element, tag: str, links: list[str], file: Path) -> str:
     found = joint.find(tag)
-    if found is None or not found.get("link"):
+    name = None if found is None else found.get("link")
+    if not name:
         raise WorldFileError(f"{file}: joint {joint.get('name')!r} names no {tag} link")
-    return str(found.get("link"))
+    if name not in links:
+        raise WorldFileError(
+            f"{file}: joint {joint.get('name')!r} names the {tag} {name!r}, and no link is called that"
+        )
+    return name
 
 
-def _axis(joint: ET.Element) -> np.ndarray:
-    tag = joint.find("axis")
-    axis = numbers(None if tag is None else tag.get("xyz"), "1 0 0")
-    return axis / max(float(np.linalg.norm(axis)), 1e-9)
+def _unit(axis: np.ndarray, who: str) -> np.ndarray:
+    length = float(np.linalg.norm(axis))
+    if length < 1e-9:
+        raise WorldFileError(f"{who}: its axis has no direction; give one that is not 0 0 0")
+    return axis / length
 
 
-def _limits(joint: ET.Element, kind: str) -> tuple[float, float]:
+def _limits(joint: ET.Element, kind: str, who: str) -> tuple[float, float]:
+    """Least and largest value; URDF's own 0 where one of the two is not given."""
     tag = joint.find("limit")
     if kind == "fixed":
         return 0.0, 0.0
-    if joint.get("type") == "continuous" or tag is None or tag.get("lower") is None:
+    if joint.get("type") == "continuous" or tag is None or not {"lower", "upper"} & tag.attrib.keys():
         return UNLIMITED[kind]
-    return float(tag.get("lower", "0")), float(tag.get("upper", "0"))
+    try:
+        low, high = float(tag.get("lower", "0")), float(tag.get("upper", "0"))
+    except ValueError as error:
+        raise WorldFileError(f"{who}: its limit is no number ({error})") from error
+    if not -np.inf < low <= high < np.inf:
+        raise WorldFileError(
+            f"{who}: its limits go from {low:g} to {high:g}; lower must not be above upper, both finite"
+        )
+    return low, high
 
 
 def _read_attributes(folder: Path) -> list[MobileLink]:
     try:
-        tree = json.loads((folder / ATTRIBUTES).read_text())
+        tree = json.loads(text_of(folder / ATTRIBUTES))
     except json.JSONDecodeError as error:
         raise WorldFileError(f"{folder / ATTRIBUTES}: {error}") from error
     links: list[MobileLink] = []
@@ -163,20 +207,25 @@ def _add_parts(
 ) -> None:
     """A part and those below it. All coordinates of the file are in one frame; links sit at their joint's centre."""
     try:
-        name, motion = str(node["dof_name"]), str(node.get("motion_type", "none"))
-        p = np.array(node["center"], dtype=float) if motion in ("R", "T", "RT") else np.zeros(3)
-        axis = np.array(node["direction"], dtype=float) if motion in ("R", "T", "RT") else _Z
+        # A part that turns and slides is taken for one that turns.
+        kinds = {"R": "revolute", "RT": "revolute", "T": "prismatic", "none": "fixed"}
+        name, kind = str(node["dof_name"]), kinds[node.get("motion_type") or "none"]
+        p = np.zeros(3) if kind == "fixed" else np.array(node["center"], dtype=float)
+        axis = _Z if kind == "fixed" else np.array(node["direction"], dtype=float)
     except (KeyError, TypeError, ValueError) as error:
         raise WorldFileError(f"{folder / ATTRIBUTES}: a part lacks or misstates {error}") from error
-    # A part that turns and slides is taken for one that turns.
-    kind = {"R": "revolute", "RT": "revolute", "T": "prismatic"}.get(motion, "fixed")
+    who = f"{folder / ATTRIBUTES}: part {name!r}"
+    if p.shape != (3,) or axis.shape != (3,) or not np.isfinite([p, axis]).all():
+        raise WorldFileError(
+            f"{who}: center {p.tolist()}, direction {axis.tolist()}; each must be three finite numbers"
+        )
     mesh, offset = np.eye(4), np.eye(4)
     mesh[:3, 3], offset[:3, 3] = -p, p - p_parent
-    axis = axis / max(float(np.linalg.norm(axis)), 1e-9)
+    axis = _unit(axis, who)
     limits = UNLIMITED[kind] if kind != "fixed" else (0.0, 0.0)
     file = folder / PARTS / f"{'none_motion' if parent is None else name}.obj"
     links.append(MobileLink(name, name, parent, kind, offset, axis, limits, (MeshPlace(file, mesh),)))
-    for child in node.get("children", []):
+    for child in node.get("children") or []:
         _add_parts(child, name, p, folder, links)
 
 

@@ -125,7 +125,16 @@ def write_mobility(folder: Path, out: Path, part: str | None, place: MobilityPla
     """Write ``scene.xml`` (MJCF, meshes by absolute path) and ``object.json`` (true joint), as for drawn objects."""
     scene = mobility_scene(folder, part, place)
     scene.worldbody.add_site(name="arm_base")  # so that `s2r plan` knows where the arm stands
-    truth = mobility_truth(scene.compile(), place)
+    try:
+        model = scene.compile()
+    except (
+        ValueError
+    ) as error:  # names a shape by its link and number: a mesh that is flat, or a face without corners
+        reason = "; ".join(str(error).splitlines()).removeprefix("Error: ")
+        raise WorldFileError(
+            f"{folder}: MuJoCo takes no such object: {reason}; mend it, or leave that shape out"
+        ) from error
+    truth = mobility_truth(model, place)
     out.mkdir(parents=True, exist_ok=True)
     (out / "scene.xml").write_text(scene.to_xml())
     content = {"source": str(folder), "place": asdict(place), "joint": asdict(truth)}
@@ -206,13 +215,16 @@ def _vertices(file: Path) -> np.ndarray:
     """Vertices of a Wavefront file, shape (n, 3)."""
     if file.suffix.lower() != ".obj":
         raise WorldFileError(f"{file}: meshes are read as Wavefront files; write it as .obj and name that")
-    rows = [line.split()[1:4] for line in file.read_text().splitlines() if line.startswith("v ")]
+    text = file.read_text(encoding="utf-8", errors="replace")  # names of materials may be in any encoding
+    rows = [line.split()[1:4] for line in text.splitlines() if line.startswith("v ")]
     try:
         points = np.array(rows, dtype=float).reshape(-1, 3)
     except ValueError as error:
         raise WorldFileError(f"{file}: not a Wavefront mesh ({error})") from error
     if len(points) < 4:
         raise WorldFileError(f"{file}: {len(points)} vertices, at least 4 are needed for a solid")
+    if not np.isfinite(points).all():
+        raise WorldFileError(f"{file}: a vertex is not finite; write the mesh anew")
     return points
 
 

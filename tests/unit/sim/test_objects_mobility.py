@@ -148,7 +148,22 @@ def test_which_part_is_asked_for_when_several_move(partnet):
         (lambda f: (f / "textured_objs" / "body.obj").write_text("v 0 0 0\n"), "1 vertices"),
         (
             lambda f: (f / "mobility.urdf").write_text(URDF.replace('parent link="base"', 'parent link="x"')),
+            "joint 'joint_2' names the parent 'x', and no link is called that",
+        ),
+        (
+            lambda f: (f / "mobility.urdf").write_text(
+                URDF.replace('parent link="base"', 'parent link="link_2"')
+            ),
             "hang on no root",
+        ),
+        (lambda f: (f / "mobility.urdf").write_text("<html/>"), "is no URDF; .* found a <html>"),
+        (
+            lambda f: (f / "semantics.txt").write_bytes(b"link_0 hinge T\xfcr\n"),
+            "semantics.txt: is not UTF-8",
+        ),
+        (
+            lambda f: (f / "textured_objs" / "body.obj").write_text(4 * "v 0 0 nan\n"),
+            "a vertex is not finite",
         ),
         (
             lambda f: (f / "mobility.urdf").write_text(URDF.replace('"prismatic"', '"floating"')),
@@ -241,12 +256,72 @@ def test_a_part_without_a_shape_is_refused_by_the_names_of_its_links(own, tmp_pa
         (' length="0.02"', "", "the cylinder of link 'drawer' lacks or misstates its size"),
         ("0.3 0.4 0.2", "0.3 -0.4 0.2", "the box of link 'body' must have sizes above 0"),
         ('<sphere radius="0.015"/>', '<mesh filename="knob.obj"/>', "knob.obj, which is missing"),
+        (
+            '<sphere radius="0.015"/>',
+            '<mesh filename="k" scale="0.1"/>',
+            "scale '0.1' must be three finite numbers",
+        ),
+        ('<sphere radius="0.015"/>', '<mesh filename="k" scale="1 1 0"/>', "'1 1 0' makes its mesh flat"),
+        ('xyz="-1 0 0"', 'xyz="-1 0"', "joint 'slide': xyz '-1 0' must be three finite numbers"),
+        ('xyz="-1 0 0"', 'xyz="0 0 0"', "joint 'slide': its axis has no direction"),
+        (
+            'xyz="-0.16 0 0.1"',
+            'xyz="nan 0 0.1"',
+            "joint 'slide': xyz 'nan 0 0.1' must be three finite numbers",
+        ),
+        (
+            'upper="0.2"',
+            'upper="-0.2"',
+            "joint 'slide': its limits go from 0 to -0.2; lower must not be above upper",
+        ),
+        ('upper="0.2"', 'upper="wide"', "joint 'slide': its limit is no number"),
+        ('<link name="drawer">', '<link name="body"/><link name="drawer">', "2 links are named 'body'"),
     ],
 )
 def test_a_shape_that_cannot_be_read_is_refused_by_its_link(own, old, new, reason):
     (own / "box_with_drawer.urdf").write_text(OWN.replace(old, new))
     with pytest.raises(WorldFileError, match=reason):
         mobility_scene(own)
+
+
+def test_a_limit_that_is_left_out_is_zero_as_in_every_urdf(own):
+    (own / "box_with_drawer.urdf").write_text(OWN.replace('lower="0" upper="0.2"', 'upper="0.15"'))
+    assert mobility_scene(own, place=MobilityPlace(height_m=0.2)).compile().joint(0).range.tolist() == [
+        0.0,
+        0.15,
+    ]
+
+
+def test_a_flat_mesh_is_refused_by_its_link_before_anything_is_written(own, tmp_path):
+    (own / "knob.obj").write_text("v 0 0 0\nv 0 1 0\nv 0 1 1\nv 0 0 1\nf 1 2 3 4\n")
+    (own / "box_with_drawer.urdf").write_text(
+        OWN.replace('<sphere radius="0.015"/>', '<mesh filename="knob.obj"/>')
+    )
+    ended = CliRunner().invoke(data, ["import", str(own), "--out", str(tmp_path / "o")])
+    assert isinstance(ended.exception, WorldFileError)
+    assert "MuJoCo takes no such object: mesh 'drawer_2' has coplanar vertices" in str(ended.exception)
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"direction": [0.0, 0.0, 0.0]}, "'dof_rootd_Aa001_r': its axis has no direction"),
+        ({"direction": [0.0, 1.0]}, r"direction \[0.0, 1.0\]; each must be three finite numbers"),
+        ({"motion_type": "X"}, "misstates 'X'"),
+        ({"children": None}, None),
+    ],
+)
+def test_a_part_of_shape2motion_that_is_misstated_is_refused_by_name(shape2motion, change, reason):
+    file = shape2motion / "motion_attributes.json"
+    tree = json.loads(file.read_text())
+    tree["children"][0] |= change
+    file.write_text(json.dumps(tree))
+    if reason is None:
+        assert mobility_scene(shape2motion).compile().njnt == 1
+        return
+    with pytest.raises(WorldFileError, match=reason):
+        mobility_scene(shape2motion)
 
 
 def test_a_mesh_of_another_format_is_refused_with_what_to_write(own):
