@@ -223,10 +223,16 @@ def _all_depth(
     """All views where some are from between, which takes a camera; none otherwise.
 
     Raises:
-        UsageError: One of them has no camera.
+        UsageError: Some have a camera and some have none.
     """
     from s2r_host.perception.frames import DepthFrame
 
+    if isinstance(before, DepthFrame) != isinstance(after, DepthFrame):
+        bare = "--after" if isinstance(before, DepthFrame) else "--before"
+        raise UsageError(
+            f"{bare} is a cloud without a camera and the other view has one: what moved is looked for in two views of"
+            " one kind; give the cloud's --camera"
+        )
     frames = [view for view in (before, after, *between) if isinstance(view, DepthFrame)]
     if between and len(frames) < 2 + len(between):
         raise UsageError("--between needs depth images or clouds with --camera, for all of the views")

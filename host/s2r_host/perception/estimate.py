@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from s2r_host.perception import hypotheses as hyp
 from s2r_host.perception.change import compare, measured_noise_scale, with_shadows, without_specks
-from s2r_host.perception.errors import AbstainError
+from s2r_host.perception.errors import AbstainError, BadViewError
 from s2r_host.perception.evidence import (
     Probe,
     Scene,
@@ -332,6 +332,8 @@ def prepare(
     view_a, view_b, warnings = _views(before, after, ignore_before, ignore_after, rng)
     check_pair(view_a, view_b)
     where = _in_region(view_a, region), _in_region(view_b, region)
+    if not (where[0].any() or where[1].any()):
+        raise BadViewError(_outside((view_a, view_b), region))
     changes = compare(view_a, view_b)
     scene = Scene(view_a, view_b, without_specks(view_a, view_b, changes), *where)
     if area_of_motion(scene) < LEAST_MOVED_M2:
@@ -430,6 +432,15 @@ def _in_region(view: View, region: Region | None) -> Mask:
         return np.ones(len(view.points), dtype=bool)
     low, high = np.array(region[0::2]), np.array(region[1::2])
     return np.all((view.points >= low) & (view.points <= high), axis=1)
+
+
+def _outside(views: tuple[View, View], region: Region | None) -> str:
+    p = np.concatenate([view.points for view in views])
+    spans = ", ".join(f"{n} {a:.2f} to {b:.2f}" for n, a, b in zip("xyz", p.min(0), p.max(0), strict=True))
+    box = ",".join(f"{x:g}" for x in region or ())
+    return (
+        f"no point of either view lies in the region {box}; the views span {spans} m: is it in their frame?"
+    )
 
 
 def _with_origin_near(motion: JointMotion, centre: Array) -> JointMotion:

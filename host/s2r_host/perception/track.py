@@ -104,7 +104,14 @@ class JointTracker:
         Args:
             frame: Depth of any camera whose pose is known.
             ignore: Pixels (h, w) to forget, e.g. the arm.
+
+        Raises:
+            BadViewError: ``ignore`` is not of the frame's size.
         """
+        if ignore is not None and ignore.shape != frame.depth_m.shape:
+            raise BadViewError(
+                f"ignore has shape {ignore.shape}, the frame's depth {frame.depth_m.shape}; they must agree"
+            )
         camera = _Camera(frame, ignore)
         state = self._refined(camera, self._last) if self._last is not None else None
         if state is None or state.value is None:

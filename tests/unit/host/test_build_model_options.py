@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import click
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -46,6 +47,17 @@ def test_an_earlier_result_is_taken_away_with_its_pictures_and_other_files_stay(
     assert "a.ply" in refusal("--out", tmp_path)  # it is not there
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
     assert "a.ply" in refusal("--out", tmp_path)
+
+
+def test_a_cloud_without_a_camera_beside_a_depth_image_is_refused_by_its_option(tmp_path):
+    depth, K = np.full((60, 80), 0.8, np.float32), np.array([[70.0, 0, 40], [0, 70.0, 30], [0, 0, 1]])
+    np.savez(tmp_path / "a.npz", depth=depth, K=K, T_base_camera=np.eye(4))
+    points = "".join(f"{x} {y} 0.8\n" for x in np.linspace(0, 0.3, 20) for y in np.linspace(0, 0.3, 20))
+    head = "".join(f"property float {name}\n" for name in "xyz")
+    (tmp_path / "b.ply").write_text(f"ply\nformat ascii 1.0\nelement vertex 400\n{head}end_header\n{points}")
+    views = ["--before", str(tmp_path / "a.npz"), "--after", str(tmp_path / "b.ply")]
+    said = CliRunner().invoke(build_model, [*views, "--out", str(tmp_path / "o")]).stderr
+    assert "--after is a cloud without a camera and the other view has one" in said
 
 
 def test_a_view_is_not_replaced_by_the_picture_of_its_name(tmp_path):

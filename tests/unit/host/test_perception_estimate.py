@@ -210,6 +210,14 @@ def test_two_parts_that_move_differently_are_noticed():
     assert estimate_joint(before, after, region=inside).delta == pytest.approx(0.04, abs=0.002)
 
 
+def test_a_region_that_holds_nothing_is_refused_with_what_the_views_span():
+    pair = scenes.drawer_pair(np.random.default_rng(11))
+    with pytest.raises(
+        BadViewError, match=r"lies in the region 5,6,5,6,5,6; the views span x .* in their frame"
+    ):
+        estimate_joint(pair.before, pair.after, region=(5.0, 6.0, 5.0, 6.0, 5.0, 6.0))
+
+
 def test_a_masked_robot_does_not_count():
     rng = np.random.default_rng(7)
     static, part, motion = box_world()

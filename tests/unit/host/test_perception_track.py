@@ -39,6 +39,13 @@ def test_part_half_hidden_by_the_arm_is_still_followed(case):
     assert tracker.update(occluded).value == pytest.approx(0.0, abs=2 * tolerance)
 
 
+def test_a_mask_of_another_size_is_refused_with_both_sizes(case):
+    pair, estimate, _ = case
+    h, w = pair.before.depth_m.shape
+    with pytest.raises(BadViewError, match=rf"ignore has shape \(3, 3\), the frame's depth \({h}, {w}\)"):
+        JointTracker.of(estimate).update(pair.before, ignore=np.zeros((3, 3), bool))
+
+
 def test_covered_camera_loses_the_part_and_the_next_frame_finds_it(case):
     pair, estimate, tolerance = case
     tracker = JointTracker.of(estimate)
