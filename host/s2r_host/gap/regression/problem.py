@@ -312,6 +312,8 @@ def _fill_base(problem: Problem, sessions: list[Session]) -> None:
             problem.ctx.model, problem.ctx.sessions, problem.ctx.model.index(parameter.place)
         ):
             deviation *= TIMING_KNOWN
+        if parameter.name == "armature" and not problem.ctx.accelerates(problem.ctx.model.index(parameter.place)):
+            continue
         if parameter.name == "edge":
             j = problem.ctx.model.index(parameter.place)
             if j not in problem.joints:
