@@ -104,8 +104,19 @@ def floor_level(
     """
     between = between_level(model, sessions, j)
     level = float(np.hypot(rms(noise), between))
-    if not guessed:
-        return level
+    if guessed:
+        level = _of_moving_rows(model, sessions, blocks, noise, j, level=level, bounded=bounded)
+    # The steps of a coarse encoder come back in a second run, and a correction takes part of them away.
+    seen = np.mean([motion_noise(model, s, j, sure=True) ** 2 for s in sessions if s.has_u[j]])
+    return max(level, float(np.sqrt(seen)))
+
+
+def _of_moving_rows(
+    model: RigidModel, sessions: list[Session], blocks: list[Block], noise: list[np.ndarray], j: int, *,
+    level: float, bounded: bool,
+) -> float:  # fmt: skip
+    """A guessed floor read from the rows in which the joint does not stick, and bounded by what the channels show."""
+    between = between_level(model, sessions, j)
     known = max((known_noise(model, s, j) for s in sessions if s.has_u[j]), default=0.0) if bounded else 0.0
     if known > 0.0:
         declared = max(s.rec.effort_sigma.get(model.joints[j], 0.0) for s in sessions)
@@ -121,8 +132,7 @@ def floor_level(
         if lower >= level:
             break
         level = lower
-    seen = np.mean([motion_noise(model, s, j, sure=True) ** 2 for s in sessions if s.has_u[j]])
-    return max(level, float(np.sqrt(seen)))
+    return level
 
 
 def without_rests(blocks: list[Block], noise: list[np.ndarray]) -> list[np.ndarray]:

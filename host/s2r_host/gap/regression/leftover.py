@@ -107,6 +107,7 @@ class Leftover(Regression):
             a, b = a[:n][moves], b[:n][moves]
             correlation = float(np.corrcoef(a, b)[0, 1])
             power = float(np.mean(a * b)) / self.problem.floor[first.joint] ** 2
+            power -= self.problem.alike[first.joint]
             if correlation > COMMON_CORRELATION and power > COMMON_POWER:
                 return True
         return False
