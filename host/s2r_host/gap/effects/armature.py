@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, small_is_odd
+from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Shape, Value, small_is_odd
 from s2r_host.gap.motion.session import Session
 
 
@@ -36,6 +36,10 @@ class Armature(Effect):
         rising = x * a + v**2 / (2.0 * half)
         bent = (2.0 * x**2 - 1.0) * a + 2.0 * x * v**2 / half
         return theta[0] * np.stack([rising, bent], axis=1)
+
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """An acceleration that is noise tells no inertia."""
+        return 0.0 if ctx.accelerates(joint) else IMPOSSIBLE
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """Against a wrong number of the nominal model."""

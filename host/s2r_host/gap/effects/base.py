@@ -9,6 +9,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
+from s2r_host.gap.motion.known_noise import accelerates
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session
 
@@ -81,6 +82,10 @@ class Context:
     def top_speed(self, joint: int) -> float:
         """Largest speed over all sessions (99.5 percentile)."""
         return max(float(np.percentile(np.abs(s.v[:, joint]), 99.5)) for s in self.sessions)
+
+    def accelerates(self, joint: int) -> bool:
+        """Does any session tell this joint's acceleration from the noise of its channel?"""
+        return any(accelerates(self.model, s, joint) for s in self.sessions)
 
     def turns(self, joint: int) -> int:
         """Reversals of direction over all sessions, chatter inside the velocity noise left out."""

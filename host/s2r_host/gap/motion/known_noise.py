@@ -14,10 +14,11 @@ import numpy as np
 from scipy.signal import welch
 
 from s2r_host.gap.motion.model import RigidModel
-from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.session import Session, lowpass
 
 _MIDDLE, _UPPER = 0.33, 0.66  # of the band: above the second a recording holds little but noise
 _FLAT = 2.0  # power of the middle third over that of the upper one, up to which it is noise for sure
+_HEARD = 1.5
 _LOAD_SHARE = 0.005  # filters and rounding of the model's own effort
 # Integrals of x⁰, x² and x⁴ over the squared gain 1 / (1 + x⁴)² of a second-order Butterworth filter run both ways.
 _GAIN, _GAIN_SLOPE, _GAIN_BEND = (
@@ -55,6 +56,15 @@ def motion_noise(model: RigidModel, s: Session, j: int, *, sure: bool = False) -
     w = 2.0 * np.pi * float(s.cut[j])
     gain = (_GAIN_SLOPE * w**2 if s.by_speed[j] else _GAIN_BEND * w**4) * float(s.cut[j])
     return float(np.median(np.abs(s.mass[:, j])) * np.sqrt(_motion_white(model, s, j, flat=sure) * gain))
+
+
+def accelerates(model: RigidModel, s: Session, j: int) -> bool:
+    """Is a joint's acceleration, below its cut, more than the noise of the channel that it comes from?
+
+    In a loop that answers to that noise the effort follows it, and with the noise of both an inertia would be told.
+    """
+    seen = float(np.std(lowpass(s.a[:, j], float(s.cut[j]), s.dt)) * np.median(np.abs(s.mass[:, j])))
+    return seen > _HEARD * motion_noise(model, s, j, sure=True)
 
 
 def motion_density(model: RigidModel, s: Session, j: int, f: np.ndarray) -> np.ndarray:

@@ -37,6 +37,11 @@ class BaseTerm(Effect):
         """
         return Columns([m.column(s) for m in self.members])
 
+    def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
+        """An acceleration that is noise tells no inertia of a motor."""
+        motors = [ctx.model.index(m.place) for m in self.members if m.name == "armature"]
+        return 0.0 if all(ctx.accelerates(j) for j in motors) else IMPOSSIBLE
+
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """Nominal values are rarely off by more than 5 %, the zero of an effort by more than 1 % of its swing.
 

@@ -16,6 +16,7 @@ from s2r_host.gap.motion.session import Session, wrench_parts
 from s2r_host.gap.motion.states import stop_operator
 from s2r_host.gap.motion.time_spans import runs
 from s2r_host.gap.regression.friction_seen import TRUSTED, between_level, trust
+from s2r_host.gap.regression.nuisance import body_parameters
 from s2r_host.gap.regression.rows import Block, compare, picks_of, residual
 from s2r_host.gap.regression.second_run import find_partner, led_by_hand
 
@@ -23,7 +24,7 @@ GENERIC_FOLDS = 8
 GENERIC_BINS, COARSE_BINS = 40, (6, 12)
 RIDGES = (1e-4, 1e-2, 1e-1)
 LEAST_ROWS = 4 * GENERIC_FOLDS  # fewer hold nothing to predict from
-STROKE_PARTS = 6
+STROKE_PARTS, FINE_PARTS = 6, 16
 KNOWN_TIMES = 4.5  # the channels' own noise that a bounded floor may be
 DECLARED_TIMES = 2.0  # the accuracy its side files declare
 CLEARINGS = 3
@@ -103,8 +104,19 @@ def floor_level(
     """
     between = between_level(model, sessions, j)
     level = float(np.hypot(rms(noise), between))
-    if not guessed:
-        return level
+    if guessed:
+        level = _of_moving_rows(model, sessions, blocks, noise, j, level=level, bounded=bounded)
+    # The steps of a coarse encoder come back in a second run, and a correction takes part of them away.
+    seen = np.mean([motion_noise(model, s, j, sure=True) ** 2 for s in sessions if s.has_u[j]])
+    return max(level, float(np.sqrt(seen)))
+
+
+def _of_moving_rows(
+    model: RigidModel, sessions: list[Session], blocks: list[Block], noise: list[np.ndarray], j: int, *,
+    level: float, bounded: bool,
+) -> float:  # fmt: skip
+    """A guessed floor read from the rows in which the joint does not stick, and bounded by what the channels show."""
+    between = between_level(model, sessions, j)
     known = max((known_noise(model, s, j) for s in sessions if s.has_u[j]), default=0.0) if bounded else 0.0
     if known > 0.0:
         declared = max(s.rec.effort_sigma.get(model.joints[j], 0.0) for s in sessions)
@@ -120,8 +132,7 @@ def floor_level(
         if lower >= level:
             break
         level = lower
-    seen = np.mean([motion_noise(model, s, j, sure=True) ** 2 for s in sessions if s.has_u[j]])
-    return max(level, float(np.sqrt(seen)))
+    return level
 
 
 def without_rests(blocks: list[Block], noise: list[np.ndarray]) -> list[np.ndarray]:
@@ -167,14 +178,16 @@ def generic_leftovers(
     if len(picks) < LEAST_ROWS:
         return values - np.mean(values), values - np.mean(values)
     # A single stroke passes every place once: only short stretches leave their surroundings to learn from.
-    parts = GENERIC_FOLDS if count_reversals(s, j) >= 2 else GENERIC_FOLDS * STROKE_PARTS
-    fold = np.arange(len(picks)) * parts // len(picks) % GENERIC_FOLDS
+    longer = GENERIC_FOLDS if count_reversals(s, j) >= 2 else GENERIC_FOLDS * STROKE_PARTS
+    folds = [
+        np.arange(len(picks)) * n // len(picks) % GENERIC_FOLDS for n in (longer, GENERIC_FOLDS * FINE_PARTS)
+    ]
     moves = ~rests_of(s, j)[picks]
     if s.q.shape[1] > FEW_JOINTS or moves.sum() < LEAST_ROWS:
         moves[:] = True
     nothing = values - np.mean(values[moves])
 
-    def left_by(X: np.ndarray) -> np.ndarray:
+    def left_by(X: np.ndarray, fold: np.ndarray) -> np.ndarray:
         found = [nothing]
         for ridge in RIDGES:
             left = np.empty_like(values)
@@ -188,8 +201,8 @@ def generic_leftovers(
     def least_of(found: list[np.ndarray]) -> np.ndarray:
         return min(found, key=lambda x: float(np.mean(x[moves] ** 2)))
 
-    by_columns = [left_by(X) for X in generic_bases(model, s, j, picks)]
-    return least_of(by_columns), by_columns[-1]
+    by_columns = [[left_by(X, fold) for fold in folds] for X in generic_bases(model, s, j, picks)]
+    return least_of([x for both in by_columns for x in both]), by_columns[-1][0]
 
 
 def generic_bases(model: RigidModel, s: Session, j: int, picks: np.ndarray) -> list[np.ndarray]:
@@ -227,6 +240,9 @@ def rigid_columns(model: RigidModel, s: Session, j: int) -> list[np.ndarray]:
         late = np.gradient(s.load[:, j], s.dt)
         columns += [a, s.load[:, j], np.abs(s.load[:, j]) * sign, late, np.gradient(late, s.dt)]
     columns += [s.load[:, i] for i in range(s.q.shape[1]) if i != j]
+    if s.q.shape[1] > 1:  # a heavier link further out follows no shape of this joint's own motion
+        numbers = [p for body in model.jointed_bodies() for p in body_parameters(model, body)]
+        columns += [x for p in numbers if np.any(x := p.column(s)[:, j])]
     if s.q.shape[1] > FEW_JOINTS:  # no shape of one joint's place follows what the others do to its gravity
         columns += [load[:, j] for load in tilted_loads(model, s)]
     pressed = wrench_parts(model, s, j)

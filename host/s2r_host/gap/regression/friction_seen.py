@@ -16,6 +16,7 @@ from s2r_host.gap.regression.rows import Block, compare
 STICK_DOUBT = 0.5  # times the friction, for rows at rest
 STICKS = 2.0  # times the friction in motion, from which on what holds at rest counts twice
 REST_DOUBT = 3.0  # the same at rest for longer, where no second run shows what comes back there
+PULLED, LEAST_RESTS = 1.5, 2  # times the friction in motion; rests of either kind
 TRUSTED = 0.25  # squared weight from which on a row tells what is left over
 ONE_WAY = 0.05  # spread of the direction of motion below which a joint goes one way only
 SLOW_LOG_S = 0.01
@@ -71,7 +72,7 @@ def trust(model: RigidModel, block: Block, floor: float, *, guessed: bool = Fals
     # What comes back in a second run of a free swing is that friction held it again.
     rests = (guessed or not s.driven(j)) and there_and_back
     if rests:
-        at_rest_for_long = rests_of(s, j)[block.picks]
+        at_rest_for_long = (rests_of(s, j) & ~pulled_rests(s, j))[block.picks]
         holds[at_rest_for_long] = max(REST_DOUBT * moving, holds[0])
         still[at_rest_for_long] = 1.0
     doubt = holds * np.clip(np.abs(still), 0.0, 1.0) / max(floor, 1e-12)  # filters ring beside a rest
@@ -123,9 +124,29 @@ def _between_rows(model: RigidModel, s: Session, j: int) -> np.ndarray:
     return np.interp(s.t, s.rec.t, BETWEEN_SHARE * bend)
 
 
+def pulled_rests(s: Session, j: int) -> np.ndarray:
+    """Rests at one end of the way at which friction cannot be what holds, shape (time,).
+
+    Friction holds either way. Rests that hold more than friction in motion does, all of them one way and further out
+    than the others, which hold less, are held by something that acts there: a stop, a latch, a spring.
+    """
+    held = np.zeros(len(s.t), dtype=bool)
+    r = s.u[:, j] - s.load[:, j]
+    rests = [(a, b, float(np.mean(s.q[a:b, j])), float(np.mean(r[a:b]))) for a, b in runs(rests_of(s, j))]
+    beyond = [x for x in rests if abs(x[3]) > PULLED * dry_level(s, j)]
+    others = [x for x in rests if x not in beyond]
+    if min(len(beyond), len(others)) < LEAST_RESTS or len({np.sign(x[3]) for x in beyond}) > 1:
+        return held
+    out, within = np.array([x[2] for x in beyond]), np.array([x[2] for x in others])
+    if out.min() > within.max() or out.max() < within.min():
+        for start, end, _, _ in beyond:
+            held[start:end] = True
+    return held
+
+
 def stiction(s: Session, j: int) -> tuple[float, float]:
     """Effort that friction was seen to hold at rest (95th percentile), and dry friction in motion [N·m or N]."""
     moving = dry_level(s, j)
     r = compare(s.u[:, j], s, j, True) - compare(s.load[:, j], s, j, False)
-    rest = compare(stillness(s, j), s, j, True) > 0.9
+    rest = (compare(stillness(s, j), s, j, True) > 0.9) & ~pulled_rests(s, j)
     return (float(np.percentile(np.abs(r[rest]), 95)) if rest.sum() > 20 else 0.0), moving

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import binary_erosion
 
 from s2r_host.gap.regression.friction_seen import TRUSTED
 from s2r_host.gap.regression.regression import TEMPER, Regression, unwhiten
@@ -12,8 +13,9 @@ from s2r_host.gap.regression.strokes import left_over, together
 FLOOR_SLACK = 1.2
 FLOOR_SLACK_AFTER = 1.4
 # Leftover common to two runs of one motion: correlation, and power in noise floors (clean recordings stay below 0.45).
-COMMON_CORRELATION, COMMON_POWER = 0.35, 0.55
+COMMON_CORRELATION, COMMON_POWER = 0.35, 0.75
 LEAST_ROWS = 60
+BESIDE_REST = 2  # rows
 STRAINED = 4.0  # declared deviations of a recording's scale
 QUIET = 1.12  # noise floors; a joint of an arm with no more than that is not searched
 
@@ -30,6 +32,8 @@ class Leftover(Regression):
         left = self.without_drift(y - B @ x, TEMPER, self.added_friction(chosen, x))
         raw = self.unwhitened(self.within_doubt(left))
         slack = FLOOR_SLACK_AFTER if chosen else FLOOR_SLACK
+        if p.floor_source != "repeat":
+            slack *= p.floor_doubt
         for blocks in together(p):
             for held in (True, False):
                 left_now = left_over(p, raw, blocks, held=held)
@@ -96,12 +100,14 @@ class Leftover(Regression):
             b = b * second.trust[again.rows]
             n = min(len(a), len(b))
             trusts = self.problem.trust[first.rows][:n], second.trust[again.rows][:n]
-            moves = np.minimum(*trusts) ** 2 >= TRUSTED  # what friction holds at rest comes back, too
+            moves = np.minimum(*trusts) ** 2 >= TRUSTED  # what friction holds at rest comes back, too,
+            moves = binary_erosion(moves, iterations=BESIDE_REST, border_value=1)  # and filters blur it
             if moves.sum() < LEAST_ROWS:
                 continue
             a, b = a[:n][moves], b[:n][moves]
             correlation = float(np.corrcoef(a, b)[0, 1])
             power = float(np.mean(a * b)) / self.problem.floor[first.joint] ** 2
+            power -= self.problem.alike[first.joint]
             if correlation > COMMON_CORRELATION and power > COMMON_POWER:
                 return True
         return False

@@ -45,7 +45,7 @@ def base_parameters(model: RigidModel) -> list[BaseParameter]:
     """All base parameters with a noticeable influence, bodies first, then joints."""
     found: list[BaseParameter] = []
     for body in model.jointed_bodies():
-        found += _body_parameters(model, body)
+        found += body_parameters(model, body)
     m = model.model
     for j, joint in enumerate(model.joints):
         if m.dof_damping[j] > 0:
@@ -75,7 +75,8 @@ def _varied(
     return column
 
 
-def _body_parameters(model: RigidModel, body: int) -> list[BaseParameter]:
+def body_parameters(model: RigidModel, body: int) -> list[BaseParameter]:
+    """Mass, inertia and centre of mass of one body."""
     m, name = model.model, model.body_name(body)
     size = max(float(np.linalg.norm(m.body_ipos[body])), _extent(m, body), 1e-3)
 

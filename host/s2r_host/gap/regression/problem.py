@@ -59,6 +59,7 @@ class Problem:
         base: Base parameters; ``B`` their whitened columns, ``prior`` their deviations.
         floor: Noise per joint in ``raw`` units (rms), keyed by joint index.
         floor_doubt: Factor by which the floor may be too low, from the effective number of its samples.
+        alike: Share of the floor's power, per joint, that two runs of one motion have in common: steps of an encoder.
         trust: Trust in each row, at most one: less where dry friction may stick and the sign of motion is a guess.
         weight: What whitened rows are multiplied with, trust included; an arm's joints are levelled by it, too.
         effort: Filtered effort rows, same layout, whitened.
@@ -83,6 +84,7 @@ class Problem:
     floor_source: str
     weight: np.ndarray
     floor_doubt: float = 1.0
+    alike: dict[int, float] = field(default_factory=dict)
     drift: list[Drift] = field(default_factory=list)
     law: list[LawFinding] = field(default_factory=list)
     set_right: float = 0.0
@@ -212,7 +214,7 @@ def build_problem(
     noise = noise_samples(model, joints, fit, repeats, blocks, raw)
     start = blocks[-1].rows.stop if blocks else 0
     held = [b.held for b in blocks]
-    whiteners, floor = {}, {}
+    whiteners, floor, alike = {}, {}, {}
     for j in joints:
         scale = max(_moved_effort(s, j) for s in sessions if s.has_u[j])
         least = max(EQUATIONS * scale, 1e-12)
@@ -220,6 +222,7 @@ def build_problem(
         own = max(rms(noise.course[j]), least)
         level = floor_level(model, sessions, blocks, noise.size[j], j, guessed=guessed, bounded=bounded)
         floor[j] = max(level, least)
+        alike[j] = max(0.0, 1.0 - (rms(noise.size[j]) / max(level, 1e-12)) ** 2)
         whiteners[j] = replace(whitener, scale=whitener.scale * floor[j] / own)
     problem = Problem(
         ctx, joints, blocks, whiteners, np.zeros(start), np.concatenate(raw), np.zeros(start),
@@ -239,6 +242,7 @@ def build_problem(
     _fill_drift(problem, fit, hold)
     problem.floor_doubt = max((rms_doubt(noise.size[j]) for j in joints), default=1.0)
     if not guessed:
+        problem.alike = alike
         problem.twin = _second_runs(model, problem, fit, repeats)
         problem.wanders = [w for j in joints if (w := wandering(model, j, fit, repeats)) is not None]
     problem.law = [f for j in joints if (f := check_law(model, fit, hold, j)) is not None]
@@ -312,6 +316,10 @@ def _fill_base(problem: Problem, sessions: list[Session]) -> None:
             problem.ctx.model, problem.ctx.sessions, problem.ctx.model.index(parameter.place)
         ):
             deviation *= TIMING_KNOWN
+        if parameter.name == "armature" and not problem.ctx.accelerates(
+            problem.ctx.model.index(parameter.place)
+        ):
+            continue
         if parameter.name == "edge":
             j = problem.ctx.model.index(parameter.place)
             if j not in problem.joints:

@@ -144,10 +144,9 @@ def band(
     if power_u is None or power_n is None:
         return float(s.cut[j])
     power_n = np.maximum(power_n / len(noise), 1e-30)
-    if guessed:
-        power_n = np.maximum(
-            power_n, np.mean([motion_density(model, x, j, f) for x in fit if x.has_u[j]], axis=0)
-        )
+    if guessed:  # what the channels show is no guess
+        shown = np.mean([motion_density(model, x, j, f) for x in fit if x.has_u[j]], axis=0)
+        power_n = np.maximum(power_n, shown * SIGNAL_TO_NOISE / SIGNAL_TO_GUESS)
     strong = np.flatnonzero((power_u / power_n > least) & (f <= s.cut[j]))
     highest = float(f[strong[-1]]) if strong.size else 0.0
     return float(np.clip(1.5 * highest, LEAST_CUT_HZ, s.cut[j]))
