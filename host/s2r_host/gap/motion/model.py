@@ -15,6 +15,12 @@ FEW_JOINTS = 2  # more make an arm, whose links and frictions are weighed togeth
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
+_MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # of fullinertia: xx, yy, zz, xy, xz, yz
+
+
+def _listed(moments: np.ndarray) -> str:
+    return ", ".join(f"{x:.4g}" for x in moments)
+
 
 class RigidModel:
     """An MJCF or URDF with hinge and slide joints only.
@@ -74,6 +80,24 @@ class RigidModel:
             ends = sorted(gear * m.actuator_forcerange[a])
             low[j], high[j] = max(low[j], ends[0]), min(high[j], ends[1])
         return low, high
+
+    def inertia_replaced(self) -> list[str]:
+        """Sentences about bodies whose stated inertia MuJoCo's ``balanceinertia`` has replaced by a sphere's.
+
+        It does where one principal moment exceeds the sum of the others; a thin plate's rounded numbers are enough.
+        """
+        found = []
+        for body in self.spec.bodies if self.spec.compiler.balanceinertia else []:
+            has = np.sort(self.model.body_inertia[body.id])
+            full = np.asarray(body.fullinertia)
+            stated = np.asarray(body.inertia) if np.isnan(full[0]) else np.linalg.eigvalsh(full[_MATRIX])
+            if body.explicitinertial and not np.allclose(np.sort(stated), has, rtol=1e-6):
+                found.append(
+                    f"model '{self.path.name}': 'balanceinertia' of its compiler has replaced the inertia of "
+                    f"'{body.name}', {_listed(stated)}, by {_listed(has)} kg·m²: the first has a moment above the sum "
+                    "of the other two. What is found of its inertia is that"
+                )
+        return found
 
     def unit(self, joint: str) -> str:
         """``rad`` or ``m``."""

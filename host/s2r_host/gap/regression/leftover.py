@@ -32,8 +32,6 @@ class Leftover(Regression):
         left = self.without_drift(y - B @ x, TEMPER, self.added_friction(chosen, x))
         raw = self.unwhitened(self.within_doubt(left))
         slack = FLOOR_SLACK_AFTER if chosen else FLOOR_SLACK
-        if p.floor_source != "repeat":
-            slack *= p.floor_doubt
         for blocks in together(p):
             for held in (True, False):
                 left_now = left_over(p, raw, blocks, held=held)
