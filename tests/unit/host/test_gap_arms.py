@@ -266,3 +266,16 @@ def test_one_wrong_number_of_an_arm_is_looked_for_although_loose_numbers_hide_it
     monkeypatch.setattr(rubbing, "run", lambda look: rubbing.finish([], [], []))
     decision = decide(rubbing.problem, rubbing)
     assert [(e.name, e.joint) for e in decision.effects] == [("coulomb_friction", "j2")]
+
+
+def test_what_a_heavier_link_does_is_no_noise_of_a_guessed_floor(model, tmp_path):
+    (tmp_path / "heavy.xml").write_text(ARM_XML.replace('mass="0.4"', 'mass="1.2"'))
+    heavy = RigidModel(tmp_path / "heavy.xml")
+    as_stated, as_built = (
+        build_problem(model, [make_session(model, recorded(m, 0, 0.0, lambda v, a: 0.0 * v), 0)], [], [])
+        for m in (model, heavy)
+    )
+    for j in (0, 1):
+        assert (
+            as_built.floor[j] < 1.1 * as_stated.floor[j]
+        )  # no shape of one joint's own motion follows it: 3 times

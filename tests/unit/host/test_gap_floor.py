@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.config import GapConfig
+from s2r_host.gap.effects.armature import EFFECT as ARMATURE
+from s2r_host.gap.effects.base import IMPOSSIBLE, Context
 from s2r_host.gap.motion.known_noise import known_noise, motion_noise
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.rest import rests_of, stillness
@@ -176,6 +178,40 @@ def test_a_guessed_floor_is_not_below_the_noise_of_the_motion(tmp_path):
     floor = build_problem(model, [s], [], []).floor[0]
     assert shown > 0.0
     assert floor >= 0.95 * motion_noise(model, s, 0, sure=True)  # a generic correction leaves half of it over
+
+
+def coarse_turning(folder, index, off):
+    """A turn read in steps of 0.2 mrad, up to ``off`` steps from where it was asked for, with a line at 18 Hz."""
+    (folder / "table.xml").write_text(TABLE, encoding="utf-8")
+    model, step, dt = RigidModel(folder / "table.xml"), 2e-4, 0.004
+    t = np.arange(0.0, 16.0, dt)
+    q = 0.7 * np.sin(1.5 * t) + 0.3 * np.sin(3.1 * t) + off * step * np.sin(0.4 * t)
+    v = np.gradient(q, dt)
+    tau = model.inverse(q[:, None], v[:, None], np.gradient(v, dt)[:, None])[:, 0] + FRICTION * np.tanh(
+        v / 1e-3
+    )
+    tau += 0.02 * np.sin(36.0 * np.pi * t) + 2e-3 * np.random.default_rng(index).normal(size=len(t))
+    channels = {"q": {"table": step * np.round(q / step)}, "tau": {"table": tau}}
+    rec = Recording(f"r{index}", t, channels, Controller("none"), "measured", "effort", "a", "", ())
+    return model, make_session(model, rec, index)
+
+
+def test_the_steps_of_an_encoder_that_two_runs_have_alike_are_noise(tmp_path):
+    model, first = coarse_turning(tmp_path, 0, 0.0)
+    _, again = coarse_turning(tmp_path, 1, 0.3)
+    problem = build_problem(model, [first], [], [again])
+    assert problem.floor_source == "repeat"
+    assert problem.floor[0] >= 0.99 * motion_noise(model, first, 0, sure=True)
+    assert problem.alike[0] > 0.2  # of its power, which half the difference of the runs does not show
+
+
+def test_an_acceleration_that_is_noise_tells_no_inertia(tmp_path):
+    for speed_noise in (2e-3, 2e-2):
+        model, s = slow_turning(tmp_path, speed_noise)
+        assert not Context(model, [s]).accelerates(0)
+        assert ARMATURE.log_prior(Context(model, [s]), 0, {}) == IMPOSSIBLE
+    model, s = stopping(tmp_path, (FRICTION, FRICTION))
+    assert ARMATURE.log_prior(Context(model, [s]), 0, {}) == 0.0
 
 
 def test_motion_that_still_falls_above_its_band_is_no_noise(tmp_path):

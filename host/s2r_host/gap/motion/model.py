@@ -90,8 +90,8 @@ class RigidModel:
         for body in self.spec.bodies if self.spec.compiler.balanceinertia else []:
             has = np.sort(self.model.body_inertia[body.id])
             full = np.asarray(body.fullinertia)
-            stated = np.asarray(body.inertia) if np.isnan(full[0]) else np.linalg.eigvalsh(full[_MATRIX])
-            if body.explicitinertial and not np.allclose(np.sort(stated), has, rtol=1e-6):
+            stated = np.sort(body.inertia) if np.isnan(full[0]) else np.linalg.eigvalsh(full[_MATRIX])
+            if body.explicitinertial and not np.allclose(stated, has, rtol=1e-6):
                 found.append(
                     f"model '{self.path.name}': 'balanceinertia' of its compiler has replaced the inertia of "
                     f"'{body.name}', {_listed(stated)}, by {_listed(has)} kg·m²: the first has a moment above the sum "

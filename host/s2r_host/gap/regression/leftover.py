@@ -98,8 +98,9 @@ class Leftover(Regression):
             b = b * second.trust[again.rows]
             n = min(len(a), len(b))
             trusts = self.problem.trust[first.rows][:n], second.trust[again.rows][:n]
-            moves = np.minimum(*trusts) ** 2 >= TRUSTED  # what friction holds at rest comes back, too,
-            moves = binary_erosion(moves, iterations=BESIDE_REST, border_value=1)  # and filters blur it
+            # What friction holds at rest comes back, too, and filters blur it.
+            clear = np.minimum(*trusts) ** 2 >= TRUSTED
+            moves = np.asarray(binary_erosion(clear, iterations=BESIDE_REST, border_value=1), dtype=bool)
             if moves.sum() < LEAST_ROWS:
                 continue
             a, b = a[:n][moves], b[:n][moves]
