@@ -118,8 +118,14 @@ def import_(folder: Path, part: str | None, height: float, out: Path) -> None:
     boxes, cylinders and spheres.
     """
     from s2r_sim.objects.mobility_scene import MobilityPlace, write_mobility
+    from s2r_sim.objects.sheets import THICKNESS_M
 
     if not 0.02 <= height <= 1.5:
         raise UsageError(f"--height {height} must lie between 0.02 and 1.5 m")
-    truth = write_mobility(folder, out, part, MobilityPlace(height_m=height))
+    made = write_mobility(folder, out, part, MobilityPlace(height_m=height))
+    truth = made.joint
+    if made.thickened:
+        click.echo(
+            f"flat, made {1e3 * THICKNESS_M:g} mm thick: {', '.join(made.thickened)} (link_number of its shape)"
+        )
     click.echo(f"{truth.joint_type} joint, found at {truth.q_start:.3f} of {truth.q_max:.3f}; in {out}")

@@ -1,7 +1,7 @@
 """One moving part of a PartNet-Mobility, Shape2Motion or own object, in real size on the stand-in's table.
 
 The chosen joint moves, all others stay at 0. Rays see the meshes as they are; contacts use the convex hull of
-every mesh file, as MuJoCo does.
+every mesh file, as MuJoCo does. A mesh that is flat becomes a thin solid.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from s2r_sim.objects.mobility import MobileLink, read_mobility, urdf_of
 from s2r_sim.objects.mobility_shapes import SOLIDS, MeshPlace, Shape, SolidPlace
 from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
 from s2r_sim.objects.scene import JointTruth, add_table
+from s2r_sim.objects.sheets import is_flat, thickened
+from s2r_sim.objects.wavefront import triangles_of, vertices_of
 
 GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -47,6 +49,14 @@ class MobilityPlace:
     damping: float = 0.2
     coulomb: float = 0.5
     share: float = 0.3
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What was written: the true joint, and the shapes that were flat and are thin solids now, by link and number."""
+
+    joint: JointTruth
+    thickened: tuple[str, ...]
 
 
 def movable(links: tuple[MobileLink, ...]) -> list[MobileLink]:
@@ -82,7 +92,7 @@ def mobility_scene(
     scene.compiler.degree = False
     scene.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     add_table(scene)
-    scale, X_W = _standing(links, X, place, np.eye(4) if urdf_of(folder) else Y_UP)
+    scale, X_W = _standing(links, X, place, np.eye(4) if urdf_of(folder) else Y_UP, folder)
     base = scene.worldbody.add_body(name=BASE_BODY)
     body = base.add_body(name=PART_BODY)
     for link in links:
@@ -121,25 +131,29 @@ def mobility_truth(model: mujoco.MjModel, place: MobilityPlace | None = None) ->
     return JointTruth("prismatic" if slides else "revolute", (x, y, z), (a, b, c), q, float(high))
 
 
-def write_mobility(folder: Path, out: Path, part: str | None, place: MobilityPlace) -> JointTruth:
-    """Write ``scene.xml`` (MJCF, meshes by absolute path) and ``object.json`` (true joint), as for drawn objects."""
+def write_mobility(folder: Path, out: Path, part: str | None, place: MobilityPlace) -> Imported:
+    """Write ``scene.xml`` (MJCF, meshes by absolute path) and ``object.json`` (true joint), as for drawn objects.
+
+    Raises:
+        WorldFileError: A folder, or a shape of it, that cannot be used.
+        ShapelessError: What moves has no shape.
+    """
     scene = mobility_scene(folder, part, place)
     scene.worldbody.add_site(name="arm_base")  # so that `s2r plan` knows where the arm stands
     try:
         model = scene.compile()
-    except (
-        ValueError
-    ) as error:  # names a shape by its link and number: a mesh that is flat, or a face without corners
+    except ValueError as error:  # names a shape by its link and number: a face without corners
         reason = "; ".join(str(error).splitlines()).removeprefix("Error: ")
         raise WorldFileError(
             f"{folder}: MuJoCo takes no such object: {reason}; mend it, or leave that shape out"
         ) from error
     truth = mobility_truth(model, place)
+    flat = [mesh.name for mesh in scene.meshes if not mesh.file]
     out.mkdir(parents=True, exist_ok=True)
     (out / "scene.xml").write_text(scene.to_xml())
-    content = {"source": str(folder), "place": asdict(place), "joint": asdict(truth)}
+    content = {"source": str(folder), "place": asdict(place), "joint": asdict(truth), "thickened": flat}
     (out / "object.json").write_text(json.dumps(content, indent=1, sort_keys=True) + "\n")
-    return truth
+    return Imported(truth, tuple(flat))
 
 
 def _choose(links: tuple[MobileLink, ...], part: str | None, folder: Path) -> MobileLink:
@@ -179,7 +193,11 @@ def _scaled(X: np.ndarray, scale: float) -> np.ndarray:
 
 
 def _standing(
-    links: tuple[MobileLink, ...], X: dict[str, np.ndarray], place: MobilityPlace, upright: np.ndarray
+    links: tuple[MobileLink, ...],
+    X: dict[str, np.ndarray],
+    place: MobilityPlace,
+    upright: np.ndarray,
+    folder: Path,
 ) -> tuple[float, np.ndarray]:
     """Scale, and the pose (4, 4) that puts the scaled object upright on the table.
 
@@ -188,7 +206,11 @@ def _standing(
     corners = [_corners(shape, upright @ X[link.name]) for link in links for shape in link.shapes]
     cloud = np.concatenate(corners)
     low, high = cloud.min(axis=0), cloud.max(axis=0)
-    scale = place.height_m / max(float(high[2] - low[2]), 1e-9)
+    if high[2] - low[2] < 1e-9:
+        raise WorldFileError(
+            f"{folder}: the object has no height that could be scaled to {place.height_m:g} m; it is flat as a whole"
+        )
+    scale = place.height_m / float(high[2] - low[2])
     c, s = np.cos(place.yaw_rad), np.sin(place.yaw_rad)
     turn = np.eye(4)
     turn[:2, :2] = [[c, -s], [s, c]]
@@ -207,25 +229,8 @@ def _corners(shape: Shape, X_link: np.ndarray) -> np.ndarray:
         reach = shape.reach(T[:3, :3])
         return np.stack([T[:3, 3] - reach, T[:3, 3] + reach])
     T = X_link @ shape.X_link_mesh
-    points = (_vertices(shape.file) * shape.scale) @ T[:3, :3].T + T[:3, 3]
+    points = (vertices_of(shape.file) * shape.scale) @ T[:3, :3].T + T[:3, 3]
     return np.stack([points.min(axis=0), points.max(axis=0)])
-
-
-def _vertices(file: Path) -> np.ndarray:
-    """Vertices of a Wavefront file, shape (n, 3)."""
-    if file.suffix.lower() != ".obj":
-        raise WorldFileError(f"{file}: meshes are read as Wavefront files; write it as .obj and name that")
-    text = file.read_text(encoding="utf-8", errors="replace")  # names of materials may be in any encoding
-    rows = [line.split()[1:4] for line in text.splitlines() if line.startswith("v ")]
-    try:
-        points = np.array(rows, dtype=float).reshape(-1, 3)
-    except ValueError as error:
-        raise WorldFileError(f"{file}: not a Wavefront mesh ({error})") from error
-    if len(points) < 4:
-        raise WorldFileError(f"{file}: {len(points)} vertices, at least 4 are needed for a solid")
-    if not np.isfinite(points).all():
-        raise WorldFileError(f"{file}: a vertex is not finite; write the mesh anew")
-    return points
 
 
 def _add_shapes(
@@ -240,12 +245,22 @@ def _add_shapes(
             size = [*(scale * np.array(shape.size)), 0.0, 0.0][:3]
             body.add_geom(name=name, type=GEOMS[shape.kind], size=size, pos=T[:3, 3], quat=quat, rgba=GREY)
             continue
-        scene.add_mesh(
-            name=name,
-            file=str(shape.file.resolve()),
-            scale=scale * shape.scale,
-            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,  # the data sets' meshes are not closed
-        )
+        _add_mesh(scene, name, shape, scale)
         body.add_geom(
             name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, pos=T[:3, 3], quat=quat, rgba=GREY
         )
+
+
+def _add_mesh(scene: mujoco.MjSpec, name: str, shape: MeshPlace, scale: float) -> None:
+    """By its file, or, where it is flat, as the thin solid that is made of it."""
+    mesh = scene.add_mesh(
+        name=name,
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,  # the data sets' meshes are not closed
+    )
+    points = vertices_of(shape.file) * scale * shape.scale
+    if not is_flat(points):
+        mesh.file, mesh.scale = str(shape.file.resolve()), scale * shape.scale
+        return
+    triangles = triangles_of(shape.file, len(points))
+    points, triangles = thickened(points, triangles, f"{shape.file}: shape {name!r}")
+    mesh.uservert, mesh.userface = points.ravel(), triangles.ravel()

@@ -292,15 +292,67 @@ def test_a_limit_that_is_left_out_is_zero_as_in_every_urdf(own):
     ]
 
 
-def test_a_flat_mesh_is_refused_by_its_link_before_anything_is_written(own, tmp_path):
-    (own / "knob.obj").write_text("v 0 0 0\nv 0 1 0\nv 0 1 1\nv 0 0 1\nf 1 2 3 4\n")
+def with_knob(own: Path, mesh: str) -> None:
+    (own / "knob.obj").write_text(mesh)
     (own / "box_with_drawer.urdf").write_text(
-        OWN.replace('<sphere radius="0.015"/>', '<mesh filename="knob.obj"/>')
+        OWN.replace('<sphere radius="0.015"/>', '<mesh filename="knob.obj" scale="0.1 0.1 0.1"/>')
     )
+
+
+@pytest.mark.parametrize(
+    ("mesh", "area_m2"),
+    [
+        ("v 0 0 0\nv 0 1 0\nv 0 1 1\nv 0 0 1\nf 1 2 3 4\n", 0.01),
+        (
+            "v 0 0 0\nv 0 1 0\nv 0 1 1\nv 0 0 1\nf -4/1 -3/2 -2/3 -1/4\nf 1 4 3 2\n",
+            0.01,
+        ),  # shown from both sides
+        ("v 0 0 0\nv 0 1 0\nv 0 0 1\nf 1//1 2//1 3//1\n", 0.005),
+    ],
+)
+def test_a_flat_mesh_becomes_a_closed_solid_of_two_millimetres_and_the_user_is_told(
+    own, tmp_path, mesh, area_m2
+):
+    with_knob(own, mesh)
+    out = tmp_path / "o"
+    ended = CliRunner().invoke(data, ["import", str(own), "--height", "0.2", "--out", str(out)])
+    assert ended.exit_code == 0, ended.output
+    assert "flat, made 2 mm thick: drawer_2" in ended.output
+    assert json.loads((out / "object.json").read_text())["thickened"] == ["drawer_2"]
+    model = mujoco.MjModel.from_xml_path(str(out / "scene.xml"))
+    vertices = model.mesh_vert[: model.mesh_vertnum[0]].astype(float)
+    faces = model.mesh_face[: model.mesh_facenum[0]]
+    a, b, c = np.swapaxes(vertices[faces], 0, 1)
+    volume = np.einsum("ni,ni->n", a, np.cross(b, c)).sum() / 6
+    assert volume == pytest.approx(area_m2 * 0.002, rel=1e-3)  # of a closed surface that faces outwards
+    edges = [(f[k], f[(k + 1) % 3]) for f in faces.tolist() for k in range(3)]
+    assert sorted(edges) == sorted((j, i) for i, j in edges)
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        "v 0 0 0\nv 0 1 0\nv 0 2 0\nv 0 3 0\nf 1 2 3 4\n",
+        "v 0 0 0\nv 0 1 0\nv 0 1 1\nv 0 0 1\n",
+    ],
+)
+def test_a_mesh_without_area_is_refused_by_its_link_before_anything_is_written(own, tmp_path, mesh):
+    with_knob(own, mesh)
     ended = CliRunner().invoke(data, ["import", str(own), "--out", str(tmp_path / "o")])
     assert isinstance(ended.exception, WorldFileError)
-    assert "MuJoCo takes no such object: mesh 'drawer_2' has coplanar vertices" in str(ended.exception)
+    assert "knob.obj: shape 'drawer_2' has no area" in str(ended.exception)
     assert not (tmp_path / "o").exists()
+
+
+def test_an_object_that_lies_flat_as_a_whole_has_no_height_to_scale(own):
+    (own / "sheet.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+    (own / "box_with_drawer.urdf").write_text(
+        '<robot name="sheet"><link name="table"/><link name="sheet"><visual><geometry><mesh filename="sheet.obj"/>'
+        '</geometry></visual></link><joint name="slide" type="prismatic"><parent link="table"/><child link="sheet"/>'
+        '<axis xyz="1 0 0"/><limit lower="0" upper="0.2"/></joint></robot>'
+    )
+    with pytest.raises(WorldFileError, match="has no height that could be scaled"):
+        mobility_scene(own)
 
 
 @pytest.mark.parametrize(
