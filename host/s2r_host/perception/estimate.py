@@ -224,7 +224,7 @@ def conclude(
     explained = explained_by(best.refined, scene, rng)
     check_same_camera(view_a, view_b, changes, ~parts.before, rng)
     check_second_part(best.motion, found.motions, scene, sides(scene, rng), fine, rng)
-    warnings = warnings + judge(ranked, scene, parts, explained.share, wishes.thin)
+    warnings = warnings + judge(ranked, scene, parts, explained, wishes.thin)
     centre = view_a.points[parts.before].mean(axis=0) if parts.before.any() else best.motion.origin
     few = explained.judged < EDGE_ON_JUDGED or best.refined.used < EDGE_ON_USED
     edge_on = not scene.small() and few and best.motion.joint_type == "revolute"

@@ -21,6 +21,7 @@ from s2r_host.perception.evidence import (
 from s2r_host.perception.motion import JointMotion, line_distance
 from s2r_host.perception.refine import Refined, Side, refine, sides
 from s2r_host.perception.standing import solid_m
+from s2r_host.perception.view import DepthView, View
 from s2r_host.perception.wishes import LONGEST_LEVER_M, Wishes
 
 Array = NDArray[np.floating]
@@ -30,6 +31,7 @@ NEAR_GATE_M = 0.008
 SAME_RAD, SAME_M = np.radians(0.5), 0.0005  # between motions that are one
 SAME_COS = float(np.cos(SAME_RAD))
 LEAST_JUDGED = 0.35  # of the moved points; a motion that hides nearly all of them explains nothing
+LEAST_SEEN = 100  # moved points; with fewer a view tells nothing by itself
 COST_ASKEW, ASKEW_RAD = 0.08, np.radians(15)  # one joint in fifty: e to the power of -4
 # Levers rise by up to 43 degrees from the plane they turn in where that is level; where it is upright they swing beside
 # what they are mounted on, and hardly lean away from it.
@@ -205,10 +207,15 @@ class Explained:
     Attributes:
         share: Points whose cost is that of a matching surface, among those that can be judged.
         judged: Share of the points that can be judged.
+        before: ``share`` of the first view's points alone; 1 where fewer than `LEAST_SEEN` of them can be judged, and
+            for clouds without a camera.
+        after: The same of the second view's.
     """
 
     share: float
     judged: float
+    before: float
+    after: float
 
 
 def explained_by(best: Refined, scene: Scene, rng: np.random.Generator) -> Explained:
@@ -221,18 +228,41 @@ def explained_by(best: Refined, scene: Scene, rng: np.random.Generator) -> Expla
         probe(scene.before, scene.moved_before(), 1500, rng),
         probe(scene.after, scene.moved_after(), 1500, rng),
     )
-    count = len(probes[0].points) + len(probes[1].points)
-    X, fits, away, small = best.motion.transform(), 0, 0, scene.small()
-    for T, part, view, label in (
-        (X, probes[0], scene.after, scene.changes.after),
-        (np.linalg.inv(X), probes[1], scene.before, scene.changes.before),
-    ):
-        if len(part.points):
-            fitting = carry(T[None], part, view, label, 0.001, small=small)[0] <= COST_ON_SURFACE
-            fits += int(fitting.sum())
-            if not small:
-                away += int((behind_itself(T, part, view, label) & ~fitting).sum())
-            elif best.plate_m is not None:
-                away += int((turned_away(T, part, view) & ~fitting).sum())
-    judged = max(count - away, LEAST_JUDGED * count, 1)
-    return Explained(fits / judged, judged / max(count, 1))
+    X = best.motion.transform()
+    first = _in_other_view(X, probes[0], scene.after, scene.changes.after, scene, best)
+    second = _in_other_view(np.linalg.inv(X), probes[1], scene.before, scene.changes.before, scene, best)
+    both = first + second
+    # Without a camera what was hidden counts as moved; no motion explains that.
+    sure = isinstance(scene.before, DepthView) and isinstance(scene.after, DepthView)
+    alone = [_share_alone(one) if sure else 1.0 for one in (first, second)]
+    return Explained(_share(both), _judged(both) / max(int(both[0]), 1), *alone)
+
+
+def _in_other_view(
+    X: Array, part: Probe, view: View, label: NDArray[np.uint8], scene: Scene, best: Refined
+) -> NDArray[np.int64]:
+    """Of the points of one view, (3,): how many, how many land on a matching surface, how many cannot be judged."""
+    count, small = len(part.points), scene.small()
+    if not count:
+        return np.zeros(3, dtype=np.int64)
+    fitting = carry(X[None], part, view, label, 0.001, small=small)[0] <= COST_ON_SURFACE
+    away = np.zeros(count, dtype=bool)
+    if not small:
+        away = behind_itself(X, part, view, label)
+    elif best.plate_m is not None:
+        away = turned_away(X, part, view)
+    return np.array([count, fitting.sum(), (away & ~fitting).sum()])
+
+
+def _judged(points: NDArray[np.int64]) -> float:
+    count, _, away = points.tolist()
+    return max(count - away, LEAST_JUDGED * count, 1)
+
+
+def _share(points: NDArray[np.int64]) -> float:
+    return float(points[1]) / _judged(points)
+
+
+def _share_alone(points: NDArray[np.int64]) -> float:
+    count, fitting, away = points.tolist()
+    return 1.0 if count - away < LEAST_SEEN else fitting / (count - away)

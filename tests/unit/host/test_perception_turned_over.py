@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from s2r_host.perception import AbstainError, DepthFrame, estimate_joint
 from s2r_host.perception import synthetic as scenes
 from s2r_host.perception.motion import line_distance
+from s2r_sim.objects.pair_data import UNIT_M, pair_object
 from s2r_sim.objects.pairs import draw_pair
 from s2r_sim.objects.splits import Split
 
@@ -47,3 +50,15 @@ def test_a_lid_seen_edge_on_afterwards_is_not_answered():
     pair = scenes.laptop_pair(np.random.default_rng(1), turn_rad=1.0)
     with pytest.raises(AbstainError, match="no single rigid motion"):
         estimate_joint(pair.before, pair.after)
+
+
+@pytest.mark.parametrize("in_base", [True, False])
+def test_a_lid_that_opens_from_nearly_shut_to_its_edge_did_not_sink_onto_its_base(
+    tmp_path: Path, in_base: bool
+):
+    file = pair_object("laptop", Split.TRAIN, 0, str(tmp_path), quick=True)["file"]
+    drawn = np.load(tmp_path / file)
+    X = drawn["T_base_camera"] if in_base else np.eye(4)
+    before, after = (DepthFrame(UNIT_M * drawn["depth"][k].astype(np.float32), drawn["K"], X) for k in (0, 1))
+    with pytest.raises(AbstainError, match="explains 0 % of what moved in the second view"):
+        estimate_joint(before, after, up=np.array([0.0, 0.0, 1.0]) if in_base else None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,10 +12,12 @@ import pytest
 from s2r_host.perception.errors import AbstainError
 from s2r_host.perception.intervals import Intervals
 from s2r_host.perception.motion import JointMotion
-from s2r_host.perception.verdict import KNOWN_TO, VAGUELY, judge, require_narrow
+from s2r_host.perception.ranking import Explained
+from s2r_host.perception.verdict import KNOWN_TO, LEAST_OF_VIEW, VAGUELY, judge, require_narrow
 from s2r_protocol.targets import JointType
 
 Z = np.array([0.0, 0.0, 1.0])
+ALL_EXPLAINED = Explained(share=0.9, judged=1.0, before=0.9, after=0.9)
 
 
 def motion(joint_type: JointType, delta: float) -> JointMotion:
@@ -54,6 +57,7 @@ def judged(
     thin: bool,
     residual_m: float = 0.001,
     noise_m: float = 0.001,
+    explained: Explained = ALL_EXPLAINED,
 ) -> list[str]:
     """The verdict on a clear motion of 5 cm whose best other family costs so much more."""
 
@@ -66,7 +70,7 @@ def judged(
     p = np.random.default_rng(0).uniform(0.05, 0.15, (300, 3))
     scene: Any = SimpleNamespace(before=SimpleNamespace(points=p, sigma_m=np.full(len(p), noise_m)))
     parts: Any = SimpleNamespace(before=np.ones(len(p), dtype=bool))
-    return judge(ranked, scene, parts, explained=0.9, thin=thin)
+    return judge(ranked, scene, parts, explained, thin)
 
 
 @pytest.mark.parametrize(
@@ -91,3 +95,14 @@ def test_the_residual_may_be_as_large_as_the_depth_is_noisy_at_that_distance() -
         judged("revolute", "prismatic", 0.1, False, residual_m=0.0035)
     with pytest.raises(AbstainError, match=r"limit 5\.0 mm"):
         judged("revolute", "prismatic", 0.1, False, residual_m=0.006, noise_m=0.004)
+
+
+@pytest.mark.parametrize("view", ["first", "second"])
+def test_what_moved_in_either_view_has_to_be_explained_in_part(view: str) -> None:
+    def explained(share: float) -> Explained:
+        name = "before" if view == "first" else "after"
+        return replace(ALL_EXPLAINED, **{name: share})
+
+    assert judged("prismatic", "revolute", 0.1, False, explained=explained(LEAST_OF_VIEW)) == []
+    with pytest.raises(AbstainError, match=f"explains 14 % of what moved in the {view} view, at least 15 %"):
+        judged("prismatic", "revolute", 0.1, False, explained=explained(0.14))
