@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import ValidationError, model_validator
 
 from s2r_protocol.arms import ArmDescription
+from s2r_protocol.whole_file import write_whole
 from s2r_sim.errors import WorldFileError
 from s2r_sim.geometry import rotation_from_vector
 from s2r_sim.objects.catalogue import ObjectSpec, kind_named
@@ -118,7 +119,7 @@ class WorldSpec(Parameters):
 
     def save(self, path: Path) -> None:
         """Write the world file."""
-        path.write_text(self.to_json())
+        write_whole(path, self.to_json())
 
 
 def load_world(path: Path) -> WorldSpec:

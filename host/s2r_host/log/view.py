@@ -20,6 +20,7 @@ from s2r_host.report.arm_shapes import ArmShapes
 from s2r_host.report.markup import page, section, table
 from s2r_host.report.style import EXECUTED, PLANNED, RC, inline_png
 from s2r_protocol.cli.outputs import check_place
+from s2r_protocol.whole_file import write_whole
 
 FRAMES_HZ = 20.0
 MAX_FRAMES = 1200
@@ -86,7 +87,7 @@ def write_html(
         section("Joints", inline_png(_plots(joints, reference, found), "joints over time")),
         section("Facts", table(("", ""), facts, mono=True)) if facts else "",
     ]
-    path.write_text(page(name, parts), encoding="utf-8")
+    write_whole(path, page(name, parts))
     return path
 
 

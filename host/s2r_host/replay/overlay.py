@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from s2r_host.replay.replay import Repeatability, Replayed
 from s2r_host.report.markup import page, section, table
 from s2r_host.report.style import EXECUTED, PLANNED, RC, SEEN, inline_png
+from s2r_protocol.whole_file import write_whole
 
 
 def overlay_figure(replayed: Replayed, joint_names: tuple[str, ...]) -> Figure:
@@ -82,5 +83,5 @@ def write_overlay(
         header = ("joint", "standard deviation [mrad]", "largest spread [mrad]")
         parts.append(section(f"Repeatability of {len(spread.q)} replays", table(header, rows)))
     path = folder / "replay.html"
-    path.write_text(page(f"replay of {plan.label}", parts), encoding="utf-8")
+    write_whole(path, page(f"replay of {plan.label}", parts))
     return path

@@ -18,6 +18,7 @@ from s2r_host.run.run_json import as_json
 from s2r_host.run.session import Executed
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import ExitCode
+from s2r_protocol.whole_file import write_whole
 
 
 def write_report(record: RunRecord, path: Path) -> Path:
@@ -41,7 +42,7 @@ def write_report(record: RunRecord, path: Path) -> Path:
     task = record.settings.task
     title = f"s2r run {task.name}, target {_targets(record)}"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page(title, parts), encoding="utf-8")
+    write_whole(path, page(title, parts))
     return path
 
 

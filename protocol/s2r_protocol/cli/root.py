@@ -78,7 +78,7 @@ def s2r() -> None:
     """
 
 
-_FULL = {errno.ENOSPC, errno.EDQUOT}
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _RIGHTS = "this user may not do that there; change its rights, or name a place of your own"
 _SPACE = "make room, or name a place on another disk"
 _NEXT_STEP = {
@@ -92,6 +92,7 @@ _NEXT_STEP = {
     errno.ENAMETOOLONG: "name a shorter one",
     errno.ENOSPC: _SPACE,
     errno.EDQUOT: _SPACE,
+    errno.EFBIG: "raise the limit of this shell (ulimit -f), or name a place on a disk that takes such files",
 }
 """What a user can do about a file or folder; any other OSError is a bug."""
 

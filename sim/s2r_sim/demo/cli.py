@@ -89,10 +89,12 @@ def demo(
     _say(f"drawing hidden {kind} {seed}")
     drawn = subprocess.run(
         s2r_command("world", "draw", "--kind", kind, "--seed", str(seed), "--arm", arm, "--out", world),
-        capture_output=True,
+        stdout=subprocess.PIPE,
         text=True,
-        check=True,
+        check=False,
     )
+    if drawn.returncode != ExitCode.OK:
+        return drawn.returncode  # it has said why
     published = drawn.stdout.strip()
     _say(f"commitment to the hidden world: {published}")
 

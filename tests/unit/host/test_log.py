@@ -181,6 +181,16 @@ def test_a_page_replaces_an_earlier_page_and_nothing_else(whole, capsys, monkeyp
     assert page.stat().st_size > 10_000
 
 
+def test_a_page_that_finds_no_room_leaves_none_cut_off(whole, tmp_path):
+    """A limit on the size of files does what a full disk does, without one."""
+    page = tmp_path / "page.html"
+    limited = ["sh", "-c", 'ulimit -f 40; exec "$@"', "sh", sys.executable, "-m", "s2r_protocol", "view"]
+    ended = subprocess.run([*limited, whole, "--html", page], capture_output=True, text=True, check=False)
+    assert ended.returncode == ExitCode.NOT_READY, ended.stderr
+    assert "page.html: File too large" in ended.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_damaged_chunk_costs_only_itself(whole, tmp_path):
     data = bytearray(whole.read_bytes())
     with whole.open("rb") as stream:

@@ -49,6 +49,7 @@ def test_errors_end_with_a_sentence_and_their_code(monkeypatch, capsys, error, c
         (PermissionError(errno.EACCES, "Permission denied", "lab/r"), 2, "lab/r: Permission denied; .*a place of"),
         (FileNotFoundError(errno.ENOENT, "No such file or directory", "lab/r"), 2, "lab/r: .*the one above it must"),
         (OSError(errno.ENOSPC, "No space left on device", "lab/r"), 3, "lab/r: No space left on device; make room"),
+        (OSError(errno.EFBIG, "File too large", "lab/r"), 3, "lab/r: File too large; raise the limit .*ulimit -f"),
         (OSError(errno.ENOSPC, "No space left on device"), 3, "s2r: No space left on device; make room"),
         (FileNotFoundError(errno.ENOENT, "No such file or directory"), 1, "Traceback(.|\n)*this is a bug"),
     ],

@@ -94,3 +94,14 @@ def test_stand_in_serves_a_master_hides_its_world_and_ends_on_ctrl_c(tmp_path):
         assert str(secret) not in output
     assert not (tmp_path / "b.sock").exists()
     assert final_state(tmp_path / "t.csv").as_found == pytest.approx(drawn.object.opening_m)
+
+
+def test_a_demo_whose_world_finds_no_place_says_so_with_its_code_and_leaves_no_half_world(tmp_path):
+    """A limit on the size of files does what a full disk does, without one."""
+    demo = [sys.executable, "-m", "s2r_protocol", "demo", "--out", tmp_path / "d"]
+    limited = ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh", *demo]
+    ended = subprocess.run(limited, capture_output=True, text=True, timeout=300, check=False)
+    assert ended.returncode == 3, ended.stderr
+    assert "world.json: File too large; raise the limit" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert list((tmp_path / "d").iterdir()) == []
