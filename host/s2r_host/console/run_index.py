@@ -51,19 +51,36 @@ class RunEntry:
 
 
 class RunIndex:
-    """All runs below one folder."""
+    """All runs below one folder.
+
+    The index only saves reading every run again: it lies in that folder, or in memory where the folder takes no file
+    (somebody else's, a full disk) or holds a damaged one.
+    """
 
     def __init__(self, root: Path) -> None:
         self.root = root
         root.mkdir(parents=True, exist_ok=True)
-        self._database = sqlite3.connect(root / INDEX_NAME, check_same_thread=False)
-        if self._database.execute("PRAGMA user_version").fetchone() != (_VERSION,):
-            self._database.execute("DROP TABLE IF EXISTS runs")
-            self._database.execute(f"PRAGMA user_version = {_VERSION}")
-        self._database.execute(_SCHEMA)
+        try:
+            self._database = _opened(root / INDEX_NAME)
+        except sqlite3.Error as error:
+            self._database = self._in_memory(error)
 
     def refresh(self) -> int:
         """Read what is new or changed, forget what has gone; how many rows changed."""
+        try:
+            return self._refresh()
+        except sqlite3.Error as error:
+            self._database.close()
+            self._database = self._in_memory(error)
+            return self._refresh()
+
+    def _in_memory(self, error: sqlite3.Error) -> sqlite3.Connection:
+        logger.warning(
+            "%s cannot be kept (%s); all runs are read anew at each start", self.root / INDEX_NAME, error
+        )
+        return _opened(":memory:")
+
+    def _refresh(self) -> int:
         known = dict(self._database.execute("SELECT folder, mtime FROM runs"))
         present = {str(path.parent): path for path in _run_files(self.root)}
         gone = [(folder,) for folder in known if folder not in present]
@@ -95,6 +112,15 @@ class RunIndex:
     def close(self) -> None:
         """Close the database."""
         self._database.close()
+
+
+def _opened(place: Path | str) -> sqlite3.Connection:
+    database = sqlite3.connect(place, check_same_thread=False)
+    if database.execute("PRAGMA user_version").fetchone() != (_VERSION,):
+        database.execute("DROP TABLE IF EXISTS runs")
+        database.execute(f"PRAGMA user_version = {_VERSION}")
+    database.execute(_SCHEMA)
+    return database
 
 
 def _run_files(root: Path) -> list[Path]:
