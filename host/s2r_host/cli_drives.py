@@ -13,6 +13,7 @@ from s2r_protocol.cli.arm_name import arm_name
 from s2r_protocol.faults import Cause, ExecutorState
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
+from s2r_protocol.session import Role, role_held
 
 _WAIT_S = 15.0  # arming takes seconds, in lock-step on a busy machine more
 
@@ -22,9 +23,9 @@ _WAIT_S = 15.0  # arming takes seconds, in lock-step on a busy machine more
 @click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
 def state(endpoint: str, cell: str, arm: str, tls: Path | None, timeout_s: float, as_json: bool) -> None:
     """Tell the executor's state, and why the arm does not move. Changes nothing."""
-    with Talk(
-        "state", endpoint, ArmKeys(cell, arm_name(arm)), timeout_s, tls, "its state is unknown"
-    ) as talk:
+    role = role_held(tls, (Role.HOST, Role.MONITOR))  # both may ask
+    keys = ArmKeys(cell, arm_name(arm))
+    with Talk("state", endpoint, keys, timeout_s, tls, "its state is unknown", role) as talk:
         status = talk.hello.status
         if as_json:
             click.echo(json.dumps(_as_dict(talk.hello), indent=2, ensure_ascii=False))

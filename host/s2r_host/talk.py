@@ -18,13 +18,21 @@ from s2r_protocol import codec
 from s2r_protocol.faults import Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
+from s2r_protocol.session import Role
 
 
 class Talk:
     """A session of its own with a greeting; a context manager."""
 
     def __init__(
-        self, who: str, endpoint: str, keys: ArmKeys, timeout_s: float, tls: Path | None, in_vain: str
+        self,
+        who: str,
+        endpoint: str,
+        keys: ArmKeys,
+        timeout_s: float,
+        tls: Path | None,
+        in_vain: str,
+        role: Role = Role.HOST,
     ) -> None:
         """Connect and say hello.
 
@@ -35,6 +43,7 @@ class Talk:
             timeout_s: Longest wait for any answer [s].
             tls: Folder with the certificates; None when the executor is on this machine.
             in_vain: What silence means to whoever asks: "nothing was stopped".
+            role: Whose certificate is shown.
 
         Raises:
             PeerUnreachableError: Nobody answered.
@@ -43,7 +52,7 @@ class Talk:
         self._timeout_s, self._tls, self._in_vain = timeout_s, tls, in_vain
         self._seq = 0
         self._me = codec.Address(f"{who}:{os.getpid()}-{os.urandom(2).hex()}")  # secrets would load OpenSSL
-        self._session = open_session(endpoint, keys, tls)
+        self._session = open_session(endpoint, keys, tls, role)
         try:
             self.hello = self.greet()
         except BaseException:

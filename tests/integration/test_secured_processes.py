@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import socket
 import subprocess
@@ -97,6 +98,23 @@ def test_stop_works_with_the_labs_certificate_and_without_one_says_that_nothing_
     bare = subprocess.run(s2r(*stop, 1), capture_output=True, text=True)
     assert bare.returncode == 5
     assert "nothing was stopped" in bare.stderr
+
+
+def test_the_monitors_certificate_alone_tells_the_state_and_does_not_stop(cell, tmp_path):
+    for name in ("ca.pem", "monitor.pem", "monitor.key"):
+        shutil.copy(cell.lab / name, tmp_path)
+    told, stopped = (
+        subprocess.run(
+            s2r(word, "--executor", cell.executor, "--timeout", 30, "--tls", tmp_path),
+            capture_output=True,
+            text=True,
+        )
+        for word in ("state", "stop")
+    )
+    assert told.returncode == 0, told.stderr
+    assert "lease held by nobody" in told.stdout
+    assert stopped.returncode == 3, stopped.stderr
+    assert "the certificate of monitor that is there may not do this" in stopped.stderr
 
 
 def test_an_executor_does_not_listen_on_the_network_without_certificates(tmp_path):

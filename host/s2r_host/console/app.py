@@ -42,6 +42,7 @@ TEXT_S = 0.2
 SLOW_S = 1.0
 PANEL_WIDTH = 500
 STOP_LABEL = "STOP (software stop; key: space)"
+NO_STOP_LABEL = "No STOP here: this page only reads"
 _APART_RAD = 4e-3  # a ghost nearer than this only muddies the arm it hides in
 
 
@@ -128,7 +129,12 @@ class Console:
     def _build(self) -> None:
         gui, context = self._server.gui, self._context
         self._header = gui.add_html(ui.block(ui.line("connecting")))
-        stop = gui.add_button(STOP_LABEL, color="red", icon=viser.Icon.HAND_STOP)
+        stop = gui.add_button(
+            STOP_LABEL if self._operator.can_stop else NO_STOP_LABEL,
+            color="red",
+            icon=viser.Icon.HAND_STOP,
+            disabled=not self._operator.can_stop,
+        )
         context.on_click(stop, self._stop)
         command = gui.add_command("STOP (software stop)", hotkey="space", icon=viser.Icon.HAND_STOP)
         command.on_trigger(context.guarded("STOP", self._stop))  # type: ignore[arg-type]

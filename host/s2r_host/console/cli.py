@@ -38,7 +38,11 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="File with the token browsers must show, at least 16 characters.",
 )
-@click.option("--view-only", is_flag=True, help="Never take the lease; STOP still works.")
+@click.option(
+    "--view-only",
+    is_flag=True,
+    help="Never take the lease. STOP still works; not with --tls, where the monitor's certificate is used.",
+)
 @click.option(
     "--runs",
     "runs_root",
@@ -68,7 +72,7 @@ def console(
 ) -> None:
     """Show one arm in the browser: what it does, why it does not, its runs; and stop it.
 
-    Without control the page only views, and STOP works always. It is a software stop, not an emergency stop.
+    Without control the page only views. STOP works without control: a software stop, not an emergency stop.
     """
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     ended, shown = threading.Event(), threading.Event()

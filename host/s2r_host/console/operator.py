@@ -50,6 +50,11 @@ class Operator:
         self._leased = False
 
     @property
+    def can_stop(self) -> bool:
+        """Whether a stop may be sent: with certificates, view-only is the monitor's, which commands nothing."""
+        return not (self.view_only and self._tls is not None)
+
+    @property
     def controller(self) -> int | None:
         """The browser in control."""
         return self._controller
@@ -67,7 +72,7 @@ class Operator:
             ArmMismatchError: The executor runs another arm or other limits.
         """
         with self._lock:
-            if self._link is None and not (self.view_only and self._tls is not None):
+            if self._link is None and self.can_stop:
                 self._link = ExecutorLink(
                     self._endpoint, self._arm, self._keys, CONNECT_TIMEOUT_S, STOP_TIMEOUT_S, self._tls
                 )
@@ -86,7 +91,13 @@ class Operator:
         Raises:
             PeerUnreachableError: Nothing was stopped.
             CommandRefusedError: The executor would not.
+            NoControlError: This console reads only, :attr:`can_stop`.
         """
+        if not self.can_stop:
+            raise NoControlError(
+                "nothing was stopped: with --view-only and --tls this console has the monitor's certificate, which "
+                "cannot stop the arm; use 's2r stop --tls DIR' with the host's, or the emergency stop"
+            )
         link = self._link
         if link is not None:
             try:

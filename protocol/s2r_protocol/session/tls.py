@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,8 +48,26 @@ class TlsFiles:
                 path.open("rb").close()
             except OSError as error:
                 raise CertificateError(
-                    f"{role}: {path} cannot be read ({error.strerror}); make it with 's2r doctor --make-certs "
-                    f"{folder}' on the lab's authority and copy {CA_CERTIFICATE}, {files.certificate.name} and "
-                    f"{files.key.name} here"
+                    f"{role}: {path} cannot be read ({error.strerror}){_others(folder, role)}; make it with "
+                    f"'s2r doctor --make-certs {folder}' on the lab's authority and copy {CA_CERTIFICATE}, "
+                    f"{files.certificate.name} and {files.key.name} here"
                 ) from error
         return files
+
+
+def role_held(folder: Path | None, roles: Sequence[Role]) -> Role:
+    """The first of some roles, any of which will do, whose files lie in ``folder``; the first of all where none do."""
+    if folder is None:
+        return roles[0]
+    for role in roles:
+        try:
+            return TlsFiles.of(folder, role).role
+        except CertificateError:
+            continue
+    return roles[0]
+
+
+def _others(folder: Path, role: Role) -> str:
+    """Which other roles' certificates are there, and that they will not do."""
+    found = [str(other) for other in Role if other != role and (folder / f"{other}.pem").exists()]
+    return f"; the certificate of {' and '.join(found)} that is there may not do this" if found else ""

@@ -24,6 +24,7 @@ from s2r_host.errors import RecordingError
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import RefusedError
 from s2r_protocol.keys import ArmKeys
+from s2r_protocol.session.certificates import make_certificates
 
 TOKEN = "0123456789abcdef"
 LAN = Address("0.0.0.0", 7450, TOKEN)
@@ -169,6 +170,19 @@ def test_a_view_only_console_never_takes_control():
         viewer.take_control(1)
 
 
+def test_a_console_with_the_monitors_certificate_refuses_to_stop_even_beside_the_hosts(tmp_path):
+    make_certificates(tmp_path)
+    endpoint = "tls/127.0.0.1:1"
+    viewer = Operator(endpoint, load_arm("xmate3pro"), ArmKeys(), tmp_path, view_only=True)
+    with pytest.raises(
+        NoControlError, match=r"nothing was stopped: .* monitor's certificate, .* 's2r stop --tls"
+    ):
+        viewer.stop()
+    assert not viewer.can_stop
+    assert Operator(endpoint, load_arm("xmate3pro"), ArmKeys(), tmp_path).can_stop
+    assert Operator(endpoint, load_arm("xmate3pro"), ArmKeys(), view_only=True).can_stop
+
+
 def test_a_run_is_repeated_with_its_own_options_in_other_places(tmp_path):
     line = ("run", "drawer", "--target", "0.15", "--executor", "tcp/a:1", "--out=x", "--seed", "1")
     words = again(line, tmp_path, "tcp/e:1", "tcp/c:1")
@@ -205,6 +219,46 @@ def test_a_lid_is_listed_in_degrees_also_where_an_older_index_lies(tmp_path):
     assert joint_value(entry.target, entry.unit) == "-28.6°"
     assert joint_value(entry.delta, entry.unit) == "–"
     assert joint_value(0.15, "m") == "+150.0 mm"
+
+
+def no_file(place: Path) -> None:
+    place.mkdir()
+
+
+def damaged(place: Path) -> None:
+    place.write_bytes(b"no database" * 100)
+
+
+def read_only(place: Path) -> None:
+    """As one on a disk that is mounted for reading: it opens, and takes nothing."""
+    RunIndex(place.parent).close()
+    place.chmod(0o444)
+
+
+@pytest.mark.parametrize("spoil", [no_file, damaged, read_only])
+def test_runs_are_shown_where_their_index_cannot_be_kept(tmp_path, monkeypatch, caplog, spoil):
+    (tmp_path / "first").mkdir()
+    run = {
+        "task": "drawer", "s_target": 0.1, "delta": None, "verdicts": [], "wall_s": 1.0,
+        "arm": {"name": "a"}, "exit": {"code": 0, "name": "OK", "reason": ""},
+        "inputs": {"settings": {"seed": 0}, "arguments": []},
+    }  # fmt: skip
+    (tmp_path / "first/run.json").write_text(json.dumps(run))
+    spoil(tmp_path / "index.sqlite")
+    connect = sqlite3.connect
+    if spoil is read_only:  # root may write where the file's mode forbids it
+        monkeypatch.setattr(
+            sqlite3,
+            "connect",
+            lambda place, **how: connect(
+                f"file:{place}{'' if place == ':memory:' else '?mode=ro'}", uri=True, **how
+            ),
+        )
+    index = RunIndex(tmp_path)
+    index.refresh()
+    assert [entry.name for entry in index.find()] == ["first"]
+    index.close()
+    assert "index.sqlite cannot be kept" in caplog.text
 
 
 STATE = {"missed": 0, "crc_errors": 0, "tx_failed": 0, "overruns": 0, "realtime": True}

@@ -10,7 +10,7 @@ from cryptography import x509
 from s2r_protocol.cli.root import main
 from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.keys import ArmKeys
-from s2r_protocol.session import AddressError, CertificateError, Role, TlsFiles
+from s2r_protocol.session import AddressError, CertificateError, Role, TlsFiles, role_held
 from s2r_protocol.session.certificates import check_certificate, make_certificates
 from s2r_protocol.session.open import ListenError, endpoint_for, listen
 
@@ -157,6 +157,21 @@ def test_a_certificate_of_another_role_authority_or_key_is_named(lab, tmp_path_f
 def test_a_missing_file_is_named_with_the_way_to_get_it(tmp_path):
     with pytest.raises(CertificateError, match=r"ca.pem cannot be read \(No such file.*--make-certs"):
         TlsFiles.of(tmp_path, Role.HOST)
+
+
+def test_a_machine_with_the_monitors_certificate_alone_asks_with_it_and_is_told_what_it_lacks(lab):
+    wall = lab / "wall"
+    wall.mkdir()
+    assert role_held(lab, (Role.HOST, Role.MONITOR)) == Role.HOST
+    assert role_held(wall, (Role.HOST, Role.MONITOR)) == Role.HOST
+    assert role_held(None, (Role.HOST, Role.MONITOR)) == Role.HOST
+    for name in ("ca.pem", "monitor.pem", "monitor.key"):
+        (wall / name).write_bytes((lab / name).read_bytes())
+    assert role_held(wall, (Role.HOST, Role.MONITOR)) == Role.MONITOR
+    with pytest.raises(
+        CertificateError, match=r"host.pem cannot .*; the certificate of monitor that is there may not"
+    ):
+        TlsFiles.of(wall, Role.HOST)
 
 
 @pytest.mark.parametrize("name", ["ca.pem", "ca.key"])

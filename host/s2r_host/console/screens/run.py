@@ -56,7 +56,8 @@ class RunScreen:
         operator = self._context.operator
         mine = operator.controller
         if operator.view_only:
-            text = "View only: this console cannot move the arm. STOP works."
+            stops = "STOP works." if operator.can_stop else "It cannot stop it either: use 's2r stop'."
+            text = f"View only: this console cannot move the arm. {stops}"
         elif mine is None:
             text = "Viewing. Nobody in this console has control; STOP works without."
         else:
