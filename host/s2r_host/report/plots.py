@@ -50,7 +50,8 @@ def joints_figure(executed: Executed, joint_names: Sequence[str]) -> Figure:
             reach = max(0.5, 1.05e3 * float(np.abs(found[1]).max()))
             for lower in grid[1]:
                 lower.set_ylim(-reach, reach)
-        grid[0, 0].legend(loc="best", fontsize=8)
+        # Above all axes: a small one has no corner that every curve leaves free.
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2, fontsize=8)
         return figure
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from s2r_host.report.markup import page, section, table
 from s2r_host.report.page import write_report
-from s2r_host.report.plots import stages_figure
+from s2r_host.report.plots import joints_figure, stages_figure
 from s2r_host.report.style import inline_png, inline_svg
 from s2r_host.run.journal import Journal, Stage
 from s2r_host.run.record import Goal, RunRecord
@@ -116,6 +116,18 @@ def test_figures_are_inlined_whole():
     assert inline_svg(figure).startswith("<svg")
     assert inline_png(figure, "stages").startswith('<img alt="stages" src="data:image/png;base64,')
     assert not plt.get_fignums()
+
+
+def test_the_legend_of_the_joints_lies_on_no_curve():
+    trajectory = SimpleNamespace(
+        duration_s=1.0, sample=lambda t: (np.tile(np.sin(9 * t)[:, None], 7), None, None)
+    )
+    executed: Any = SimpleNamespace(trajectory=trajectory, recording=None)
+    figure = joints_figure(executed, [f"joint{i}" for i in range(1, 8)])
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert not [axes for axes in figure.axes if axes.get_legend() or box.overlaps(axes.get_window_extent())]
 
 
 def test_cells_are_escaped():
