@@ -168,8 +168,8 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)  # before anything moves: a run that cannot be kept is none
     journal = Journal()
     record = run_task(settings, journal, tuple(sys.argv[1:]))
-    report = write_report(record, folder / "report.html")
     click.echo(f"{'s2r run: ' if record.code else ''}{record.reason}", err=True)
+    report = write_report(record, folder / "report.html")  # last: a disk may take no more
     click.echo(f"report: {report}", err=True)
     if as_json:
         click.echo(json.dumps(json.loads((folder / "run.json").read_text()), indent=1))

@@ -26,6 +26,7 @@ from s2r_host.run.settings import RunSettings
 from s2r_host.run.travel import at_home, go_to, leave_touch
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError
 from s2r_protocol.faults import Refusal
+from s2r_protocol.whole_file import NO_ROOM
 
 logger = logging.getLogger(__name__)
 
@@ -61,11 +62,27 @@ def run_task(
     except S2RError as error:
         record.code, record.reason = error.exit_code, f"{_reached(record)}{error}"
     except Exception as error:
-        record.code, record.reason = ExitCode.BUG, f"{type(error).__name__}: {error}"
-        logger.exception("the run ended with a bug")
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            rest = session.rest if session else "nothing was moved"
+            full = f"{error.filename or settings.out}: {error.strerror}; make room, or name another disk with --out"
+            record.code, record.reason = ExitCode.NOT_READY, f"{_reached(record)}{full}; {rest}"
+        else:
+            record.code, record.reason = ExitCode.BUG, f"{type(error).__name__}: {error}"
+            logger.exception("the run ended with a bug")
     finally:
-        write_run_json(record)
+        _keep(record)
     return record
+
+
+def _keep(record: RunRecord) -> None:
+    """Write ``run.json``; where the disk takes no more the record, which is told on the terminal, says so as well."""
+    try:
+        write_run_json(record)
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        record.code = record.code or ExitCode.NOT_READY
+        record.reason += f"; no run.json is left: {error.strerror}"
 
 
 def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]) -> None:

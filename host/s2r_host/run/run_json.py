@@ -20,6 +20,7 @@ from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.observe import Observation
 from s2r_host.run.record import Goal, RunRecord
 from s2r_protocol.exits import ExitCode
+from s2r_protocol.whole_file import write_whole
 
 SCHEMA_VERSION = 1
 REPORTED_PACKAGES = (
@@ -39,9 +40,8 @@ def write_run_json(record: RunRecord) -> None:
     """Write ``run.json`` into the run's folder; whoever reads it meanwhile finds all of it or nothing."""
     folder = record.settings.out
     folder.mkdir(parents=True, exist_ok=True)
-    unfinished = folder / "run.json.part"
-    unfinished.write_text(json.dumps(as_json(record), indent=1, allow_nan=False, default=_last_resort) + "\n")
-    unfinished.replace(folder / "run.json")
+    text = json.dumps(as_json(record), indent=1, allow_nan=False, default=_last_resort)
+    write_whole(folder / "run.json", text + "\n")
 
 
 def as_json(record: RunRecord) -> dict[str, Any]:

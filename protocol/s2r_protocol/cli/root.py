@@ -16,6 +16,7 @@ import click
 from s2r_protocol.cli.commands import COMMANDS
 from s2r_protocol.cli.ending import hear
 from s2r_protocol.exits import ExitCode, NotReadyError, S2RError
+from s2r_protocol.whole_file import NO_ROOM
 
 
 class _LazyGroup(click.Group):
@@ -78,7 +79,6 @@ def s2r() -> None:
     """
 
 
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _RIGHTS = "this user may not do that there; change its rights, or name a place of your own"
 _SPACE = "make room, or name a place on another disk"
 _NEXT_STEP = {
@@ -118,7 +118,7 @@ def _while_importing(error: BaseException) -> bool:
 
 def _report_file(error: OSError) -> ExitCode:
     """A file or folder the user named, and what to do about it. A full disk has no name: it may show at any write."""
-    full = error.errno in _FULL
+    full = error.errno in NO_ROOM
     if error.errno not in _NEXT_STEP or (error.filename is None and not full):
         return _report_bug()
     where = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "

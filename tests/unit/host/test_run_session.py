@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
@@ -170,3 +171,20 @@ def test_an_interrupt_before_anything_moved_says_so(tmp_path, monkeypatch, conne
     record = pipeline.run_task(RunSettings(task=DRAWER, target=0.1, out=tmp_path), Journal())
     assert record.code == ExitCode.INTERRUPTED
     assert record.reason == "interrupted by the operator; nothing was moved"
+
+
+def test_a_disk_that_fills_up_during_a_run_is_no_bug_and_the_arms_rest_is_told(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(pipeline, "open_session", lambda *_: session_of(tmp_path, []))
+    monkeypatch.setattr(pipeline, "_introduce", lambda record, session: None)
+    monkeypatch.setattr(pipeline, "_loop", full)
+    monkeypatch.setattr(pipeline, "write_run_json", full)
+    monkeypatch.setattr(RunRecord, "arm_name", "arm", raising=False)
+    record = pipeline.run_task(RunSettings(task=DRAWER, target=0.1, out=tmp_path), Journal())
+    assert record.code == ExitCode.NOT_READY
+    assert record.reason == (
+        f"{tmp_path}: No space left on device; make room, or name another disk with --out; nothing was moved; "
+        "no run.json is left: No space left on device"
+    )
