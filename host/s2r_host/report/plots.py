@@ -51,7 +51,7 @@ def joints_figure(executed: Executed, joint_names: Sequence[str]) -> Figure:
             for lower in grid[1]:
                 lower.set_ylim(-reach, reach)
         # Above all axes: a small one has no corner that every curve leaves free.
-        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=2, fontsize=8)
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=8)
         return figure
 
 

@@ -6,6 +6,7 @@ Told before the seconds of work that a result takes.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
@@ -70,12 +71,16 @@ def check_place(path: Path) -> None:
     """Refuse a place where no file can be.
 
     Raises:
-        UsageError: ``path`` is a folder, or the folder it shall lie in does not exist.
+        UsageError: ``path`` is a folder, or the folder it shall lie in does not exist or takes no file of this user.
     """
     if path.is_dir():
         raise UsageError(f"{path} is a folder; name a file")
     if not path.parent.is_dir():
         raise UsageError(f"there is no folder {path.parent} for {path.name}; make it or name another file")
+    if not path.exists() and not os.access(path.parent, os.W_OK | os.X_OK):
+        raise UsageError(
+            f"{path.parent} takes no file of this user, {path.name} neither; name a place of your own"
+        )
 
 
 def check_new_file(path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -179,6 +180,15 @@ def test_a_page_replaces_an_earlier_page_and_nothing_else(whole, capsys, monkeyp
     assert exit_code(*words) == 0
     assert exit_code(*words) == 0
     assert page.stat().st_size > 10_000
+
+
+def test_a_page_is_refused_before_the_work_where_this_user_may_not_write(
+    whole, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path)
+    monkeypatch.setattr("s2r_host.log.tables.read_recording", None)
+    assert exit_code("view", whole, "--html", tmp_path / "page.html") == ExitCode.USAGE
+    assert f"{tmp_path} takes no file of this user, page.html neither" in capsys.readouterr().err
 
 
 def test_a_page_that_finds_no_room_leaves_none_cut_off(whole, tmp_path):

@@ -32,6 +32,8 @@ def draw_curve(rows: list[Row], path: Path) -> None:
         ylim=(-3.0, 105.0),
     )
     axes.grid(alpha=0.3, which="both")
-    axes.legend(title="numbers at the points: samples per iteration", fontsize=8, title_fontsize=8)
+    numbered = any(samples for points in curves.values() for _, _, samples in points)
+    title = "numbers at the points: samples per iteration" if numbered else None
+    axes.legend(title=title, fontsize=8, title_fontsize=8)
     figure.savefig(path, dpi=130)
     plt.close(figure)
