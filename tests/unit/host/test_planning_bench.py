@@ -5,6 +5,7 @@ import sys
 from dataclasses import replace
 from types import ModuleType
 
+import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 import pytest
@@ -246,3 +247,15 @@ def test_a_drawer_out_of_reach_is_planned_with_the_tool_alone(tmp_path):
             [runner.Job("ours", "drawer_far", 0, 0)], tmp_path / f"{tool}.jsonl", conditions, str
         )
         assert rows[0]["planned"] is held
+
+
+@pytest.mark.parametrize(("planner", "said"), [("ours", ""), ("ours@64", "numbers at the points")])
+def test_the_curves_legend_speaks_of_numbers_only_where_some_stand(tmp_path, monkeypatch, planner, said):
+    monkeypatch.setattr(plt, "close", lambda figure: None)
+    draw_curve([row(planner, 0, 1.0)], tmp_path / "curve.png")
+    legend = plt.gca().get_legend()
+    monkeypatch.undo()
+    plt.close()
+    assert legend is not None
+    assert legend.get_title().get_text().startswith(said)
+    assert bool(legend.get_title().get_text()) == bool(said)
