@@ -24,4 +24,5 @@ def write_whole(path: Path, text: str) -> None:
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
-        beside.unlink(missing_ok=True)
+        if beside.exists():  # as it does not where the folder is none
+            beside.unlink()
