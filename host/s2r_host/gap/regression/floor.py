@@ -172,8 +172,8 @@ def generic_leftovers(
     nothing was predictable, and all of it counts as noise. The one with most columns tells its course: what fewer leave
     follows the place, slowly, as no noise does.
     They are fitted to the rows that move: what friction holds at rest follows neither place nor speed, and would bend
-    them everywhere. On arms of more joints the floor is spared that: under a finer one each joint's friction takes on
-    what the links leave over.
+    them everywhere. On arms of more joints the floor is spared that, and short stretches: under a finer one each
+    joint's friction takes on what the links leave over, and part of a load goes into friction that grows with it.
     """
     if len(picks) < LEAST_ROWS:
         return values - np.mean(values), values - np.mean(values)
@@ -182,6 +182,8 @@ def generic_leftovers(
     folds = [
         np.arange(len(picks)) * n // len(picks) % GENERIC_FOLDS for n in (longer, GENERIC_FOLDS * FINE_PARTS)
     ]
+    if s.q.shape[1] > FEW_JOINTS:
+        folds = folds[:1]
     moves = ~rests_of(s, j)[picks]
     if s.q.shape[1] > FEW_JOINTS or moves.sum() < LEAST_ROWS:
         moves[:] = True
@@ -240,7 +242,7 @@ def rigid_columns(model: RigidModel, s: Session, j: int) -> list[np.ndarray]:
         late = np.gradient(s.load[:, j], s.dt)
         columns += [a, s.load[:, j], np.abs(s.load[:, j]) * sign, late, np.gradient(late, s.dt)]
     columns += [s.load[:, i] for i in range(s.q.shape[1]) if i != j]
-    if s.q.shape[1] > 1:  # a heavier link further out follows no shape of this joint's own motion
+    if 1 < s.q.shape[1] <= FEW_JOINTS:  # a heavier second link follows no shape of this joint's own motion
         numbers = [p for body in model.jointed_bodies() for p in body_parameters(model, body)]
         columns += [x for p in numbers if np.any(x := p.column(s)[:, j])]
     if s.q.shape[1] > FEW_JOINTS:  # no shape of one joint's place follows what the others do to its gravity
