@@ -155,24 +155,8 @@ def _row(path: Path, mtime: float) -> tuple[Any, ...] | None:
 
 
 def _entry(row: tuple[Any, ...]) -> RunEntry:
-    (
-        folder,
-        _,
-        ended,
-        task,
-        arm,
-        unit,
-        target,
-        delta,
-        code,
-        outcome,
-        reason,
-        plans,
-        wall_s,
-        seed,
-        arguments,
-    ) = row
+    folder, _, ended, task, arm, unit, target, delta, code, outcome, reason, plans, wall_s, seed, told = row
     return RunEntry(
         Path(folder), ended, task, arm, unit, target, delta, code, outcome, reason, plans, wall_s, seed,
-        tuple(json.loads(arguments)),
+        tuple(json.loads(told)),
     )  # fmt: skip

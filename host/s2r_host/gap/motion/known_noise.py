@@ -18,7 +18,7 @@ from s2r_host.gap.motion.session import Session, lowpass
 
 _MIDDLE, _UPPER = 0.33, 0.66  # of the band: above the second a recording holds little but noise
 _FLAT = 2.0  # power of the middle third over that of the upper one, up to which it is noise for sure
-_HEARD = 1.5
+_HEARD = 1.5  # times the noise of its channel, from which on an acceleration is more than that
 _LOAD_SHARE = 0.005  # filters and rounding of the model's own effort
 # Integrals of x⁰, x² and x⁴ over the squared gain 1 / (1 + x⁴)² of a second-order Butterworth filter run both ways.
 _GAIN, _GAIN_SLOPE, _GAIN_BEND = (
@@ -63,8 +63,11 @@ def accelerates(model: RigidModel, s: Session, j: int) -> bool:
 
     In a loop that answers to that noise the effort follows it, and with the noise of both an inertia would be told.
     """
-    seen = float(np.std(lowpass(s.a[:, j], float(s.cut[j]), s.dt)) * np.median(np.abs(s.mass[:, j])))
-    return seen > _HEARD * motion_noise(model, s, j, sure=True)
+    key = ("accelerates", j, float(s.cut[j]))  # asked for at every step of a search
+    if key not in s.cache:
+        seen = float(np.std(lowpass(s.a[:, j], float(s.cut[j]), s.dt)) * np.median(np.abs(s.mass[:, j])))
+        s.cache[key] = seen > _HEARD * motion_noise(model, s, j, sure=True)
+    return s.cache[key]
 
 
 def motion_density(model: RigidModel, s: Session, j: int, f: np.ndarray) -> np.ndarray:

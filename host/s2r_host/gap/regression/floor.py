@@ -178,12 +178,10 @@ def generic_leftovers(
     if len(picks) < LEAST_ROWS:
         return values - np.mean(values), values - np.mean(values)
     # A single stroke passes every place once: only short stretches leave their surroundings to learn from.
-    longer = GENERIC_FOLDS if count_reversals(s, j) >= 2 else GENERIC_FOLDS * STROKE_PARTS
-    folds = [
-        np.arange(len(picks)) * n // len(picks) % GENERIC_FOLDS for n in (longer, GENERIC_FOLDS * FINE_PARTS)
-    ]
-    if s.q.shape[1] > FEW_JOINTS:
-        folds = folds[:1]
+    parts = [1 if count_reversals(s, j) >= 2 else STROKE_PARTS]
+    if s.q.shape[1] <= FEW_JOINTS:
+        parts.append(FINE_PARTS)
+    folds = [np.arange(len(picks)) * GENERIC_FOLDS * n // len(picks) % GENERIC_FOLDS for n in parts]
     moves = ~rests_of(s, j)[picks]
     if s.q.shape[1] > FEW_JOINTS or moves.sum() < LEAST_ROWS:
         moves[:] = True
@@ -204,7 +202,7 @@ def generic_leftovers(
         return min(found, key=lambda x: float(np.mean(x[moves] ** 2)))
 
     by_columns = [[left_by(X, fold) for fold in folds] for X in generic_bases(model, s, j, picks)]
-    return least_of([x for both in by_columns for x in both]), by_columns[-1][0]
+    return least_of([left for by_fold in by_columns for left in by_fold]), by_columns[-1][0]
 
 
 def generic_bases(model: RigidModel, s: Session, j: int, picks: np.ndarray) -> list[np.ndarray]:

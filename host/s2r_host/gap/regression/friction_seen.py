@@ -130,18 +130,18 @@ def pulled_rests(s: Session, j: int) -> np.ndarray:
     Friction holds either way. Rests that hold more than friction in motion does, all of them one way and further out
     than the others, which hold less, are held by something that acts there: a stop, a latch, a spring.
     """
-    held = np.zeros(len(s.t), dtype=bool)
+    pulled = np.zeros(len(s.t), dtype=bool)
+    rests = runs(rests_of(s, j))
     r = s.u[:, j] - s.load[:, j]
-    rests = [(a, b, float(np.mean(s.q[a:b, j])), float(np.mean(r[a:b]))) for a, b in runs(rests_of(s, j))]
-    beyond = [x for x in rests if abs(x[3]) > PULLED * dry_level(s, j)]
-    others = [x for x in rests if x not in beyond]
-    if min(len(beyond), len(others)) < LEAST_RESTS or len({np.sign(x[3]) for x in beyond}) > 1:
-        return held
-    out, within = np.array([x[2] for x in beyond]), np.array([x[2] for x in others])
+    place, holds = (np.array([np.mean(x[start:end]) for start, end in rests]) for x in (s.q[:, j], r))
+    beyond = np.abs(holds) > PULLED * dry_level(s, j)
+    out, within = place[beyond], place[~beyond]
+    if min(len(out), len(within)) < LEAST_RESTS or len(np.unique(np.sign(holds[beyond]))) > 1:
+        return pulled
     if out.min() > within.max() or out.max() < within.min():
-        for start, end, _, _ in beyond:
-            held[start:end] = True
-    return held
+        for start, end in rests[beyond]:
+            pulled[start:end] = True
+    return pulled
 
 
 def stiction(s: Session, j: int) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from s2r_host.gap.regression.strokes import left_over, together
 
 FLOOR_SLACK = 1.2
 FLOOR_SLACK_AFTER = 1.4
-# Leftover common to two runs of one motion: correlation, and power in noise floors (clean recordings stay below 0.45).
+# Leftover common to two runs of one motion: correlation, and power in noise floors (clean recordings stay below 0.7).
 COMMON_CORRELATION, COMMON_POWER = 0.35, 0.75
 LEAST_ROWS = 60
 BESIDE_REST = 2  # rows
