@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from types import FrameType
 from typing import Any
 
+from s2r_protocol.cli.terminal import print_to_nowhere
+
 Handler = Callable[[int, FrameType | None], object]
 
 
@@ -21,10 +23,7 @@ def hear(handler: Handler) -> Mapping[int, Any]:
 
     def hang_up(number: int, frame: FrameType | None) -> None:
         # Every line printed to a terminal that is gone is an error, in the middle of bringing an arm to rest.
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        for stream in terminals:
-            os.dup2(nowhere, stream)
-        os.close(nowhere)
+        print_to_nowhere(*terminals)
         handler(number, frame)
 
     handlers: dict[int, Handler] = {signal.SIGINT: handler, signal.SIGTERM: handler}

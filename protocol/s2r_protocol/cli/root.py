@@ -15,6 +15,7 @@ import click
 
 from s2r_protocol.cli.commands import COMMANDS
 from s2r_protocol.cli.ending import hear
+from s2r_protocol.cli.terminal import outlive_the_terminal
 from s2r_protocol.exits import ExitCode, NotReadyError, S2RError
 from s2r_protocol.whole_file import NO_ROOM
 
@@ -135,6 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         asked_to_end = True
         signal.default_int_handler(number, frame)
 
+    outlive_the_terminal()
     # A shell's background job starts deaf to Ctrl-C. Whatever moves an arm has to hear it.
     hear(interrupt)
     try:
