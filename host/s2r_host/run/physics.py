@@ -332,13 +332,12 @@ def _with_law(source: Path, law: JointLaw, friction: float, path: Path) -> Path:
     """The object file with dry friction, damping and spring of the joint as found."""
     written = with_numbers(source, JOINT, 1.0, friction, law.damping, path)
     stiffness, rest = law.spring
-    if stiffness > 0.0:
-        tree = ET.parse(written)
-        joint = tree.find(f".//joint[@name='{JOINT}']")
-        assert joint is not None  # with_numbers found it
-        joint.set("stiffness", f"{stiffness:.7g}")
-        joint.set("springref", f"{rest:.7g}")
-        tree.write(written, encoding="unicode")
+    tree = ET.parse(written)
+    joint = tree.find(f".//joint[@name='{JOINT}']")
+    assert joint is not None  # with_numbers found it
+    joint.set("stiffness", f"{stiffness:.7g}")  # zero, too: the source may have an earlier lesson's spring
+    joint.set("springref", f"{rest:.7g}")
+    tree.write(written, encoding="unicode")
     return written
 
 

@@ -116,6 +116,17 @@ def test_the_law_is_written_as_stock_attributes(learnt, tmp_path):
     assert model.body("object_part").mass == pytest.approx(mass)
 
 
+def test_a_spring_that_a_later_lesson_does_not_find_any_more_is_gone(learnt, tmp_path):
+    spec = mujoco.MjSpec.from_file(str(learnt.model))
+    spec.joint("object_joint").stiffness, spec.joint("object_joint").springref = [60.0, 0, 0], 0.1
+    rigid = SimpleNamespace(model=mujoco.MjModel.from_xml_path(str(learnt.model)))
+    sprung = JointLaw(spec.compile(), SimpleNamespace(live=[], ctx=None, rigid=rigid), rigid.model)  # pyright: ignore[reportArgumentType]
+    first = _with_law(learnt.model, sprung, 2.5, tmp_path / "first.xml")
+    assert mujoco.MjModel.from_xml_path(str(first)).jnt_stiffness.ravel()[0] == pytest.approx(60.0)
+    second = _with_law(first, learnt.law, 2.5, tmp_path / "second.xml")
+    assert mujoco.MjModel.from_xml_path(str(second)).jnt_stiffness.ravel()[0] == 0.0
+
+
 def test_a_spring_that_is_stronger_than_friction_is_told_from_one_that_is_not(learnt):
     spec = mujoco.MjSpec.from_file(str(learnt.model))
     spec.joint("object_joint").stiffness, spec.joint("object_joint").springref = [60.0, 0, 0], 0.0
