@@ -206,10 +206,9 @@ def _hurry(record: RunRecord) -> float:
 def before_target(session: Session, record: RunRecord) -> None:
     """Set the pace, and let the believed object resist as the newest lesson says it does at the session's target."""
     session.pace = pace(len(record.goals), record.lessons, _hurry(record))
-    lesson = _telling(record.lessons)
-    if lesson is None or lesson.law is None or record.belief is None:
+    law, belief, target = newest_law(record.lessons), record.belief, session.target
+    if law is None or belief is None:
         return
-    law, belief, target = lesson.law, record.belief, session.target
     slides = belief.template.slides
     pull, dry = law.pull(target, slides)
     near = BRAKING_M if slides else BRAKING_RAD
@@ -219,17 +218,28 @@ def before_target(session: Session, record: RunRecord) -> None:
             f"let go at {record.show(target)}, the {session.settings.task.part} will move on by itself: it is pulled "
             f"with {pull:+.2f} against a dry friction of {dry:.2f}; it stays only where something holds it"
         )
-    folder = session.settings.out / f"physics-{len(record.attempts)}"
-    rests_at = record.goals[-1].s_before if record.goals else np.nan
+    brake_at_target(session, record, record.goals[-1].s_before if record.goals else np.nan)
+
+
+def brake_at_target(session: Session, record: RunRecord, rests_at: float) -> None:
+    """Let the believed object resist as the newest lesson says it does at the session's target; nothing without one.
+
+    What the arm feels of a manipulation is one friction for the whole way, which takes the place of that: before a
+    correction it is to be said again.
+
+    Args:
+        session: Links and the target.
+        record: Its belief is replaced.
+        rests_at: Where the part is [m or rad]; not finite where no look has told.
+    """
+    lesson, belief, target = _telling(record.lessons), record.belief, session.target
+    if lesson is None or lesson.law is None or belief is None:
+        return
+    law, slides = lesson.law, belief.template.slides
+    done = len(record.attempts)
+    folder, goal = session.settings.out / f"physics-{done}", len(record.goals)
     falling, growing = (
-        braked(
-            belief,
-            law,
-            target,
-            folder / f"{name}-for-{len(record.goals)}.xml",
-            positive=positive,
-            rests_at=rests_at,
-        )
+        braked(belief, law, target, folder / f"{name}-for-{goal}.xml", positive=positive, rests_at=rests_at)
         for positive, name in ((False, "falling"), (True, "growing"))
     )
     least = min(law.braking(target, positive, slides) for positive in (False, True))

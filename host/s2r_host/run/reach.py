@@ -108,6 +108,10 @@ def reach(
             taught = corrected(record.belief, planned.end.geom, lesson, positive, folder)
             record.belief = taught.with_proven(positive, planned.result.p_part)
             journal.say(f"belief corrected: pushed side of {planned.end.geom} by {task.unit.show(-lesson)}")
+        if record.lessons and left:
+            from s2r_host.run.physics import brake_at_target  # loads the gap tool
+
+            brake_at_target(session, record, s_now)
     return view
 
 

@@ -1,6 +1,7 @@
 """Physics learnt between targets: what the gap tool names is what brakes the part in the next plans."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,9 +17,12 @@ from s2r_host.model.belief import prior
 from s2r_host.proprioception.following import _unbroken
 from s2r_host.proprioception.object_numbers import ObjectNumbers
 from s2r_host.report.page import write_report
+from s2r_host.run import reach
 from s2r_host.run.belief import Belief
 from s2r_host.run.doubts import doubt_about
 from s2r_host.run.journal import Journal
+from s2r_host.run.manipulate import DoneManipulation
+from s2r_host.run.object_file import with_friction
 from s2r_host.run.physics import (
     SLOW_RAD_S,
     SLOWEST,
@@ -202,6 +206,51 @@ def test_the_next_plans_and_their_ensemble_know_what_was_learnt(learnt, tmp_path
     low, high = doubt_about(record.belief, growing=True).joint_friction
     assert 0.8 < low < 1.0 < high < 1.2
     assert not session.journal.warnings
+
+
+def test_a_correction_is_braked_as_the_lesson_says_too(learnt, tmp_path, monkeypatch):
+    """What the arm felt of the manipulation before it is one friction for the whole way."""
+    settings = RunSettings(0.1, tmp_path / "run", learn_physics=True, attempts=2)
+    session: Any = SimpleNamespace(
+        settings=settings,
+        target=0.0125,
+        journal=Journal(),
+        recorder=SimpleNamespace(add_note=lambda *_: None),
+    )
+    record = RunRecord(
+        settings, Journal(), lessons=[PhysicsLesson(3, tmp_path, "physics_missing", law=learnt.law)]
+    )
+    record.belief = _believed(learnt.model)
+    record.goals.append(Goal(0.0125, s_before=0.0))
+    before_target(session, record)
+    friction, states = [], iter([0.005, 0.0125])
+
+    def prepared(_session, belief, *_):
+        friction.append(float(mujoco.MjModel.from_xml_path(str(belief.growing)).dof_frictionloss[0]))
+        return SimpleNamespace(
+            result=SimpleNamespace(control_steps=1), foreseen=0.005, corrected=False, stopped=False,
+            delivery=SimpleNamespace(trajectory=SimpleNamespace(duration_s=1.0)),
+        )  # fmt: skip
+
+    def measured(_session, _record, planned, executed, view, s_now):
+        state = SimpleNamespace(s=next(states), sigma=1e-4)
+        return DoneManipulation(planned, executed, view, state, s_now, session.target), False  # pyright: ignore[reportArgumentType]
+
+    def felt(_session, _feeling, belief, _executed, _from, _to, folder):
+        sides = (
+            with_friction(belief.path(side), "object_joint", 9.0, folder / f"{side}.xml")
+            for side in (False, True)
+        )
+        return replace(belief, **dict(zip(("falling", "growing"), sides, strict=True)))
+
+    monkeypatch.setattr(reach, "prepare_manipulation", prepared)
+    monkeypatch.setattr(reach, "carry_out_manipulation", lambda _session, planned: (planned, (None,)))
+    monkeypatch.setattr(reach, "_measured", measured)
+    monkeypatch.setattr(reach, "belief_with_felt", felt)
+    monkeypatch.setattr(reach, "tell_again", lambda *_: False)
+    nothing: Any = None
+    reach.reach(session, record, nothing, nothing, 0.0)
+    assert friction == [pytest.approx(learnt.law.braking(0.0125, True, slides=True), rel=1e-4)] * 2
 
 
 def test_a_part_that_something_pulls_away_is_warned_of_unless_it_stayed_there_before(learnt, tmp_path):
