@@ -46,6 +46,7 @@ class KnobWatch:
             if outline is not None and outline.bulges:
                 self._add(outline)
         self.now: list[KnobOutline] = list(self._found)
+        self._shown = [True] * len(self._found)
 
     def _add(self, outline: KnobOutline | None) -> None:
         """Follow it, if it is there and not one that is followed already."""
@@ -58,18 +59,25 @@ class KnobWatch:
         for found, outline in zip(self._found, self.now, strict=True):
             turned = turned_outline(outline, view.capture.frame)
             if turned is None:
-                followed.append((found, outline))
+                followed.append((found, outline, False))
             elif np.linalg.norm(turned.p_axis - outline.p_axis) < STAYS_M:
                 now = replace(outline, angle=turned.angle, explained=turned.explained)
-                followed.append((found, now))
-        self._found, self.now = [found for found, _ in followed], [now for _, now in followed]
+                followed.append((found, now, True))
+        self._found, self.now = [found for found, _, _ in followed], [now for _, now, _ in followed]
+        self._shown = [shown for _, _, shown in followed]
         self._last = view
 
     def joint(self) -> JointEstimate | None:
-        """The joint of the one that turned furthest since the first look; None where none surely did."""
+        """The joint of the one that turned furthest since the first look; None where none surely did.
+
+        Where one that is hidden in the newest look stands by now nobody knows: it is left out.
+        """
         if not self._found:
             return None
-        turns = [abs(now.angle - found.angle) for found, now in zip(self._found, self.now, strict=True)]
+        turns = [
+            abs(now.angle - found.angle) if shown else 0.0
+            for found, now, shown in zip(self._found, self.now, self._shown, strict=True)
+        ]
         k = int(np.argmax(turns))
         if turns[k] < LEAST_TURN_RAD:
             return None

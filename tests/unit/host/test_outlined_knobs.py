@@ -251,6 +251,22 @@ def test_turns_add_up_over_the_looks_beyond_half_the_spacing() -> None:
     assert np.linalg.norm(joint.axis_origin_m[:2] - knob().p_axis[:2]) < 0.002
 
 
+def test_a_knob_that_the_newest_look_does_not_show_tells_no_joint() -> None:
+    """It would be said to stand in that look where it stood in the one before, and the push may have turned it on."""
+    watch = KnobWatch(seen("A", 0.0))
+    watch.look(seen("B", 20.0))
+    assert watch.joint() is not None
+    hidden = seen("B2", 45.0)
+    noise = np.random.default_rng(0).integers(80, 100, hidden.capture.frame.colour.shape, dtype=np.uint8)
+    hidden.capture.frame = replace(hidden.capture.frame, colour=noise)
+    watch.look(hidden)
+    assert watch.joint() is None
+    watch.look(seen("B3", 45.0))
+    joint = watch.joint()
+    assert joint is not None
+    assert np.degrees(joint.delta) == pytest.approx(45.0, abs=1.0)
+
+
 def test_held_out_one_way_a_knob_is_turned_the_other_way_next() -> None:
     view, outline = seen("A", 0.0), knob()
     found = undecided(view.scene)
