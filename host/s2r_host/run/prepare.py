@@ -75,10 +75,10 @@ def prepare_manipulation(
     if planned is not None:
         return planned
     tried, why = len(plans.failed), grouped([one.reason for one in plans.failed])
-    planned = plans.least_fragile(SURELY_NEARER * to_go)
+    planned = plans.least_fragile(SURELY_NEARER * to_go, session.target)
     if planned is None and to_go > task.far_off:  # else a correction is worth less than what it may spoil
         planned = plans.first(_second_best(session, belief, s_initial))
-    planned = planned or plans.least_fragile(NO_FARTHER * to_go)
+    planned = planned or plans.least_fragile(NO_FARTHER * to_go, session.target)
     if planned is None:
         raise TargetError(
             f"no plan takes the {task.part} from {show(s_initial)} to {show(session.target)} "
@@ -87,7 +87,7 @@ def prepare_manipulation(
     if planned.delivery.fragile is None:
         told = f"all the way ({why}); first to {show(planned.foreseen)}"
     else:
-        strays = task.unit.show(planned.delivery.strays)[1:]
+        strays = task.unit.show(_farthest(planned, session.target))[1:]
         told = f"there whatever the object is like ({why}); one that ends at most {strays} from it is taken"
     session.journal.warn(f"no plan takes the {task.part} {told}")
     return planned
@@ -146,10 +146,15 @@ class _Plans:
             self._journal.failed_tries.append(self.failed[-1])
         return None
 
-    def least_fragile(self, most: float) -> PlannedManipulation | None:
-        """The fragile plan that strays least, where no believable object ends ``most`` from its target [m or rad]."""
-        found = min(self.fragile, key=lambda one: one.delivery.strays, default=None)
-        return found if found is not None and found.delivery.strays < most else None
+    def least_fragile(self, most: float, target: float) -> PlannedManipulation | None:
+        """The fragile plan that strays least, where no believable object ends ``most`` from the target [m or rad]."""
+        found = min(self.fragile, key=lambda one: _farthest(one, target), default=None)
+        return found if found is not None and _farthest(found, target) < most else None
+
+
+def _farthest(planned: PlannedManipulation, target: float) -> float:
+    """How far from a target any believable object may end [m or rad]; a plan may be made for a stop on the way."""
+    return planned.delivery.strays + abs(planned.request.s_target - target)
 
 
 def _on_target(s_target: float, *, careful: bool) -> list[Try]:

@@ -39,7 +39,8 @@ class Trial:
         if found not in (True, "edge"):  # how far from the target some object ends
             delivery = SimpleNamespace(fragile="fragile: it slips", hits=False, strays=found)
         end = SimpleNamespace(at_edge=found == "edge")
-        return SimpleNamespace(foreseen=one.s_target - 0.01, delivery=delivery, end=end)
+        request = SimpleNamespace(s_target=one.s_target)
+        return SimpleNamespace(foreseen=one.s_target - 0.01, delivery=delivery, end=end, request=request)
 
     def prepare(self, s_initial=0.0, number=1):
         session: Any = SimpleNamespace(
@@ -131,6 +132,17 @@ def test_a_fragile_plan_that_may_be_worth_nothing_comes_after_all_others(monkeyp
     trial = Trial(monkeypatch, lambda target, tolerance: 0.9 * TARGET if target == TARGET else False)
     assert trial.prepare().delivery.strays == pytest.approx(0.9 * TARGET)
     assert len(trial.asked) == len(prepare.DOUBTS) + len(prepare.STOP_DOUBTS) * (len(STOPS) + 1)
+
+
+def test_a_fragile_plan_to_a_stop_counts_by_how_far_from_the_target_it_may_end(monkeypatch):
+    """Such a plan may end on the far side of where the part is now."""
+    trial = Trial(monkeypatch, lambda target, tolerance: 0.9 * TARGET if target < TARGET else False)
+    with pytest.raises(TargetError, match=r"10 tries"):
+        trial.prepare()
+    strays = {STOPS[0]: 0.01, STOPS[1]: 0.02}
+    trial = Trial(monkeypatch, lambda target, tolerance: strays.get(target, False))
+    assert trial.prepare().foreseen == pytest.approx(STOPS[1] - 0.01)
+    assert "ends at most 9.74° from it is taken" in trial.warnings[0]
 
 
 @pytest.mark.parametrize("strays", [1.1 * TARGET, float("inf")])
