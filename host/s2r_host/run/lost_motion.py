@@ -89,7 +89,7 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
             geom, _ = Counter(one.planned.end.geom for one in like).most_common(1)[0]
             belief = _with_side(record.belief, geom, step, offset, folder, positive=positive)
             again = _touches(like, session, belief, record, folder)
-            if abs(_median(again) - (_median(touches) - offset)) > FOLLOWS * abs(offset):
+            if not again or abs(_median(again) - (_median(touches) - offset)) > FOLLOWS * abs(offset):
                 continue
             record.belief, moved[way] = replace(belief, moved={**belief.moved, way: so_far + step}), step
             found[f"{geom}, {WAY[positive]}"] = -offset if positive else offset

@@ -238,6 +238,22 @@ def test_a_surface_that_does_not_decide_where_motions_end_stays(run, monkeypatch
     assert record.lost_motion == []
 
 
+def test_a_surface_that_no_motion_would_meet_once_moved_stays(run, monkeypatch):
+    """Nothing would be left to tell whether that is where it is."""
+    session, record = run(DRAWER, _done(DRAWER, 0.1, 0.097, 0.0))
+    before = record.belief
+    built = before.path(True)
+
+    def replayed(trajectory, request):
+        far = 0.0 if request.object_mjcf == built else 0.02
+        return SimpleNamespace(final=_played(trajectory, request).final + far)
+
+    monkeypatch.setattr(lost_motion, "replay", replayed)
+    learn_lost_motion(session, record)
+    assert record.belief is before
+    assert record.lost_motion == []
+
+
 def test_a_motion_that_by_now_would_have_ended_far_off_does_not_count(run, monkeypatch):
     """With what was learnt of the joint since, it went another way."""
     motions = [_done(DRAWER, 0.1, end, 0.0) for end in (0.099, 0.098)]
