@@ -76,7 +76,9 @@ def carry_out_reactively(
     except ArmStoppedError as error:
         way_in = np.vstack([motion.trajectory.q for motion in played])
         back_off(session, error, way_in, f"{planned.motions[0].label}: backing off")
-        return replace(planned, stopped=True), tuple(session.executed[begun:])
+        # Once another motion has taken over, the first one is not all of what moved the part.
+        planned = replace(planned, stopped=True, corrected=len(played) > 1)
+        return planned, tuple(session.executed[begun:])
     assert report is not None
     _tell(session, feed, report)
     planned = _as_played(planned, report)

@@ -1,0 +1,58 @@
+"""A manipulation that was corrected on its way and then stopped."""
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from s2r_host.errors import ArmStoppedError
+from s2r_host.link import Verdict
+from s2r_host.run import reactive
+from s2r_host.run.planned import PlannedManipulation
+from s2r_host.run.session import Motion
+from s2r_protocol.faults import Cause
+
+NOT_USED: Any = None
+
+
+class Feed(nullcontext):
+    """Eyes on the part, which see nothing here."""
+
+    known = True
+
+
+def planned() -> PlannedManipulation:
+    trajectory: Any = SimpleNamespace(q=np.zeros((2, 7)))
+    request: Any = SimpleNamespace(s_initial=0.0)
+    result: Any = SimpleNamespace(hook=None)
+    motions = (Motion(trajectory, "manipulation 1"),)
+    return PlannedManipulation(1, request, result, NOT_USED, NOT_USED, motions, NOT_USED)
+
+
+@pytest.mark.parametrize("corrections", [0, 1])
+def test_a_stopped_motion_is_known_to_be_corrected_where_another_had_taken_over(monkeypatch, corrections):
+    """Else all of the part's way is taken for what the first motion made of it."""
+
+    def follow(_link, _feed, _planner, first, label, sent):
+        for k in range(1 + corrections):
+            sent(first, label, Verdict(k, 0, 1.0))
+        raise ArmStoppedError("met something", Cause.COLLISION)
+
+    def play(commands):
+        commands([])
+
+    session: Any = SimpleNamespace(
+        executed=[], link=None, play=play, journal=SimpleNamespace(elapsed_s=0.0),
+        status=lambda: SimpleNamespace(tick=0),
+        note_sent=lambda motion, verdict, tick: SimpleNamespace(begun_s=0.0, wall_s=0.0),
+    )  # fmt: skip
+    monkeypatch.setattr(reactive, "scene_of", lambda _request: None)
+    monkeypatch.setattr(reactive, "ReactivePlanner", lambda *_: None)
+    monkeypatch.setattr(reactive, "LiveJoint", lambda *_: Feed())
+    monkeypatch.setattr(reactive, "follow_reactively", follow)
+    monkeypatch.setattr(reactive, "back_off", lambda *_: None)
+    done, _ = reactive.carry_out_reactively(session, NOT_USED, planned(), NOT_USED)
+    assert done.stopped
+    assert done.corrected == (corrections > 0)
