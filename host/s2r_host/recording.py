@@ -317,6 +317,29 @@ def plan_track(recording: Path | bytes, plan_seq: int, topic_end: str = "joint_s
     Raises:
         RecordingError: The recording is damaged or that plan is not in it.
     """
+    during = _plan_times(recording, plan_seq)
+    first, last = during[0], during[-1]
+    whole = joint_track(recording, topic_end)
+    inside = (whole.stamp_ns >= first[0]) & (whole.stamp_ns <= last[0])
+    return JointTrack(whole.stamp_ns[inside], whole.q[inside], whole.dq[inside], first[1])
+
+
+def plan_time_at(recording: Path | bytes, plan_seq: int, stamp_ns: np.ndarray) -> np.ndarray:
+    """The plan's own time [s] at moments (n,) of its recording: a pause stops it, the clock goes on.
+
+    Raises:
+        RecordingError: The recording is damaged or that plan is not in it.
+    """
+    stamps, t = zip(*_plan_times(recording, plan_seq), strict=True)
+    return np.interp(stamp_ns - stamps[0], np.array(stamps) - stamps[0], t)
+
+
+def _plan_times(recording: Path | bytes, plan_seq: int) -> list[tuple[int, float]]:
+    """(stamp [ns], plan time [s]) of every state during a plan, in order, at least one.
+
+    Raises:
+        RecordingError: There is none, or the recording is damaged.
+    """
     during = [
         (_stamp_ns(body), float(body["plan_t"]))
         for body in (unpack(STATE, data) for _, _, data in _messages(recording, STATE))
@@ -324,10 +347,7 @@ def plan_track(recording: Path | bytes, plan_seq: int, topic_end: str = "joint_s
     ]
     if not during:
         raise RecordingError(f"the recording has no state of the executor during plan {plan_seq}")
-    first, last = min(during), max(during)
-    whole = joint_track(recording, topic_end)
-    inside = (whole.stamp_ns >= first[0]) & (whole.stamp_ns <= last[0])
-    return JointTrack(whole.stamp_ns[inside], whole.q[inside], whole.dq[inside], first[1])
+    return sorted(during)
 
 
 def _stamp_ns(body: Mapping[str, Any]) -> int:

@@ -15,7 +15,7 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.collision import CollisionChecker
 from s2r_host.motion.joint_motion import plan_joint_motion
 from s2r_host.motion.obstacles import Obstacle, table_obstacle
-from s2r_host.recording import JointTrack, plan_track
+from s2r_host.recording import JointTrack, plan_time_at, plan_track
 from s2r_host.replay.pace import from_time, path_time, slowed
 from s2r_host.replay.sources import Replayable
 from s2r_host.replay.way import recorded_way
@@ -164,8 +164,8 @@ def replay_plan(
             _step(link, verdict.seq, settings)
         link.wait_done(verdict)
     recording = link.recording(verdict.seq)
-    again = plan_track(recording, verdict.seq)
-    return Replayed(plan, verdict.seq, recording, _against_first(plan, settings, trajectory, again))
+    compared = _against_first(plan, settings, trajectory, recording, verdict.seq)
+    return Replayed(plan, verdict.seq, recording, compared)
 
 
 def _step(link: ExecutorLink, seq: int, settings: ReplaySettings) -> None:
@@ -187,12 +187,19 @@ def _step(link: ExecutorLink, seq: int, settings: ReplaySettings) -> None:
 
 
 def _against_first(
-    plan: Replayable, settings: ReplaySettings, sent: Trajectory, again: JointTrack
+    plan: Replayable, settings: ReplaySettings, sent: Trajectory, recording: bytes, seq: int
 ) -> Comparison:
-    if plan.first is None or settings.step_s > 0:
+    again = plan_track(recording, seq)
+    if plan.first is None and settings.step_s == 0.0:
         q_sent = sent.sample(again.t)[0]
         return Comparison(again.t, q_sent, q_sent, again.q)
-    mapped = path_time(again.t, settings.t_start, settings.speed, plan.trajectory.duration_s)
+    # Pauses at the steps are none of the plan.
+    t = plan_time_at(recording, seq, again.stamp_ns) if settings.step_s > 0.0 else again.t
+    if plan.first is None:
+        paused = _on(again, t)
+        q_sent = sent.sample(paused.t)[0]
+        return Comparison(paused.t, q_sent, q_sent, paused.q)
+    mapped = path_time(t, settings.t_start, settings.speed, plan.trajectory.duration_s)
     return compare(plan.trajectory, plan.first, _on(again, mapped))
 
 

@@ -10,7 +10,14 @@ from s2r_host.errors import RecordingError, TargetError
 from s2r_host.recording import JOINT_STATE, STATE, JointTrack, RunRecorder, plan_track, stamp
 from s2r_host.replay.overlay import write_overlay
 from s2r_host.replay.pace import from_time, path_time, slowed
-from s2r_host.replay.replay import Replayed, ReplaySettings, as_sent, compare, repeatability
+from s2r_host.replay.replay import (
+    Replayed,
+    ReplaySettings,
+    _against_first,
+    as_sent,
+    compare,
+    repeatability,
+)
 from s2r_host.replay.sources import Replayable, pick, read_source, trajectory_of_message
 from s2r_host.trajectory import Trajectory
 from s2r_host.trajectory.plan_files import write_knots_csv, write_plan_csv, write_plan_mcap
@@ -149,6 +156,24 @@ def test_a_plan_begun_in_the_middle_starts_at_rest_and_stays_on_the_path(traject
     np.testing.assert_allclose(rest.q[-1], trajectory.q[-1], atol=1e-12)
     with pytest.raises(TargetError, match="outside the plan"):
         from_time(trajectory, 1.0)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_replay_that_was_stepped_through_is_compared_without_its_pauses(run, trajectory, known):
+    """Half a second of pause in the middle of a motion of one second, which else follows the plan."""
+    path = run / "stepped.mcap"
+    with RunRecorder(path, "/lab/xmate3pro", NAMES) as recorder:
+        for k in range(1, 151):
+            t, t_ns = 0.01 * min(k, max(50, k - 50)), 30_000_000_000 + k * 10_000_000
+            header, (q, dq, _) = {"stamp": stamp(t_ns)}, trajectory.sample(t)
+            body = {"header": header, "name": NAMES, "position": q, "velocity": dq}
+            recorder._put("joint_states", JOINT_STATE, body, t_ns)
+            recorder._put("executor_state", STATE, {"header": header, "plan_seq": 12, "plan_t": t}, t_ns)
+    plan = Replayable(1, "manipulation 1", trajectory, track(trajectory) if known else None)
+    settings = ReplaySettings(step_s=0.5)
+    found = _against_first(plan, settings, trajectory, path.read_bytes(), 12)
+    assert found.largest_rad.max() < 1e-3
+    assert found.t[-1] == pytest.approx(1.0)
 
 
 def test_repeatability_is_the_spread_about_the_mean(run, trajectory):
