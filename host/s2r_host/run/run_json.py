@@ -19,7 +19,6 @@ from s2r_host.run.first_push import DonePush
 from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.observe import Observation
 from s2r_host.run.record import Goal, RunRecord
-from s2r_protocol.exits import ExitCode
 from s2r_protocol.whole_file import write_whole
 
 SCHEMA_VERSION = 1
@@ -50,18 +49,20 @@ def as_json(record: RunRecord) -> dict[str, Any]:
     newest = goals[-1] if goals else None
     first = newest.attempts[0] if newest else None
     asked = None if record.settings.target is None else record.origin + record.settings.target
-    there = record.goals[-1] if record.goals and record.code is ExitCode.OK and not newest else None
+    aimed = record.goals[-1] if record.goals else None  # what the figures of the whole are about
+    done = aimed if aimed is not None and aimed.attempts else None
+    s_initial = done.attempts[0].s_initial if done else finite(aimed.s_before) if aimed else record.s_found
     return {
         "schema_version": SCHEMA_VERSION,
         "task": record.settings.task.name,
         "unit": "m" if record.settings.task.joint_type == "prismatic" else "rad",
         "exit": {"code": int(record.code), "name": record.code.name, "reason": record.reason},
-        "s_target": record.goals[-1].target if record.goals else asked,
-        "s_initial": first.s_initial if first else record.s_found,
+        "s_target": aimed.target if aimed else asked,
+        "s_initial": s_initial,
         "s_final": newest.last.measured.s if newest else record.s_found,
         "s_final_sigma": finite(newest.last.measured.sigma) if newest else None,
-        "delta": newest.last.delta if newest else there.target - there.s_before if there else None,
-        "delta_r": newest.delta_r if newest else None,
+        "delta": done.last.delta if done else _left(record),
+        "delta_r": done.delta_r if done else None,
         "goals": [_goal(goal) for goal in goals],
         "tick_before_plan": first.executed[0].tick_start if first and first.executed else None,
         "attempts": [_attempt(attempt) for attempt in record.attempts],
@@ -91,6 +92,14 @@ def as_json(record: RunRecord) -> dict[str, Any]:
         "inputs": {"arguments": list(record.arguments), "settings": _plain(record.settings)},
         "versions": _versions(),
     }
+
+
+def _left(record: RunRecord) -> float | None:
+    """δ of a newest target at which the part was already; None of one that it was not moved to."""
+    aimed = record.goals[-1] if record.goals else None
+    if aimed is None or not abs(aimed.target - aimed.s_before) <= record.settings.task.good_enough:
+        return None
+    return aimed.target - aimed.s_before
 
 
 def _goal(goal: Goal) -> dict[str, Any]:

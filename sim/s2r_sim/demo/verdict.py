@@ -77,7 +77,9 @@ def open_truth(seed: int, folder: Path, published: str) -> DemoVerdict:
     target = float(run["s_target"]) - counted
     at = {a["number"]: truth.s_at_tick(a["tick_start"]) for a in run["attempts"]}
     goals = run["goals"]
-    begun = [at[number] for number in goals[-1]["attempts"]] if goals else []
+    # No motion was made for a last target at which the part was already, or that had no plan.
+    moved = bool(goals) and goals[-1]["s_target"] == run["s_target"]
+    begun = [at[number] for number in goals[-1]["attempts"]] if moved else []
     left_at = [*(at[goal["attempts"][0]] for goal in goals[1:]), s_true]
     after_first = (begun[1] if len(begun) > 1 else s_true) if begun else None
     return DemoVerdict(

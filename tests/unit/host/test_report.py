@@ -12,6 +12,7 @@ from s2r_host.report.markup import page, section, table
 from s2r_host.report.page import write_report
 from s2r_host.report.plots import joints_figure, stages_figure
 from s2r_host.report.style import inline_png, inline_svg
+from s2r_host.run import run_json
 from s2r_host.run.journal import Journal, Stage
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import _plain, as_json, write_run_json
@@ -82,20 +83,29 @@ def test_targets_that_were_not_aimed_at_yet_are_in_the_heading(tmp_path):
     assert "Drawer to +150.0 mm, then +50.0 mm" in text
 
 
-def test_run_json_keeps_targets_of_the_same_value_apart(record):
-    def done(number: int, s_initial: float, s_target: float, s: float) -> Any:
-        planned = SimpleNamespace(number=number)
-        measured = SimpleNamespace(s=s, sigma=1e-4)
-        delta = s_target - s
-        return SimpleNamespace(
-            planned=planned,
-            executed=[],
-            measured=measured,
-            s_initial=s_initial,
-            s_target=s_target,
-            delta=delta,
-        )
+def done(number: int, s_initial: float, s_target: float, s: float) -> Any:
+    """A planned manipulation."""
+    planned = SimpleNamespace(number=number)
+    measured = SimpleNamespace(s=s, sigma=1e-4)
+    delta = s_target - s
+    return SimpleNamespace(
+        planned=planned, executed=[], measured=measured, s_initial=s_initial, s_target=s_target, delta=delta
+    )
 
+
+@pytest.mark.parametrize(("target", "delta"), [(0.155, 0.002), (0.25, None)])
+def test_the_figures_of_run_json_are_all_of_the_target_aimed_at_last(record, monkeypatch, target, delta):
+    """Where no motion was made for it, as the part was there or no plan was found, they are not an earlier one's."""
+    monkeypatch.setattr(run_json, "_attempt", lambda attempt: {"number": attempt.planned.number})
+    record.goals = [Goal(0.15, [done(1, 0.03, 0.15, 0.153)], s_before=0.03), Goal(target, s_before=0.153)]
+    values = as_json(record)
+    assert (values["s_target"], values["s_initial"], values["s_final"]) == (target, 0.153, 0.153)
+    assert values["delta"] == (None if delta is None else pytest.approx(delta))
+    assert values["delta_r"] is None
+    assert [goal["delta"] for goal in values["goals"]] == [pytest.approx(-0.003)]
+
+
+def test_run_json_keeps_targets_of_the_same_value_apart(record):
     there, back = done(1, 0.03, 0.15, 0.152), done(2, 0.152, 0.05, 0.049)
     again = [done(3, 0.049, 0.15, 0.146), done(4, 0.146, 0.15, 0.149)]
     record.goals = [Goal(0.15, [there]), Goal(0.05, [back]), Goal(0.15, again)]

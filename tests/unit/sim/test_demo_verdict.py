@@ -45,3 +45,15 @@ def test_a_joint_that_counts_from_a_later_view_is_judged_from_as_found(folder, w
     assert verdict.delta_r_true == pytest.approx((TARGET - ENDED) / (TARGET - PUSHED))
     assert verdict.deltas_true == pytest.approx((TARGET - ENDED,))
     assert verdict.commitment_holds
+
+
+def test_figures_of_a_last_target_that_no_motion_was_made_for_are_not_those_of_the_one_before(folder, world):
+    """The part was there already, or no plan was found."""
+    path = folder / "run/run.json"
+    run = json.loads(path.read_text())
+    path.write_text(json.dumps(run | {"s_target": ENDED - PUSHED + 0.002}))
+    verdict = open_truth(3, folder, world.commitment)
+    assert verdict.delta_true == pytest.approx(0.002)
+    assert verdict.deltas_true == pytest.approx((TARGET - ENDED,))
+    assert verdict.delta_first_true is None
+    assert verdict.delta_r_true is None
