@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 
 from s2r_host.errors import CommandRefusedError
 from s2r_host.link_types import LATCHED
@@ -139,8 +140,8 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
         except RefusedError as error:
             if not settings.go_on or record.goals[-1].attempts:
                 raise
-            record.code, record.reason = error.exit_code, f"{_reached(record)}{error}"
-            record.goals.pop()
+            record.goals[-1] = replace(record.goals[-1], refused=str(error))
+            _judge(record)
             journal.warn(f"going on without this target: {error}")
             continue
         s_now = record.goals[-1].last.measured.s
@@ -156,10 +157,13 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
 
 
 def _judge(record: RunRecord) -> bool:
-    """Whether the newest target was reached; the record's reason tells about all of them."""
+    """Whether the newest target was reached; the record's code and reason tell about all of them."""
     task, told = record.settings.task, []
     for goal in record.goals:
         count = len(goal.attempts)
+        if goal.refused:
+            told.append(f"target {record.show(goal.target)} was left out: {goal.refused}")
+            continue
         if not count:
             told.append(
                 f"{task.part} at {record.show(goal.s_before)} already, target {record.show(goal.target)}"
@@ -169,14 +173,16 @@ def _judge(record: RunRecord) -> bool:
             f"{task.part} at {record.show(goal.last.measured.s)}, target {record.show(goal.target)}: "
             f"δ {task.unit.show(goal.last.delta)} after {count} planned manipulation{'s' if count > 1 else ''}"
         )
-    newest = record.goals[-1]
-    good = not newest.attempts or abs(newest.last.delta) <= task.tolerance
-    record.code = ExitCode.OK if good else ExitCode.DIFFERENCE
-    record.reason = "; then ".join(told)
-    if not good:
-        limit = task.unit.show(task.tolerance)[1:]
+    missed = [goal for goal in record.goals if goal.attempts and not abs(goal.last.delta) <= task.tolerance]
+    refused = any(goal.refused for goal in record.goals)
+    record.code = ExitCode.REFUSED if refused else ExitCode.DIFFERENCE if missed else ExitCode.OK
+    record.reason, newest = "; then ".join(told), record.goals[-1]
+    limit = task.unit.show(task.tolerance)[1:]
+    if newest in missed:
         record.reason += f", more than {limit}; look at the report's contact surfaces"
-    return good
+    elif missed:
+        record.reason += f"; {len(missed)} of {len(record.goals)} targets missed by more than {limit}"
+    return newest not in missed and not newest.refused
 
 
 def _reached(record: RunRecord) -> str:

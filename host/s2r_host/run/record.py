@@ -30,11 +30,13 @@ class Goal:
         target: [m or rad], from the state as found.
         attempts: The planned manipulations towards it, in order; none where the part was there already.
         s_before: Where the part was before, as far as it was looked at [m or rad].
+        refused: Why no manipulation could be planned and the run went on without it; empty otherwise.
     """
 
     target: float
     attempts: list[DoneManipulation] = field(default_factory=list)
     s_before: float = math.nan
+    refused: str = ""
 
     @property
     def last(self) -> DoneManipulation:

@@ -64,6 +64,7 @@ def as_json(record: RunRecord) -> dict[str, Any]:
         "delta": done.last.delta if done else _left(record),
         "delta_r": done.delta_r if done else None,
         "goals": [_goal(goal) for goal in goals],
+        "left_out": [{"s_target": x.target, "reason": x.refused} for x in record.goals if x.refused],
         "tick_before_plan": first.executed[0].tick_start if first and first.executed else None,
         "attempts": [_attempt(attempt) for attempt in record.attempts],
         "push": _push(record.push) if record.push else None,

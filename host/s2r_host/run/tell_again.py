@@ -20,7 +20,7 @@ from s2r_host.run.belief import Belief, build_belief, estimate_part
 from s2r_host.run.measure import Measurement
 from s2r_host.run.measure_view import state_in
 from s2r_host.run.observe import Observation
-from s2r_host.run.record import Goal, RunRecord
+from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
 
 FURTHER = 1.25  # times the motion that told the joint so far
@@ -133,7 +133,7 @@ def _count_anew(
             shift = done.shift + s - done.s_initial
             attempts.append(replace(done, s_initial=s, s_target=target, measured=measured, shift=shift))
             s = measured.s
-        goals.append(Goal(target, attempts, s_before))
+        goals.append(replace(goal, target=target, attempts=attempts, s_before=s_before))
     record.belief, record.origin, record.s_found, record.goals = belief, origin, s_found, goals
     record.zero_view, record.told_view = zero.name, told.name
     session.target = goals[-1].target

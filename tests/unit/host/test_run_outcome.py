@@ -1,0 +1,73 @@
+"""How a run with several targets ends: by all of them, not by the one that happened to be the last."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from s2r_host.run import pipeline
+from s2r_host.run.journal import Journal
+from s2r_host.run.record import Goal, RunRecord
+from s2r_host.run.settings import RunSettings
+from s2r_protocol.exits import ExitCode, RefusedError
+
+SAID = "no plan takes the drawer there"
+
+
+def done(s: float, target: float) -> Any:
+    return SimpleNamespace(measured=SimpleNamespace(s=s), delta=target - s)
+
+
+@pytest.mark.parametrize(
+    ("ends", "code", "reached", "said"),
+    [
+        ([0.101, 0.049], ExitCode.OK, True, "after 1 planned manipulation"),
+        ([0.12, 0.049], ExitCode.DIFFERENCE, True, "; 1 of 2 targets missed by more than 5.00 mm"),
+        ([0.101, 0.07], ExitCode.DIFFERENCE, False, ", more than 5.00 mm; look at the report's contact surfaces"),
+        ([None, 0.049], ExitCode.REFUSED, True, f"target +100.00 mm was left out: {SAID}; then drawer at +49.00 mm"),
+        ([0.101, None], ExitCode.REFUSED, False, f"; then target +50.00 mm was left out: {SAID}"),
+    ],
+)  # fmt: skip
+def test_a_target_that_was_missed_or_left_out_counts_whatever_came_after_it(
+    tmp_path, ends, code, reached, said
+):
+    record = RunRecord(RunSettings(0.1, tmp_path / "run", then=(0.05,), go_on=True), Journal())
+    for target, s in zip((0.1, 0.05), ends, strict=True):
+        record.goals.append(Goal(target, [] if s is None else [done(s, target)], 0.0, "" if s else SAID))
+    assert pipeline._judge(record) == reached
+    assert record.code == code
+    assert said in record.reason
+
+
+def test_targets_keep_their_numbers_where_one_is_left_out(tmp_path, monkeypatch):
+    """Of three the third is slow, and the lesson after it counts on that."""
+    numbers: list[int] = []
+
+    def reached(session, record, *_):
+        numbers.append(len(record.goals))
+        if len(numbers) == 2:
+            raise RefusedError(SAID)
+        record.goals[-1].attempts.append(done(session.target, session.target))
+
+    told: Any = SimpleNamespace(
+        estimate=SimpleNamespace(delta=0.0, axis_direction=SimpleNamespace(tolist=list)),
+        before=SimpleNamespace(name="A", scene=SimpleNamespace(p_base=[])), after=SimpleNamespace(name="B"),
+    )  # fmt: skip
+    belief = SimpleNamespace(model=SimpleNamespace(range=(0.0, 0.3), pieces=(), warnings=()))
+    settings = RunSettings(0.1, tmp_path / "run", then=(0.05, 0.15), from_pushed=True, go_on=True)
+    session: Any = SimpleNamespace(
+        settings=settings, journal=Journal(), arm=None, recorder=SimpleNamespace(add_note=lambda *_: None)
+    )
+    record = RunRecord(settings, session.journal)
+    monkeypatch.setattr(pipeline, "_home", lambda *_: None)
+    monkeypatch.setattr(pipeline, "observe", lambda *_: told.before)
+    monkeypatch.setattr(RunRecord, "add_view", lambda _record, view: view)
+    monkeypatch.setattr(pipeline, "push_until_told", lambda *_: told)
+    monkeypatch.setattr(pipeline, "build_belief", lambda *_: belief)
+    monkeypatch.setattr(pipeline, "learn_from_push", lambda *_: None)
+    monkeypatch.setattr(pipeline, "reach", reached)
+    pipeline._loop(session, record, lambda _record: 0.0)
+    assert numbers == [1, 2, 3]
+    assert record.code == ExitCode.REFUSED
+    assert [goal.refused for goal in record.goals] == ["", SAID, ""]
+    assert f"going on without this target: {SAID}" in session.journal.warnings
