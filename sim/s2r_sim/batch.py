@@ -160,19 +160,19 @@ def results_in(results: Path) -> list[dict[str, Any]]:
 
 
 def results_for_page(
-    results: Path, wanted: Callable[[dict[str, Any]], bool], what: str
+    results: Path, wanted: Callable[[list[Any], dict[str, Any]], bool], what: str
 ) -> list[dict[str, Any]]:
     """Those of a file that a page is to show.
 
     Args:
         results: The file.
-        wanted: Which.
+        wanted: Which, by job and result.
         what: They are, in the plural.
 
     Raises:
         UsageError: There are none, and the page would become an empty one.
     """
-    rows = [row for row in results_in(results) if wanted(row)]
+    rows = [row for job, row in dict(_read(results)).items() if wanted(json.loads(job), row)]
     if not rows:
         raise UsageError(f"--page-only: {results} holds no result of these {what}; the page is left as it is")
     return rows

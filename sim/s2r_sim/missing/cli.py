@@ -42,7 +42,7 @@ from s2r_protocol.exits import UsageError
     "--out", type=click.Path(path_type=Path), required=True, help="Folder; results.jsonl is continued."
 )
 @click.option("--page", type=click.Path(path_type=Path, dir_okay=False), help="Where to write the page.")
-@click.option("--page-only", is_flag=True, help="Run nothing; write the page from all results there are.")
+@click.option("--page-only", is_flag=True, help="Run nothing; write the page from the results there are.")
 @click.option("--note", default="", help="A remark for the page, e.g. under which conditions it was run.")
 @click.option(
     "--what-if",
@@ -93,7 +93,10 @@ def missing(
     ]
     results = out / "results.jsonl"
     if page_only:
-        rows = results_for_page(results, lambda row: row["case"] in labels, "cases")
+        # The same object with fewer targets after the first three is another run.
+        rows = results_for_page(
+            results, lambda job, row: row["case"] in labels and job[3] == later, f"cases with --later {later}"
+        )
     else:
         rows = run_jobs(partial(run_case, out), todo, results, jobs, "runs", ray)
     order = list(HIDDEN)

@@ -51,7 +51,7 @@ from s2r_protocol.exits import UsageError
 @click.option(
     "--page", type=click.Path(path_type=Path, dir_okay=False), help="Where to write the results page."
 )
-@click.option("--page-only", is_flag=True, help="Run nothing; write the page from all results there are.")
+@click.option("--page-only", is_flag=True, help="Run nothing; write the page from the results there are.")
 @click.option("--note", default="", help="A remark for the page, e.g. under which conditions it was run.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def paper(
@@ -90,7 +90,12 @@ def paper(
     words = _words(run_options)
     todo = [(name, number, attempts) for number in range(first, first + trials) for name in names]
     if page_only:
-        rows = results_for_page(out / "results.jsonl", lambda row: row["kind"] in names, "kinds")
+        # The same trial with more or fewer manipulations is another one.
+        rows = results_for_page(
+            out / "results.jsonl",
+            lambda job, row: row["kind"] in names and job[2] == attempts,
+            f"kinds with --attempts {attempts}",
+        )
     else:
         rows = run_jobs(
             partial(run_trial, out, words, pace, arm),

@@ -171,8 +171,14 @@ def test_every_case_is_likened_to_an_effect_that_the_bench_has():
 
 
 def test_the_page_is_written_from_results_alone_and_unknown_cases_are_refused(tmp_path):
-    lines = [json.dumps({"job": [k], "result": row}) for k, row in enumerate(ROWS)]
-    (tmp_path / "results.jsonl").write_text("\n".join(lines) + "\n")
+    jobs = [[row["case"], row["number"], row["arm"]] for row in ROWS]
+    lines = [json.dumps({"job": [*job, 10], "result": row}) for job, row in zip(jobs, ROWS, strict=True)]
+    other = json.dumps(
+        {"job": ["faucet: nothing", 0, "learnt", 2], "result": ROWS[2] | {"case": "faucet: nothing"}}
+    )
+    (tmp_path / "results.jsonl").write_text(
+        "\n".join([*lines, other]) + "\n"
+    )  # the last had two targets, not ten
     done = CliRunner().invoke(missing, ["--out", str(tmp_path), "--page-only", "--json"])
     assert done.exit_code == 0, done.output
     assert [one["case"] for one in json.loads(done.stdout)] == ["drawer: stiction", "laptop: nothing"]

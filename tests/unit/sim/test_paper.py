@@ -164,6 +164,18 @@ def test_campaigns_to_compare_with_must_be_there(tmp_path):
     assert "give LABEL=DIR with a results.jsonl" in str(result.exception)
 
 
+@pytest.mark.parametrize(("attempts", "counted"), [(1, 5), (3, 2)])
+def test_a_page_from_results_alone_holds_trials_of_one_number_of_manipulations(tmp_path, attempts, counted):
+    """A campaign of one manipulation each, and the same trials begun anew with up to three."""
+    jobs = [(row, 1) for row in ROWS] + [(row, 3) for row in ROWS[:2]]
+    lines = [json.dumps({"job": [row["kind"], row["number"], count], "result": row}) for row, count in jobs]
+    (tmp_path / "results.jsonl").write_text("\n".join(lines) + "\n")
+    options = ["--out", str(tmp_path), "--page-only", "--attempts", str(attempts), "--json"]
+    result = CliRunner().invoke(paper, options)
+    assert result.exit_code == 0, result.output
+    assert [merit["n"] for merit in json.loads(result.stdout)["last"]] == [counted, 0, 0]
+
+
 def test_the_page_has_every_trial_the_failures_and_a_picture(tmp_path):
     write_page(ROWS, tmp_path / "results.md", "s2r bench paper --trials 5", attempts=3)
     text = (tmp_path / "results.md").read_text()
