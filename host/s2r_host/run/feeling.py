@@ -91,8 +91,7 @@ class Feeling:
             return []
         for label, push in self._pushes.items():
             felt = touches(own, self.arm, push.samples, push.part, push.s_from, push.s_to, push.most)
-            name, hinged = label.replace(" ", "-"), not belief.template.slides
-            write_log(felt, JOINT, self.folder, name, SESSION, hinged=hinged)
+            self._write(label, felt, hinged=not belief.template.slides)
             self.by_motion[label] = felt
         return self.by_motion[pushed.label]
 
@@ -102,9 +101,18 @@ class Feeling:
         return [touch for felt in self.by_motion.values() for touch in felt]
 
     def forget_part(self) -> None:
-        """What was felt of a part that turned out to be hinged elsewhere; what the arm taught of itself stays."""
+        """What was felt of a part that turned out to be hinged elsewhere; what the arm taught of itself stays.
+
+        Its recordings go as well: they are of another joint than those that follow.
+        """
+        for label in self._pushes:
+            self._write(label, (), hinged=True)
         self._pushes.clear()
         self.by_motion.clear()
+
+    def _write(self, label: str, felt: Sequence[Touch], *, hinged: bool) -> None:
+        """Put the recordings of a motion in the place of earlier ones of it."""
+        write_log(felt, JOINT, self.folder, label.replace(" ", "-"), SESSION, hinged=hinged)
 
     def _learn_arm(self, executed: Sequence[Executed]) -> None:
         for one in executed:

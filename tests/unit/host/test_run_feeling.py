@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from s2r_host.perception.motion import JointMotion
-from s2r_host.proprioception.object_log import Touch
+from s2r_host.proprioception.object_log import Touch, write_log
 from s2r_host.report.felt import felt_figure
 from s2r_host.run import feeling as feeling_module
 from s2r_host.run.belief import HOLDING, Belief
@@ -121,6 +121,18 @@ def test_earlier_pushes_are_felt_anew_with_the_arm_known_by_then(tmp_path, monke
     names = sorted(path.name for path in (tmp_path / "object-log").glob("*.csv"))
     assert names == ["manipulation-1-1.csv", "push-1-1.csv"]
     assert len(feeling.touched) == 2
+
+
+def test_recordings_of_a_joint_that_was_told_anew_are_gone(tmp_path):
+    """They count from another place about another hinge: with those that follow they are no recordings of one joint."""
+    push = SimpleNamespace()
+    feeling = Feeling(SimpleNamespace(arm=None), tmp_path / "object-log", _pushes={"push 1": push})
+    x = np.linspace(0.0, 0.1, 200)
+    for name in ("push-1", "push-12"):
+        write_log([touch(np.full(200, 3.0), x)], "object_joint", feeling.folder, name, "run", hinged=True)
+    feeling.forget_part()
+    assert sorted(path.name for path in feeling.folder.iterdir()) == ["push-12-1.csv", "push-12-1.yaml"]
+    assert not feeling.touched
 
 
 def test_what_was_felt_is_drawn_beside_what_was_learnt(tmp_path):
