@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.learn.archive import read_archive
+from s2r_host.learn.push_files import data_hash
 from s2r_host.learn.solids import drawn_around, inside, moved
 from s2r_host.perception.change import compare, measured_noise_scale, without_specks
 from s2r_host.perception.errors import InputError, NothingMovedError
@@ -114,14 +115,14 @@ def load_pairs(file: Path) -> list[PairSample]:
     Raises:
         InputError: The file is damaged, or lacks something, as files of other versions do.
     """
-    kept = file.parent / FOLDER / file.name
+    kept, source = file.parent / FOLDER / file.name, data_hash([file])
     if kept.exists() and kept.stat().st_mtime >= file.stat().st_mtime:
-        samples = _read(kept)
+        samples = _read(kept, source)
         if samples is not None:
             return samples
     content = read_archive(file, _NEEDED, "s2r data pairs")
     samples = _prepare(content)
-    _write(kept, samples)
+    _write(kept, samples, source)
     return samples
 
 
@@ -237,9 +238,10 @@ def _other(motion: JointMotion, spokes: int) -> JointMotion | None:
     return replace(motion, direction=-motion.direction, delta=spacing - delta)
 
 
-def _write(path: Path, samples: list[PairSample]) -> None:
+def _write(path: Path, samples: list[PairSample], source: str) -> None:
     path.parent.mkdir(exist_ok=True)
     arrays: dict[str, NDArray[np.generic]] = {"version": np.array(VERSION), "count": np.array(len(samples))}
+    arrays["source"] = np.array(source)
     for k, sample in enumerate(samples):
         arrays |= {f"{name}{k}": getattr(sample, name) for name in _ARRAYS}
         arrays[f"before{k}"] = np.array(sample.before)
@@ -253,10 +255,11 @@ def _write(path: Path, samples: list[PairSample]) -> None:
     part.replace(path)
 
 
-def _read(path: Path) -> list[PairSample] | None:
-    """None if another version wrote it."""
+def _read(path: Path, source: str) -> list[PairSample] | None:
+    """None if another version wrote it, or it was made of another file than the one with that hash."""
     with np.load(path) as archive:
-        if int(archive["version"]) != VERSION:
+        made_of = str(archive["source"]) if "source" in archive else source  # points kept before hashes were
+        if int(archive["version"]) != VERSION or made_of != source:
             return None
         samples = []
         for k in range(int(archive["count"])):

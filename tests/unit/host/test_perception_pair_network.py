@@ -1,5 +1,7 @@
 """The pair network: its input, its votes, its training and its export. Training parts need torch (extra 'learn')."""
 
+import os
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -197,6 +199,21 @@ def test_points_are_kept_beside_the_views_and_say_the_same(pair_folder):
     assert again.motion.joint_type == first.motion.joint_type
     assert again.motion.delta == first.motion.delta > 0
     assert again.kind == first.kind
+
+
+def test_points_of_a_file_that_was_put_in_the_place_of_another_are_not_those_of_the_other(tmp_path):
+    """As one from an archive, which is older than the points that are kept beside it."""
+    file, other = tmp_path / "a-train-0.npz", tmp_path / "other" / "a-train-0.npz"
+    other.parent.mkdir()
+    write_pair(file, 1)
+    write_pair(other, 2)
+    (first,) = load_pairs(file)
+    shutil.copyfile(other, file)
+    os.utime(file, (1e9, 1e9))
+    (again,) = load_pairs(file)
+    (true,) = load_pairs(other)
+    assert again.motion.delta != first.motion.delta
+    assert again.motion.delta == true.motion.delta
 
 
 def test_the_part_is_mostly_what_moved_and_its_motion_carries_it_over(pair_folder):
