@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -17,8 +17,8 @@ from s2r_host.run.feeling import Feeling
 from s2r_host.run.journal import Journal
 from s2r_host.run.lessons import learn_from_push
 from s2r_host.run.measure_view import state_in
-from s2r_host.run.observe import observe
-from s2r_host.run.push_until_told import push_until_told
+from s2r_host.run.observe import Observation, observe
+from s2r_host.run.push_until_told import Told, push_until_told
 from s2r_host.run.reach import reach
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import write_run_json
@@ -87,7 +87,7 @@ def _keep(record: RunRecord) -> None:
 
 
 def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]) -> None:
-    settings, journal, task = session.settings, session.journal, session.settings.task
+    settings, journal = session.settings, session.journal
     with planned_where_it_stands(session):
         _home(session, record)
         with journal.stage("view A") as stage:
@@ -97,6 +97,19 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
     if told is None:
         record.code, record.reason = ExitCode.OK, f"dry run: the first push is planned, {session.rest}"
         return
+    _believe(session, record, before, told)
+    feeling = Feeling(session.arm, settings.out / "object-log", record.felt)
+    learn_from_push(session, record, feeling, told)
+    first = settings.target
+    if first is None:
+        write_run_json(record)  # what is believed so far, for whoever is asked
+        first = ask(record)
+    _to_targets(session, record, feeling, told.after, (first, *settings.then))
+
+
+def _believe(session: Session, record: RunRecord, first: Observation, told: Told) -> None:
+    """Build the object that the pushes told; say from which views its joint values and the targets count."""
+    settings, journal = session.settings, session.journal
     record.told_by_push, record.push_seen_from = told.estimate, told.before.name
     with journal.stage("build model") as stage:
         record.belief = build_belief(told.estimate, settings.out / "model", settings.seed)
@@ -106,7 +119,7 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
         record.origin_view, record.origin = (
             (told.after.name, record.s_found)
             if settings.from_pushed
-            else (before.name, state_in(record.belief, before, told.before))
+            else (first.name, state_in(record.belief, first, told.before))
         )
         low, high = (record.show(limit, 0) for limit in model.range)
         stage.note = f"{len(model.pieces)} pieces, range {low} to {high}"
@@ -115,15 +128,23 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
     session.recorder.add_note(
         "joint", {"axis": told.estimate.axis_direction.tolist(), "s_after": record.s_found}
     )
-    feeling = Feeling(session.arm, settings.out / "object-log", record.felt)
-    learn_from_push(session, record, feeling, told)
-    after, s_now = told.after, record.s_found
-    first = settings.target
-    if first is None:
-        write_run_json(record)  # what is believed so far, for whoever is asked
-        first = ask(record)
-    targets = (first, *settings.then)
-    asks_gap = settings.learn_physics and "gap" not in settings.without
+
+
+def _to_targets(
+    session: Session, record: RunRecord, feeling: Feeling, view: Observation, targets: Sequence[float]
+) -> None:
+    """Move the part to one target after the other, and learn in between.
+
+    Args:
+        session: Links.
+        record: With the belief; gets the goals and the outcome.
+        feeling: What the arm feels of the part.
+        view: The newest look.
+        targets: As the command line counts them [m or rad].
+    """
+    settings, journal, task = session.settings, session.journal, session.settings.task
+    assert record.s_found is not None
+    s_now, asks_gap = record.s_found, settings.learn_physics and "gap" not in settings.without
     for number, target in enumerate(targets, start=1):
         session.target = record.origin + target
         record.goals.append(Goal(session.target, s_before=s_now))
@@ -136,7 +157,7 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
 
             before_target(session, record)
         try:
-            after = reach(session, record, feeling, after, s_now)
+            view = reach(session, record, feeling, view, s_now)
         except RefusedError as error:
             if not settings.go_on or record.goals[-1].attempts:
                 raise
