@@ -68,9 +68,11 @@ def _numbers(record: RunRecord) -> str:
     if goals:
         goal, first = goals[-1], goals[0].attempts[0]
         last, delta_r = goal.last, goal.delta_r
+        # A target at which the part was already, or that had no plan, has no figures of its own.
+        of = "" if goal is record.goals[-1] else f", target {record.show(goal.target, 1)}"
         cells += [
-            (unit.show(last.delta), "δ = target − final"),
-            (f"{100 * delta_r:+.2f} %", "δ_r = δ / (target − start)"),
+            (unit.show(last.delta), f"δ = target − final{of}"),
+            (f"{100 * delta_r:+.2f} %", f"δ_r = δ / (target − start){of}"),
             (record.show(last.measured.s), f"final state, ± {unit.show(last.measured.sigma)[1:]} (1σ)"),
             (record.show(first.s_initial), "state before the plan"),
             (str(len(record.attempts)), "planned manipulations"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from s2r_host.report.markup import page, section, table
-from s2r_host.report.page import write_report
+from s2r_host.report.page import _numbers, write_report
 from s2r_host.report.plots import joints_figure, stages_figure
 from s2r_host.report.style import inline_png, inline_svg
 from s2r_host.run import run_json
@@ -103,6 +103,13 @@ def test_the_figures_of_run_json_are_all_of_the_target_aimed_at_last(record, mon
     assert values["delta"] == (None if delta is None else pytest.approx(delta))
     assert values["delta_r"] is None
     assert [goal["delta"] for goal in values["goals"]] == [pytest.approx(-0.003)]
+
+
+def test_the_figures_on_top_of_the_report_name_their_target_where_it_is_not_the_last(record):
+    record.goals = [Goal(0.15, [done(1, 0.03, 0.15, 0.153)], s_before=0.03)]
+    assert "δ = target − final</span>" in _numbers(record)
+    record.goals.append(Goal(0.25, s_before=0.153))
+    assert "<b>-3.00 mm</b><span>δ = target − final, target +150.0 mm</span>" in _numbers(record)
 
 
 def test_run_json_keeps_targets_of_the_same_value_apart(record):
