@@ -213,10 +213,12 @@ class FrontEnd:
                     limit=ExecutorState.HOLD,
                 )
             admitted = self._admission.admit(request, np.asarray(core.q_ref))
-            self._refuse_if_stopped(stops_before)
+            self._refuse_if_void(address.sender, stops_before)
             return self._start(address, request, admitted, core.epoch, wire)
 
-    def _refuse_if_stopped(self, stops_before: int) -> None:
+    def _refuse_if_void(self, sender: str, stops_before: int) -> None:
+        """Admission takes its time: a stop or the end of the lease meanwhile counts for what was being checked."""
+        self._check_holder(sender)
         if self._stops_asked != stops_before:
             raise CommandRefusedError(
                 Refusal.STALE,
@@ -268,7 +270,7 @@ class FrontEnd:
             )
         at = sample(spline_through(parent.t, parent.q, parent.dq, parent.ddq), np.array([request.splice_t]))
         admitted = self._admission.admit_splice(request, PathState(at.q[0], at.dq[0], at.ddq[0]))
-        self._refuse_if_stopped(stops_before)
+        self._refuse_if_void(address.sender, stops_before)
         return self._start(address, request, admitted, core.epoch, wire, core.plan_id)
 
     def _start(
@@ -321,6 +323,7 @@ class FrontEnd:
             if rejection is None:
                 raise CommandRefusedError(Refusal.INTERNAL, reason)
             raise refused_plan(rejection, self.arm.joint_names)
+        self._stop_if_nobodys(address.sender)
         logger.info(
             "plan %d '%s' of '%s' runs for %.2f s",
             address.seq,
@@ -329,6 +332,14 @@ class FrontEnd:
             admitted.duration_s,
         )
         return Accepted(epoch, admitted.duration_s)
+
+    def _stop_if_nobodys(self, sender: str) -> None:
+        """Stop what began just when its lease ended: whoever watches the lease saw an arm at rest and let it be."""
+        try:
+            self._check_holder(sender)
+        except CommandRefusedError:
+            self._stop_if_moving(Cause.HOST_LOST)
+            raise
 
     def _keep_admitted(self, plan_id: int, admitted: AdmittedPlan) -> None:
         """Remember a plan that may be spliced into, and forget those that the core has left behind."""
@@ -496,21 +507,28 @@ class FrontEnd:
         core = self._core.snapshot()
         if not core.alive:
             raise _core_is_dead()
-        with self._lease_lock:
-            holder = self._lease.holder
-        if address.sender != holder:
-            who = f"{holder!r}" if holder else "nobody"
-            lasts_s = self.config.effective_host_timeout_s
-            why = f"'{address.sender}' does not hold the lease, {who} does; take it first"
-            if address.sender == self._fell_silent:
-                why = (
-                    f"'{address.sender}' lost the lease, {who} holds it now: its heartbeat was silent for longer than "
-                    f"the {lasts_s:g} s that the lease lasts (was its process stopped?). An arm that moved was stopped "
-                    "then; look at the state, and take the lease again"
-                )
-            raise CommandRefusedError(Refusal.NO_LEASE, why, quantity="lease", limit=lasts_s)
+        self._check_holder(address.sender)
         check_epoch(address, core.epoch)
         return core
+
+    def _check_holder(self, sender: str) -> None:
+        """Raises:
+        CommandRefusedError: NO_LEASE.
+        """
+        with self._lease_lock:
+            holder = self._lease.holder
+        if sender == holder:
+            return
+        who = f"{holder!r}" if holder else "nobody"
+        lasts_s = self.config.effective_host_timeout_s
+        why = f"'{sender}' does not hold the lease, {who} does; take it first"
+        if sender == self._fell_silent:
+            why = (
+                f"'{sender}' lost the lease, {who} holds it now: its heartbeat was silent for longer than "
+                f"the {lasts_s:g} s that the lease lasts (was its process stopped?). An arm that moved was stopped "
+                "then; look at the state, and take the lease again"
+            )
+        raise CommandRefusedError(Refusal.NO_LEASE, why, quantity="lease", limit=lasts_s)
 
     def _send(self, kind: int, epoch: int, value: float = 0.0) -> None:
         with self._ring_lock:

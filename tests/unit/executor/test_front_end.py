@@ -332,6 +332,52 @@ def test_giving_the_lease_back_in_motion_stops_the_arm(rig, smooth_plan):
     assert rig.core.cause == Cause.HOST_LOST
 
 
+def falls_silent(rig):
+    rig.clock.now += 1.0
+    rig.front_end.step()
+
+
+def gives_back(rig):
+    rig.front_end.lease(address(rig), release=True)
+
+
+def another_takes_over(rig):
+    falls_silent(rig)
+    assert rig.front_end.lease(address(rig, "other"), release=False).granted
+
+
+@pytest.mark.parametrize("ends", [falls_silent, gives_back, another_takes_over])
+def test_a_plan_whose_sender_loses_the_lease_during_its_admission_does_not_start(
+    rig, smooth_plan, monkeypatch, ends
+):
+    armed(rig)
+    admit = rig.front_end._admission.admit
+
+    def slow(request, q_ref):
+        ends(rig)
+        return admit(request, q_ref)
+
+    monkeypatch.setattr(rig.front_end._admission, "admit", slow)
+    assert code_of(rig.front_end.plan, address(rig), smooth_plan(), b"") is Refusal.NO_LEASE
+    assert rig.core.submitted == []
+
+
+def test_a_plan_that_starts_just_as_the_lease_ends_is_stopped(rig, smooth_plan, monkeypatch):
+    armed(rig)
+    submit = rig.core.submit_plan
+
+    def late(*arguments, **more):
+        falls_silent(rig)  # the watch sees an arm at rest
+        return submit(*arguments, **more)
+
+    monkeypatch.setattr(rig.core, "submit_plan", late)
+    assert code_of(rig.front_end.plan, address(rig), smooth_plan(), b"") is Refusal.NO_LEASE
+    rig.core.advance()
+    rig.core.until(ExecutorState.HOLD)
+    assert rig.core.cause == Cause.HOST_LOST
+    assert not rig.core.plan_done
+
+
 def test_heartbeats_for_another_process_do_not_count(rig):
     armed(rig)
     rig.clock.now += 0.06
