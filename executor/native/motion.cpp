@@ -5,7 +5,7 @@
 namespace s2r {
 namespace {
 
-constexpr double kEnd_s = 1e-9;  // rounding of a sum of ticks: closer to the end than this is the end
+constexpr double kEnd_s = 1e-9;  // rounding of a sum of ticks: closer to an end or a splice than this is there
 
 }  // namespace
 
@@ -128,7 +128,8 @@ void Motion::advance_path() noexcept {
     }
     return out;
   };
-  if (child_ != nullptr && s_ >= child_->splice_t) take_over(r);
+  // A child may begin where its parent ends: rounding must not end the plan just before.
+  if (child_ != nullptr && s_ > child_->splice_t - kEnd_s) take_over(r);
   if (s_ > plan_->duration() - kEnd_s) s_ = plan_->duration();
   next_ = at_rate(cursor_.at(s_));
   add_fade();
@@ -154,7 +155,7 @@ void Motion::take_over(double rate) noexcept {
     left_over.dq[joint] = fading.v + (parent.dq[joint] - child_->dq[0][joint]) * rate;
     left_over.ddq[joint] = fading.a + (parent.ddq[joint] - child_->ddq[0][joint]) * rate * rate;
   }
-  s_ -= child_->splice_t;
+  s_ = std::max(0.0, s_ - child_->splice_t);
   plan_ = child_;
   child_ = nullptr;
   cursor_.open(*plan_);

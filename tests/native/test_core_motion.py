@@ -416,6 +416,20 @@ def test_spliced_plan_takes_over_without_a_step(armed, plan_from, use_of_limits)
     assert armed.events(REJECTED) == []
 
 
+def test_a_plan_spliced_at_the_end_of_another_is_played(armed, plan_from, use_of_limits):
+    """A sum of ticks may stand a rounding before the end."""
+    for plan_id, duration_s in zip(range(1, 9, 2), (0.3, 0.7, 1.0, 1.4), strict=True):
+        plan = plan_from(armed.state.q_ref, distance=0.03, duration_s=duration_s)
+        back = plan_from(plan.q[-1], distance=-0.03, duration_s=0.5)
+        armed.run_plan(plan, plan_id)
+        armed.submit(back, plan_id + 1, parent_id=plan_id, splice_t=duration_s)
+        armed.until(lambda s: s.plan_done, 2500)
+        assert armed.state.plan_id == plan_id + 1
+        assert np.abs(armed.state.q_ref - back.q[-1]).max() < 1e-12
+    assert armed.events(REJECTED) == []
+    assert use_of_limits(armed.emitted()) <= 1.0
+
+
 def test_splice_within_tolerance_fades_instead_of_stepping(armed, plan_from, use_of_limits):
     plan = plan_from(armed.state.q_ref)
     child = shifted(branch_of(plan, 0.6, 0.1))
