@@ -229,6 +229,31 @@ def test_resume_during_the_pause_ramp_and_stop_during_the_resume_stay_inside_lim
     assert on_path(armed, plan) < 1e-12
 
 
+@pytest.mark.parametrize("resumed_ticks", [20, 75, 100, 140])
+def test_a_stop_during_a_resume_into_segments_with_longer_ramps_slows_down_at_once(
+    armed, plan_from, use_of_limits, resumed_ticks
+):
+    plan = plan_from(armed.state.q_ref, distance=0.4)
+    plan = dataclasses.replace(plan, stop_duration=np.array([0.15, 0.15, 0.6, 0.6, 0.6, 0.6, 0.6]))
+    armed.run_plan(plan)
+    armed.step(150)
+    armed.command(PAUSE)
+    armed.until(lambda s: s.state == ExecutorState.PAUSED, 200)
+    armed.command(RESUME)
+    armed.step(resumed_ticks)
+    armed.command(STOP)
+    armed.step()
+    rates = []
+    while armed.state.state == ExecutorState.STOPPING:
+        rates.append(armed.state.speed_scale)
+        armed.step()
+    assert armed.state.state == ExecutorState.HOLD
+    assert max(rates) <= 1.0
+    assert armed.state.plan_t < 0.7  # of 1.4 s
+    assert use_of_limits(armed.emitted()) <= 1.0
+    assert on_path(armed, plan) < 1e-12
+
+
 def test_speed_scale_slows_the_plan_and_keeps_its_end(armed, plan_from, use_of_limits):
     plan = plan_from(armed.state.q_ref)
     armed.run_plan(plan)

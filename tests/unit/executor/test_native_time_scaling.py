@@ -54,6 +54,31 @@ def test_change_under_way_may_be_changed_without_a_step():
     assert np.abs(slope_error).max() <= peak_curvature * DT / 4 * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_change_under_way_that_gets_a_longer_ramp_goes_beyond_neither_target(seed):
+    """A stop during a resume: its segment may need three times as long as the one in which the resume began."""
+    rng = np.random.default_rng([12, seed])
+    durations = rng.choice([0.05, 0.1, 0.2, 0.6], size=60)
+    ticks = np.cumsum(rng.integers(3, 120, size=60))
+    targets = rng.choice([0.0, 1.0, 0.3], size=60)
+    rate, rate_dot, _ = _native.rate_ramp(
+        1.0, list(zip(ticks.tolist(), targets.tolist(), durations.tolist(), strict=True)), DT, 8000
+    )
+    assert rate.min() >= -1e-9
+    assert rate.max() <= 1.0 + 1e-9
+    assert rate[-1] == targets[-1]
+    peak_slope, peak_curvature = 15 / 8 / 0.05, 10 / np.sqrt(3) / 0.05**2
+    assert np.abs(rate_dot).max() <= peak_slope * (1 + 1e-9)
+    assert np.abs(np.diff(rate_dot)).max() / DT <= peak_curvature * (1 + 1e-9)
+
+
+def test_a_stop_during_a_resume_slows_down_from_where_it_is():
+    rate, _, _ = _native.rate_ramp(0.0, [(0, 1.0, 0.2), (100, 0.0, 0.6)], DT, 1500)
+    assert rate[99] == pytest.approx(0.5)
+    assert rate.max() <= 1.0  # the slope that was under way, brought down as the resume would have
+    assert (rate[900:] == 0.0).all()
+
+
 def test_change_to_the_present_target_goes_on_undisturbed():
     once = _native.rate_ramp(1.0, [(0, 0.0, 0.2)], DT, 300)
     again = _native.rate_ramp(1.0, [(0, 0.0, 0.2), (60, 0.0, 0.2), (250, 0.0, 0.2)], DT, 300)
