@@ -596,7 +596,13 @@ BlendsFound shortest_blends(const Vector& knots, const Coefficients& coefficient
   const BlendLimits limits{.ddq = to_joints(ddq_limit, dof, "ddq_limit"),
                            .dddq = to_joints(dddq_limit, dof, "dddq_limit"),
                            .tau = to_joints(tau_limit, dof, "tau_limit")};
-  const Blends found = find_blends(plan, grid, durations, limits, cell_s);
+  Blends found;
+  {
+    // A long plan takes a tenth of a second: beats and heartbeats must come through meanwhile. The caller keeps the
+    // arrays.
+    const nb::gil_scoped_release others_may_run;
+    found = find_blends(plan, grid, durations, limits, cell_s);
+  }
   return {found.durations,
           found.none.segment,
           {to_array(found.none.ddq, dof), to_array(found.none.dddq, dof), to_array(found.none.tau, dof)}};

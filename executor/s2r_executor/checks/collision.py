@@ -19,6 +19,8 @@ from s2r_protocol.arms.source import Box, Rod
 from s2r_protocol.faults import Refusal
 
 _TABLE = "table"
+_AT_ONCE = 256
+"""Poses per call: Pinocchio lets no other thread run meanwhile, and beats and heartbeats must come through."""
 
 
 class CollisionModel:
@@ -103,10 +105,12 @@ class CollisionModel:
         """
         t = self.sample_times(samples)
         q = sample(spline, t).q
-        hits = pin.computeCollisionsInParallel(1, self._pool, np.asfortranarray(q.T), True)
-        touching = np.nonzero(np.asarray(hits))[0]
-        if len(touching):
-            raise self._refusal(q[touching[0]], float(t[touching[0]]))
+        for first in range(0, len(q), _AT_ONCE):
+            part = q[first : first + _AT_ONCE]
+            hits = pin.computeCollisionsInParallel(1, self._pool, np.asfortranarray(part.T), True)
+            touching = np.nonzero(np.asarray(hits))[0]
+            if len(touching):
+                raise self._refusal(part[touching[0]], float(t[first + touching[0]]))
 
     def sample_times(self, samples: Samples) -> np.ndarray:
         """Times [s] between which no point of the arm moves more than twice the inflation."""

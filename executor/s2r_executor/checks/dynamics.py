@@ -10,6 +10,9 @@ from s2r_executor.quintic import Samples
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.faults import Refusal
 
+_AT_ONCE = 4096
+"""States per call: Pinocchio lets no other thread run meanwhile, and beats and heartbeats must come through."""
+
 
 class InverseDynamics:
     """Rigid-body torques of one arm; a payload is a point mass fixed in the tool frame.
@@ -38,9 +41,12 @@ class InverseDynamics:
 
     def torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torques [N·m] for states of shape (m, dof)."""
-        return pin.rneaInParallel(
-            1, self._pool, np.asfortranarray(q.T), np.asfortranarray(dq.T), np.asfortranarray(ddq.T)
-        ).T
+        tau = np.empty_like(q)
+        for first in range(0, len(q), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            columns = (np.asfortranarray(x[part].T) for x in (q, dq, ddq))
+            tau[part] = pin.rneaInParallel(1, self._pool, *columns).T
+        return tau
 
 
 def check_torque(
