@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from s2r_protocol.exits import UsageError
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 Seconds = Annotated[float, Field(ge=1e-3, le=60)]
 Tolerance = Annotated[float, Field(ge=1e-6, le=1)]
 Ticks = Annotated[int, Field(ge=1, le=1000)]
@@ -41,8 +42,16 @@ class BoxZone(_Strict):
     """An axis-parallel box in the base frame that the arm must keep out of."""
 
     name: str
-    lower_m: tuple[float, float, float]
-    upper_m: tuple[float, float, float]
+    lower_m: tuple[Finite, Finite, Finite]
+    upper_m: tuple[Finite, Finite, Finite]
+
+    @model_validator(mode="after")
+    def _has_corners_in_order(self) -> BoxZone:
+        """A box turned inside out holds nothing: the arm would drive through it without a word."""
+        for axis, low, high in zip("xyz", self.lower_m, self.upper_m, strict=True):
+            if not low <= high:
+                raise ValueError(f"in {axis}, lower_m = {low:g} is above upper_m = {high:g}; exchange them")
+        return self
 
 
 class AdmissionConfig(_Strict):
@@ -59,7 +68,7 @@ class AdmissionConfig(_Strict):
     max_payload_kg: NotNegative = 3.0
     sample_step_s: Positive = 0.01
     collision_inflation_m: Positive = 0.005
-    table_z_m: float | None = 0.0
+    table_z_m: Finite | None = 0.0
     fingertip_table_margin_m: NotNegative = 0.005
     keep_out: tuple[BoxZone, ...] = ()
     stop_duration_max_s: Annotated[float, Field(gt=0, le=10)] = 2.0
@@ -235,9 +244,14 @@ def _problem(found: ErrorDetails) -> str:
     *parents, name = map(str, found["loc"])
     key = ".".join([*parents, name])
     if found["type"] != "extra_forbidden":
-        return f"{key} = {found['input']!r}: {found['msg'].replace('Input should', 'it should')}"
+        return f"{key} = {found['input']!r}: {_said(found['msg'])}"
     near = get_close_matches(name, _keys_of(parents), n=1)
     return f"{key}: there is no such key" + (f"; did you mean {'.'.join([*parents, *near])}?" if near else "")
+
+
+def _said(message: str) -> str:
+    """Pydantic's words, and our own without its prefix."""
+    return message.removeprefix("Value error, ").replace("Input should", "it should")
 
 
 def _keys_of(parents: list[str]) -> list[str]:

@@ -43,6 +43,34 @@ def test_a_value_out_of_range_is_refused_by_key(key, value):
         load_config(overrides={key: value})
 
 
+@pytest.mark.parametrize(
+    ("lower", "upper", "said"),
+    [
+        ([0.9, 0.0, 0.5], [0.3, 0.1, 1.0], r"in x, lower_m = 0\.9 is above upper_m = 0\.3"),
+        ([0.3, 0.0, 1.0], [0.9, 0.1, 0.5], r"in z, lower_m = 1 is above upper_m = 0\.5"),
+        ([0.3, float("nan"), 0.5], [0.9, 0.1, 1.0], r"keep_out\.0\.lower_m\.1 = nan: it should be a finite"),
+        ([0.3, 0.0, 0.5], [0.9, 0.1, float("inf")], r"keep_out\.0\.upper_m\.2 = inf: it should be a finite"),
+    ],
+)
+def test_a_keep_out_box_that_holds_nothing_is_refused(lower, upper, said):
+    zone = {"name": "wall", "lower_m": lower, "upper_m": upper}
+    with pytest.raises(
+        ConfigError, match=rf"(?s)admission\.{'' if 'keep' in said else 'keep_out.0.*'}{said}"
+    ):
+        load_config(overrides={"admission.keep_out": [zone]})
+
+
+def test_a_keep_out_wall_without_thickness_is_one():
+    zone = {"name": "wall", "lower_m": [0.3, 0.0, 0.5], "upper_m": [0.9, 0.0, 1.0]}
+    assert load_config(overrides={"admission.keep_out": [zone]}).admission.keep_out[0].name == "wall"
+
+
+@pytest.mark.parametrize("height", [float("nan"), float("inf")])
+def test_a_table_that_is_nowhere_is_refused(height):
+    with pytest.raises(ConfigError, match=r"admission\.table_z_m"):
+        load_config(overrides={"admission.table_z_m": height})
+
+
 def test_file_and_overrides_combine_and_the_override_wins(tmp_path):
     path = tmp_path / "c.yaml"
     path.write_text("cell: cell2\nadmission:\n  torque_margin: 0.3\n  table_z_m: null\n")
