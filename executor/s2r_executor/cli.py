@@ -129,7 +129,7 @@ def run_commissioning(config: ExecutorConfig, as_json: bool) -> ExitCode:
     known = read_identities(config.commissioned) if config.commissioned is not None else None
     found = commission(config, arm, known, lambda doing: click.echo(f"commissioning: {doing}", err=True))
     if config.commissioned is not None:
-        write_record(config.commissioned, config, arm, found)
+        write_record(config.commissioned, config, arm, found, known)
         click.echo(f"commissioning: kept in {config.commissioned}", err=True)
     if as_json:
         click.echo(json.dumps([asdict(finding) for finding in found.findings], indent=2))

@@ -134,7 +134,7 @@ def _identity(client: SdoClient, node: int) -> dict[str, int]:
 def _compare(node: int, identity: dict[str, int], known: dict[str, int] | None) -> list[Finding]:
     shown = ", ".join(f"{name} {value:#x}" for name, value in identity.items())
     topic = f"node {node} identity"
-    if known is None or known == identity:
+    if not known or known == identity:
         return [Finding(topic, Level.OK, shown or "none told")]
     was = ", ".join(f"{name} {value:#x}" for name, value in known.items())
     fix = "if the drive was exchanged on purpose: remove the commissioning file and commission again"

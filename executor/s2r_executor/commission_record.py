@@ -35,8 +35,24 @@ class Commissioning:
         return all(finding.level != Level.PROBLEM for finding in self.findings)
 
 
-def write_record(path: Path, config: ExecutorConfig, arm: ArmDescription, found: Commissioning) -> None:
-    """Keep what was found; the executor asks for it at every start on hardware."""
+def write_record(
+    path: Path,
+    config: ExecutorConfig,
+    arm: ArmDescription,
+    found: Commissioning,
+    known: dict[int, dict[str, int]] | None = None,
+) -> None:
+    """Keep what was found; the executor asks for it at every start on hardware.
+
+    Args:
+        path: The record.
+        config: Bus and packing.
+        arm: What was commissioned.
+        found: Findings and identities.
+        known: Identities of the record before. They stay: a drive that was exchanged, or did not answer this time,
+            would otherwise be taken for the right one the next time.
+    """
+    told = {node: identity for node, identity in (known or {}).items() if identity}
     record = {
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "bus": config.bus,
@@ -45,7 +61,7 @@ def write_record(path: Path, config: ExecutorConfig, arm: ArmDescription, found:
         "model_hash": arm.model_hash.hex(),
         "limit_hash": arm.limit_hash.hex(),
         "passed": found.passed,
-        "identities": {str(node): identity for node, identity in found.identities.items()},
+        "identities": {str(node): identity for node, identity in {**found.identities, **told}.items()},
         "findings": [asdict(finding) for finding in found.findings],
     }
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -354,6 +354,27 @@ def test_the_command_keeps_a_record_that_the_executor_asks_for(stand_in, arm, tm
         check_record(record, config, arm)
 
 
+def test_an_exchanged_drive_stays_a_problem_until_the_record_is_removed(stand_in, tmp_path):
+    record = tmp_path / "commissioned.json"
+    with stand_in() as bus:
+        arguments = ["--commission", "--bus", bus.address, "--set", f"commissioned={record}"]
+        assert CliRunner().invoke(executor, arguments).exit_code == 0
+        bus.servers.changes[6] = {(0x1018, 4): (4711).to_bytes(4, "little")}
+        for _ in range(2):
+            result = CliRunner().invoke(executor, arguments)
+            assert result.exit_code == 4
+            assert "node 6 identity" in result.output
+        record.unlink()
+        assert CliRunner().invoke(executor, arguments).exit_code == 0
+
+
+def test_a_drive_that_does_not_answer_keeps_its_identity_in_the_record(arm, tmp_path):
+    record, config = tmp_path / "commissioned.json", load_config(overrides={"bus": "can:can0"})
+    known = {1: {"serial": 1001}, 2: {}, 6: {"serial": 1006}}
+    write_record(record, config, arm, Commissioning((), {1: {"serial": 1}, 2: {"serial": 1002}}), known)
+    assert read_identities(record) == {1: {"serial": 1001}, 2: {"serial": 1002}, 6: {"serial": 1006}}
+
+
 def test_a_command_that_finds_problems_says_so_with_its_code(stand_in, tmp_path):
     with stand_in() as bus:
         bus.servers.changes[1] = {(0x605A, 0): b"\x02\x00"}
