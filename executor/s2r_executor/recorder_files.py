@@ -60,7 +60,7 @@ class RecordingFiles:
         encoder: Encoder,
         settings: FileSettings,
         facts: dict[str, str],
-        completed: Callable[[PlanIdentity, Path], None],
+        completed: Callable[[PlanIdentity, Path | None], None],
     ) -> None:
         """Open the session file.
 
@@ -71,7 +71,7 @@ class RecordingFiles:
             encoder: Packs the messages.
             settings: How files are cut.
             facts: Named values for every file: hashes, boot id, bus, clock.
-            completed: Called with each finished plan file.
+            completed: Called with each finished plan file; without one for a plan that another overtook unplayed.
         """
         self._directory = directory
         self._arm = arm
@@ -94,9 +94,11 @@ class RecordingFiles:
         return self._session.file.path
 
     def open_plan(self, identity: PlanIdentity, wire: bytes) -> None:
-        """Open the file of a plan that is about to begin; ``wire`` are the command's bytes as received."""
-        for other in list(self._plans.values()):
-            self._finish(other)  # a new plan is about to begin: the old one's tail ends here
+        """Open the file of a plan that is announced; ``wire`` are the command's bytes as received.
+
+        It begins with the plan's first tick, which also ends the file of the plan before: one that waits for its splice
+        may begin much later, or never.
+        """
         file = self._new_file(_free_name(self._directory, f"plan-{identity.epoch}-{identity.seq}"))
         file.describe(
             "s2r.plan",
@@ -125,12 +127,16 @@ class RecordingFiles:
         if len(batch.records):
             self._write_records(self._session.file, batch.records[batch.records["tick"] % self._stride == 0])
             self._write_states(self._session, batch.records, batch.holder)
+        next_begins = {i: _begin_of_a_later(plan.identity.plan_id, batch) for i, plan in self._plans.items()}
         for event in batch.events:  # before the records, whose end may close a plan's file
             stamp_ns, message = self._encoder.event(event)
-            for file in (self._session.file, *(p.file for p in self._plans.values())):
-                file.add(EVENTS, [stamp_ns], [message])
-        for plan in list(self._plans.values()):
-            self._write_plan(plan, batch)
+            self._session.file.add(EVENTS, [stamp_ns], [message])
+            for plan_id, plan in self._plans.items():
+                end = next_begins[plan_id]
+                if end is None or event["tick"] < batch.records["tick"][end]:
+                    plan.file.add(EVENTS, [stamp_ns], [message])
+        for plan_id, plan in list(self._plans.items()):
+            self._write_plan(plan, batch, next_begins[plan_id])
 
     def flush(self) -> None:
         """Close the open chunks and hand everything to the kernel."""
@@ -141,7 +147,7 @@ class RecordingFiles:
     def finish(self) -> None:
         """Write all indexes and close."""
         for plan in list(self._plans.values()):
-            self._finish(plan)
+            self._end(plan)
         self._session.file.close()
 
     def abandon(self) -> None:
@@ -160,16 +166,20 @@ class RecordingFiles:
             file.attach("executor.json", "application/json", self._facts["config"].encode())
         return file
 
-    def _write_plan(self, plan: _PlanFile, batch: Batch) -> None:
-        records = batch.records
-        if not len(records):
-            return
-        if not plan.started:
-            begin = np.nonzero(records["plan_id"] == plan.identity.plan_id)[0]
-            if not len(begin):
-                return
-            plan.started = True
-            records = records[begin[0] :]
+    def _write_plan(self, plan: _PlanFile, batch: Batch, next_begins: int | None) -> None:
+        """Add a plan's records; ``next_begins`` is where in the batch a later one does, if so."""
+        records = batch.records[:next_begins]
+        if len(records) and not plan.started:
+            own = records["plan_id"] == plan.identity.plan_id
+            plan.started = bool(own.any())
+            records = records[np.argmax(own) :]
+        if len(records) and plan.started:
+            self._write_motion(plan, records, batch.holder)
+        if next_begins is not None and plan.identity.plan_id in self._plans:
+            self._end(plan)
+
+    def _write_motion(self, plan: _PlanFile, records: np.ndarray, holder: str) -> None:
+        """Add records of a plan that has begun; its file ends a little after rest."""
         still = ~np.isin(records["state"], _MOVING)
         # Rest counts from the last moving tick on; the recording ends a little after it.
         moving = np.nonzero(~still)[0]
@@ -181,7 +191,7 @@ class RecordingFiles:
             end = min(len(records), max(0, self._tail_ticks - plan.rest_ticks))
             plan.rest_ticks += len(records)
         self._write_records(plan.file, records[:end])
-        self._write_states(plan.track, records[:end], batch.holder)
+        self._write_states(plan.track, records[:end], holder)
         if plan.rest_ticks >= self._tail_ticks:
             self._finish(plan)
 
@@ -206,10 +216,26 @@ class RecordingFiles:
             track.file.add(STATE, [stamp], [message])
         track.last_state = int(states[-1])
 
+    def _end(self, plan: _PlanFile) -> None:
+        """Finish a plan that began; one that did not never will."""
+        if plan.started:
+            self._finish(plan)
+        else:
+            self.discard(plan.identity.plan_id)
+            self._completed(plan.identity, None)
+
     def _finish(self, plan: _PlanFile) -> None:
         plan.file.close()
         del self._plans[plan.identity.plan_id]
         self._completed(plan.identity, plan.file.path)
+
+
+def _begin_of_a_later(plan_id: int, batch: Batch) -> int | None:
+    """Index of the first record of a later plan; the core's numbers rise."""
+    if not len(batch.records):
+        return None
+    later = np.nonzero(batch.records["plan_id"] > plan_id)[0]
+    return int(later[0]) if len(later) else None
 
 
 def _free_name(directory: Path, stem: str) -> Path:

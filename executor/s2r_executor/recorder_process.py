@@ -82,7 +82,7 @@ class Writer:
             elif kind == "drop":
                 dropped = self._files.discard(int(frame.head["plan_id"]))
                 if dropped is not None:
-                    self._answer(dropped.seq, reason=f"plan {dropped.seq} never ran")
+                    self._completed(dropped, None)
         except OSError as error:
             self._lost_ticks += int(frame.head.get("ticks", 0))
             self._give_up(error)
@@ -129,8 +129,11 @@ class Writer:
             except OSError as error:
                 self._give_up(error)
 
-    def _completed(self, identity: PlanIdentity, path: Path) -> None:
-        self._answer(identity.seq, path=str(path))
+    def _completed(self, identity: PlanIdentity, path: Path | None) -> None:
+        if path is None:
+            self._answer(identity.seq, reason=f"plan {identity.seq} never ran")
+        else:
+            self._answer(identity.seq, path=str(path))
 
     def _answer(self, seq: int, **values: str) -> None:
         self._say("answer", seq=seq, **values)

@@ -138,6 +138,74 @@ def test_the_next_plan_ends_the_tail_of_the_one_before(recorder, core, smooth_pl
     assert last_of_first <= first_of_second  # the start event carries the tick before
 
 
+def begin(recorder, core, plan, identity, **splice):
+    """Announce a plan and hand it to the core; with ``parent_id`` and ``splice_t`` it waits for its moment."""
+    recorder.open_plan(identity, b"as received")
+    stops = np.full(len(plan.t) - 1, 0.4)
+    arrays = (plan.t, plan.q, plan.dq, plan.ddq, stops)
+    assert core.submit_plan(identity.plan_id, core.epoch, *arrays, 0.05, 0.02, **splice)
+
+
+def play(recorder, core, ticks, step=50):
+    for _ in range(ticks // step):
+        core.advance(step)
+        feed(recorder, core)
+
+
+def ticks_of(path):
+    return [round((t - OFFSET_NS) / 1e6) for topic, t, _ in messages(path) if topic == "joint_states"]
+
+
+def test_a_plan_that_waits_for_its_splice_takes_nothing_from_the_recording_of_the_running_one(
+    recorder, core, smooth_plan
+):
+    run_plan(recorder, core, smooth_plan(), ticks=500)
+    back = smooth_plan(step=(-0.1,) * 7, start=smooth_plan().q[-1])
+    begin(recorder, core, back, PlanIdentity(2, 9, 2, "host:1", "onward"), parent_id=1, splice_t=2.0)
+    play(recorder, core, 4500)
+    first, second = ticks_of(wait_complete(recorder, 7)), ticks_of(wait_complete(recorder, 9))
+    assert len(first) == 2000 - 1  # the first tick of the second is the last of the first
+    assert second[0] == first[-1] + 1
+    assert [set(np.diff(t)) for t in (first, second)] == [{1}, {1}]
+
+
+def test_a_splice_that_the_core_refuses_leaves_the_running_plan_its_recording(recorder, core, smooth_plan):
+    run_plan(recorder, core, smooth_plan(), ticks=500)
+    begin(recorder, core, smooth_plan(), PlanIdentity(2, 9, 2, "host:1", "off"), parent_id=1, splice_t=1.0)
+    recorder.drop_plan(2, "the core refused it")
+    play(recorder, core, 2500)
+    ticks = ticks_of(wait_complete(recorder, 7))
+    assert len(ticks) == 2000 + 200 - 1
+    assert not recorder.answer(9).complete
+    assert "never ran" in recorder.answer(9).reason
+
+
+def test_a_waiting_plan_that_a_stop_or_a_newer_one_ends_has_no_recording(
+    recorder, core, smooth_plan, tmp_path
+):
+    run_plan(recorder, core, smooth_plan(), ticks=500)
+    back = smooth_plan(step=(-0.1,) * 7, start=smooth_plan().q[-1])
+    for plan_id in (2, 3):
+        identity = PlanIdentity(plan_id, 7 + plan_id, 2, "host:1", "onward")
+        begin(recorder, core, back, identity, parent_id=1, splice_t=2.0)
+        play(recorder, core, 100)
+    core.command(pb.STOP, core.epoch)
+    core.advance()
+    core.until(ExecutorState.HOLD)
+    play(recorder, core, 300)
+    wait_complete(recorder, 7)
+    last = PlanIdentity(4, 12, core.epoch, "host:1", "last")
+    begin(recorder, core, smooth_plan(start=core.q), last)
+    play(recorder, core, 2500)
+    wait_complete(recorder, 12)
+    for seq in (9, 10):
+        assert (recorder.answer(seq).complete, recorder.answer(seq).reason) == (
+            False,
+            f"plan {seq} never ran",
+        )
+    assert len(list(tmp_path.glob("plan-*"))) == 2
+
+
 def test_attachments_and_facts_are_in_the_file(recorder, core, smooth_plan, arm):
     run_plan(recorder, core, smooth_plan())
     with wait_complete(recorder, 7).open("rb") as stream:
