@@ -119,4 +119,15 @@ def why_not_moving(core: CoreSnapshot, joint_names: tuple[str, ...], lease_holde
                 + (_ON_A_TERMINAL if "RESET" in recover else "")
             )
         case ExecutorState.ESTOP:
-            return "The emergency stop chain is open: release it, then send RESET and ARM." + _ON_A_TERMINAL
+            return _why_emergency_stop(core)
+
+
+def _why_emergency_stop(core: CoreSnapshot) -> str:
+    """Releasing mends no broken contact; whoever is told to would reset what still has to be repaired."""
+    if known_cause(core.cause) is not Cause.ESTOP_DISCREPANCY:
+        return "The emergency stop chain is open: release it, then send RESET and ARM." + _ON_A_TERMINAL
+    fault = FAULTS[Cause.ESTOP_DISCREPANCY]
+    recover = fault.recover[0].lower() + fault.recover[1:]
+    return (
+        f"The emergency stop is latched: {fault.meaning}; {recover} Then send RESET and ARM." + _ON_A_TERMINAL
+    )

@@ -46,6 +46,13 @@ def test_every_cause_has_a_row(cause):
     assert fault.recover.endswith(".")
 
 
+def test_channels_that_disagree_are_to_be_repaired_and_not_released():
+    text = why_not_moving(snapshot(ExecutorState.ESTOP, Cause.ESTOP_DISCREPANCY), NAMES, "")
+    assert "the two channels of the emergency stop disagree; have the chain repaired" in text
+    assert "release" not in text
+    assert "release it" in why_not_moving(snapshot(ExecutorState.ESTOP, Cause.ESTOP), NAMES, "")
+
+
 def test_joint_value_and_limit_are_named():
     text = describe_cause(
         snapshot(cause=Cause.FOLLOWING, cause_joint=1, cause_value=0.0612, cause_limit=0.05), NAMES
