@@ -13,6 +13,7 @@ from s2r_protocol.can.frames import CanFrame
 from s2r_protocol.can.python_can import from_message, to_message
 from s2r_protocol.exits import S2RError, UnreachableError
 
+_LONGEST_BYTES = 1 << 16  # no entry that is asked for comes near
 _ABORTS = {
     sdo.NO_OBJECT: "there is no such object",
     sdo.NO_SUBINDEX: "there is no such subindex",
@@ -96,21 +97,30 @@ class SdoClient:
 
         Raises:
             SdoAbortError: The drive has no such entry.
-            SdoTimeoutError: It did not answer.
+            SdoTimeoutError: It did not answer, or not with the whole entry.
         """
         payload = self._ask(node, sdo.pack_head(sdo.UPLOAD, index, subindex), sdo.UPLOAD, index, subindex)
         command, _, _, data = sdo.unpack_head(payload)
         value = sdo.expedited(command, data)
         if value is not None:
             return value
-        (size,), value, toggle, last = struct.unpack("<I", data), b"", 0, False
+        told = struct.unpack("<I", data)[0] if command & sdo.SIZE_TOLD else None
+        longest = _LONGEST_BYTES if told is None else min(told, _LONGEST_BYTES)
+        value, toggle, last = b"", 0, False
         while not last:
+            if len(value) > longest:
+                after = "" if told is None else f" after its {told} bytes"
+                raise SdoTimeoutError(f"node {node}: object {index:#06x}:{subindex} does not end{after}")
             request = bytes([sdo.UPLOAD_SEGMENT | toggle]).ljust(8, b"\0")
             payload = self._ask(node, request, toggle, index, subindex)
             part, last = sdo.segment_part(payload)
             value += part
             toggle ^= sdo.TOGGLE
-        return value[:size]
+        if told is not None and len(value) < told:
+            raise SdoTimeoutError(
+                f"node {node}: object {index:#06x}:{subindex} ended after {len(value)} of {told} bytes"
+            )
+        return value[:told]
 
     def number(self, node: int, index: int, subindex: int = 0, signed: bool = False) -> int:
         """The entry as an integer of whatever length it has."""

@@ -13,6 +13,7 @@ MAX_NODE = 127
 
 UPLOAD, UPLOAD_SEGMENT, DOWNLOAD, ABORT = 0x40, 0x60, 0x20, 0x80
 TOGGLE = 0x10
+SIZE_TOLD = 0x01  # in a first answer
 NO_OBJECT, NO_SUBINDEX, READ_ONLY = 0x0602_0000, 0x0609_0011, 0x0601_0002
 BAD_COMMAND, BAD_TOGGLE = 0x0504_0001, 0x0503_0000
 
@@ -33,7 +34,7 @@ def upload_response(index: int, subindex: int, value: bytes) -> bytes:
     """First answer to an upload: the value itself up to four bytes, else its size."""
     if len(value) <= 4:
         return pack_head(UPLOAD | (4 - len(value)) << 2 | 0x03, index, subindex, value)
-    return pack_head(UPLOAD | 0x01, index, subindex, struct.pack("<I", len(value)))
+    return pack_head(UPLOAD | SIZE_TOLD, index, subindex, struct.pack("<I", len(value)))
 
 
 def answers(payload: bytes, command: int, index: int, subindex: int) -> bool:
@@ -50,7 +51,7 @@ def expedited(command: int, data: bytes) -> bytes | None:
     """The value in a first answer, or None if it comes in segments."""
     if not command & 0x02:
         return None
-    return data[: 4 - (command >> 2 & 0x03)] if command & 0x01 else data
+    return data[: 4 - (command >> 2 & 0x03)] if command & SIZE_TOLD else data
 
 
 def segment(toggle: int, part: bytes, last: bool) -> bytes:

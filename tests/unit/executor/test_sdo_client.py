@@ -63,3 +63,33 @@ def test_segments_are_put_together_and_late_ones_skipped():
     late = sdo.upload_response(0x1018, 1, VENDOR)
     line = Line([late, sdo.upload_response(0x1008, 0, text)], [late, first], [first, last])
     assert SdoClient(line).upload(NODE, 0x1008) == text
+
+
+def segments(text):
+    """One list per request: the segments of a text, toggling."""
+    parts = [text[i : i + 7] for i in range(0, len(text), 7)]
+    return [[sdo.segment(sdo.TOGGLE * (i % 2), part, i == len(parts) - 1)] for i, part in enumerate(parts)]
+
+
+def test_a_drive_that_does_not_tell_the_size_of_its_answer_is_read_to_the_end():
+    """CiA 301 leaves the size out at will; the four bytes mean nothing then."""
+    text = b"s2r stand-in"
+    unsized = sdo.pack_head(sdo.UPLOAD, 0x1008, 0)
+    assert SdoClient(Line([unsized], *segments(text))).upload(NODE, 0x1008) == text
+
+
+def test_an_answer_that_ends_before_its_size_is_none():
+    text = b"s2r stand-in"
+    line = Line([sdo.upload_response(0x1008, 0, text)], *segments(text[:9]))
+    with pytest.raises(SdoTimeoutError, match=r"object 0x1008:0 ended after 9 of 12 bytes"):
+        SdoClient(line).upload(NODE, 0x1008)
+
+
+def test_an_answer_that_never_ends_is_given_up():
+    endless = [[sdo.segment(sdo.TOGGLE * (i % 2), b"1234567", False)] for i in range(20_000)]
+    line = Line([sdo.pack_head(sdo.UPLOAD, 0x1008, 0)], *endless)
+    with pytest.raises(SdoTimeoutError, match=r"object 0x1008:0 does not end"):
+        SdoClient(line).upload(NODE, 0x1008)
+    sized = Line([sdo.upload_response(0x1008, 0, b"s2r stand-in")], *endless)
+    with pytest.raises(SdoTimeoutError, match=r"object 0x1008:0 does not end after its 12 bytes"):
+        SdoClient(sized).upload(NODE, 0x1008)
