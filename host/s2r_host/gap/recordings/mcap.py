@@ -1,8 +1,10 @@
-"""MCAP files of this project: JointState messages in CDR, measured and commanded."""
+"""MCAP files of this project or of ROS 2: JointState messages in CDR, measured and commanded."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from mcap.exceptions import McapError
@@ -16,13 +18,24 @@ MEASURED = {"position": "q", "velocity": "dq", "effort": "tau"}
 COMMANDED = {"position": "q_cmd", "velocity": "dq_cmd", "effort": "tau_ff"}
 
 
+class _Message(NamedTuple):
+    """One JointState with its two times [ns]: the sender's, zero where it gives none, and the recorder's."""
+
+    stamp: int
+    logged: int
+    values: dict
+
+
 def read_mcap(path: Path) -> dict[str, np.ndarray]:
     """Columns of the contract from the topics ``.../joint_states`` and ``.../joint_commands``.
+
+    Where several senders share a topic, as arm and gripper do in ROS, those of most values are taken: what the others
+    say belongs to other moments. Senders without a clock count by the recorder's.
 
     Raises:
         GapRecordingError: Not an MCAP, or no joint states in it.
     """
-    tracks: dict[str, list[tuple[float, dict]]] = {"joint_states": [], "joint_commands": []}
+    tracks: dict[str, list[_Message]] = {"joint_states": [], "joint_commands": []}
     try:
         with path.open("rb") as stream:
             for schema, channel, message in make_reader(stream).iter_messages():
@@ -30,32 +43,37 @@ def read_mcap(path: Path) -> dict[str, np.ndarray]:
                 if schema is not None and schema.name == JOINT_STATE and topic in tracks:
                     values = unpack(JOINT_STATE, message.data)
                     stamp = values["header"]["stamp"]
-                    tracks[topic].append((stamp["sec"] + 1e-9 * stamp["nanosec"], values))
+                    sent = stamp["sec"] * 10**9 + stamp["nanosec"]
+                    tracks[topic].append(_Message(sent, message.log_time, values))
     except (OSError, McapError, ValueError, KeyError, EOFError) as error:
-        raise GapRecordingError(f"{path.name}: not a readable MCAP of this project ({error})") from error
+        raise GapRecordingError(f"{path.name}: no MCAP with joint states in CDR ({error})") from error
     if not tracks["joint_states"]:
         raise GapRecordingError(f"{path.name}: no topic '.../joint_states' with {JOINT_STATE} messages")
-    start = tracks["joint_states"][0][0]
-    t, measured = _columns(tracks["joint_states"], MEASURED, start)
+    at, measured = _columns(tracks["joint_states"], MEASURED)
+    t = 1e-9 * (at - at[0])  # in whole nanoseconds: a date in seconds leaves a quarter of a microsecond
     table = {"t": t, **measured}
     if len(tracks["joint_commands"]) > 1:
-        t_cmd, commanded = _columns(tracks["joint_commands"], COMMANDED, start)
+        at_cmd, commanded = _columns(tracks["joint_commands"], COMMANDED)
+        t_cmd = 1e-9 * (at_cmd - at[0])
         order = np.argsort(t_cmd)
         for name, values in commanded.items():
             table[name] = np.interp(t, t_cmd[order], values[order])
     return table
 
 
-def _columns(
-    messages: list[tuple[float, dict]], names: dict[str, str], start: float
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    t = np.array([stamp - start for stamp, _ in messages])
-    joints = list(messages[0][1]["name"])
+def _columns(messages: list[_Message], names: dict[str, str]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times [ns] and columns of those messages that name the same joints, in whatever order each names them."""
+    senders: dict[frozenset[str], list[_Message]] = defaultdict(list)
+    for message in messages:
+        senders[frozenset(message.values["name"])].append(message)
+    joints, own = max(senders.items(), key=lambda item: len(item[0]) * len(item[1]))
+    stamped = any(message.stamp > 0 for message in own)
+    at = np.array([message.stamp if stamped else message.logged for message in own], dtype=np.int64)
     table: dict[str, np.ndarray] = {}
     for field, kind in names.items():
-        if any(len(values[field]) != len(joints) for _, values in messages):
+        if any(len(message.values[field]) != len(joints) for message in own):
             continue
-        block = np.array([np.asarray(values[field], dtype=float) for _, values in messages])
-        for i, joint in enumerate(joints):
-            table[f"{kind}.{joint}"] = block[:, i]
-    return t, table
+        rows = [dict(zip(message.values["name"], message.values[field], strict=True)) for message in own]
+        for joint in sorted(joints):
+            table[f"{kind}.{joint}"] = np.array([row[joint] for row in rows], dtype=float)
+    return at, table

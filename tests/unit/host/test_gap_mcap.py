@@ -1,0 +1,72 @@
+"""MCAP files as ROS 2 writes them, packed by rosbags: other orders of joints, other senders, no stamps."""
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from s2r_host.gap.errors import GapRecordingError
+from s2r_host.gap.recordings.files import read_recording
+
+ROS = get_typestore(Stores.ROS2_HUMBLE)
+TYPE = "sensor_msgs/msg/JointState"
+T = np.arange(200) * 0.01
+BEGUN_S = 1_700_000_000
+
+
+def message(t, names, q, stamped=True):
+    types = ROS.types
+    at = BEGUN_S * 10**9 + round(t * 1e9) if stamped else 0
+    stamp = types["builtin_interfaces/msg/Time"](sec=at // 10**9, nanosec=at % 10**9)
+    header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+    values = np.array(q, dtype=float)
+    return types[TYPE](
+        header=header, name=list(names), position=values, velocity=values * 0, effort=values * 2
+    )
+
+
+def bag(folder, rows):
+    """A ROS 2 bag of (topic, t [s], message); returns its MCAP file."""
+    with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        names = sorted({topic for topic, _, _ in rows})
+        topics = {topic: writer.add_connection(topic, TYPE, typestore=ROS) for topic in names}
+        for topic, t, body in rows:
+            at = BEGUN_S * 10**9 + round(t * 1e9)
+            writer.write(topics[topic], at, ROS.serialize_cdr(body, TYPE))
+    (path,) = (folder / "bag").glob("*.mcap")
+    return path
+
+
+def test_values_belong_to_the_joints_that_each_message_names(tmp_path):
+    both = {"a": np.sin(T), "b": np.cos(T)}
+    rows = []
+    for i, t in enumerate(T):
+        names = ["a", "b"] if i % 2 else ["b", "a"]
+        rows.append(("/joint_states", t, message(t, names, [both[n][i] for n in names])))
+    rec = read_recording(bag(tmp_path, rows))
+    assert rec.get("q", "a") == pytest.approx(both["a"])
+    assert rec.get("tau", "b") == pytest.approx(2 * both["b"])
+
+
+def test_a_gripper_on_the_same_topic_does_not_mix_with_the_arm(tmp_path):
+    rows = []
+    for i, t in enumerate(T):
+        rows.append(("/joint_states", t, message(t, ["finger"], [0.4])))
+        rows.append(("/joint_states", t + 0.004, message(t + 0.004, ["a", "b"], [np.sin(T[i]), 0.1])))
+    rec = read_recording(bag(tmp_path, rows))
+    assert rec.get("q", "a") == pytest.approx(np.sin(T))
+    assert rec.t == pytest.approx(T, abs=1e-9)
+
+
+def test_without_stamps_the_recorders_time_counts_and_commands_are_set_on_it(tmp_path):
+    rows = [("/arm/joint_states", t, message(t, ["a"], [np.sin(t)], stamped=False)) for t in T]
+    rows += [("/arm/joint_commands", t, message(t, ["a"], [t], stamped=False)) for t in T[::2]]
+    rec = read_recording(bag(tmp_path, sorted(rows, key=lambda row: row[1])))
+    assert rec.t == pytest.approx(T, abs=1e-9)
+    assert rec.get("q_cmd", "a")[:199] == pytest.approx(T[:199], abs=1e-9)
+
+
+def test_a_bag_without_joint_states_is_refused(tmp_path):
+    path = bag(tmp_path, [("/other", t, message(t, ["a"], [t])) for t in T])
+    with pytest.raises(GapRecordingError, match="no topic"):
+        read_recording(path)
