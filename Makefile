@@ -1,7 +1,7 @@
 # Two commands on a fresh machine: `make demo` and `make test`. Each does all its set-up.
 SEED ?= 1
 
-.PHONY: demo test prove check build docs lock generate clean
+.PHONY: demo test test-learn prove check build docs lock generate clean
 
 demo:   ## open a never-seen drawer end to end on the stand-in
 	scripts/bootstrap demo
@@ -10,6 +10,11 @@ demo:   ## open a never-seen drawer end to end on the stand-in
 test:   ## set up everything, then run what CI runs
 	scripts/bootstrap test
 	scripts/check
+
+test-learn: ## the tests of training: they need PyTorch, some gigabytes that `make test` does without
+	scripts/bootstrap test
+	.venv/bin/uv pip install --quiet --python .venv/bin/python --requirements pyproject.toml --extra learn
+	.venv/bin/python -m pytest -q -n 2 --dist loadfile $$(grep -rl "extra 'learn'" tests)
 
 prove:  ## every fault, every long proof (table into docs/safety.md), the executor on a kernel CAN bus
 	scripts/bootstrap test
