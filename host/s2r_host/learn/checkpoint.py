@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from safetensors.torch import save_file
 from torch import nn
 
 from s2r_host.perception.errors import InputError
+
+logger = logging.getLogger(__name__)
 
 CHECKPOINT, WEIGHTS, STATE = "checkpoint.safetensors", "weights.safetensors", "state.json"
 AVERAGE, LIVE, MOMENTS = "average.", "live.", "moments."
@@ -25,10 +28,12 @@ def save(
     optimiser: torch.optim.Optimizer,
     state: dict[str, Any],
     data_hash: str,
+    validation_hash: str,
 ) -> None:
     """Write a checkpoint; killed at any moment it leaves this one or the one before, whole.
 
     ``average`` holds the running average of the weights, which is what is used; ``network`` those being trained.
+    The hashes are of the data it is trained on, and of those that its metrics are taken on.
     """
     folder.mkdir(parents=True, exist_ok=True)
     tensors = {AVERAGE + key: tensor for key, tensor in average.state_dict().items()}
@@ -39,7 +44,7 @@ def save(
         for name, value in values.items()
     }
     tensors = {key: tensor.detach().cpu().contiguous() for key, tensor in tensors.items()}
-    state = state | {"data_sha256": data_hash}
+    state = state | {"data_sha256": data_hash, "validation_sha256": validation_hash}
     _save_whole(folder / CHECKPOINT, tensors, {"state": json.dumps(state)})
     _copy_for_use(folder, tensors, state)
 
@@ -51,11 +56,15 @@ def resume(
     optimiser: torch.optim.Optimizer,
     settings: dict[str, Any],
     data_hash: str,
+    validation_hash: str,
 ) -> dict[str, Any] | None:
     """Load a checkpoint if there is one; its state.
 
+    A checkpoint of before the validation data was hashed goes on, which is said: the next one has the hash.
+
     Raises:
-        InputError: It was trained on other data or with other settings, or by an earlier version.
+        InputError: It was trained on other data, measured on other validation data or made with other settings, or by
+            an earlier version.
     """
     if not (folder / CHECKPOINT).exists():
         if (folder / STATE).exists():
@@ -64,7 +73,7 @@ def resume(
     with safe_open(folder / CHECKPOINT, "pt") as file:
         state: dict[str, Any] = json.loads(file.metadata()["state"])
         tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - no dictionary
-    _check_same_run(folder, state, settings, data_hash)
+    _check_same_run(folder, state, settings, data_hash, validation_hash)
     _copy_for_use(folder, tensors, state)  # the run may have been killed before it did
     average.load_state_dict(_part(tensors, AVERAGE))
     network.load_state_dict(_part(tensors, LIVE))
@@ -78,11 +87,26 @@ def resume(
     return state | {"settings": settings}
 
 
-def _check_same_run(folder: Path, state: dict[str, Any], settings: dict[str, Any], data_hash: str) -> None:
+def _check_same_run(
+    folder: Path, state: dict[str, Any], settings: dict[str, Any], data_hash: str, validation_hash: str
+) -> None:
     if state["data_sha256"] != data_hash:
         raise InputError(
             f"{folder} holds a run on other data (hash {state['data_sha256'][:12]}, here {data_hash[:12]});"
             " name a new --out"
+        )
+    measured_on = state.get("validation_sha256")
+    if measured_on is None:
+        logger.warning(
+            "%s does not say which validation data it was measured on so far (to epoch %d): whether these are the same"
+            " cannot be checked; it notes these with the next epoch",
+            folder,
+            state["epoch"],
+        )
+    elif measured_on != validation_hash:  # its curve would be of two sets of objects
+        raise InputError(
+            f"{folder} holds a run measured on other validation data (hash {measured_on[:12]}, here"
+            f" {validation_hash[:12]}): give the same ones with --data, or name a new --out"
         )
     before = state["settings"]
     other = [

@@ -54,19 +54,20 @@ def train_affordance(data: Path, out: Path, settings: TrainSettings, progress: P
     """Fit or go on fitting; the final state with its metrics per epoch and the critic's calibration.
 
     Raises:
-        InputError: No data that teaches anything, or ``out`` holds a run on other data or with other settings.
+        InputError: No data that teaches anything, or ``out`` holds a run on other data, training or
+            validation, or with other settings.
     """
     torch.manual_seed(settings.seed)
     files = push_files(data, "train")
     digest = data_hash(files)
     fit = _load(files, settings.seed, settings.samplings, progress, "reading training objects")
-    check = [
-        s[0] for s in _load(push_files(data, "validation"), settings.seed, 1, progress, "reading validation")
-    ]
+    check_files = push_files(data, "validation")
+    check_digest = data_hash(check_files)
+    check = [s[0] for s in _load(check_files, settings.seed, 1, progress, "reading validation")]
     network = PushNetwork().to(settings.device)
     average = copy.deepcopy(network).requires_grad_(False)
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=settings.weight_decay)
-    state = checkpoint.resume(out, network, average, optimiser, asdict(settings), digest)
+    state = checkpoint.resume(out, network, average, optimiser, asdict(settings), digest, check_digest)
     if state is None:
         state = {"epoch": 0, "settings": asdict(settings), "objects": len(fit), "metrics": []}
         state["data_sha256"] = digest
@@ -82,7 +83,8 @@ def train_affordance(data: Path, out: Path, settings: TrainSettings, progress: P
         row["seconds"] = round(time.perf_counter() - start, 2)
         state["metrics"].append(row)
         state["epoch"], state["calibration"] = epoch + 1, asdict(calibration)
-        checkpoint.save(out, network, average, optimiser, state, digest)
+        state["validation_sha256"] = check_digest
+        checkpoint.save(out, network, average, optimiser, state, digest, check_digest)
         progress.advance(task)
         logger.info("epoch %d: %s", epoch + 1, row)
     return state

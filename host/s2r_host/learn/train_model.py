@@ -56,17 +56,20 @@ def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progre
     """Fit or go on fitting; the final state with its metrics per epoch.
 
     Raises:
-        InputError: No data that teaches anything, or ``out`` holds a run on other data or with other settings.
+        InputError: No data that teaches anything, or ``out`` holds a run on other data, training or
+            validation, or with other settings.
     """
     torch.manual_seed(settings.seed)
     files = pair_files(data, "train")
     digest = data_hash(files)
     fit = _load(files, progress, "reading training pairs")
-    check = _load(pair_files(data, "validation"), progress, "reading validation pairs")
+    check_files = pair_files(data, "validation")
+    check_digest = data_hash(check_files)
+    check = _load(check_files, progress, "reading validation pairs")
     network = PairNetwork().to(settings.device)
     average = copy.deepcopy(network).requires_grad_(False)
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=settings.weight_decay)
-    state = checkpoint.resume(out, network, average, optimiser, asdict(settings), digest)
+    state = checkpoint.resume(out, network, average, optimiser, asdict(settings), digest, check_digest)
     if state is None:
         state = {
             "epoch": 0,
@@ -90,8 +93,8 @@ def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progre
         row |= {f"validation_{name}": value for name, value in evaluate(average, check, settings).items()}
         row["seconds"] = round(time.perf_counter() - start, 2)
         state["metrics"].append(row)
-        state["epoch"] = epoch + 1
-        checkpoint.save(out, network, average, optimiser, state, digest)
+        state["epoch"], state["validation_sha256"] = epoch + 1, check_digest
+        checkpoint.save(out, network, average, optimiser, state, digest, check_digest)
         progress.advance(task)
         logger.info("epoch %d: %s", epoch + 1, row)
     return state

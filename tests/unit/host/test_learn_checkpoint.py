@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 
 import pytest
 
@@ -13,7 +14,7 @@ from s2r_host.learn import checkpoint  # noqa: E402
 from s2r_host.perception.errors import InputError  # noqa: E402
 
 SETTINGS = {"epochs": 3, "batch": 8, "rate": 1e-3, "seed": 0, "device": "cpu"}
-DIGEST = "d1" * 32
+DIGEST, CHECK_DIGEST = "d1" * 32, "c1" * 32
 
 
 class Run:
@@ -31,11 +32,12 @@ class Run:
 
     def save(self, folder):
         state = {"epoch": self.epoch, "settings": SETTINGS, "metrics": []}
-        checkpoint.save(folder, self.network, self.average, self.optimiser, state, DIGEST)
+        parts = (self.network, self.average, self.optimiser)
+        checkpoint.save(folder, *parts, state, DIGEST, CHECK_DIGEST)
 
-    def resume(self, folder, **changed):
-        settings = SETTINGS | changed
-        return checkpoint.resume(folder, self.network, self.average, self.optimiser, settings, DIGEST)
+    def resume(self, folder, validation=CHECK_DIGEST, **changed):
+        parts = (self.network, self.average, self.optimiser)
+        return checkpoint.resume(folder, *parts, SETTINGS | changed, DIGEST, validation)
 
 
 def test_a_run_goes_on_where_it_was(tmp_path):
@@ -61,6 +63,34 @@ def test_changed_settings_are_refused_by_name(tmp_path, changed, said):
     Run(1).save(tmp_path)
     with pytest.raises(InputError, match=said):
         Run().resume(tmp_path, **changed)
+
+
+def test_other_validation_data_is_refused_with_what_to_do(tmp_path):
+    Run(1).save(tmp_path)
+    with pytest.raises(
+        InputError, match=r"other validation data .*give the same ones with --data, or name a new"
+    ):
+        Run().resume(tmp_path, validation="c2" * 32)
+
+
+def test_a_run_of_before_validation_data_was_hashed_goes_on_and_says_so_once(tmp_path, monkeypatch, caplog):
+    save_file = checkpoint.save_file
+
+    def unhashed(tensors, path, metadata):
+        if state := json.loads(metadata.get("state", "{}")):
+            metadata = {"state": json.dumps({k: v for k, v in state.items() if k != "validation_sha256"})}
+        save_file(tensors, path, metadata=metadata)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(checkpoint, "save_file", unhashed)
+        Run(1).save(tmp_path)
+    run = Run()
+    with caplog.at_level(logging.WARNING):
+        assert run.resume(tmp_path)["epoch"] == 1
+        run.save(tmp_path)
+        Run().resume(tmp_path)
+    assert len(caplog.messages) == 1
+    assert "validation data it was measured on so far (to epoch 1)" in caplog.text
 
 
 def test_another_device_goes_on_and_is_noted(tmp_path):

@@ -303,6 +303,18 @@ def test_run_on_other_data_is_refused(trained, push_folder, tmp_path):
         train_affordance(tmp_path, out, settings, progress)
 
 
+def test_run_with_other_validation_data_is_refused(trained, push_folder, tmp_path):
+    from rich.progress import Progress
+
+    from s2r_host.learn.train import train_affordance
+
+    out, settings, _ = trained
+    for file in sorted(push_folder.glob("*.npz"))[:-1]:  # the last is a validation file
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    with Progress(disable=True) as progress, pytest.raises(InputError, match="other validation data"):
+        train_affordance(tmp_path, out, settings, progress)
+
+
 def test_exported_network_says_the_same_as_torch_and_proposes_good_pushes(trained, frame):
     from safetensors.torch import load_file
 

@@ -369,6 +369,18 @@ def test_run_with_other_settings_is_refused_by_name(trained, pair_folder):
         train_model(pair_folder, out, other, progress)
 
 
+def test_run_with_other_validation_data_is_refused(trained, pair_folder, tmp_path):
+    from rich.progress import Progress
+
+    from s2r_host.learn.train_model import train_model
+
+    out, settings, _ = trained
+    for file in sorted(pair_folder.glob("*.npz"))[:-1]:  # the last is a validation file
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    with Progress(disable=True) as progress, pytest.raises(InputError, match="other validation data"):
+        train_model(tmp_path, out, settings, progress)
+
+
 def test_command_trains_exports_and_goes_on(learn, pair_folder, tmp_path, scene):
     import json
 
