@@ -159,6 +159,11 @@ def results_in(results: Path) -> list[dict[str, Any]]:
     return list(dict(_read(results)).values())
 
 
+def jobs_in(results: Path) -> list[list[Any]]:
+    """The names of all jobs that have a result in a file, in the order they were written; none if it is not there."""
+    return [json.loads(job) for job in dict(_read(results))]
+
+
 def results_for_page(
     results: Path, wanted: Callable[[list[Any], dict[str, Any]], bool], what: str
 ) -> list[dict[str, Any]]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from s2r_protocol.exits import UsageError
+from s2r_sim.batch import jobs_in, results_in
 from s2r_sim.paper.score import Row
 
 LIMITS = (0.10, 0.30)
@@ -42,6 +45,23 @@ class Pairs:
     def differences(self, key: str) -> np.ndarray:
         """|δ_r| of the changed system less that of the system as it is, (n,)."""
         return relative(self.changed, key) - relative(self.ours, key)
+
+
+def campaign_in(results: Path) -> list[Row]:
+    """All trials of a campaign, as they can be told by kind and number from those of another one.
+
+    Raises:
+        UsageError: Some were run with other numbers of manipulations: one kind and number may then be two trials.
+    """
+    attempts = sorted({job[2] for job in jobs_in(results)})
+    if len(attempts) > 1:
+        several = f"{', '.join(map(str, attempts[:-1]))} and {attempts[-1]}"
+        raise UsageError(
+            f"{results} holds trials with {several} attempts, which are other trials under the same numbers: move the "
+            'lines of one number (the third in "job") into the results.jsonl of another folder, and compare one of the '
+            "two"
+        )
+    return results_in(results)
 
 
 def pairs_of(rows: Sequence[Row], others: Sequence[Row], label: str, kinds: Sequence[str]) -> list[Pairs]:

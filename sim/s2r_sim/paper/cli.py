@@ -136,9 +136,9 @@ def _others(compare: tuple[str, ...]) -> dict[str, list[dict[str, Any]]]:
     """Rows of other campaigns by their label.
 
     Raises:
-        UsageError: Not LABEL=DIR, or no results there.
+        UsageError: Not LABEL=DIR, or no results there, or those of several numbers of attempts.
     """
-    from s2r_sim.batch import results_in
+    from s2r_sim.paper.ablations import campaign_in
 
     found = {}
     for entry in compare:
@@ -146,5 +146,5 @@ def _others(compare: tuple[str, ...]) -> dict[str, list[dict[str, Any]]]:
         results = Path(folder) / "results.jsonl"
         if not separator or not results.is_file():
             raise UsageError(f"--compare {entry!r}: give LABEL=DIR with a results.jsonl in DIR")
-        found[label] = results_in(results)
+        found[label] = campaign_in(results)
     return found

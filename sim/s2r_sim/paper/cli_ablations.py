@@ -31,9 +31,8 @@ def ablations(pairs: tuple[str, ...], page: Path, remarks: Path | None) -> None:
 
     What correcting is worth is read off every BASE's own first and last manipulations.
     """
-    from s2r_sim.batch import results_in
     from s2r_sim.paper.ablation_page import write_page
-    from s2r_sim.paper.ablations import FIRST, Pairs, pairs_of, relative, uncorrected
+    from s2r_sim.paper.ablations import FIRST, Pairs, campaign_in, pairs_of, relative, uncorrected
     from s2r_sim.paper.trials import KINDS
 
     comparisons: list[list[Pairs]] = []
@@ -43,8 +42,8 @@ def ablations(pairs: tuple[str, ...], page: Path, remarks: Path | None) -> None:
         files = [Path(folder) / "results.jsonl" for folder in folders.split(",")]
         if len(files) != 2 or not all(file.is_file() for file in files):
             raise UsageError(f"--pair {entry!r}: give LABEL=BASE,DIR with a results.jsonl in BASE and in DIR")
-        rows = results_in(files[0])
-        found = pairs_of(rows, results_in(files[1]), label, KINDS)
+        rows = campaign_in(files[0])
+        found = pairs_of(rows, campaign_in(files[1]), label, KINDS)
         if not found:
             raise UsageError(f"--pair {entry!r}: the two campaigns share no trial")
         corrected.setdefault(files[0], uncorrected(rows, KINDS, files[0].parent.name))

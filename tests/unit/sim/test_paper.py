@@ -164,6 +164,38 @@ def test_campaigns_to_compare_with_must_be_there(tmp_path):
     assert "give LABEL=DIR with a results.jsonl" in str(result.exception)
 
 
+def write_campaign(folder, *attempts):
+    """The same trials, run with each of these numbers of manipulations at most."""
+    folder.mkdir()
+    jobs = [([row["kind"], row["number"], count], row) for count in attempts for row in ROWS]
+    lines = [json.dumps({"job": job, "result": row}) for job, row in jobs]
+    (folder / "results.jsonl").write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("there", ["base", "other", "compare"])
+def test_a_campaign_of_several_numbers_of_manipulations_is_not_compared(tmp_path, there):
+    for name in ("base", "other", "compare"):
+        write_campaign(tmp_path / name, *((1, 3) if name == there else (3,)))
+    pair = f"x={tmp_path / 'base'},{tmp_path / 'other'}"
+    compared = CliRunner().invoke(ablation_command, ["--pair", pair, "--page", str(tmp_path / "p.md")])
+    options = ["--out", str(tmp_path / "base"), "--page-only", "--compare", f"x={tmp_path / 'compare'}"]
+    result = CliRunner().invoke(paper, options) if there == "compare" else compared
+    assert isinstance(result.exception, UsageError)
+    assert f"{there}/results.jsonl holds trials with 1 and 3 attempts" in str(result.exception)
+    assert "move the lines of one number" in str(result.exception)
+    assert (compared.exit_code == 0) == (there == "compare")
+
+
+def test_a_campaign_of_one_manipulation_each_is_compared_with_one_of_three(tmp_path):
+    write_campaign(tmp_path / "base", 3)
+    write_campaign(tmp_path / "other", 1)
+    pair = f"x={tmp_path / 'base'},{tmp_path / 'other'}"
+    result = CliRunner().invoke(ablation_command, ["--pair", pair, "--page", str(tmp_path / "p.md")])
+    assert result.exit_code == 0, result.output
+    options = ["--out", str(tmp_path / "base"), "--page-only", "--compare", f"x={tmp_path / 'other'}"]
+    assert CliRunner().invoke(paper, options).exit_code == 0
+
+
 @pytest.mark.parametrize(("attempts", "counted"), [(1, 5), (3, 2)])
 def test_a_page_from_results_alone_holds_trials_of_one_number_of_manipulations(tmp_path, attempts, counted):
     """A campaign of one manipulation each, and the same trials begun anew with up to three."""
