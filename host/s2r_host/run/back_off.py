@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.errors import ArmStoppedError
-from s2r_host.run.session import Session
+from s2r_host.run.session import Motion, Session
 from s2r_host.run.travel import timed
 from s2r_protocol.faults import Cause
 
@@ -57,6 +57,15 @@ def back_off(session: Session, error: ArmStoppedError, way_in: np.ndarray, label
         else:
             return
     raise error
+
+
+def stopped_in(session: Session, motion: Motion) -> bool:
+    """Whether a stop that :meth:`Session.move` has just told of came while this motion played, or right behind it.
+
+    Where the arm stands does not tell: the way out of contact begins at the end of the way in, and the way to a push
+    ends at its beginning.
+    """
+    return bool(session.executed) and session.executed[-1].trajectory is motion.trajectory
 
 
 def _thinned(q: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.knob_outline import KnobOutline
 from s2r_host.perception.network_pushes import shipped
 from s2r_host.run.at import proposals_at, scene_at
-from s2r_host.run.back_off import back_off
+from s2r_host.run.back_off import back_off, stopped_in
 from s2r_host.run.guess import Tried
 from s2r_host.run.lever_guesses import GuessSettings, lever_guesses
 from s2r_host.run.observe import Observation
@@ -137,6 +137,8 @@ def carry_out_push(session: Session, planned: PlannedPush) -> DonePush:
     try:
         session.move(planned.motions)
     except ArmStoppedError as error:
+        if not stopped_in(session, planned.motions[PUSH]):
+            raise
         went_through = False
         back_off(session, error, planned.motion.push, f"{planned.motions[PUSH].label}: backing off")
         way = np.vstack([session.status().q_ref, planned.motion.approach[-2::-1]])

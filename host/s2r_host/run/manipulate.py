@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from s2r_host.errors import ArmStoppedError
-from s2r_host.run.back_off import back_off
+from s2r_host.run.back_off import back_off, stopped_in
 from s2r_host.run.measure import Measurement
 from s2r_host.run.observe import Observation
 from s2r_host.run.planned import PlannedManipulation
@@ -64,11 +64,12 @@ def carry_out_manipulation(
     Raises:
         ArmStoppedError: A protection stopped the arm for another cause, or outside of the manipulation.
     """
-    begun = len(session.executed)
+    begun, manipulation = len(session.executed), planned.motions[0]
     try:
         session.move(planned.motions)
     except ArmStoppedError as error:
-        manipulation = planned.motions[0]
+        if not stopped_in(session, manipulation):
+            raise
         back_off(session, error, manipulation.trajectory.q, f"{manipulation.label}: backing off")
         planned = replace(planned, stopped=True)
     return planned, tuple(session.executed[begun:])

@@ -2,15 +2,23 @@
 
 from contextlib import contextmanager
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from s2r_host.errors import ArmStoppedError
 from s2r_host.motion.arm_model import ArmModel
+from s2r_host.run import first_push, manipulate
 from s2r_host.run.back_off import back_off
+from s2r_host.run.first_push import PlannedPush, carry_out_push
+from s2r_host.run.manipulate import carry_out_manipulation
+from s2r_host.run.planned import PlannedManipulation
+from s2r_host.run.session import Motion
 from s2r_protocol.arms import load_arm
 from s2r_protocol.faults import Cause
+
+NOT_USED: Any = None
 
 
 class Cell:
@@ -128,3 +136,56 @@ def test_a_fingertip_that_comes_free_by_and_by_gets_more_tries():
     cell = Cell(WAY[12], jams=5, gain=0.01 * (WAY[1] - WAY[0]) / np.abs(WAY[1] - WAY[0]).max())
     back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
     assert cell.did.count("move") == 6
+
+
+def stopped_at(label, labels):
+    """A session that is stopped in the motion of that name, and the motions."""
+    motions = tuple(Motion(SimpleNamespace(q=WAY), name) for name in labels)
+    session: Any = SimpleNamespace(executed=[], status=lambda: SimpleNamespace(q_ref=WAY[0]))
+    session.settings = SimpleNamespace(travel_speed=1.0)
+
+    def move(some):
+        for one in some:
+            session.executed.append(one)
+            if one.label == label:
+                raise ArmStoppedError("met something", Cause.COLLISION)
+
+    session.move = move
+    return session, motions
+
+
+@pytest.mark.parametrize(
+    "label", ["manipulation 1", "manipulation 1: out of contact", "manipulation 1: home"]
+)
+def test_only_a_stop_in_the_manipulation_itself_is_backed_off_from(monkeypatch, label):
+    """The way out of contact begins where the way in ends: near it is not on it."""
+    labels = ("manipulation 1", "manipulation 1: out of contact", "manipulation 1: home")
+    session, motions = stopped_at(label, labels)
+    backed_off = []
+    monkeypatch.setattr(manipulate, "back_off", lambda *arguments: backed_off.append(arguments))
+    planned = PlannedManipulation(1, NOT_USED, NOT_USED, NOT_USED, NOT_USED, motions, NOT_USED)
+    if label == "manipulation 1":
+        done, executed = carry_out_manipulation(session, planned)
+        assert done.stopped
+        assert len(backed_off) == len(executed) == 1
+        return
+    with pytest.raises(ArmStoppedError):
+        carry_out_manipulation(session, planned)
+    assert not backed_off
+
+
+@pytest.mark.parametrize("label", ["push 1: approach", "push 1", "push 1: back", "push 1: home"])
+def test_only_a_stop_in_the_push_itself_is_backed_off_from(monkeypatch, label):
+    session, motions = stopped_at(label, ("push 1: approach", "push 1", "push 1: back", "push 1: home"))
+    backed_off = []
+    monkeypatch.setattr(first_push, "back_off", lambda *arguments: backed_off.append(arguments))
+    monkeypatch.setattr(first_push, "timed", lambda _session, way, *_: Motion(NOT_USED, "back home"))
+    ways: Any = SimpleNamespace(approach=WAY, push=WAY)
+    if label == "push 1":
+        done = carry_out_push(session, PlannedPush(NOT_USED, ways, motions))
+        assert not done.went_through
+        assert len(backed_off) == 1
+        return
+    with pytest.raises(ArmStoppedError):
+        carry_out_push(session, PlannedPush(NOT_USED, ways, motions))
+    assert not backed_off
