@@ -62,7 +62,9 @@ DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
     "--camera", default=None, help="With --real: a camera; the way to the start also avoids what it sees."
 )
 @click.option(
-    "--world", type=click.Path(path_type=Path, exists=True), help="Stand-in's world [default: SOURCE's own]."
+    "--world",
+    type=click.Path(path_type=Path, exists=True),
+    help="Stand-in's world, not with --real [default: SOURCE's own].",
 )
 @click.option("--out", type=UNUSED_FOLDER, help="Folder, new or empty [default: replay-<plan> beside].")
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
@@ -104,6 +106,11 @@ def replay(
             raise UsageError(
                 f"{name} is for a running executor: add --real, or leave it out to use a stand-in"
             )
+    if real and world is not None:
+        raise UsageError(
+            "--world is what a stand-in shows, and --real goes to a running executor: leave out --world, or --real to "
+            "use a stand-in"
+        )
     recording_file(source)  # refuses a folder without one before all that is loaded now
     from s2r_host.motion.arm_model import ArmModel
     from s2r_host.replay.replay import ReplaySettings, as_sent

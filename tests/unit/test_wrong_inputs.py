@@ -89,6 +89,7 @@ CASES = [
     ("replay {junk}", REFUSED, "junk.mcap is no MCAP recording: it begins with b'plain wo'"),
     ("replay {run} --executor " + NOBODY, USAGE, "add --real"),
     ("replay {run} --yes", USAGE, "add --real"),
+    ("replay {run} --real --yes --world {run}", USAGE, "leave out --world, or --real"),
     ("replay {run} --loop 0", USAGE, "--loop"),
     ("log check {junk}", REFUSED, "no MCAP recording"),
     ("log check {empty}", REFUSED, "no MCAP recording: it is empty"),
