@@ -17,6 +17,10 @@ class TruthFileError(UsageError):
     """A truth log cannot be read."""
 
 
+class RunFileError(UsageError):
+    """A run's record does not fit the trial that it is to be of."""
+
+
 class StandInError(NotReadyError):
     """The stand-in cannot start or go on on this machine."""
 

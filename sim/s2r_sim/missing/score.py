@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from s2r_sim.errors import RunFileError
 from s2r_sim.missing.cases import HIDDEN, LEARNING
 from s2r_sim.paper.trials import Trial
 from s2r_sim.score import read_truth, sense
@@ -26,6 +27,7 @@ def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
 
     Raises:
         TruthFileError, WorldFileError, FileNotFoundError: A file is missing or damaged.
+        RunFileError: The run has a target that it was not given, or not in this order.
     """
     truth = read_truth(folder / "truth.csv")
     run = json.loads((folder / "run/run.json").read_text())
@@ -36,7 +38,7 @@ def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
     moves, at = [], 0
     for entry, s_from, s_to in zip(attempts, begun, left_at, strict=True):
         asked = entry["s_target"] - attempts[0]["s_initial"]
-        at = next(k for k in range(at, len(shares)) if abs(shares[k] * trial.change - asked) < SAME)
+        at = _which(asked, shares, trial.change, at, folder / "run/run.json")
         target = begun[0] + sense(trial.world, run) * asked
         moves.append({"target": at, "delta": target - s_to, "delta_r": (target - s_to) / (target - s_from)})
         at += 1
@@ -50,6 +52,22 @@ def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
         "hidden": trial.world.effects.model_dump(),
         "commitment_holds": load_world(folder / "world.json").commitment == trial.world.commitment,
     }
+
+
+def _which(asked: float, shares: Sequence[float], change: float, first: int, file: Path) -> int:
+    """Number of the target that was asked for [m or rad], from ``first`` on.
+
+    Raises:
+        RunFileError: None of them is.
+    """
+    for k in range(first, len(shares)):
+        if abs(shares[k] * change - asked) < SAME:
+            return k
+    given = ", ".join(f"{share * change:+.6f}" for share in shares[first:]) or "none"
+    raise RunFileError(
+        f"{file} has a manipulation towards {asked:+.6f} from where the first began; the targets it was given and has "
+        f"not come to before are {given}: is it the run of another trial, or were its joint values shifted?"
+    )
 
 
 def _total_lost(lessons: Sequence[Row]) -> dict[str, float]:

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from s2r_protocol.exits import ExitCode
+from s2r_sim.errors import RunFileError
 from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
 from s2r_sim.missing.cli import missing
 from s2r_sim.missing.page import PICTURE, compared, matters, summaries, write_page
 from s2r_sim.missing.score import named, paired, relative, score_run
+from s2r_sim.missing.trial import run_case
 from s2r_sim.truth import CONTACT_COLUMNS
 
 GAUGE = {"drawer": 0.3, "laptop": 0.1, "faucet": 0.1}  # what the arm feels, N or N·m
@@ -42,24 +45,50 @@ def test_the_same_number_is_the_same_object_and_another_one_is_not():
     assert draw_case(label, 0).world.commitment != draw_case(label, 0).world.commitment  # the salt is fresh
 
 
-def test_a_run_that_ended_before_its_first_manipulation_is_a_row_without_moves(tmp_path):
-    trial = draw_case("faucet: nothing", 0)
-    trial.world.save(tmp_path / "world.json")
+def write_run(folder, trial, *targets):
+    """Files of a run that went towards these changes, one after the other."""
+    trial.world.save(folder / "world.json")
     header = ",".join(["t_s", "master_tick", "object", *CONTACT_COLUMNS])
-    (tmp_path / "truth.csv").write_text(f"{header}\n0.0,0,0.5,0,0,0,0\n0.1,100,0.6,0,0,0,0\n")
-    (tmp_path / "run").mkdir()
+    (folder / "truth.csv").write_text(f"{header}\n0.0,0,0.5,0,0,0,0\n0.1,100,0.6,0,0,0,0\n")
+    (folder / "run").mkdir()
     run = {
-        "attempts": [],
+        "attempts": [
+            {"tick_start": 50 * k, "s_initial": 0.2, "s_target": 0.2 + change}
+            for k, change in enumerate(targets)
+        ],
         "physics": [],
         "lost_motion": [],
         "wall_s": 1.0,
         "exit": {"code": 4, "reason": "no joint"},
     }
-    (tmp_path / "run/run.json").write_text(json.dumps(run))
+    (folder / "run/run.json").write_text(json.dumps(run))
+
+
+def test_a_run_that_ended_before_its_first_manipulation_is_a_row_without_moves(tmp_path):
+    trial = draw_case("faucet: nothing", 0)
+    write_run(tmp_path, trial)
     row = score_run(trial, tmp_path, (*LEARNING, *LATER))
     assert row["moves"] == []
     assert row["exit"] == 4
     assert row["commitment_holds"]
+
+
+def test_a_run_with_a_target_that_it_was_not_given_is_told_by_file_and_numbers(tmp_path):
+    trial = draw_case("faucet: nothing", 0)
+    write_run(tmp_path, trial, 9.0)
+    with pytest.raises(
+        RunFileError, match=r"run\.json has a manipulation towards \+9\.000000 .* another trial"
+    ):
+        score_run(trial, tmp_path, (*LEARNING, *LATER))
+
+
+def test_one_run_that_cannot_be_scored_is_a_row_of_the_campaign(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "s2r_sim.missing.trial._play", lambda trial, folder, *_: write_run(folder, trial, 9.0)
+    )
+    row = run_case(tmp_path, "faucet: nothing", 0, "learnt", 1)
+    assert row["exit"] == ExitCode.BUG
+    assert row["reason"].startswith("RunFileError: ")
 
 
 def _answer(verdict, *names, numbers=(), also=()):
