@@ -162,14 +162,17 @@ class PhysicsLesson:
 def after_target(session: Session, record: RunRecord, number: int) -> None:
     """After every third target: what the gap tool says to all recordings so far is learnt.
 
+    Also where the part was not moved for that target, from what there is; where it was not moved at all since the
+    lesson before, there is nothing to learn.
+
     Args:
         session: Of the run.
         record: Gets the lesson.
         number: Of the target, from 1.
     """
-    if number % EVERY or record.belief is None:
+    done, before = len(record.attempts), record.lessons[-1].after if record.lessons else 0
+    if number % EVERY or record.belief is None or done == before:
         return
-    done = len(record.attempts)
     folder = session.settings.out / f"physics-{done}"
     with session.journal.stage(f"physics after {done}") as stage:
         lesson = replace(_asked(session, record, folder), after=done)

@@ -151,6 +151,7 @@ def _to_targets(
         if abs(session.target - s_now) <= task.good_enough:
             _judge(record)
             journal.say(f"nothing to do: {record.reason}")
+            _learn_between(session, record, number, len(targets))
             continue
         if asks_gap:
             from s2r_host.run.physics import before_target  # loads the gap tool
@@ -164,17 +165,27 @@ def _to_targets(
             record.goals[-1] = replace(record.goals[-1], refused=str(error))
             _judge(record)
             journal.warn(f"going on without this target: {error}")
+            _learn_between(session, record, number, len(targets))
             continue
         s_now = record.goals[-1].last.measured.s
         if not _judge(record) and not settings.go_on:
             return
-        if settings.learn_physics and number < len(targets):
-            from s2r_host.run.lost_motion import learn_lost_motion
-            from s2r_host.run.physics import after_target
+        _learn_between(session, record, number, len(targets))
 
-            if asks_gap:
-                after_target(session, record, number)
-            learn_lost_motion(session, record)
+
+def _learn_between(session: Session, record: RunRecord, number: int, last: int) -> None:
+    """What the motions so far teach about the part, for the targets that follow a target, moved to or not; numbers
+    count from 1."""
+    settings = session.settings
+    if not settings.learn_physics or number >= last:
+        return
+    from s2r_host.run.lost_motion import learn_lost_motion
+    from s2r_host.run.physics import after_target
+
+    if "gap" not in settings.without:
+        after_target(session, record, number)
+    if record.goals[-1].attempts:
+        learn_lost_motion(session, record)
 
 
 def _judge(record: RunRecord) -> bool:
