@@ -108,11 +108,16 @@ class JointLaw:
         return max(float(np.mean(values)), least)
 
     def pull(self, s: float, slides: bool) -> tuple[float, float]:
-        """(force of position on the part at rest, dry friction against it) [N or N·m]."""
+        """(force of position on the part at rest, dry friction against it) [N or N·m].
+
+        The file's own gravity counts here: less friction than was believed may no longer hold a lid against it. Not
+        along a slide, where it is no more than the tilt that the look at its axis left.
+        """
         speed = 0.02 * (SPEED_M_S if slides else SPEED_RAD_S)
         (up, dry_up), (down, dry_down) = self.resistance(s, speed), self.resistance(s, -speed)
         stiffness, rest = self.spring
-        return -0.5 * (up + down) - stiffness * (s - rest), 0.5 * (dry_up + dry_down + up - down)
+        weight = 0.0 if slides else _bias(self.planned, s)
+        return -0.5 * (up + down) - stiffness * (s - rest) - weight, 0.5 * (dry_up + dry_down + up - down)
 
     @property
     def _dof(self) -> int:

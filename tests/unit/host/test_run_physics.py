@@ -37,6 +37,7 @@ from s2r_host.run.physics import (
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import as_json
 from s2r_host.run.settings import RunSettings
+from s2r_host.run.task import LAPTOP
 
 FRICTION, SWING, PERIOD = 4.0, 1.5, 0.05
 OBJECT = """<mujoco>
@@ -150,6 +151,65 @@ def test_a_tilt_that_was_found_pulls_and_brakes_one_way_more_than_the_other(lear
     assert tilted.pull(0.0, slides=True)[0] == pytest.approx(-weight)
     assert tilted.braking(0.0, True, slides=True) == pytest.approx(4.0 + weight)
     assert tilted.braking(0.0, False, slides=True) == pytest.approx(4.0 - weight)
+
+
+def _hinge(axis, friction, mass=2.0):
+    """A plate of 0.3 m about a hinge at its edge, level at 0: a lid where the axis is level, else a faucet's lever."""
+    return mujoco.MjModel.from_xml_string(
+        f"""<mujoco><compiler angle="radian"/><worldbody><body name="object_base">
+        <geom name="base_a" type="box" size=".1 .1 .1" pos="0 0 -1"/>
+        <body name="object_part"><joint name="object_joint" type="hinge" axis="{axis}" range="-3 3"
+          frictionloss="{friction}" damping="0.05"/>
+        <geom name="part_a" type="box" size=".15 .1 .005" pos="-.15 0 0" mass="{mass}"/></body></body></worldbody>
+        </mujoco>"""
+    )
+
+
+def _hinge_law(axis, friction):
+    """A hinge that holds its part everywhere, as plans know it, of which less friction was found."""
+    rigid: Any = SimpleNamespace(model=_hinge(axis, 4.0))
+    twin: Any = SimpleNamespace(live=[], ctx=None, rigid=rigid)
+    return JointLaw(_hinge(axis, friction), twin, rigid.model)
+
+
+def _moves_by_itself(model, s):
+    """How far in a second, let go at rest [rad]."""
+    data = mujoco.MjData(model)
+    data.qpos[0] = s
+    for _ in range(int(1.0 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+    return abs(float(data.qpos[0]) - s)
+
+
+@pytest.mark.parametrize("s", [0.1, 0.5, 0.9, 1.2, 1.5])
+@pytest.mark.parametrize("friction", [0.6, 1.5])
+def test_a_lid_that_less_friction_no_longer_holds_is_pulled_by_its_own_weight(friction, s):
+    law = _hinge_law("0 1 0", friction)
+    pull, dry = law.pull(s, slides=False)
+    assert pull == pytest.approx(-2.0 * 9.81 * 0.15 * np.cos(s))
+    assert dry == pytest.approx(friction)
+    assert (abs(pull) > dry) == (_moves_by_itself(law.model, s) > 0.1)
+
+
+def test_gravity_pulls_neither_a_lever_that_turns_about_the_vertical_nor_a_drawer(learnt):
+    assert _hinge_law("0 0 1", 0.3).pull(0.5, slides=False) == (pytest.approx(0.0), pytest.approx(0.3))
+    spec = mujoco.MjSpec.from_file(str(learnt.model))
+    spec.option.gravity = [-0.2, 0.0, -9.8]  # an axis that was seen 1.2 degrees off
+    model = spec.compile()
+    twin: Any = SimpleNamespace(live=[], ctx=None, rigid=None)
+    assert JointLaw(model, twin, model).pull(0.01, slides=True) == (pytest.approx(0.0), pytest.approx(4.0))
+
+
+def test_a_lid_that_will_fall_is_warned_of(learnt, tmp_path):
+    settings = RunSettings(0.1, tmp_path / "run", task=LAPTOP, learn_physics=True)
+    session: Any = SimpleNamespace(settings=settings, target=0.5, journal=Journal())
+    lid = tmp_path / "lid.xml"
+    mujoco.mj_saveLastXML(str(lid), _hinge("0 1 0", 4.0))
+    record = RunRecord(settings, Journal())
+    record.belief = replace(_believed(lid), template=SimpleNamespace(slides=False))  # pyright: ignore[reportArgumentType]
+    record.lessons.append(PhysicsLesson(3, tmp_path, "parameter_off", law=_hinge_law("0 1 0", 1.5)))
+    before_target(session, record)
+    assert "pulled with -2.58 against a dry friction of 1.50" in session.journal.warnings[0]
 
 
 def test_a_fingertip_that_seems_to_jump_is_believed_in_one_place_only():
