@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Sequence
@@ -10,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from s2r_host.errors import PeerUnreachableError
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.robot_mask import robot_mask
 from s2r_host.perception.track import JointTracker
@@ -18,6 +18,9 @@ from s2r_host.run.belief import Belief
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Session
 from s2r_host.trajectory.reactive_run import Seen
+from s2r_protocol.exits import S2RError
+
+logger = logging.getLogger(__name__)
 
 _POLL_S = 0.005
 _SAME_TIME_S = (
@@ -92,13 +95,18 @@ class LiveJoint(threading.Thread):
             return self._latest
 
     def run(self) -> None:
-        """Look until closed; a camera that falls silent ends it, and nothing is seen from then on."""
+        """Look until closed; a camera that falls silent or sends what is no frame ends it, which `problem` tells, and
+        nothing is seen from then on."""
         try:
             with ThreadPoolExecutor(1, "s2r-live-frame") as taking:
                 while not self._ended.is_set():
                     self._look(taking)
-        except PeerUnreachableError as error:
-            self.problem = str(error)
+        except (
+            Exception
+        ) as error:  # whatever it is: the arm goes on, and what was seen last must not stay in force
+            said = str(error) if isinstance(error, S2RError) else f"{type(error).__name__}: {error}"
+            logger.info("the part is no longer followed", exc_info=True)
+            self.problem = said
             with self._lock:
                 self._latest = None
 

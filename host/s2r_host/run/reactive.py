@@ -74,6 +74,7 @@ def carry_out_reactively(
         with feed:
             session.play(play)
     except ArmStoppedError as error:
+        _tell_problem(session, feed)
         way_in = np.vstack([motion.trajectory.q for motion in played])
         back_off(session, error, way_in, f"{planned.motions[0].label}: backing off")
         # Once another motion has taken over, the first one is not all of what moved the part.
@@ -125,8 +126,7 @@ def _tell(session: Session, feed: LiveJoint, report: ReactiveReport) -> None:
     )
     for text in report.refused:
         session.journal.say(f"correction refused: {text}")
-    if feed.problem:
-        session.journal.warn(f"the camera fell silent while the arm moved: {feed.problem}")
+    _tell_problem(session, feed)
     cpu_ms = [1e3 * look.cpu_s for look in report.outlooks]
     session.recorder.add_note(
         "reactive",
@@ -144,3 +144,10 @@ def _tell(session: Session, feed: LiveJoint, report: ReactiveReport) -> None:
             "offset": offset,
         },
     )
+
+
+def _tell_problem(session: Session, feed: LiveJoint) -> None:
+    if feed.problem:
+        session.journal.warn(
+            f"the part was not followed to the end, the plan was played on unseen: {feed.problem}"
+        )

@@ -20,7 +20,7 @@ NOT_USED: Any = None
 class Feed(nullcontext):
     """Eyes on the part, which see nothing here."""
 
-    known = True
+    known, problem = True, ""
 
 
 def planned() -> PlannedManipulation:
