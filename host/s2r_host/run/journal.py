@@ -49,7 +49,10 @@ class Journal:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Stage]:
-        """Time a stage; the caller may set its ``note``."""
+        """Time a stage; the caller may set its ``note``.
+
+        Of a stage that failed its own error is raised, also where whoever follows the run cannot be told of its end.
+        """
         stage = Stage(name, self.elapsed_s)
         self.stages.append(stage)
         self.on_stage(name, "begun", "")
@@ -66,12 +69,20 @@ class Journal:
         finally:
             stage.wall_s = self.elapsed_s - stage.start_s
             stage.cpu_s = time.process_time() - cpu
-            self.on_stage(name, "failed" if stage.failed else "ended", stage.note)
+            self._tell_end(stage)
             mark = "[red]✗[/red]" if stage.failed else "[green]✓[/green]"
             self._console.print(
                 f"{mark} {stage.start_s:6.1f} s  {name:<28s} {stage.wall_s:6.2f} s  {escape(stage.note)}",
                 soft_wrap=True,
             )
+
+    def _tell_end(self, stage: Stage) -> None:
+        try:
+            self.on_stage(stage.name, "failed" if stage.failed else "ended", stage.note)
+        except Exception as error:
+            if not stage.failed:
+                raise
+            self.warn(f"the end of '{stage.name}' is not recorded: {error}")
 
     def warn(self, text: str) -> None:
         """Keep and show a warning; the run goes on in a worse way."""

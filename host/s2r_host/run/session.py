@@ -122,7 +122,7 @@ class Session:
         """Hold the lease with drives on while ``commands`` moves the arm; it notes what it sent, see :meth:`note_sent`.
 
         However that ends, the arm is at rest then as far as the executor can be reached, which :attr:`rest` tells, and
-        the recordings of what was sent are kept.
+        the recordings of what was sent are kept; where a disk has no room for them, too, the first error counts.
 
         Raises:
             CommandRefusedError, ArmStoppedError, PeerUnreachableError: As :meth:`move`, and what ``commands`` raises.
@@ -132,17 +132,18 @@ class Session:
             raise RuntimeError("a motion was asked for in a dry run; nothing was sent")
         sent: list[Sent] = []
         done: list[Executed] = []
+        through = False
         self.rest = "that the arm is at rest was not confirmed: look at it"
         try:
             with self.link.leased():
                 self.link.arm_drives()
                 commands(sent)
-            self.rest = "the arm is at rest"
+            self.rest, through = "the arm is at rest", True
         except BaseException:
             self._ask_for_rest()
             raise
         finally:
-            done.extend(self._fetch(entry) for entry in sent)
+            done.extend(self._fetch(entry, through) for entry in sent)
             self.executed.extend(done)
         return done
 
@@ -179,13 +180,17 @@ class Session:
             self.rest = f"the arm is at rest ({told})"
             self.journal.say(self.rest)
 
-    def _fetch(self, sent: Sent) -> Executed:
+    def _fetch(self, sent: Sent, through: bool) -> Executed:
         recording, motion = None, sent.motion
         try:
             recording = self.link.recording(sent.seq)
             self.recorder.add_recording(recording)
         except (CommandRefusedError, PeerUnreachableError, RecordingError) as error:
             self.journal.warn(f"no executor recording of '{motion.label}': {error}")
+        except OSError as error:  # no room on the disk
+            if through:
+                raise
+            self.journal.warn(f"the executor's recording of '{motion.label}' is not kept: {error}")
         return Executed(
             motion.label,
             motion.trajectory,
@@ -210,7 +215,12 @@ class Session:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except OSError as closing:  # no room on the disk: why the run ended before counts
+            if error is None:
+                raise
+            self.journal.warn(f"the run's recording was not finished: {closing}")
 
 
 def open_session(settings: RunSettings, journal: Journal) -> Session:

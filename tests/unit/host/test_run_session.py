@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from s2r_host.errors import PeerUnreachableError
+from s2r_host.errors import ArmStoppedError, PeerUnreachableError
 from s2r_host.run import pipeline
 from s2r_host.run import session as module
 from s2r_host.run.journal import Journal
@@ -188,3 +188,49 @@ def test_a_disk_that_fills_up_during_a_run_is_no_bug_and_the_arms_rest_is_told(t
         f"{tmp_path}: No space left on device; make room, or name another disk with --out; nothing was moved; "
         "no run.json is left: No space left on device"
     )
+
+
+def no_room(*_):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_stage_that_failed_ends_with_its_own_error_where_nobody_can_be_told():
+    def staged(journal, *errors):
+        with journal.stage("manipulation 1"):
+            journal.on_stage = no_room
+            for error in errors:
+                raise error
+
+    journal = Journal()
+    with pytest.raises(ArmStoppedError):
+        staged(journal, ArmStoppedError("met something", Cause.COLLISION))
+    assert "the end of 'manipulation 1' is not recorded" in journal.warnings[0]
+    with pytest.raises(OSError, match="No space"):
+        staged(Journal())  # nothing else went wrong
+
+
+@pytest.mark.parametrize("stopped", [True, False])
+def test_a_stop_on_a_full_disk_ends_the_run_as_a_stop(tmp_path, monkeypatch, stopped):
+    """Neither the stage's end, nor the recording of the motion, nor the end of the run's own can be written."""
+    session = session_of(tmp_path, [], recorder_error=OSError(errno.ENOSPC, "No space left on device"))
+    session.link.recording = lambda seq: b""
+    session.recorder.add_recording = no_room
+
+    def move(sent):
+        sent.append(module.Sent(module.Motion(None, "push 1"), 1, 0, 0.0))
+        if stopped:
+            raise ArmStoppedError("met something", Cause.COLLISION)
+
+    def loop(session, *_):
+        with session.journal.stage("push 1"):
+            session.journal.on_stage = no_room
+            session.play(move)
+
+    monkeypatch.setattr(pipeline, "open_session", lambda *_: session)
+    monkeypatch.setattr(pipeline, "_introduce", lambda record, session: None)
+    monkeypatch.setattr(pipeline, "_loop", loop)
+    monkeypatch.setattr(pipeline, "write_run_json", no_room)
+    record = pipeline.run_task(session.settings, session.journal)
+    assert record.code == (ExitCode.PROTECTION if stopped else ExitCode.NOT_READY)
+    assert record.reason.startswith("met something" if stopped else f"{tmp_path}: No space left on device")
+    assert record.reason.endswith("no run.json is left: No space left on device")
