@@ -61,10 +61,20 @@ def carry_out_reactively(
                 played.append(Motion(trajectory, label))
             sent.append(session.note_sent(Motion(trajectory, label), verdict, session.status().tick))
 
+        def forget() -> None:
+            sent.pop()
+            played.pop()
+
         first = planned.motions[0]
         try:
             report = follow_reactively(
-                session.link, feed, planner, first.trajectory, label=first.label, sent=note
+                session.link,
+                feed,
+                planner,
+                first.trajectory,
+                label=first.label,
+                sent=note,
+                given_up=forget,
             )
         finally:
             if sent:

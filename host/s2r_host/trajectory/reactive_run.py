@@ -61,7 +61,7 @@ class ReactiveReport:
         moving: Whether the arm moved then.
         played: The motions, each with the executor's number and when it took over from the one before, in that one's
             time [s]; infinite where it had come to rest.
-        spliced: Continuations that were admitted while a motion ran.
+        spliced: Continuations that were admitted while a motion ran, but for those that never took over.
         restarted: Continuations that were admitted after the last motion had ended.
         refused: The executor's sentences about those that were not; the last admitted plan went on.
         unseen: Looks that were left out because the object was not seen.
@@ -100,6 +100,7 @@ def follow_reactively(
     restarts: int = 3,
     label: str = "reactive",
     sent: Callable[[Trajectory, str, Verdict], None] = lambda motion, label, verdict: None,
+    given_up: Callable[[], None] = lambda: None,
 ) -> ReactiveReport:
     """Play ``first`` and replace it by what the planner finds better, until the arm rests and nothing is better.
 
@@ -114,13 +115,14 @@ def follow_reactively(
         restarts: Motions that may follow after the arm has come to rest.
         label: Of the plans.
         sent: Told of every plan that was admitted.
+        given_up: Told where the last of them never took over: the one before it was played to its end.
 
     Raises:
         CommandRefusedError: The first plan was refused.
         ArmStoppedError: A protection or a person stopped the arm.
         PeerUnreachableError: The executor fell silent.
     """
-    following = _Following(link, feed, planner, restarts, label, sent, planner.settings.lead_s)
+    following = _Following(link, feed, planner, restarts, label, sent, given_up, planner.settings.lead_s)
     following.play(first)
     return following.report
 
@@ -145,6 +147,7 @@ class _Following:
     restarts: int
     label: str
     sent: Callable[[Trajectory, str, Verdict], None]
+    given_up: Callable[[], None]
     lead_s: float
     playing: _Plan = field(init=False)
     coming: _Plan | None = None
@@ -191,6 +194,8 @@ class _Following:
         self.rest_s = min(self.rest_s, time.monotonic()) if resting else math.inf
         if self.coming is not None and resting and time.monotonic() - self.rest_s > _TAKE_OVER_S:
             self.report.played.pop()
+            self.report.spliced -= 1
+            self.given_up()
             self.report.refused.append(f"plan {self.coming.verdict.seq} was admitted, but did not take over")
             self.coming = None
         return resting

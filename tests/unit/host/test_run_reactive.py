@@ -31,28 +31,48 @@ def planned() -> PlannedManipulation:
     return PlannedManipulation(1, request, result, NOT_USED, NOT_USED, motions, NOT_USED)
 
 
-@pytest.mark.parametrize("corrections", [0, 1])
-def test_a_stopped_motion_is_known_to_be_corrected_where_another_had_taken_over(monkeypatch, corrections):
-    """Else all of the part's way is taken for what the first motion made of it."""
-
-    def follow(_link, _feed, _planner, first, label, sent):
-        for k in range(1 + corrections):
-            sent(first, label, Verdict(k, 0, 1.0))
-        raise ArmStoppedError("met something", Cause.COLLISION)
+def carried_out(monkeypatch, follow) -> tuple[PlannedManipulation, list]:
+    """What comes of a manipulation that is followed like this, and the motions whose recordings are kept."""
+    sent: list = []
 
     def play(commands):
-        commands([])
+        commands(sent)
 
     session: Any = SimpleNamespace(
         executed=[], link=None, play=play, journal=SimpleNamespace(elapsed_s=0.0),
         status=lambda: SimpleNamespace(tick=0),
-        note_sent=lambda motion, verdict, tick: SimpleNamespace(begun_s=0.0, wall_s=0.0),
+        note_sent=lambda motion, verdict, tick: SimpleNamespace(seq=verdict.seq, begun_s=0.0, wall_s=0.0),
     )  # fmt: skip
     monkeypatch.setattr(reactive, "scene_of", lambda _request: None)
     monkeypatch.setattr(reactive, "ReactivePlanner", lambda *_: None)
     monkeypatch.setattr(reactive, "LiveJoint", lambda *_: Feed())
     monkeypatch.setattr(reactive, "follow_reactively", follow)
     monkeypatch.setattr(reactive, "back_off", lambda *_: None)
-    done, _ = reactive.carry_out_reactively(session, NOT_USED, planned(), NOT_USED)
+    return reactive.carry_out_reactively(session, NOT_USED, planned(), NOT_USED)[0], sent
+
+
+@pytest.mark.parametrize("corrections", [0, 1])
+def test_a_stopped_motion_is_known_to_be_corrected_where_another_had_taken_over(monkeypatch, corrections):
+    """Else all of the part's way is taken for what the first motion made of it."""
+
+    def follow(_link, _feed, _planner, first, label, sent, given_up):
+        for k in range(1 + corrections):
+            sent(first, label, Verdict(k, 0, 1.0))
+        raise ArmStoppedError("met something", Cause.COLLISION)
+
+    done, _ = carried_out(monkeypatch, follow)
     assert done.stopped
     assert done.corrected == (corrections > 0)
+
+
+def test_a_continuation_that_never_took_over_is_none_of_the_motions(monkeypatch):
+    def follow(_link, _feed, _planner, first, label, sent, given_up):
+        sent(first, label, Verdict(1, 0, 1.0))
+        sent(first, label, Verdict(2, 0, 1.0))
+        given_up()
+        raise ArmStoppedError("met something", Cause.COLLISION)
+
+    done, sent = carried_out(monkeypatch, follow)
+    assert done.stopped
+    assert not done.corrected
+    assert [entry.seq for entry in sent] == [1]

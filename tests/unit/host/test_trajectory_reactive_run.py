@@ -151,10 +151,15 @@ def test_refusals_at_rest_come_to_an_end(executor):
 
 
 def test_an_admitted_continuation_that_never_begins_is_given_up(executor):
-    executor.forget = [False, True]
-    report = follow_reactively(executor, Always(), Planner(motion(1.0)), motion(1.0))
+    executor.forget, told = [False, True], []
+    report = follow_reactively(
+        executor, Always(), Planner(motion(1.0)), motion(1.0),
+        sent=lambda *_: told.append("sent"), given_up=lambda: told.append("given up"),
+    )  # fmt: skip
     assert "did not take over" in report.refused[0]
     assert len(report.played) == 1
+    assert report.spliced == 0
+    assert told == ["sent", "sent", "given up"]
 
 
 def test_at_rest_only_a_look_from_after_the_motion_counts(executor):
