@@ -20,6 +20,7 @@ from s2r_host.run.measure_view import state_in
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.push_until_told import Told, push_until_told
 from s2r_host.run.reach import reach
+from s2r_host.run.reactive import StrandedError
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import write_run_json
 from s2r_host.run.session import Session, open_session
@@ -160,7 +161,7 @@ def _to_targets(
         try:
             view = reach(session, record, feeling, view, s_now)
         except RefusedError as error:
-            if not settings.go_on or record.goals[-1].attempts:
+            if not settings.go_on or record.goals[-1].attempts or isinstance(error, StrandedError):
                 raise
             record.goals[-1] = replace(record.goals[-1], refused=str(error))
             _judge(record)

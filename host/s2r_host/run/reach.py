@@ -15,7 +15,7 @@ from s2r_host.run.measure_view import measure_in
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.planned import PlannedManipulation
 from s2r_host.run.prepare import prepare_manipulation
-from s2r_host.run.reactive import carry_out_reactively
+from s2r_host.run.reactive import StrandedError, carry_out_reactively
 from s2r_host.run.record import RunRecord
 from s2r_host.run.run_json import finite
 from s2r_host.run.session import Executed, Session
@@ -47,6 +47,7 @@ def reach(
 
     Raises:
         RefusedError: No plan for the first manipulation; without one for a correction it is left out.
+        StrandedError: A manipulation went through, but there is no way home; it is kept where the part is seen.
     """
     settings, journal, task = session.settings, session.journal, session.settings.task
     assert record.belief is not None
@@ -65,18 +66,18 @@ def reach(
                 raise
             journal.warn(f"no correction {number}: {error}")
             return view
-        with journal.stage(f"manipulation {number}"):
-            if settings.reactive:
-                planned, executed = carry_out_reactively(session, record.belief, planned, view)
-            else:
-                planned, executed = carry_out_manipulation(session, planned)
+        try:
+            with journal.stage(f"manipulation {number}"):
+                if settings.reactive:
+                    planned, executed = carry_out_reactively(session, record.belief, planned, view)
+                else:
+                    planned, executed = carry_out_manipulation(session, planned)
+        except StrandedError as error:
+            _keep_stranded(session, record, error, s_now)
+            raise
         done, lost = _measured(session, record, planned, executed, view, s_now)
         view, measured, goal = done.view, done.measured, record.goals[-1]
-        goal.attempts.append(done)
-        session.recorder.add_note(
-            "state",
-            {"number": number, "s": measured.s, "sigma": finite(measured.sigma), "delta": done.delta},
-        )
+        _keep(session, record, done)
         folder, offset = settings.out / f"model-{number + 1}", measured.s - done.foreseen
         anew = lost or tell_again(session, record, view)
         if anew:
@@ -113,6 +114,35 @@ def reach(
 
             brake_at_target(session, record, s_now)
     return view
+
+
+def _keep(session: Session, record: RunRecord, done: DoneManipulation) -> None:
+    number, measured = len(record.attempts) + 1, done.measured
+    record.goals[-1].attempts.append(done)
+    session.recorder.add_note(
+        "state",
+        {"number": number, "s": measured.s, "sigma": finite(measured.sigma), "delta": done.delta},
+    )
+
+
+def _keep_stranded(session: Session, record: RunRecord, error: StrandedError, s_now: float) -> None:
+    """Keep a manipulation after which the arm stays beside the part, if the camera sees the part behind it.
+
+    No joint is told anew from there: a part that is not where it was believed to be may be no more than hidden.
+    """
+    assert record.belief is not None
+    journal, number = session.journal, len(record.attempts) + 1
+    since_told = record.origin_view == record.told_view
+    try:
+        with journal.stage(f"measure {number}") as stage:
+            view = record.add_view(observe(session, f"C{number}"))
+            measured = measure_in(record.belief, view, error.planned.foreseen, since_told=since_told)
+            done = DoneManipulation(error.planned, error.executed, view, measured, s_now, session.target)
+            stage.note = f"{record.show(measured.s)}, δ {session.settings.task.unit.show(done.delta)}"
+    except RefusedError as unseen:
+        journal.warn(f"where manipulation {number} has left the part is not seen past the arm: {unseen}")
+        return
+    _keep(session, record, done)
 
 
 def _measured(

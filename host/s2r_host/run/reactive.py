@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from s2r_host.errors import ArmStoppedError
+from s2r_host.errors import ArmStoppedError, NoMotionError
 from s2r_host.link import Verdict
 from s2r_host.planning.planner import scene_of
 from s2r_host.run.back_off import back_off
@@ -21,6 +21,19 @@ from s2r_host.trajectory.reactive import ReactivePlanner, ReactiveSettings
 from s2r_host.trajectory.reactive_run import ReactiveReport, follow_reactively
 
 logger = logging.getLogger(__name__)
+
+
+class StrandedError(NoMotionError):
+    """No way home from where a corrected motion ended.
+
+    Attributes:
+        planned: What was played, as :func:`carry_out_reactively` returns it.
+        executed: What was sent.
+    """
+
+    def __init__(self, text: str, planned: PlannedManipulation, executed: tuple[Executed, ...]) -> None:
+        super().__init__(text)
+        self.planned, self.executed = planned, executed
 
 
 def carry_out_reactively(
@@ -39,7 +52,7 @@ def carry_out_reactively(
 
     Raises:
         ArmStoppedError: As :func:`carry_out_manipulation`.
-        NoMotionError: No way home from where a corrected motion ended; the arm is at rest there.
+        StrandedError: No way home from where a corrected motion ended; the arm is at rest there.
     """
     request, begun = planned.request, len(session.executed)
     scene = scene_of(request)
@@ -93,7 +106,11 @@ def carry_out_reactively(
     assert report is not None
     _tell(session, feed, report)
     planned = _as_played(planned, report)
-    home = planned.motions[1:] if len(played) == 1 else _other_way_home(session, belief, planned, view)
+    try:
+        home = planned.motions[1:] if len(played) == 1 else _other_way_home(session, belief, planned, view)
+    except NoMotionError as error:
+        text = f"{error}; the arm is at rest where manipulation {planned.number} ended"
+        raise StrandedError(text, planned, tuple(session.executed[begun:])) from error
     session.move(home)
     return planned, tuple(session.executed[begun:])
 

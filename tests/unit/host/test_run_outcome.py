@@ -8,10 +8,12 @@ import pytest
 from s2r_host.run import lost_motion, physics, pipeline
 from s2r_host.run.journal import Journal
 from s2r_host.run.physics import PhysicsLesson
+from s2r_host.run.reactive import StrandedError
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.settings import RunSettings
 from s2r_protocol.exits import ExitCode, RefusedError
 
+NOT_USED: Any = None
 SAID = "no plan takes the drawer there"
 
 
@@ -78,6 +80,17 @@ def test_targets_keep_their_numbers_where_one_is_left_out(tmp_path, monkeypatch)
     assert record.code == ExitCode.REFUSED
     assert [goal.refused for goal in record.goals] == ["", SAID, ""]
     assert f"going on without this target: {SAID}" in session.journal.warnings
+
+
+def test_a_run_does_not_go_on_from_where_there_is_no_way_home(tmp_path, monkeypatch):
+    """No target can be left out there: the arm stands beside the part."""
+
+    def reached(*_):
+        raise StrandedError("no way out of contact", NOT_USED, ())
+
+    settings = RunSettings(0.1, tmp_path / "run", then=(0.05,), from_pushed=True, go_on=True)
+    with pytest.raises(StrandedError):
+        looped(monkeypatch, settings, reached)
 
 
 @pytest.mark.parametrize(

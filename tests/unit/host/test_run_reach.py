@@ -5,7 +5,13 @@ from typing import Any
 
 import pytest
 
+from s2r_host.errors import SceneError
+from s2r_host.run import reach as module
+from s2r_host.run.journal import Journal
 from s2r_host.run.reach import _better_left_alone, _held_up, _in_vain, _lesson, _stopped_short, _there
+from s2r_host.run.reactive import StrandedError
+from s2r_host.run.record import Goal, RunRecord
+from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import TASKS
 
 
@@ -109,3 +115,39 @@ def test_a_part_that_went_far_beyond_is_a_lesson_and_one_that_fell_far_short_is_
     offset, positive, lesson
 ):
     assert _lesson(offset, 0.1, positive=positive) == pytest.approx(lesson)
+
+
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_manipulation_after_which_there_is_no_way_home_is_measured_from_there(tmp_path, monkeypatch, seen):
+    notes, view = [], SimpleNamespace(name="C1")
+    settings = RunSettings(0.1, tmp_path / "run", reactive=True)
+    session: Any = SimpleNamespace(
+        settings=settings, target=0.1, journal=Journal(),
+        recorder=SimpleNamespace(add_note=lambda kind, values: notes.append((kind, values["number"], values["s"]))),
+    )  # fmt: skip
+    record = RunRecord(settings, session.journal)
+    record.belief, nothing = SimpleNamespace(), None  # type: ignore[assignment]
+    record.goals.append(Goal(0.1, s_before=0.0))
+    monkeypatch.setattr(RunRecord, "add_view", lambda _record, look: look)
+    planned: Any = SimpleNamespace(
+        result=SimpleNamespace(control_steps=1), foreseen=0.1, corrected=True,
+        delivery=SimpleNamespace(trajectory=SimpleNamespace(duration_s=1.0)),
+    )  # fmt: skip
+
+    def carried_out(*_):
+        raise StrandedError("no way out of contact", planned, ())
+
+    def measured(*_, **__):
+        if not seen:
+            raise SceneError("the drawer is hidden")
+        return SimpleNamespace(s=0.095, sigma=1e-4)
+
+    monkeypatch.setattr(module, "prepare_manipulation", lambda *_: planned)
+    monkeypatch.setattr(module, "carry_out_reactively", carried_out)
+    monkeypatch.setattr(module, "observe", lambda *_: view)
+    monkeypatch.setattr(module, "measure_in", measured)
+    with pytest.raises(StrandedError, match="no way out of contact"):
+        module.reach(session, record, nothing, nothing, 0.0)  # type: ignore[arg-type]
+    assert [(one.measured.s, one.view) for one in record.attempts] == ([(0.095, view)] if seen else [])
+    assert notes == ([("state", 1, 0.095)] if seen else [])
+    assert bool(session.journal.warnings) != seen

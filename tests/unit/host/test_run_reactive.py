@@ -1,17 +1,20 @@
 """A manipulation that was corrected on its way and then stopped."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from s2r_host.errors import ArmStoppedError
+from s2r_host.errors import ArmStoppedError, NoMotionError
 from s2r_host.link import Verdict
 from s2r_host.run import reactive
 from s2r_host.run.planned import PlannedManipulation
+from s2r_host.run.reactive import StrandedError
 from s2r_host.run.session import Motion
+from s2r_host.trajectory.reactive_run import ReactiveReport
 from s2r_protocol.faults import Cause
 
 NOT_USED: Any = None
@@ -31,12 +34,13 @@ def planned() -> PlannedManipulation:
     return PlannedManipulation(1, request, result, NOT_USED, NOT_USED, motions, NOT_USED)
 
 
-def carried_out(monkeypatch, follow) -> tuple[PlannedManipulation, list]:
+def carried_out(monkeypatch, follow, executed=()) -> tuple[PlannedManipulation, list]:
     """What comes of a manipulation that is followed like this, and the motions whose recordings are kept."""
     sent: list = []
 
     def play(commands):
         commands(sent)
+        session.executed += executed
 
     session: Any = SimpleNamespace(
         executed=[], link=None, play=play, journal=SimpleNamespace(elapsed_s=0.0),
@@ -76,3 +80,23 @@ def test_a_continuation_that_never_took_over_is_none_of_the_motions(monkeypatch)
     assert done.stopped
     assert not done.corrected
     assert [entry.seq for entry in sent] == [1]
+
+
+def test_a_corrected_motion_from_whose_end_there_is_no_way_home_is_handed_over(monkeypatch):
+    """It went through: what it did is to be measured."""
+
+    def follow(_link, _feed, _planner, first, label, sent, given_up):
+        sent(first, label, Verdict(1, 0, 1.0))
+        sent(first, label, Verdict(2, 0, 1.0))
+        return ReactiveReport()
+
+    def blocked(*_):
+        raise NoMotionError("no way out of contact")
+
+    monkeypatch.setattr(reactive, "_tell", lambda *_: None)
+    monkeypatch.setattr(reactive, "_as_played", lambda planned, _report: replace(planned, corrected=True))
+    monkeypatch.setattr(reactive, "_other_way_home", blocked)
+    with pytest.raises(StrandedError, match="no way out of contact; the arm is at rest where") as raised:
+        carried_out(monkeypatch, follow, ("first", "second"))
+    assert raised.value.planned.corrected
+    assert raised.value.executed == ("first", "second")
