@@ -109,7 +109,7 @@ class Physics:
         """Per geom: 1 arm, 2 moving part, 3 object base, 4 anything else (the table)."""
         roots = {PART_BODY: 2, BASE_BODY: 3}
         sides = np.full(self.model.ngeom, 4)
-        arm_bodies = {"base", *(joint.child for joint in self.arm.source.joints)}
+        arm_bodies = {self.arm.source.base, *(joint.child for joint in self.arm.source.joints)}
         arm_bodies |= {mount.child for mount in self.arm.source.mounts}
         for geom in range(self.model.ngeom):
             name = self.model.body(self.model.geom_bodyid[geom]).name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +12,7 @@ import pinocchio as pin
 from s2r_protocol.arms import ArmDescription
 
 LIMIT_MARGIN_RAD = 0.02
-TIP_RADIUS_M = 0.04
+FINGER_PREFIX = "finger"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +85,14 @@ class ArmModel:
 
     @cached_property
     def tip_shapes(self) -> frozenset[int]:
-        """Shapes of the fingertip: those within 4 cm of the tool frame, the only ones meant to touch."""
-        q = pin.neutral(self.model)
-        p_tool = self.tool_pose(q)[:3, 3]
-        return frozenset(
-            i
-            for i, placement in enumerate(self.shape_placements(q))
-            if np.linalg.norm(placement.translation - p_tool) < TIP_RADIUS_M
-        )
+        """Shapes of the fingertip: those that the description calls so, the only ones meant to touch."""
+        names = {
+            f"{link.get('name')}_{k}": collision.get("name", "")
+            for link in ET.fromstring(self.arm.urdf).iter("link")
+            for k, collision in enumerate(link.iter("collision"))
+        }
+        shapes = self.shapes.geometryObjects
+        return frozenset(i for i, s in enumerate(shapes) if names[s.name].startswith(FINGER_PREFIX))
 
     @cached_property
     def lever_m(self) -> np.ndarray:

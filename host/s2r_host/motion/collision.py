@@ -14,7 +14,6 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.obstacles import Obstacle
 
 LARGEST_STEP_M = 0.01
-NEVER_AGAINST_TABLE = ("base", "link1")
 
 
 @dataclass(frozen=True)
@@ -65,8 +64,10 @@ class CollisionChecker:
         self._where[obstacle.name] = index
         self._home[obstacle.name] = pose
         is_table = obstacle.name == "table"
+        source = self.arm.arm.source
+        never_against_table = (source.base, source.joints[0].child)
         for i in range(self.arm.shapes.ngeoms):
-            if is_table and self._names[i] in NEVER_AGAINST_TABLE:
+            if is_table and self._names[i] in never_against_table:
                 continue
             margin = clearance.table_m if is_table else clearance.obstacle_m
             if i in self.arm.tip_shapes and not is_table:

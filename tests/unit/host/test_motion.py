@@ -1,6 +1,7 @@
 """Kinematics, collision checks and pushes on a synthetic drawer in front of the arm."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -394,3 +395,19 @@ def test_region_leaves_out_the_table_and_far_walls():
     region = Region()
     points = np.array([[0.5, 0, 0.1], [0.5, 0, 0.001], [3.0, 0, 0.1], [np.nan, 0, 0]])
     assert region.contains(points).tolist() == [True, False, False, False]
+
+
+def test_the_fingertip_is_what_the_description_calls_so_however_long_it_is(arm):
+    six = ArmModel(load_arm(Path(__file__).parent / "six_joint_arm"))
+    shapes = [six.shapes.geometryObjects[i].name for i in sorted(six.tip_shapes)]
+    assert shapes == ["finger_1", "finger_2", "finger_3"]  # the rod and both its round ends, not the holder
+    assert len(arm.tip_shapes) == 2
+
+
+def test_a_base_of_another_name_may_stand_on_the_table(tmp_path):
+    text = (Path(__file__).parent / "six_joint_arm/arm.yaml").read_text()
+    text = text.replace("base: base", "base: foot").replace("parent: base", "parent: foot")
+    text = text.replace("link: base", "link: foot").replace("name: base,", "name: foot,")
+    (tmp_path / "arm.yaml").write_text(text.replace("[base, upper_arm]", "[foot, upper_arm]"))
+    six = ArmModel(load_arm(tmp_path))
+    assert CollisionChecker(six, (table_obstacle(),)).touching(six.arm.q_home) is None
