@@ -35,6 +35,30 @@ def lowest_shape(arm: ArmDescription, q: np.ndarray) -> tuple[str, float]:
     return lowest, heights[lowest]
 
 
+def nearest_links(arm: ArmDescription, q: np.ndarray) -> tuple[str, str, float] | None:
+    """The two links that are nearest to each other in pose ``q`` (dof,) [rad], and how far apart [m], negative inside.
+
+    None where no pair is to be checked: neighbours and what ``collision_exclude`` names are not.
+    """
+    model = pin.buildModelFromXML(arm.urdf)
+    shapes = pin.buildGeomFromUrdfString(model, arm.urdf, pin.GeometryType.COLLISION)
+    links = [model.frames[shape.parentFrame].name for shape in shapes.geometryObjects]
+    excluded = {frozenset(pair) for pair in arm.collision_exclude}
+    pairs = []
+    for i, first in enumerate(links):
+        for j, second in enumerate(links[:i]):
+            if first != second and frozenset((first, second)) not in excluded:
+                shapes.addCollisionPair(pin.CollisionPair(j, i))
+                pairs.append((second, first))
+    if not pairs:
+        return None
+    found = shapes.createData()
+    pin.computeDistances(model, model.createData(), shapes, found, q)
+    distances = [result.min_distance for result in found.distanceResults]
+    k = int(np.argmin(distances))
+    return (*pairs[k], float(distances[k]))
+
+
 def longest_offset(source: ArmSource) -> tuple[str, float]:
     """The joint, mount or tool that lies farthest from the frame it hangs off, and how far [m]."""
     offsets = {

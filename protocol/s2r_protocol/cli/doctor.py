@@ -23,6 +23,7 @@ _LONGEST_OFFSET_M = 3.0  # the longest link of an arm that stands on a table is 
 _FARTHEST_LIMIT_RAD = 10 * np.pi  # no cable takes more turns; most limits in degrees are farther
 _CERTIFICATE_DAYS = 365
 _HOLDING_SHARE = 0.9  # what admission leaves of a torque limit
+_LINKS_APART_M = 0.01  # admission makes every shape 5 mm thicker (admission.collision_inflation_m)
 
 
 def check_machine(bus: str = "", packing: str = "fd") -> list[Finding]:
@@ -142,7 +143,7 @@ def _offsets(arm: ArmDescription) -> Finding:
 
 def _home_pose(arm: ArmDescription) -> list[Finding]:
     """Every motion on the stand-in begins at home: over the table, and held by torques to spare."""
-    from s2r_protocol.arms.home_pose import holding_torques, lowest_shape
+    from s2r_protocol.arms.home_pose import holding_torques, lowest_shape, nearest_links
 
     torques = np.abs(holding_torques(arm, arm.q_home))
     joint = int(np.argmax(torques / arm.limits.tau_max))
@@ -151,6 +152,18 @@ def _home_pose(arm: ArmDescription) -> list[Finding]:
     shape, height_m = lowest_shape(arm, arm.q_home)
     over = f"'{shape}' is the lowest shape at home, {height_m:.3g} m over the base"
     heavy, low = torque > _HOLDING_SHARE * limit, height_m <= 0.0
+    nearest = nearest_links(arm, arm.q_home)
+    apart = []
+    if nearest is not None:
+        first, second, distance_m = nearest
+        close = distance_m <= _LINKS_APART_M + 1e-4
+        text = f"'{first}' and '{second}' are the nearest links at home, {1e3 * distance_m:.3g} mm apart"
+        fix = (
+            f"the executor refuses every motion from there: more than {1e3 * _LINKS_APART_M:.0f} mm must be between "
+            "links; choose another home pose or smaller shapes, or name in collision_exclude a pair that touches by "
+            "construction"
+        )
+        apart = [Finding("links", Level.PROBLEM if close else Level.OK, text, fix if close else "")]
     return [
         Finding(
             "torque",
@@ -166,6 +179,7 @@ def _home_pose(arm: ArmDescription) -> list[Finding]:
             over,
             "choose a home pose over the table on which the base stands" if low else "",
         ),
+        *apart,
     ]
 
 

@@ -58,7 +58,7 @@ def test_the_shipped_arm_has_no_problem():
 )
 def test_an_absurd_description_is_told_with_its_place(old, new, topic, says, tmp_path):
     found = problems(edited(tmp_path, old, new))
-    assert list(found) == [topic]
+    assert next(iter(found)) == topic
     assert says in found[topic]
 
 
@@ -66,3 +66,10 @@ def test_an_absurd_description_is_told_with_its_place(old, new, topic, says, tmp
 def test_a_name_that_is_no_part_of_a_key_is_refused(name, tmp_path):
     with pytest.raises(ValueError, match="name: String should match"):
         edited(tmp_path, "name: xmate3pro", f'name: "{name}"')
+
+
+def test_links_nearer_than_admission_allows_at_home_are_told(tmp_path):
+    close = problems(edited(tmp_path, "  - [link5, link7]", "  - [link1, link7]"))
+    assert close == {}  # 29 mm are enough
+    thick = edited(tmp_path, "b: [0.0, 0.0, 0.1451], radius: 0.055}", "b: [0.0, 0.0, 0.1451], radius: 0.155}")
+    assert "'link5'" in problems(thick)["links"]
