@@ -25,7 +25,7 @@ from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedErr
 from s2r_host.link_camera import CameraLink, Capture
 from s2r_host.link_heartbeat import Heart
 from s2r_host.link_observations import JointSample, ObservationFeed, StateSample
-from s2r_host.link_session import ask, open_session, silence_hint
+from s2r_host.link_session import ask, certificate_trouble, open_session, silence_hint
 from s2r_host.link_types import (
     LATCHED,
     MOVING,
@@ -117,7 +117,7 @@ class ExecutorLink:
         self._epoch = 0
         self._heart: Heart | None = None
         self._met = False
-        self._hint = silence_hint(tls)
+        self._tls = tls
         self._session: zenoh.Session = open_session(endpoint, self._keys, tls)
         try:
             self.identity, status = self._greet(connect_timeout_s)
@@ -499,13 +499,16 @@ class ExecutorLink:
                 break
             if time.monotonic() > deadline:
                 if self._met:
+                    ended = "it has ended or hangs; look at its output, and at the arm"
+                    if self._tls is not None:
+                        ended += ". Its certificate may have ended as well"
                     raise PeerUnreachableError(
                         f"executor at {self._endpoint} has not answered for {timeout_s:g} s, and did before: "
-                        "it has ended or hangs; look at its output, and at the arm"
+                        + (certificate_trouble(self._tls) or ended)
                     )
                 raise PeerUnreachableError(
                     f"no executor answered at {self._endpoint} within {timeout_s:g} s; "
-                    f"start it with 's2r executor' or correct --executor, --cell or --arm{self._hint}"
+                    f"start it with 's2r executor' or correct --executor, --cell or --arm{silence_hint(self._tls)}"
                 )
             time.sleep(0.1)
         self._met = True

@@ -59,7 +59,7 @@ class CameraLink:
         self._connect_timeout_s = connect_timeout_s
         self._sender = f"host:{os.getpid()}"
         self._seq = 0
-        self._hint = silence_hint(tls)
+        self._tls = tls
         self._session = open_session(endpoint, self._keys, tls)
 
     def capture(self, camera: str = "front", timeout_s: float = 20.0) -> Capture:
@@ -112,6 +112,6 @@ class CameraLink:
             if time.monotonic() > deadline:
                 raise PeerUnreachableError(
                     f"no camera '{camera}' answered at {self._endpoint} within {self._connect_timeout_s:g} s; "
-                    f"start it with 's2r sim-arm' or correct --camera{self._hint}"
+                    f"start it with 's2r sim-arm' or correct --camera{silence_hint(self._tls)}"
                 )
             time.sleep(0.1)

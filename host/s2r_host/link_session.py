@@ -7,16 +7,31 @@ from pathlib import Path
 import zenoh
 
 from s2r_protocol.keys import ArmKeys
-from s2r_protocol.session import Role, connect
+from s2r_protocol.session import CertificateError, Role, TlsFiles, connect, role_held
+
+
+def certificate_trouble(tls: Path | None) -> str:
+    """Why this side's certificate cannot be used now, as when it ended while the link was up; empty when it can."""
+    if tls is None:
+        return ""
+    from s2r_protocol.session.certificates import check_certificate
+
+    try:
+        check_certificate(TlsFiles.of(tls, role_held(tls, (Role.HOST, Role.MONITOR))))
+    except CertificateError as error:
+        return str(error)
+    return ""
 
 
 def silence_hint(tls: Path | None) -> str:
     """What silence may mean besides: with certificates a peer of another name or lab is not spoken to at all."""
     if tls is None:
         return ""
+    if trouble := certificate_trouble(tls):
+        return f". {trouble}"
     return (
         f". With --tls {tls} its address must also be one that was named to 's2r doctor --make-certs DIR --name', "
-        "and both certificates of one lab"
+        "and both certificates of one lab and not expired"
     )
 
 

@@ -48,7 +48,8 @@ class TlsFiles:
                 path.open("rb").close()
             except OSError as error:
                 raise CertificateError(
-                    f"{role}: {path} cannot be read ({error.strerror}){_others(folder, role)}; make it with "
+                    f"{role}: {path} cannot be read ({error.strerror})"
+                    f"{'' if path == files.ca else _others(folder, role)}; make it with "
                     f"'s2r doctor --make-certs {folder}' on the lab's authority and copy {CA_CERTIFICATE}, "
                     f"{files.certificate.name} and {files.key.name} here"
                 ) from error

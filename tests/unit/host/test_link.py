@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import datetime
 import re
 import socket
 import threading
@@ -16,7 +17,7 @@ from s2r_host.cli_stop import send_stop, stop
 from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedError, PeerUnreachableError
 from s2r_host.link import ExecutorLink
 from s2r_host.link_observations import JOINTS, STATE
-from s2r_host.link_session import open_session
+from s2r_host.link_session import open_session, silence_hint
 from s2r_protocol import codec
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import ExitCode, UsageError
@@ -24,6 +25,7 @@ from s2r_protocol.faults import Cause, ExecutorState, Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
 from s2r_protocol.ros2 import pack, topic_key
+from s2r_protocol.session.certificates import make_certificates
 
 STATE_KEY = topic_key("/lab/xmate3pro/executor_state", STATE)
 
@@ -525,6 +527,16 @@ def test_an_executor_that_dies_under_a_lease_is_named_and_not_the_lease_that_wen
         lose_it()
     with pytest.raises(PeerUnreachableError, match=r"did not answer on '.*/ctl'; it has ended"):
         link.stop()
+
+
+def test_silence_after_the_own_certificate_ended_is_told_as_that(executor, link, tmp_path):
+    long_ago = datetime.datetime.now(datetime.UTC) - datetime.timedelta(days=40)
+    make_certificates(tmp_path, days=30, now=long_ago)
+    link._tls = tmp_path
+    executor.session.close()
+    with pytest.raises(PeerUnreachableError, match=r"and did before: .*host.pem holds from .* renew it"):
+        link.status()
+    assert "host.pem holds from" in silence_hint(tmp_path)
 
 
 def test_published_joints_reach_the_host(executor, link):

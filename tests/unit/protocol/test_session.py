@@ -159,6 +159,12 @@ def test_a_missing_file_is_named_with_the_way_to_get_it(tmp_path):
         TlsFiles.of(tmp_path, Role.HOST)
 
 
+def test_an_authority_that_is_missing_is_not_taken_for_another_roles_certificate(lab):
+    (lab / "ca.pem").unlink()
+    with pytest.raises(CertificateError, match=r"ca.pem cannot be read \(No such file[^)]*\); make it with"):
+        TlsFiles.of(lab, Role.HOST)
+
+
 def test_a_machine_with_the_monitors_certificate_alone_asks_with_it_and_is_told_what_it_lacks(lab):
     wall = lab / "wall"
     wall.mkdir()
