@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from s2r_host.errors import RecordingError
 from s2r_host.log.tables import Recording, table_of
 
 
@@ -24,9 +25,8 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
         Files written, and names of topics that are no tables (images, unknown types).
 
     Raises:
-        RecordingError: A message cannot be decoded.
+        RecordingError: A message cannot be decoded, or no topic is a table; then there is no folder either.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     written, left_out = [], []
     for topic in recording.topics.values():
         if not topic.messages:
@@ -35,6 +35,7 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
         if columns is None:
             left_out.append(topic.name)
             continue
+        folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{_file_stem(topic.name)}.{kind}"
         table = pa.table({name: pa.array(values) for name, values in columns.items()})
         if kind == "parquet":
@@ -47,6 +48,11 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
         else:
             pa.csv.write_csv(table, path)
         written.append(path)
+    if not written:
+        there = (
+            f"it has {', '.join(left_out)}, of which none is a table" if left_out else "it has no messages"
+        )
+        raise RecordingError(f"nothing of {recording.path} can be written as {kind}: {there}")
     return written, left_out
 
 

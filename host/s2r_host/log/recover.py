@@ -40,7 +40,7 @@ def recover(source: Path, target: Path) -> Recovered:
     """Copy every readable record of ``source`` into ``target``, which appears only when it is complete.
 
     Raises:
-        RecordingError: Source is no MCAP file, or is damaged so that nothing of it can be saved; or target exists.
+        RecordingError: Source is no MCAP file, nothing of it can be saved, or there is nothing in it; or target exists.
     """
     if target.exists():
         raise RecordingError(f"{target} exists; name another file with --out")
@@ -55,6 +55,8 @@ def recover(source: Path, target: Path) -> Recovered:
                 f"nothing of {source} could be saved: no message and no attachment of its {size} bytes "
                 f"is readable ({found.damage.reason}), so {target} was not written; look for a copy of the recording"
             )
+        if not found.messages and not found.attachments:
+            raise RecordingError(f"{source} is whole and holds nothing to save, so {target} was not written")
         os.replace(part, target)
     except BaseException:
         with contextlib.suppress(FileNotFoundError):

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.recorder_files import FileSettings, RecordingFiles
@@ -233,6 +234,24 @@ def test_a_recovery_that_saves_nothing_is_refused_and_leaves_no_file(whole, tmp_
     )
     assert "look for a copy" in said
     assert list(tmp_path.iterdir()) == [stump]
+
+
+@pytest.mark.parametrize(("messages", "says"), [(0, "it has no messages"), (3, "it has /x, of which none")])
+def test_what_holds_nothing_for_a_table_is_refused_and_leaves_no_folder(tmp_path, capsys, messages, says):
+    other = tmp_path / "other.mcap"
+    with other.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/x", "json", 0)
+        for k in range(messages):
+            writer.add_message(channel, k, b"{}", k)
+        writer.finish()
+    for kind in ("csv", "parquet"):
+        assert exit_code("log", "export", other, "--to", kind) == ExitCode.REFUSED
+        assert says in capsys.readouterr().err
+    code = exit_code("log", "recover", other, "--out", tmp_path / "saved.mcap")
+    assert code == (ExitCode.OK if messages else ExitCode.REFUSED)
+    assert {path.suffix for path in tmp_path.iterdir()} == {".mcap"}
 
 
 def test_recover_never_overwrites(whole, tmp_path):
