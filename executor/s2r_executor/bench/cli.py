@@ -11,17 +11,26 @@ from typing import Any
 
 import click
 
+from s2r_protocol.exits import UsageError
+
 CONDITION_NAMES = ("alone", "zenoh", "mujoco", "hogs", "killed")
+DEFAULT_TICKS = 1_000_000
 FIGURE_NAMES = ("admission", "memory", "stop_latency", "bus_load", "splices", "stepped_clock")
 
 
 @click.command()
 @click.option("--slices", type=click.IntRange(1), default=5, show_default=True, help="Per load.")
-@click.option("--seconds", default=10, show_default=True, help="Of each slice.")
+@click.option("--seconds", type=click.IntRange(1), default=10, show_default=True, help="Of each slice.")
 @click.option(
     "--load", "loads", multiple=True, type=click.Choice(CONDITION_NAMES), help="Only these. [default: all]"
 )
-@click.option("--ticks", default=1_000_000, show_default=True, help="Of the stepped clock with the stand-in.")
+@click.option(
+    "--ticks",
+    type=click.IntRange(1),
+    default=DEFAULT_TICKS,
+    show_default=True,
+    help="Of the stepped clock with the stand-in.",
+)
 @click.option("--cpu", type=int, help="Of the loop and its reference [default: the last one].")
 @click.option(
     "--out",
@@ -58,7 +67,10 @@ def executor(
     from s2r_executor.bench.slice import SliceSettings, run_slice
 
     chosen = loads or CONDITION_NAMES
-    core = max(os.sched_getaffinity(0)) if cpu is None else cpu
+    usable = os.sched_getaffinity(0)
+    core = max(usable) if cpu is None else cpu
+    if core not in usable:
+        raise UsageError(f"--cpu {core}: this process may use {', '.join(map(str, sorted(usable)))}")
     out.mkdir(parents=True, exist_ok=True)
     tasks: dict[str, Callable[[], Any]] = {
         f"{name}-{seconds}s-{k}": lambda name=name: run_slice(SliceSettings(name, seconds, core))
@@ -73,14 +85,17 @@ def executor(
         "splices": long_run.splices,
         "stepped_clock": lambda: long_run.stepped_clock(ticks),
     }
-    results = _run_all(tasks | {f"figure-{name}": task for name, task in figure_tasks.items()}, out, fresh)
+    names = {name: f"figure-{name}" for name in figure_tasks}
+    if ticks != DEFAULT_TICKS:
+        names["stepped_clock"] += f"-{ticks}"
+    results = _run_all(tasks | {names[name]: task for name, task in figure_tasks.items()}, out, fresh)
     result = {
         "command": f"s2r bench executor --slices {slices} --seconds {seconds}",
         "machine": _machine(),
         "preflight": _preflight(),
         "slices": [results[name] for name in tasks],
         "summary": summarise([results[name] for name in tasks]),
-        "figures": {name: results[f"figure-{name}"] for name in figure_tasks},
+        "figures": {name: results[kept] for name, kept in names.items()},
     }
     (out / "result.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     markdown = to_markdown(result)

@@ -192,6 +192,22 @@ def test_an_interrupted_run_goes_on_where_it_was(measured, tmp_path):
     assert json.loads(again.stdout)["summary"]["alone"] == json.loads(first.stdout)["summary"]["alone"]
 
 
+@pytest.mark.parametrize(
+    ("option", "value"), [("--seconds", "0"), ("--ticks", "0"), ("--cpu", "-1"), ("--cpu", "9999")]
+)
+def test_a_measurement_of_nothing_or_on_no_cpu_is_refused_before_it_begins(measured, tmp_path, option, value):
+    result = CliRunner().invoke(cli.executor, [option, value, "--out", str(tmp_path / "new")])
+    assert isinstance(result.exception, UsageError | SystemExit)
+    assert result.exit_code != 0
+    assert not measured
+
+
+def test_another_number_of_ticks_is_measured_and_not_taken_from_before(measured, tmp_path):
+    for ticks in ("1000", "2000", "1000"):
+        CliRunner().invoke(cli.executor, ["--ticks", ticks, "--out", str(tmp_path)], catch_exceptions=False)
+    assert measured.count("stepped_clock") == 2
+
+
 def test_the_tables_are_put_between_the_markers_of_a_page(measured, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"# Before\n{report.BEGIN}\nold\n{report.END}\nafter\n")
