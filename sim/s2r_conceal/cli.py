@@ -22,6 +22,8 @@ def _counts(_context: click.Context, _option: click.Parameter, text: str) -> dic
         if not number.isdigit():
             raise click.BadParameter(f"'{part}': write GROUP=NUMBER, e.g. single=60,clean=30")
         counts[name.strip()] = int(number)
+    if not any(counts.values()):
+        raise click.BadParameter(f"{text!r}: that is no case at all; ask for at least one, as in clean=1")
     return counts
 
 

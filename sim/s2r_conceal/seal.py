@@ -67,7 +67,9 @@ class Key:
                 body["drawn_with"],
                 bool(body.get("unfinished")),
             )
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except KeyError as error:
+            raise SealError(f"{path} is no key file of 's2r conceal draw': it has no {error}") from error
+        except (OSError, ValueError, TypeError) as error:
             raise SealError(f"{path} is no key file of 's2r conceal draw': {error}") from error
 
 

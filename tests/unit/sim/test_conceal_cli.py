@@ -29,6 +29,13 @@ def test_scoring_before_the_verdicts_are_hashed_is_refused(tmp_path):
     assert isinstance(ended.exception, VerdictsMissingError)
 
 
+def test_a_set_without_a_case_is_refused(tmp_path):
+    ended = _invoke("draw", "--cases", "single=0,clean=0", "--out", tmp_path / "set")
+    assert ended.exit_code == 2
+    assert "ask for at least one" in ended.output
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_malformed_count_is_named():
     ended = _invoke("draw", "--cases", "single:4", "--out", "x")
     assert ended.exit_code == 2

@@ -85,7 +85,7 @@ def test_a_key_file_is_read_back_and_private(tmp_path):
 
 def test_a_file_that_is_no_key_is_named(tmp_path):
     (tmp_path / "x.json").write_text("{}")
-    with pytest.raises(SealError, match=r"x\.json is no key file"):
+    with pytest.raises(SealError, match=r"x\.json is no key file .*: it has no 'key'"):
         Key.read(tmp_path / "x.json")
 
 
