@@ -62,6 +62,8 @@ def plan_of(
     q, dq, ddq = (_column(points, kind, order, joint_names) for kind in _KINDS)
     if q is None:
         raise RosTrajectoryError("point 0 has no positions; effort or velocity alone is not executed")
+    if ddq is not None and dq is None:
+        raise RosTrajectoryError("the points carry accelerations without velocities; send both, or neither")
     if any(len(point["effort"]) for point in points):
         raise RosTrajectoryError(
             "the points carry effort; this executor follows positions, leave effort empty"
@@ -90,7 +92,9 @@ def _order(sent: Sequence[str], ours: Sequence[str]) -> list[int]:
         missing, unknown = sorted(set(ours) - set(sent)), sorted(set(sent) - set(ours))
         parts = [f"missing {', '.join(missing)}"] if missing else []
         parts += [f"unknown {', '.join(unknown)}"] if unknown else []
-        what = "; ".join(parts) or "a name occurs twice"
+        twice = sorted({name for name in sent if list(sent).count(name) > 1})
+        parts += [f"{', '.join(twice)} more than once"] if twice else []
+        what = "; ".join(parts)
         raise RosTrajectoryError(f"joint names do not match the arm: {what}; it has {', '.join(ours)}")
     return [list(sent).index(name) for name in ours]
 

@@ -88,7 +88,9 @@ def test_accelerations_are_taken_as_sent():
     ("points", "more", "text"),
     [
         ([point(1, (1, 2))], {"names": ("a", "c")}, "missing b; unknown c; it has a, b"),
-        ([point(1, (1, 2))], {"names": ("a", "a")}, "missing b"),
+        ([point(1, (1, 2))], {"names": ("a", "a")}, "missing b; a more than once; it has"),
+        ([point(1, (1, 2))], {"names": ("a", "b", "a")}, "the arm: a more than once; it has"),
+        ([point(1, (1, 2), (), (0, 0))], {}, "accelerations without velocities; send both, or neither"),
         ([point(1, (1, 2, 3))], {}, "point 0 has 3 positions, expected 2"),
         ([point(1, (1, 2)), point(2, ())], {}, "point 1 has 0 positions, expected 2"),
         ([point(1, (1, 2), (0, 0)), point(2, (1, 2))], {}, "point 1 has 0 velocities"),
