@@ -12,8 +12,8 @@ import numpy as np
 from s2r_sim.missing.cases import HIDDEN, LEARNING, MATTERS, PART
 from s2r_sim.missing.score import Row, named, paired, relative
 from s2r_sim.missing.what_if import largest_shift, what_if
+from s2r_sim.paper.picture import picture_link, picture_of
 
-PICTURE = "physics-left-out.png"
 COLOURS = ("#8a8a8a", "#e08e45", "#20639b")
 RESAMPLES = 2000
 LEARNT = {"as it is": "no", "lost motion alone": "lost motion", "learnt": "yes"}
@@ -130,12 +130,17 @@ def write_page(
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     found = summaries(rows)
-    draw(rows, found, path.parent / PICTURE)
-    path.write_text("\n".join(_lines(rows, found, command, note, shifts)) + "\n")
+    draw(rows, found, picture_of(path))
+    path.write_text("\n".join(_lines(rows, found, command, note, shifts, path)) + "\n")
 
 
 def _lines(
-    rows: Sequence[Row], found: Sequence[Summary], command: str, note: str, shifts: Sequence[Row]
+    rows: Sequence[Row],
+    found: Sequence[Summary],
+    command: str,
+    note: str,
+    shifts: Sequence[Row],
+    path: Path,
 ) -> list[str]:
     told = sum(one.right + one.wrong for one in found)
     return [
@@ -167,7 +172,7 @@ def _lines(
         *_together(rows, shifts),
         "",
         *_without_gap(rows, shifts),
-        f"![Relative errors per effect]({PICTURE})",
+        picture_link("Relative errors per effect", path),
         "",
         "## What was said",
         "",

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from s2r_sim.paper.ablations import FIRST, LAST, LEAST, Pairs, interval, tables
+from s2r_sim.paper.picture import picture_link, picture_of
 
-PICTURE = "ablations.png"
 _COLOURS = {"drawer": "#20639b", "laptop": "#e08e45", "faucet": "#3a8f5c", "all": "#222222"}
 _LINEAR = 3.0  # percent up to which the picture's scale is linear, logarithmic beyond
 _ROW = 0.17  # of the height of an option set, between its kinds
@@ -25,7 +25,7 @@ def write_page(comparisons: Sequence[Sequence[Pairs]], path: Path, command: str,
         remarks: Markdown that goes before the tables.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    draw(comparisons, path.with_name(PICTURE))
+    draw(comparisons, picture_of(path))
     lines = [
         "# Ablations",
         "",
@@ -41,7 +41,7 @@ def write_page(comparisons: Sequence[Sequence[Pairs]], path: Path, command: str,
         "",
         *tables(comparisons),
         "",
-        f"![Paired differences per option set]({PICTURE})",
+        picture_link("Paired differences per option set", path),
         "",
         "Each dot is a trial, the diamond the mean with its 90 % bootstrap interval. Left of zero: better than the "
         "system as it is. The scale is logarithmic beyond ±3 %.",

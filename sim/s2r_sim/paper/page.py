@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from s2r_sim.paper.ablations import ablations
+from s2r_sim.paper.picture import picture_link, picture_of
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import Row
 from s2r_sim.paper.summary import LIMITS, PAPER, UNITS, Merit, merit, relative_errors, wilson
 from s2r_sim.paper.trials import KINDS
-
-PICTURE = "results.png"
 
 
 def write_page(
@@ -34,8 +33,8 @@ def write_page(
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     kinds = [kind for kind in KINDS if any(row["kind"] == kind for row in rows)]
-    draw_distribution(rows, kinds, path.parent / PICTURE)
-    path.write_text("\n".join(_lines(rows, kinds, command, attempts, note, others or {})) + "\n")
+    draw_distribution(rows, kinds, picture_of(path))
+    path.write_text("\n".join(_lines(rows, kinds, command, attempts, note, others or {}, path)) + "\n")
 
 
 def _lines(
@@ -45,6 +44,7 @@ def _lines(
     attempts: int,
     note: str,
     others: Mapping[str, Sequence[Row]],
+    path: Path,
 ) -> list[str]:
     lines = [
         "# Results",
@@ -77,7 +77,7 @@ def _lines(
         "",
         *_table(rows, kinds, "delta_first"),
         "",
-        f"![Distribution of relative errors]({PICTURE})",
+        picture_link("Distribution of relative errors", path),
         "",
         "## Failures by stage",
         "",

@@ -11,7 +11,7 @@ from s2r_protocol.exits import ExitCode
 from s2r_sim.errors import RunFileError
 from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
 from s2r_sim.missing.cli import missing
-from s2r_sim.missing.page import PICTURE, compared, matters, summaries, write_page
+from s2r_sim.missing.page import compared, matters, summaries, write_page
 from s2r_sim.missing.score import named, paired, relative, score_run
 from s2r_sim.missing.trial import run_case
 from s2r_sim.truth import CONTACT_COLUMNS
@@ -148,7 +148,7 @@ def test_summaries_hold_runs_that_came_to_nothing(tmp_path):
     text = (tmp_path / "page.md").read_text()
     assert "| drawer: stiction | – | 1 | 5.0 % | 5.0 % | 1.5 % | 3.3 × | 3.3 × |" in text
     assert "no / plan" in text
-    assert (tmp_path / PICTURE).stat().st_size > 5000
+    assert (tmp_path / "page.png").stat().st_size > 5000
 
 
 def test_objects_without_a_control_count_for_names_and_not_for_errors(tmp_path):

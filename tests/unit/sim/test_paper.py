@@ -12,7 +12,7 @@ from s2r_protocol.exits import UsageError
 from s2r_sim.paper.ablations import ablations, interval, uncorrected
 from s2r_sim.paper.cli import paper
 from s2r_sim.paper.cli_ablations import ablations as ablation_command
-from s2r_sim.paper.page import PICTURE, write_page
+from s2r_sim.paper.page import write_page
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import failed_stage
 from s2r_sim.paper.summary import merit, wilson
@@ -215,7 +215,14 @@ def test_the_page_has_every_trial_the_failures_and_a_picture(tmp_path):
     assert "| drawer | plan | 1 |" in text
     assert "why / so" in text
     assert "paper (real arm)" in text
-    assert (tmp_path / PICTURE).stat().st_size > 5000
+    assert (tmp_path / "results.png").stat().st_size > 5000
+
+
+def test_two_pages_in_one_folder_have_two_pictures(tmp_path):
+    for name in ("first try", "second"):
+        write_page(ROWS, tmp_path / f"{name}.md", "s2r bench paper", attempts=3)
+    assert "](first%20try.png)" in (tmp_path / "first try.md").read_text()
+    assert sorted(p.name for p in tmp_path.glob("*.png")) == ["first try.png", "second.png"]
 
 
 def test_a_page_without_a_trial_warns_of_nothing(tmp_path):
