@@ -118,8 +118,11 @@ def console(
 
 def _read_token(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8").strip()
+        token = path.read_text(encoding="utf-8").strip()
     except UnicodeDecodeError as error:
         raise UsageError(
             f"--token-file {path} is not text; make one with: openssl rand -hex 16 > {path}"
         ) from error
+    if not token:
+        raise UsageError(f"--token-file {path} is empty; make one with: openssl rand -hex 16 > {path}")
+    return token

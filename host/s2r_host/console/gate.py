@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import hmac
 import ipaddress
 import logging
@@ -144,7 +145,11 @@ class Gate:
             self._end_loop()
             raise NotReadyError(
                 f"the console cannot listen on {address.host}:{address.port}: {error.strerror or error}; "
-                "is another console running? Choose another with --port"
+                + (
+                    "is another console running? Choose another with --port"
+                    if error.errno != errno.EADDRNOTAVAIL
+                    else "name an address of this machine with --host"
+                )
             ) from error
         self.port: int = self._server.sockets[0].getsockname()[1]
 

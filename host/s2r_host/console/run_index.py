@@ -59,6 +59,7 @@ class RunIndex:
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        self._left_out: dict[str, float] = {}  # told once, and read again only when they have changed
         root.mkdir(parents=True, exist_ok=True)
         try:
             self._database = _opened(root / INDEX_NAME)
@@ -88,10 +89,12 @@ class RunIndex:
         changed = 0
         for folder, path in present.items():
             mtime = path.stat().st_mtime
-            if known.get(folder) == mtime:
+            if mtime in (known.get(folder), self._left_out.get(folder)):
                 continue
             row = _row(path, mtime)
-            if row is not None:
+            if row is None:
+                self._left_out[folder] = mtime
+            else:
                 changed += 1
                 self._database.execute(f"REPLACE INTO runs VALUES ({','.join('?' * len(row))})", row)
         self._database.commit()

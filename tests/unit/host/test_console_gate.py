@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import sqlite3
 import subprocess
@@ -22,7 +23,7 @@ from s2r_host.console.screens.runs import again, joint_value
 from s2r_host.console.screens.timing import blame
 from s2r_host.errors import RecordingError
 from s2r_protocol.arms import load_arm
-from s2r_protocol.exits import RefusedError
+from s2r_protocol.exits import NotReadyError, RefusedError
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.session.certificates import make_certificates
 
@@ -44,6 +45,26 @@ def test_beyond_loopback_a_token_is_demanded_at_the_start():
         Address("192.168.1.5", 7450)
     with pytest.raises(ConsoleAddressError, match="needs at least 16"):
         Address("192.168.1.5", 7450, "short")
+
+
+def test_an_address_of_another_machine_is_not_taken_for_a_second_console():
+    with pytest.raises(NotReadyError, match="name an address of this machine with --host"):
+        Gate(Address("192.0.2.1", 0, TOKEN), 1)
+
+
+def test_a_run_that_cannot_be_read_is_told_once_and_read_again_when_it_has_changed(tmp_path, caplog):
+    broken = tmp_path / "a" / "run.json"
+    broken.parent.mkdir()
+    broken.write_text("{")
+    index = RunIndex(tmp_path)
+    for _ in range(3):
+        index.refresh()
+    assert len(caplog.records) == 1
+    broken.write_text("{}")
+    os.utime(broken, (1, 1))
+    index.refresh()
+    assert len(caplog.records) == 2
+    index.close()
 
 
 def test_a_second_console_on_the_same_port_says_so_and_ends():
