@@ -7,10 +7,14 @@ With certificates both sides prove who they are (mutual TLS) and the access tabl
 
 from __future__ import annotations
 
+import datetime
 import ipaddress
 import json
+import logging
 import re
+import stat
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +24,9 @@ from s2r_protocol.exits import NotReadyError, UsageError
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.session.access import access_control
 from s2r_protocol.session.tls import Role, TlsFiles
+
+logger = logging.getLogger(__name__)
+SOON = datetime.timedelta(days=7)
 
 _LOCAL_PROTOCOLS = ("unixsock-stream", "unixpipe")
 _MAX_MESSAGE_BYTES = (
@@ -154,10 +161,30 @@ def _config(settings: dict[str, Any], role: Role, keys: ArmKeys, tls: Path | Non
     return config
 
 
+@cache  # once per process: a host opens several sessions with one certificate
+def _warn(files: TlsFiles, ends: datetime.datetime) -> None:
+    """Tell what still works and should not stay so."""
+    if files.key.stat().st_mode & stat.S_IROTH:
+        logger.warning(
+            "%s can be read by every user of this machine, who then may do what '%s' may: chmod 400 %s",
+            files.key,
+            files.role,
+            files.key,
+        )
+    left = ends - datetime.datetime.now(datetime.UTC)
+    if left < SOON:
+        logger.warning(
+            "%s ends on %s UTC: renew it with 's2r doctor --make-certs' where the authority's key is",
+            files.certificate,
+            f"{ends:%Y-%m-%d %H:%M}",
+        )
+
+
 def _secured(files: TlsFiles, keys: ArmKeys) -> dict[str, Any]:
     from s2r_protocol.session.certificates import check_certificate  # 30 ms that loopback need not pay
 
-    check_certificate(files)
+    ends = check_certificate(files)
+    _warn(files, ends)
     return {
         "transport/link/protocols": ["tls"],
         "transport/link/tls": {

@@ -12,7 +12,7 @@ from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.session import AddressError, CertificateError, Role, TlsFiles, role_held
 from s2r_protocol.session.certificates import check_certificate, make_certificates
-from s2r_protocol.session.open import ListenError, endpoint_for, listen
+from s2r_protocol.session.open import ListenError, connect, endpoint_for, listen
 
 NOW = datetime.datetime(2030, 1, 1, tzinfo=datetime.UTC)
 
@@ -112,6 +112,17 @@ def test_every_role_gets_a_certificate_that_holds_for_the_named_addresses(lab):
 def test_keys_are_readable_by_their_owner_only(lab):
     for path in lab.glob("*.key"):
         assert stat.S_IMODE(path.stat().st_mode) == 0o600, path
+
+
+def test_a_key_for_everybody_and_a_certificate_about_to_end_are_told_once(tmp_path, caplog):
+    make_certificates(tmp_path, days=3)
+    (tmp_path / "host.key").chmod(0o644)
+    for _ in range(2):
+        connect("tcp/127.0.0.1:1", Role.HOST, ArmKeys("lab", "xmate3pro"), tmp_path).close()
+    said = [record.getMessage() for record in caplog.records]
+    assert len(said) == 2
+    assert "host.key can be read by every user of this machine" in said[0]
+    assert "host.pem ends on" in said[1]
 
 
 def test_making_again_renews_the_roles_and_keeps_the_authority(lab):
