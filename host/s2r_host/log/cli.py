@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from s2r_host.log.recording_file import recording_file
 from s2r_protocol.cli.options import FiniteRange
 from s2r_protocol.cli.outputs import check_new_file, check_unused
-from s2r_protocol.exits import ExitCode
+from s2r_protocol.exits import ExitCode, UsageError
 
 _RECORDING = click.Path(path_type=Path, exists=True)
 EXPORTS = ("parquet", "csv", "rrd", "lerobot")
@@ -99,6 +100,7 @@ def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None, a
     """
     from s2r_host.log.tables import read_recording
 
+    _check_goes_with(kind)
     source = recording_file(file)
     folder = out or source.with_name(f"{source.stem}-{kind}")
     if kind == "rrd" and out is not None:
@@ -129,6 +131,14 @@ def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None, a
             click.echo(f"not tables, left out: {', '.join(values['left_out'])}", err=True)
     click.echo(json.dumps(values, indent=1) if as_json else "\n".join(lines))
     return int(ExitCode.OK)
+
+
+def _check_goes_with(kind: str) -> None:
+    """Refuse an option that the format would leave aside without a word."""
+    context = click.get_current_context()
+    for option, its_kind in (("fps", "lerobot"), ("arm", "rrd")):
+        if kind != its_kind and context.get_parameter_source(option) == ParameterSource.COMMANDLINE:
+            raise UsageError(f"--{option} is of --to {its_kind}, not of {kind}; leave it out")
 
 
 @log.command()

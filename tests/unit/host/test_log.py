@@ -254,6 +254,15 @@ def test_what_holds_nothing_for_a_table_is_refused_and_leaves_no_folder(tmp_path
     assert {path.suffix for path in tmp_path.iterdir()} == {".mcap"}
 
 
+@pytest.mark.parametrize(("option", "kind"), [("--fps", "csv"), ("--fps", "rrd"), ("--arm", "lerobot")])
+def test_an_option_of_another_format_is_refused(whole, tmp_path, capsys, option, kind):
+    place = tmp_path / "new"
+    code = exit_code("log", "export", whole, "--to", kind, option, "30", "--out", place)
+    assert code == ExitCode.USAGE
+    assert f"{option} is of --to " in capsys.readouterr().err
+    assert not place.exists()
+
+
 def test_recover_never_overwrites(whole, tmp_path):
     there = tmp_path / "there.mcap"
     there.write_bytes(b"")
