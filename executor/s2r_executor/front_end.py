@@ -13,6 +13,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -65,6 +66,8 @@ _RECORDS_EVERY = (
     5  # rounds of the watch loop: handing over few ticks at a time costs more than what is done with them
 )
 _KEPT_REJECTIONS = 64
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,7 @@ class FrontEnd:
         self._stops_asked = 0
         self._dropped_said = 0
         self._next_plan_id = 1
-        self._seq_of_plan: dict[int, int] = {0: 0}
+        self._seq_of_plan: dict[int, int] = {0: 0}  # of those in the core and the newest
         self._rejections: OrderedDict[int, np.void] = OrderedDict()  # plan id -> the core's event
         self._refused_command: np.void | None = None  # the core's event for the command under way
         self._admitted: dict[int, AdmittedPlan] = {}  # plan id -> what the core plays or is about to
@@ -284,7 +287,7 @@ class FrontEnd:
     ) -> Accepted:
         plan_id = self._next_plan_id
         self._next_plan_id += 1
-        self._seq_of_plan[plan_id] = address.seq
+        self._seq_of_plan = {**self._of_plans_in_core(self._seq_of_plan), 0: 0, plan_id: address.seq}
         identity = PlanIdentity(plan_id, address.seq, epoch, address.sender, request.label)
         self._recorder.open_plan(identity, wire)
         with self._ring_lock:
@@ -343,9 +346,12 @@ class FrontEnd:
 
     def _keep_admitted(self, plan_id: int, admitted: AdmittedPlan) -> None:
         """Remember a plan that may be spliced into, and forget those that the core has left behind."""
+        self._admitted = {**self._of_plans_in_core(self._admitted), plan_id: admitted}
+
+    def _of_plans_in_core(self, known: dict[int, T]) -> dict[int, T]:
+        """What is known of the plan that the core plays, or played last, and of the one that waits for its splice."""
         core = self._core.snapshot()
-        playing = {i: plan for i, plan in self._admitted.items() if i in (core.plan_id, core.next_plan_id)}
-        self._admitted = {**playing, plan_id: admitted}
+        return {i: known[i] for i in (core.plan_id, core.next_plan_id) if i in known}
 
     def control(self, address: Address, kind: int, value: float) -> Accepted:
         """Carry out a control command and wait until the core has done so.

@@ -14,6 +14,7 @@ import socket
 import subprocess
 import threading
 import time
+from collections import OrderedDict
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -33,6 +34,7 @@ _QUEUE_BATCHES = 4096
 _CLOSE_TIMEOUT_S = 20.0
 _KILLED_WITHIN_S = 2.0
 _RESTART_S = 1.0
+_KEPT_ANSWERS = 4096
 _RECOVER = "what was written can be mended with 's2r log recover'"
 
 
@@ -57,11 +59,20 @@ class RecordingLoss:
 class _State:
     """What other threads may ask about, guarded by one lock."""
 
-    answers: dict[int, RecordingAnswer] = field(default_factory=dict)
+    answers: OrderedDict[int, RecordingAnswer] = field(
+        default_factory=OrderedDict
+    )  # plan number, oldest first
     session_path: Path | None = None
     dropped_ticks: int = 0  # never reached the writer
     lost_ticks: int = 0  # reached it, but not the disk
     reason: str = ""
+
+    def remember(self, seq: int, answer: RecordingAnswer) -> None:
+        """The newest word on a plan's recording; those spoken of longest ago are forgotten."""
+        self.answers[seq] = answer
+        self.answers.move_to_end(seq)
+        if len(self.answers) > _KEPT_ANSWERS:
+            self.answers.popitem(last=False)
 
 
 class Recorder:
@@ -137,7 +148,7 @@ class Recorder:
         if self._thread is None:
             return
         with self._lock:
-            self._state.answers[identity.seq] = RecordingAnswer(False)
+            self._state.remember(identity.seq, RecordingAnswer(False))
         self._put(Frame({"kind": "plan", "identity": asdict(identity)}, wire))
 
     def drop_plan(self, plan_id: int, reason: str) -> None:
@@ -156,7 +167,8 @@ class Recorder:
             return RecordingAnswer(False, "the executor records nothing; start it with --record DIR")
         with self._lock:
             known = self._state.answers.get(plan_seq)
-        return known or RecordingAnswer(False, f"no plan {plan_seq} ran since the executor started")
+        never = f"no plan {plan_seq} is among the last {_KEPT_ANSWERS} since the executor started"
+        return known or RecordingAnswer(False, never)
 
     def close(self) -> None:
         """Finish all files and end the writer; one that hangs is killed first."""
@@ -275,7 +287,7 @@ class Recorder:
                 case "answer":
                     path = Path(said["path"]) if said.get("path") else None
                     known = RecordingAnswer(path is not None, said.get("reason", ""), path)
-                    state.answers[int(said["seq"])] = known
+                    state.remember(int(said["seq"]), known)
                 case "session":
                     state.session_path, state.reason = Path(said["path"]), ""
                 case "health":

@@ -597,6 +597,20 @@ def test_plans_that_the_core_refused_leave_the_running_one_to_be_spliced(rig, sm
     assert (rig.core.plan_id, rig.core.plan_done) == (7, True)
 
 
+def test_what_is_known_of_plans_does_not_grow_with_every_plan(rig, smooth_plan):
+    armed(rig)
+    front_end = rig.front_end
+    for _ in range(6):
+        who = address(rig)
+        front_end.plan(who, smooth_plan(start=rig.core.q), b"")
+        assert front_end.status().plan_seq == who.seq
+        front_end.stop(Cause.STOP_REQUESTED)
+        rig.core.until(ExecutorState.HOLD)
+        assert front_end.status().plan_seq == who.seq
+    assert len(front_end._seq_of_plan) <= 3
+    assert len(front_end._admitted) <= 3
+
+
 # -- what the core refuses ----------------------------------------------------------------------------
 
 

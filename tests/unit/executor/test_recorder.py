@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -95,6 +96,14 @@ def test_a_plan_recording_holds_every_tick_of_the_plan_and_a_short_tail(recorder
     np.testing.assert_allclose(first.position, plan.q[0], atol=1e-3)
     np.testing.assert_allclose(last.position, plan.q[-1], atol=1e-3)
     assert len(last.effort) == 7
+
+
+def test_answers_of_recordings_long_ago_are_forgotten(recorder, monkeypatch):
+    monkeypatch.setattr("s2r_executor.recorder._KEPT_ANSWERS", 3)
+    for seq in (7, 8, 9, 7, 10):
+        recorder.open_plan(replace(IDENTITY, plan_id=seq, seq=seq), b"")
+    assert list(recorder._state.answers) == [9, 7, 10]
+    assert "no plan 8 is among the last 3" in recorder.answer(8).reason
 
 
 def test_commands_are_the_reference_and_carry_no_effort(recorder, core, smooth_plan):
