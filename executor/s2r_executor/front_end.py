@@ -311,21 +311,26 @@ class FrontEnd:
             raise CommandRefusedError(
                 Refusal.INTERNAL, "the core's plan queue is full; is the core still running?"
             )
-        started = self._wait(
+        answered = self._wait(
             lambda c: (
                 plan_id in (c.plan_id, c.next_plan_id if parent_id else 0)
                 or self._rejection(plan_id) is not None
+                or not c.alive
             )
         )
         rejection = self._rejection(plan_id)
-        if rejection is None:  # a core that has not answered in time may still start it
-            self._keep_admitted(plan_id, admitted)
-        if rejection is not None or not started:
-            reason = f"the core did not take the plan within {_ANSWER_WITHIN_S:g} s"
-            self._recorder.drop_plan(plan_id, reason if rejection is None else "the core refused it")
-            if rejection is None:
-                raise CommandRefusedError(Refusal.INTERNAL, reason)
+        if rejection is not None:
+            self._recorder.drop_plan(plan_id, "the core refused it")
             raise refused_plan(rejection, self.arm.joint_names)
+        if not self._core.snapshot().alive:
+            self._recorder.drop_plan(plan_id, "the core died")
+            raise _core_is_dead()
+        self._keep_admitted(plan_id, admitted)
+        if not answered:
+            reason = f"the core did not take the plan within {_ANSWER_WITHIN_S:g} s"
+            self._recorder.drop_plan(plan_id, reason)
+            self._void_what_waits()
+            raise CommandRefusedError(Refusal.INTERNAL, f"{reason}; it is void")
         self._stop_if_nobodys(address.sender)
         logger.info(
             "plan %d '%s' of '%s' runs for %.2f s",
@@ -335,6 +340,11 @@ class FrontEnd:
             admitted.duration_s,
         )
         return Accepted(epoch, admitted.duration_s)
+
+    def _void_what_waits(self) -> None:
+        """What the core did not take in time must not happen later: a stop, taken first, makes another epoch."""
+        self._stops_asked += 1
+        self._send(pb.STOP, self._core.snapshot().epoch)
 
     def _stop_if_nobodys(self, sender: str) -> None:
         """Stop what began just when its lease ended: whoever watches the lease saw an arm at rest and let it be."""
@@ -469,6 +479,8 @@ class FrontEnd:
         if refused is not None:
             raise refused_command(kind, refused, core, self.arm.joint_names, self.status().why_not_moving)
         if not ended:
+            if kind in (pb.ARM, pb.RESUME):
+                self._void_what_waits()
             raise CommandRefusedError(
                 Refusal.INTERNAL,
                 f"the core has not carried out {name} within {within_s:g} s. " + self.status().why_not_moving,

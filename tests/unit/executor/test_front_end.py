@@ -571,6 +571,59 @@ def test_a_stop_the_core_never_sees_is_not_called_accepted(rig, smooth_plan, mon
     assert code_of(rig.front_end.stop, Cause.STOP_REQUESTED) is Refusal.INTERNAL
 
 
+def asleep(rig, monkeypatch, call, *arguments):
+    """The core sleeps for longer than an answer may take, and wakes up after it."""
+    monkeypatch.setattr("s2r_executor.front_end._ANSWER_WITHIN_S", 0.05)
+    monkeypatch.setattr(rig.front_end, "_wait", lambda done, limit_s=0.05: done(rig.core.snapshot()))
+    assert code_of(call, *arguments) is Refusal.INTERNAL
+    monkeypatch.undo()
+    rig.core.advance(300)
+
+
+def test_a_plan_that_the_core_did_not_take_in_time_does_not_start_later(rig, smooth_plan, monkeypatch):
+    armed(rig)
+    asleep(rig, monkeypatch, rig.front_end.plan, address(rig), smooth_plan(), b"")
+    assert (rig.core.state, rig.core.plan_id) == (ExecutorState.HOLD, 0)
+    assert len(rig.recorder.dropped) == 1
+    rig.front_end.plan(address(rig), smooth_plan(), b"")
+    rig.core.until(ExecutorState.HOLD)
+    assert rig.core.plan_done
+
+
+def test_a_splice_that_the_core_did_not_take_in_time_does_not_take_over_later(rig, smooth_plan, monkeypatch):
+    plan, seq = running(rig, smooth_plan, ticks=200)
+    asleep(rig, monkeypatch, rig.front_end.plan, address(rig), continuation(plan, seq, 0.5), b"")
+    rig.core.until(ExecutorState.HOLD)
+    assert (rig.core.plan_id, rig.core.plan_done) == (1, False)
+
+
+def test_an_arming_or_a_resume_that_the_core_did_not_take_in_time_does_not_happen_later(
+    rig, smooth_plan, monkeypatch
+):
+    rig.front_end.lease(address(rig), release=False)
+    asleep(rig, monkeypatch, rig.front_end.control, address(rig), pb.ARM, 0.0)
+    assert rig.core.state == ExecutorState.DISARMED
+    running(rig, smooth_plan, ticks=400)
+    rig.front_end.control(address(rig), pb.PAUSE, 0.0)
+    q = rig.core.q
+    asleep(rig, monkeypatch, rig.front_end.control, address(rig), pb.RESUME, 0.0)
+    assert rig.core.state == ExecutorState.HOLD
+    np.testing.assert_allclose(rig.core.q, q, atol=1e-12)
+
+
+def test_a_plan_to_a_core_that_dies_is_told_as_that(rig, smooth_plan, monkeypatch):
+    armed(rig)
+    submit = rig.core.submit_plan
+
+    def last(*arguments, **more):
+        rig.core.die()
+        return submit(*arguments, **more)
+
+    monkeypatch.setattr(rig.core, "submit_plan", last)
+    with pytest.raises(CommandRefusedError, match="core is not running"):
+        rig.front_end.plan(address(rig), smooth_plan(), b"")
+
+
 def continuation(plan, seq, splice_t):
     """The rest of a plan, as a plan of its own that takes over from it."""
     spline = spline_through(plan.t, plan.q, plan.dq, plan.ddq)
