@@ -36,7 +36,8 @@ Core::Core(SharedBlock& shared, FramePort& port, bool realtime, std::uint64_t fi
   overrun_counter_.configure(config_.overrun_stop_count, ticks_per_second(config_.tick_ns));
   estop_.configure(config_.estop_discrepancy_s, dt_);
   plausibility_.configure(config_.limits, config_.dof, dt_, config_.frozen_rad);
-  collision_.configure(config_.limits, config_.dof, config_.collision_share, config_.collision_ticks);
+  const int torque_every = config_.packing == PackingKind::kFd ? 1 : kClassicTorqueEvery;
+  collision_.configure(config_.limits, config_.dof, config_.collision_share, config_.collision_ticks, torque_every);
   window_.configure(config_.limits, config_.dof, dt_, config_.following_rest_share);
   for (int joint = 0; joint < config_.dof; ++joint) {
     const double a = config_.limits.ddq_max[joint], j = config_.limits.dddq_max[joint];

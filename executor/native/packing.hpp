@@ -70,6 +70,7 @@ struct DriveCommand {
 
 struct JointFeedback {
   double q = 0.0, dq = 0.0, tau = 0.0;
+  std::uint32_t torque_samples = 0;  // values of tau that have come; rises with each, wraps
   DriveState state = DriveState::kNotReady;
   bool brake_released = false;
   bool following_warning = false;
@@ -95,6 +96,7 @@ struct RxResult {
   int joint = -1;
 };
 
+inline constexpr int kClassicTorqueEvery = 8;  // SYNCs: how often a drive sends TPDO2
 inline constexpr int kMaxFramesPerTick = kMaxJoints + 2;
 
 // One drive link. pack() fills frames for one tick, unpack() updates the feedback of one joint.

@@ -124,6 +124,7 @@ RxResult PackingClassic::unpack(const Frame& frame, const DriveCommand& sent,
     const int joint = static_cast<int>(frame.id - kTpdo2Id) - 1;
     if (frame.length != 5) return {RxKind::kCorrupt, joint};
     drives[joint].tau = decode_torque(get<std::int16_t>(frame.data, 0));
+    ++drives[joint].torque_samples;
     drives[joint].error = get<std::uint16_t>(frame.data, 2);
     drives[joint].temperature_C = frame.data[4];
     return {RxKind::kIgnored, joint};

@@ -73,21 +73,23 @@ Trip Plausibility::check_joint(int joint, const JointFeedback& drive, double q_r
 
 // --- collision ------------------------------------------------------------------------------------------------------
 
-void CollisionWatch::configure(const Limits& limits, int dof, double share, int ticks) noexcept {
+// As many samples as the first and the last of them need to lie so many ticks apart, both counted.
+void CollisionWatch::configure(const Limits& limits, int dof, double share, int ticks, int every) noexcept {
   *this = CollisionWatch{};
   limits_ = limits;
   dof_ = dof;
   share_ = share;
-  ticks_ = ticks;
+  samples_ = 1 + (ticks - 1 + every - 1) / every;
 }
 
 Trip CollisionWatch::check(const PerJoint<JointFeedback>& drives, const Ages& age,
                            const Joints& tau_expected) noexcept {
   for (int joint = 0; joint < dof_; ++joint) {
-    if (age[joint] != 0) continue;
+    if (age[joint] != 0 || drives[joint].torque_samples == judged_[joint]) continue;
+    judged_[joint] = drives[joint].torque_samples;
     const double residual = drives[joint].tau - tau_expected[joint], limit = share_ * limits_.tau_max[joint];
     outside_[joint] = std::abs(residual) <= limit ? 0 : outside_[joint] + 1;  // NaN counts as outside
-    if (outside_[joint] >= ticks_) return {Cause::kCollision, joint, residual, limit};
+    if (outside_[joint] >= samples_) return {Cause::kCollision, joint, residual, limit};
   }
   return {};
 }

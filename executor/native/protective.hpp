@@ -58,16 +58,19 @@ class Plausibility {
 // Measured torque far from what admission has computed for this point of the plan: the arm has met something.
 class CollisionWatch {
  public:
-  void configure(const Limits& limits, int dof, double share, int ticks) noexcept;
-  // The first joint whose residual stayed outside for long enough. Stale answers neither count nor clear.
+  // `ticks`: for how long a residual has to stay outside; drives send their torque every so many ticks.
+  void configure(const Limits& limits, int dof, double share, int ticks, int every) noexcept;
+  // The first joint whose residual stayed outside for long enough. Only a torque that is new counts or clears, and
+  // none that came with a late answer.
   Trip check(const PerJoint<JointFeedback>& drives, const Ages& age, const Joints& tau_expected) noexcept;
   void forget() noexcept { outside_ = {}; }
 
  private:
   Limits limits_{};
-  int dof_ = 0, ticks_ = 5;
+  int dof_ = 0, samples_ = 5;
   double share_ = 0.35;
-  PerJoint<int> outside_{};  // answers in a row
+  PerJoint<int> outside_{};           // samples in a row
+  PerJoint<std::uint32_t> judged_{};  // of the torque's samples, the newest
 };
 
 // Following error that is allowed now: a share of the tolerance at rest, all of it from a quarter of full speed on

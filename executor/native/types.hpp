@@ -84,7 +84,7 @@ struct Config {
   double following_rest_share = 0.5;  // of the path tolerance, for a joint at rest
   double frozen_rad = 0.004;          // travel of the reference with not one count of measured motion: stop
   double collision_share = 0.5;       // of tau_max: torque away from the plan's that counts as contact
-  int collision_ticks = 5;            // answers in a row outside: joint-space stop
+  int collision_ticks = 5;            // so long outside, in fresh samples in a row: joint-space stop
   int temperature_warn_C = 70;        // slow down
   int temperature_stop_C = 85;        // joint-space stop
   double warning_speed = 0.5;         // rate of path time while a drive warns

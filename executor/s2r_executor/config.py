@@ -106,7 +106,7 @@ class CoreConfig(_Strict):
     collision_share: Annotated[float, Field(ge=0.01, le=10)] = (
         0.5  # of the torque limit: contact nobody planned
     )
-    collision_ticks: Ticks = 5
+    collision_ticks: Ticks = 5  # so long outside, in fresh samples of the torque in a row
     temperature_warn_C: Celsius = 70
     temperature_stop_C: Celsius = 85
     warning_speed: Annotated[float, Field(ge=0.01, le=1)] = 0.5  # rate of path time while a drive warns

@@ -150,6 +150,43 @@ def test_t45_torque_far_from_the_plans_stops_the_arm_within_twenty_milliseconds(
     stopped_by(bench, Cause.COLLISION, 2, 20, tick)
 
 
+def torque_far_off(bench, periods):
+    """The third joint's drive tells 90 % of its limit for so many periods; returns the tick before."""
+    bench.arm()
+    plan = move(np.asarray(bench.now.q_ref))
+    zero = np.zeros_like(plan.q)
+    bench.submit(plan, 1, tau_rest=zero, tau_move=zero)
+    tell, left = bench.bus.nodes._process_data, [periods]
+
+    def far_off(drive):
+        if drive.node == 3:
+            left[0] -= 1
+            drive.tau_meas = 92.0 if left[0] >= 0 else 0.0
+        return tell(drive)
+
+    bench.step(125)
+    bench.bus.nodes._process_data = far_off
+    return bench.tick
+
+
+@pytest.mark.parametrize("periods", [1, 8])
+def test_t45_one_sample_far_off_is_no_contact(make_bench, periods):
+    bench = make_bench(packing="classic")
+    torque_far_off(bench, periods)
+    bench.until(lambda s: s.plan_done)
+    assert bench.events(STOP_BEGUN) == []
+
+
+@pytest.mark.parametrize("phase", [0, 3, 7])
+def test_t45_contact_on_the_classical_packing_stops_the_arm_at_its_second_sample(make_bench, phase):
+    bench = make_bench(packing="classic")
+    bench.step(phase)
+    tick = torque_far_off(bench, 1000)
+    bench.until(lambda s: s.state in (ExecutorState.STOP1, ExecutorState.FAULT), 30)
+    bench.one_cause(Cause.COLLISION, 2)
+    assert 9 <= bench.events(STOP_BEGUN)[0]["tick"] - tick <= 17
+
+
 def test_t45_the_planned_torque_is_no_collision(bench):
     bench.arm()
     plan = move(np.asarray(bench.now.q_ref))
