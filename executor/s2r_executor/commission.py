@@ -55,7 +55,7 @@ def commission(
         _refuse_foreign_master(line.listen(_LISTEN_S), config)
         client = SdoClient(line)
         progress("scanning 127 node ids")
-        answers = client.present(_SCAN_S)
+        answers = _scan(client, arm)
         findings = _present(answers, arm)
         identities = {}
         for node in (n for n in sorted(answers) if n <= arm.dof):
@@ -77,6 +77,20 @@ def _refuse_foreign_master(heard: list[CanFrame], config: ExecutorConfig) -> Non
         raise ForeignMasterError(
             f"another master is active on {config.bus} (frames {ids}): stop that executor before commissioning"
         )
+
+
+def _scan(client: SdoClient, arm: ArmDescription) -> dict[int, int]:
+    """Ask every node at once, and each of the arm's that has not answered in that short time by itself."""
+    answers = client.present(_SCAN_S)
+    for node in set(range(1, arm.dof + 1)) - set(answers):
+        try:
+            client.upload(node, 0x1000)
+        except SdoTimeoutError:
+            continue
+        except SdoAbortError:
+            logger.info("node %d tells no device type", node)
+        answers[node] = 1
+    return answers
 
 
 def _present(answers: dict[int, int], arm: ArmDescription) -> list[Finding]:

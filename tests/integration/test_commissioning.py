@@ -273,6 +273,20 @@ def test_a_missing_an_extra_and_a_doubled_node_are_named(arm):
     assert "the node id is used twice" in found["node 2"]
 
 
+def test_a_drive_that_the_scan_missed_is_asked_again(stand_in, arm):
+    with stand_in() as bus:
+        busy = {3, 6}
+
+        def answer(can_id, packet):
+            if (node := can_id - sdo.REQUEST_ID) in busy:
+                busy.remove(node)
+                return []
+            return bus.servers.answer(can_id, packet)
+
+        bus.responders[:] = [answer]
+        assert problems(commission(config_for(bus), arm)) == {}
+
+
 def test_a_node_id_used_twice_is_seen_on_the_bus(stand_in, arm):
     with stand_in() as bus:
         bus.responders.append(bus.servers.answer)  # a second drive that answers to everything
