@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
@@ -23,16 +24,18 @@ class OneMaster:
             bus: ``unix:PATH`` or ``can:IFACE``.
 
         Raises:
-            NotReadyError: A process of this machine drives that bus already.
+            NotReadyError: A process of this machine drives that bus already, or the lock is another user's alone.
         """
         self._path = _lock_of(bus)
         self._file = _locked(self._path, bus)
-        os.ftruncate(self._file, 0)
-        os.pwrite(self._file, f"{os.getpid()}\n".encode(), 0)
+        with suppress(OSError):  # of another user, who has gone: the lock holds, only the number is not ours
+            os.ftruncate(self._file, 0)
+            os.pwrite(self._file, f"{os.getpid()}\n".encode(), 0)
 
     def close(self) -> None:
         """Let the next master come."""
-        self._path.unlink(missing_ok=True)
+        with suppress(PermissionError):  # another user's file stays, and is no lock by itself
+            self._path.unlink(missing_ok=True)
         os.close(self._file)
 
 
@@ -57,7 +60,7 @@ def _takes_files(folder: Path) -> bool:
 def _locked(path: Path, bus: str) -> int:
     """Descriptor of the locked file; one that its holder took away meanwhile is no lock."""
     while True:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        file = _opened(path, bus)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -70,6 +73,24 @@ def _locked(path: Path, bus: str) -> int:
         if _is(file, path):
             return file
         os.close(file)
+
+
+def _opened(path: Path, bus: str) -> int:
+    """Descriptor of the file, made where there is none; of another user's to read, which is enough to lock it.
+
+    Without O_CREAT on one that is there: in a folder of all users the kernel refuses that on the files of others.
+    """
+    for flags in (os.O_RDWR, os.O_RDONLY):
+        try:
+            return os.open(path, flags | os.O_CLOEXEC)
+        except FileNotFoundError:
+            return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        except PermissionError:
+            continue
+    raise NotReadyError(
+        f"bus {bus} has a master of another user, or had one: its lock {path} cannot be opened. End that executor, "
+        "or have its user remove the file when there is none"
+    )
 
 
 def _is(file: int, path: Path) -> bool:

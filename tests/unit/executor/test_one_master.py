@@ -36,3 +36,42 @@ def test_a_socket_in_a_folder_that_is_not_there_is_left_to_whoever_opens_it(tmp_
     with closing(OneMaster(bus)), pytest.raises(NotReadyError, match="has a master"):
         OneMaster(bus)
     assert not list(tmp_path.iterdir())
+
+
+def of_another_user(monkeypatch, readable):
+    """The kernel's answers on a file of another user in a folder of all users."""
+    own = os.open
+
+    def opened(path, flags, mode=0o777):
+        refused = flags & (os.O_RDWR | os.O_CREAT) or not readable
+        if refused and str(path).endswith(".lock") and os.path.exists(path):
+            raise PermissionError(13, "Permission denied", str(path))
+        return own(path, flags, mode)
+
+    monkeypatch.setattr(os, "open", opened)
+
+
+def test_the_master_of_another_user_is_told_as_such(tmp_path, monkeypatch):
+    bus = f"unix:{tmp_path}/a.sock"
+    with closing(OneMaster(bus)):
+        of_another_user(monkeypatch, readable=True)
+        with pytest.raises(NotReadyError, match=f"has a master already.*process id {os.getpid()}"):
+            OneMaster(bus)
+        of_another_user(monkeypatch, readable=False)
+        with pytest.raises(NotReadyError, match="master of another user, or had one"):
+            OneMaster(bus)
+
+
+def test_a_lock_that_another_user_left_behind_is_taken(tmp_path, monkeypatch):
+    bus = f"unix:{tmp_path}/a.sock"
+    (tmp_path / "a.sock.lock").write_text("999999\n")
+
+    def refused(*_arguments, **_more):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "unlink", refused)
+    of_another_user(monkeypatch, readable=True)
+    with closing(OneMaster(bus)), pytest.raises(NotReadyError, match="has a master already"):
+        OneMaster(bus)
+    with closing(OneMaster(bus)):
+        pass
