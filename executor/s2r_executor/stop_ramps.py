@@ -28,7 +28,6 @@ _SHORTEST_S = 0.02
 _RATIO = 1.2
 _CELL_S = 0.004
 _LOAD_STEP_S = 0.02  # torque varies with the pose
-_LOAD_POINTS_MAX = 4_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +42,7 @@ class Load:
 
 def load_along(spline: Spline, torque: Torque) -> Load:
     """What the plan's torque is made of."""
-    count = int(np.clip(np.ceil(spline.duration_s / _LOAD_STEP_S) + 1, 3, _LOAD_POINTS_MAX))
+    count = max(3, int(np.ceil(spline.duration_s / _LOAD_STEP_S)) + 1)
     s = sample(spline, np.linspace(0.0, spline.t[-1], count))
     zero = np.zeros_like(s.q)
     gravity = torque(s.q, zero, zero)

@@ -94,6 +94,22 @@ def test_stop_keeps_torques_inside_their_limit(seed, arm, dynamics):
         assert (np.abs(dynamics.torque(q, dq, ddq)) <= 0.9 * arm.limits.tau_max * 1.001).all()
 
 
+@pytest.mark.parametrize("seed", [8, 10])
+def test_a_short_motion_in_a_long_plan_keeps_torques_inside_their_limit(seed, arm, dynamics):
+    motion = wavy_spline(arm, seed)
+    dense = sample(motion, np.linspace(0.0, motion.duration_s, 3000))
+    tau_limit = 1.1 * np.abs(dynamics.torque(dense.q, dense.dq, dense.ddq)).max(axis=0)
+    s = sample(motion, motion.t)
+    t = np.concatenate([[0.0], 600.0 - motion.duration_s + motion.t])
+    spline = spline_through(t, *(np.concatenate([x[:1], x]) for x in (s.q, s.dq, s.ddq)))
+    load = load_along(spline, dynamics.torque)
+    found = stop_durations(spline, load, arm.limits, arm.joint_names, tau_limit, 2.0)
+    for k, duration_s in enumerate(found[1:], start=1):
+        for start_s in np.linspace(t[k], t[k + 1], 7):
+            dq, ddq, _, q, inside = along_stop(spline, start_s, 1.0, duration_s, points=60)
+            assert (inside * np.abs(dynamics.torque(q, dq, ddq)) <= 1.001 * tau_limit).all()
+
+
 def test_stops_are_short_where_the_arm_is_slow_and_bounded_by_physics(arm, dynamics, smooth_plan):
     plan = smooth_plan(duration_s=4.0, knots=41)
     spline = spline_through(plan.t, plan.q, plan.dq, plan.ddq)
