@@ -24,7 +24,7 @@ from s2r_host import cli_drives
 from s2r_protocol import codec
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import ExitCode, S2RError
-from s2r_protocol.faults import ExecutorState, Refusal
+from s2r_protocol.faults import Cause, ExecutorState, Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
 from s2r_protocol.ros2 import topic_key, unpack
@@ -208,6 +208,20 @@ def test_a_duplicated_message_acts_once_and_gets_the_same_answer_each_time(rig):
         again = ask_raw(rig, KEYS.plan, wire)
         assert codec.open_envelope(again[0]).body == codec.open_envelope(first[0]).body
     assert len(rig.core.submitted) == 1
+
+
+def test_a_stop_of_the_same_bytes_stops_every_time(rig):
+    """A button that needs no handshake sends nothing else."""
+    armed(rig)
+    wire = codec.seal(pb.Control(kind=pb.STOP), codec.Address(sender="button"))
+    for _ in range(3):
+        ask(rig, KEYS.plan, small_plan(rig), pb.Verdict)
+        epoch = rig.core.epoch
+        (reply,) = ask_raw(rig, KEYS.control, wire)
+        verdict = codec.open_body(codec.open_envelope(reply), pb.Verdict)
+        assert (verdict.accepted, verdict.epoch) == (True, epoch + 1)
+        wait_for(lambda: rig.core.state == ExecutorState.HOLD, "rest")
+        assert rig.core.cause == Cause.STOP_REQUESTED
 
 
 def test_of_two_reordered_plans_the_older_is_stale(rig):
