@@ -23,13 +23,14 @@ class ServiceManager:
     def __init__(self, environment: Mapping[str, str]) -> None:
         """Read ``NOTIFY_SOCKET``, ``WATCHDOG_USEC`` and ``WATCHDOG_PID``."""
         self._address = environment.get("NOTIFY_SOCKET", "")
+        self._reached = True
         usec = environment.get("WATCHDOG_USEC", "")
         ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.watchdog_s = int(usec) * 1e-6 if usec.isdigit() and ours and int(usec) > 0 else None
 
     def ready(self, status: str) -> None:
         """Everything listens; ``status`` is shown by ``systemctl status``."""
-        self._send(f"READY=1\nSTATUS={_one_line(status)}")
+        self._send(f"READY=1\nSTATUS={_one_line(status)}", wait_s=1.0)
 
     def alive(self, status: str = "") -> None:
         """A sign of life; leaving it out for ``watchdog_s`` gets the process killed and restarted."""
@@ -39,17 +40,22 @@ class ServiceManager:
         """The end has begun: the arm is being brought to rest."""
         self._send("STOPPING=1")
 
-    def _send(self, text: str) -> None:
+    def _send(self, text: str, wait_s: float = 0.0) -> None:
         if not self._address:
             return
         # A leading @ means Linux's abstract namespace.
         address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as line:
+                line.settimeout(wait_s)
                 line.sendto(text.encode(), address)
-        except OSError as error:  # systemd went away: no reason to drop the arm
-            logger.warning("service manager not reached at %s: %s", self._address, error)
-            self._address = ""
+            self._reached = True
+        except (
+            OSError
+        ) as error:  # it went away or is busy: no reason to drop the arm, nor to fall silent for good
+            if self._reached:
+                logger.warning("service manager not reached at %s: %s", self._address, error)
+            self._reached = False
 
 
 def _one_line(text: str) -> str:

@@ -2,6 +2,7 @@
 
 import os
 import socket
+import threading
 
 import pytest
 
@@ -50,6 +51,24 @@ def test_a_manager_that_went_away_is_noted_once_and_does_no_harm(tmp_path, caplo
     manager = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "gone")})
     manager.alive()
     manager.alive()
+    assert caplog.text.count("service manager not reached") == 1
+
+
+def test_a_manager_that_was_not_reached_once_hears_the_next_sign_of_life(line, tmp_path):
+    manager = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "notify")})
+    (tmp_path / "notify").rename(tmp_path / "away")
+    manager.alive()
+    (tmp_path / "away").rename(tmp_path / "notify")
+    manager.alive("HOLD")
+    assert line.recv(500) == b"WATCHDOG=1\nSTATUS=HOLD"
+
+
+def test_a_manager_that_does_not_listen_is_not_waited_for(line, tmp_path, caplog):
+    manager = ServiceManager({"NOTIFY_SOCKET": str(tmp_path / "notify")})
+    sender = threading.Thread(target=lambda: [manager.alive() for _ in range(2000)], daemon=True)
+    sender.start()
+    sender.join(20.0)
+    assert not sender.is_alive()
     assert caplog.text.count("service manager not reached") == 1
 
 
