@@ -247,8 +247,7 @@ class Recorder:
         while (frame := self._queue.get()) is not None:
             waited = broken_at_s is not None and time.monotonic() - broken_at_s > _RESTART_S
             if waited and not self._given_up.is_set():
-                self._connection = self._start_writer()
-                broken_at_s = None
+                broken_at_s = None if self._restarted() else time.monotonic()
             if broken_at_s is None:
                 try:
                     send(self._connection, frame)
@@ -261,6 +260,14 @@ class Recorder:
             self._connection.shutdown(socket.SHUT_WR)
         except OSError:
             logger.warning("the recorder's process had ended before the end; %s", _RECOVER)
+
+    def _restarted(self) -> bool:
+        try:
+            self._connection = self._start_writer()
+        except OSError as error:  # what took the last one, such as a lack of memory, may last
+            logger.error("the recorder's process cannot be started yet: %s", error)
+            return False
+        return True
 
     def _writer_died(self) -> None:
         assert self._process is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import resource
 import signal
@@ -94,6 +95,22 @@ def test_after_a_killed_writer_a_new_one_goes_on_and_the_hole_is_counted(recorde
     feed(recorder, core, 200)
     recorder.close()
     assert len(read_recording(recorder.session_path).joints().stamp_ns) > 0
+
+
+def test_a_writer_that_cannot_be_started_at_once_is_started_later(recorder, core, monkeypatch):
+    monkeypatch.setattr("s2r_executor.recorder._RESTART_S", 0.1)
+    start, refused = recorder._start_writer, [2]
+
+    def short_of_memory():
+        refused[0] -= 1
+        if refused[0] >= 0:
+            raise OSError(errno.ENOMEM, "Cannot allocate memory")
+        return start()
+
+    monkeypatch.setattr(recorder, "_start_writer", short_of_memory)
+    first = recorder.session_path
+    os.kill(recorder.writer_pid, signal.SIGKILL)
+    until(lambda: (feed(recorder, core, 100), recorder.session_path != first)[1], timeout_s=10)
 
 
 def test_a_full_disk_is_counted_and_said_and_nobody_waits(recorder, core, tmp_path):
