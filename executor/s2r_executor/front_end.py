@@ -12,6 +12,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -324,6 +325,7 @@ class FrontEnd:
             raise refused_plan(rejection, self.arm.joint_names)
         if not self._core.snapshot().alive:
             self._recorder.drop_plan(plan_id, "the core died")
+            self._void_what_waits()
             raise _core_is_dead()
         self._keep_admitted(plan_id, admitted)
         if not answered:
@@ -344,7 +346,8 @@ class FrontEnd:
     def _void_what_waits(self) -> None:
         """What the core did not take in time must not happen later: a stop, taken first, makes another epoch."""
         self._stops_asked += 1
-        self._send(pb.STOP, self._core.snapshot().epoch)
+        with suppress(CommandRefusedError):  # no room: the core takes nothing at all
+            self._send(pb.STOP, self._core.snapshot().epoch)
 
     def _stop_if_nobodys(self, sender: str) -> None:
         """Stop what began just when its lease ended: whoever watches the lease saw an arm at rest and let it be."""
@@ -471,7 +474,9 @@ class FrontEnd:
         self._send(kind, epoch, value)
         ended = self._wait(lambda c: done(c) or not c.alive or self._refused_command is not None, within_s)
         core, name = self._core.snapshot(), pb.ControlKind.Name(kind)
-        if not core.alive:
+        if not (core.alive and ended) and not done(core) and kind in (pb.ARM, pb.RESUME):
+            self._void_what_waits()
+        if not core.alive:  # or asleep, for so long that it counts as dead
             raise _core_is_dead()
         if done(core):
             return
@@ -479,8 +484,6 @@ class FrontEnd:
         if refused is not None:
             raise refused_command(kind, refused, core, self.arm.joint_names, self.status().why_not_moving)
         if not ended:
-            if kind in (pb.ARM, pb.RESUME):
-                self._void_what_waits()
             raise CommandRefusedError(
                 Refusal.INTERNAL,
                 f"the core has not carried out {name} within {within_s:g} s. " + self.status().why_not_moving,

@@ -611,6 +611,41 @@ def test_an_arming_or_a_resume_that_the_core_did_not_take_in_time_does_not_happe
     np.testing.assert_allclose(rig.core.q, q, atol=1e-12)
 
 
+class Asleep:
+    """A snapshot of a core that has not ticked for so long that it counts as dead."""
+
+    alive = False
+
+    def __init__(self, snapshot):
+        self._snapshot = snapshot
+
+    def __getattr__(self, name):
+        return getattr(self._snapshot, name)
+
+
+def falling_asleep(rig, monkeypatch, call, *arguments):
+    """The core sleeps as soon as it is given something, until it counts as dead, and wakes up later."""
+    asleep, snapshot = [], rig.core.snapshot
+    for name in ("command", "submit_plan"):
+        give = getattr(rig.core, name)
+        monkeypatch.setattr(rig.core, name, lambda *a, give=give, **k: asleep.append(1) or give(*a, **k))
+    monkeypatch.setattr(rig.core, "snapshot", lambda: Asleep(snapshot()) if asleep else snapshot())
+    assert code_of(call, *arguments) is Refusal.STATE
+    monkeypatch.undo()
+    rig.core.advance(300)
+
+
+def test_what_a_core_got_that_slept_so_long_that_it_counts_as_dead_does_not_happen_later(
+    rig, smooth_plan, monkeypatch
+):
+    rig.front_end.lease(address(rig), release=False)
+    falling_asleep(rig, monkeypatch, rig.front_end.control, address(rig), pb.ARM, 0.0)
+    assert rig.core.state == ExecutorState.DISARMED
+    rig.front_end.control(address(rig), pb.ARM, 0.0)
+    falling_asleep(rig, monkeypatch, rig.front_end.plan, address(rig), smooth_plan(), b"")
+    assert (rig.core.state, rig.core.plan_id) == (ExecutorState.HOLD, 0)
+
+
 def test_a_plan_to_a_core_that_dies_is_told_as_that(rig, smooth_plan, monkeypatch):
     armed(rig)
     submit = rig.core.submit_plan
