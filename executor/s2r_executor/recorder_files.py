@@ -119,7 +119,7 @@ class RecordingFiles:
         if plan is None:
             return None
         plan.file.abandon()
-        plan.file.path.unlink()
+        plan.file.path.unlink(missing_ok=True)
         return plan.identity
 
     def write(self, batch: Batch) -> None:

@@ -178,6 +178,23 @@ def test_a_plan_that_waits_for_its_splice_takes_nothing_from_the_recording_of_th
     assert [set(np.diff(t)) for t in (first, second)] == [{1}, {1}]
 
 
+def test_a_file_that_somebody_removed_before_its_plan_was_refused_ends_no_recording(recorder, tmp_path):
+    recorder.open_plan(IDENTITY, b"")
+    deadline = time.monotonic() + 60
+    while not (files := list(tmp_path.glob("plan-*.mcap"))):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    session = recorder.session_path
+    files[0].unlink()
+    recorder.drop_plan(1, "the core refused it")
+    while not recorder.answer(7).reason:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert "never ran" in recorder.answer(7).reason
+    recorder.close()
+    assert (recorder.loss.reason, recorder.session_path) == ("", session)
+
+
 def test_a_splice_that_the_core_refuses_leaves_the_running_plan_its_recording(recorder, core, smooth_plan):
     run_plan(recorder, core, smooth_plan(), ticks=500)
     begin(recorder, core, smooth_plan(), PlanIdentity(2, 9, 2, "host:1", "off"), parent_id=1, splice_t=1.0)
