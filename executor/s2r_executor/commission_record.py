@@ -81,7 +81,7 @@ def read_identities(path: Path) -> dict[int, dict[str, int]] | None:
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
         return {int(node): dict(identity) for node, identity in record["identities"].items()}
-    except (OSError, ValueError, KeyError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise CommissioningError(
             f"{path} is no commissioning record ({error}); remove it and commission anew"
         ) from error

@@ -363,9 +363,10 @@ def test_the_command_keeps_a_record_that_the_executor_asks_for(stand_in, arm, tm
     record.write_text(json.dumps({**values, "passed": False}))
     with pytest.raises(CommissioningError, match="found problems: mend them"):
         check_record(record, config, arm)
-    record.write_text("rubbish")
-    with pytest.raises(CommissioningError, match="is no commissioning record"):
-        check_record(record, config, arm)
+    for rubbish in ("rubbish", "[]", '{"identities": {"1": 5}}', '{"identities": {"one": {}}}'):
+        record.write_text(rubbish)
+        with pytest.raises(CommissioningError, match="is no commissioning record"):
+            check_record(record, config, arm)
 
 
 def test_an_exchanged_drive_stays_a_problem_until_the_record_is_removed(stand_in, tmp_path):
