@@ -27,6 +27,9 @@ logging.getLogger("toppra").setLevel(logging.ERROR)
 
 _WINDOWS_S = (0.04, 0.08, 0.15, 0.25, 0.4)
 _PROFILE_DT_S = 0.004
+_LEAST_SAMPLES = (
+    4  # of a profile: a way of hundredths of a milliradian is done in less than one interval of it
+)
 _MIN_KNOT_DT_S = 0.008
 # The fingertip slows down over this stretch before the touch: the real part may be nearer than believed.
 _SLOW_FROM_M, _SLOW_AT_M = 0.04, 0.015
@@ -184,14 +187,15 @@ def _with_way(dynamics: InverseDynamics) -> Callable[[np.ndarray, np.ndarray, np
 
 def _averaged(t: np.ndarray, speed: np.ndarray, length: float, window_s: float) -> CubicSpline:
     """Speed over time, averaged twice over half a window; its integral is exactly the path's length."""
-    half = max(1, round(window_s / 2.0 / _PROFILE_DT_S))
-    count = int(np.ceil(t[-1] / _PROFILE_DT_S)) + 1
-    samples = np.concatenate([np.interp(np.arange(count) * _PROFILE_DT_S, t, speed), np.zeros(3)])
+    dt = min(_PROFILE_DT_S, t[-1] / _LEAST_SAMPLES)
+    half = max(1, round(window_s / 2.0 / dt))
+    count = int(np.ceil(t[-1] / dt)) + 1
+    samples = np.concatenate([np.interp(np.arange(count) * dt, t, speed), np.zeros(3)])
     kernel = np.ones(half + 1) / (half + 1)
     samples = np.convolve(np.convolve(samples, kernel), kernel)
     samples = np.concatenate([[0.0], samples, [0.0]])
     samples[[0, 1, -1, -2]] = 0.0
-    profile = CubicSpline(np.arange(len(samples)) * _PROFILE_DT_S, samples, bc_type="clamped")
+    profile = CubicSpline(np.arange(len(samples)) * dt, samples, bc_type="clamped")
     travelled = float(profile.integrate(0.0, profile.x[-1]))
     return CubicSpline(profile.x * (length / travelled), samples, bc_type="clamped")
 

@@ -15,6 +15,19 @@ def test_a_path_that_does_not_move_is_refused():
         time_law(np.repeat(ARM.q_home[None], 5, axis=0), ARM)
 
 
+@pytest.mark.parametrize("contact_row", [None, 1])
+@pytest.mark.parametrize("joint", [0, 6])
+@pytest.mark.parametrize("way_rad", [1.1e-5, 3e-5, 1e-4])
+def test_a_path_of_hundredths_of_a_milliradian_is_timed(way_rad, joint, contact_row):
+    end = ARM.q_home.copy()
+    end[joint] += way_rad
+    trajectory = time_law(np.array([ARM.q_home, end]), ARM, contact_row=contact_row)
+    assert trajectory.q[-1] == pytest.approx(end, abs=1e-12)
+    assert 0.0 < trajectory.duration_s < 0.2
+    for order, most in enumerate((ARM.limits.dq_max, ARM.limits.ddq_max, ARM.limits.dddq_max), start=1):
+        assert (trajectory.peak(order) <= most).all()
+
+
 def test_nan_is_refused_with_row_and_joint():
     path = np.linspace(ARM.q_home, ARM.q_home + 0.1, 5)
     path[3, 2] = np.nan
