@@ -9,6 +9,9 @@ from scipy.linalg import solveh_banded
 from s2r_host.trajectory.trajectory import TrajectoryError
 
 _SAME = 1e-5  # rows nearer than this [rad] are one point: a held target has many
+# On ways longer than this the usual support points are so far apart that they cut corners by more than the smoothing
+# may: there are more of them then, until none is cut by more than that.
+_LONG_RAD, _CUT_RAD, _MOST_POINTS = 4.0, 0.004, 8000
 
 
 def smooth_path(q_path: np.ndarray, deviation_rad: float, points: int = 120) -> CubicSpline:
@@ -16,8 +19,10 @@ def smooth_path(q_path: np.ndarray, deviation_rad: float, points: int = 120) -> 
 
     Args:
         q_path: Joint positions [rad], (n, dof).
-        deviation_rad: How far any joint may be from the straight lines between the points; 0 interpolates them.
-        points: Support points of the smoothing.
+        deviation_rad: How far any joint may be smoothed away from the straight lines between the points; 0
+            interpolates them.
+        points: Support points of the smoothing; on a long way doubled until they cut no corner by more than
+            ``deviation_rad`` or 4 mrad, whichever is more.
 
     Returns:
         Spline over path length from 0 [rad]; call it with an order for derivatives.
@@ -41,8 +46,11 @@ def smooth_path(q_path: np.ndarray, deviation_rad: float, points: int = 120) -> 
     length = _lengths(q)
     if deviation_rad <= 0.0 or len(q) < 3:
         return CubicSpline(length, q, bc_type="natural" if len(q) > 2 else "not-a-knot")
-    even = np.linspace(0.0, length[-1], points)
-    straight = np.column_stack([np.interp(even, length, joint) for joint in q.T])
+    straight = _evenly(q, length, points)
+    most_cut = max(deviation_rad, _CUT_RAD) if length[-1] > _LONG_RAD else np.inf
+    while points < _MOST_POINTS and _cut(straight, q, length) > most_cut:
+        points *= 2
+        straight = _evenly(q, length, points)
     smoothed = _smoothest(straight, deviation_rad)
     return CubicSpline(_lengths(smoothed), smoothed, bc_type="natural")
 
@@ -51,6 +59,18 @@ def length_at(q_path: np.ndarray, row: int) -> float:
     """Share of the path's length, 0 to 1, that lies before a row."""
     length = _lengths(q_path)
     return float(length[row] / length[-1]) if length[-1] > 0.0 else 0.0
+
+
+def _evenly(q: np.ndarray, length: np.ndarray, points: int) -> np.ndarray:
+    """Evenly spaced points on the straight lines through rows at some lengths, (points, dof)."""
+    even = np.linspace(0.0, length[-1], points)
+    return np.column_stack([np.interp(even, length, joint) for joint in q.T])
+
+
+def _cut(straight: np.ndarray, q: np.ndarray, length: np.ndarray) -> float:
+    """How far the straight lines through evenly spaced points pass the rows that they stand for, in any joint [rad]."""
+    even = np.linspace(0.0, length[-1], len(straight))
+    return float(np.abs(np.column_stack([np.interp(length, even, joint) for joint in straight.T]) - q).max())
 
 
 def _smoothest(q: np.ndarray, deviation_rad: float) -> np.ndarray:

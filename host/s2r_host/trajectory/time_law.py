@@ -27,9 +27,12 @@ logging.getLogger("toppra").setLevel(logging.ERROR)
 
 _WINDOWS_S = (0.04, 0.08, 0.15, 0.25, 0.4)
 _PROFILE_DT_S = 0.004
-_LEAST_SAMPLES = (
-    4  # of a profile: a way of hundredths of a milliradian is done in less than one interval of it
-)
+_GRID, _FINEST_GRID = (
+    201,
+    1000,
+)  # where TOPP-RA looks; in more places where a long path has corners to be seen
+# Of a profile: a way of hundredths of a milliradian is done in less than one interval of it.
+_LEAST_SAMPLES = 4
 _MIN_KNOT_DT_S = 0.008
 # The fingertip slows down over this stretch before the touch: the real part may be nearer than believed.
 _SLOW_FROM_M, _SLOW_AT_M = 0.04, 0.015
@@ -143,7 +146,7 @@ def _fastest(
     The fingertip's way with the part is an additional coordinate beside the joints, with limits of its own.
     """
     limits = arm.limits
-    grid = np.linspace(0.0, path.x[-1], 201)
+    grid = np.linspace(0.0, path.x[-1], max(_GRID, min(len(path.x), _FINEST_GRID)))
     joints = path(grid)
     way = np.zeros(len(grid))
     if np.isfinite(contact_at):

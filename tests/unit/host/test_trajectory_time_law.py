@@ -1,5 +1,7 @@
 """What the time law and the bridge refuse, and in which words."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -69,6 +71,19 @@ def test_smoothing_keeps_the_ends_and_its_bound():
     path = smooth_path(q, 0.004)
     assert path(0.0) == pytest.approx(q[0], abs=1e-9)
     assert path(path.x[-1]) == pytest.approx(q[-1], abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_long_way_keeps_to_its_corners(seed):
+    """Four way-points far apart, as a message of them has: some ten radians of path."""
+    limits = ARM.limits
+    rng = np.random.default_rng(seed)
+    corners = [ARM.q_home, *(rng.uniform(0.6 * limits.q_min, 0.6 * limits.q_max) for _ in range(3))]
+    lines = np.concatenate([np.linspace(a, b, 2000) for a, b in pairwise(corners)])
+    trajectory = time_law(np.array(corners), ARM)
+    q = trajectory.sample(np.linspace(0.0, trajectory.duration_s, 500))[0]
+    assert max(np.abs(lines - row).max(axis=1).min() for row in q) < 0.006
+    assert max(np.abs(q - corner).max(axis=1).min() for corner in corners[1:-1]) < 0.012
 
 
 def test_two_points_make_a_straight_path():
