@@ -171,9 +171,9 @@ def _load_ply(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
     _check_points(points)  # before any projection: wrong units must be named as such
     if frame == "camera":
         K, shape = (camera.K, (camera.height, camera.width)) if camera else virtual_pinhole(points)
-        return rasterise(points, K, shape, np.eye(4), rgb)
+        return rasterise(points, K, shape, np.eye(4))
     if camera is not None:
-        return rasterise(points, camera.K, (camera.height, camera.width), _pose(path, frame, camera), rgb)
+        return rasterise(points, camera.K, (camera.height, camera.width), _pose(path, frame, camera))
     return Cloud(points, None, rgb)
 
 
@@ -229,16 +229,17 @@ def rasterise(
     K: NDArray[np.floating],
     shape: tuple[int, int],
     X_base_camera: NDArray[np.floating],
-    colour: NDArray[np.uint8] | None = None,
 ) -> DepthFrame:
     """Depth image of a cloud seen by a pinhole camera: nearest point per pixel, single-pixel gaps closed.
+
+    It has no colour: a cloud knows none where it has no point, and just there, at rims and in the shadow of what is
+    near, colour images tell what moved.
 
     Args:
         points: Points in the base frame [m], shape (n, 3).
         K: Pinhole matrix [px].
         shape: Image (height, width).
         X_base_camera: Camera pose.
-        colour: RGB per point or None.
 
     Raises:
         BadViewError: Fewer than half of the points are in the image.
@@ -260,12 +261,7 @@ def rasterise(
     flat = (v[inside] * shape[1] + u[inside])[order]
     depth = np.zeros(shape[0] * shape[1], dtype=np.float32)
     depth[flat] = z[inside][order]
-    rgb = np.zeros((shape[0] * shape[1], 3), dtype=np.uint8)
-    if colour is not None:
-        rgb[flat] = colour[inside][order]
     depth = depth.reshape(shape)
     closed = cv2.medianBlur(depth, 3)
     depth = np.where(depth > 0, depth, closed)
-    return DepthFrame(
-        depth.astype(np.float32), K, X_base_camera, rgb.reshape(*shape, 3) if colour is not None else None
-    )
+    return DepthFrame(depth.astype(np.float32), K, X_base_camera)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from s2r_host.perception import BadViewError, Cloud, DepthFrame, InputError, load_frame
+from s2r_host.perception.change import Change, compare, with_shadows
 from s2r_host.perception.loading import load_camera, virtual_pinhole
+from s2r_host.perception.view import DepthView
 from s2r_protocol.exits import ExitCode
 
 K = np.array([[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1]])
@@ -25,10 +27,14 @@ def write_npz(path, **changes):
     return path
 
 
-def write_ply(path, points):
+def write_ply(path, points, colour=None):
     lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
-    lines += [f"property float {axis}" for axis in "xyz"] + ["end_header"]
-    lines += [" ".join(f"{v:.6f}" for v in p) for p in points]
+    lines += [f"property float {axis}" for axis in "xyz"]
+    rows = [" ".join(f"{v:.6f}" for v in p) for p in points]
+    if colour is not None:
+        lines += [f"property uchar {channel}" for channel in ("red", "green", "blue")]
+        rows = [f"{row} {' '.join(map(str, rgb))}" for row, rgb in zip(rows, colour, strict=True)]
+    lines += ["end_header", *rows]
     path.write_text("\n".join(lines) + "\n")
     return path
 
@@ -75,6 +81,25 @@ def test_ply_in_the_camera_frame_gets_its_image_back(tmp_path):
     assert isinstance(frame, DepthFrame)
     assert (frame.depth_m > 0).mean() > 0.4
     assert np.median(frame.depth_m[frame.depth_m > 0]) == pytest.approx(0.8, abs=1e-3)
+
+
+def test_a_hole_in_a_coloured_cloud_is_no_motion(tmp_path):
+    """A hole in an image with colour, over what stood near before, moved if its colour changed; a cloud has none."""
+    depth = plate()
+    depth[40:80, 60:100] = 0.6
+    looks = []
+    for name, holed in (("a", False), ("b", True)):
+        shown = depth.copy()
+        if holed:
+            shown[48:72, 76:84] = 0.0
+        points = DepthFrame(shown, K, np.eye(4)).points_base()[shown > 0]
+        colour = np.where(points[:, 2:] < 0.7, [200, 60, 60], [120, 140, 90])
+        path = write_ply(tmp_path / f"{name}.ply", points, colour)
+        looks.append(load_frame(path, camera=write_camera(tmp_path / "camera.json")))
+    before, after = (DepthView(look) for look in looks)
+    changes = with_shadows(before, after, compare(before, after))
+    assert not (changes.before == Change.MOVED).any()
+    assert not (changes.after == Change.MOVED).any()
 
 
 def test_a_million_points_are_fine(tmp_path):
