@@ -96,10 +96,10 @@ class ArmModel:
 
     @cached_property
     def lever_m(self) -> np.ndarray:
-        """Largest distance of any point of the arm from each joint's axis [m], shape (dof,), an upper bound."""
-        q = pin.neutral(self.model)
-        pin.framesForwardKinematics(self.model, self.data, q)
-        p_tool = self.data.oMf[self.tool_id].translation
-        return np.array(
-            [np.linalg.norm(p_tool - self.data.oMi[i].translation) for i in range(1, self.model.njoints)]
-        )
+        """Largest distance of the fingertip from each joint's axis [m], shape (dof,), an upper bound.
+
+        The lengths of the links from there on: the arm stretched, whatever posture its description has at zero.
+        """
+        links = [self.model.jointPlacements[i].translation for i in range(2, self.model.njoints)]
+        lengths = np.linalg.norm([*links, self.X_wrist_tool.translation], axis=1)
+        return np.cumsum(lengths[::-1])[::-1]

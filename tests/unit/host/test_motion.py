@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from s2r_host.errors import EmptyCloudError, NoMotionError, SceneError
@@ -27,6 +28,7 @@ from s2r_host.motion.robot_mask import back_project, robot_mask
 from s2r_host.motion.scene import Region, Scene, observed_scene
 from s2r_protocol.arms import load_arm
 
+SIX_JOINT_ARM = Path(__file__).parent / "six_joint_arm"
 P_CAMERA = np.array([0.05, -0.45, 0.75])
 
 
@@ -99,6 +101,18 @@ def test_straight_line_stays_on_the_line_and_keeps_the_orientation(arm, home):
         assert np.linalg.norm(off - along * (off @ along)) < 5e-4
         assert np.abs(Y[:3, :3] - X[:3, :3]).max() < 4e-3
     assert np.linalg.norm(arm.tool_pose(path[-1])[:3, 3] - goal) < 5e-4
+
+
+@pytest.mark.parametrize("description", ["xmate3pro", str(SIX_JOINT_ARM)])
+def test_the_fingertip_is_never_farther_from_an_axis_than_its_lever(description):
+    """Lines in joint space are looked at so often that nothing moves over a centimetre between two looks."""
+    arm, rng = ArmModel(load_arm(description)), np.random.default_rng(0)
+    for _ in range(500):
+        q = rng.uniform(arm.arm.limits.q_min, arm.arm.limits.q_max)
+        jacobian = pin.computeFrameJacobian(
+            arm.model, arm.data, q, arm.tool_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        assert (np.linalg.norm(jacobian[:3], axis=0) <= arm.lever_m + 1e-9).all()
 
 
 def test_tip_shapes_are_the_two_finger_pads(arm):
