@@ -21,6 +21,7 @@ OUT_M = (0.1, 0.07, 0.14, 0.05)
 MARGINS_M = (0.003, 0.002, 0.001)
 TOUCHING_M = 0.006
 LARGEST_STEP_RAD = 0.3
+UPRIGHT_SIN = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,12 +128,19 @@ def _ways_back(
     """Joint paths of a few millimetres to places that are free; the way there may touch, that is where the arm is."""
     p = arm.tool_pose(q_start)[:3, 3]
     back = -push_direction / np.linalg.norm(push_direction)
-    side = np.cross([0.0, 0.0, 1.0], back)
+    side = _aside(back)
     for aside_m in ASIDE_M:
         for back_m in BACK_OFF_M:
             path = straight_line(arm, ik, q_start, p + back_m * back + aside_m * side, spacing_m=0.002)
             if path is not None and tight.is_free(path[-1]):
                 yield path
+
+
+def _aside(back: np.ndarray) -> np.ndarray:
+    """A level unit vector across a unit vector (3,); across x where that is upright, as the push on a lid may be."""
+    side = np.cross([0.0, 0.0, 1.0], back)
+    length = float(np.linalg.norm(side))
+    return side / length if length > UPRIGHT_SIN else np.array([0.0, 1.0, 0.0])
 
 
 def _ways_out(
@@ -145,8 +153,7 @@ def _ways_out(
     """Free straight joint paths away from the object, the most natural directions first."""
     X = arm.tool_pose(q_back)
     back = -push_direction / np.linalg.norm(push_direction)
-    up = np.array([0.0, 0.0, 1.0])
-    side = np.cross(up, back)
+    up, side = np.array([0.0, 0.0, 1.0]), _aside(back)
     pull = -X[:3, 2]  # out along the finger itself: the way it came in, more often than not
     for out_m in OUT_M:
         for direction in (pull, up, pull + up, up + 0.5 * back, side, -side, side + up, up - side, back):

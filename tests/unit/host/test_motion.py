@@ -11,7 +11,7 @@ from s2r_host.errors import EmptyCloudError, NoMotionError, SceneError
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.cartesian import straight_line
 from s2r_host.motion.collision import Clearance, CollisionChecker
-from s2r_host.motion.escape import plan_escape
+from s2r_host.motion.escape import _ways_back, _ways_out, plan_escape
 from s2r_host.motion.front import Front, find_front
 from s2r_host.motion.inverse import InverseKinematics, seeds_around
 from s2r_host.motion.joint_motion import plan_joint_motion
@@ -310,6 +310,18 @@ def test_escape_backs_off_before_it_leaves_a_gap(arm, home):
     assert np.array_equal(escape.out[0], home)
     assert tight.path_is_free(escape.out[3:])
     assert np.linalg.norm(arm.tool_pose(escape.out[-1])[:3, 3] - tip) > 0.04
+
+
+@pytest.mark.parametrize("push", [[0.0, 0.0, -1.0], [0.03, 0.0, -1.0], [1.0, 0.0, 0.0]])
+def test_escape_tries_places_aside_of_a_push_however_steep(arm, home, push):
+    ik, tight = InverseKinematics(arm), CollisionChecker(arm, [table_obstacle()])
+    direction = np.array(push) / np.linalg.norm(push)
+    p = arm.tool_pose(home)[:3, 3]
+    beside = [arm.tool_pose(way[-1])[:3, 3] - p for way in _ways_back(arm, ik, tight, home, direction)]
+    across = np.linalg.norm(np.array(beside) - np.outer(beside @ direction, direction), axis=1)
+    assert across.max() == pytest.approx(0.012, abs=5e-4)
+    ways = list(_ways_out(arm, ik, tight, home, direction))
+    assert all(np.isfinite(way).all() for way in ways)
 
 
 def test_a_boxed_in_tip_leaves_the_way_it_came(arm, home):
