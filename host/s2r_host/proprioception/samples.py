@@ -13,6 +13,7 @@ from s2r_host.log.tables import Joints, joints_of, read_recording
 
 WINDOW_S = 0.03  # of the smoothing; servo ripple is faster, contact slower
 EVERY_S = 0.005
+WHOLE_SHARE = 0.002  # of that: a cycle that goes so exactly into it leaves rows as they are
 MOVING_RAD_S = 0.003
 
 
@@ -53,7 +54,7 @@ def samples_in(recording: bytes) -> Samples | None:
 
 
 def samples_of(joints: Joints) -> Samples | None:
-    """Smoothed rows every 5 ms; None without torques or with too little motion."""
+    """Smoothed rows every 5 ms, whatever the cycle of the bus; None without torques or with too little motion."""
     moving = np.flatnonzero(np.abs(joints.dq).max(axis=1) > MOVING_RAD_S)
     if joints.tau is None or len(moving) < 2:
         return None
@@ -63,9 +64,21 @@ def samples_of(joints: Joints) -> Samples | None:
     window = 2 * max(2, round(WINDOW_S / dt / 2)) + 1
     if len(t) < 4 * window:
         return None
-    step = max(1, round(EVERY_S / dt))
     dq, ddq, tau = (
-        np.asarray(savgol_filter(values[rows], window, 2, deriv=order, delta=dt, axis=0))[::step]
+        np.asarray(savgol_filter(values[rows], window, 2, deriv=order, delta=dt, axis=0))
         for values, order in ((joints.dq, 0), (joints.dq, 1), (joints.tau, 0))
     )
-    return Samples(t[::step], joints.q[rows][::step], dq, ddq, tau)
+    found = Samples(t, joints.q[rows], dq, ddq, tau)
+    step = round(EVERY_S / dt)
+    whole = step >= 1 and abs(step * dt - EVERY_S) < WHOLE_SHARE * EVERY_S
+    return found.part(slice(None, None, step)) if whole else _between(found)
+
+
+def _between(rows: Samples) -> Samples:
+    """Rows every 5 ms between others: speeds and times are counted in such rows."""
+    t = np.arange(rows.t[0], rows.t[-1], EVERY_S)
+    columns = (
+        np.column_stack([np.interp(t, rows.t, column) for column in values.T])
+        for values in (rows.q, rows.dq, rows.ddq, rows.tau)
+    )
+    return Samples(t, *columns)

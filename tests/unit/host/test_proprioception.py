@@ -110,6 +110,18 @@ def test_rotors_that_no_description_tells_of_are_learnt_too(own):
     assert np.sqrt(np.mean(left**2, axis=0)) == pytest.approx(own.rest, abs=0.03)
 
 
+@pytest.mark.parametrize("cycle_s", [0.001, 0.002, 0.004, 0.008])
+def test_rows_are_five_milliseconds_apart_whatever_the_cycle_of_the_bus(cycle_s):
+    """A classical bus has a cycle of 4 ms; what counts rows for seconds would take speeds for a fifth too low."""
+    t = np.arange(0.0, DURATION, cycle_s)
+    q = ARM.q_home + np.outer(t**2, PUSH)
+    dq = np.outer(2.0 * t, PUSH)
+    joints = Joints(ARM.joint_names, (1e9 * t).astype(np.int64), q, dq, np.ones_like(q))
+    found = samples(joints)
+    np.testing.assert_allclose(np.diff(found.t), EVERY_S, atol=1e-8)
+    np.testing.assert_allclose(np.gradient(found.q, EVERY_S, axis=0)[1:-1], found.dq[1:-1], atol=2e-3)
+
+
 def test_too_short_a_motion_teaches_nothing():
     short = samples(motion(PUSH, there_and_back=False)[0]).part(slice(0, 20))
     assert learn_own_torques(ARM, [short]) is None
