@@ -139,9 +139,11 @@ def _build(
     view_after = load_frame(after, frame, camera)  # type: ignore[arg-type]
     views = _all_depth(view_before, view_after, [load_frame(path, frame, camera) for path in between])  # type: ignore[arg-type]
     step("estimating the joint")
+    from s2r_host.perception.estimate import UP
     from s2r_host.perception.verdict import KNOWN_TO, VAGUELY
 
     known_to = VAGUELY if vague else KNOWN_TO
+    up = None if frame == "camera" else UP  # a camera's z leads into the picture, whatever way is up
     asked = None
     if network is not False and frame != "camera":
         from s2r_host.perception.pair_network import PairNetworkRuntime
@@ -152,13 +154,13 @@ def _build(
 
         estimate = estimate_joint(
             view_before, view_after, region=box, joint_type=joint_type,  # type: ignore[arg-type]
-            known_to=known_to, network=asked, seed=seed,
+            up=up, known_to=known_to, network=asked, seed=seed,
         )  # fmt: skip
         if between:
             from s2r_host.perception.between import refined_between
 
             step(f"refining it by {len(between)} views from between")
-            estimate = refined_between(estimate, views[0], views[1], views[2:], region=box, seed=seed)
+            estimate = refined_between(estimate, views[0], views[1], views[2:], region=box, up=up, seed=seed)
         return _build_one(estimate, out, frame, seed, step)
     from s2r_host.perception.several import estimate_joints
 
@@ -171,6 +173,7 @@ def _build(
         view_after,
         region=box,
         joint_type=joint_type,
+        up=up,
         known_to=known_to,
         network=asked,
         seed=seed,

@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from s2r_host.model.cli import build_model, parse_region
+from s2r_host.perception import AbstainError, estimate, several
 from s2r_protocol.exits import UsageError
 
 
@@ -58,6 +59,29 @@ def test_a_cloud_without_a_camera_beside_a_depth_image_is_refused_by_its_option(
     views = ["--before", str(tmp_path / "a.npz"), "--after", str(tmp_path / "b.ply")]
     said = CliRunner().invoke(build_model, [*views, "--out", str(tmp_path / "o")]).stderr
     assert "--after is a cloud without a camera and the other view has one" in said
+
+
+@pytest.mark.parametrize("more", [[], ["--several"]])
+@pytest.mark.parametrize(("frame", "told"), [("base", [0.0, 0.0, 1.0]), ("camera", None)])
+def test_in_a_cameras_frame_nothing_tells_what_is_up(tmp_path, monkeypatch, frame, told, more):
+    """Its z leads into the picture: hinges of a lid would be told as upright or level against that."""
+    K = np.array([[70.0, 0, 40], [0, 70.0, 30], [0, 0, 1]])
+    for name, z_m in (("a", 0.8), ("b", 0.7)):
+        np.savez(
+            tmp_path / f"{name}.npz", depth=np.full((60, 80), z_m, np.float32), K=K, T_base_camera=np.eye(4)
+        )
+    given = []
+
+    def estimated(*_, up, **__):
+        given.append(up)
+        raise AbstainError("asked")
+
+    monkeypatch.setattr(estimate, "estimate_joint", estimated)
+    monkeypatch.setattr(several, "estimate_joints", estimated)
+    views = ["--before", str(tmp_path / "a.npz"), "--after", str(tmp_path / "b.npz"), "--no-network"]
+    CliRunner().invoke(build_model, [*views, "--frame", frame, "--out", str(tmp_path / "o"), *more])
+    assert len(given) == 1
+    assert (None if given[0] is None else given[0].tolist()) == told
 
 
 def test_a_view_is_not_replaced_by_the_picture_of_its_name(tmp_path):
