@@ -101,7 +101,7 @@ def structure(scene: Scene, rng: np.random.Generator, up: Array | None = None) -
 
 
 def axes(shape: Structure) -> list[Axis]:
-    """All candidate axes, duplicates within 4 degrees and 15 mm removed."""
+    """All candidate axes, each once: see `_distinct`."""
     found = _slides(shape) + _crossings(shape) + _edges(shape)
     found += [Axis("revolute", one.centre, one.direction, "round body") for one in shape.columns]
     found += _across_columns(shape) + shape.thin_axes + _pivots(shape)
