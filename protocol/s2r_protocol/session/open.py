@@ -10,7 +10,6 @@ from __future__ import annotations
 import datetime
 import ipaddress
 import json
-import logging
 import re
 import stat
 from collections.abc import Sequence
@@ -25,7 +24,6 @@ from s2r_protocol.keys import ArmKeys
 from s2r_protocol.session.access import access_control
 from s2r_protocol.session.tls import Role, TlsFiles
 
-logger = logging.getLogger(__name__)
 SOON = datetime.timedelta(days=7)
 
 _LOCAL_PROTOCOLS = ("unixsock-stream", "unixpipe")
@@ -164,6 +162,9 @@ def _config(settings: dict[str, Any], role: Role, keys: ArmKeys, tls: Path | Non
 @cache  # once per process: a host opens several sessions with one certificate
 def _warn(files: TlsFiles, ends: datetime.datetime) -> None:
     """Tell what still works and should not stay so."""
+    import logging  # not on the way to a stop
+
+    logger = logging.getLogger(__name__)
     if files.key.stat().st_mode & stat.S_IROTH:
         logger.warning(
             "%s can be read by every user of this machine, who then may do what '%s' may: chmod 400 %s",
