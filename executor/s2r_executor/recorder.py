@@ -59,9 +59,8 @@ class RecordingLoss:
 class _State:
     """What other threads may ask about, guarded by one lock."""
 
-    answers: OrderedDict[int, RecordingAnswer] = field(
-        default_factory=OrderedDict
-    )  # plan number, oldest first
+    # By plan number, oldest first.
+    answers: OrderedDict[int, RecordingAnswer] = field(default_factory=OrderedDict)
     session_path: Path | None = None
     dropped_ticks: int = 0  # never reached the writer
     lost_ticks: int = 0  # reached it, but not the disk

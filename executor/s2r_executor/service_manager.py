@@ -50,9 +50,7 @@ class ServiceManager:
                 line.settimeout(wait_s)
                 line.sendto(text.encode(), address)
             self._reached = True
-        except (
-            OSError
-        ) as error:  # it went away or is busy: no reason to drop the arm, nor to fall silent for good
+        except OSError as error:  # gone or busy: no reason to drop the arm, nor to fall silent for good
             if self._reached:
                 logger.warning("service manager not reached at %s: %s", self._address, error)
             self._reached = False

@@ -190,15 +190,12 @@ def _against_first(
     plan: Replayable, settings: ReplaySettings, sent: Trajectory, recording: bytes, seq: int
 ) -> Comparison:
     again = plan_track(recording, seq)
-    if plan.first is None and settings.step_s == 0.0:
-        q_sent = sent.sample(again.t)[0]
-        return Comparison(again.t, q_sent, q_sent, again.q)
     # Pauses at the steps are none of the plan.
     t = plan_time_at(recording, seq, again.stamp_ns) if settings.step_s > 0.0 else again.t
     if plan.first is None:
-        paused = _on(again, t)
-        q_sent = sent.sample(paused.t)[0]
-        return Comparison(paused.t, q_sent, q_sent, paused.q)
+        played = _on(again, t)
+        q_sent = sent.sample(played.t)[0]
+        return Comparison(played.t, q_sent, q_sent, played.q)
     mapped = path_time(t, settings.t_start, settings.speed, plan.trajectory.duration_s)
     return compare(plan.trajectory, plan.first, _on(again, mapped))
 

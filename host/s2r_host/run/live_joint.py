@@ -101,9 +101,7 @@ class LiveJoint(threading.Thread):
             with ThreadPoolExecutor(1, "s2r-live-frame") as taking:
                 while not self._ended.is_set():
                     self._look(taking)
-        except (
-            Exception
-        ) as error:  # whatever it is: the arm goes on, and what was seen last must not stay in force
+        except Exception as error:  # the arm goes on, and what was seen last must not stay in force
             said = str(error) if isinstance(error, S2RError) else f"{type(error).__name__}: {error}"
             logger.info("the part is no longer followed", exc_info=True)
             self.problem = said

@@ -27,10 +27,8 @@ logging.getLogger("toppra").setLevel(logging.ERROR)
 
 _WINDOWS_S = (0.04, 0.08, 0.15, 0.25, 0.4)
 _PROFILE_DT_S = 0.004
-_GRID, _FINEST_GRID = (
-    201,
-    1000,
-)  # where TOPP-RA looks; in more places where a long path has corners to be seen
+# Places at which TOPP-RA looks: more where a long path has corners to be seen.
+_GRID, _FINEST_GRID = 201, 1000
 # Of a profile: a way of hundredths of a milliradian is done in less than one interval of it.
 _LEAST_SAMPLES = 4
 _MIN_KNOT_DT_S = 0.008

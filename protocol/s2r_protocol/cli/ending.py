@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable, Mapping
 from types import FrameType
 from typing import Any
-
-from s2r_protocol.cli.terminal import print_to_nowhere
 
 Handler = Callable[[int, FrameType | None], object]
 
@@ -19,16 +16,9 @@ def hear(handler: Handler) -> Mapping[int, Any]:
     Returns:
         What was there before, by signal, for :func:`restore`.
     """
-    terminals = [stream for stream in (1, 2) if os.isatty(stream)]
-
-    def hang_up(number: int, frame: FrameType | None) -> None:
-        # Every line printed to a terminal that is gone is an error, in the middle of bringing an arm to rest.
-        print_to_nowhere(*terminals)
-        handler(number, frame)
-
     handlers: dict[int, Handler] = {signal.SIGINT: handler, signal.SIGTERM: handler}
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        handlers[signal.SIGHUP] = hang_up
+        handlers[signal.SIGHUP] = handler
     return {number: signal.signal(number, one) for number, one in handlers.items()}
 
 

@@ -15,14 +15,6 @@ if TYPE_CHECKING:
 STREAMS = {"stdout": 1, "stderr": 2}
 
 
-def print_to_nowhere(*streams: int) -> None:
-    """Have file descriptors write to nowhere from now on."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in streams:
-        os.dup2(nowhere, stream)
-    os.close(nowhere)
-
-
 class _Terminal(io.FileIO):
     """A terminal's file descriptor whose writes go to nowhere once the terminal is gone."""
 
@@ -32,12 +24,15 @@ class _Terminal(io.FileIO):
         except OSError as error:
             if error.errno != errno.EIO:
                 raise
-            print_to_nowhere(self.fileno())
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self.fileno())
+            os.close(nowhere)
             return super().write(data)
 
 
 def outlive_the_terminal() -> None:
-    """Let ``sys.stdout`` and ``sys.stderr`` outlive their terminal.
+    """Let ``sys.stdout`` and ``sys.stderr`` outlive their terminal: a line that fails must not keep an arm from coming
+    to rest.
 
     Whoever started the command is told by SIGHUP that the terminal is gone, a background job of a shell that has
     forgotten it (``disown``) is not, and the signal may come a moment after the first line that fails.
