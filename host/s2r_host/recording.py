@@ -9,15 +9,16 @@ from __future__ import annotations
 import io
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
 
 from s2r_host.errors import RecordingError
@@ -193,9 +194,7 @@ class RunRecorder:
         """
         count = 0
         try:
-            for schema, channel, message in make_reader(io.BytesIO(mcap)).iter_messages():
-                if schema is None:
-                    continue
+            for schema, channel, message in _in_time(io.BytesIO(mcap)):
                 key = (channel.topic, schema.name)
                 if key not in self._channels:
                     if schema.name not in self._schemas:
@@ -256,7 +255,7 @@ def read_plans(path: Path) -> list[RecordedPlan]:
     Raises:
         RecordingError: The file is missing, damaged or holds no plan.
     """
-    trajectories = [unpack(TRAJECTORY, data) for _, _, data in _messages(path, TRAJECTORY)]
+    trajectories = [found.unpack() for found in _read(path, TRAJECTORY)]
     notes = [note for note in read_notes(path) if note["kind"] == "plan"]
     if not trajectories:
         raise RecordingError(f"{path} holds no plan; was the run stopped before the first motion?")
@@ -269,8 +268,7 @@ def read_notes(path: Path) -> list[dict[str, Any]]:
     Raises:
         RecordingError: The file is missing or damaged.
     """
-    texts = [unpack(TEXT, data)["data"] for topic, _, data in _messages(path, TEXT) if topic.endswith("/run")]
-    return [json.loads(text) for text in texts]
+    return [json.loads(found.unpack()["data"]) for found in _read(path, TEXT) if found.topic.endswith("/run")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,18 +295,7 @@ def joint_track(recording: Path | bytes, topic_end: str = "joint_states") -> Joi
     Raises:
         RecordingError: The recording is damaged or has no such topic.
     """
-    rows = [
-        (log_time, unpack(JOINT_STATE, data))
-        for topic, log_time, data in _messages(recording, JOINT_STATE)
-        if topic.endswith("/" + topic_end)
-    ]
-    if not rows:
-        raise RecordingError(f"the recording has no messages on a topic that ends with '{topic_end}'")
-    stamps = np.array([_stamp_ns(body) for _, body in rows])
-    order = np.argsort(stamps, kind="stable")
-    q = np.array([body["position"] for _, body in rows])
-    dq = np.array([body["velocity"] for _, body in rows])
-    return JointTrack(stamps[order], q[order], dq[order])
+    return _track(_read(recording, JOINT_STATE), topic_end)
 
 
 def plan_track(recording: Path | bytes, plan_seq: int, topic_end: str = "joint_states") -> JointTrack:
@@ -317,9 +304,10 @@ def plan_track(recording: Path | bytes, plan_seq: int, topic_end: str = "joint_s
     Raises:
         RecordingError: The recording is damaged or that plan is not in it.
     """
-    during = _plan_times(recording, plan_seq)
+    messages = _read(recording, STATE, JOINT_STATE)
+    during = _plan_times(messages, plan_seq)
     first, last = during[0], during[-1]
-    whole = joint_track(recording, topic_end)
+    whole = _track(messages, topic_end)
     inside = (whole.stamp_ns >= first[0]) & (whole.stamp_ns <= last[0])
     return JointTrack(whole.stamp_ns[inside], whole.q[inside], whole.dq[inside], first[1])
 
@@ -330,19 +318,50 @@ def plan_time_at(recording: Path | bytes, plan_seq: int, stamp_ns: np.ndarray) -
     Raises:
         RecordingError: The recording is damaged or that plan is not in it.
     """
-    stamps, t = zip(*_plan_times(recording, plan_seq), strict=True)
+    stamps, t = zip(*_plan_times(_read(recording, STATE), plan_seq), strict=True)
     return np.interp(stamp_ns - stamps[0], np.array(stamps) - stamps[0], t)
 
 
-def _plan_times(recording: Path | bytes, plan_seq: int) -> list[tuple[int, float]]:
+class _Found(NamedTuple):
+    """A message of a recording."""
+
+    type_name: str
+    topic: str
+    data: bytes
+
+    def unpack(self) -> dict[str, Any]:
+        return unpack(self.type_name, self.data)
+
+
+def _track(messages: Sequence[_Found], topic_end: str) -> JointTrack:
+    """Joints over time.
+
+    Raises:
+        RecordingError: There is no such topic.
+    """
+    rows = [
+        found.unpack()
+        for found in messages
+        if found.type_name == JOINT_STATE and found.topic.endswith("/" + topic_end)
+    ]
+    if not rows:
+        raise RecordingError(f"the recording has no messages on a topic that ends with '{topic_end}'")
+    stamps = np.array([_stamp_ns(body) for body in rows])
+    order = np.argsort(stamps, kind="stable")
+    q = np.array([body["position"] for body in rows])
+    dq = np.array([body["velocity"] for body in rows])
+    return JointTrack(stamps[order], q[order], dq[order])
+
+
+def _plan_times(messages: Sequence[_Found], plan_seq: int) -> list[tuple[int, float]]:
     """(stamp [ns], plan time [s]) of every state during a plan, in order, at least one.
 
     Raises:
-        RecordingError: There is none, or the recording is damaged.
+        RecordingError: There is none.
     """
     during = [
         (_stamp_ns(body), float(body["plan_t"]))
-        for body in (unpack(STATE, data) for _, _, data in _messages(recording, STATE))
+        for body in (found.unpack() for found in messages if found.type_name == STATE)
         if int(body["plan_seq"]) == plan_seq
     ]
     if not during:
@@ -355,19 +374,38 @@ def _stamp_ns(body: Mapping[str, Any]) -> int:
     return int(time_of["sec"]) * 1_000_000_000 + int(time_of["nanosec"])
 
 
-def _messages(recording: Path | bytes, type_name: str) -> Iterator[tuple[str, int, bytes]]:
+def _read(recording: Path | bytes, *type_names: str) -> list[_Found]:
+    """Messages of these types in the order of their times.
+
+    Raises:
+        RecordingError: The recording is missing or damaged.
+    """
     try:
         stream = io.BytesIO(recording) if isinstance(recording, bytes) else recording.open("rb")
     except OSError as error:
         raise RecordingError(f"recording {recording}: {error.strerror}") from error
     with stream:
         try:
-            for schema, channel, message in make_reader(stream).iter_messages():
-                if schema is not None and schema.name == type_name:
-                    yield channel.topic, message.log_time, message.data
+            return [
+                _Found(schema.name, channel.topic, message.data)
+                for schema, channel, message in _in_time(stream, type_names)
+            ]
         except (McapError, EOFError) as error:
             name = "recording" if isinstance(recording, bytes) else str(recording)
             raise RecordingError(f"{name} is damaged: {error}; mend it with 's2r log recover'") from error
+
+
+def _in_time(stream: IO[bytes], type_names: Sequence[str] = ()) -> list[tuple[Schema, Channel, Message]]:
+    """Messages of these types, or all that have one, in the order of their times.
+
+    Sorted here: the library's own order is kept by a queue that compares in Python, at more than the cost of reading.
+    """
+    found = [
+        (schema, channel, message)
+        for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False)
+        if schema is not None and (not type_names or schema.name in type_names)
+    ]
+    return sorted(found, key=lambda one: one[2].log_time)
 
 
 def _recorded_plan(body: Mapping[str, Any], note: Mapping[str, Any]) -> RecordedPlan:

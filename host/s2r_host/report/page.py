@@ -283,7 +283,7 @@ def _joints(record: RunRecord) -> str:
             if found is None
             else f"largest difference {1e3 * float(np.abs(found[1]).max()):.2f} mrad"
         )
-        picture = inline_png(joints_figure(motion, names), f"joints of {motion.label}")
+        picture = inline_png(joints_figure(motion, names, found), f"joints of {motion.label}")
         blocks.append(f"<h3>{escape(motion.label)} <span class='note'>({text})</span></h3>{picture}")
     note = '<p class="note">Executed: measured joint positions from the executor\'s recording, one sample per tick.</p>'
     return section("Joints, planned and executed", note + "".join(blocks))

@@ -27,9 +27,10 @@ def tracking_error(executed: Executed) -> tuple[JointTrack, np.ndarray] | None:
     return track, track.q - executed.trajectory.sample(track.t)[0]
 
 
-def joints_figure(executed: Executed, joint_names: Sequence[str]) -> Figure:
-    """One column per joint: planned and executed above, their difference below."""
-    found = tracking_error(executed)
+def joints_figure(
+    executed: Executed, joint_names: Sequence[str], found: tuple[JointTrack, np.ndarray] | None
+) -> Figure:
+    """One column per joint: planned and executed above, their difference below, as :func:`tracking_error` has it."""
     with mpl.rc_context(RC):
         figure = Figure(figsize=(12.5, 4.2), layout="constrained")
         grid = figure.subplots(2, len(joint_names), sharex=True, height_ratios=[2.2, 1.0])

@@ -140,7 +140,7 @@ def test_the_legend_of_the_joints_lies_on_no_curve():
         duration_s=1.0, sample=lambda t: (np.tile(np.sin(9 * t)[:, None], 7), None, None)
     )
     executed: Any = SimpleNamespace(trajectory=trajectory, recording=None)
-    figure = joints_figure(executed, [f"joint{i}" for i in range(1, 8)])
+    figure = joints_figure(executed, [f"joint{i}" for i in range(1, 8)], None)
     figure.draw_without_rendering()
     (legend,) = figure.legends
     box = legend.get_window_extent()
