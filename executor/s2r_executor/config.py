@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from s2r_protocol.arms.clearance import SHAPE_INFLATION_M
 from s2r_protocol.exits import UsageError
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ class AdmissionConfig(_Strict):
     torque_margin: Share = 0.1
     max_payload_kg: NotNegative = 3.0
     sample_step_s: Positive = 0.01
-    collision_inflation_m: Positive = 0.005
+    collision_inflation_m: Positive = SHAPE_INFLATION_M
     table_z_m: Finite | None = 0.0
     fingertip_table_margin_m: NotNegative = 0.005
     keep_out: tuple[BoxZone, ...] = ()

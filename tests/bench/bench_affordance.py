@@ -29,7 +29,8 @@ from typing import Any
 import numpy as np
 
 from s2r_host.errors import SceneError
-from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
+from s2r_host.motion.fingertip import CLOSED_GRIPPER
+from s2r_host.motion.push_proposals import PushProposal
 from s2r_host.motion.scene import observed_scene
 from s2r_host.perception.affordance import WEIGHTS, Affordance, PushNetworkRuntime
 from s2r_host.perception.errors import BadViewError
@@ -138,9 +139,8 @@ def pushes_of_run(task: Task, frame: DepthFrame, rng: np.random.Generator) -> li
 def as_run_does(proposal: PushProposal) -> Push:
     """A push of the arm's fingertip as one of the flying finger: same first touch, way and tilt."""
     R, d = proposal.X_base_tool[:3, :3], proposal.direction
-    ahead = abs(R[:, 0] @ d) * TIP_WIDTH_M / 2 + abs(R[:, 1] @ d) * TIP_DEPTH_M / 2
     travel = float(np.linalg.norm(proposal.p_end - proposal.p_contact))
-    return Push(proposal.p_contact + ahead * d, d, travel, R[:, 2])
+    return Push(proposal.p_contact + CLOSED_GRIPPER.ahead_m(R, d) * d, d, travel, R[:, 2])
 
 
 def shows(label: np.ndarray, frame: DepthFrame, point: np.ndarray) -> int:

@@ -12,17 +12,21 @@ import pinocchio as pin
 
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.obstacles import Obstacle
+from s2r_protocol.arms.clearance import LINKS_APART_M
 
 LARGEST_STEP_M = 0.01
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """Distances to keep [m]. ``tip_m`` is the fingertip's, None when it is allowed to touch."""
+    """Distances to keep [m]. ``tip_m`` is the fingertip's, None when it is allowed to touch.
+
+    ``self_m`` is a little more than admission asks for: what is nearer would be refused when it is sent.
+    """
 
     obstacle_m: float = 0.015
     table_m: float = 0.01
-    self_m: float = 0.005
+    self_m: float = LINKS_APART_M + 5e-4
     tip_m: float | None = 0.01
 
 

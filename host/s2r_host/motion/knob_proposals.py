@@ -14,8 +14,9 @@ from itertools import product
 
 import numpy as np
 
+from s2r_host.motion.fingertip import CLOSED_GRIPPER, Fingertip
 from s2r_host.motion.lever_proposals import DOWN
-from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
+from s2r_host.motion.push_proposals import PushProposal
 from s2r_host.perception.knob_outline import KnobOutline
 
 
@@ -33,6 +34,7 @@ class KnobPushSettings:
         beside_m: Least way between fingertip and hub.
         overlap_m: Of fingertip and spoke at the end of the turn.
         leans: Of the finger from upright, outwards from the knob or along the push.
+        tip: Of the finger that pushes.
     """
 
     turn_rad: float = 0.35
@@ -44,6 +46,7 @@ class KnobPushSettings:
     beside_m: float = 0.002
     overlap_m: float = 0.003
     leans: tuple[float, ...] = (0.0, 0.3, 0.6)
+    tip: Fingertip = CLOSED_GRIPPER
 
 
 def knob_proposals(outline: KnobOutline, settings: KnobPushSettings | None = None) -> Iterator[PushProposal]:
@@ -67,7 +70,8 @@ def _pushes(
     settings: KnobPushSettings,
 ) -> Iterator[PushProposal]:
     """The finger points along ``z``, its wide or its narrow side across the push, either way round."""
-    along, across = (TIP_WIDTH_M, TIP_DEPTH_M) if wide else (TIP_DEPTH_M, TIP_WIDTH_M)
+    tip = settings.tip
+    along, across = (tip.width_m, tip.depth_m) if wide else (tip.depth_m, tip.width_m)
     turn = min(settings.turn_rad, settings.most_share * outline.pitch)
     inner = max(outline.hub_m + settings.beside_m, outline.reach_m * np.cos(turn) - settings.overlap_m)
     depth = turn * inner + settings.give_m

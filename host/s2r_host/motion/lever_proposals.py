@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
+from s2r_host.motion.fingertip import CLOSED_GRIPPER, Fingertip
 from s2r_host.motion.lever_axes import LeverAxis
 from s2r_host.motion.levers import LeverCandidate
-from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
+from s2r_host.motion.push_proposals import PushProposal
 
 DOWN = np.array([0.0, 0.0, -1.0])
 SHORTEST = 0.3  # of a finger's axis before it is made a unit vector
@@ -33,6 +34,7 @@ class LeverPushSettings:
         leans: Share of "down" in the finger's axis; the rest points along the push, from outside to the body, or
             outwards: the only way to reach what leads away from the arm.
         highest: Sine by which the finger may point upwards.
+        tip: Of the finger that pushes.
     """
 
     turn_rad: float = 0.43
@@ -43,6 +45,7 @@ class LeverPushSettings:
     below_m: float = 0.012
     leans: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
     highest: float = -0.1
+    tip: Fingertip = CLOSED_GRIPPER
 
 
 # After all others: below or beside a spout only so much has room, with the hand level with the lever or below it, too.
@@ -63,7 +66,7 @@ def lever_proposals(
     """
     settings = settings or LeverPushSettings()
     line = axis.way(lever.p_tip)
-    for one in (settings, SHORT):
+    for one in (settings, replace(SHORT, tip=settings.tip)):
         for place, lean, direction in product(one.places, one.leans, (line, -line)):
             for level in (direction, -lever.outward, lever.outward):
                 z = lean * DOWN + (1.0 - abs(lean)) * level
@@ -89,8 +92,7 @@ def _pushes(
     if abs(z @ direction) < SIDEWAYS:
         point = point + settings.below_m * z
     for R in _rolls(z, direction, lever.outward):
-        ahead = abs(R[:, 0] @ direction) * TIP_WIDTH_M / 2 + abs(R[:, 1] @ direction) * TIP_DEPTH_M / 2
-        p_contact = point - ahead * direction
+        p_contact = point - settings.tip.ahead_m(R, direction) * direction
         X = np.eye(4)
         X[:3, :3] = R
         X[:3, 3] = p_contact - settings.standoff_m * direction

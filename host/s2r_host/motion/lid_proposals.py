@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_host.motion.fingertip import CLOSED_GRIPPER, Fingertip
 from s2r_host.motion.lid import Lid
-from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
+from s2r_host.motion.push_proposals import PushProposal
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class LidPushSettings:
         least_angle_rad: Lids less open than this are not pushed further shut.
         safe_open_rad: Up to here every lid is believed to open.
         least_facing: Least cosine between the seen face and the ray to the camera that the second view needs.
+        tip: Of the finger that pushes.
     """
 
     turn_rad: float = 0.4
@@ -45,6 +47,7 @@ class LidPushSettings:
     least_angle_rad: float = 0.7
     safe_open_rad: float = 1.75
     least_facing: float = 0.15
+    tip: Fingertip = CLOSED_GRIPPER
 
 
 def lid_proposals(lid: Lid, settings: LidPushSettings | None = None) -> Iterator[PushProposal]:
@@ -79,11 +82,7 @@ def _pushes(lid: Lid, sign: float, settings: LidPushSettings) -> Iterator[PushPr
             for share in settings.across:
                 point = face + share * lid.width_m * lid.along + height * lid.up
                 for R in _rolls(z, lid.along):
-                    ahead = (
-                        abs(R[:, 0] @ direction) * TIP_WIDTH_M / 2
-                        + abs(R[:, 1] @ direction) * TIP_DEPTH_M / 2
-                    )
-                    p_contact = point - ahead * direction
+                    p_contact = point - settings.tip.ahead_m(R, direction) * direction
                     X = np.eye(4)
                     X[:3, :3] = R
                     X[:3, 3] = p_contact - settings.standoff_m * direction

@@ -9,13 +9,11 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
+from s2r_host.motion.fingertip import CLOSED_GRIPPER, Fingertip
 from s2r_host.motion.front import Front
 
-TIP_WIDTH_M = 0.027
-TIP_DEPTH_M = 0.015
 FIRST_POINTS = 4
 HANDLE_FACE_M = 0.006  # how far below its outermost points a handle still counts as its face
-EDGE_ON = 1e-6  # a side of the fingertip that is parallel to the push has no foremost end
 
 
 @dataclass(frozen=True)
@@ -30,6 +28,7 @@ class PushSettings:
     tilts_rad: tuple[float, ...] = (1.1, 0.85, 1.3, 0.6, 0.3)
     turns_rad: tuple[float, ...] = (0.0, 0.35, -0.35)
     rolls_rad: tuple[float, ...] = (0.0, 0.5 * np.pi)
+    tip: Fingertip = CLOSED_GRIPPER
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +104,11 @@ def push_proposals(
         for R in _approaches(direction, settings):
             for point in some:
                 # On a plane it does not matter which corner touches.
-                corner = _foremost_corner(R, direction) @ direction * direction
+                corner = settings.tip.foremost_corner(R, direction) @ direction * direction
                 yield _proposal(R, point - corner, direction, settings)
     for R in _approaches(direction, settings):
         for point in handle_points(front):
-            yield _proposal(R, point - _foremost_corner(R, direction), direction, settings)
+            yield _proposal(R, point - settings.tip.foremost_corner(R, direction), direction, settings)
 
 
 def _approaches(direction: np.ndarray, settings: PushSettings) -> Iterator[np.ndarray]:
@@ -124,15 +123,6 @@ def _proposal(
     X[:3, :3] = R_base_tool
     X[:3, 3] = p_contact - settings.standoff_m * direction
     return PushProposal(X, p_contact, p_contact + settings.depth_m * direction, direction)
-
-
-def _foremost_corner(R_base_tool: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """From the tool frame's origin to the part of the fingertip's end that is foremost along the push [m], (3,)."""
-    corner = np.zeros(3)
-    for axis, size in zip(R_base_tool.T, (TIP_WIDTH_M, TIP_DEPTH_M), strict=False):
-        if abs(axis @ direction) > EDGE_ON:
-            corner += 0.5 * size * np.sign(axis @ direction) * axis
-    return corner
 
 
 def _spaced(count: int, at_most: int) -> np.ndarray:

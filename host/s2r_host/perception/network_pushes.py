@@ -13,7 +13,8 @@ from itertools import product
 
 import numpy as np
 
-from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M, PushProposal
+from s2r_host.motion.fingertip import CLOSED_GRIPPER, Fingertip
+from s2r_host.motion.push_proposals import PushProposal
 from s2r_host.perception.affordance import Affordance, PushNetworkRuntime
 from s2r_host.perception.affordance import PushProposal as NetworkPush
 from s2r_host.perception.frames import DepthFrame
@@ -32,6 +33,7 @@ class NetworkPushSettings:
         steepest_z: Fingers whose axis points less downwards than this come from below; they are left out.
         least_likelihood: Pushes the network believes in less are not offered.
         first: So many pushes are offered in every posture before the others are.
+        tip: Of the finger that pushes.
     """
 
     depth_m: float = 0.08
@@ -40,6 +42,7 @@ class NetworkPushSettings:
     steepest_z: float = -0.05
     least_likelihood: float = 0.2
     first: int = 8
+    tip: Fingertip = CLOSED_GRIPPER
 
 
 def push_proposals_from_network(
@@ -91,8 +94,7 @@ def _postures(push: NetworkPush, lean: float, settings: NetworkPushSettings) -> 
         return
     z = z / length
     for R in _rolls(z):
-        ahead = abs(R[:, 0] @ d) * TIP_WIDTH_M / 2 + abs(R[:, 1] @ d) * TIP_DEPTH_M / 2
-        p_contact = np.asarray(push.point, dtype=float) - ahead * d
+        p_contact = np.asarray(push.point, dtype=float) - settings.tip.ahead_m(R, d) * d
         X = np.eye(4)
         X[:3, :3] = R
         X[:3, 3] = p_contact - settings.standoff_m * d

@@ -9,6 +9,7 @@ from itertools import islice, tee
 import numpy as np
 
 from s2r_host.errors import ArmStoppedError, NoMotionError, SceneError
+from s2r_host.motion.fingertip import fingertip_of
 from s2r_host.motion.front import find_front
 from s2r_host.motion.lid import find_lid
 from s2r_host.motion.lid_proposals import lid_proposals
@@ -111,7 +112,8 @@ def prepare_push(
         TrajectoryError: A motion cannot be timed.
     """
     settings = session.settings
-    offered = pushables(settings, view.scene, _without_arm(view), session.rng, earlier, knobs)
+    of_tip = settings.pushed_by(fingertip_of(session.arm))
+    offered = pushables(of_tip, view.scene, _without_arm(view), session.rng, earlier, knobs)
     pushable, motion = _reachable(session, offered, skip)
     paths: list[tuple[np.ndarray, str, float, float]] = [
         (motion.approach, f"push {number}: approach", settings.travel_speed, FREE),

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from s2r_host.motion.bars import as_bar
 from s2r_host.motion.facing import find_facing
 from s2r_host.motion.hubs import find_hubs
-from s2r_host.motion.knob_proposals import knob_proposals
+from s2r_host.motion.knob_proposals import KnobPushSettings, knob_proposals
 from s2r_host.motion.knobs import Knob, find_knobs
 from s2r_host.motion.lever_axes import UP, LeverAxis, level_axis, upright_axis, with_room_first
 from s2r_host.motion.lever_proposals import LeverPushSettings, lever_proposals
@@ -87,7 +87,8 @@ def lever_guesses(
     ]
     knobs = [knob for knob in find_knobs(scene) if not any(one.covers(knob.p).any() for one in outlined)]
     guesses += [_about_knob(knob, found, settings.lever_push) for knob in knobs]
-    shown = [guess for one in outlined if (guess := _about_outlined(one, scene, found)) is not None]
+    pushes = KnobPushSettings(tip=settings.lever_push.tip)
+    shown = [guess for one in outlined if (guess := _about_outlined(one, scene, found, pushes)) is not None]
     facing = find_facing(scene, [one.p for one in levers])
     guesses += [_about_facing(lever, found, settings.lever_push) for lever in facing]
     known = [one.p for one in (*levers, *facing, *knobs, *shown)]
@@ -157,7 +158,9 @@ def _about_spokes(knob: Knob, weight: float, by_shape: float, settings: LeverPus
     return Guess(knob.p, line, weight, by_shape, pushes, p_axis=knob.p_axis, turns=True)
 
 
-def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Guess | None:
+def _about_outlined(
+    outline: KnobOutline, scene: Scene, found: Affordance, settings: KnobPushSettings
+) -> Guess | None:
     """A knob whose outline is known; None where the view shows nothing of it."""
     p = scene.p_base[outline.covers(scene.p_base)]
     if len(p) < LEAST_POINTS:
@@ -167,7 +170,9 @@ def _about_outlined(outline: KnobOutline, scene: Scene, found: Affordance) -> Gu
     angle = outline.angle
     line = np.array([-np.sin(angle), np.cos(angle), 0.0])
     weight, by_shape = odds * (UNDECIDED + belief), odds * 2.0 * UNDECIDED
-    return Guess(p, line, weight, by_shape, knob_proposals(outline), p_axis=outline.p_axis, turns=True)
+    return Guess(
+        p, line, weight, by_shape, knob_proposals(outline, settings), p_axis=outline.p_axis, turns=True
+    )
 
 
 def _about_hub(lever: LeverCandidate, found: Affordance, settings: LeverPushSettings) -> Guess:

@@ -11,6 +11,7 @@ import numpy as np
 
 from s2r_protocol.arms import ArmDescription, load_arm
 from s2r_protocol.arms.bus_range import off_bus
+from s2r_protocol.arms.clearance import LINKS_APART_M
 from s2r_protocol.cli.findings import print_findings
 from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.machine import Finding, Level
@@ -23,7 +24,6 @@ _LONGEST_OFFSET_M = 3.0  # the longest link of an arm that stands on a table is 
 _FARTHEST_LIMIT_RAD = 10 * np.pi  # no cable takes more turns; most limits in degrees are farther
 _CERTIFICATE_DAYS = 365
 _HOLDING_SHARE = 0.9  # what admission leaves of a torque limit
-_LINKS_APART_M = 0.01  # admission makes every shape 5 mm thicker (admission.collision_inflation_m)
 
 
 def check_machine(bus: str = "", packing: str = "fd") -> list[Finding]:
@@ -109,8 +109,8 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
         findings.append(
             Finding("tool", Level.PROBLEM, f"tool link '{link}' has no shape", "describe the fingertip")
         )
-    if not any(s.name.startswith("finger_") for s in arm.source.shapes):
-        text = "no shape is named finger_*: nothing may touch the object"
+    if not any(s.name.startswith("finger") for s in arm.source.shapes):
+        text = "no shape's name begins with 'finger': nothing may touch the object"
         fix = "name the fingertip's shapes finger_left, …"
         findings.append(Finding("fingertip", Level.PROBLEM, text, fix))
     return [*findings, _offsets(arm), _angles(arm), *_bus(arm), *_home_pose(arm)]
@@ -156,10 +156,10 @@ def _home_pose(arm: ArmDescription) -> list[Finding]:
     apart = []
     if nearest is not None:
         first, second, distance_m = nearest
-        close = distance_m <= _LINKS_APART_M + 1e-4
+        close = distance_m <= LINKS_APART_M + 1e-4
         text = f"'{first}' and '{second}' are the nearest links at home, {1e3 * distance_m:.3g} mm apart"
         fix = (
-            f"the executor refuses every motion from there: more than {1e3 * _LINKS_APART_M:.0f} mm must be between "
+            f"the executor refuses every motion from there: more than {1e3 * LINKS_APART_M:.0f} mm must be between "
             "links; choose another home pose or smaller shapes, or name in collision_exclude a pair that touches by "
             "construction"
         )

@@ -7,11 +7,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from s2r_executor.config import AdmissionConfig
 from s2r_host.errors import EmptyCloudError, NoMotionError, SceneError
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.cartesian import straight_line
 from s2r_host.motion.collision import Clearance, CollisionChecker
 from s2r_host.motion.escape import _ways_back, _ways_out, plan_escape
+from s2r_host.motion.fingertip import CLOSED_GRIPPER, Fingertip, fingertip_of
 from s2r_host.motion.front import Front, find_front
 from s2r_host.motion.inverse import InverseKinematics, seeds_around
 from s2r_host.motion.joint_motion import plan_joint_motion
@@ -210,6 +212,25 @@ def test_proposals_touch_the_plane_with_their_foremost_corner(scene):
         ahead = max(corner @ proposal.direction for corner in corners)
         assert ahead == pytest.approx(-front.offset_m, abs=1e-9)
         assert np.linalg.norm(proposal.p_end - proposal.p_contact) == pytest.approx(0.045)
+
+
+def test_the_fingertip_is_as_large_as_the_arms_description_says(arm):
+    shipped = fingertip_of(arm)
+    assert shipped.width_m == pytest.approx(CLOSED_GRIPPER.width_m, abs=1e-4)
+    assert shipped.depth_m == pytest.approx(CLOSED_GRIPPER.depth_m, abs=1e-4)
+    round_one = fingertip_of(ArmModel(load_arm(str(SIX_JOINT_ARM))))
+    assert (round_one.width_m, round_one.depth_m) == pytest.approx((0.016, 0.016))  # a rod of 8 mm radius
+
+
+def test_a_wider_fingertip_begins_its_push_further_back():
+    front = find_front(drawer_scene()[0])
+    narrow, wide = (
+        next(push_proposals(front, PushSettings(tip=tip))) for tip in (Fingertip(), Fingertip(0.06, 0.05))
+    )
+    R, direction = narrow.X_base_tool[:3, :3], narrow.direction
+    further_m = abs(R[:, 0] @ direction) * 0.033 / 2 + abs(R[:, 1] @ direction) * 0.035 / 2
+    assert further_m > 0.005
+    assert (narrow.p_contact - wide.p_contact) @ direction == pytest.approx(further_m)
 
 
 def test_a_handle_is_pressed_on_its_outermost_face_last(scene):
@@ -437,3 +458,7 @@ def test_a_base_of_another_name_may_stand_on_the_table(tmp_path):
     (tmp_path / "arm.yaml").write_text(text.replace("[base, upper_arm]", "[foot, upper_arm]"))
     six = ArmModel(load_arm(tmp_path))
     assert CollisionChecker(six, (table_obstacle(),)).touching(six.arm.q_home) is None
+
+
+def test_links_stay_as_far_from_each_other_as_admission_asks_for():
+    assert Clearance().self_m > 2 * AdmissionConfig().collision_inflation_m

@@ -20,7 +20,6 @@ from s2r_host.motion.bars import as_bar
 from s2r_host.motion.knob_proposals import KnobPushSettings, knob_proposals
 from s2r_host.motion.lever_axes import UP
 from s2r_host.motion.levers import find_levers
-from s2r_host.motion.push_proposals import TIP_DEPTH_M, TIP_WIDTH_M
 from s2r_host.motion.robot_mask import back_project
 from s2r_host.motion.scene import Scene, observed_scene
 from s2r_host.perception.affordance import Affordance
@@ -223,10 +222,7 @@ def test_the_fingertip_passes_the_hub_and_overlaps_the_spoke() -> None:
     for push in pushes:
         out = push.p_contact - outline.p_axis
         radial = np.array([out[0], out[1], 0.0]) - (out @ push.direction) * push.direction
-        half = 0.5 * (
-            TIP_WIDTH_M * abs(push.X_base_tool[:3, 0] @ radial)
-            + TIP_DEPTH_M * abs(push.X_base_tool[:3, 1] @ radial)
-        ) / np.linalg.norm(radial)  # fmt: skip
+        half = settings.tip.ahead_m(push.X_base_tool[:3, :3], radial / np.linalg.norm(radial))
         assert abs(push.direction[2]) < 1e-9
         assert np.linalg.norm(radial) - half >= outline.hub_m + settings.beside_m - 1e-3
         assert np.linalg.norm(radial) - half <= outline.reach_m - settings.overlap_m + 1e-3

@@ -89,5 +89,5 @@ def test_an_arm_without_a_named_fingertip_is_told_what_to_do(tmp_path):
     result = CliRunner().invoke(module.doctor, ["--arm", str(tmp_path), "--json"], standalone_mode=False)
     assert result.return_value == 2
     problems = {f["topic"]: f for f in json.loads(result.output) if f["level"] == "problem"}
-    assert "finger_*" in problems["fingertip"]["text"]
+    assert "'finger'" in problems["fingertip"]["text"]
     assert problems["shapes"]["text"] == "no collision shape on: link5"
