@@ -51,7 +51,7 @@ def ablations(pairs: tuple[str, ...], page: Path, remarks: Path | None) -> None:
     comparisons = [*corrected.values(), *comparisons]
     told = " ".join(f"--pair '{entry.partition('=')[0]}=BASE,DIR'" for entry in pairs)
     text = remarks.read_text() if remarks is not None else ""
-    write_page(comparisons, page, f"s2r bench ablations {told} --page docs/ablations.md", text)
+    write_page(comparisons, page, f"s2r bench ablations {told} --page {page}", text)
     for found in comparisons:
         one = found[-1]
         ours, changed = (100 * relative(rows, FIRST).mean() for rows in (one.ours, one.changed))
