@@ -27,8 +27,12 @@ def read_table(path: Path, arm: ArmDescription) -> Trajectory:
             that do not rise; the text names the line.
     """
     header, rows = _read(path)
-    kinds = [kind for kind in _KINDS if any(name.startswith(f"{kind}.") for name in header)]
-    wanted = ["t", *(f"{kind}.{joint}" for kind in kinds or _KINDS[:1] for joint in arm.joint_names)]
+    # Each kind is of no use without those before it, and would be taken for one of them.
+    last = max(
+        (k for k, kind in enumerate(_KINDS) if any(n.startswith(f"{kind}.") for n in header)), default=0
+    )
+    kinds = _KINDS[: last + 1]
+    wanted = ["t", *(f"{kind}.{joint}" for kind in kinds for joint in arm.joint_names)]
     missing = [name for name in wanted if name not in header]
     if missing:
         raise RecordingError(

@@ -271,6 +271,16 @@ def test_a_table_that_is_no_trajectory_is_refused_by_column_or_line(tmp_path, tr
         read_source(file, ARM)
 
 
+@pytest.mark.parametrize("lost", ["q", "dq"])
+def test_a_table_does_not_pass_off_velocities_or_accelerations_as_another_kind(tmp_path, trajectory, lost):
+    file = write_knots_csv(tmp_path / "knots.csv", trajectory, NAMES)
+    header, *rows = [line.split(",") for line in file.read_text().splitlines()]
+    keep = [i for i, name in enumerate(header) if not name.startswith(f"{lost}.")]
+    file.write_text("".join(",".join(line[i] for i in keep) + "\n" for line in (header, *rows)))
+    with pytest.raises(RecordingError, match=rf"no column {lost}\.joint1"):
+        read_source(file, ARM)
+
+
 def test_an_executors_session_names_the_plans_beside_it(tmp_path):
     session = tmp_path / "session-20261128T010203Z.mcap"
     with RunRecorder(session, "/lab/xmate3pro", NAMES) as recorder:
