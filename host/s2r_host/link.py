@@ -352,17 +352,28 @@ class ExecutorLink:
             stalled_s: Largest wall time without a new tick [s].
 
         Raises:
-            ArmStoppedError: The plan was stopped by a protection or on request.
-            PeerUnreachableError: The executor fell silent, or the heartbeat has ended.
+            ArmStoppedError: The plan was stopped by a protection or on request, also before it began.
+            PeerUnreachableError: The executor fell silent or was started again, or the heartbeat has ended.
         """
+        boot_id = self.identity.boot_id
 
         def done(now: SeenState) -> bool:
             self._require_heartbeat()
-            if now.plan_seq != verdict.seq:
+            if now.state in MOVING:
                 return False
-            if now.plan_done and now.state == ExecutorState.HOLD:
+            if now.plan_seq != verdict.seq:
+                # Published before it began, or it never will: only an answer tells.
+                identity, now = self._greet(self._timeout_s)
+                if identity.boot_id != boot_id:
+                    raise PeerUnreachableError(
+                        f"the executor at {self._endpoint} was started again during plan {verdict.seq}, of which it "
+                        "knows nothing: the arm stopped on the way; look at it, then start again"
+                    )
+                if now.state in MOVING:
+                    return False
+            if now.plan_seq == verdict.seq and now.plan_done and now.state == ExecutorState.HOLD:
                 return True
-            if now.state not in MOVING and now.epoch != verdict.epoch:  # every stop bumps the epoch
+            if now.epoch != verdict.epoch:  # every stop bumps the epoch
                 raise stop_error(now)
             return False
 

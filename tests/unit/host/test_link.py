@@ -427,6 +427,25 @@ def test_executor_that_dies_during_a_plan_is_noticed(executor, link, path):
         link.wait_done(verdict)
 
 
+def test_an_executor_that_was_started_again_during_a_plan_is_noticed(executor, link, path):
+    """Its clock goes on, and what was sent to the one before it never ends there."""
+    verdict = link.send_plan(path, "push")
+    executor.boot_id, executor.status.plan_seq = 78, 0
+    executor.status.epoch, executor.status.state = 1, ExecutorState.DISARMED
+    with pytest.raises(PeerUnreachableError, match=f"started again during plan {verdict.seq}"):
+        link.wait_done(verdict)
+
+
+def test_a_stop_before_a_plan_takes_over_ends_the_wait_for_it(executor, link, path):
+    """The executor goes on to name the plan that played."""
+    running = link.send_plan(path, "push")
+    waiting = link.send_plan(path, "corrected push", running=running, splice_t=0.5)
+    executor.status.plan_seq, executor.status.epoch = running.seq, waiting.epoch + 1
+    executor.finish(cause=Cause.STOP_REQUESTED)
+    with pytest.raises(ArmStoppedError, match="STOP_REQUESTED"):
+        link.wait_done(waiting)
+
+
 def test_clock_that_stands_still_is_noticed(executor, link, path):
     verdict = link.send_plan(path, "push")
     executor.ticking = False
