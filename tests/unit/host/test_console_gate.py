@@ -9,9 +9,11 @@ import sqlite3
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import zenoh
 
 from s2r_host.console.feed import Health
 from s2r_host.console.gate import Address, ConsoleAddressError, Gate, Request, judge
@@ -202,6 +204,19 @@ def test_a_console_with_the_monitors_certificate_refuses_to_stop_even_beside_the
     assert not viewer.can_stop
     assert Operator(endpoint, load_arm("xmate3pro"), ArmKeys(), tmp_path).can_stop
     assert Operator(endpoint, load_arm("xmate3pro"), ArmKeys(), view_only=True).can_stop
+
+
+def test_a_stop_over_a_link_that_is_just_being_closed_goes_over_a_new_one(operator, monkeypatch):
+    """As when the executor falls silent in the moment of the click: what Zenoh raises then is no error of ours."""
+
+    class Closed:
+        def stop(self):
+            raise zenoh.ZError("session closed")
+
+    operator._link = Closed()
+    sent = SimpleNamespace(epoch=8), SimpleNamespace()
+    monkeypatch.setattr("s2r_host.console.operator.send_stop", lambda *_: sent)
+    assert operator.stop() == "stop accepted (epoch 8)"
 
 
 def test_a_run_is_repeated_with_its_own_options_in_other_places(tmp_path):
