@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from s2r_host.cli_stop import send_stop
-from s2r_host.errors import PeerUnreachableError
+from s2r_host.errors import CommandRefusedError, PeerUnreachableError
 from s2r_host.link import ExecutorLink
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.exits import RefusedError, S2RError
+from s2r_protocol.faults import Refusal
 from s2r_protocol.keys import ArmKeys
 
 logger = logging.getLogger(__name__)
@@ -167,7 +168,14 @@ class Operator:
             else:
                 self._on_link(_take_lease)
                 self._leased = True
-            return self._on_link(act)
+            try:
+                return self._on_link(act)
+            except CommandRefusedError as error:
+                if (
+                    error.code == Refusal.NO_LEASE
+                ):  # lost by silence: control is to be taken anew, and with it the lease
+                    self._drop_link()
+                raise
 
     def require(self, browser: int) -> None:
         """Check that a browser has control.

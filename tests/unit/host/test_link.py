@@ -14,6 +14,7 @@ import zenoh
 from click.testing import CliRunner
 
 from s2r_host.cli_stop import send_stop, stop
+from s2r_host.console.operator import Operator
 from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedError, PeerUnreachableError
 from s2r_host.link import ExecutorLink
 from s2r_host.link_observations import JOINTS, STATE
@@ -580,6 +581,24 @@ def test_recording_is_put_together_from_its_chunks(executor, link):
 def test_missing_recording_is_refused_with_the_reason(executor, link):
     with pytest.raises(CommandRefusedError, match="no such plan"):
         link.recording(9)
+
+
+def test_a_console_whose_lease_ended_by_silence_takes_it_anew(executor, arm):
+    """As on a machine that was suspended: the page has control, the executor has taken the lease away."""
+    operator = Operator(executor.endpoint, arm, ArmKeys())
+    with contextlib.closing(operator):
+        operator.take_control(1)
+        operator.command(1, lambda link: link.arm_drives())
+        answer = executor.on_control
+        executor.on_control = lambda envelope: pb.Verdict(code=Refusal.NO_LEASE, reason="it lost the lease")
+        with pytest.raises(CommandRefusedError, match="lost the lease"):
+            operator.command(1, lambda link: link.pause())
+        executor.on_control = answer
+        assert (operator.controller, operator.has_lease) == (None, False)
+        executor.status.lease_holder = ""
+        operator.take_control(1)
+        assert executor.status.lease_holder != ""
+        operator.command(1, lambda link: link.pause())
 
 
 def test_stop_needs_no_lease(executor):
