@@ -50,9 +50,26 @@ class GapScreen:
             return
         folder = self._context.runs_root / str(self._choice.value)
         try:
-            self._html.content = gap_markup(read_answer(folder / "gap.json"), folder)
+            self._html.content = answer_markup(folder)
         except RecordingError as error:
             self._html.content = ui.block(ui.line(str(error), ui.BAD))
+
+
+def answer_markup(folder: Path) -> str:
+    """The answer in a folder as a page.
+
+    Raises:
+        RecordingError: There is none, or it has another form, as that of another release may have.
+    """
+    path = folder / "gap.json"
+    answer = read_answer(path)
+    try:
+        return gap_markup(answer, folder)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise RecordingError(
+            f"{path} is no answer of 's2r gap' as this release writes it ({type(error).__name__}: {error}); "
+            f"look at {folder / 'report.html'}, or ask 's2r gap' again"
+        ) from error
 
 
 def read_answer(path: Path) -> dict[str, Any]:

@@ -1,0 +1,41 @@
+"""The console's page without a browser: what is on it, and what a click does."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+
+import pytest
+
+from s2r_host.console.app import Console
+from s2r_protocol.arms import load_arm
+from s2r_protocol.keys import ArmKeys
+
+ARM = load_arm("xmate3pro")
+
+
+@pytest.fixture
+def opened(tmp_path):
+    """``opened()`` makes a console that no executor answers and no browser looks at, on runs in ``tmp_path``."""
+    nobody = "tcp/127.0.0.1:1"
+    with contextlib.ExitStack() as ends:
+        yield lambda: ends.enter_context(
+            contextlib.closing(Console(ARM, ArmKeys("lab", ARM.name), nobody, nobody, tmp_path))
+        )
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        {"verdict": "physics_missing", "where": [{}], "effects": []},
+        {"verdict": "physics_missing", "where": [], "effects": [{"name": "play"}]},
+        {"verdict": "physics_missing", "where": {}, "effects": 3},
+        {"verdict": "unknown", "where": [], "effects": [], "fit": []},
+    ],
+)
+def test_a_gap_answer_of_another_release_is_told_and_the_page_lives(opened, tmp_path, answer):
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old/gap.json").write_text(json.dumps(answer))
+    page = opened()
+    assert "is no answer of &#x27;s2r gap&#x27; as this release writes it" in page._gap._html.content
+    page._slow()
