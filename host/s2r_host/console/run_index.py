@@ -91,12 +91,16 @@ class RunIndex:
             mtime = path.stat().st_mtime
             if mtime in (known.get(folder), self._left_out.get(folder)):
                 continue
-            row = _row(path, mtime)
-            if row is None:
-                self._left_out[folder] = mtime
-            else:
-                changed += 1
+            try:
+                row = _row(path, mtime)
                 self._database.execute(f"REPLACE INTO runs VALUES ({','.join('?' * len(row))})", row)
+                changed += 1
+            except (OSError, ValueError, LookupError, TypeError, OverflowError) as error:
+                self._left_out[folder] = mtime
+                what = f"{type(error).__name__}: {error}"
+                logger.warning(
+                    "%s", f"{path} is left out of the index: {what}".encode(errors="replace").decode()
+                )
         self._database.commit()
         return changed + len(gone)
 
@@ -131,30 +135,26 @@ def _run_files(root: Path) -> list[Path]:
     return [path for pattern in patterns for path in root.glob(pattern)]
 
 
-def _row(path: Path, mtime: float) -> tuple[Any, ...] | None:
-    try:
-        run = json.loads(path.read_text())
-        settings = run["inputs"]["settings"]
-        return (
-            str(path.parent),
-            mtime,
-            mtime,
-            str(run["task"]),
-            str(run["arm"]["name"]),
-            str(run.get("unit", "m")),
-            None if run["s_target"] is None else run["s_target"] - run.get("s_origin", 0.0),
-            run["delta"],
-            int(run["exit"]["code"]),
-            str(run["exit"]["name"]),
-            str(run["exit"]["reason"]),
-            len(run["verdicts"]),
-            float(run["wall_s"]),
-            int(settings["seed"]),
-            json.dumps(run["inputs"]["arguments"]),
-        )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        logger.warning("%s is left out of the index: %s: %s", path, type(error).__name__, error)
-        return None
+def _row(path: Path, mtime: float) -> tuple[Any, ...]:
+    run = json.loads(path.read_text(encoding="utf-8"))
+    settings = run["inputs"]["settings"]
+    return (
+        str(path.parent),
+        mtime,
+        mtime,
+        str(run["task"]),
+        str(run["arm"]["name"]),
+        str(run.get("unit", "m")),
+        None if run["s_target"] is None else run["s_target"] - run.get("s_origin", 0.0),
+        None if run["delta"] is None else float(run["delta"]),
+        int(run["exit"]["code"]),
+        str(run["exit"]["name"]),
+        str(run["exit"]["reason"]),
+        len(run["verdicts"]),
+        float(run["wall_s"]),
+        int(settings["seed"]),
+        json.dumps([str(word) for word in run["inputs"]["arguments"]]),
+    )
 
 
 def _entry(row: tuple[Any, ...]) -> RunEntry:

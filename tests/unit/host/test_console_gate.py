@@ -32,6 +32,11 @@ from s2r_protocol.session.certificates import make_certificates
 TOKEN = "0123456789abcdef"
 LAN = Address("0.0.0.0", 7450, TOKEN)
 LOCAL = Address("127.0.0.1", 7450)
+RUN = {
+    "task": "drawer", "s_target": 0.1, "delta": None, "verdicts": [], "wall_s": 1.0,
+    "arm": {"name": "a"}, "exit": {"code": 0, "name": "OK", "reason": ""},
+    "inputs": {"settings": {"seed": 0}, "arguments": []},
+}  # fmt: skip
 
 
 def request(target="/", **headers):
@@ -242,12 +247,8 @@ def test_a_lid_is_listed_in_degrees_also_where_an_older_index_lies(tmp_path):
     older.execute("CREATE TABLE runs (folder TEXT PRIMARY KEY, mtime REAL)")
     older.close()
     (tmp_path / "lid").mkdir()
-    run = {
-        "task": "laptop", "unit": "rad", "s_target": -0.5, "delta": None, "verdicts": [], "wall_s": 1.0,
-        "arm": {"name": "a"}, "exit": {"code": 0, "name": "OK", "reason": ""},
-        "inputs": {"settings": {"seed": 0}, "arguments": []},
-    }  # fmt: skip
-    (tmp_path / "lid/run.json").write_text(json.dumps(run))
+    lid = RUN | {"task": "laptop", "unit": "rad", "s_target": -0.5}
+    (tmp_path / "lid/run.json").write_text(json.dumps(lid))
     index = RunIndex(tmp_path)
     index.refresh()
     (entry,) = index.find()
@@ -255,6 +256,31 @@ def test_a_lid_is_listed_in_degrees_also_where_an_older_index_lies(tmp_path):
     assert joint_value(entry.target, entry.unit) == "-28.6°"
     assert joint_value(entry.delta, entry.unit) == "–"
     assert joint_value(0.15, "m") == "+150.0 mm"
+
+
+@pytest.mark.parametrize(
+    ("folder", "other"),
+    [
+        ("old", {"delta": [0.1]}),
+        ("old", {"delta": "0.1 mm"}),
+        ("old", {"exit": {"code": 0, "name": "OK", "reason": "\ud800"}}),
+        ("old", {"inputs": {"settings": {"seed": 1 << 70}, "arguments": []}}),
+        ("old", {"inputs": {"settings": {"seed": 0}, "arguments": None}}),
+        ("old", {"verdicts": 3}),
+        (os.fsdecode(b"sch\xfcblade"), {}),  # of a disk that was written in another encoding
+    ],
+)
+def test_one_run_that_cannot_be_listed_hides_no_other(tmp_path, caplog, folder, other):
+    for name, run in (("first", RUN), (folder, RUN | other)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "run.json").write_text(json.dumps(run))
+    index = RunIndex(tmp_path)
+    for _ in range(2):
+        index.refresh()
+        assert [entry.name for entry in index.find()] == ["first"]
+    index.close()
+    assert len(caplog.records) == 1
+    assert "run.json is left out of the index" in caplog.text
 
 
 def no_file(place: Path) -> None:
@@ -274,12 +300,7 @@ def read_only(place: Path) -> None:
 @pytest.mark.parametrize("spoil", [no_file, damaged, read_only])
 def test_runs_are_shown_where_their_index_cannot_be_kept(tmp_path, monkeypatch, caplog, spoil):
     (tmp_path / "first").mkdir()
-    run = {
-        "task": "drawer", "s_target": 0.1, "delta": None, "verdicts": [], "wall_s": 1.0,
-        "arm": {"name": "a"}, "exit": {"code": 0, "name": "OK", "reason": ""},
-        "inputs": {"settings": {"seed": 0}, "arguments": []},
-    }  # fmt: skip
-    (tmp_path / "first/run.json").write_text(json.dumps(run))
+    (tmp_path / "first/run.json").write_text(json.dumps(RUN))
     spoil(tmp_path / "index.sqlite")
     connect = sqlite3.connect
     if spoil is read_only:  # root may write where the file's mode forbids it
