@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,9 +27,11 @@ CREATE TABLE IF NOT EXISTS runs (
 class RunEntry:
     """One run.
 
-    ``target`` and ``delta`` [``unit``: m or rad] are None if it did not get that far; ``ended`` is Unix time.
+    ``target`` and ``delta`` [``unit``: m or rad] are None if it did not get that far; ``ended`` is Unix time. ``name``
+    is its folder below the runs, for lists: two runs may be called alike, in folders of two days.
     """
 
+    name: str
     folder: Path
     ended: float
     task: str
@@ -43,11 +46,6 @@ class RunEntry:
     wall_s: float
     seed: int
     arguments: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """Shown in lists: the folder's name, with its parent's where it is called "run"."""
-        return self.folder.name if self.folder.name != "run" else f"{self.folder.parent.name}/run"
 
 
 class RunIndex:
@@ -114,7 +112,7 @@ class RunIndex:
         if clauses:
             query += " WHERE " + " AND ".join(clauses)
         rows = self._database.execute(f"{query} ORDER BY ended DESC LIMIT ?", [*values, limit]).fetchall()
-        return [_entry(row) for row in rows]
+        return [_entry(row, self.root) for row in rows]
 
     def close(self) -> None:
         """Close the database."""
@@ -157,9 +155,9 @@ def _row(path: Path, mtime: float) -> tuple[Any, ...]:
     )
 
 
-def _entry(row: tuple[Any, ...]) -> RunEntry:
+def _entry(row: tuple[Any, ...], root: Path) -> RunEntry:
     folder, _, ended, task, arm, unit, target, delta, code, outcome, reason, plans, wall_s, seed, told = row
     return RunEntry(
-        Path(folder), ended, task, arm, unit, target, delta, code, outcome, reason, plans, wall_s, seed,
-        tuple(json.loads(told)),
+        os.path.relpath(folder, root), Path(folder), ended, task, arm, unit, target, delta, code, outcome, reason,
+        plans, wall_s, seed, tuple(json.loads(told)),
     )  # fmt: skip

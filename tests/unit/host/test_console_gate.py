@@ -283,6 +283,18 @@ def test_one_run_that_cannot_be_listed_hides_no_other(tmp_path, caplog, folder, 
     assert "run.json is left out of the index" in caplog.text
 
 
+def test_runs_that_are_called_alike_are_told_apart(tmp_path):
+    for name in ("monday/drawer", "tuesday/drawer", "drawer"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "run.json").write_text(json.dumps(RUN))
+    index = RunIndex(tmp_path)
+    index.refresh()
+    assert {entry.name: entry.folder for entry in index.find()} == {
+        name: tmp_path / name for name in ("monday/drawer", "tuesday/drawer", "drawer")
+    }
+    index.close()
+
+
 def no_file(place: Path) -> None:
     place.mkdir()
 
