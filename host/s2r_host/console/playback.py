@@ -33,10 +33,15 @@ class Playback:
         """The recording on show; None while the live arm is."""
         return self._opened
 
-    def open(self, opened: Opened | None) -> None:
-        """Show a recording from its start, or the live arm again."""
+    @property
+    def t(self) -> float:
+        """The time shown [s]."""
+        return self._t
+
+    def open(self, opened: Opened | None, t: float = 0.0) -> None:
+        """Show a recording at a time [s], or the live arm again."""
         with self._lock:
-            self._opened, self._t = opened, 0.0
+            self._opened, self._t = opened, t
 
     def seek(self, t: float) -> None:
         """Show another time [s]."""

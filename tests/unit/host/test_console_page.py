@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import json
 
+import numpy as np
 import pytest
 
 from s2r_host.console.app import Console
+from s2r_host.console.playback import Opened
 from s2r_protocol.arms import load_arm
 from s2r_protocol.keys import ArmKeys
 
@@ -39,3 +41,18 @@ def test_a_gap_answer_of_another_release_is_told_and_the_page_lives(opened, tmp_
     page = opened()
     assert "is no answer of &#x27;s2r gap&#x27; as this release writes it" in page._gap._html.content
     page._slow()
+
+
+def test_from_a_comparison_there_is_a_way_back_to_the_live_arm(opened):
+    page = opened()
+    screen, playback = page._runs_screen, page._context.playback
+    t = np.linspace(0.0, 2.0, 5)
+    playback.open(
+        Opened("manipulation 1", t, np.zeros((5, 7)), None), 1.5
+    )  # as 'Jump to the worst in 3D' does
+    page._write()
+    assert (screen._live.visible, screen._time.visible) == (True, True)
+    assert (screen._time.max, screen._time.value) == (2.0, 1.5)
+    playback.open(None)
+    page._write()
+    assert (screen._live.visible, screen._time.visible) == (False, False)

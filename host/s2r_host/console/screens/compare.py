@@ -121,7 +121,6 @@ class CompareScreen:
         if motion is None:
             raise RefusedError("compare two runs first")
         joint, t_s, _ = motion.worst
-        self._context.playback.open(Opened(motion.label, motion.t, motion.q_a, motion.q_b))
-        self._context.playback.seek(t_s)
+        self._context.playback.open(Opened(motion.label, motion.t, motion.q_a, motion.q_b), t_s)
         name = self._context.arm.joint_names[joint]
         return f"{name} at {t_s:.2f} s; solid: first, blue: second. 'Back to the live arm' is on screen Runs."

@@ -10,7 +10,7 @@ import viser
 from s2r_host.console import markup as ui
 from s2r_host.console.context import Context, Event, browser_of
 from s2r_host.console.live_run import sight_of
-from s2r_host.console.playback import packed
+from s2r_host.console.playback import Opened, packed
 from s2r_host.console.run_index import RunEntry
 from s2r_host.console.scene import Axis
 from s2r_host.errors import RecordingError
@@ -55,6 +55,7 @@ class RunsScreen:
         context.on_click(again, self._again)
         context.on_click(self._cancel_job, self._cancel)
         self._entries: dict[str, RunEntry] = {}
+        self._on_show: Opened | None = None
         self.refresh_list()
 
     def refresh_list(self) -> None:
@@ -90,9 +91,15 @@ class RunsScreen:
         words = str(self._filter.value).strip()
         return f"no run matches '{words}'" if words else f"no runs below {self._context.runs_root} yet"
 
-    def refresh_job(self) -> None:
-        """The end of the job's output."""
-        jobs = self._context.jobs
+    def refresh_texts(self) -> None:
+        """The time of the recording on show, whichever screen has opened it, and the end of the job's output."""
+        playback, jobs = self._context.playback, self._context.jobs
+        if playback.opened is not self._on_show:
+            self._on_show = opened = playback.opened
+            self._time.visible = self._live.visible = opened is not None
+            if opened is not None:
+                self._time.max = max(float(opened.t[-1]), 0.02)
+                self._time.value = playback.t
         if self._cancel_job.visible != jobs.running:
             self._cancel_job.visible = jobs.running
         lines = "\n".join(jobs.lines[-14:])
@@ -140,16 +147,12 @@ class RunsScreen:
             self._context.scene.show_cloud(sight.cloud, sight.colours)
         if sight.axis is not None:
             self._context.scene.show_axis(Axis(*sight.axis))
-        self._time.max = max(float(opened.t[-1]), 0.02)
-        self._time.value = 0.0
-        self._time.visible = self._live.visible = True
         self._context.playback.open(opened)
         return f"{entry.name}: {opened.t[-1]:.1f} s of motion; move the time slider"
 
     def _back(self, event: Event) -> None:
         self._context.playback.open(None)
         self._context.scene.clear_object()
-        self._time.visible = self._live.visible = False
 
     def _replay(self, event: Event) -> str:
         entry = self.entry()
