@@ -135,9 +135,9 @@ class Console:
             icon=viser.Icon.HAND_STOP,
             disabled=not self._operator.can_stop,
         )
-        context.on_click(stop, self._stop)
+        stop.on_click(context.at_once("STOP", self._stop))
         command = gui.add_command("STOP (software stop)", hotkey="space", icon=viser.Icon.HAND_STOP)
-        command.on_trigger(context.guarded("STOP", self._stop))  # type: ignore[arg-type]
+        command.on_trigger(context.at_once("STOP", self._stop))  # type: ignore[arg-type]
         gui.add_html(
             ui.styles()
             + ui.block(ui.line("Software, no performance level: the emergency stop is hardware.", size_px=12))
@@ -214,7 +214,7 @@ class Console:
             self._header.content = content
         self._run.refresh(self._sight)
         self._joints.refresh()
-        self._runs_screen.refresh_job()
+        self._runs_screen.refresh_texts()
 
     def _slow(self) -> None:
         self._keep_connected()

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
+import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from viser._messages import CommandTriggerMessage, GuiUpdateMessage
 
-from s2r_host.console.app import Console
+from s2r_host.console.app import STOP_LABEL, Console
 from s2r_host.console.playback import Opened
 from s2r_protocol.arms import load_arm
 from s2r_protocol.keys import ArmKeys
@@ -56,3 +60,26 @@ def test_from_a_comparison_there_is_a_way_back_to_the_live_arm(opened):
     playback.open(None)
     page._write()
     assert (screen._live.visible, screen._time.visible) == (False, False)
+
+
+@pytest.mark.parametrize("how", ["click", "space"])
+def test_stop_does_not_wait_for_what_was_asked_before(opened, monkeypatch, how):
+    """viser carries out 32 actions at a time; a drag of the speed slider behind a slow command asks for more."""
+    page, stopped, go_on = opened(), threading.Event(), threading.Event()
+    monkeypatch.setattr(page._operator, "stop", stopped.set)
+    gui, pool = page._server.gui, page._server._thread_executor
+    monkeypatch.setattr(gui, "_resolve_client", lambda client_id: SimpleNamespace(add_notification=print))
+    for _ in range(40):
+        pool.submit(go_on.wait, 60.0)
+    if how == "click":
+        (stop,) = (
+            b for b in gui._gui_input_handle_from_uuid.values() if getattr(b, "label", "") == STOP_LABEL
+        )
+        clicked = GuiUpdateMessage(stop._impl.uuid, {"value": True})
+        asyncio.run_coroutine_threadsafe(gui._handle_gui_updates(1, clicked), page._server._event_loop)
+    else:
+        (stop,) = gui._command_handle_from_uuid.values()
+        pressed = CommandTriggerMessage(stop._impl.uuid)
+        asyncio.run_coroutine_threadsafe(gui._handle_command_trigger(1, pressed), page._server._event_loop)
+    assert stopped.wait(10.0)
+    go_on.set()
