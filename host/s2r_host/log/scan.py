@@ -23,7 +23,7 @@ from mcap.records import (
     Metadata,
     Schema,
 )
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from s2r_host.errors import RecordingError
@@ -97,7 +97,8 @@ class Scan:
         if isinstance(record, Chunk):
             try:
                 inner = breakup_chunk(record, validate_crc=True)
-            except (McapError, CRCValidationError, ZstdError, EOFError, ValueError, struct.error) as error:
+            # LZ4's errors are bare RuntimeErrors.
+            except (McapError, ZstdError, RuntimeError, EOFError, ValueError, struct.error) as error:
                 self.damage.chunks += 1
                 self.damage.reason = self.damage.reason or f"chunk: {error}"
                 return

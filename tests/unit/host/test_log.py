@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.recorder_files import FileSettings, RecordingFiles
@@ -215,6 +215,25 @@ def test_a_damaged_chunk_costs_only_itself(whole, tmp_path):
     assert saved.damage.chunks == 1
     joints = read_recording(saved.path).joints()
     assert joints.stamp_ns[-1] == read_recording(whole).joints().stamp_ns[-1]
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_a_damaged_chunk_is_told_however_it_is_compressed(tmp_path, compression):
+    """As in recordings of others."""
+    file, rng = tmp_path / "other.mcap", np.random.default_rng(5)
+    with file.open("wb") as stream:
+        writer = Writer(stream, chunk_size=4096, compression=compression)
+        writer.start(profile="ros2")
+        channel = writer.register_channel("/x", "json", 0)
+        for k in range(500):
+            writer.add_message(channel, k, b'{"x": %d}' % k, k)
+        writer.finish()
+    data = file.read_bytes()
+    for place in rng.integers(200, 3000, 40):
+        broken = bytearray(data)
+        broken[place] ^= 0x55
+        file.write_bytes(broken)
+        assert check(file).problems
 
 
 def test_what_is_no_recording_is_refused_by_name(tmp_path):
