@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from s2r_host.errors import RecordingError
-from s2r_host.log.tables import Recording, Topic, read_recording
+from s2r_host.log.tables import Recording, Topic, joints_of, read_recording
 from s2r_protocol.ros2 import CdrError, unpack
 from s2r_protocol.ros2.definitions import UnknownMessageTypeError, message_type
 
@@ -132,7 +132,7 @@ def _numbers(recording: Recording) -> list[str]:
     found = []
     for topic in recording.of_type("sensor_msgs/msg/JointState"):
         try:
-            joints = recording.joints(topic.short)
+            joints = joints_of(topic, str(recording.path))
         except (RecordingError, CdrError) as error:
             found.append(str(error))
             continue

@@ -27,6 +27,7 @@ from s2r_host.log.recover import recover
 from s2r_host.log.segments import segments
 from s2r_host.log.tables import read_recording
 from s2r_host.log.view import write_html
+from s2r_host.recording import JOINT_STATE, RunRecorder, stamp
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.root import main
 from s2r_protocol.exits import ExitCode, UsageError
@@ -300,6 +301,21 @@ def test_parquet_and_csv_hold_every_tick_with_units_in_the_names(whole, tmp_path
     assert len(lines) == 1701
     assert '"tau_Nm.joint7"' in lines[0]
     assert len(written) == 3
+
+
+def two_arms(file: Path, of_right: float) -> Path:
+    """A recording of two arms in one cell; ``of_right`` is a joint value of the second [rad]."""
+    with RunRecorder(file, "/lab/left", ("a",)) as recorder:
+        for side, q in (("left", 1.0), ("right", of_right)):
+            recorder._namespace = f"/lab/{side}"
+            body = {"header": {"stamp": stamp(OFFSET_NS)}, "name": ("a",), "position": [q], "velocity": [0.0]}
+            recorder._put("joint_states", JOINT_STATE, body, OFFSET_NS)
+    return file
+
+
+def test_numbers_of_every_arm_are_checked(tmp_path):
+    problems = check(two_arms(tmp_path / "two.mcap", np.nan)).problems
+    assert problems == ["/lab/right/joint_states: positions hold NaN or infinity"]
 
 
 def test_the_lerobot_dataset_is_read_by_an_independent_reader(whole, tmp_path):
