@@ -28,6 +28,7 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
         RecordingError: A message cannot be decoded, or no topic is a table; then there is no folder either.
     """
     written, left_out = [], []
+    stems = _file_stems([topic.name for topic in recording.topics.values() if topic.messages])
     for topic in recording.topics.values():
         if not topic.messages:
             continue
@@ -36,7 +37,7 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
             left_out.append(topic.name)
             continue
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{_file_stem(topic.name)}.{kind}"
+        path = folder / f"{stems[topic.name]}.{kind}"
         table = pa.table({name: pa.array(values) for name, values in columns.items()})
         if kind == "parquet":
             facts = {
@@ -56,8 +57,11 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
     return written, left_out
 
 
-def _file_stem(topic: str) -> str:
-    return "__".join(topic.strip("/").split("/")[2:]) or topic.strip("/").replace("/", "__")
+def _file_stems(topics: list[str]) -> dict[str, str]:
+    """File name of each topic: without cell and arm, unless topics of several would be one file."""
+    whole = {topic: topic.strip("/").replace("/", "__") for topic in topics}
+    short = {topic: "__".join(topic.strip("/").split("/")[2:]) or whole[topic] for topic in topics}
+    return short if len(set(short.values())) == len(topics) else whole
 
 
 def parquet_joints(path: Path) -> dict[str, np.ndarray]:

@@ -313,6 +313,13 @@ def two_arms(file: Path, of_right: float) -> Path:
     return file
 
 
+def test_tables_of_two_arms_do_not_replace_each_other(tmp_path):
+    recording = read_recording(two_arms(tmp_path / "two.mcap", 2.0))
+    written, _ = export_tables(recording, tmp_path / "tables", "parquet")
+    assert [path.stem for path in written] == ["lab__left__joint_states", "lab__right__joint_states"]
+    assert [float(parquet_joints(path)["q_rad.a"][0]) for path in written] == [1.0, 2.0]
+
+
 def test_numbers_of_every_arm_are_checked(tmp_path):
     problems = check(two_arms(tmp_path / "two.mcap", np.nan)).problems
     assert problems == ["/lab/right/joint_states: positions hold NaN or infinity"]
