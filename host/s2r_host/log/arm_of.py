@@ -1,9 +1,9 @@
-"""Which arm a recording is of: from its own metadata, with the shipped descriptions as a library."""
+"""Which arm a recording is of: from its own metadata, with the shipped descriptions as a library; and its joints."""
 
 from __future__ import annotations
 
 from s2r_host.errors import RecordingError
-from s2r_host.log.tables import Recording
+from s2r_host.log.tables import Joints, Recording
 from s2r_protocol.arms import ArmDescription, load_arm, shipped_arms
 
 
@@ -30,3 +30,18 @@ def arm_of(recording: Recording, name: str | None = None) -> ArmDescription:
         f"{recording.path} is of the arm {facts.get('arm', 'without a name')!r}, which is not one of "
         f"{', '.join(shipped_arms())}; give its folder with --arm DIR"
     )
+
+
+def in_arms_order(joints: Joints, arm: ArmDescription, recording: Recording) -> Joints:
+    """Joint states of the arm alone, in its order: others record them in theirs, with those of a gripper among them.
+
+    Raises:
+        RecordingError: They are of other joints.
+    """
+    if not set(arm.joint_names) <= set(joints.names):
+        raise RecordingError(
+            f"{recording.path} is of joints {', '.join(joints.names)}; {arm.name} has {', '.join(arm.joint_names)}"
+        )
+    order = [joints.names.index(name) for name in arm.joint_names]
+    tau = None if joints.tau is None else joints.tau[:, order]
+    return Joints(arm.joint_names, joints.stamp_ns, joints.q[:, order], joints.dq[:, order], tau)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.errors import MissingPartError
-from s2r_host.log.arm_of import arm_of
+from s2r_host.log.arm_of import arm_of, in_arms_order
 from s2r_host.log.segments import notes
 from s2r_host.log.tables import EXECUTOR_STATE, IMAGE, LOG, Joints, Recording
 from s2r_host.report.arm_shapes import ArmShapes, quat_wxyz
@@ -36,9 +36,10 @@ def export_rrd(recording: Recording, path: Path, arm_name: str | None = None) ->
         raise MissingPartError(
             "export to rrd needs the package rerun-sdk; install it with: pip install rerun-sdk"
         ) from error
-    shapes = ArmShapes(arm_of(recording, arm_name))
+    arm = arm_of(recording, arm_name)
+    shapes = ArmShapes(arm)
     stream = rr.RecordingStream("s2r", recording_id=recording.path.stem)
-    measured = recording.joints()
+    measured = in_arms_order(recording.joints(), arm, recording)
     with path.open("ab"):  # an OSError that names the file; Rerun's own is a bare RuntimeError
         pass
     stream.save(str(path), default_blueprint=_layout(tuple(measured.names)))
@@ -46,7 +47,7 @@ def export_rrd(recording: Recording, path: Path, arm_name: str | None = None) ->
     _log_arm(rr, stream, shapes, measured, "arm/measured", _MEASURED)
     _log_joints(rr, stream, measured, "measured")
     if any(t.short == "joint_commands" for t in recording.of_type("sensor_msgs/msg/JointState")):
-        reference = recording.joints("joint_commands")
+        reference = in_arms_order(recording.joints("joint_commands"), arm, recording)
         _log_arm(rr, stream, shapes, reference, "arm/reference", _REFERENCE)
         _log_joints(rr, stream, reference, "reference")
     _log_states(rr, stream, recording)

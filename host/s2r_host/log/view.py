@@ -12,10 +12,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from s2r_host.errors import MissingPartError, RecordingError
-from s2r_host.log.arm_of import arm_of
+from s2r_host.errors import MissingPartError
+from s2r_host.log.arm_of import arm_of, in_arms_order
 from s2r_host.log.segments import Segment, segments
-from s2r_host.log.tables import Joints, Recording
+from s2r_host.log.tables import JOINT_STATE, Joints, Recording
 from s2r_host.report.arm_shapes import ArmShapes
 from s2r_host.report.markup import page, section, table
 from s2r_host.report.style import EXECUTED, PLANNED, RC, inline_png
@@ -56,13 +56,12 @@ def write_html(
     """
     check_place(path)
     tell("decoding joint states")
-    joints = recording.joints()
-    try:
-        reference = recording.joints("joint_commands")
-    except RecordingError:
-        reference = None
+    arm = arm_of(recording, arm_name)
+    joints = in_arms_order(recording.joints(), arm, recording)
+    has_reference = any(t.short == "joint_commands" for t in recording.of_type(JOINT_STATE))
+    reference = in_arms_order(recording.joints("joint_commands"), arm, recording) if has_reference else None
     found = segments(recording)
-    shapes = ArmShapes(arm_of(recording, arm_name))
+    shapes = ArmShapes(arm)
     player = escape(_player(recording, joints, reference, shapes, tell), quote=True)
     tell("plotting")
     name = "/".join(recording.path.absolute().parts[-3:])

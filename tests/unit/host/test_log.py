@@ -28,6 +28,7 @@ from s2r_host.log.segments import segments
 from s2r_host.log.tables import read_recording
 from s2r_host.log.view import write_html
 from s2r_host.recording import JOINT_STATE, RunRecorder, stamp
+from s2r_host.report.arm_shapes import ArmShapes
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.root import main
 from s2r_protocol.exits import ExitCode, UsageError
@@ -323,6 +324,43 @@ def test_tables_of_two_arms_do_not_replace_each_other(tmp_path):
 def test_numbers_of_every_arm_are_checked(tmp_path):
     problems = check(two_arms(tmp_path / "two.mcap", np.nan)).problems
     assert problems == ["/lab/right/joint_states: positions hold NaN or infinity"]
+
+
+BACKWARDS = ("gripper", *reversed(ARM.joint_names))
+
+
+def of_others(file: Path, names: tuple[str, ...] = BACKWARDS) -> Path:
+    """A recording of somebody else, whose joints come in another order."""
+    with RunRecorder(file, "/lab/other", names) as recorder:
+        for k in range(3):
+            t_ns = OFFSET_NS + k * 10_000_000
+            q = [0.1 * (ARM.joint_names.index(name) if name in ARM.joint_names else 9) for name in names]
+            body = {
+                "header": {"stamp": stamp(t_ns)},
+                "name": names,
+                "position": q,
+                "velocity": [0.0] * len(q),
+            }
+            recorder._put("joint_states", JOINT_STATE, body, t_ns)
+    return file
+
+
+@pytest.mark.parametrize("write", [write_html, export_rrd])
+def test_an_arm_is_drawn_with_its_joints_in_its_own_order(tmp_path, monkeypatch, write):
+    pytest.importorskip("rerun")
+    drawn = []
+    poses = ArmShapes.poses
+    monkeypatch.setattr(ArmShapes, "poses", lambda shapes, q: (drawn.append(q), poses(shapes, q))[1])
+    write(read_recording(of_others(tmp_path / "other.mcap")), tmp_path / "out", ARM.name)
+    np.testing.assert_allclose(drawn[0], 0.1 * np.arange(7))
+
+
+@pytest.mark.parametrize("write", [write_html, export_rrd])
+def test_a_recording_of_other_joints_is_not_drawn_as_this_arm(tmp_path, write):
+    pytest.importorskip("rerun")
+    other = of_others(tmp_path / "other.mcap", ("a", "b"))
+    with pytest.raises(RecordingError, match="is of joints a, b; xmate3pro has joint1"):
+        write(read_recording(other), tmp_path / "out", ARM.name)
 
 
 def test_the_lerobot_dataset_is_read_by_an_independent_reader(whole, tmp_path):
