@@ -275,18 +275,13 @@ def read_notes(path: Path) -> list[dict[str, Any]]:
 class JointTrack:
     """One topic of JointState over time: ``stamp_ns`` (n,), ``q`` [rad] and ``dq`` [rad/s] (n, dof).
 
-    ``t_first_s`` is the plan time of the first row.
+    ``t`` (n,) is the time since its start [s]; of a plan the plan's own, see :func:`plan_time`.
     """
 
     stamp_ns: np.ndarray
     q: np.ndarray
     dq: np.ndarray
-    t_first_s: float = 0.0
-
-    @property
-    def t(self) -> np.ndarray:
-        """Seconds since the plan began, shape (n,)."""
-        return (self.stamp_ns - self.stamp_ns[0]) * 1e-9 + self.t_first_s
+    t: np.ndarray
 
 
 def joint_track(recording: Path | bytes, topic_end: str = "joint_states") -> JointTrack:
@@ -306,20 +301,25 @@ def plan_track(recording: Path | bytes, plan_seq: int, topic_end: str = "joint_s
     """
     messages = _read(recording, STATE, JOINT_STATE)
     during = _plan_times(messages, plan_seq)
-    first, last = during[0], during[-1]
     whole = _track(messages, topic_end)
-    inside = (whole.stamp_ns >= first[0]) & (whole.stamp_ns <= last[0])
-    return JointTrack(whole.stamp_ns[inside], whole.q[inside], whole.dq[inside], first[1])
+    inside = (whole.stamp_ns >= during[0][0]) & (whole.stamp_ns <= during[-1][0])
+    stamps = whole.stamp_ns[inside]
+    return JointTrack(stamps, whole.q[inside], whole.dq[inside], plan_time(during, stamps))
 
 
-def plan_time_at(recording: Path | bytes, plan_seq: int, stamp_ns: np.ndarray) -> np.ndarray:
-    """The plan's own time [s] at moments (n,) of its recording: a pause stops it, the clock goes on.
+def plan_time(during: Sequence[tuple[int, float]], stamp_ns: np.ndarray) -> np.ndarray:
+    """The plan's own time [s] at moments (n,): a pause stops it and another speed slows it, while the clock goes on.
 
-    Raises:
-        RecordingError: The recording is damaged or that plan is not in it.
+    After the plan's end, or the stop that ended it, it goes on with the clock.
+
+    Args:
+        during: Stamp [ns] and plan time [s] of the executor's states during the plan, in order, at least one.
+        stamp_ns: Unix time.
     """
-    stamps, t = zip(*_plan_times(_read(recording, STATE), plan_seq), strict=True)
-    return np.interp(stamp_ns - stamps[0], np.array(stamps) - stamps[0], t)
+    stamps, t = np.array([stamp for stamp, _ in during]), np.array([t for _, t in during])
+    ended = stamps[np.argmax(t >= t[-1])]
+    at = np.interp(stamp_ns - stamps[0], stamps - stamps[0], t)
+    return at + 1e-9 * np.maximum(0, stamp_ns - ended)
 
 
 class _Found(NamedTuple):
@@ -350,7 +350,7 @@ def _track(messages: Sequence[_Found], topic_end: str) -> JointTrack:
     order = np.argsort(stamps, kind="stable")
     q = np.array([body["position"] for body in rows])
     dq = np.array([body["velocity"] for body in rows])
-    return JointTrack(stamps[order], q[order], dq[order])
+    return JointTrack(stamps[order], q[order], dq[order], (stamps[order] - stamps[order[0]]) * 1e-9)
 
 
 def _plan_times(messages: Sequence[_Found], plan_seq: int) -> list[tuple[int, float]]:

@@ -15,7 +15,7 @@ from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.collision import CollisionChecker
 from s2r_host.motion.joint_motion import plan_joint_motion
 from s2r_host.motion.obstacles import Obstacle, table_obstacle
-from s2r_host.recording import JointTrack, plan_time_at, plan_track
+from s2r_host.recording import JointTrack, plan_track
 from s2r_host.replay.pace import from_time, path_time, slowed
 from s2r_host.replay.sources import Replayable
 from s2r_host.replay.way import recorded_way
@@ -190,13 +190,11 @@ def _against_first(
     plan: Replayable, settings: ReplaySettings, sent: Trajectory, recording: bytes, seq: int
 ) -> Comparison:
     again = plan_track(recording, seq)
-    # Pauses at the steps are none of the plan.
-    t = plan_time_at(recording, seq, again.stamp_ns) if settings.step_s > 0.0 else again.t
     if plan.first is None:
-        played = _on(again, t)
+        played = _on(again, again.t)
         q_sent = sent.sample(played.t)[0]
         return Comparison(played.t, q_sent, q_sent, played.q)
-    mapped = path_time(t, settings.t_start, settings.speed, plan.trajectory.duration_s)
+    mapped = path_time(again.t, settings.t_start, settings.speed, plan.trajectory.duration_s)
     return compare(plan.trajectory, plan.first, _on(again, mapped))
 
 

@@ -17,7 +17,7 @@ from s2r_host.errors import RecordingError
 from s2r_host.log.recording_file import recording_file
 from s2r_host.log.segments import inside, notes, segments
 from s2r_host.log.tables import EXECUTOR_STATE, TRAJECTORY, Recording, read_recording
-from s2r_host.recording import JointTrack
+from s2r_host.recording import JointTrack, plan_time
 from s2r_host.replay.table import KNOT_S, read_table
 from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
 from s2r_protocol.arms import ArmDescription
@@ -128,17 +128,17 @@ class _Tracks:
                 stamp = body["header"]["stamp"]
                 seen = int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"]), float(body["plan_t"])
                 states.setdefault(int(body["plan_seq"]), []).append(seen)
-        self._spans = {seq: (min(seen), max(seen)) for seq, seen in states.items()}
-        self._joints = recording.joints() if self._spans else None
+        self._states = {seq: sorted(seen) for seq, seen in states.items()}
+        self._joints = recording.joints() if states else None
 
     def of(self, seq: int) -> JointTrack | None:
         """None when that plan never ran."""
-        joints, span = self._joints, self._spans.get(seq)
-        if joints is None or span is None:
+        joints, during = self._joints, self._states.get(seq)
+        if joints is None or during is None:
             return None
-        first, last = span
-        keep = (joints.stamp_ns >= first[0]) & (joints.stamp_ns <= last[0])
-        return JointTrack(joints.stamp_ns[keep], joints.q[keep], joints.dq[keep], first[1])
+        keep = (joints.stamp_ns >= during[0][0]) & (joints.stamp_ns <= during[-1][0])
+        stamps = joints.stamp_ns[keep]
+        return JointTrack(stamps, joints.q[keep], joints.dq[keep], plan_time(during, stamps))
 
 
 def _from_references(recording: Recording, arm: ArmDescription) -> list[Replayable]:

@@ -43,7 +43,7 @@ def trajectory():
 def track(trajectory, delay_s=0.0, offset=0.0, count=1000):
     t = np.arange(1, count + 1) * 1e-3
     q, dq, _ = trajectory.sample(t - delay_s)
-    return JointTrack((5e9 + t * 1e9).astype(np.int64), q + offset, dq, t_first_s=1e-3)
+    return JointTrack((5e9 + t * 1e9).astype(np.int64), q + offset, dq, t)
 
 
 @pytest.fixture
@@ -158,22 +158,45 @@ def test_a_plan_begun_in_the_middle_starts_at_rest_and_stays_on_the_path(traject
         from_time(trajectory, 1.0)
 
 
-@pytest.mark.parametrize("known", [True, False])
-def test_a_replay_that_was_stepped_through_is_compared_without_its_pauses(run, trajectory, known):
-    """Half a second of pause in the middle of a motion of one second, which else follows the plan."""
-    path = run / "stepped.mcap"
+def paused(k):
+    """Half a second of pause in the middle of a motion of one second."""
+    return 0.01 * min(k, max(50, k - 50))
+
+
+def slower(k):
+    """The executor was told another speed meanwhile; then it holds."""
+    return min(0.0075 * k, 1.0)
+
+
+def executed(path, trajectory, plan_t):
+    """A recording of 1.5 s of a plan of 1 s, which the arm follows; ``plan_t`` is its time [s] after k cycles."""
     with RunRecorder(path, "/lab/xmate3pro", NAMES) as recorder:
+        recorder.add_plan(trajectory, "manipulation 1", 12)
         for k in range(1, 151):
-            t, t_ns = 0.01 * min(k, max(50, k - 50)), 30_000_000_000 + k * 10_000_000
+            t, t_ns = plan_t(k), 30_000_000_000 + k * 10_000_000
             header, (q, dq, _) = {"stamp": stamp(t_ns)}, trajectory.sample(t)
             body = {"header": header, "name": NAMES, "position": q, "velocity": dq}
             recorder._put("joint_states", JOINT_STATE, body, t_ns)
             recorder._put("executor_state", STATE, {"header": header, "plan_seq": 12, "plan_t": t}, t_ns)
+    return path
+
+
+@pytest.mark.parametrize("plan_t", [paused, slower])
+@pytest.mark.parametrize("known", [True, False])
+def test_a_replay_is_compared_without_its_pauses_and_in_the_plans_own_time(run, trajectory, known, plan_t):
+    path = executed(run / "again.mcap", trajectory, plan_t)
     plan = Replayable(1, "manipulation 1", trajectory, track(trajectory) if known else None)
-    settings = ReplaySettings(step_s=0.5)
-    found = _against_first(plan, settings, trajectory, path.read_bytes(), 12)
+    found = _against_first(plan, ReplaySettings(), trajectory, path.read_bytes(), 12)
     assert found.largest_rad.max() < 1e-3
-    assert found.t[-1] == pytest.approx(1.0)
+    assert found.t[-1] >= 1.0 - 1e-9
+
+
+@pytest.mark.parametrize("plan_t", [paused, slower])
+def test_so_is_a_first_execution_during_which_somebody_paused_the_arm(tmp_path, trajectory, plan_t):
+    (plan,) = read_source(executed(tmp_path / "run.mcap", trajectory, plan_t), ARM)
+    found = compare(trajectory, plan.first, track(trajectory))
+    assert found.largest_rad.max() < 1e-3
+    assert found.t[-1] >= 1.0 - 1e-9
 
 
 def test_repeatability_is_the_spread_about_the_mean(run, trajectory):

@@ -15,7 +15,7 @@ def plan(number, start, end, ran=True):
     t = np.array([0.0, 1.0])
     rest = np.zeros((2, 7))
     trajectory = Trajectory(t, np.array([start, end]), rest, rest)
-    track = JointTrack(np.array([0, 1]), trajectory.q, rest, 0.0) if ran else None
+    track = JointTrack(np.array([0, 1]), trajectory.q, rest, np.zeros(2)) if ran else None
     return Replayable(number, f"plan {number}", trajectory, track)
 
 
