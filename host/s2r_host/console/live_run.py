@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -59,6 +59,8 @@ class RunWatch:
             except RecordingError:  # its first bytes are not written yet
                 return self._sight
             self._size = size
+        # What lies beside the recording comes after its last byte.
+        self._sight = replace(self._sight, axis=axis_of(path.parent), ended=_has_ended(path.parent))
         return self._sight
 
     def _newest(self) -> Path | None:
@@ -82,9 +84,12 @@ def sight_of(path: Path) -> RunSight:
         if note["kind"] == "stage":
             stages[note["name"]] = StageLine(note["name"], note["phase"], note["note"])
     cloud, colours, views = last_view(recording)
-    ended = (path.parent / "run.json").exists()
-    axis = axis_of(path.parent)
-    return RunSight(path.parent, list(stages.values()), views, cloud, colours, axis, ended)
+    folder = path.parent
+    return RunSight(folder, list(stages.values()), views, cloud, colours, axis_of(folder), _has_ended(folder))
+
+
+def _has_ended(run: Path) -> bool:
+    return (run / "run.json").exists()
 
 
 def last_view(recording: Recording) -> tuple[np.ndarray | None, np.ndarray | None, int]:

@@ -17,13 +17,14 @@ import zenoh
 
 from s2r_host.console.feed import Health
 from s2r_host.console.gate import Address, ConsoleAddressError, Gate, Request, judge
-from s2r_host.console.live_run import cloud_of
+from s2r_host.console.live_run import RunWatch, cloud_of
 from s2r_host.console.operator import NoControlError, Operator
 from s2r_host.console.run_index import RunIndex
 from s2r_host.console.screens.gap import gap_markup, read_answer
 from s2r_host.console.screens.runs import again, joint_value
 from s2r_host.console.screens.timing import blame
 from s2r_host.errors import RecordingError
+from s2r_host.recording import RunRecorder
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import NotReadyError, RefusedError
 from s2r_protocol.keys import ArmKeys
@@ -351,6 +352,16 @@ def test_blame_names_the_guilty_part(state, timing, says):
 
 def test_a_silent_executor_is_blamed_first():
     assert "silent" in blame(STATE, TIMING, Health(0.0, 3.0))[0][0]
+
+
+def test_a_run_that_has_ended_is_seen_to_have_ended_although_its_recording_grew_no_more(tmp_path):
+    (tmp_path / "first").mkdir()
+    with RunRecorder(tmp_path / "first/run.mcap", "/lab/a", ("a",)) as recorder:
+        recorder.add_stage("view A", "begun")
+    watch = RunWatch(tmp_path)
+    assert not watch.look().ended
+    (tmp_path / "first/run.json").write_text("{}")
+    assert watch.look().ended
 
 
 def test_a_depth_image_becomes_points_in_the_base_frame():
