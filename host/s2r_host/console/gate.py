@@ -15,6 +15,7 @@ import errno
 import hmac
 import ipaddress
 import logging
+import string
 import threading
 from dataclasses import dataclass
 from urllib.parse import parse_qs, urlsplit
@@ -25,6 +26,8 @@ logger = logging.getLogger(__name__)
 
 COOKIE = "s2r_token"
 MIN_TOKEN = 16
+_TOKEN_SIGNS = "-._~/=+"
+_TOKEN_CHARACTERS = frozenset(string.ascii_letters + string.digits + _TOKEN_SIGNS)
 _HEAD_BYTES = 16 * 1024
 _HEAD_TIMEOUT_S = 5.0
 _HTML = "text/html; charset=utf-8"
@@ -52,6 +55,11 @@ class Address:
             raise ConsoleAddressError(
                 f"the console's token has {len(self.token)} characters, needs at least {MIN_TOKEN}; "
                 "make one with: openssl rand -hex 16"
+            )
+        if set(self.token) - _TOKEN_CHARACTERS:
+            raise ConsoleAddressError(
+                "the console's token has characters that an address or a cookie does not carry as they are, so that "
+                f"nobody would get in; use letters, digits and {_TOKEN_SIGNS}, or make one with: openssl rand -hex 16"
             )
 
 
@@ -87,16 +95,18 @@ def judge(request: Request | None, address: Address) -> tuple[str, bytes]:
     """What to do with a request: ``("pass", b"")`` or ``("answer", bytes of a response)``."""
     if request is None:
         return "answer", _response("400 Bad Request", "This is the console's port; open it in a browser.")
-    host = request.headers.get("host", "")
-    name = urlsplit(f"//{host}").hostname or ""
+    host, origin = request.headers.get("host", ""), request.headers.get("origin")
+    try:
+        name, page = urlsplit(f"//{host}").hostname or "", urlsplit(origin or "").netloc
+    except ValueError:  # half an IPv6 address
+        return "answer", _response("400 Bad Request", "No page has this address.")
     if is_loopback(address.host) and not is_loopback(name):
         return "answer", _response("403 Forbidden", "This console answers to localhost only.")
-    origin = request.headers.get("origin")
-    if origin is not None and urlsplit(origin).netloc != host:
+    if origin is not None and page != host:
         return "answer", _response("403 Forbidden", "Another page may not use this console.")
     if not address.token:
         return "pass", b""
-    query = parse_qs(urlsplit(request.target).query)
+    query = parse_qs(urlsplit(request.target).query.replace("+", "%2B"))  # no blank is in a token
     if hmac.compare_digest(query.get("token", [""])[0].encode(), address.token.encode()):
         cookie = f"Set-Cookie: {COOKIE}={address.token}; HttpOnly; SameSite=Strict; Path=/\r\n"
         return "answer", _response("303 See Other", "", f"Location: /\r\n{cookie}")

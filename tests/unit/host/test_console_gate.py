@@ -162,6 +162,26 @@ def test_the_token_becomes_a_cookie_and_leaves_the_address():
     assert judge(request(host="robot:7450", cookie=f"a=b; s2r_token={TOKEN}"), LAN)[0] == "pass"
 
 
+def test_a_token_of_base64_gets_in_as_it_is_typed():
+    token = "q83vEjRW+/eJq83vEjRWeA=="
+    address = Address("0.0.0.0", 7450, token)
+    assert "303" in status_of(judge(request(f"/?token={token}", host="robot:7450"), address))
+    assert judge(request(host="robot:7450", cookie=f"s2r_token={token}"), address)[0] == "pass"
+
+
+@pytest.mark.parametrize(
+    "token", ["0123456789abcdef;", "0123456789 abcdef", "0123456789abcdéf", "0" * 20 + "\r\nX: y"]
+)
+def test_a_token_with_which_nobody_would_get_in_is_refused(token):
+    with pytest.raises(ConsoleAddressError, match="nobody would get in; use letters, digits and"):
+        Address("0.0.0.0", 7450, token)
+
+
+@pytest.mark.parametrize("headers", [{"host": "[::1"}, {"host": "127.0.0.1:7450", "origin": "http://[::1"}])
+def test_half_an_address_is_answered(headers):
+    assert "400" in status_of(judge(request(**headers), LOCAL))
+
+
 def test_a_page_from_elsewhere_may_not_use_the_console():
     for address in (LOCAL, LAN):
         headers = {"host": "127.0.0.1:7450", "origin": "http://evil.example", "cookie": f"s2r_token={TOKEN}"}
