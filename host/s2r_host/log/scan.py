@@ -5,6 +5,7 @@ The file's own index is not used, so it need not be there. Format: https://mcap.
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -90,7 +91,7 @@ class Scan:
                 self.damage.reason = self.damage.reason or f"the record at byte {good} is cut off or damaged"
             if not ended:
                 self.damage.truncated = True
-                self.damage.unread_bytes = size - good
+                self.damage.unread_bytes = stream.seek(0, os.SEEK_END) - good  # it may have grown meanwhile
                 self.damage.reason = self.damage.reason or "the file ends before its closing record"
 
     def _content(self, record: McapRecord) -> Iterator[Schema | Channel | Message | Attachment | Metadata]:

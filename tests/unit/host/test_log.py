@@ -24,6 +24,7 @@ from s2r_host.log.export_lerobot import export_lerobot
 from s2r_host.log.export_rrd import export_rrd
 from s2r_host.log.export_tables import export_tables, parquet_joints
 from s2r_host.log.recover import recover
+from s2r_host.log.scan import Scan
 from s2r_host.log.segments import segments
 from s2r_host.log.tables import read_recording
 from s2r_host.log.view import write_html
@@ -119,6 +120,19 @@ def test_a_cut_recording_is_refused_and_mended_up_to_the_cut(whole, tmp_path):
         original = read_recording(whole).joints()
         np.testing.assert_array_equal(rows.q, original.q[: len(rows.q)])
     assert len(rows.q) > 1000
+
+
+def test_a_recording_that_grows_while_it_is_read_has_no_bytes_less_than_none(whole, tmp_path):
+    data, growing = whole.read_bytes(), tmp_path / "growing.mcap"
+    growing.write_bytes(data[: len(data) // 3])
+    scan = Scan(growing)
+    records = scan.records()
+    next(records)
+    growing.write_bytes(data[: 2 * len(data) // 3])
+    for _ in records:
+        pass
+    assert scan.damage.truncated
+    assert 0 <= scan.damage.unread_bytes < 100_000
 
 
 def test_a_recording_cut_off_in_its_first_record_is_called_cut_off(whole, tmp_path):
