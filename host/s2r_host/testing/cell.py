@@ -199,11 +199,11 @@ class BusFaults:
         found: list[bytes] = []
         deadline = time.monotonic() + wall_limit_s
         while len(found) < count:
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"{len(found)} of {count} frames 0x{can_id:x} within {wall_limit_s:g} s")
             message = self._bus.recv(timeout=0.2)
             if message is not None and message.arbitration_id == can_id:
                 found.append(bytes(message.data))
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"{len(found)} of {count} frames 0x{can_id:x} within {wall_limit_s:g} s")
         return found
 
     def __enter__(self) -> BusFaults:

@@ -1,11 +1,12 @@
 """What a hardware-in-the-loop test may get wrong is said in its own words."""
 
+import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from s2r_host.testing.cell import LabExecutor, VirtualTime
+from s2r_host.testing.cell import BusFaults, LabExecutor, VirtualTime
 from s2r_host.testing.plugin import _wanted
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import UsageError
@@ -43,3 +44,16 @@ def test_a_motion_that_is_none_is_refused_before_it_is_sent(step, duration_s, sa
 def test_only_a_time_is_waited_for(seconds):
     with pytest.raises(UsageError, match="give 0 s or more"):
         VirtualTime(SimpleNamespace(identity=SimpleNamespace(tick_ns=1_000_000))).wait(seconds)
+
+
+def test_a_frame_that_came_in_the_last_moment_has_come():
+    class Bus:
+        def recv(self, timeout):
+            time.sleep(0.1)  # a busy machine
+            return SimpleNamespace(arbitration_id=0x81, data=b"\x01")
+
+    faults = BusFaults.__new__(BusFaults)
+    faults._bus = Bus()
+    assert faults.watch(0x81, wall_limit_s=0.05) == [b"\x01"]
+    with pytest.raises(TimeoutError, match=r"0 of 1 frames 0x82 within 0\.05 s"):
+        faults.watch(0x82, wall_limit_s=0.05)
