@@ -7,6 +7,7 @@ import io
 import logging
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,7 @@ SLOW_S = 1.0
 PANEL_WIDTH = 500
 STOP_LABEL = "STOP (software stop; key: space)"
 NO_STOP_LABEL = "No STOP here: this page only reads"
+_SAID_AGAIN_S = 5.0
 _APART_RAD = 4e-3  # a ghost nearer than this only muddies the arm it hides in
 
 
@@ -71,6 +73,7 @@ class Console:
         self._shown_views = 0
         self._shown_plan = 0.0
         self._ended = threading.Event()
+        self._said: dict[Callable[[], None], float] = {}  # when a part that fails was told of [s]
         with contextlib.redirect_stdout(
             io.StringIO()
         ):  # it prints its inner address, which is not the operator's
@@ -161,17 +164,20 @@ class Console:
 
     # -- the loops ------------------------------------------------------------------------------------
 
-    def _repeat(self, act, period_s: float) -> None:  # noqa: ANN001 - a method without arguments
-        said = 0.0
+    def _repeat(self, act: Callable[[], None], period_s: float) -> None:
         while not self._ended.wait(period_s):
+            self._each(act)
+
+    def _each(self, *acts: Callable[[], None]) -> None:
+        """Carry out all, each whatever becomes of the others; a part that fails says so, but not 30 times a second."""
+        for act in acts:
             try:
                 act()
             except Exception:
-                if (
-                    time.monotonic() - said > 5.0
-                ):  # a page that fails must go on, and say so, but not 30 times a second
-                    said = time.monotonic()
-                    logger.exception("the console could not update the page")
+                now = time.monotonic()
+                if now - self._said.get(act, float("-inf")) > _SAID_AGAIN_S:
+                    self._said[act] = now
+                    logger.exception("the console could not update a part of the page")
 
     def _draw(self) -> None:
         scene = self._context.scene
@@ -209,22 +215,27 @@ class Console:
                 scene.twin.show(q_twin)
 
     def _write(self) -> None:
+        self._each(self._write_header, self._write_run, self._joints.refresh, self._runs_screen.refresh_texts)
+
+    def _write_header(self) -> None:
         content = self._header_markup()
         if self._header.content != content:
             self._header.content = content
+
+    def _write_run(self) -> None:
         self._run.refresh(self._sight)
-        self._joints.refresh()
-        self._runs_screen.refresh_texts()
 
     def _slow(self) -> None:
-        self._keep_connected()
-        self._joints.refresh_plots()
-        self._timing.refresh()
-        self._runs_screen.refresh_list()
-        self._compare.refresh_list()
-        self._gap.refresh_list()
-        self._follow_run()
-        self._show_plan_path()
+        self._each(
+            self._keep_connected,
+            self._joints.refresh_plots,
+            self._timing.refresh,
+            self._runs_screen.refresh_list,
+            self._compare.refresh_list,
+            self._gap.refresh_list,
+            self._follow_run,
+            self._show_plan_path,
+        )
 
     def _keep_connected(self) -> None:
         if not self._feed.health().alive:

@@ -47,6 +47,28 @@ def test_a_gap_answer_of_another_release_is_told_and_the_page_lives(opened, tmp_
     page._slow()
 
 
+@pytest.mark.parametrize(
+    ("loop", "fails", "last"),
+    [
+        ("_slow", "_joints.refresh_plots", "_show_plan_path"),
+        ("_write", "_write_header", "_runs_screen.refresh_texts"),
+    ],
+)
+def test_a_part_of_the_page_that_fails_takes_no_other_with_it(opened, monkeypatch, caplog, loop, fails, last):
+    page, reached = opened(), []
+
+    def fail():
+        raise ValueError("of another release")
+
+    for name, act in ((fails, fail), (last, lambda: reached.append(last))):
+        *owner, method = name.split(".")
+        monkeypatch.setattr(getattr(page, owner[0]) if owner else page, method, act)
+    for _ in range(3):
+        getattr(page, loop)()
+    assert reached == [last] * 3
+    assert caplog.text.count("could not update a part of the page") == 1
+
+
 def test_from_a_comparison_there_is_a_way_back_to_the_live_arm(opened):
     page = opened()
     screen, playback = page._runs_screen, page._context.playback
