@@ -38,8 +38,9 @@ def export_rrd(recording: Recording, path: Path, arm_name: str | None = None) ->
         ) from error
     arm = arm_of(recording, arm_name)
     shapes = ArmShapes(arm)
-    stream = rr.RecordingStream("s2r", recording_id=recording.path.stem)
     measured = in_arms_order(recording.joints(), arm, recording)
+    # Rerun shows recordings of one name as one, and every run's is run.mcap.
+    stream = rr.RecordingStream("s2r", recording_id=f"{recording.path.stem}-{measured.stamp_ns[0]}")
     with path.open("ab"):  # an OSError that names the file; Rerun's own is a bare RuntimeError
         pass
     stream.save(str(path), default_blueprint=_layout(tuple(measured.names)))

@@ -343,11 +343,11 @@ def test_numbers_of_every_arm_are_checked(tmp_path):
 BACKWARDS = ("gripper", *reversed(ARM.joint_names))
 
 
-def of_others(file: Path, names: tuple[str, ...] = BACKWARDS) -> Path:
+def of_others(file: Path, names: tuple[str, ...] = BACKWARDS, begin_ns: int = OFFSET_NS) -> Path:
     """A recording of somebody else, whose joints come in another order."""
     with RunRecorder(file, "/lab/other", names) as recorder:
         for k in range(3):
-            t_ns = OFFSET_NS + k * 10_000_000
+            t_ns = begin_ns + k * 10_000_000
             q = [0.1 * (ARM.joint_names.index(name) if name in ARM.joint_names else 9) for name in names]
             body = {
                 "header": {"stamp": stamp(t_ns)},
@@ -408,6 +408,19 @@ def test_rerun_accepts_the_recording_and_its_export(whole, tmp_path):
     assert verified.returncode == 0, verified.stdout + verified.stderr
     printed = subprocess.run([rerun, "rrd", "print", tmp_path / "x.rrd"], capture_output=True, text=True)
     assert "/arm/measured/joint7" in printed.stdout + printed.stderr
+
+
+def test_two_runs_are_two_recordings_in_rerun(tmp_path, monkeypatch):
+    rerun = pytest.importorskip("rerun")
+    named, stream = [], rerun.RecordingStream
+    monkeypatch.setattr(
+        rerun, "RecordingStream", lambda app, recording_id: (named.append(recording_id), stream(app))[1]
+    )
+    for name, delay_ns in (("first", 0), ("second", 10_000_000_000)):
+        (tmp_path / name).mkdir()
+        file = of_others(tmp_path / name / "run.mcap", begin_ns=OFFSET_NS + delay_ns)
+        export_rrd(read_recording(file), tmp_path / name / "run.rrd", ARM.name)
+    assert len(set(named)) == 2
 
 
 def test_motions_are_found_by_the_executors_own_states(whole):
