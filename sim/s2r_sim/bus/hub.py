@@ -7,6 +7,7 @@ import logging
 import os
 import select
 import socket
+import stat
 from collections.abc import Iterator
 
 from s2r_protocol.can.frames import unix_path
@@ -58,6 +59,12 @@ class Hub:
     def _remove_stale(self) -> None:
         if not os.path.exists(self.path):
             return
+        if not stat.S_ISSOCK(
+            os.stat(self.path).st_mode
+        ):  # it refuses connections, too, and is somebody's file
+            raise StandInError(
+                f"cannot listen on {self.path}: what is there is no socket; choose another --bus"
+            )
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
             try:
                 probe.connect(self.path)

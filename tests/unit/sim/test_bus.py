@@ -274,6 +274,14 @@ def test_socket_left_over_from_a_crash_is_replaced(tmp_path):
     assert not path.exists()
 
 
+@pytest.mark.parametrize("make", [lambda path: path.write_text("mine"), lambda path: path.mkdir()])
+def test_what_is_no_socket_is_not_taken_for_one_left_over(tmp_path, make):
+    make(tmp_path / "notes.txt")
+    with pytest.raises(StandInError, match=r"notes\.txt: what is there is no socket; choose another --bus"):
+        Hub(f"unix:{tmp_path}/notes.txt")
+    assert (tmp_path / "notes.txt").exists()
+
+
 def test_masters_tick_is_unwrapped_beyond_16_bits(stand_in, fd_master):
     with stand_in() as bus:
         master = fd_master(bus.address)
