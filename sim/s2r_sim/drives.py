@@ -143,7 +143,6 @@ class Drive:
         """Take a command, and the level of the fault-reset bit (it acts on its rising edge)."""
         if self.state == DriveState.FAULT and fault_reset and not self._fault_reset:
             self._enter(DriveState.SWITCH_ON_DISABLED)
-            self.error = DriveError.NONE
         self._fault_reset = fault_reset
         self._command = command
 
@@ -158,7 +157,8 @@ class Drive:
     def period(self, period_s: float) -> None:
         """One communication period has passed: walk the state machine and mind the watchdog."""
         if self.estop_open and self.state not in _OFF:  # safe torque off: no power, whatever is asked
-            self._enter(DriveState.SWITCH_ON_DISABLED)
+            faulty = self.state == DriveState.FAULT_REACTION  # its ramp is cut short, the fault stays latched
+            self._enter(DriveState.FAULT if faulty else DriveState.SWITCH_ON_DISABLED)
         elif not self.estop_open:
             self._walk()
         if self.state != DriveState.OPERATION_ENABLED:
@@ -181,14 +181,13 @@ class Drive:
     def _walk(self) -> None:
         """At most one transition per period, as the controlword asks."""
         state = TRANSITIONS.get((self.state, self._command))
-        if state is None:
-            return
-        if state == DriveState.SWITCH_ON_DISABLED:
-            self.error = DriveError.NONE
-        self._enter(state)
+        if state is not None:
+            self._enter(state)
 
     def _enter(self, state: DriveState) -> None:
         self.state = state
+        if state == DriveState.SWITCH_ON_DISABLED:
+            self.error = DriveError.NONE
         if state == DriveState.OPERATION_ENABLED:
             self._q_from = self._q_to = self._q_set = self.q_meas
             self._dq_set = self._dq_step = self._tau_ff = self._integral = self._powered_s = 0.0

@@ -186,6 +186,31 @@ def test_reset_held_high_does_not_clear_a_later_fault(bench):
     assert bench.drive.state == DriveState.FAULT
 
 
+def test_an_emergency_stop_in_the_middle_of_a_fault_reaction_clears_no_fault(bench):
+    bench.enable()
+    move(bench, 1.0, 100)
+    bench.drive.encoder = lambda q: q + 0.3  # slips by a tooth
+    while bench.drive.state == DriveState.OPERATION_ENABLED:
+        bench.period(DriveCommand.ENABLE_OPERATION, bench.q, 1.0)
+    assert bench.drive.state == DriveState.FAULT_REACTION
+    bench.drive.estop_open = 3
+    bench.period(DriveCommand.ENABLE_OPERATION)
+    bench.drive.estop_open = 0
+    bench.period(DriveCommand.SHUTDOWN)
+    assert (bench.drive.state, bench.drive.error) == (DriveState.FAULT, DriveError.FOLLOWING)
+
+
+def test_an_emergency_stop_in_a_quick_stop_leaves_no_error_of_before(bench):
+    bench.enable()
+    move(bench, 1.0, 100)
+    while bench.drive.state == DriveState.OPERATION_ENABLED:
+        bench.period()  # set-points are missing
+    assert bench.drive.error == DriveError.COMMUNICATION
+    bench.drive.estop_open = 3
+    bench.period()
+    assert (bench.drive.state, bench.drive.error) == (DriveState.SWITCH_ON_DISABLED, DriveError.NONE)
+
+
 def test_torque_never_exceeds_its_limit(arm):
     bench = Bench(arm, locked=True)
     bench.enable()
