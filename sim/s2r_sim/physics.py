@@ -34,7 +34,11 @@ def nominal_arm(arm: ArmDescription) -> mujoco.MjModel:
 
 
 def build_world(arm: ArmDescription, world: WorldSpec) -> mujoco.MjModel:
-    """The hidden world as a MuJoCo model. The camera process builds the same one."""
+    """The hidden world as a MuJoCo model. The camera process builds the same one.
+
+    Raises:
+        WorldFileError: It does not fit the arm, or says something impossible.
+    """
     spec = mujoco.MjSpec.from_string(arm.mjcf)
     spec.modelname = "stand-in"
     option = spec.option
@@ -46,7 +50,10 @@ def build_world(arm: ArmDescription, world: WorldSpec) -> mujoco.MjModel:
     _make_true(spec, arm, world.arm)
     add_table(spec)
     add_object(spec, world.object)
-    return spec.compile()
+    try:
+        return spec.compile()
+    except ValueError as error:  # names the element: a size below 0, a mass that is left over from none
+        raise WorldFileError(f"MuJoCo takes no such world: {'; '.join(str(error).splitlines())}") from error
 
 
 def _make_true(spec: mujoco.MjSpec, arm: ArmDescription, truth: ArmTruth) -> None:

@@ -12,7 +12,7 @@ import secrets
 from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError, model_validator
+from pydantic import NonNegativeFloat, NonNegativeInt, PositiveFloat, ValidationError, model_validator
 
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.whole_file import write_whole
@@ -23,6 +23,7 @@ from s2r_sim.objects.effects import JointEffects
 from s2r_sim.objects.parameters import Parameters, uniform
 
 SCHEMA = 1
+LEAST_TILT = 1e-6  # of a camera's axis off the vertical [rad]
 
 # Coulomb and viscous friction per joint [N·m, N·m·s/rad], fitted on a public 20 s, 1 kHz log of a real xMate arm with
 # joint torque sensors (YanjunLIU-ac/Dynamic_Parameter_Identification_for_Rokae_xMate).
@@ -41,9 +42,9 @@ class ArmTruth(Parameters):
         link_mass_scale: True over nominal mass of link i+1.
     """
 
-    coulomb_Nm: tuple[float, ...]
-    viscous_Nms_rad: tuple[float, ...]
-    link_mass_scale: tuple[float, ...]
+    coulomb_Nm: tuple[NonNegativeFloat, ...]
+    viscous_Nms_rad: tuple[NonNegativeFloat, ...]
+    link_mass_scale: tuple[PositiveFloat, ...]
 
 
 class CameraTruth(Parameters):
@@ -62,7 +63,15 @@ class CameraTruth(Parameters):
     roll_rad: float
     hand_eye_m: tuple[float, float, float]
     hand_eye_rad: tuple[float, float, float]
-    seed: int
+    seed: NonNegativeInt
+
+    @model_validator(mode="after")
+    def _looks_aside(self) -> CameraTruth:
+        """Roll is counted from the level, which a view straight up or down does not have."""
+        x, y, z = np.abs(np.subtract(self.target_m, self.position_m)).tolist()
+        if max(x, y) <= LEAST_TILT * z:
+            raise ValueError("target_m is at, right above or right below position_m; move it aside by a hair")
+        return self
 
     @property
     def X_base_camera_true(self) -> np.ndarray:
@@ -129,7 +138,7 @@ def load_world(path: Path) -> WorldSpec:
         WorldFileError: It cannot be read, or a field is missing, unknown or impossible.
     """
     try:
-        return WorldSpec.model_validate_json(path.read_text())
+        return WorldSpec.model_validate_json(path.read_bytes())
     except OSError as error:
         raise WorldFileError(f"world file {path}: {error.strerror}") from error
     except ValidationError as error:

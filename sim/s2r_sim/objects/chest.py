@@ -10,7 +10,7 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from s2r_sim.objects.naming import BASE_BODY, PART_BODY, other_part
 from s2r_sim.objects.parameters import Rgb, Standing, tinted, uniform
@@ -42,10 +42,10 @@ class ChestSpec(Standing):
     height_m: float
     depth_m: float
     wall_m: float
-    rows: int
-    columns: int
-    row: int
-    column: int
+    rows: int = Field(ge=1)
+    columns: int = Field(ge=1, le=2)
+    row: int = Field(ge=0)
+    column: int = Field(ge=0)
     others: tuple[float, ...] = ()
     front_thickness_m: float
     handle: Literal["bar", "upright", "knob", "lip", "none"]
@@ -65,11 +65,18 @@ class ChestSpec(Standing):
         return [cell for cell in cells if cell != (self.row, self.column)]
 
     @model_validator(mode="after")
-    def _one_state_each(self) -> ChestSpec:
+    def _places_and_states(self) -> ChestSpec:
+        if self.row >= self.rows or self.column >= self.columns:
+            raise ValueError(
+                f"row {self.row}, column {self.column} is no place of {self.rows} rows and {self.columns} columns; "
+                "they count from 0"
+            )
         if self.others and len(self.others) != len(self.places):
             raise ValueError(
                 f"others has {len(self.others)} entries, the chest has {len(self.places)} more drawers"
             )
+        if any(not 0.0 <= opening <= self.q_max for opening in self.others):
+            raise ValueError(f"others {self.others} are not all from 0 to q_max {self.q_max:g}")
         return self
 
 

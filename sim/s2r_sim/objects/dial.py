@@ -10,6 +10,7 @@ from typing import Literal
 
 import mujoco
 import numpy as np
+from pydantic import Field, model_validator
 
 from s2r_sim.objects.parameters import Rgb, Standing, tinted, uniform
 from s2r_sim.objects.solids import Finish, bar, box, hinge, rod, share_mass, stand
@@ -32,8 +33,8 @@ class DialSpec(Standing):
     height_m: float
     depth_m: float
     lean_rad: float
-    dials: int
-    index: int
+    dials: int = Field(ge=1)
+    index: int = Field(ge=0)
     radius_m: float
     length_m: float
     wing_m: float
@@ -41,6 +42,12 @@ class DialSpec(Standing):
     wing_height_m: float
     panel_rgb: Rgb
     dial_rgb: Rgb
+
+    @model_validator(mode="after")
+    def _one_turns(self) -> DialSpec:
+        if self.index >= self.dials:
+            raise ValueError(f"index {self.index} is none of {self.dials} dials; they count from 0")
+        return self
 
 
 def draw_dial(rng: np.random.Generator) -> DialSpec:

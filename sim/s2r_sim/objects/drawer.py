@@ -10,6 +10,7 @@ from typing import Literal
 
 import mujoco
 import numpy as np
+from pydantic import Field, model_validator
 
 from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
 from s2r_sim.objects.parameters import Parameters, uniform
@@ -56,18 +57,24 @@ class DrawerSpec(Parameters):
     handle_bar_m: float
     handle_width_m: float
     handle_drop_m: float
-    mass_kg: float
-    coulomb_N: float
-    damping_Ns_m: float
+    mass_kg: float = Field(gt=0.0)
+    coulomb_N: float = Field(ge=0.0)
+    damping_Ns_m: float = Field(ge=0.0)
     axis_tilt_rad: tuple[float, float]
-    play_m: float
-    play_rad: float
-    range_m: float
-    opening_m: float
-    friction: float
+    play_m: float = Field(gt=0.0)
+    play_rad: float = Field(gt=0.0)
+    range_m: float = Field(gt=0.0)
+    opening_m: float = Field(ge=0.0)
+    friction: float = Field(ge=0.0)
     front_rgb: tuple[float, float, float]
     body_rgb: tuple[float, float, float]
     handle_rgb: tuple[float, float, float]
+
+    @model_validator(mode="after")
+    def _found_between_its_stops(self) -> DrawerSpec:
+        if self.opening_m > self.range_m:
+            raise ValueError(f"opening_m {self.opening_m:g} is beyond range_m {self.range_m:g}")
+        return self
 
     @property
     def q_start(self) -> float:

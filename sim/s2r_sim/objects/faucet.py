@@ -12,6 +12,7 @@ from typing import Literal
 
 import mujoco
 import numpy as np
+from pydantic import Field
 
 from s2r_sim.objects.parameters import Rgb, Standing, tinted, uniform
 from s2r_sim.objects.solids import Finish, bar, box, hinge, rod, share_mass, stand
@@ -55,7 +56,7 @@ class FaucetSpec(Standing):
     lever_rise_rad: float
     lever_yaw_rad: float
     round_lever: bool
-    spokes: int
+    spokes: int = Field(ge=1)
     tilt_rad: float
     metal_rgb: Rgb
     deck_rgb: Rgb

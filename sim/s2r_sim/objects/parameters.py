@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Rgb = tuple[float, float, float]
 
@@ -32,12 +32,18 @@ class Standing(Parameters):
     x_m: float
     y_m: float
     yaw_rad: float
-    q_start: float
-    q_max: float
-    coulomb: float
-    damping: float
-    mass_kg: float
-    friction: float
+    q_start: float = Field(ge=0.0)
+    q_max: float = Field(gt=0.0)
+    coulomb: float = Field(ge=0.0)
+    damping: float = Field(ge=0.0)
+    mass_kg: float = Field(gt=0.0)
+    friction: float = Field(ge=0.0)
+
+    @model_validator(mode="after")
+    def _found_between_its_stops(self) -> Standing:
+        if self.q_start > self.q_max:
+            raise ValueError(f"q_start {self.q_start:g} is beyond q_max {self.q_max:g}")
+        return self
 
 
 def uniform(rng: np.random.Generator, low: float, high: float) -> float:

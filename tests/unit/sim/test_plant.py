@@ -111,6 +111,12 @@ def test_object_in_the_arms_place_is_refused(arm, world):
         Physics(arm, world.model_copy(update={"object": inside}))
 
 
+def test_shapes_that_cannot_be_are_refused_by_their_name(arm, world):
+    thin = world.model_copy(update={"object": world.object.model_copy(update={"width_m": -0.1})})
+    with pytest.raises(WorldFileError, match=r"MuJoCo takes no such world: .* 'base_back'"):
+        Physics(arm, thin)
+
+
 def test_arm_truth_of_another_joint_count_is_refused(arm, world):
     short = world.arm.model_copy(update={"coulomb_Nm": (0.5, 0.5)})
     with pytest.raises(WorldFileError, match=r"coulomb_Nm has 2 entries, arm xmate3pro has 7 joints"):

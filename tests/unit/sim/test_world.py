@@ -116,6 +116,47 @@ def test_not_a_number_is_refused(tmp_path):
         load_world(tmp_path / "w.json")
 
 
+@pytest.mark.parametrize(
+    ("kind", "part", "change", "text"),
+    [
+        ("drawer", "object", {"opening_m": 0.9}, r"opening_m 0\.9 is beyond range_m 0\.3"),
+        ("drawer", "object", {"mass_kg": 0.0}, "mass_kg: Input should be greater than 0"),
+        ("drawer", "object", {"coulomb_N": -3.0}, "coulomb_N: Input should be greater than or equal to 0"),
+        ("laptop", "object", {"q_start": 9.0}, r"q_start 9 is beyond q_max"),
+        ("laptop", "object", {"damping": -1.0}, "damping: Input should be greater than or equal to 0"),
+        ("chest", "object", {"rows": 0}, "rows: Input should be greater than or equal to 1"),
+        ("chest", "object", {"row": 9}, "row 9, column 0 is no place of"),
+        ("drawers", "object", {"others": [-0.1]}, r"others \(-0\.1,\) are not all from 0 to q_max"),
+        ("dial", "object", {"index": 9}, "index 9 is none of"),
+        ("faucet", "object", {"spokes": 0}, "spokes: Input should be greater than or equal to 1"),
+        (
+            "drawer",
+            "arm",
+            {"link_mass_scale": [0.0] * 7},
+            r"link_mass_scale\.0: Input should be greater than 0",
+        ),
+        (
+            "drawer",
+            "camera",
+            {"position_m": [0.5, 0.0, 0.8], "target_m": [0.5, 0.0, 0.1]},
+            "target_m is at, right above or right below position_m",
+        ),
+    ],
+)
+def test_what_no_world_can_be_is_refused_by_name(tmp_path, kind, part, change, text):
+    content = json.loads(draw_world(1, kind).to_json())
+    content[part] |= change
+    (tmp_path / "w.json").write_text(json.dumps(content))
+    with pytest.raises(WorldFileError, match=text):
+        load_world(tmp_path / "w.json")
+
+
+def test_a_file_of_another_kind_is_no_world(tmp_path):
+    (tmp_path / "w.json").write_bytes(b"\x89PNG\r\n\xff\xfe")
+    with pytest.raises(WorldFileError, match=r"w\.json: file: Invalid JSON"):
+        load_world(tmp_path / "w.json")
+
+
 def test_missing_world_file_is_named(tmp_path):
     with pytest.raises(WorldFileError, match=r"none\.json"):
         load_world(tmp_path / "none.json")
