@@ -9,6 +9,7 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -103,38 +104,64 @@ def test_results_made_with_other_options_are_not_mixed(tmp_path, work):
     assert len(results.read_text().splitlines()) == 3
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_to_the_first_process_ends_the_jobs_begun_and_says_what_is_kept(tmp_path, work, number):
-    """As by a service manager: the workers are not in a terminal that tells them as well."""
+@contextmanager
+def batch_of_long_jobs(folder, work):
+    """A process with two workers that are at jobs 1 and 2 of 6; job 0 has its result."""
     script = (
         "import sys; from s2r_protocol.cli import root; from s2r_sim.batch import run_jobs; import click\n"
-        f"sys.path.insert(0, {str(tmp_path)!r}); import {work.__name__} as work\n"
-        f"jobs = [({str(tmp_path)!r}, n) for n in range(6)]\n"
-        f"batch = lambda: run_jobs(work.long, jobs, work.Path({str(tmp_path)!r}) / 'results.jsonl', 2, 'jobs')\n"
+        f"sys.path.insert(0, {str(folder)!r}); import {work.__name__} as work\n"
+        f"jobs = [({str(folder)!r}, n) for n in range(6)]\n"
+        f"batch = lambda: run_jobs(work.long, jobs, work.Path({str(folder)!r}) / 'results.jsonl', 2, 'jobs')\n"
         "if __name__ == '__main__':\n"
         "    root._load = lambda name: click.Command(name, callback=batch)\n"
         "    root.main(['stop'])\n"
     )
-    (tmp_path / "script.py").write_text(script)
-    results = tmp_path / "results.jsonl"
-    process = subprocess.Popen([sys.executable, tmp_path / "script.py"], stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
-    begun = [tmp_path / f"began-{number}" for number in (1, 2)]
-    # A worker begins its next job before the first process has written the result of the one before.
-    while not (all(path.exists() for path in begun) and results.exists() and results.read_text()):
+    (folder / "script.py").write_text(script)
+    results = folder / "results.jsonl"
+    with subprocess.Popen(
+        [sys.executable, folder / "script.py"], stderr=subprocess.PIPE, text=True
+    ) as process:
+        begun = [folder / f"began-{number}" for number in (1, 2)]
+        # A worker begins its next job before the first process has written the result of the one before.
+        wait_until(lambda: all(path.exists() for path in begun) and results.exists() and results.read_text())
+        yield process
+        process.kill()
+
+
+def wait_until(condition, seconds=60.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    process.send_signal(number)
-    asked = time.monotonic()
-    _, said = process.communicate(timeout=30)
+
+
+def numbers(folder, what):
+    return sorted(path.name[-1] for path in folder.glob(f"{what}-*"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_the_first_process_ends_the_jobs_begun_and_says_what_is_kept(tmp_path, work, number):
+    """As by a service manager: the workers are not in a terminal that tells them as well."""
+    with batch_of_long_jobs(tmp_path, work) as process:
+        process.send_signal(number)
+        asked = time.monotonic()
+        _, said = process.communicate(timeout=30)
     assert time.monotonic() - asked < 10
     assert process.returncode == ExitCode.INTERRUPTED
     assert re.search(r"1 of 6 jobs are kept in .*results.jsonl; the same command goes on from there", said), (
         said
     )
     assert "Traceback" not in said
-    names = lambda what: sorted(path.name[-1] for path in tmp_path.glob(f"{what}-*"))  # noqa: E731
-    assert names("began") == names("closed") == ["0", "1", "2"]
+    assert numbers(tmp_path, "began") == numbers(tmp_path, "closed") == ["0", "1", "2"]
+
+
+def test_a_first_process_that_is_killed_leaves_no_worker_at_work(tmp_path, work):
+    """One that is left goes on with jobs that the next call begins as well, in the same folders."""
+    with batch_of_long_jobs(tmp_path, work) as process:
+        process.kill()
+        process.wait()
+        wait_until(lambda: numbers(tmp_path, "closed") == ["0", "1", "2"], 10.0)
+    assert numbers(tmp_path, "began") == ["0", "1", "2"]
 
 
 def test_conditions_without_a_result_bind_nobody(tmp_path, work):
