@@ -3,6 +3,7 @@ twice after an interruption. A worker that dies takes nothing along: its job is 
 
 from __future__ import annotations
 
+import fcntl
 import json
 import multiprocessing
 from collections import Counter
@@ -11,14 +12,14 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from s2r_protocol.cli.conditions import keep_to
-from s2r_protocol.exits import UsageError
+from s2r_protocol.exits import NotReadyError, UsageError
 from s2r_sim import batch_worker
 from s2r_sim.errors import WorkerLostError
 from s2r_sim.ray_cluster import on_ray
@@ -54,22 +55,50 @@ def run_jobs(
     Raises:
         UsageError: The results that are there were made with other conditions.
         WorkerLostError: A job's workers died again and again.
-        NotReadyError: Ray is asked for and not installed.
+        NotReadyError: Ray is asked for and not installed, or another process is at work on the same results.
     """
     todo = list(jobs)
-    if conditions is not None:
-        keep_to(conditions, results, begun=bool(results_in(results)))
-    known = dict(_read(results))
-    if still_there is not None:
-        _forget_lost(known, todo, still_there, results, label)
-    left = [job for job in todo if _key(job) not in known]
     results.parent.mkdir(parents=True, exist_ok=True)
+    with results.open("a") as file:
+        _take(file, results)
+        if conditions is not None:
+            keep_to(conditions, results, begun=bool(results_in(results)))
+        known = dict(_read(results))
+        if still_there is not None:
+            _forget_lost(known, todo, still_there, results, label)
+        with _said_when_interrupted(known, todo, results, label):
+            _do_what_is_left(work, todo, known, file, results, workers, label, ray)
+    return [known[_key(job)] for job in todo]
+
+
+def _take(file: TextIO, results: Path) -> None:
+    """Lock a file of results, until it is closed or this process ends."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise NotReadyError(
+            f"another process is at work on {results}, and both would do the same jobs in the same folders: wait "
+            "until it has ended, or give another --out"
+        ) from error
+    except OSError as error:
+        told = f"{results} lies where files cannot be locked ({error.strerror}): call one command at a time"
+        click.echo(told, err=True)
+
+
+def _do_what_is_left(
+    work: Work,
+    todo: list[Job],
+    known: dict[str, dict[str, Any]],
+    file: TextIO,
+    results: Path,
+    workers: int,
+    label: str,
+    ray: str | None,
+) -> None:
+    """Do the jobs that are not in ``known``, add their results to it and a line of each to the file."""
+    left = [job for job in todo if _key(job) not in known]
     columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with (
-        results.open("a") as file,
-        _said_when_interrupted(known, todo, results, label),
-        Progress(*columns, console=Console(stderr=True), refresh_per_second=1) as bar,
-    ):
+    with Progress(*columns, console=Console(stderr=True), refresh_per_second=1) as bar:
         if file.tell() and not results.read_text().endswith("\n"):
             file.write("\n")  # end the line that an interruption cut short
         task = bar.add_task(label, total=len(todo), completed=len(todo) - len(left))
@@ -79,7 +108,6 @@ def run_jobs(
             file.write(json.dumps({"job": list(job), "result": result}) + "\n")
             file.flush()
             bar.advance(task)
-    return [known[_key(job)] for job in todo]
 
 
 def _forget_lost(

@@ -3,7 +3,7 @@
     python tests/bench/fast_trials.py --out DIR KIND FIRST-LAST [--attempts 5] [--run-options '--without torque']
 
 ``DIR/results.jsonl`` is that of ``s2r bench paper``, so ``--compare LABEL=DIR`` and ``s2r bench ablations`` read it. An
-interrupted run goes on where it was.
+interrupted run goes on where it was; one process at a time writes to a DIR.
 
 The host's own code runs unchanged against the stand-in's plant and camera, but no executor, bus or wire stands between:
 plans are not admitted, set-points are the quintic knots' values, and a contact stops the arm by the same torque

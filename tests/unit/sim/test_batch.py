@@ -124,8 +124,10 @@ def batch_of_long_jobs(folder, work):
         begun = [folder / f"began-{number}" for number in (1, 2)]
         # A worker begins its next job before the first process has written the result of the one before.
         wait_until(lambda: all(path.exists() for path in begun) and results.exists() and results.read_text())
-        yield process
-        process.kill()
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def wait_until(condition, seconds=60.0):
@@ -162,6 +164,15 @@ def test_a_first_process_that_is_killed_leaves_no_worker_at_work(tmp_path, work)
         process.wait()
         wait_until(lambda: numbers(tmp_path, "closed") == ["0", "1", "2"], 10.0)
     assert numbers(tmp_path, "began") == ["0", "1", "2"]
+
+
+def test_a_second_process_at_the_same_results_is_refused(tmp_path, work):
+    with batch_of_long_jobs(tmp_path, work):
+        before = (tmp_path / "results.jsonl").read_text()
+        with pytest.raises(NotReadyError, match=r"another process is at work on .*results\.jsonl"):
+            run_jobs(work.noted, jobs(tmp_path, 6), tmp_path / "results.jsonl", 1, "jobs")
+        assert not (tmp_path / "calls").exists()
+        assert (tmp_path / "results.jsonl").read_text() == before
 
 
 def test_conditions_without_a_result_bind_nobody(tmp_path, work):
