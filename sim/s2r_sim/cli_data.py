@@ -35,7 +35,7 @@ def pushes(
     kinds: str, split: str, objects: int, first: int, pushes: int, jobs: int, ray: str | None, out: Path
 ) -> None:
     """One noisy view per object, and what random pushes at it do."""
-    from s2r_sim.batch import run_jobs
+    from s2r_sim.batch import jobs_in, run_jobs
     from s2r_sim.objects.catalogue import kind_named
     from s2r_sim.objects.npz_whole import file_of_result_is_whole
     from s2r_sim.objects.push_data import push_object
@@ -48,11 +48,18 @@ def pushes(
     names = [name.strip() for name in kinds.split(",")]
     for name in names:
         kind_named(name)
+    results = out / f"{split}.jsonl"
+    others = {job[3] for job in jobs_in(results)} - {pushes}
+    if others:  # an object has one file, however often it was pushed
+        raise UsageError(
+            f"{results} is of objects with {', '.join(map(str, sorted(others)))} pushes, not {pushes}: give another "
+            "--out, or the same number to go on"
+        )
     out.mkdir(parents=True, exist_ok=True)
     number = int(Split[split.upper()])
     todo = [(name, number, seed, pushes) for seed in range(first, first + objects) for name in names]
     work, whole = partial(push_object, folder=str(out)), partial(file_of_result_is_whole, folder=out)
-    rows = run_jobs(work, todo, out / f"{split}.jsonl", jobs, "objects", ray, still_there=whole)
+    rows = run_jobs(work, todo, results, jobs, "objects", ray, still_there=whole)
     done, good = sum(row["pushes"] for row in rows), sum(row["useful"] for row in rows)
     click.echo(f"{len(rows)} objects, {done} pushes, {100 * good / max(done, 1):.1f} % useful, in {out}")
 

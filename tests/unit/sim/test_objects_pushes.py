@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from s2r_protocol.cli.root import main
+from s2r_protocol.exits import ExitCode
 from s2r_sim.batch import run_jobs
 from s2r_sim.objects.npz_whole import is_whole
 from s2r_sim.objects.pairs import part_points
@@ -90,6 +91,16 @@ def test_data_job_goes_on_where_it_stopped(tmp_path):
     with np.load(tmp_path / "lid-train-00001.npz") as content:
         assert content["point"].shape == (3, 3)
         np.testing.assert_allclose(np.linalg.norm(content["direction"], axis=1), 1.0, atol=1e-5)
+
+
+def test_another_number_of_pushes_does_not_write_over_the_objects_of_before(tmp_path, capsys):
+    command = ["data", "pushes", "--kinds", "lid", "--objects", "1", "--out", str(tmp_path), "--pushes"]
+    for number, code in (("3", 0), ("2", ExitCode.USAGE)):
+        with pytest.raises(SystemExit) as ended:
+            main([*command, number])
+        assert (ended.value.code or 0) == code
+    assert "train.jsonl is of objects with 3 pushes, not 2: give another --out" in capsys.readouterr().err
+    assert len(np.load(tmp_path / "lid-train-00000.npz")["delta"]) == 3
 
 
 def test_a_file_that_was_damaged_or_removed_after_it_was_written_is_drawn_again(tmp_path, capfd):
