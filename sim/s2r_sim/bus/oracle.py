@@ -279,7 +279,8 @@ def check_stop(trace: Trace, limits: Limits, stop: Stop, report: Report) -> None
                     float(allowed[j]),
                 )
             )
-    rest_by = begin + int(np.ceil(stop.rest_within_s / trace.dt)) + 5
+    # A trace that ends before the time is up has to end with the stop carried out.
+    rest_by = min(begin + int(np.ceil(stop.rest_within_s / trace.dt)) + 5, len(speed) - 1)
     tail = slice(rest_by, None)
     still = speed[tail][enable[1:][tail]]
     if len(still) and np.abs(still).max() > 0:
@@ -294,7 +295,7 @@ def check_stop(trace: Trace, limits: Limits, stop: Stop, report: Report) -> None
                 0,
             )
         )
-    if rest_by < len(enable) and bool(enable[rest_by:].any()) == stop.off:
+    if bool(enable[rest_by:].any()) == stop.off:
         report.violations.append(
             Violation(
                 "I2",

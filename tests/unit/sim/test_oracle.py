@@ -34,6 +34,14 @@ def changed(at, amount, joint=3):
     return replace(trace(), counts=counts)
 
 
+def cut(ticks):
+    """The first of the trace alone."""
+    t = trace()
+    return Trace(
+        t.tick[:ticks], t.control[:ticks], t.counts[:ticks], t.enabled[:ticks], t.faulty[:ticks], t.dt
+    )
+
+
 def test_a_good_trace_has_no_violation_and_tells_its_use_of_limits():
     report = judge(trace(), LIMITS, None, [ARM], [PLAN])
     assert not report.violations
@@ -70,6 +78,12 @@ def test_a_stop_that_does_not_come_that_comes_late_or_leaves_the_drives_on_is_na
     assert ("I2", "drives enabled after the stop") in found(trace(), stop=Stop(500, 2, 0.7, off=True))
     assert not found(trace(), stop=Stop(500, 2, 0.7, off=False))
     assert ("I5", "trace ends before the stop") in found(trace(), stop=Stop(N - 2, 2, 0.1, off=False))
+
+
+def test_a_trace_that_ends_within_the_time_for_a_stop_has_to_end_with_it():
+    assert ("I2", "speed after the stop") in found(cut(900), stop=Stop(500, 2, 0.7, off=False))
+    assert ("I2", "drives enabled after the stop") in found(cut(1500), stop=Stop(1200, 2, 0.7, off=True))
+    assert not found(cut(1500), stop=Stop(1000, 2, 0.7, off=False))
 
 
 def test_speeding_up_after_a_stop_decision_is_named():
