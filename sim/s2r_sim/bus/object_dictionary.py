@@ -70,13 +70,17 @@ class SdoServers:
         self.changes: dict[int, Entries] = {}  # node -> entries that differ, for tests and trials
         self._drives = {drive.node: drive for drive in drives}
         self._arm, self._tick_ns = arm, tick_ns
-        self._left: dict[int, tuple[bytes, int]] = {}  # node -> rest of a segmented value, expected toggle
+        # node -> rest of a segmented value, expected toggle, its entry
+        self._left: dict[int, tuple[bytes, int, tuple[int, int]]] = {}
 
     def answer(self, can_id: int, packet: bytes) -> list[bytes]:
         """The answer to one frame off the wire; empty if it is none of ours."""
         node = can_id - sdo.REQUEST_ID
         payload = packet[8 : 8 + packet[4]]
         if node not in self._drives or len(payload) != 8:
+            return []
+        if payload[0] & 0xE0 == sdo.ABORT:  # of the client, confirmed by nobody (CiA 301, abort SDO transfer)
+            self._left.pop(node, None)
             return []
         return [CanFrame(sdo.RESPONSE_ID + node, self._reply(node, payload)).pack()]
 
@@ -98,19 +102,19 @@ class SdoServers:
             exists = any(i == index for i, _ in known)
             return _abort(index, subindex, sdo.NO_SUBINDEX if exists else sdo.NO_OBJECT)
         if len(value) > 4:
-            self._left[node] = (value, 0)
+            self._left[node] = (value, 0, (index, subindex))
         return sdo.upload_response(index, subindex, value)
 
     def _segment(self, node: int, toggle: int) -> bytes:
-        rest, expected = self._left.get(node, (b"", -1))
+        left = self._left.pop(node, None)
+        if left is None:
+            return _abort(0, 0, sdo.BAD_COMMAND)
+        rest, expected, entry = left
         if toggle != expected:
-            self._left.pop(node, None)
-            return _abort(0, 0, sdo.BAD_TOGGLE if expected >= 0 else sdo.BAD_COMMAND)
+            return _abort(*entry, sdo.BAD_TOGGLE)
         part, rest = rest[:7], rest[7:]
         if rest:
-            self._left[node] = (rest, toggle ^ sdo.TOGGLE)
-        else:
-            del self._left[node]
+            self._left[node] = (rest, toggle ^ sdo.TOGGLE, entry)
         return sdo.segment(toggle, part, not rest)
 
 
