@@ -146,6 +146,12 @@ class Drive:
         self._fault_reset = fault_reset
         self._command = command
 
+    def restart(self) -> None:
+        """Begin anew, as after a reset of the node: power off, brake on, nothing remembered."""
+        self._enter(DriveState.SWITCH_ON_DISABLED)
+        self._command, self._fault_reset = DriveCommand.DISABLE_VOLTAGE, False
+        self.emergencies.clear()
+
     def set_point(self, q: float, dq: float, tau_ff: float) -> None:
         """Take a target position [rad], velocity [rad/s] and torque feed-forward [N·m] for the coming period."""
         self._fresh = True

@@ -54,9 +54,7 @@ class ClassicNodes:
         self._latched: list[bytes | None] = [None] * len(drives)
         self._periods = 0
         self._answer_due = False
-        self._outbox = [
-            self._frame(classic.HEARTBEAT_ID + d.node, bytes([classic.HEARTBEAT_BOOT])) for d in drives
-        ]
+        self._outbox = [self._boot_up(drive) for drive in drives]
 
     def receive(self, can_id: int, packet: bytes) -> None:
         """Take a frame off the wire."""
@@ -119,8 +117,14 @@ class ClassicNodes:
             if state is None or node not in (0, drive.node):
                 continue
             self._nmt[i] = state
-            if state != classic.HEARTBEAT_OPERATIONAL or command == classic.NMT_RESET_NODE:
+            if command == classic.NMT_RESET_NODE:
+                drive.restart()
+                self._outbox.append(self._boot_up(drive))
+            elif state != classic.HEARTBEAT_OPERATIONAL:
                 drive.command(DriveCommand.DISABLE_VOLTAGE)
+
+    def _boot_up(self, drive: Drive) -> bytes:
+        return self._frame(classic.HEARTBEAT_ID + drive.node, bytes([classic.HEARTBEAT_BOOT]))
 
     def _process_data(self, drive: Drive) -> list[bytes]:
         position = classic.pack_tpdo1(

@@ -6,7 +6,7 @@ import time
 import can
 import pytest
 
-from s2r_protocol.can import fd
+from s2r_protocol.can import classic, fd
 from s2r_protocol.can.drive import DriveCommand, DriveError, DriveState
 from s2r_protocol.can.frames import CAN_ERR_CRTL, CanFrame, connect_unix
 from s2r_protocol.can.python_can import StandInBus
@@ -243,6 +243,23 @@ def test_stopped_network_switches_the_drives_off(stand_in, classic_master):
         master.socket.send(CanFrame(0x000, bytes([0x02, 0])).pack())
         master.socket.send(CanFrame(0x080, b"\x01").pack())
         wait_until(lambda: {d.state for d in bus.plant.drives} == {DriveState.SWITCH_ON_DISABLED})
+
+
+def test_a_node_that_is_reset_boots_and_forgets_its_error(stand_in, classic_master):
+    with stand_in("classic", injections=["drop:0x203@40-60"]) as bus:
+        master = classic_master(bus.address)
+        q = [a.q_meas for a in master.cycle(DriveCommand.DISABLE_VOLTAGE, [0.0] * 7)]
+        master.enable(q)
+        for _ in range(50):
+            master.cycle(DriveCommand.ENABLE_OPERATION, q)
+        assert bus.plant.drives[2].error == DriveError.COMMUNICATION
+        master.heartbeats.clear()
+        master.socket.send(CanFrame(classic.NMT_ID, bytes([classic.NMT_RESET_NODE, 3])).pack())
+        answers = master.cycle(DriveCommand.DISABLE_VOLTAGE, q)
+        master.cycle(DriveCommand.DISABLE_VOLTAGE, q)
+        assert (3, classic.HEARTBEAT_BOOT) in master.heartbeats
+        assert answers[2].state == DriveState.SWITCH_ON_DISABLED
+        assert bus.plant.drives[2].error == DriveError.NONE
 
 
 def test_real_clock_runs_without_a_master_and_brakes_hold(stand_in, arm):
