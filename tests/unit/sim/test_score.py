@@ -45,7 +45,22 @@ def test_half_written_row_is_left_out(truth_file):
     assert truth.contact_part.tolist() == [False, False, True, False, False, True, False]
 
 
-@pytest.mark.parametrize("text", ["", "a,b\n1,2\n", "t_s,master_tick,object\n"])
+def test_a_last_number_that_was_cut_short_is_not_taken_for_a_whole_one(tmp_path):
+    head = "t_s,master_tick,object,joint1,contact_part,contact_base,contact_table,part_force_N,other_0\n"
+    path = tmp_path / "truth.csv"
+    path.write_text(head + "0.000,0,0.08,0.1,0,0,0,0,0.0812\n0.010,10,0.08,0.1,0,0,0,0,0.0")
+    assert read_truth(path).others.tolist() == [[0.0812]]
+
+
+def test_a_row_that_is_no_numbers_is_told_as_damage(truth_file):
+    truth_file.write_text(truth_file.read_text().replace("0.045", "0.0x5"))
+    with pytest.raises(TruthFileError, match=r"truth\.csv is damaged: .*0\.0x5"):
+        read_truth(truth_file)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a,b\n1,2\n", "t_s,master_tick,object\n", "t_s,master_tick,object\n0,0,0.1\n"]
+)
 def test_file_without_truth_is_refused(tmp_path, text):
     (tmp_path / "x.csv").write_text(text)
     with pytest.raises(TruthFileError, match=r"x\.csv"):
