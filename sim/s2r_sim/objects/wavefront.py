@@ -54,6 +54,6 @@ def triangles_of(file: Path, vertices: int) -> np.ndarray:
 
 
 def _rows(file: Path, key: str) -> list[list[str]]:
-    """The words of the lines that begin with ``key``."""
+    """The words of the lines that begin with ``key``, set apart by any blanks."""
     text = file.read_text(encoding="utf-8", errors="replace")  # names of materials may be in any encoding
-    return [line.split() for line in text.splitlines() if line.startswith(f"{key} ")]
+    return [words for line in text.splitlines() if (words := line.split()) and words[0] == key]

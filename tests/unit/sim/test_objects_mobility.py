@@ -376,6 +376,15 @@ def test_a_part_of_shape2motion_that_is_misstated_is_refused_by_name(shape2motio
         mobility_scene(shape2motion)
 
 
+def test_words_of_a_mesh_may_be_set_apart_by_tabs(partnet):
+    files = list((partnet / "textured_objs").iterdir())
+    as_before = mobility_scene(partnet, "drawer").compile()
+    for file in files:
+        file.write_text("".join(f" {line}\n" for line in file.read_text().replace(" ", "\t").splitlines()))
+    with_tabs = mobility_scene(partnet, "drawer").compile()
+    np.testing.assert_allclose(with_tabs.geom_aabb, as_before.geom_aabb, atol=1e-9)
+
+
 def test_a_mesh_of_another_format_is_refused_with_what_to_write(own):
     (own / "knob.stl").write_bytes(b"\x80\xff")
     (own / "box_with_drawer.urdf").write_text(
