@@ -15,6 +15,7 @@ from s2r_sim.world import load_world
 
 Row = dict[str, Any]
 MOVING_RAD_S = 2e-3
+BETWEEN = "between stages"
 
 
 def score_trial(trial: Trial, folder: Path, change: float) -> Row:
@@ -70,9 +71,11 @@ def _moving_s(truth: Truth) -> float:
 
 def failed_stage(run: Row) -> str | None:
     """Name of the stage that ended the run, numbers left out; None if it went through."""
-    failed = [stage["name"] for stage in run["stages"] if stage["failed"]]
-    if run["exit"]["code"] in (0, 7) or not failed:
+    if run["exit"]["code"] in (0, 7):
         return None
+    failed = [stage["name"] for stage in run["stages"] if stage["failed"]]
+    if not failed:
+        return BETWEEN
     name = re.sub(r" \d+", "", failed[-1])
     return name.replace(": proposals", " not reachable")
 

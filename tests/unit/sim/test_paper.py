@@ -249,6 +249,7 @@ def test_options_that_s2r_run_refuses_end_the_campaign_and_are_no_result(tmp_pat
         ([("plan 1", False), ("plan 2", True)], 7, None),
         ([("first push 2: proposals", True)], 4, "first push not reachable"),
         ([("estimate joint", True), ("estimate joint 3", True)], 4, "estimate joint"),
+        ([("look A", False)], 5, "between stages"),
     ],
 )
 def test_the_stage_that_ended_a_run_is_named(stages, code, named):
