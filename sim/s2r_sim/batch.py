@@ -18,7 +18,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from s2r_protocol.cli.conditions import keep_to
+from s2r_protocol.cli.conditions import conditions_of, keep_to
 from s2r_protocol.exits import NotReadyError, UsageError
 from s2r_sim import batch_worker
 from s2r_sim.errors import WorkerLostError
@@ -193,7 +193,10 @@ def jobs_in(results: Path) -> list[list[Any]]:
 
 
 def results_for_page(
-    results: Path, wanted: Callable[[list[Any], dict[str, Any]], bool], what: str
+    results: Path,
+    wanted: Callable[[list[Any], dict[str, Any]], bool],
+    what: str,
+    conditions: dict[str, Any] | None = None,
 ) -> list[dict[str, Any]]:
     """Those of a file that a page is to show.
 
@@ -201,10 +204,13 @@ def results_for_page(
         results: The file.
         wanted: Which, by job and result.
         what: They are, in the plural.
+        conditions: That the page will say they were made with.
 
     Raises:
-        UsageError: There are none, and the page would become an empty one.
+        UsageError: There are none, and the page would become an empty one; or they were made with other conditions.
     """
+    if conditions is not None and conditions_of(results).is_file():
+        keep_to(conditions, results, begun=True)
     rows = [row for job, row in dict(_read(results)).items() if wanted(json.loads(job), row)]
     if not rows:
         raise UsageError(f"--page-only: {results} holds no result of these {what}; the page is left as it is")

@@ -9,6 +9,11 @@ from typing import Any
 from s2r_protocol.exits import UsageError
 
 
+def conditions_of(results: Path) -> Path:
+    """Where the conditions of a file of results are kept."""
+    return results.with_suffix(".conditions.json")
+
+
 def keep_to(conditions: dict[str, Any], results: Path, *, begun: bool) -> None:
     """Note the conditions beside the results, or refuse to go on with others.
 
@@ -21,7 +26,7 @@ def keep_to(conditions: dict[str, Any], results: Path, *, begun: bool) -> None:
         UsageError: The results were made with others, or nobody knows with which; names the condition, both values
             and what to do.
     """
-    path = results.with_suffix(".conditions.json")
+    path = conditions_of(results)
     if not begun:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(conditions, indent=1) + "\n")

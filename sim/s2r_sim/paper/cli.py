@@ -88,6 +88,7 @@ def paper(
             raise UsageError(f"unknown kind {name!r}; there are {', '.join(KINDS)}")
     others = _others(compare)  # refused before the hours of work
     words = _words(run_options)
+    conditions = {"--run-options": run_options, "--pace": pace, "--arm": arm}
     todo = [(name, number, attempts) for number in range(first, first + trials) for name in names]
     if page_only:
         # The same trial with more or fewer manipulations is another one.
@@ -95,6 +96,7 @@ def paper(
             out / "results.jsonl",
             lambda job, row: row["kind"] in names and job[2] == attempts,
             f"kinds with --attempts {attempts}",
+            conditions,
         )
     else:
         rows = run_jobs(
@@ -104,7 +106,7 @@ def paper(
             jobs,
             "manipulations",
             ray,
-            {"--run-options": run_options, "--pace": pace, "--arm": arm},
+            conditions,
         )
     options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
     options += f" --arm {arm}" if arm != "xmate3pro" else ""

@@ -208,6 +208,22 @@ def test_a_page_from_results_alone_holds_trials_of_one_number_of_manipulations(t
     assert [merit["n"] for merit in json.loads(result.stdout)["last"]] == [counted, 0, 0]
 
 
+def test_a_page_from_results_alone_tells_no_other_options_than_they_were_made_with(tmp_path):
+    (row,) = [row for row in ROWS if row["kind"] == "drawer"][:1]
+    line = json.dumps({"job": [row["kind"], row["number"], 3], "result": row})
+    (tmp_path / "results.jsonl").write_text(line + "\n")
+    made_with = {"--run-options": "--reactive", "--pace": 1.0, "--arm": "xmate3pro"}
+    (tmp_path / "results.conditions.json").write_text(json.dumps(made_with))
+    options = ["--out", str(tmp_path), "--page-only"]
+    refused = CliRunner().invoke(paper, options)
+    assert isinstance(refused.exception, UsageError)
+    assert "holds results with --run-options '--reactive', not ''" in str(refused.exception)
+    assert not (tmp_path / "results.md").exists()
+    told = CliRunner().invoke(paper, [*options, "--run-options", "--reactive", "--pace", "1"])
+    assert told.exit_code == 0, told.output
+    assert "--run-options '--reactive' --pace 1 --out DIR" in (tmp_path / "results.md").read_text()
+
+
 def test_the_page_has_every_trial_the_failures_and_a_picture(tmp_path):
     write_page(ROWS, tmp_path / "results.md", "s2r bench paper --trials 5", attempts=3)
     text = (tmp_path / "results.md").read_text()
