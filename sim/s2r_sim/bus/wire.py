@@ -1,7 +1,8 @@
 """The wire: who transmits when, how long it takes, what gets lost.
 
 Every frame occupies the bus for its worst-case bit time; when several wait, the lowest identifier wins. Frames that do
-not fit before the end of the window wait for the next one, as on a real bus that is too full.
+not fit before the end of the window wait for the next one, as on a real bus that is too full; a node whose transmit
+queue is full gets no further frame into it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ from s2r_protocol.can.timing import BitRate, frame_ns
 from s2r_protocol.exits import UsageError
 
 ACTIONS = ("drop", "corrupt", "delay", "enobufs")
+QUEUE_FRAMES = (
+    64  # that may wait of one client, or of one frame of a drive: a node that babbles fills no memory
+)
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,10 @@ class Waiting(NamedTuple):
 _IDENTIFIER = attrgetter("can_id")
 
 
+def _queue_of(frame: Waiting) -> object:
+    return frame.can_id if frame.sender is None else frame.sender
+
+
 class Wire:
     """Arbitration and bit time of one bus segment. Times are simulated nanoseconds."""
 
@@ -93,6 +101,7 @@ class Wire:
         self._injections = list(injections)
         self.disturbed: Counter[Injection] = Counter()  # frames that each rule has hit
         self._waiting: list[Waiting] = []  # by identifier, those of one identifier as they came
+        self._queued: Counter[object] = Counter()  # how many of them are of whom
         self._duration_ns: dict[tuple[bool, int], int] = {}
         self._busy_ns = 0
         self.free_ns = 0
@@ -115,8 +124,13 @@ class Wire:
         frame = Waiting(now_ns, can_id, packet, sender)
         if self._injections:
             frame = self._disturb(frame, tick)
-        if frame is not None:
-            insort(self._waiting, frame, key=_IDENTIFIER)
+        if frame is None:
+            return
+        if self._queued[_queue_of(frame)] >= QUEUE_FRAMES:
+            self.refused.append(frame)
+            return
+        self._queued[_queue_of(frame)] += 1
+        insort(self._waiting, frame, key=_IDENTIFIER)
 
     def pass_all(self, packets: Sequence[bytes], ready_ns: int, end_ns: int) -> list[int] | None:
         """Carry frames that are ready at once, given by rising identifier, when nothing else wants or disturbs the bus.
@@ -146,11 +160,18 @@ class Wire:
             if start + duration > end_ns:
                 return None
             del self._waiting[index]
+            self._leave_queue(frame)
             self.free_ns = start + duration
             self._busy_ns += duration
             if not frame.lost:
                 return frame
         return None
+
+    def _leave_queue(self, frame: Waiting) -> None:
+        queue = _queue_of(frame)
+        self._queued[queue] -= 1
+        if not self._queued[queue]:
+            del self._queued[queue]  # clients come and go
 
     def _arbitrate(self) -> tuple[int, int]:
         """Which frame transmits next, and when: the lowest identifier of those that are ready once the bus is free."""

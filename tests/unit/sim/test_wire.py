@@ -5,7 +5,7 @@ import pytest
 from s2r_protocol.can.frames import CanFrame
 from s2r_protocol.can.timing import BitRate
 from s2r_protocol.exits import UsageError
-from s2r_sim.bus.wire import Injection, Wire
+from s2r_sim.bus.wire import QUEUE_FRAMES, Injection, Wire
 
 TICK_NS = 1_000_000
 
@@ -82,6 +82,27 @@ def test_full_transmit_queue_is_told_to_the_sender():
     assert drain(w, TICK_NS) == []
     assert w.free_ns == 0
     assert [f.sender for f in w.refused] == ["me"]
+
+
+def test_what_babbles_fills_its_own_queue_and_no_memory():
+    w, babbler, other = wire(), object(), object()
+    for _ in range(1000):
+        w.offer(classic(0x001), babbler, 0, 0)
+    assert [f.sender for f in w.refused] == [babbler] * (1000 - QUEUE_FRAMES)
+    w.offer(classic(0x100), other, 0, 0)
+    sent = drain(w, 1000 * TICK_NS)
+    assert [f.sender for f in sent] == [babbler] * QUEUE_FRAMES + [other]
+    w.refused.clear()
+    w.offer(classic(0x001), babbler, w.free_ns, 0)
+    assert not w.refused
+
+
+def test_answers_that_get_no_room_on_the_bus_do_not_pile_up():
+    w = wire()
+    for _ in range(1000):
+        for node in (1, 2):
+            w.offer(classic(0x180 + node), None, 0, 0)
+    assert len(drain(w, 1000 * TICK_NS)) == 2 * QUEUE_FRAMES
 
 
 @pytest.mark.parametrize("text", ["lose:0x181@1", "drop:181", "drop:0x181@", "drop:0xZZ@1", ""])
