@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context
+from s2r_host.gap.motion.align import control_lag
 from s2r_host.gap.motion.law import check_law, stamps_within
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session
@@ -142,3 +143,10 @@ def test_an_effort_that_is_one_period_old_is_no_clock(model):
 def test_a_drive_that_reports_the_effort_of_the_tick_before_is_no_late_drive(model):
     assert found(model, drive=lambda u: np.concatenate([u[:1], u[:-1]])) is None
     assert found(model, drive=lambda u: np.concatenate([u[:1].repeat(2), u[:-2]])) is not None
+
+
+def test_a_recording_without_gains_beside_others_leaves_the_clocks_open(model):
+    known = [recorded(model, k, effort="commanded") for k in range(2)]
+    assert control_lag(model, known, 0) is not None
+    bare = make_session(model, replace(known[1].rec, controller=Controller()), 1)
+    assert control_lag(model, [known[0], bare], 0) is None

@@ -80,10 +80,10 @@ def control_lag(model: RigidModel, sessions: list[Session], joint: int) -> tuple
     """Lag that makes the control law fit the recorded effort, with its standard deviation [s].
 
     Returns:
-        None when the effort is not the commanded one, the law is not known, or it does not fit at any lag.
+        None when the effort is not the commanded one, a law is not known, or it does not fit at any lag.
     """
     usable = [s for s in sessions if s.has_u[joint] and s.rec.effort == "commanded"]
-    if not usable or control_law(model, usable[0], joint) is None:
+    if not usable or any(control_law(model, s, joint) is None for s in usable):
         return None
     lags = np.linspace(-MAX_LAG_S, MAX_LAG_S, 81)
     cost = np.array([_misfit(model, usable, joint, lag) for lag in lags])
