@@ -20,6 +20,8 @@ from s2r_host.gap.search.search import Search
 from s2r_host.gap.verdict.parameters_off import parameters_only
 
 DT, KP, KD = 0.004, 40.0, 2.0
+TWO_JOINTS = """<mujoco><worldbody><body><joint name="j1" axis="0 1 0"/><geom size="0.1"/>
+<body pos="0.3 0 0"><joint name="j2" axis="0 1 0"/><geom size="0.1"/></body></body></worldbody></mujoco>"""
 
 
 @pytest.fixture(scope="module")
@@ -158,3 +160,18 @@ def test_a_second_run_that_repeats_every_step_of_the_encoder_is_none(model, step
         s.rec.as_read.channels["q"]["elbow"] = np.round(q / step) * step if step else q
     assert (find_partner(again, [first]) is None) == copied
     assert ("repeat nearly every encoder step of r0" in (no_partner(again, [first]) or "")) == copied
+
+
+def test_a_second_run_without_one_of_the_joints_is_none(tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_text(TWO_JOINTS)
+    arm, t, step = RigidModel(path), np.arange(0, 8, DT), 1e-3
+    q = {"j1": step * np.round(np.sin(1.3 * t) / step), "j2": step * np.round(np.sin(2.1 * t) / step)}
+    first, again = (
+        make_session(
+            arm, Recording(name, t, {"q": joints}, Controller(), "commanded", "effort", "a", "", ()), k
+        )
+        for k, (name, joints) in enumerate((("whole", q), ("half", {"j2": q["j2"]})))
+    )
+    assert find_partner(again, [first]) is None
+    assert "half is no second run" in (no_partner(again, [first]) or "")

@@ -84,7 +84,10 @@ def _copied(twin: Session, s: Session) -> bool:
     if len(here) < 2:
         return False
     for joint, q in one.channels["q"].items():
-        pair = np.stack([q[here], other.channels["q"][joint][there]])
+        again = other.get("q", joint)
+        if again is None:
+            return False
+        pair = np.stack([q[here], again[there]])
         if not _stepped(pair[0], SMOOTH * _spread(s)):
             return False
         steps = np.any(np.diff(pair, axis=1) != 0.0, axis=0)
