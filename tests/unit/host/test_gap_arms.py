@@ -7,6 +7,7 @@ import pytest
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context
+from s2r_host.gap.effects.payload import add_mass
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.recordings.recording import Controller, Recording
@@ -24,6 +25,10 @@ ARM_XML = """<mujoco><worldbody><body name="a"><joint name="j1" axis="0 1 0" dam
 <body name="b" pos="0.4 0 0"><joint name="j2" axis="0 1 0" damping="0.02" frictionloss="0.05"/>
 <inertial mass="0.4" pos="0.1 0 0.02" diaginertia="0.002 0.002 0.002"/>
 </body></body></worldbody></mujoco>"""
+ARM_AND_DRAWER = """<mujoco><worldbody><body name="arm"><joint name="hinge" axis="0 1 0" damping="0.2"/>
+<inertial mass="2" pos="0.2 0 0" diaginertia="0.02 0.02 0.02"/></body>
+<body name="drawer"><joint name="rail" type="slide" damping="1"/><inertial mass="3" pos="0 0 0" diaginertia="1 1 1"/>
+</body></worldbody></mujoco>"""
 DT, NOISE = 0.005, np.array([0.1, 0.005])
 
 
@@ -94,6 +99,24 @@ def test_friction_on_a_light_wrist_is_found_beside_a_noisy_shoulder(rubbing):
     decision = decide(rubbing.problem, rubbing)
     assert [(e.name, e.joint) for e in decision.effects] == [("coulomb_friction", "j2")]
     assert decision.effects[0].theta[0] == pytest.approx(0.2, rel=0.15)
+
+
+def test_a_load_is_told_at_the_joint_that_moves_it(tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_text(ARM_AND_DRAWER)
+    both = RigidModel(path)
+    heavier = both.variant(lambda m: add_mass(m, both.model.body("arm").id, 1.0, np.array([0.3, 0.0, 0.0])))
+    sessions = []
+    for index, phase in enumerate((0.0, 0.0, 1.0)):
+        rec = recorded(both, index, phase, lambda v, a: 0.0 * v)
+        s = make_session(both, rec, index)
+        load = both.inverse(s.q, s.v, s.a, heavier) - s.load
+        tau = {j: x + load[:, k] for k, (j, x) in enumerate(rec.channels["tau"].items())}
+        sessions.append(make_session(both, replace(rec, channels=rec.channels | {"tau": tau}), index))
+    fit, again, held = sessions
+    search = Search(build_problem(both, [fit], [held], [again]))
+    decision = decide(search.problem, search)
+    assert [(e.name, e.joint) for e in decision.effects] == [("payload", "hinge")]
 
 
 def test_a_joint_at_its_noise_is_not_searched(rubbing):

@@ -189,6 +189,13 @@ class RigidModel:
                 moved.append(b)
         return moved
 
+    def joint_that_moves(self, body: int) -> str:
+        """Name of the joint nearest to a body, between it and the base."""
+        m = self.model
+        while int(m.body_jntnum[body]) == 0:
+            body = int(m.body_parentid[body])
+        return self.joints[int(m.body_jntadr[body]) + int(m.body_jntnum[body]) - 1]
+
     def jointed_bodies(self) -> list[int]:
         """Bodies with mass that some joint moves."""
         m = self.model

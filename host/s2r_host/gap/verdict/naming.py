@@ -82,7 +82,7 @@ def named_effect(problem: Problem, search: Search, solution: Solution, i: int, s
         )
     joint = "" if term.joint < 0 else problem.ctx.model.joints[term.joint]
     if term.effect == "payload":
-        joint = problem.ctx.model.joints[-1]
+        joint = problem.ctx.model.joint_that_moves(int(dict(term.shape)["body"]))
     elif term.joint < 0 and not term.effect.startswith(PREFIX):
         joint = problem.ctx.model.joints[0]
     return Named(
