@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from typing import ClassVar
 
 import mujoco
@@ -241,3 +242,9 @@ def as_written(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, x: float) -> float:
     """A position of a joint [rad or m] in the unit of the file that the model was read from: degrees, if so."""
     turns = joint.type == mujoco.mjtJoint.mjJNT_HINGE
     return float(np.rad2deg(x)) if turns and spec.compiler.degree else x
+
+
+def free_name(wanted: str, elements: Sequence[mujoco.MjsElement]) -> str:
+    """A name that none of the elements has: that of an earlier patch may stand in the model."""
+    taken = {one.name for one in elements}
+    return next(x for x in (f"{wanted}{k or ''}" for k in count()) if x not in taken)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from itertools import count
-
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, free_name
 from s2r_host.gap.effects.encoder_offset import load_bend, load_slope
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import deflection, filtered
@@ -149,8 +147,7 @@ def second_joint(ctx: Context, spec: mujoco.MjSpec, joint: int, motor_inertia: f
     """Add a coincident joint behind ``joint``; returns it. Motor-side quantities stay on the first one."""
     name = ctx.model.joints[joint]
     first = spec.joint(name)
-    taken = {one.name for one in spec.joints}
-    free = next(x for x in (f"{name}_gap_flex{k or ''}" for k in count()) if x not in taken)
+    free = free_name(f"{name}_gap_flex", spec.joints)
     flex = first.parent.add_joint(name=free, type=first.type, axis=first.axis, pos=first.pos)
     known = float(ctx.model.model.dof_armature[joint])
     if known == 0.0:

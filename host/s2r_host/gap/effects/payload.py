@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, small_is_odd
+from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, free_name, small_is_odd
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session
 
@@ -66,7 +66,8 @@ class Payload(Effect):
         """A small extra body."""
         body = int(shape["body"])
         parent = spec.body(ctx.model.body_name(body))
-        extra = parent.add_body(name="gap_payload", pos=shape["reach"] * arm(ctx.model, body))
+        name = free_name("gap_payload", spec.bodies)
+        extra = parent.add_body(name=name, pos=shape["reach"] * arm(ctx.model, body))
         extra.mass, extra.inertia, extra.explicitinertial = float(theta[0]), np.full(3, 1e-8), 1
         extra.ipos = np.zeros(3)  # not given, MuJoCo takes the place twice, and writes no weight to the file
         return True
