@@ -333,7 +333,7 @@ def _calibrate(a: Analysis, seconds: float) -> None:
     assert a.twin is not None
     solution = a.decision.solution
     for drift in a.problem.drift:
-        s, j = drift.block.session, drift.block.joint
+        s, j = drift.blocks[0].session, drift.blocks[0].joint
         change = friction_change(a.problem, a.search, solution, s, j, seconds)
         a.twin.friction_factor.setdefault(s.rec.session, np.ones(len(a.model.joints)))[j] = 1.0 + change
         a.notes.append(

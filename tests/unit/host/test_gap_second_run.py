@@ -1,5 +1,6 @@
 """What comes back in the second run of a motion is no noise; what comes in another unit is refused."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +18,7 @@ from s2r_host.gap.regression.problem import Problem, build_problem
 from s2r_host.gap.regression.second_run import find_partner, no_partner
 from s2r_host.gap.rig import write_model
 from s2r_host.gap.search.search import Search
+from s2r_host.gap.verdict.decide import decide
 from s2r_host.gap.verdict.parameters_off import parameters_only
 
 DT, KP, KD = 0.004, 40.0, 2.0
@@ -123,6 +125,19 @@ def resting(model, index):
     channels = {"q": {"elbow": q}, "dq": {"elbow": dq}, "tau": {"elbow": u}}
     rec = Recording(f"r{index}", t, channels, Controller("none"), "measured", "effort", "a", "", ())
     return make_session(model, rec, index)
+
+
+def test_friction_of_a_new_session_is_told_once_however_many_recordings_it_has(tmp_path):
+    rubbing = RigidModel(write_model(tmp_path / "model.xml", friction=0.5))
+    fit, again = (recorded(rubbing, k, 0.0, dry=0.5) for k in range(2))
+    held = []
+    for index, phase in ((2, 1.0), (3, 2.0)):
+        s = recorded(rubbing, index, phase, dry=0.8)
+        held.append(make_session(rubbing, replace(s.rec, session="next day"), index))
+    search = Search(build_problem(rubbing, [fit], held, [again]))
+    effects = decide(search.problem, search).effects
+    assert [(e.name, e.joint) for e in effects] == [("session_friction", "elbow")]
+    assert effects[0].parameters["factor"]["value"] == pytest.approx(1.6, rel=0.1)
 
 
 def test_what_friction_holds_at_rest_may_come_back(tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,21 +16,23 @@ class Drift:
     """Friction of a held-out session that was not among the fitted ones, as nuisance: dry and viscous change.
 
     Attributes:
-        block: Rows it belongs to.
+        blocks: Rows of one joint in every recording of the session; ``rows`` their numbers, shape (rows,).
         columns: Whitened direction of motion (and speed, where there is viscous friction), shape (rows, k).
-        raw: Direction of motion in effort units, shape (rows,).
         level: Friction the fitted sessions show: dry [N·m or N], viscous [N·m·s/rad or N·s/m], shape (k,).
     """
 
-    block: Block
+    blocks: list[Block]
     columns: np.ndarray
-    raw: np.ndarray
     level: np.ndarray
+    rows: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.rows = np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in self.blocks])
 
     def estimate(
         self, left: np.ndarray, noise: float, found: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Changes the whitened leftover of this block asks for, their covariance, levels and columns.
+        """Changes the whitened leftover of these rows asks for, their covariance, levels and columns.
 
         Args:
             left: Whitened leftover, shape (rows of the problem,).
@@ -41,10 +43,10 @@ class Drift:
             (k,), (k, k), (k,) and (rows, k); the level of what was found is one.
         """
         columns, level = self.columns, self.level
-        if found is not None and np.any(found[self.block.rows]):
-            columns = np.concatenate([columns, found[self.block.rows][:, None]], axis=1)
+        if found is not None and np.any(found[self.rows]):
+            columns = np.concatenate([columns, found[self.rows][:, None]], axis=1)
             level = np.append(level, 1.0)
-        power, pull = columns.T @ columns / noise, columns.T @ left[self.block.rows] / noise
+        power, pull = columns.T @ columns / noise, columns.T @ left[self.rows] / noise
 
         def solved(width: float) -> tuple[np.ndarray, np.ndarray]:
             covariance = np.linalg.inv(power + np.diag((width * level) ** -2.0))

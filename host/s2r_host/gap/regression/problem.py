@@ -283,21 +283,27 @@ def _second_runs(
 
 def _fill_drift(problem: Problem, fit: list[Session], hold: list[Session]) -> None:
     known = {s.rec.session for s in fit}
+    new: dict[tuple[str, int], list[Block]] = {}
     for block in problem.blocks:
-        s, j = block.session, block.joint
-        if s not in hold or s.rec.session in known:
-            continue
+        if block.session in hold and block.session.rec.session not in known:
+            new.setdefault((block.session.rec.session, block.joint), []).append(block)
+    for (_, j), blocks in new.items():
         levels = [friction_levels(problem.ctx.model, x, j) for x in fit if x.has_u[j]]
         if not levels:
             continue
         dry, viscous = np.mean(levels, axis=0)
-        parts = [(dry, s.sign(j)), (viscous, s.v[:, j])]
         if dry <= 0:
             continue
-        kept = [(level, compare(x, s, j, True)[block.picks]) for level, x in parts if level > 0]
-        weight = problem.weight[block.rows]
-        columns = np.stack([problem.whiteners[j](rows) * weight for _, rows in kept], axis=1)
-        problem.drift.append(Drift(block, columns, kept[0][1], np.array([level for level, _ in kept])))
+        level = np.array([dry, viscous] if viscous > 0 else [dry])
+        columns = np.concatenate([_friction_columns(problem, b)[:, : len(level)] for b in blocks])
+        problem.drift.append(Drift(blocks, columns, level))
+
+
+def _friction_columns(problem: Problem, block: Block) -> np.ndarray:
+    """Whitened direction and speed of the motion in a block, shape (rows, 2)."""
+    s, j, weight = block.session, block.joint, problem.weight[block.rows]
+    parts = (compare(x, s, j, True)[block.picks] for x in (s.sign(j), s.v[:, j]))
+    return np.stack([problem.whiteners[j](rows) * weight for rows in parts], axis=1)
 
 
 def _fill_base(problem: Problem, sessions: list[Session]) -> None:

@@ -147,7 +147,7 @@ class Regression(Design):
         left = left.copy()
         for drift in self.problem.drift:
             change, _, _, columns = drift.estimate(left, noise, found)
-            left[drift.block.rows] -= columns @ change
+            left[drift.rows] -= columns @ change
         return left
 
     def added_friction(self, terms: list[Term], x: np.ndarray) -> np.ndarray | None:

@@ -140,7 +140,7 @@ def _level(search: Search, parts: list[_Part]) -> np.ndarray:
     p.weight *= factor
     p.B *= factor[:, None]
     for d in p.drift:
-        d.columns *= factor[d.block.rows][:, None]
+        d.columns *= factor[d.rows][:, None]
     search.forget()
     return factor
 

@@ -149,7 +149,7 @@ def add_drift(problem: Problem, search: Search, decision: Decision) -> None:
         # What raises one kind of friction and lowers the other is no session's doing, but something unmodelled.
         if odds < DRIFT_ODDS or odds < DRIFT_COMMON * total or abs(share) < DRIFT_LEAST or share <= -1.0:
             continue
-        s, j = drift.block.session, drift.block.joint
+        s, j = drift.blocks[0].session, drift.blocks[0].joint
         joint = problem.ctx.model.joints[j]
         half = Z90 * float(np.hypot(deviation, MODEL_ERROR + DRIFT_ERROR * abs(share)))
         own = Z90 * float(np.sqrt(covariance[0, 0]))

@@ -158,8 +158,8 @@ def _between(problem: Problem, name: str, joint: int) -> tuple[Session, np.ndarr
 
 def _drifting(problem: Problem, joint: int) -> tuple[Session, np.ndarray] | None:
     for drift in problem.drift:
-        s = drift.block.session
-        if drift.block.joint == joint:
+        s = drift.blocks[0].session
+        if drift.blocks[0].joint == joint:
             return s, np.abs(s.sign(joint))
     return None
 
