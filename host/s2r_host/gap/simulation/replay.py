@@ -199,10 +199,9 @@ class _Plan:
         for j, law in enumerate(self.laws):
             if law is not None and law.ki and s.has_u[j]:
                 first = start * self.ticks
-                static = law.kp * (law.q_cmd[first] - s.q[start, j]) + law.kd * (
-                    law.dq_cmd[first] - s.v[start, j]
-                )
-                self.integral[j] = (s.u[start, j] - static) / law.ki
+                self.integral[j] = (
+                    s.u[start, j] - law.without_integral(first, s.q[start, j], s.v[start, j])
+                ) / law.ki
 
     def measure(self) -> np.ndarray:
         q = self.data.qpos[self.adr].copy()
@@ -226,10 +225,9 @@ class _Plan:
             if law is None:
                 self.u[j] = self.u_rec[i, j]
                 continue
-            error = law.q_cmd[i] - q[j]
-            self.u[j] = law.kp * error + law.kd * (law.dq_cmd[i] - v[j]) + law.ahead[i]
+            self.u[j] = law.without_integral(i, q[j], v[j])
             if law.ki:
-                self.integral[j] += error * self.tick_s
+                self.integral[j] += (law.q_cmd[i] - q[j]) * self.tick_s
                 self.u[j] += law.ki * self.integral[j]
         np.clip(self.u, *self.limits, out=self.u)
         return self.u.copy()
@@ -275,6 +273,10 @@ class _Law:
     q_cmd: np.ndarray
     dq_cmd: np.ndarray
     ahead: np.ndarray
+
+    def without_integral(self, i: int, q: float, v: float) -> float:
+        """What is asked for at tick ``i`` from position, speed and what is fed forward [N·m or N]."""
+        return self.kp * (self.q_cmd[i] - q) + self.kd * (self.dq_cmd[i] - v) + self.ahead[i]
 
 
 def _law(rigid: RigidModel, s: Session, joint: int, ticks: int = 1) -> _Law | None:
