@@ -9,11 +9,13 @@ from scipy.signal import lfilter
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context
 from s2r_host.gap.motion.align import control_lag
+from s2r_host.gap.motion.checks import check_units
 from s2r_host.gap.motion.law import check_law, stamps_within
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
+from s2r_host.gap.simulation.replay import build_twin, run
 
 KP, KD, DT = 40.0, 2.0, 0.004
 
@@ -150,3 +152,30 @@ def test_a_recording_without_gains_beside_others_leaves_the_clocks_open(model):
     assert control_lag(model, known, 0) is not None
     bare = make_session(model, replace(known[1].rec, controller=Controller()), 1)
     assert control_lag(model, [known[0], bare], 0) is None
+
+
+def handled(model, index=0):
+    """What the drive gives is what the law asks for; most of it carries a recorded wrench, as of a tool."""
+    s = recorded(model, index, effort="commanded")
+    needed = s.load[:, 0] + 0.01 * np.random.default_rng(index).normal(size=len(s.t))
+    push = -6.0 * s.load[:, 0]
+    q, tau = s.rec.channels["q"], needed - push
+    channels = s.rec.channels | {
+        "tau": {"elbow": tau}, "wrench": {"arm.my": push},
+        "q_cmd": {"elbow": q["elbow"] + tau / KP}, "dq_cmd": s.rec.channels["dq"],
+    }  # fmt: skip
+    return make_session(model, replace(s.rec, channels=channels), index)
+
+
+def test_a_recorded_wrench_is_no_effort_that_a_controller_asks_for(model):
+    s = handled(model)
+    check_units(model, s)
+    assert control_lag(model, [s], 0) == pytest.approx((0.0, 0.0005))
+    assert check_law(model, [s], [handled(model, 1)], 0) is None
+
+
+def test_a_recorded_wrench_acts_beside_a_simulated_controller(model):
+    s, start = handled(model), 100
+    motion = run(build_twin(model, Context(model, [s]), []), s, start, len(s.t) - start, closed=True)
+    assert np.max(np.abs(motion.q[:, 0] - s.q[start : len(s.t) - start, 0])) < 0.01
+    assert motion.u[:, 0] == pytest.approx(s.u[start : len(s.t) - start, 0], abs=0.5)

@@ -82,7 +82,7 @@ def control_lag(model: RigidModel, sessions: list[Session], joint: int) -> tuple
     Returns:
         None when the effort is not the commanded one, a law is not known, or it does not fit at any lag.
     """
-    usable = [s for s in sessions if s.has_u[joint] and s.rec.effort == "commanded"]
+    usable = [s for s in sessions if s.has_drive[joint] and s.rec.effort == "commanded"]
     if not usable or any(control_law(model, s, joint) is None for s in usable):
         return None
     lags = np.linspace(-MAX_LAG_S, MAX_LAG_S, 81)
@@ -105,9 +105,9 @@ def _misfit(model: RigidModel, sessions: list[Session], joint: int, lag: float) 
         assert law is not None
         margin = int(MAX_LAG_S / s.dt) + 1
         cut = min(10.0, s.rec.band_hz)
-        error = lowpass(law - s.u[:, joint], cut, s.dt)[margin:-margin]
+        error = lowpass(law - s.drive(joint), cut, s.dt)[margin:-margin]
         ramp = np.stack([np.ones(len(error)), np.linspace(-1, 1, len(error))], axis=1)
         error = error - ramp @ np.linalg.lstsq(ramp, error, rcond=None)[0]  # an integrator's start value
         total += float(error @ error)
-        scale += float(np.sum((s.u[margin:-margin, joint] - np.mean(s.u[:, joint])) ** 2))
+        scale += float(np.sum((s.drive(joint)[margin:-margin] - np.mean(s.drive(joint))) ** 2))
     return total / max(scale, 1e-30)

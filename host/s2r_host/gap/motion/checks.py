@@ -144,12 +144,12 @@ def check_units(model: RigidModel, s: Session) -> None:
     for j, joint in enumerate(model.joints):
         if not s.has_u[j] or float(np.std(s.u[:, j])) < 1e-9:
             continue
-        parts = law_parts(model, s, j)
+        parts = law_parts(model, s, j) if s.has_drive[j] else None
         if parts is not None:
             ahead = s.channel("tau_ff", joint)
             ahead = np.zeros(len(s.t)) if ahead is None else ahead
             feedback = parts.kp + parts.kd + parts.rest - ahead
-            _check_law_scale(s, joint, model.unit(joint), feedback, ahead, s.u[:, j])
+            _check_law_scale(s, joint, model.unit(joint), feedback, ahead, s.drive(j))
         if model.unit(joint) == "rad" and float(np.ptp(s.q[:, j])) > LEAST_TURN:
             own, turned = _fit(s, j, j), _fit_in_degrees(model, s, j)
             if turned > LEAST_TURNED and 1.0 - own > TURNED_BETTER * (1.0 - turned):
@@ -165,13 +165,13 @@ def check_gains(model: RigidModel, s: Session) -> None:
     Raises:
         GapRecordingError: All columns of two joints have changed places.
     """
-    law, joints = s.rec.controller, [j for j in range(len(model.joints)) if s.has_u[j]]
+    law, joints = s.rec.controller, np.flatnonzero(s.has_drive).tolist()
     parts = {j: found for j in joints if (found := law_parts(model, s, j)) is not None}
     for i, j in itertools.combinations(parts, 2):
         name, other = model.joints[i], model.joints[j]
         if all(
-            np.std(s.u[:, a] - _with_gains_of(model.joints[b], law, parts[a], model.joints[a]).total())
-            < CROSSED * np.std(s.u[:, a] - parts[a].total())
+            np.std(s.drive(a) - _with_gains_of(model.joints[b], law, parts[a], model.joints[a]).total())
+            < CROSSED * np.std(s.drive(a) - parts[a].total())
             for a, b in ((i, j), (j, i))
         ):
             raise GapRecordingError(

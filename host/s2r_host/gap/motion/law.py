@@ -339,7 +339,7 @@ def _clip(test: _Test, unit: str) -> Found:
 
 def _rows(model: RigidModel, s: Session, joint: int, held: bool) -> _Rows | None:
     parts = law_parts(model, s, joint)
-    if parts is None:
+    if parts is None or not s.has_drive[joint]:
         return None
     asked = parts.total()
 
@@ -349,7 +349,7 @@ def _rows(model: RigidModel, s: Session, joint: int, held: bool) -> _Rows | None
         return shifted.total() - asked
 
     fine = np.arange(0.0, float(s.t[-1]), min(FINE_S, s.dt))
-    u = s.u[:, joint] if s.rec.rows is None else asked + _off_at_rows(model, s, joint)
+    u = s.drive(joint) if s.rec.rows is None else asked + _off_at_rows(model, s, joint)
     return _Rows(s, joint, held, u, asked, parts.kp, parts.kd, fine, late, _unsure(model, s, joint))
 
 

@@ -37,7 +37,9 @@ class Session:
         rec: The recording it was made from.
         t: Time [s], shape (time,); ``dt`` its step.
         q, v, a: Filtered position, velocity, acceleration, shape (time, joint).
-        u: Effort as recorded (NaN columns where absent); ``has_u`` tells which joints have one.
+        u: Effort that acts, of drive and recorded wrenches (NaN columns where absent); ``has_u`` tells which joints
+            have one, ``has_drive`` which have one of their drive.
+        pushed: The part of it that comes from recorded wrenches, shape (time, joint).
         load: Effort the nominal model needs for this motion, dry friction left out, shape (time, joint).
         mass: Diagonal of the inertia matrix, shape (time, joint).
         v_eps: Speed over which dry friction turns round [rad/s or m/s], shape (joint,); first the noise of the speed.
@@ -59,7 +61,9 @@ class Session:
     v: np.ndarray
     a: np.ndarray
     u: np.ndarray
+    pushed: np.ndarray
     has_u: np.ndarray
+    has_drive: np.ndarray
     load: np.ndarray
     mass: np.ndarray
     v_eps: np.ndarray
@@ -79,6 +83,10 @@ class Session:
     def slip(self, joint: int) -> np.ndarray:
         """Speed that decides the direction of dry friction [rad/s or m/s], shape (time,)."""
         return self.v[:, joint] + self.lead[joint] * self.a[:, joint]
+
+    def drive(self, joint: int) -> np.ndarray:
+        """Effort of the drive alone as recorded [N·m or N], shape (time,): that which a control law asks for."""
+        return self.u[:, joint] - self.pushed[:, joint]
 
     def driven(self, joint: int) -> bool:
         """Does an effort act at all? Where a joint swings freely, what is left over is its load, to the last digit."""
@@ -134,9 +142,12 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
         v_eps[i] = _speed_noise(v[:, i], dt, float(motion_cut[i]))
     if rec.effort == "commanded":
         u = np.clip(u, *model.effort_limits())  # what the model says the drive can do is no news
-    _add_wrenches(model, rec, t, q, u)
+    has_drive = np.asarray(np.isfinite(u).all(0))
+    pushed, touched = _pushed(model, rec, t, q)
+    u[:, touched] = np.nan_to_num(u[:, touched]) + pushed[:, touched]
     return Session(
-        rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, has_u=np.asarray(np.isfinite(u).all(0)),
+        rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, pushed=pushed,
+        has_u=np.asarray(np.isfinite(u).all(0)), has_drive=has_drive,
         load=model.inverse(q, v, a), mass=model.mass_diagonal(q), v_eps=v_eps, v_noise=v_eps.copy(),
         q_lsb=q_lsb, q_raw=q_raw, cut=cut, motion_cut=motion_cut, lead=np.zeros(nv), by_speed=by_speed,
     )  # fmt: skip
@@ -233,17 +244,16 @@ def nominal_friction(model: RigidModel, s: Session) -> np.ndarray:
     return np.stack([loss[j] * s.sign(j) for j in range(len(model.joints))], axis=1)
 
 
-def _add_wrenches(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarray, u: np.ndarray) -> None:
-    """Add the efforts of recorded external wrenches to ``u`` in place; they make an effort of their own.
+def _pushed(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What recorded external wrenches do to each joint, shape (time, joint), and which joints have any of it.
 
     A wrench acts at the origin of its body and is given in the world frame.
     """
     efforts = wrench_efforts(model, rec, t, q)
     if efforts is None:
-        return
+        return np.zeros_like(q), np.zeros(q.shape[1], dtype=bool)
     touched = np.max(np.abs(efforts), axis=0) > 1e-12
-    for j in np.flatnonzero(touched):
-        u[:, j] = np.nan_to_num(u[:, j]) + efforts[:, j]
+    return np.where(touched, efforts, 0.0), touched
 
 
 def wrench_bodies(model: RigidModel, rec: Recording) -> dict[int, np.ndarray]:

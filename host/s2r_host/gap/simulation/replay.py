@@ -163,7 +163,8 @@ class _Plan:
         self.laws = [
             _law(twin.rigid, s, j, self.ticks) if closed else None for j in range(len(twin.rigid.joints))
         ]
-        self.u_rec = np.repeat(np.nan_to_num(s.u), self.ticks, axis=0)
+        self.pushed = np.repeat(s.pushed, self.ticks, axis=0)
+        self.u_rec = np.repeat(np.nan_to_num(s.u), self.ticks, axis=0) - self.pushed
         self.limits = twin.rigid.effort_limits()
         h = m.opt.timestep
         effects = catalogue()
@@ -197,10 +198,10 @@ class _Plan:
         self.now = float(s.t[start])
         self.integral[:] = 0.0
         for j, law in enumerate(self.laws):
-            if law is not None and law.ki and s.has_u[j]:
+            if law is not None and law.ki and s.has_drive[j]:
                 first = start * self.ticks
                 self.integral[j] = (
-                    s.u[start, j] - law.without_integral(first, s.q[start, j], s.v[start, j])
+                    s.drive(j)[start] - law.without_integral(first, s.q[start, j], s.v[start, j])
                 ) / law.ki
 
     def measure(self) -> np.ndarray:
@@ -230,6 +231,7 @@ class _Plan:
                 self.integral[j] += (law.q_cmd[i] - q[j]) * self.tick_s
                 self.u[j] += law.ki * self.integral[j]
         np.clip(self.u, *self.limits, out=self.u)
+        self.u += self.pushed[i]
         return self.u.copy()
 
     def step(self) -> None:
