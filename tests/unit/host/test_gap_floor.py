@@ -19,7 +19,7 @@ from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.floor import without_rests
 from s2r_host.gap.regression.friction_seen import dry_level, trust
 from s2r_host.gap.regression.problem import build_problem
-from s2r_host.gap.regression.rows import compare
+from s2r_host.gap.regression.rows import band, compare, make_blocks
 
 DT, STEP = 0.004, 0.001
 INERTIA, FRICTION, DAMPING = 0.035, 0.05, 0.01
@@ -259,6 +259,28 @@ def test_what_feedback_makes_of_a_noisy_speed_is_left_out_of_the_band(tmp_path):
     rec = replace(s.rec, channels=channels | {"tau": fed_back})
     problem = build_problem(model, [make_session(model, rec, 0)], [], [])
     assert problem.blocks[0].session.cut[0] < 10.0
+
+
+@pytest.mark.parametrize("guessed", [False, True])
+def test_the_band_does_not_widen_with_the_number_of_recordings(tmp_path, guessed):
+    path = tmp_path / "table.xml"
+    path.write_text(TABLE)
+    model, t, tones = (
+        RigidModel(path),
+        np.arange(0, 20, DT),
+        np.array([0.3, 0.7, 1.3, 2.1, 3.3, 4.7, 6.1, 8.3, 11.0]),
+    )
+    q = np.sum(
+        0.6 / (1.0 + tones**4) * np.sin(2.0 * np.pi * np.outer(t, tones) + np.arange(len(tones))), axis=1
+    )
+    tau = INERTIA * np.gradient(np.gradient(q, DT), DT) + 0.01 * np.random.default_rng(1).normal(size=len(t))
+    channels = {"q": {"table": q}, "tau": {"table": tau}}
+    rec = Recording("r", t, channels, Controller(), "measured", "effort", "a", "", ())
+    fit = [make_session(model, rec, k) for k in range(8)]
+    blocks, raw = make_blocks(model, fit, [], [0])
+    alone, together = (band(model, 0, fit[:n], blocks[:n], raw[:n], guessed=guessed) for n in (1, len(fit)))
+    assert alone < 20.0
+    assert together == alone
 
 
 @pytest.fixture

@@ -124,8 +124,7 @@ def band(
     is at least what the channels of the motion show.
     """
     least = SIGNAL_TO_GUESS if guessed else SIGNAL_TO_NOISE
-    power_u: np.ndarray | None = None
-    power_n: np.ndarray | None = None
+    efforts: list[np.ndarray] = []
     block = max((b for b in blocks if b.joint == j), key=lambda b: len(b.picks))
     s = block.session
     rate = 1.0 / (s.dt * float(block.picks[1] - block.picks[0]))
@@ -136,14 +135,12 @@ def band(
             b.joint == j and b.session in fit and len(b.picks) >= length
         ):  # shorter ones have other frequencies
             f, p = welch(compare(b.session.u[:, j], b.session, j, True)[b.picks], rate, nperseg=length)
-            power_u = p if power_u is None else power_u + p
-    for x in noise:
-        _, p = welch(x, rate, nperseg=min(length, len(x)))
-        if len(p) == len(f):
-            power_n = p if power_n is None else power_n + p
-    if power_u is None or power_n is None:
+            efforts.append(p)
+    powers = [welch(x, rate, nperseg=min(length, len(x)))[1] for x in noise]
+    powers = [p for p in powers if len(p) == len(f)]
+    if not efforts or not powers:
         return float(s.cut[j])
-    power_n = np.maximum(power_n / len(noise), 1e-30)
+    power_u, power_n = np.mean(efforts, axis=0), np.maximum(np.mean(powers, axis=0), 1e-30)
     if guessed:  # what the channels show is no guess
         shown = np.mean([motion_density(model, x, j, f) for x in fit if x.has_u[j]], axis=0)
         power_n = np.maximum(power_n, shown * SIGNAL_TO_NOISE / SIGNAL_TO_GUESS)
