@@ -262,3 +262,31 @@ def test_a_limit_that_the_drive_runs_far_beyond_is_tried(ctx):
     wound_up = Context(ctx.model, asked)
     tried = [shape["limit"] for shape in catalogue()["saturation"].shapes(wound_up, 0) if shape["v0"] == 0.0]
     assert min(abs(x - limit) for x in tried) < 0.1 * limit
+
+
+RAIL_AND_HINGE = """<mujoco><worldbody><body><joint name="rail" type="slide" axis="1 0 0" damping="2" frictionloss="1"/>
+<geom size="0.1"/><body pos="0 0 -0.3"><joint name="hinge" axis="0 1 0"/><geom size="0.1"/></body></body></worldbody>
+</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "theta", "units"),
+    [
+        ("backlash", {"w": 0.01, "motor": 0.2, "f": 13.0, "zeta": 0.4}, [], ["m", "kg"]),
+        ("thermal_drift", {"T": 9.0, "target": 1.0}, [1.0], ["N·s/m", "s"]),
+        (
+            "motor_coupling",
+            {"other": 1.0, "mutual": 1.0, "own": 1.0},
+            [1.0] * 4,
+            ["kg·m", "N·s/rad", "kg", "N·s/m", "joint index"],
+        ),
+    ],
+)
+def test_numbers_of_a_slide_are_told_in_its_units(tmp_path, name, shape, theta, units):
+    path = tmp_path / "model.xml"
+    path.write_text(RAIL_AND_HINGE)
+    model, t = RigidModel(path), np.arange(0, 4, 0.004)
+    q = {"rail": 0.1 * np.sin(2.0 * t), "hinge": 0.3 * np.sin(3.0 * t)}
+    s = make_session(model, Recording("r", t, {"q": q}, Controller(), "measured", "effort", "a", "", ()), 0)
+    values = catalogue()[name].parameters(Context(model, [s]), 0, shape, np.array(theta))
+    assert [value.unit for value in values.values()] == units

@@ -47,8 +47,7 @@ class Armature(Effect):
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Reflected inertia."""
-        unit = "kg·m²" if ctx.model.unit(ctx.model.joints[joint]) == "rad" else "kg"
-        return {"inertia": Value(float(theta[0]), unit, (1.0,))}
+        return {"inertia": Value(float(theta[0]), ctx.model.inertia_unit(ctx.model.joints[joint]), (1.0,))}
 
     def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:
         """Stock attribute ``armature``."""

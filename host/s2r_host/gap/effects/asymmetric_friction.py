@@ -114,7 +114,7 @@ class AsymmetricFriction(Effect):
                 gradient[at] = sign
                 gradient[-1] = 1.0
                 found[label] = Value(
-                    base + sign * part["viscous"], f"{unit}·s/{ctx.model.unit(name)}", tuple(gradient)
+                    base + sign * part["viscous"], ctx.model.damping_unit(name), tuple(gradient)
                 )
         return found
 

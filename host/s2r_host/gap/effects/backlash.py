@@ -123,7 +123,9 @@ class Backlash(Effect):
         J = mean_inertia(ctx, joint)
         return {
             "half_width": Value(shape["w"], ctx.model.unit(name), shape_key="w"),
-            "motor_inertia": Value(J * shape["motor"], "kg·m²", shape_key="motor", scale=J),
+            "motor_inertia": Value(
+                J * shape["motor"], ctx.model.inertia_unit(name), shape_key="motor", scale=J
+            ),
         }
 
     def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:

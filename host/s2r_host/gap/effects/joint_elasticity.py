@@ -99,10 +99,13 @@ class JointElasticity(Effect):
                 link * w**2, f"{effort}/{unit}", shape_key="f", scale=2.0 * link * w * 2 * np.pi
             ),
             "damping": Value(
-                2 * shape["zeta"] * w * link, f"{effort}·s/{unit}", shape_key="zeta", scale=2 * w * link
+                2 * shape["zeta"] * w * link,
+                ctx.model.damping_unit(name),
+                shape_key="zeta",
+                scale=2 * w * link,
             ),
             "motor_inertia": Value(
-                J * shape["motor"], "kg·m²" if unit == "rad" else "kg", shape_key="motor", scale=J
+                J * shape["motor"], ctx.model.inertia_unit(name), shape_key="motor", scale=J
             ),
         }
 

@@ -51,9 +51,11 @@ class MotorCoupling(Effect):
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Coupling inertia and damping, what the joint feels of itself; ``other`` counts joints from zero."""
-        names = [("inertia", "kg·m²"), ("damping", "N·m·s/rad")]
+        model = ctx.model
+        own, other = model.joints[joint], model.joints[int(shape["other"])]
+        names = [("inertia", model.inertia_unit(own, other)), ("damping", model.damping_unit(own, other))]
         if shape.get("own"):
-            names += [("own_inertia", "kg·m²"), ("own_damping", "N·m·s/rad")]
+            names += [("own_inertia", model.inertia_unit(own)), ("own_damping", model.damping_unit(own))]
         gradients = np.eye(len(names))
         found = {
             name: Value(float(x), unit, tuple(map(float, row)))

@@ -73,7 +73,7 @@ class SoftClose(Effect):
         unit = ctx.model.unit(name)
         return {
             "position": Value(shape["q0"], unit, shape_key="q0", error=0.12 * shape["ramp"]),
-            "damping": Value(float(theta[0]), f"{ctx.model.effort_unit(name)}·s/{unit}", (1.0, 0.0)),
+            "damping": Value(float(theta[0]), ctx.model.damping_unit(name), (1.0, 0.0)),
             "pull": Value(float(theta[1]), ctx.model.effort_unit(name), (0.0, 1.0)),
         }
 

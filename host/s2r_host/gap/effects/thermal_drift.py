@@ -125,12 +125,11 @@ class ThermalDrift(Effect):
             if not warm:
                 found["time_constant"] = Value(shape["T"], "s", shape_key="T")
             return found
-        unit = {FRICTION: ctx.model.effort_unit(ctx.model.joints[joint]), DAMPING: "N·m·s/rad", GAIN: "1"}[
-            shape["target"]
-        ]
+        name = ctx.model.joints[joint]
+        units = {FRICTION: ctx.model.effort_unit(name), DAMPING: ctx.model.damping_unit(name), GAIN: "1"}
         g = (1.0, 0.0)[: len(theta)]
         return {
-            f"{WORD[shape['target']]}_change": Value(float(theta[0]), unit, g),
+            f"{WORD[shape['target']]}_change": Value(float(theta[0]), units[shape["target"]], g),
             "time_constant": Value(shape["T"], "s", shape_key="T"),
         }
 

@@ -33,11 +33,8 @@ class ViscousFriction(Effect):
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Damping coefficient."""
-        name = ctx.model.joints[joint]
         return {
-            "coefficient": Value(
-                float(theta[0]), f"{ctx.model.effort_unit(name)}·s/{ctx.model.unit(name)}", (1.0,)
-            )
+            "coefficient": Value(float(theta[0]), ctx.model.damping_unit(ctx.model.joints[joint]), (1.0,))
         }
 
     def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:

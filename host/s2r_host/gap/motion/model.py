@@ -107,6 +107,15 @@ class RigidModel:
         """``N·m`` or ``N``."""
         return "N·m" if self.unit(joint) == "rad" else "N"
 
+    def inertia_unit(self, joint: str, other: str | None = None) -> str:
+        """Of what a joint feels of its own acceleration, or of that of another joint: ``kg·m²``, ``kg·m`` or ``kg``."""
+        turning = sum(self.unit(j) == "rad" for j in (joint, other or joint))
+        return ("kg", "kg·m", "kg·m²")[turning]
+
+    def damping_unit(self, joint: str, other: str | None = None) -> str:
+        """Of what a joint feels of its own speed, or of that of another joint, as ``N·m·s/rad``."""
+        return f"{self.effort_unit(joint)}·s/{self.unit(other or joint)}"
+
     def friction_lead(self, joint: str) -> float:
         """How early MuJoCo's friction constraint turns round when the joint slows down [s]: 1/B of ``solreffriction``.
 

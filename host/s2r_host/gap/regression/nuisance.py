@@ -160,9 +160,16 @@ def _damping(model: RigidModel, j: int, joint: str) -> BaseParameter:
         d[0] = max(0.0, d[0] + x * b)
         spec.joint(joint).damping = d if d.size > 1 else float(d[0])
 
-    unit = f"{model.effort_unit(joint)}·s/{model.unit(joint)}"
     return BaseParameter(
-        "damping", joint, True, b, b, unit, 0.1, lambda s: _on_joint(s, j, b * s.v[:, j]), write
+        "damping",
+        joint,
+        True,
+        b,
+        b,
+        model.damping_unit(joint),
+        0.1,
+        lambda s: _on_joint(s, j, b * s.v[:, j]),
+        write,
     )
 
 
@@ -182,7 +189,7 @@ def _armature(model: RigidModel, j: int, joint: str) -> BaseParameter:
     def write(spec: mujoco.MjSpec, x: float) -> None:
         spec.joint(joint).armature = max(0.0, spec.joint(joint).armature + x * a)
 
-    return BaseParameter("armature", joint, True, a, a, "kg·m²" if model.unit(joint) == "rad" else "kg", 0.05,
+    return BaseParameter("armature", joint, True, a, a, model.inertia_unit(joint), 0.05,
                          lambda s: _on_joint(s, j, a * s.a[:, j]), write)  # fmt: skip
 
 
