@@ -72,6 +72,16 @@ def test_a_force_as_small_as_the_noise_comes_back_in_the_second_run(model):
     assert not search.at_floor([])
 
 
+def test_two_runs_are_held_against_each_other_in_one_band(model):
+    fit, again, held = (recorded(model, k, phase, 0.08) for k, phase in ((0, 0.0), (1, 0.0), (2, 1.0)))
+    again.cut[:] = 2.1
+    problem = build_problem(model, [fit], [held], [again])
+    assert problem.twin is not None
+    ((first, second),) = problem.twin.pairs
+    assert np.array_equal(first.picks, second.picks)
+    assert Search(problem).comes_back([])
+
+
 def test_without_a_second_run_nothing_is_said_about_coming_back(model):
     fit, held = recorded(model, 0, 0.0, 0.08), recorded(model, 2, 1.0, 0.08)
     assert not Search(build_problem(model, [fit], [held], [])).comes_back([])

@@ -210,6 +210,7 @@ def build_problem(
         cut = band(model, j, fit, blocks, heard, guessed=guessed)
         for s in sessions + repeats:
             s.cut[j] = min(max(cut, least_cut(s)), float(s.cut[j]))
+    _one_band(fit, repeats)
     blocks, raw = make_blocks(model, sessions, hold, joints)
     noise = noise_samples(model, joints, fit, repeats, blocks, raw)
     start = blocks[-1].rows.stop if blocks else 0
@@ -248,6 +249,15 @@ def build_problem(
     problem.law = [f for j in joints if (f := check_law(model, fit, hold, j)) is not None]
     problem.contradictions = [c for j in joints if (c := contradiction(model, fit, j)) is not None]
     return problem
+
+
+def _one_band(fit: list[Session], repeats: list[Session]) -> None:
+    """Compare second runs and what they repeat in one band, that of the narrowest: they are held together by rows."""
+    pairs = [(first, again) for again in repeats if (first := find_partner(again, fit)) is not None]
+    for first, again in pairs:
+        first.cut[:] = np.minimum(first.cut, again.cut)
+    for first, again in pairs:
+        again.cut[:] = first.cut
 
 
 def _moved_effort(s: Session, j: int) -> float:
