@@ -179,3 +179,17 @@ def test_a_recorded_wrench_acts_beside_a_simulated_controller(model):
     motion = run(build_twin(model, Context(model, [s]), []), s, start, len(s.t) - start, closed=True)
     assert np.max(np.abs(motion.q[:, 0] - s.q[start : len(s.t) - start, 0])) < 0.01
     assert motion.u[:, 0] == pytest.approx(s.u[start : len(s.t) - start, 0], abs=0.5)
+
+
+def test_a_drive_that_pulls_at_a_tendon_leaves_the_limits_of_a_joint_alone(tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_text(
+        """<mujoco><worldbody><body><joint name="a" axis="0 1 0"/><geom size="0.1"/><body pos="0.3 0 0">
+        <joint name="b" axis="0 1 0"/><geom size="0.1"/></body></body></worldbody>
+        <tendon><fixed name="belt"><joint joint="b" coef="1"/></fixed></tendon>
+        <actuator><motor joint="a" forcerange="-3 3" gear="2"/><motor tendon="belt" forcerange="-1 1"/></actuator>
+        </mujoco>"""
+    )
+    low, high = RigidModel(path).effort_limits()
+    assert low.tolist() == [-6.0, -np.inf]
+    assert high.tolist() == [6.0, np.inf]

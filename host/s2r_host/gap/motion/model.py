@@ -72,11 +72,12 @@ class RigidModel:
         low, high = np.full(m.nv, -np.inf), np.full(m.nv, np.inf)
         limited = np.flatnonzero(m.jnt_actfrclimited)
         low[limited], high[limited] = m.jnt_actfrcrange[limited].T
-        for a in range(m.nu):
-            on_joint = int(m.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-            j, gear = int(m.actuator_trnid[a, 0]), float(m.actuator_gear[a, 0])
-            if not on_joint or not m.actuator_forcelimited[a] or np.sum(m.actuator_trnid[:, 0] == j) > 1:
+        # Numbers of tendons and sites, which other drives pull at, are counted on their own.
+        on_joints = np.where(m.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT), m.actuator_trnid[:, 0], -1)
+        for a, j in enumerate(on_joints.tolist()):
+            if j < 0 or not m.actuator_forcelimited[a] or np.sum(on_joints == j) > 1:
                 continue
+            gear = float(m.actuator_gear[a, 0])
             ends = sorted(gear * m.actuator_forcerange[a])
             low[j], high[j] = max(low[j], ends[0]), min(high[j], ends[1])
         return low, high
