@@ -290,3 +290,12 @@ def test_numbers_of_a_slide_are_told_in_its_units(tmp_path, name, shape, theta, 
     s = make_session(model, Recording("r", t, {"q": q}, Controller(), "measured", "effort", "a", "", ()), 0)
     values = catalogue()[name].parameters(Context(model, [s]), 0, shape, np.array(theta))
     assert [value.unit for value in values.values()] == units
+
+
+def test_a_cable_rests_where_it_pulls_back(ctx):
+    middle = 0.5 * sum(ctx.span(0))
+    # x² - 0.01 beside the middle of the travel: it pushes away at -0.1 and pulls back at 0.1.
+    theta = np.array([0.0, -0.01, 1.0, 1.0, 0.0])
+    found = catalogue()["cable_spring"].parameters(ctx, 0, {"width": 0.1, "hardens": 1.0}, theta)
+    assert found["rest"].value == pytest.approx(middle + 0.1)
+    assert found["stiffness"].value == pytest.approx(0.2)

@@ -65,7 +65,10 @@ class CableSpring(Effect):
         return found
 
     def _hardening(self, ctx: Context, joint: int, theta: np.ndarray) -> dict[str, Value]:
-        """Rest and stiffness there: where the curve crosses zero nearest the middle of the travel."""
+        """Rest and stiffness there: where the curve rises through zero nearest the middle of the travel.
+
+        Where it falls through zero the cable pushes away.
+        """
         name = ctx.model.joints[joint]
         unit, effort = ctx.model.unit(name), ctx.model.effort_unit(name)
         middle = self._middle(ctx, joint)
@@ -74,6 +77,8 @@ class CableSpring(Effect):
             curve = np.polynomial.Polynomial([c[0] * middle + c[1], c[0], c[3], c[4]])
             roots = curve.roots()
             real = roots[np.abs(roots.imag) < 1e-9].real
+            rests = real[curve.deriv()(real) >= 0.0]
+            real = rests if rests.size else real
             x = float(real[np.argmin(np.abs(real))]) if real.size else 0.0
             return np.array([middle + x, float(curve.deriv()(x))])
 
