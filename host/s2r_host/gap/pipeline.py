@@ -109,7 +109,7 @@ def analyse(
     """
     started = time.monotonic()
     model = RigidModel(model_path)
-    notes: list[str] = model.inertia_replaced()
+    notes = [*model.left_out, *model.inertia_replaced()]
     log(f"model {model.path.name}: joints {', '.join(model.joints)}")
     fit = load_sessions(model, fit_paths, 0, notes)
     hold = load_sessions(model, hold_paths, len(fit), notes)

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.errors import GapModelError
+from s2r_host.gap.motion.model_files import find_files
 
 FEW_JOINTS = 2  # more make an arm, whose links and frictions are weighed together (search/complete.py)
 
@@ -29,6 +30,7 @@ class RigidModel:
         joints: Joint names in order of their degree of freedom; index i below is this order.
         spec: The editable source, kept for patching.
         model: The compiled model; never modified (``variant`` makes copies).
+        left_out: Sentences about what the file names and is not there.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,7 +43,7 @@ class RigidModel:
         if not self.path.is_file():
             raise GapModelError(f"model '{path}': no such file")
         try:
-            self.spec = _read_spec(self.path)
+            self.spec, self.left_out = _read_spec(self.path)
             self.model = self.spec.compile()
         except (ValueError, RuntimeError, mujoco.FatalError) as error:
             text = " ".join(str(error).split())
@@ -219,13 +221,17 @@ class RigidModel:
         return str(self.model.body(body).name)
 
 
-def _read_spec(path: Path) -> mujoco.MjSpec:
+def _read_spec(path: Path) -> tuple[mujoco.MjSpec, list[str]]:
     """A model file to be changed; bodies and joints that it leaves nameless are named by their numbers.
+
+    Returns:
+        The model, and sentences about what it names and is not there.
 
     Raises:
         ValueError: It does not compile.
     """
     spec = mujoco.MjSpec.from_file(str(path))
+    left_out = find_files(spec, path)
     spec.compile()
     for kind, elements in (("body", spec.bodies), ("joint", spec.joints)):
         taken = {element.name for element in elements}
@@ -233,4 +239,4 @@ def _read_spec(path: Path) -> mujoco.MjSpec:
             if not element.name:
                 name = f"{kind}{element.id}"
                 element.name = name if name not in taken else f"{name}_"
-    return spec
+    return spec, left_out
