@@ -66,12 +66,14 @@ class Context:
         residual: Residual effort on the work grid per (session, joint), smooth motion shapes regressed out.
         control_lag: Per joint: lag of the recorded position behind the one the controller used, and its
             uncertainty [s]; absent when the control law is not known.
+        given: What an effect's ``given`` took from model and recordings, where there are none (``patch.py``).
     """
 
     model: RigidModel
     sessions: list[Session]
     residual: dict[tuple[int, int], np.ndarray] = field(default_factory=dict)
     control_lag: dict[int, tuple[float, float]] = field(default_factory=dict)
+    given: dict[str, list[float]] = field(default_factory=dict)
 
     def span(self, joint: int) -> tuple[float, float]:
         """Smallest and largest position over all sessions."""
@@ -209,6 +211,10 @@ class Effect:
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Per-step form for the forward simulation; None when ``patch`` covers it."""
         return None
+
+    def given(self, ctx: Context, joint: int, shape: Shape) -> dict[str, list[float]]:
+        """What the per-step form takes from model and recordings, which ``patch.py`` does not have; mostly nothing."""
+        return {}
 
     def patch(self, ctx: Context, spec: mujoco.MjSpec, joint: int, shape: Shape, theta: np.ndarray) -> bool:
         """Write the effect into a model with stock attributes; False when there is no such form."""

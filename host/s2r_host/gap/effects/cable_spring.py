@@ -97,7 +97,8 @@ class CableSpring(Effect):
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Spring and loop as force."""
         loop = bristle_force(joint, shape["width"], 1, theta[2:3], dt)
-        k, c, middle = float(theta[0]), float(theta[1]), self._middle(ctx, joint)
+        k, c = float(theta[0]), float(theta[1])
+        middle = (ctx.given or self.given(ctx, joint, shape))["middle"][0]
         square, cube = (float(theta[3]), float(theta[4])) if shape["hardens"] else (0.0, 0.0)
 
         def step(state: StepState) -> tuple[float, float]:
@@ -106,6 +107,10 @@ class CableSpring(Effect):
             return k * q + c + square * x**2 + cube * x**3 + loop(state)[0], 0.0
 
         return step
+
+    def given(self, ctx: Context, joint: int, shape: Shape) -> dict[str, list[float]]:
+        """The middle of the travel, from which it hardens."""
+        return {"middle": [self._middle(ctx, joint)]}
 
 
 EFFECT = CableSpring()

@@ -58,7 +58,7 @@ class FlexiblePart(Effect):
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Oscillator state, driven by the last acceleration."""
         w, z = 2 * np.pi * shape["f"], shape["zeta"]
-        size = float(theta[0]) * mean_inertia(ctx, joint)
+        size = float(theta[0]) * (ctx.given or self.given(ctx, joint, shape))["inertia"][0]
         x = v = 0.0
 
         def step(state: StepState) -> tuple[float, float]:
@@ -69,6 +69,10 @@ class FlexiblePart(Effect):
             return size * a, 0.0
 
         return step
+
+    def given(self, ctx: Context, joint: int, shape: Shape) -> dict[str, list[float]]:
+        """The inertia that the share is of."""
+        return {"inertia": [mean_inertia(ctx, joint)]}
 
 
 EFFECT = FlexiblePart()

@@ -41,12 +41,17 @@ class JointPlay(Effect):
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """The load across is not part of a one-joint simulation: its mean stands in for it."""
-        level = float(theta[0]) * self._level(ctx, joint, shape["racked"])
+        given = ctx.given or self.given(ctx, joint, shape)
+        level = float(theta[0]) * given["level"][0]
 
         def step(state: StepState) -> tuple[float, float]:
             return 0.0, level
 
         return step
+
+    def given(self, ctx: Context, joint: int, shape: Shape) -> dict[str, list[float]]:
+        """The mean load across."""
+        return {"level": [self._level(ctx, joint, shape["racked"])]}
 
     @staticmethod
     def _level(ctx: Context, joint: int, racked: float) -> float:

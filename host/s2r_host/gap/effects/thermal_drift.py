@@ -12,6 +12,7 @@ FRICTION, DAMPING, GAIN, ALL = 0.0, 1.0, 2.0, 3.0
 WORD = {FRICTION: "friction", DAMPING: "damping", GAIN: "gain"}
 PER_KELVIN = (0.005, 0.015, 0.04, 0.08)
 LEAST_S, LEAST_SHARE = 2.0, 0.1  # shortest time constant: seconds, and share of the longest recording
+MOST_POINTS = 500  # of a warming, which is slow, in the simulation
 PER_WARMING = (0.1, 0.4, 1.0, 2.0)  # of the final warming, where no temperature is recorded
 
 
@@ -164,17 +165,28 @@ class ThermalDrift(Effect):
 
         return step
 
+    def given(self, ctx: Context, joint: int, shape: Shape) -> dict[str, list[float]]:
+        """The first recording's warming, and the dry and viscous friction that thins."""
+        if shape["target"] != ALL:
+            return {}
+        s, m = ctx.sessions[0], ctx.model.model
+        few = np.linspace(0.0, float(s.t[-1]), MOST_POINTS)
+        return {
+            "t": few.tolist(),
+            "warming": np.interp(few, s.t, self._warming(ctx, s, joint, shape["T"])).tolist(),
+            "friction": [float(m.dof_frictionloss[joint]), float(m.dof_damping[joint])],
+        }
+
     def _thinning_runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> Runtime:
         """Warming as a function of time, as the first recording has it."""
-        s, m = ctx.sessions[0], ctx.model.model
-        x = self._warming(ctx, s, joint, shape["T"])
-        dry, viscous = float(m.dof_frictionloss[joint]), float(m.dof_damping[joint])
+        given = ctx.given or self.given(ctx, joint, shape)
+        t, x, (dry, viscous) = given["t"], given["warming"], given["friction"]
         more = [float(y) for y in theta]
         new_dry = more.pop(0) if dry <= 0 and more else 0.0
         new_viscous = more.pop(0) if viscous <= 0 and more else 0.0
 
         def step(state: StepState) -> tuple[float, float]:
-            factor = float(np.exp(-shape["k"] * np.interp(state.t, s.t, x)))
+            factor = float(np.exp(-shape["k"] * np.interp(state.t, t, x)))
             lost = factor - 1.0
             drag = lost * viscous + factor * new_viscous
             return drag * float(state.v[joint]), lost * dry + factor * new_dry

@@ -9,9 +9,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from s2r_host.gap.effects import catalogue
 from s2r_host.gap.pipeline import Analysis, floor_json
 from s2r_host.gap.simulation.forward import Errors
-from s2r_host.gap.simulation.replay import Twin
+from s2r_host.gap.simulation.replay import HARD_SOLIMP, HARD_SOLREF, Twin
 
 SCHEMA = 1
 ANSWER_FILES = (
@@ -30,7 +31,7 @@ PATCH_TEXT = '''"""Effects found by `s2r gap` that stock MuJoCo has no attribute
     import mujoco, patch
     model = mujoco.MjModel.from_xml_path("model_patched.xml")
     off = patch.install(model)     # forces appear in qfrc_passive from now on
-    off()                          # the stock model again
+    off()                          # the stock model again, and others can be loaded: MuJoCo loads none meanwhile
 """
 
 try:
@@ -38,12 +39,13 @@ try:
 except ImportError as error:
     raise ImportError("patch.py needs the equations of the effects: install the sim2real2 package") from error
 
+JOINTS = {joints}
 TERMS = {terms}
 
 
 def install(model):
     """Switch the effects on; returns the off switch."""
-    return install_terms(model, TERMS)
+    return install_terms(model, TERMS, JOINTS)
 '''
 
 
@@ -156,24 +158,36 @@ def write_outputs(a: Analysis, folder: Path) -> None:
 def write_model(twin: Twin, folder: Path) -> None:
     """The patched model, loadable by stock MuJoCo, and the callback module where it needs one."""
     survive_rounding(twin)
+    harden_friction(twin)
     path = folder / "model_patched.xml"
     path.write_text(twin.spec.to_xml(), encoding="utf-8")
     mujoco.MjModel.from_xml_path(str(path))
-    if not twin.live and not np.any(twin.offset):
-        return
+    step, effects = float(twin.model.opt.timestep), catalogue()
     terms = [
         {
             "effect": t.effect,
-            "joint": twin.rigid.joints[max(t.joint, 0)],
+            "joint": t.joint,
             "shape": {k: float(v) for k, v in t.shape.items()},
             "theta": [float(x) for x in t.theta],
-            "span": list(map(float, twin.ctx.span(max(t.joint, 0)))),
+            "given": effects[t.effect].given(twin.ctx, t.joint, t.shape),
         }
         for t in twin.live
+        if effects[t.effect].runtime(twin.ctx, t.joint, t.shape, t.theta, step) is not None
     ]
-    (folder / "patch.py").write_text(
-        PATCH_TEXT.replace("{terms}", json.dumps(terms, indent=4)), encoding="utf-8"
-    )
+    if not terms:
+        return
+    joints = json.dumps(list(twin.rigid.joints))
+    text = PATCH_TEXT.replace("{joints}", joints).replace("{terms}", json.dumps(terms, indent=4))
+    (folder / "patch.py").write_text(text, encoding="utf-8")
+
+
+def harden_friction(twin: Twin) -> None:
+    """Write dry friction as hard as it was simulated: MuJoCo's default creeps, by milliradians within seconds."""
+    live = {t.joint for t in twin.live}
+    for j, name in enumerate(twin.rigid.joints):
+        joint = twin.spec.joint(name)
+        if (joint.frictionloss > 0.0 or j in live) and all(s.lead[j] == 0.0 for s in twin.ctx.sessions):
+            joint.solref_friction, joint.solimp_friction = HARD_SOLREF, HARD_SOLIMP
 
 
 def survive_rounding(twin: Twin) -> None:

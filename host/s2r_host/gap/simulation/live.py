@@ -2,61 +2,94 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from types import SimpleNamespace
+import copy
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import cast
 
 import mujoco
 import numpy as np
 
 from s2r_host.gap.effects import catalogue
-from s2r_host.gap.effects.base import Context, StepState
+from s2r_host.gap.effects.base import Context, Runtime, StepState
+from s2r_host.gap.motion.model import RigidModel
 
 
-def install_terms(model: mujoco.MjModel, terms: list[dict]) -> Callable[[], None]:
+@dataclass(frozen=True)
+class _Installed:
+    """The patched model as equations of effects see a nominal one: its joints, in its order.
+
+    Attributes:
+        model: The patched model; it may have more joints, as behind a gear.
+        adr, dof: Addresses of the joints in ``qpos`` and ``qvel``, shape (joint,).
+    """
+
+    model: mujoco.MjModel
+    joints: tuple[str, ...]
+    adr: np.ndarray
+    dof: np.ndarray
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, joints: Sequence[str]) -> _Installed:
+        found = [model.joint(name) for name in joints]
+        adr, dof = (
+            np.array([int(address[j.id]) for j in found]) for address in (model.jnt_qposadr, model.jnt_dofadr)
+        )
+        return cls(model, tuple(joints), adr, dof)
+
+    def inverse(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """As :meth:`RigidModel.inverse`, joints that were added at their reference."""
+        bare = copy.copy(self.model)
+        bare.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        d, out = mujoco.MjData(bare), np.empty_like(q)
+        for i in range(len(q)):
+            d.qpos[self.adr], d.qvel[self.dof], d.qacc[self.dof] = q[i], dq[i], ddq[i]
+            mujoco.mj_inverse(bare, d)
+            out[i] = d.qfrc_inverse[self.dof]
+        return out
+
+    def state(self, d: mujoco.MjData, taken: np.ndarray) -> StepState:
+        """What effects see; ``taken``: the effort that they took in the step before, shape (joint,)."""
+        u = d.qfrc_actuator[self.dof] + d.qfrc_applied[self.dof]
+        load = u - taken + d.qfrc_constraint[self.dof]
+        return StepState(d.time, d.qpos[self.adr], d.qvel[self.dof], d.qacc[self.dof], u, load)
+
+
+def install_terms(model: mujoco.MjModel, terms: list[dict], joints: Sequence[str]) -> Callable[[], None]:
     """Add the forces of ``terms`` to ``qfrc_passive`` of every simulation of ``model``.
 
     Args:
         model: The patched model; friction levels are written into its ``dof_frictionloss`` each step.
-        terms: As written by ``s2r gap``: effect, joint, shape, theta, span.
+        terms: As written by ``s2r gap``: effect, number of the joint, shape, theta, given.
+        joints: The joints that those numbers mean.
 
     Returns:
         A function that removes the callback and restores the friction levels.
     """
-    effects = catalogue()
-    runtimes = []
+    installed = _Installed.of(model, joints)
+    runtimes: list[tuple[int, Runtime]] = []
     for term in terms:
-        joint = model.joint(term["joint"])
-        dof = int(model.jnt_dofadr[joint.id])
-        rigid = SimpleNamespace(
-            model=model, joints=[term["joint"]], unit=lambda _: "rad", effort_unit=lambda _: "N·m"
-        )
-        ctx = cast(
-            Context, SimpleNamespace(model=rigid, sessions=[], span=lambda _, s=term["span"]: tuple(s))
-        )
-        made = effects[term["effect"]].runtime(
-            ctx,
-            0,
-            term["shape"],
-            np.array(term["theta"]),
-            float(model.opt.timestep),
+        ctx = Context(cast(RigidModel, installed), [], given=term["given"])
+        made = catalogue()[term["effect"]].runtime(
+            ctx, term["joint"], term["shape"], np.array(term["theta"]), float(model.opt.timestep)
         )
         if made is not None:
-            runtimes.append((dof, int(model.jnt_qposadr[joint.id]), made))
-    friction = np.array(model.dof_frictionloss)
+            runtimes.append((max(term["joint"], 0), made))
+    friction, taken = np.array(model.dof_frictionloss), np.zeros(len(joints))
     previous = mujoco.get_mjcb_passive()
 
     def passive(m: mujoco.MjModel, d: mujoco.MjData) -> None:
-        dry = friction.copy()
-        for dof, adr, runtime in runtimes:
-            u = d.qfrc_actuator[dof : dof + 1] + d.qfrc_applied[dof : dof + 1]
-            load = u + d.qfrc_constraint[dof : dof + 1]
-            state = StepState(
-                d.time, d.qpos[adr : adr + 1], d.qvel[dof : dof + 1], d.qacc[dof : dof + 1], u, load
-            )
-            taken, level = runtime(state)
-            d.qfrc_passive[dof] -= taken
-            dry[dof] += level
+        if previous is not None:
+            previous(m, d)
+        if m is not model:  # the callback is MuJoCo's own, for whatever it simulates
+            return
+        dry, state = friction.copy(), installed.state(d, taken)
+        taken[:] = 0.0
+        for joint, runtime in runtimes:
+            effort, level = runtime(state)
+            taken[joint] += effort
+            dry[installed.dof[joint]] += level
+        d.qfrc_passive[installed.dof] -= taken
         m.dof_frictionloss[:] = np.maximum(dry, 0.0)
 
     mujoco.set_mjcb_passive(passive)

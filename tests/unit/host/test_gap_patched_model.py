@@ -1,0 +1,129 @@
+"""The patched model in stock MuJoCo moves as the simulation that the answer reports."""
+
+import importlib.util
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from s2r_host.gap.effects import catalogue
+from s2r_host.gap.effects.base import Context
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import make_session
+from s2r_host.gap.output.answer import write_model
+from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.simulation.replay import Live, build_twin, run
+
+STEP_S, ROWS = 0.00025, slice(100, 600)
+JOINTS: tuple[str, ...] = ("left arm/shoulder", "left arm/elbow")
+MODEL = f"""<mujoco><option timestep="{STEP_S}" integrator="implicitfast"/><worldbody><body name="upper">
+<joint name="{JOINTS[0]}" axis="0 1 0" damping=".2" frictionloss=".05" armature=".1"/>
+<inertial mass="1" pos="0 0 -.2" diaginertia=".02 .02 .002"/><body name="arm" pos="0 0 -.4">
+<joint name="{JOINTS[1]}" axis="0 1 0" damping=".2" frictionloss=".05" armature=".1"/>
+<inertial mass="1" pos="0 0 -.2" diaginertia=".02 .02 .002"/></body></body></worldbody></mujoco>"""
+# No force of the simulation: what the record shows of sensors and stamps, and friction of another session.
+BESIDE = ("clock_skew", "session_friction", "encoder_offset", "encoder_eccentricity")
+
+
+@pytest.fixture(scope="module")
+def ctx(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arm") / "arm.xml"
+    path.write_text(MODEL, encoding="utf-8")
+    model = RigidModel(path)
+    t = np.arange(0, 6, 0.002)
+    q = [0.4 * np.sin(2.1 * t), 0.5 * np.sin(1.3 * t + 0.4)]
+    u = [1.5 * np.sin(2.1 * t), 1.0 * np.cos(3 * t)]
+    channels: dict[str, dict[str, np.ndarray]] = {
+        kind: dict(zip(JOINTS, x, strict=True)) for kind, x in (("q", q), ("tau", u))
+    }
+    channels["wrench"] = {"arm.fx": 2 * np.sin(7 * t), "arm.my": 0.3 * np.sin(4 * t)}
+    rec = Recording("r", t, channels, Controller(), "commanded", "effort", "s", "", ())
+    return Context(model, [make_session(model, rec, 0)], control_lag={0: (0.0, 0.01), 1: (0.0, 0.01)})
+
+
+def stock(folder, start):
+    """Motion of the patched model under the recorded efforts, with its callback where there is one."""
+    model = mujoco.MjModel.from_xml_path(str(folder / "model_patched.xml"))
+    off = None
+    if (folder / "patch.py").exists():
+        spec = importlib.util.spec_from_file_location("patch", folder / "patch.py")
+        assert spec is not None
+        assert spec.loader is not None
+        patch: Any = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(patch)
+        assert patch.TERMS
+        off = patch.install(model)
+    try:
+        return _moved(model, start)
+    finally:
+        if off is not None:
+            off()
+
+
+def _moved(model, s):
+    data = mujoco.MjData(model)
+    adr = [int(model.jnt_qposadr[model.joint(j).id]) for j in JOINTS]
+    dof = [int(model.jnt_dofadr[model.joint(j).id]) for j in JOINTS]
+    data.qpos[adr], data.qvel[dof] = s.q[ROWS.start], s.v[ROWS.start]
+    data.time = s.t[ROWS.start]
+    found = []
+    for i in range(ROWS.start, ROWS.stop):
+        found.append(data.qpos[adr].copy())
+        data.qfrc_applied[dof] = s.u[i]
+        for _ in range(round(s.dt / STEP_S)):
+            mujoco.mj_step(model, data)
+    return np.array(found)
+
+
+def live(ctx, name):
+    """An effect of middling size on the second joint, or on the whole model; some act on one joint's own shape."""
+    effect = catalogue()[name]
+    joint = -1 if effect.scope == "model" else 1
+    if not effect.applies(ctx, joint):
+        pytest.skip(f"{name} cannot act here")
+    shapes = effect.shapes(ctx, joint)
+    for shape in dict.fromkeys([0, len(shapes) // 2, len(shapes) - 1]):
+        columns = effect.columns(ctx, ctx.sessions[0], joint, shapes[shape])
+        yield Live(name, joint, dict(shapes[shape]), np.full(len(columns.linear), 0.05))
+
+
+@pytest.mark.parametrize("name", sorted(set(catalogue()) - set(BESIDE)))
+def test_it_moves_as_the_simulation_of_the_answer(ctx, name, tmp_path):
+    for term in live(ctx, name):
+        twin = build_twin(ctx.model, ctx, [term])
+        wanted = run(twin, ctx.sessions[0], ROWS.start, ROWS.stop, closed=False).q
+        plain = run(build_twin(ctx.model, ctx, []), ctx.sessions[0], ROWS.start, ROWS.stop, closed=False).q
+        (tmp_path / "patch.py").unlink(missing_ok=True)
+        write_model(twin, tmp_path)
+        off_by = np.max(np.abs(stock(tmp_path, ctx.sessions[0]) - wanted))
+        assert off_by < 1e-4 + 0.05 * np.max(np.abs(wanted - plain)), (name, term.shape)
+
+
+def test_what_has_a_stock_form_leaves_no_callback(ctx, tmp_path):
+    twin = build_twin(ctx.model, ctx, [Live("coulomb_friction", 1, {}, np.array([0.2]))])
+    twin.offset[:] = 0.01  # the zero of an effort channel is no part of the machine
+    write_model(twin, tmp_path)
+    assert not (tmp_path / "patch.py").exists()
+
+
+def test_the_callback_leaves_other_models_alone(ctx, tmp_path):
+    twin = build_twin(ctx.model, ctx, [Live("spring_return", 1, {}, np.array([0.5, 0.1]))])
+    twin.live, twin.native = [Live("detent", 1, {"q0": 0.0, "w": 0.1}, np.array([0.5]))], []
+    write_model(twin, tmp_path)
+    model, other = (mujoco.MjModel.from_xml_path(str(tmp_path / "model_patched.xml")) for _ in range(2))
+    spec = importlib.util.spec_from_file_location("patch", tmp_path / "patch.py")
+    assert spec is not None
+    assert spec.loader is not None
+    patch: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(patch)
+    alone = mujoco.MjData(other)
+    alone.qpos[:] = 0.05
+    mujoco.mj_forward(other, alone)
+    before = alone.qfrc_passive.copy()
+    off = patch.install(model)
+    try:
+        mujoco.mj_forward(other, alone)
+    finally:
+        off()
+    assert alone.qfrc_passive == pytest.approx(before)
