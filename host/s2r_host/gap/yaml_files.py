@@ -25,5 +25,5 @@ def read_yaml(path: Path, what: str, next_step: str) -> Any:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise GapUsageError(f"{what} '{path}': {error.strerror}; {next_step}") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
+    except (ValueError, yaml.YAMLError) as error:  # ValueError: no UTF-8, or a date that there is not
         raise GapUsageError(f"{what} '{path}' is no YAML: {str(error).splitlines()[0]}") from error

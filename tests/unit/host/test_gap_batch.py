@@ -50,6 +50,8 @@ def test_a_list_or_configuration_that_is_not_there_is_refused_with_the_next_step
         read_config(tmp_path / "no.yaml")
     with pytest.raises(GapUsageError, match="is no YAML"):
         read_config(_list(tmp_path, "skip: [cogging"))
+    with pytest.raises(GapUsageError, match="is no YAML: month must be"):
+        read_jobs(_list(tmp_path, "- {name: a, model: m.xml, fit: r.csv, date: 2026-28-11}"))
 
 
 def _answer(folder, verdict, effects=()):

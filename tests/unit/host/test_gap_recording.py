@@ -134,3 +134,23 @@ def test_a_gain_that_is_none_is_refused(tmp_path, gain):
     side = {"controller": {"type": "pd", "kp": {"elbow": gain}}}
     with pytest.raises(GapRecordingError, match=r"controller.kp of 'elbow' is (-3|nan|inf); a gain is"):
         read_recording(simple(tmp_path, side))
+
+
+@pytest.mark.parametrize("rate", ["fast", -1000.0, float("nan"), float("inf"), {"elbow": 1000}, True])
+def test_a_rate_that_is_none_is_refused(tmp_path, rate):
+    side = {"controller": {"type": "pd", "kp": {"a": 3.0}, "rate_hz": rate}}
+    with pytest.raises(GapRecordingError, match=r"controller.rate_hz is .*; it is how often the law runs"):
+        read_recording(simple(tmp_path, side))
+
+
+@pytest.mark.parametrize(("written", "rate"), [(1000, 1000.0), ("1e3", 1000.0), (0, None), (None, None)])
+def test_a_rate_is_read_as_written(tmp_path, written, rate):
+    side = {"controller": {"type": "pd", "kp": {"a": 3.0}, "rate_hz": written}}
+    assert read_recording(simple(tmp_path, side)).controller.rate_hz == rate
+
+
+def test_a_side_file_with_a_date_that_there_is_not_is_refused(tmp_path):
+    path = simple(tmp_path)
+    path.with_suffix(".yaml").write_text("session: 2026-28-11\n", encoding="utf-8")
+    with pytest.raises(GapRecordingError, match=r"rec.yaml: not readable YAML \(month must be in 1..12\)"):
+        read_recording(path)

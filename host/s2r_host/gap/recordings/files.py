@@ -53,7 +53,11 @@ def _read_side_file(path: Path) -> dict:
         return {}
     try:
         side = yaml.safe_load(side_path.read_text(encoding="utf-8")) or {}
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (
+        OSError,
+        ValueError,
+        yaml.YAMLError,
+    ) as error:  # ValueError: no UTF-8, or a date that there is not
         text = str(error).splitlines()[0]
         raise GapRecordingError(f"{side_path.name}: not readable YAML ({text})") from error
     if not isinstance(side, dict):
@@ -285,5 +289,17 @@ def _controller(side: dict, names: dict, path: Path) -> Controller:
                     f"{path.stem}.yaml: controller.{key} of '{joint}' is {value:g}; a gain is a finite number of 0 or "
                     "more, as in kp (q_cmd - q)"
                 )
-    rate = raw.get("rate_hz")
-    return Controller(kind=str(kind), rate_hz=float(rate) if rate else None, **gains)
+    return Controller(kind=str(kind), rate_hz=_rate(raw.get("rate_hz"), path), **gains)
+
+
+def _rate(raw: object, path: Path) -> float | None:
+    """Rate of the law; nothing and 0 are none."""
+    try:
+        rate = float(str(raw or 0))
+    except ValueError:
+        rate = math.nan
+    if not 0.0 <= rate < math.inf:
+        raise GapRecordingError(
+            f"{path.stem}.yaml: controller.rate_hz is {raw!r}; it is how often the law runs in a second, a number"
+        )
+    return rate or None
