@@ -45,6 +45,27 @@ def test_joint_names_are_mapped(tmp_path):
     assert read_recording(simple(tmp_path, {"joint_names": {"a": "elbow"}})).joints == ("elbow",)
 
 
+def test_joints_called_by_a_number_are_mapped(tmp_path):
+    side = {
+        "joint_names": {1: "elbow"},
+        "controller": {"type": "pd", "kp": {1: 3.0}},
+        "effort_sigma": {1: 0.1},
+    }
+    rec = read_recording(write(tmp_path, ["t", "q.1"], zip(T, np.sin(T), strict=True), side))
+    assert (rec.joints, rec.controller.kp, rec.effort_sigma) == (("elbow",), {"elbow": 3.0}, {"elbow": 0.1})
+
+
+def test_two_columns_of_one_joint_are_refused(tmp_path):
+    side = {"joint_names": {"a": "elbow", "b": "elbow"}}
+    with pytest.raises(GapRecordingError, match=r"gives joint 'elbow' another 'q' column, 'q.b'"):
+        read_recording(write(tmp_path, ["t", "q.a", "q.b"], zip(T, np.sin(T), T, strict=True), side))
+
+
+@pytest.mark.parametrize(("said", "session"), [(None, "rec"), (0, "0"), ("monday", "monday")])
+def test_a_session_that_is_not_named_is_the_files_own(tmp_path, said, session):
+    assert read_recording(simple(tmp_path, {"session": said})).session == session
+
+
 def test_gains_follow_the_joint_names(tmp_path):
     side = {"joint_names": {"a": "elbow"}, "controller": {"type": "pd", "kp": {"a": 3.0}}}
     assert read_recording(simple(tmp_path, side)).controller.kp == {"elbow": 3.0}

@@ -71,7 +71,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
     unknown = sorted(set(side) - SIDE_KEYS)
     if unknown:
         warnings.append(f"side file: unknown key(s) {', '.join(map(str, unknown))} ignored")
-    names = _mapping(side, "joint_names", path)
+    names = {str(own): str(joint) for own, joint in _mapping(side, "joint_names", path).items()}
     declared = {str(k): str(v) for k, v in _mapping(side, "units", path).items()}
     for key in declared:
         if key.split(".", 1)[0] not in unit_tables.TABLES:
@@ -92,13 +92,17 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         if kind not in KINDS or not joint:
             warnings.append(f"column '{column}' is not part of the contract and is ignored")
             continue
-        joint = str(names.get(joint, joint))
+        joint = names.get(joint, joint)
         values = raw[keep] * unit_tables.factor(declared, column, path.name)
         values = _fill_gaps(column, t[keep], values, warnings)
         if values is None:
             empty.append(column)
+        elif joint in channels.setdefault(kind, {}):
+            raise GapRecordingError(
+                f"{path.name}: 'joint_names' gives joint '{joint}' another '{kind}' column, '{column}'; one is enough"
+            )
         else:
-            channels.setdefault(kind, {})[joint] = values
+            channels[kind][joint] = values
     if not channels.get("q"):
         if positions := [column for column in empty if column.startswith("q.")]:
             raise GapRecordingError(
@@ -123,7 +127,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         controller=_controller(side, names, path),
         effort=effort,
         driven_by=driven_by,
-        session=str(side.get("session", path.stem)),
+        session=path.stem if side.get("session") is None else str(side["session"]),
         notes=str(side.get("notes", "")),
         warnings=tuple(warnings),
         start_s=float(t[0]),
@@ -150,7 +154,7 @@ def _refuse_misspelt(table: dict, known: set[str], where: str) -> None:
 
 def _positive_numbers(side: dict, key: str, names: dict, path: Path) -> dict[str, float]:
     try:
-        found = {str(names.get(j, j)): float(v) for j, v in _mapping(side, key, path).items()}
+        found = {names.get(str(j), str(j)): float(v) for j, v in _mapping(side, key, path).items()}
     except (TypeError, ValueError) as error:
         raise GapRecordingError(f"{path.stem}.yaml: {key} must map joints to numbers: {error}") from error
     wrong = next((j for j, v in found.items() if not (np.isfinite(v) and v > 0.0)), None)
@@ -280,7 +284,7 @@ def _controller(side: dict, names: dict, path: Path) -> Controller:
         if not isinstance(table, dict):
             raise GapRecordingError(f"{path.stem}.yaml: controller.{key} must map joints to numbers")
         try:
-            gains[key] = {str(names.get(j, j)): float(v) for j, v in table.items()}
+            gains[key] = {names.get(str(j), str(j)): float(v) for j, v in table.items()}
         except (TypeError, ValueError) as error:
             raise GapRecordingError(f"{path.stem}.yaml: controller.{key}: {error}") from error
         for joint, value in gains[key].items():
