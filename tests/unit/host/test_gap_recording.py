@@ -127,6 +127,53 @@ def test_parquet_reads_like_csv(tmp_path):
     assert read_recording(path).get("q", "a") == pytest.approx(np.sin(T))
 
 
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_other_columns_may_hold_anything(tmp_path, kind):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns = {
+        "t": T,
+        "q.a": np.sin(T),
+        "mode": ["AUTO"] * len(T),
+        "stamp": ["2026-11-28T10:00:00Z"] * len(T),
+    }
+    if kind == "csv":
+        path = write(tmp_path, list(columns), zip(*columns.values(), strict=True))
+    else:
+        path = tmp_path / "rec.parquet"
+        pq.write_table(pa.table(columns | {"pairs": [[1, 2]] * len(T)}), path)
+    rec = read_recording(path)
+    assert rec.get("q", "a") == pytest.approx(np.sin(T))
+    assert "column 'mode' is not part of the contract and is ignored" in rec.warnings
+
+
+def test_a_parquet_column_that_is_there_twice_is_refused(tmp_path):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = tmp_path / "rec.parquet"
+    pq.write_table(pa.table([T, T, T], names=["t", "q.a", "q.a"]), path)
+    with pytest.raises(GapRecordingError, match=r"column 'q.a' appears twice"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize("cut", ["1.0,0.5", "1.0,0.5,", "1.0,0.5,-", "1.0,0.5,1e", "1.0,0.5,0.2e-"])
+def test_a_last_line_that_was_cut_off_costs_itself(tmp_path, cut):
+    path = simple(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8") + "\n" + cut, encoding="utf-8")
+    rec = read_recording(path)
+    assert rec.t[: len(T)] == pytest.approx(T)
+    assert rec.get("tau", "a")[: len(T)] == pytest.approx(np.cos(T))
+
+
+def test_a_whole_last_line_is_not_cut_off(tmp_path):
+    path = simple(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8") + "\n1.0,0.5,-\n", encoding="utf-8")
+    with pytest.raises(GapRecordingError, match="'-' is not a number"):
+        read_recording(path)
+
+
 def test_a_declared_accuracy_is_read_under_the_models_joint(tmp_path):
     side = {"effort_sigma": {"motor": 0.05}, "joint_names": {"motor": "a"}}
     assert read_recording(simple(tmp_path, side)).effort_sigma == {"a": 0.05}

@@ -12,10 +12,9 @@ import yaml
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.recordings import units as unit_tables
 from s2r_host.gap.recordings.holes import MOVING, unknown_rows
-from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.recordings.recording import Controller, Recording, belongs
 from s2r_host.gap.recordings.tables import read_table
 
-KINDS = ("q", "dq", "tau", "q_cmd", "dq_cmd", "tau_ff", "current", "temp", "wrench")
 CONTROLLERS = ("pd", "pid", "position_servo", "none")
 MIN_SAMPLES = 50
 CONTROLLER_KEYS = {"type", "kp", "kd", "ki", "rate_hz"}
@@ -89,7 +88,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         kind, _, joint = column.partition(".")
         if column == "t":
             continue
-        if kind not in KINDS or not joint:
+        if not belongs(column):
             warnings.append(f"column '{column}' is not part of the contract and is ignored")
             continue
         joint = names.get(joint, joint)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+KINDS = ("q", "dq", "tau", "q_cmd", "dq_cmd", "tau_ff", "current", "temp", "wrench")
 REBUILT_BAND = 0.4  # of the rate of a slow log: rows of position and speed hold twice what positions alone do
 
 
@@ -84,6 +85,12 @@ class Recording:
     def get(self, kind: str, joint: str) -> np.ndarray | None:
         """One channel or None."""
         return self.channels.get(kind, {}).get(joint)
+
+
+def belongs(column: str) -> bool:
+    """Is this a column of the contract: ``t``, or a kind and whose it is?"""
+    kind, _, joint = column.partition(".")
+    return column == "t" or (kind in KINDS and bool(joint))
 
 
 def resolution(x: np.ndarray) -> float:
