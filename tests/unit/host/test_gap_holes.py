@@ -9,6 +9,7 @@ from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.pipeline import analyse
 from s2r_host.gap.recordings.files import read_recording
 from s2r_host.gap.recordings.holes import LEAST_STRETCH_ROWS, longest_bridged, stretches, unknown_rows
+from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.rig import write_model
 
 DT = 0.004
@@ -95,6 +96,16 @@ def test_a_scrap_between_two_holes_is_left_out(rig, tmp_path):
     rows = lost(columns, 5.0, 6.0) & ~lost(columns, 5.4, 5.4 + 0.5 * LEAST_STRETCH_ROWS * DT)
     rec = read_recording(write(tmp_path / "scrap.csv", columns, ("q.elbow",), rows))
     assert len(stretches(rec)[0]) == 2
+
+
+def test_scraps_on_both_sides_of_a_jump_of_the_clock_are_refused():
+    t = 0.004 * np.arange(80)
+    t[40:] += 1.7e9
+    rec = Recording("r", t, {"q": {"a": t}}, Controller(), "measured", "effort", "s", "", ())
+    with pytest.raises(
+        GapRecordingError, match=r"holes take 1.7e\+09 s of its 1.7e\+09 s .*; did a clock jump"
+    ):
+        stretches(rec)
 
 
 def test_columns_that_never_hold_numbers_together_are_refused(rig, tmp_path):

@@ -222,3 +222,10 @@ def test_a_side_file_with_a_date_that_there_is_not_is_refused(tmp_path):
     path.with_suffix(".yaml").write_text("session: 2026-28-11\n", encoding="utf-8")
     with pytest.raises(GapRecordingError, match=r"rec.yaml: not readable YAML \(month must be in 1..12\)"):
         read_recording(path)
+
+
+@pytest.mark.parametrize("unit_s", [1e-3, 1e-9])
+def test_time_in_another_unit_is_asked_for(tmp_path, unit_s):
+    path = write(tmp_path, ["t", "q.a"], zip(1.7e9 + T / unit_s, np.sin(T), strict=True))
+    with pytest.raises(GapRecordingError, match=r"rows are 1(0|e\+07) s apart; is 't' in ms or ns\?"):
+        read_recording(path)

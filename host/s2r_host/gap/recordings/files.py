@@ -17,6 +17,7 @@ from s2r_host.gap.recordings.tables import read_table
 
 CONTROLLERS = ("pd", "pid", "position_servo", "none")
 MIN_SAMPLES = 50
+LEAST_RATE_HZ = 1.0  # below it nothing of a motion is seen: 't' has another unit
 CONTROLLER_KEYS = {"type", "kp", "kd", "ki", "rate_hz"}
 SIDE_KEYS = {
     "controller",
@@ -193,6 +194,11 @@ def _usable_rows(path: Path, t: np.ndarray, warnings: list[str]) -> np.ndarray:
     if dropped:
         warnings.append(f"{dropped} samples are missing between the time stamps")
     rate_hz = round(1.0 / float(np.median(steps)), 3)
+    if rate_hz < LEAST_RATE_HZ:
+        raise GapRecordingError(
+            f"{path.name}: rows are {np.median(steps):.4g} s apart; is 't' in ms or ns? Declare it under 'units' in "
+            "the side file"
+        )
     if rate_hz < 100.0:
         warnings.append(
             f"sampled at {rate_hz:.0f} Hz: effects faster than {rate_hz / 5:.0f} Hz cannot be seen"

@@ -10,11 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.recordings.recording import Recording
 
 LONGEST_S = 0.12  # across more than that nothing is known
 SLOW_STEPS = 5.0  # usual steps between two rows that make a hole of a slow log
 LEAST_STRETCH_ROWS = 50
+MOST_LOST = 0.5  # of the time: a recording of holes, bridged, would be all invented
 MOVING = (
     "q",
     "dq",
@@ -50,14 +52,22 @@ def stretches(rec: Recording) -> tuple[list[Recording], list[str]]:
     """The stretches of a recording between its long holes, and what that costs; without holes the recording itself.
 
     Stretches of fewer than 50 rows are left out, unless there is nothing else.
+
+    Raises:
+        GapRecordingError: There is nothing else, and most of the time is holes.
     """
     edges = np.flatnonzero(np.diff(rec.t) > longest_bridged(rec.t)) + 1
     if not edges.size:
         return [rec], []
     pieces = [x for x in np.split(np.arange(len(rec.t)), edges) if len(x) >= LEAST_STRETCH_ROWS]
-    if not pieces:
-        return [rec], []
     lost = sum(float(rec.t[k] - rec.t[k - 1]) for k in edges)
+    if not pieces:
+        if lost > MOST_LOST * float(rec.t[-1]):
+            raise GapRecordingError(
+                f"{rec.name}: holes take {lost:.3g} s of its {rec.t[-1]:.3g} s and leave no stretch of "
+                f"{LEAST_STRETCH_ROWS} rows; did a clock jump?"
+            )
+        return [rec], []
     note = (
         f"{rec.name}: {len(edges)} hole(s), {lost:.3g} s in all, are too long to bridge; the {len(pieces)} stretches "
         "between them count as recordings of their own"
