@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.motion.align import LawParts, law_parts
 from s2r_host.gap.motion.model import RigidModel
-from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.session import WRENCH_AXES, Session
 from s2r_host.gap.recordings.recording import Controller, Recording
 
 RANGE_SLACK = 0.25
@@ -34,6 +35,7 @@ def check_joints(model: RigidModel, rec: Recording) -> list[str]:
     known = ", ".join(model.joints)
     for kind, table in rec.channels.items():
         if kind == "wrench":
+            _check_wrenches(model, rec, table)
             continue
         for joint in table:
             if joint not in model.joints:
@@ -42,12 +44,16 @@ def check_joints(model: RigidModel, rec: Recording) -> list[str]:
                     "map it under 'joint_names' in the side file"
                 )
     law = rec.controller
-    for gain, table in (("kp", law.kp), ("kd", law.kd), ("ki", law.ki)):
+    for key, table in (
+        ("controller.kp", law.kp), ("controller.kd", law.kd), ("controller.ki", law.ki),
+        ("effort_sigma", rec.effort_sigma), ("effort_gain_sigma", rec.effort_gain_sigma),
+        ("position_sigma", rec.position_sigma),
+    ):  # fmt: skip
         for joint in table:
             if joint not in model.joints:
                 raise GapRecordingError(
-                    f"{rec.name}.yaml: controller.{gain} names '{joint}', a joint the model does not have ({known}); "
-                    "map it under 'joint_names'"
+                    f"{rec.name}.yaml: {key} names '{joint}', a joint the model does not have ({known}); map it under "
+                    "'joint_names'"
                 )
     for joint in rec.joints:
         _check_range(model, rec, joint)
@@ -56,6 +62,18 @@ def check_joints(model: RigidModel, rec: Recording) -> list[str]:
     if len(missing) == len(model.joints):
         raise GapRecordingError(f"{rec.name}: none of the model's joints ({known}) is recorded")
     return [f"{rec.name}: joint '{j}' is not recorded and is held at its reference" for j in missing]
+
+
+def _check_wrenches(model: RigidModel, rec: Recording, columns: Iterable[str]) -> None:
+    """Every wrench acts on a body that there is, along an axis."""
+    bodies = [model.body_name(b) for b in range(model.model.nbody)]
+    for column in columns:
+        body, _, axis = column.rpartition(".")
+        if body not in bodies or axis not in WRENCH_AXES:
+            raise GapRecordingError(
+                f"{rec.name}: column 'wrench.{column}' is on no body of the model ({', '.join(bodies)}) along one of "
+                f"{', '.join(WRENCH_AXES)}"
+            )
 
 
 def _check_range(model: RigidModel, rec: Recording, joint: str) -> None:

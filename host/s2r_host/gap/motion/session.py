@@ -22,6 +22,7 @@ LEAST_MOTION_CUT_HZ = 8.0
 NOISY_SPEED = 0.08
 LINE_SHARE = 0.6
 LINE_MARGIN = 1.5
+WRENCH_AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 FREE_SHARE = 0.02  # of the load: less effort than that drives nothing
 
 
@@ -262,7 +263,7 @@ def wrench_bodies(model: RigidModel, rec: Recording) -> dict[int, np.ndarray]:
     found: dict[int, np.ndarray] = {}
     for body in range(model.model.nbody):
         name = model.body_name(body)
-        parts = [table.get(f"{name}.{axis}") for axis in ("fx", "fy", "fz", "mx", "my", "mz")]
+        parts = [table.get(f"{name}.{axis}") for axis in WRENCH_AXES]
         if any(p is not None for p in parts):
             zero = np.zeros(len(rec.t))
             found[body] = np.stack([zero if p is None else p for p in parts], axis=1)
