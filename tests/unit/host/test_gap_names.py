@@ -55,3 +55,36 @@ def test_an_accuracy_of_an_unknown_joint_is_refused(model, tmp_path, key):
         GapRecordingError, match=rf"{key} names 'elbw', a joint the model does not have \(elbow, rail\)"
     ):
         checked(model, tmp_path, {key: {"elbw": 0.1}})
+
+
+@pytest.mark.parametrize(
+    ("units", "said"),
+    [
+        ({"q": "deg"}, r"'q.rail' is declared in deg, and 'rail' slides"),
+        ({"q": "mm"}, r"'q.elbow' is declared in mm, and 'elbow' turns"),
+        ({"q_cmd.rail": "rev"}, r"'q_cmd.rail' is declared in rev, and 'rail' slides"),
+    ],
+)
+def test_a_unit_of_another_kind_of_joint_is_refused(model, tmp_path, units, said):
+    with pytest.raises(GapRecordingError, match=said):
+        checked(model, tmp_path, {"units": units}, **{"q_cmd.rail": 0.1 * np.sin(T)})
+
+
+def test_hinges_and_slides_each_have_their_unit(model, tmp_path):
+    rec = checked(model, tmp_path, {"units": {"q": "deg", "q.rail": "mm"}})
+    assert rec.channels["q"]["elbow"] == pytest.approx(np.radians(np.sin(T)))
+    assert rec.channels["q"]["rail"] == pytest.approx(1e-4 * np.sin(T))
+
+
+@pytest.mark.parametrize("name", ["j1", "elbow"])
+def test_a_unit_counts_under_either_name_of_a_joint(tmp_path, name):
+    path = tmp_path / "rec.csv"
+    path.write_text("\n".join(["t,q.j1", *(f"{t},{1e3 * t}" for t in T)]), encoding="utf-8")
+    side = {"joint_names": {"j1": "elbow"}, "units": {f"q.{name}": "mrad"}}
+    path.with_suffix(".yaml").write_text(yaml.safe_dump(side), encoding="utf-8")
+    assert read_recording(path).channels["q"]["elbow"] == pytest.approx(T)
+
+
+def test_a_unit_of_no_column_is_told(model, tmp_path):
+    said = checked(model, tmp_path, {"units": {"q.elbw": "deg", "temp": "C"}}).warnings
+    assert "side file: units of q.elbw are of no column and convert nothing" in said

@@ -164,7 +164,7 @@ def test_a_last_line_that_was_cut_off_costs_itself(tmp_path, cut):
     path.write_text(path.read_text(encoding="utf-8") + "\n" + cut, encoding="utf-8")
     rec = read_recording(path)
     assert rec.t[: len(T)] == pytest.approx(T)
-    assert rec.get("tau", "a")[: len(T)] == pytest.approx(np.cos(T))
+    assert rec.channels["tau"]["a"][: len(T)] == pytest.approx(np.cos(T))
 
 
 def test_a_whole_last_line_is_not_cut_off(tmp_path):

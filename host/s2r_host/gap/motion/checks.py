@@ -13,6 +13,7 @@ from s2r_host.gap.motion.align import LawParts, law_parts
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import WRENCH_AXES, Session
 from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.recordings.units import moves
 
 RANGE_SLACK = 0.25
 MAX_TURNS_RAD = 200.0
@@ -55,6 +56,7 @@ def check_joints(model: RigidModel, rec: Recording) -> list[str]:
                     f"{rec.name}.yaml: {key} names '{joint}', a joint the model does not have ({known}); map it under "
                     "'joint_names'"
                 )
+    _check_dimensions(model, rec)
     for joint in rec.joints:
         _check_range(model, rec, joint)
         _check_command(rec, joint)
@@ -62,6 +64,18 @@ def check_joints(model: RigidModel, rec: Recording) -> list[str]:
     if len(missing) == len(model.joints):
         raise GapRecordingError(f"{rec.name}: none of the model's joints ({known}) is recorded")
     return [f"{rec.name}: joint '{j}' is not recorded and is held at its reference" for j in missing]
+
+
+def _check_dimensions(model: RigidModel, rec: Recording) -> None:
+    """No hinge moves in millimetres, and no slide in degrees."""
+    for column, unit in rec.units.items():
+        kind, _, joint = column.partition(".")
+        if kind in ("q", "dq", "q_cmd", "dq_cmd") and moves(unit) != model.unit(joint):
+            what = "turns" if model.unit(joint) == "rad" else "slides"
+            raise GapRecordingError(
+                f"{rec.name}: '{column}' is declared in {unit}, and '{joint}' {what}; declare the unit of this column "
+                "by its own name under 'units' in the side file"
+            )
 
 
 def _check_wrenches(model: RigidModel, rec: Recording, columns: Iterable[str]) -> None:

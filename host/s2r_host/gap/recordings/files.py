@@ -80,10 +80,11 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
             )
     if "t" not in table:
         raise GapRecordingError(f"{path.name}: no column 't'; columns are {', '.join(list(table)[:12])}")
-    t = table["t"] * unit_tables.factor(declared, "t", path.name)
+    t = table["t"] * unit_tables.factor("t", unit_tables.declared_unit(declared, "t"), path.name)
     keep = _usable_rows(path, t, warnings)
     keep = _known_rows(path, t, table, keep, warnings)
     channels: dict[str, dict[str, np.ndarray]] = {}
+    units: dict[str, str] = {}
     empty: list[str] = []
     for column, raw in table.items():
         kind, _, joint = column.partition(".")
@@ -93,7 +94,10 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
             warnings.append(f"column '{column}' is not part of the contract and is ignored")
             continue
         joint = names.get(joint, joint)
-        values = raw[keep] * unit_tables.factor(declared, column, path.name)
+        unit = unit_tables.declared_unit(declared, column, f"{kind}.{joint}")
+        values = raw[keep] * unit_tables.factor(column, unit, path.name)
+        if unit is not None:
+            units[f"{kind}.{joint}"] = unit
         values = _fill_gaps(column, t[keep], values, warnings)
         if values is None:
             empty.append(column)
@@ -111,6 +115,9 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         raise GapRecordingError(
             f"{path.name}: no column 'q.<joint>': without positions there is nothing to compare"
         )
+    columns = {*table, *(f"{kind}.{joint}" for kind, found in channels.items() for joint in found)}
+    if idle := [key for key in declared if "." in key and key not in columns]:
+        warnings.append(f"side file: units of {', '.join(idle)} are of no column and convert nothing")
     t = t[keep]
     _check_speed_units(path, t, channels)
     effort = _choice(side, "effort", ("commanded", "measured"), "commanded", path)
@@ -131,6 +138,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
         notes=str(side.get("notes", "")),
         warnings=tuple(warnings),
         start_s=float(t[0]),
+        units=units,
         effort_sigma=_positive_numbers(side, "effort_sigma", names, path),
         effort_gain_sigma=_positive_numbers(side, "effort_gain_sigma", names, path),
         position_sigma=_positive_numbers(side, "position_sigma", names, path),

@@ -41,6 +41,7 @@ class Recording:
             that go together for tenths of seconds look like physics [N·m or N].
         effort_gain_sigma: How far the scale of this recording's effort may be off, by joint, as a share.
         position_sigma: How far this recording's position may be off all along, by joint [rad or m].
+        units: What the columns were converted from, where the side file says so, keyed by kind and joint (``q.elbow``).
         warnings: What the file costs: missing columns, dropped samples, coarse steps.
         rows: The rows of the file, where a slow log was rebuilt between them (``motion/slow_log.py``);
             ``effort_doubt``: how far the rebuilt effort may be off, by joint, each of shape (time,) [N·m or N].
@@ -56,6 +57,7 @@ class Recording:
     notes: str
     warnings: tuple[str, ...]
     start_s: float = 0.0
+    units: dict[str, str] = field(default_factory=dict)
     effort_sigma: dict[str, float] = field(default_factory=dict)
     effort_gain_sigma: dict[str, float] = field(default_factory=dict)
     position_sigma: dict[str, float] = field(default_factory=dict)

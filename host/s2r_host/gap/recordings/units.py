@@ -33,27 +33,38 @@ TABLES: dict[str, dict[str, float]] = {
 }
 
 
-def factor(units: dict[str, str], column: str, file_name: str) -> float:
-    """Multiplier that brings ``column`` to SI; 1 when nothing is declared.
+def declared_unit(units: dict[str, str], column: str, called: str = "") -> str | None:
+    """The unit that is declared for a column; None when none is.
 
     Args:
         units: Declared units, keyed by full column name (``q.elbow``) or by its kind (``q``).
         column: Column name of the recording.
-        file_name: For the error text.
+        called: The same with the model's name of the joint.
+    """
+    kind = column.split(".", 1)[0]
+    keys = [column, called, kind]
+    if kind in ("q_cmd", "dq_cmd", "tau_ff"):
+        keys.append(kind.split("_", 1)[0])
+    return next((units[key] for key in keys if key in units), None)
+
+
+def factor(column: str, unit: str | None, file_name: str) -> float:
+    """Multiplier that brings ``column`` to SI; 1 when nothing is declared.
 
     Raises:
         GapRecordingError: The unit is unknown or of the wrong dimension.
     """
-    kind = column.split(".", 1)[0]
-    declared = units.get(column, units.get(kind))
-    if declared is None and kind in ("q_cmd", "dq_cmd", "tau_ff"):
-        declared = units.get(kind.split("_", 1)[0])
-    if declared is None:
+    if unit is None:
         return 1.0
-    table = TABLES[kind]
-    if str(declared) not in table:
+    kind = column.split(".", 1)[0]
+    if unit not in TABLES[kind]:
         raise GapRecordingError(
-            f"{file_name}: column '{column}' declares the unit '{declared}', which is not a unit of "
-            f"'{kind}'; known: {', '.join(sorted(table))}"
+            f"{file_name}: column '{column}' declares the unit '{unit}', which is not a unit of "
+            f"'{kind}'; known: {', '.join(sorted(TABLES[kind]))}"
         )
-    return table[str(declared)]
+    return TABLES[kind][unit]
+
+
+def moves(unit: str) -> str:
+    """What a unit of a position or speed measures: ``rad`` of a hinge, or ``m`` of a slide."""
+    return "m" if unit.removesuffix("/s") in LENGTH else "rad"
