@@ -19,7 +19,7 @@ from typing import Any
 
 from s2r_conceal import verdicts
 from s2r_conceal.errors import ConcealError
-from s2r_conceal.seal import check_files, publish_verdicts, read_manifest, sha256
+from s2r_conceal.seal import check_files, check_hashed, publish_verdicts, read_manifest, sha256
 from s2r_protocol.cli.progress import Count
 
 INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)  # how a program ends that a Ctrl-C has reached
@@ -41,12 +41,13 @@ def run_all(folder: Path, command: str, workers: int, timeout_s: float, bar: Cou
         The hash over all verdicts.
 
     Raises:
-        SealError: A file of the set was changed.
+        SealError: A file of the set, or a verdict that is hashed, was changed.
         ConcealError: The program cannot be started, or the set has verdicts of another one.
         ToolFailedError: The tool has answered on no case; nothing is hashed.
     """
     manifest = read_manifest(folder)
     check_files(folder, manifest)
+    check_hashed(folder)
     words = _program(command)
     folder = folder.absolute()
     (folder / "verdicts").mkdir(exist_ok=True)
@@ -78,13 +79,14 @@ def run_batched(
     nothing else. May be stopped and started again.
 
     Raises:
-        SealError: A file of the set was changed.
+        SealError: A file of the set, or a verdict that is hashed, was changed.
         ConcealError: The program cannot be started, left cases without an answer, or the set has verdicts of
             another one.
         ToolFailedError: The tool has answered on no case; nothing is hashed.
     """
     manifest = read_manifest(folder)
     check_files(folder, manifest)
+    check_hashed(folder)
     words = _program(command)
     folder = folder.absolute()
     work = folder / "work"

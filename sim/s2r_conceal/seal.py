@@ -186,11 +186,38 @@ def hashed_verdicts(folder: Path) -> dict[str, str]:
 
 
 def publish_verdicts(folder: Path) -> str:
-    """Write ``verdicts.json`` with the hash of every verdict; returns the hash over all of them."""
+    """Write ``verdicts.json`` with the hash of every verdict; returns the hash over all of them.
+
+    Raises:
+        SealError: A verdict was changed after it was hashed: it is not hashed anew.
+    """
+    check_hashed(folder)
     hashes = hash_verdicts(folder)
-    total = sha256(json.dumps(hashes, sort_keys=True).encode())
+    total = _total(hashes)
     (folder / VERDICTS).write_text(json.dumps({"total_sha256": total, "verdicts": hashes}, indent=1) + "\n")
     return total
+
+
+def _total(hashes: dict[str, str]) -> str:
+    return sha256(json.dumps(hashes, sort_keys=True).encode())
+
+
+def check_hashed(folder: Path) -> None:
+    """Compare every verdict that is hashed with its hash; fine where none is yet.
+
+    Raises:
+        SealError: One was changed or is gone, or so are the hashes.
+    """
+    path = folder / VERDICTS
+    if not path.is_file():
+        return
+    stated = hashed_verdicts(folder)
+    if json.loads(path.read_text()).get("total_sha256") != _total(stated):
+        raise SealError(f"{path} was changed: its hashes do not make the total that it states")
+    for case, published in stated.items():
+        verdict = folder / "verdicts" / f"{case}.json"
+        if not verdict.is_file() or sha256(verdict.read_bytes()) != published:
+            raise SealError(f"{verdict} was changed after it was hashed in {VERDICTS}")
 
 
 def check_verdicts(folder: Path, manifest: dict[str, Any]) -> None:
@@ -210,10 +237,7 @@ def check_verdicts(folder: Path, manifest: dict[str, Any]) -> None:
             f"{len(missing)} of {len(manifest['cases'])} cases have no hashed verdict, first {missing[0]}; "
             "run 's2r conceal run' to the end"
         )
-    for case, published in stated.items():
-        verdict = folder / "verdicts" / f"{case}.json"
-        if not verdict.is_file() or sha256(verdict.read_bytes()) != published:
-            raise SealError(f"{verdict} was changed after it was hashed in {VERDICTS}")
+    check_hashed(folder)
 
 
 def open_answers(folder: Path, key_file: Path) -> dict[str, Any]:
@@ -227,4 +251,8 @@ def open_answers(folder: Path, key_file: Path) -> dict[str, Any]:
     check_files(folder, manifest)
     check_verdicts(folder, manifest)
     sealed = (folder / SEALED).read_bytes()
-    return unseal(sealed, Key.read(key_file), manifest["answers_sha256_salted"])
+    answers = unseal(sealed, Key.read(key_file), manifest["answers_sha256_salted"])
+    if answers.keys() != manifest["cases"].keys():
+        other = min(answers.keys() ^ manifest["cases"].keys())
+        raise SealError(f"{MANIFEST} lists other cases than have answers, {other} among them")
+    return answers

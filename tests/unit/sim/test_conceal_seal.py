@@ -8,8 +8,10 @@ from s2r_conceal.errors import SealError, VerdictsMissingError
 from s2r_conceal.seal import (
     MANIFEST,
     SEALED,
+    VERDICTS,
     Key,
     check_files,
+    hash_verdicts,
     open_answers,
     publish,
     publish_verdicts,
@@ -117,6 +119,41 @@ def test_a_verdict_changed_after_hashing_is_noticed(sealed_set):
     publish_verdicts(folder)
     (folder / "verdicts" / "case-0001.json").write_text('{"better": 1}')
     with pytest.raises(SealError, match=r"case-0001\.json was changed after it was hashed"):
+        open_answers(folder, key)
+
+
+@pytest.mark.parametrize("left", ['{"better": 1}', None])
+def test_a_verdict_changed_after_hashing_is_not_hashed_anew(sealed_set, left):
+    folder, key = sealed_set
+    publish_verdicts(folder)
+    path = folder / "verdicts" / "case-0001.json"
+    path.unlink() if left is None else path.write_text(left)
+    with pytest.raises(SealError, match=r"case-0001\.json was changed after it was hashed"):
+        publish_verdicts(folder)
+    with pytest.raises(SealError, match=r"case-0001\.json was changed after it was hashed"):
+        open_answers(folder, key)
+
+
+def test_a_hash_of_a_verdict_changed_by_hand_is_noticed(sealed_set):
+    folder, key = sealed_set
+    publish_verdicts(folder)
+    (folder / "verdicts" / "case-0001.json").write_text('{"better": 1}')
+    body = json.loads((folder / VERDICTS).read_text())
+    body["verdicts"] = hash_verdicts(folder)
+    (folder / VERDICTS).write_text(json.dumps(body))
+    with pytest.raises(SealError, match=r"verdicts\.json was changed: its hashes do not make the total"):
+        open_answers(folder, key)
+
+
+def test_a_case_left_out_of_the_manifest_is_noticed(sealed_set):
+    folder, key = sealed_set
+    publish_verdicts(folder)
+    manifest = json.loads((folder / MANIFEST).read_text())
+    del manifest["cases"]["case-0002"]
+    (folder / MANIFEST).write_text(json.dumps(manifest))
+    with pytest.raises(
+        SealError, match=r"manifest\.json lists other cases than have answers, case-0002 among them"
+    ):
         open_answers(folder, key)
 
 
