@@ -23,6 +23,7 @@ from s2r_conceal.seal import check_files, check_hashed, publish_verdicts, read_m
 from s2r_protocol.cli.progress import Count
 
 INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)  # how a program ends that a Ctrl-C has reached
+QUESTION = "question.json"  # the command that the answers in work/ are of
 ROLES = ("fit", "holdout", "repeat")
 INPUTS = ("model.xml", *(f"{role}.{kind}" for role in ROLES for kind in ("csv", "yaml")))
 
@@ -98,6 +99,8 @@ def run_batched(
     if not todo:
         bar.update(len(cases))
         return publish_verdicts(folder)
+    if _read(work / QUESTION) != question:  # answers to another one: of a copied set, say
+        shutil.rmtree(work, ignore_errors=True)
     for case in cases:
         (work / case).mkdir(parents=True, exist_ok=True)
         for name in INPUTS:
@@ -110,6 +113,7 @@ def run_batched(
         {"name": c, "model": f"{c}/model.xml"} | {r: [f"{c}/{r}.csv"] for r in ROLES} | extra for c in cases
     ]
     (work / "jobs.json").write_text(json.dumps(jobs) + "\n")
+    (work / QUESTION).write_text(json.dumps(question) + "\n")
     arguments = ["--batch", "jobs.json", "--out", "out", "--seed", "0", "--workers", str(workers)]
     shown = 0
     with (work / "stderr.txt").open("w") as said:

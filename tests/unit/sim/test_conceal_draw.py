@@ -379,7 +379,7 @@ def test_only_what_failed_is_drawn_anew_on_an_arm(monkeypatch):
 
 def test_an_interrupted_tool_has_given_no_verdict_and_what_is_queued_is_left_alone(drawn, tmp_path):
     folder = tmp_path / "set"
-    shutil.copytree(drawn[0] / "one", folder, ignore=shutil.ignore_patterns("verdicts", "verdicts.sha256"))
+    shutil.copytree(drawn[0] / "one", folder, ignore=shutil.ignore_patterns("verdicts*"))
     tool, calls = tmp_path / "tool.py", tmp_path / "calls"
     tool.write_text(f"open({str(calls)!r}, 'a').write('x')\nraise SystemExit(130)\n")
     with pytest.raises(ConcealError, match="interrupted"):
@@ -450,3 +450,25 @@ def test_verdicts_of_two_commands_are_not_mixed(unasked, drawn, tmp_path):
         path.write_text(json.dumps(old))
     assert "verdicts hashed" in _run(folder, tool + " b").output
     assert "false alarms" in score_folder(folder, drawn[0] / "one.key", tmp_path / "score")
+
+
+ANSWERS_ALL = """
+import json, pathlib, sys
+for job in json.loads(pathlib.Path('jobs.json').read_text()):
+    gap = pathlib.Path('out', job['name'], 'gap.json')
+    if not gap.exists():
+        gap.parent.mkdir(parents=True)
+        gap.write_text(json.dumps({'verdict': 'nothing_missing', 'by': sys.argv[1]}))
+"""
+
+
+def test_answers_of_one_command_are_not_taken_for_those_of_another(unasked):
+    folder, _ = unasked
+    tool = folder.parent / "all.py"
+    tool.write_text(ANSWERS_ALL)
+    for name in ("a", "b"):
+        assert "verdicts hashed" in _run(folder, f"{sys.executable} {tool} {name}", "--batch").output
+        verdict = json.loads((folder / "verdicts" / "case-0001.json").read_text())
+        assert verdict["gap"]["by"] == name
+        shutil.rmtree(folder / "verdicts")  # as a refusal says, to run another tool
+        (folder / "verdicts.json").unlink()
