@@ -175,6 +175,16 @@ def test_no_recording_is_bad_usage(clean, tmp_path, capsys):
     assert "--fit" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["--fit", "--holdout", "--repeat"])
+@pytest.mark.parametrize("more", [["--seed", "1"], []])
+def test_a_list_of_recordings_without_one_is_bad_usage(clean, tmp_path, capsys, option, more):
+    fit = [] if option == "--fit" else ["--fit", str(clean["fit"])]
+    with pytest.raises(SystemExit) as ended:
+        main(["gap", "--model", str(clean["model"]), *fit, "--out", str(tmp_path / "out"), option, *more])
+    assert ended.value.code == 2
+    assert f"Option '{option}' requires at least one recording" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("again", ["--holdout", "--repeat", "--fit"])
 def test_a_recording_against_itself_is_refused(clean, tmp_path, capsys, again):
     fit, out = str(clean["fit"]), tmp_path / "out"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import zip_longest
 from pathlib import Path
 
 import click
@@ -20,11 +21,13 @@ class _ListCommand(click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         spread: list[str] = []
         current: str | None = None
-        for arg in args:
+        for arg, following in zip_longest(args, args[1:], fillvalue="--"):
             if arg.startswith("--"):
                 current = arg if arg in LISTS else None
                 if current is None:
                     spread.append(arg)
+                elif following.startswith("--"):
+                    raise click.BadOptionUsage(arg, f"Option '{arg}' requires at least one recording.", ctx)
             elif current is not None:
                 spread += [current, arg]
             else:
