@@ -18,8 +18,10 @@ from urllib.parse import quote
 from s2r_host.gap.errors import GapUsageError
 from s2r_host.gap.workers import each_done
 from s2r_host.gap.yaml_files import read_yaml
+from s2r_protocol.cli.outputs import has_key
 from s2r_protocol.exits import ExitCode, S2RError
 
+SUMMARIES = ("summary.json", "summary.html")
 KEYS = {"name", "model", "fit", "holdout", "repeat", "config", "robot", "date"}
 
 
@@ -72,7 +74,7 @@ def _job(path: Path, entry: Any, number: int) -> Job:
         raise GapUsageError(
             f"batch '{path}': the name of job {number + 1} is read as {name!r}; write it in quotes"
         )
-    if not name or "/" in name or name.startswith("."):
+    if not name or "/" in name or name.startswith(".") or name in SUMMARIES:
         raise GapUsageError(f"batch '{path}': '{name}' cannot be the name of a folder")
 
     def files(key: str) -> tuple[Path, ...]:
@@ -97,21 +99,29 @@ def run_batch(
         workers: Processes at a time.
         seed: Given to every run.
         told: Called with the number of jobs just finished; first with those already there.
+
+    Raises:
+        GapUsageError: A file stands where the folder of a job goes.
     """
+    for job in jobs:
+        if (out / job.name).exists() and not (out / job.name).is_dir():
+            raise GapUsageError(
+                f"--out '{out}' holds a file '{job.name}', and a job is called so; name another folder"
+            )
     out.mkdir(parents=True, exist_ok=True)
     todo = [j for j in jobs if not answered(out / j.name)]
     told(len(jobs) - len(todo))
-    for _ in each_done(run_job, [(job, out / job.name, seed) for job in todo], workers):
+    for _ in each_done(run_job, [(job, out / job.name, seed) for job in todo], workers, _died):
         told(1)
     rows = [_row(j, out / j.name) for j in jobs]
-    (out / "summary.json").write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    (out / "summary.html").write_text(_page(rows), encoding="utf-8")
+    (out / SUMMARIES[0]).write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    (out / SUMMARIES[1]).write_text(_page(rows), encoding="utf-8")
     return rows
 
 
 def answered(folder: Path) -> bool:
     """Is there a whole answer from an earlier run?"""
-    return (folder / "gap.json").is_file()
+    return has_key(folder / "gap.json", ("verdict",))
 
 
 def run_job(job: Job, folder: Path, seed: int) -> None:
@@ -129,6 +139,11 @@ def run_job(job: Job, folder: Path, seed: int) -> None:
         _leave(folder / "refused.json", str(error), int(error.exit_code))
     except Exception:  # noqa: BLE001 - the summary says so, and the batch ends with the exit code of a bug
         _leave(folder / "failed.json", traceback.format_exc(), int(ExitCode.BUG))
+
+
+def _died(_job: Job, folder: Path, _seed: int) -> None:
+    reason = "its process was killed, as the system does for want of memory; give it fewer --workers or a shorter file"
+    _leave(folder / "failed.json", reason, int(ExitCode.BUG))
 
 
 def _leave(path: Path, reason: str, code: int) -> None:

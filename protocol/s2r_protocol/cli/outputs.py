@@ -38,7 +38,7 @@ def check_own_results(
     Raises:
         UsageError: A file of that name is somebody else's.
     """
-    if _has_key(folder / answer, keys) or (begun is not None and (folder / begun).exists()):
+    if has_key(folder / answer, keys) or (begun is not None and (folder / begun).exists()):
         return
     taken = [name for name in (answer, *files) if (folder / name).exists()]
     if taken:
@@ -94,7 +94,8 @@ def check_new_file(path: Path) -> None:
         raise UsageError(f"{path} exists and would be replaced; name another file, or remove it")
 
 
-def _has_key(file: Path, keys: Collection[str]) -> bool:
+def has_key(file: Path, keys: Collection[str]) -> bool:
+    """Whether a file is a JSON object with one of these keys."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -31,6 +31,7 @@ def test_jobs_are_read_with_paths_beside_the_file(tmp_path):
         ("- {name: a, model: m.xml}", "needs name, model and fit"),
         ("- {name: a, model: m.xml, fit: r.csv, colour: red}", "allowed keys"),
         ("- {name: ../a, model: m.xml, fit: r.csv}", "cannot be the name of a folder"),
+        ("- {name: summary.html, model: m.xml, fit: r.csv}", "cannot be the name of a folder"),
         ("- {name: a, model: m, fit: r}\n- {name: a, model: m, fit: r}", "two jobs are called 'a'"),
     ],
 )
@@ -126,6 +127,27 @@ def test_a_job_that_failed_or_was_refused_is_tried_again(tmp_path, monkeypatch, 
     monkeypatch.setattr("s2r_host.gap.cli.run_gap", lambda *_, **__: None)
     run_job(Job("a", tmp_path / "m", ()), folder, 0)
     assert not (folder / left).exists()
+
+
+def test_a_job_whose_process_is_killed_has_failed_and_the_others_go_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(batch, "each_done", lambda work, jobs, workers, lost: [lost(*job) for job in jobs])
+    (row,) = run_batch([Job("a", tmp_path / "m", ())], tmp_path / "out", 1, 0)
+    assert row["verdict"] == "failed"
+    assert "its process was killed" in row["reason"]
+
+
+def test_an_answer_of_somebody_else_is_none(tmp_path):
+    for content in ('{"width_m": 3}', '{"verdict": "unk', "[]"):
+        (tmp_path / "gap.json").write_text(content, encoding="utf-8")
+        assert not batch.answered(tmp_path)
+        run_job(Job("a", tmp_path / "m", (tmp_path / "r.csv",)), tmp_path, 0)
+        assert "not written by this command" in batch._row(Job("a", tmp_path, ()), tmp_path)["reason"]
+
+
+def test_a_file_in_the_place_of_a_folder_is_refused_before_anything_runs(tmp_path):
+    (tmp_path / "a").write_text("", encoding="utf-8")
+    with pytest.raises(GapUsageError, match="holds a file 'a', and a job is called so"):
+        run_batch([Job("a", tmp_path / "m", ())], tmp_path, 1, 0)
 
 
 def test_a_name_that_yaml_takes_for_something_else_is_refused(tmp_path):

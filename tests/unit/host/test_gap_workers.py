@@ -22,22 +22,36 @@ def work(number, folder):
 if __name__ == "__main__":
     from s2r_host.gap.workers import each_done
     signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
-    list(each_done(work, [(k, sys.argv[1]) for k in range(8)], 2))
+    list(each_done(work, [(k, sys.argv[1]) for k in range(8)], 2, None))
 """
+
+
+def halve_or_die(k, by):
+    """Half of ``k``; ends the process where ``by`` is a signal."""
+    if by < 0:
+        os.kill(os.getpid(), -by)
+    return k / by
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_all_jobs_are_done(workers):
-    assert sorted(each_done(mul, [(k, 2) for k in range(5)], workers)) == [0, 2, 4, 6, 8]
+    assert sorted(each_done(mul, [(k, 2) for k in range(5)], workers, pow)) == [0, 2, 4, 6, 8]
 
 
 def test_what_a_job_raises_is_raised():
     with pytest.raises(ZeroDivisionError):
-        list(each_done(divmod, [(1, 0)], 1))
+        list(each_done(divmod, [(1, 0)], 1, pow))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_worker_that_dies_costs_its_own_job(workers):
+    jobs = [(0, 2), (1, -9), (2, 2), (3, 2), (4, -9), (5, 2)]
+    done = list(each_done(halve_or_die, jobs, workers, lambda k, _: -k))
+    assert sorted(done) == [-4, -1, 0.0, 1.0, 1.5, 2.5]
 
 
 def test_no_jobs_are_no_work():
-    assert list(each_done(mul, [], 2)) == []
+    assert list(each_done(mul, [], 2, pow)) == []
 
 
 @pytest.mark.parametrize("whole_terminal", [True, False])
