@@ -1,15 +1,18 @@
 """The report says nothing twice."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 
-from s2r_host.gap.output.answer import make_answer
+from s2r_host.gap.output.answer import make_answer, write_predictions
 from s2r_host.gap.output.figures import _overlay_motion
 from s2r_host.gap.output.report import _numbers, _per_joint, _rejected
 from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.regression.solution import Term
+from s2r_host.gap.simulation.forward import Trace
 from s2r_host.gap.verdict.decision import Decision
 from s2r_host.gap.verdict.naming import Named
 
@@ -55,3 +58,15 @@ def test_efforts_and_positions_have_units_of_their_own():
         assert f"position [{unit}], held out" in page
         assert f"effort [{effort}], held out" in page
         assert f"position 1e-05 {unit}, effort 0.02 {effort}." in page
+
+
+def test_predictions_have_the_times_of_their_recording(tmp_path):
+    import pyarrow.parquet as pq
+
+    t, still = np.arange(0.0, 1.0, 0.01), np.zeros((100, 1))
+    session: Any = SimpleNamespace(rec=SimpleNamespace(name="r", start_s=40.0), t=t, q_raw=still, u=still)
+    trace = Trace(session, 10, True, False, still[10:60], still[10:60])
+    errors: Any = SimpleNamespace(traces=[trace])
+    answered: Any = SimpleNamespace(model=SimpleNamespace(joints=["a"]), hold=[session])
+    write_predictions(errors, errors, answered, tmp_path / "predictions.parquet")
+    assert pq.read_table(tmp_path / "predictions.parquet")["t"].to_pylist() == pytest.approx(40.0 + t[10:60])

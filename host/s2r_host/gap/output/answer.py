@@ -214,7 +214,7 @@ def survive_rounding(twin: Twin) -> None:
 
 
 def write_predictions(before: Errors, after: Errors, a: Analysis, path: Path) -> None:
-    """Held-out traces: recording, time, measured, before, after, closed or open loop, per joint."""
+    """Held-out traces: recording, its own time, measured, before, after, closed or open loop, per joint."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -228,7 +228,7 @@ def write_predictions(before: Errors, after: Errors, a: Analysis, path: Path) ->
         s, n = b.session, min(len(b.q), len(c.q))
         rows = slice(b.start, b.start + n)
         columns["recording"] += [s.rec.name] * n
-        columns["t"] += s.t[rows].tolist()
+        columns["t"] += (s.rec.start_s + s.t[rows]).tolist()
         columns["closed_loop"] += [b.closed] * n
         for i, joint in enumerate(a.model.joints):
             columns[f"q.{joint}"] += s.q_raw[rows, i].tolist()
