@@ -41,6 +41,10 @@ class GapConfig:
             )
         if not self.open_loop_window_s >= 0.1:
             raise GapUsageError(f"config: open_loop_window_s = {self.open_loop_window_s} is below 0.1 s")
+        if not self.calibrate_s >= 0.0:
+            raise GapUsageError(
+                f"config: calibrate_s = {self.calibrate_s}; it is a number of seconds, 0 for none"
+            )
 
 
 def read_config(path: Path | None) -> GapConfig:
@@ -57,7 +61,8 @@ def read_config(path: Path | None) -> GapConfig:
         raise GapUsageError(f"config '{path}': keys are {', '.join(sorted(allowed))}")
     try:
         if "skip" in raw:
-            raw["skip"] = tuple(map(str, raw["skip"]))
+            names = raw["skip"] or []
+            raw["skip"] = (names,) if isinstance(names, str) else tuple(map(str, names))
         for key in ("open_loop_window_s", "calibrate_s"):
             if key in raw:
                 raw[key] = math.inf if raw[key] == "inf" else float(raw[key])

@@ -55,6 +55,25 @@ def test_a_list_or_configuration_that_is_not_there_is_refused_with_the_next_step
         read_jobs(_list(tmp_path, "- {name: a, model: m.xml, fit: r.csv, date: 2026-28-11}"))
 
 
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("skip: backlash", ("backlash",)),
+        ("skip: [backlash, payload]", ("backlash", "payload")),
+        ("skip:", ()),
+        ("", ()),
+    ],
+)
+def test_effects_to_skip_are_a_name_or_a_list(tmp_path, text, names):
+    assert read_config(_list(tmp_path, text)).skip == names
+
+
+@pytest.mark.parametrize("seconds", ["-1", ".nan"])
+def test_seconds_of_a_calibration_that_cannot_be_are_refused(tmp_path, seconds):
+    with pytest.raises(GapUsageError, match=r"calibrate_s = .*; it is a number of seconds"):
+        read_config(_list(tmp_path, f"calibrate_s: {seconds}"))
+
+
 def _answer(folder, verdict, effects=()):
     folder.mkdir(parents=True)
     body = {"verdict": verdict, "effects": list(effects), "parameters_off": [], "wall_s": 1.0}
