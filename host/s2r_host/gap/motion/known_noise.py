@@ -11,14 +11,17 @@ motion, where less inertia costs little: what it leaves over is less than what t
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.signal import welch
 
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session, lowpass
+from s2r_host.gap.recordings.recording import Recording
 
 _MIDDLE, _UPPER = 0.33, 0.66  # of the band: above the second a recording holds little but noise
 _FLAT = 2.0  # power of the middle third over that of the upper one, up to which it is noise for sure
 _HEARD = 1.5  # times the noise of its channel, from which on an acceleration is more than that
+_EVEN = 1e-3  # of a step, by which even time stamps may differ
 _LOAD_SHARE = 0.005  # filters and rounding of the model's own effort
 # Integrals of x⁰, x² and x⁴ over the squared gain 1 / (1 + x⁴)² of a second-order Butterworth filter run both ways.
 _GAIN, _GAIN_SLOPE, _GAIN_BEND = (
@@ -37,7 +40,7 @@ def known_noise(model: RigidModel, s: Session, j: int) -> float:
     effort = s.rec.get("tau", model.joints[j])
     variance = motion_noise(model, s, j) ** 2
     if effort is not None:
-        variance += _GAIN * _white(effort, s.rec.dt) * float(s.cut[j])
+        variance += _GAIN * _white(s.rec, effort) * float(s.cut[j])
     if variance == 0.0:
         return 0.0
     return float(np.sqrt(variance + (_LOAD_SHARE**2) * np.mean(s.load[:, j] ** 2)))
@@ -91,18 +94,19 @@ def motion_density(model: RigidModel, s: Session, j: int, f: np.ndarray) -> np.n
 def _motion_white(model: RigidModel, s: Session, j: int, *, flat: bool) -> float:
     """One-sided power density of the noise of the channel that the acceleration comes from [unit²/Hz]."""
     x = s.rec.get("dq" if s.by_speed[j] else "q", model.joints[j])
-    return 0.0 if x is None else _white(x, s.rec.dt, flat=flat)
+    return 0.0 if x is None else _white(s.rec, x, flat=flat)
 
 
-def _white(x: np.ndarray, dt: float, *, flat: bool = False) -> float:
+def _white(rec: Recording, x: np.ndarray, *, flat: bool = False) -> float:
     """One-sided power density of a channel's white noise, from the upper third of its band [unit²/Hz].
 
     ``flat``: zero where the spectrum still falls there.
     """
     if len(x) < 64:
         return 0.0
+    x = _evenly(rec, x)
     length = int(np.clip(len(x) // 6, 64, 512))
-    f, power = welch(x - np.mean(x), 1.0 / dt, nperseg=length)
+    f, power = welch(x - np.mean(x), 1.0 / rec.dt, nperseg=length)
     upper = float(np.median(power[f > _UPPER * f[-1]]))
     middle = float(np.median(power[(f > _MIDDLE * f[-1]) & (f <= _UPPER * f[-1])]))
     if flat and middle > _FLAT * upper:
@@ -112,3 +116,10 @@ def _white(x: np.ndarray, dt: float, *, flat: bool = False) -> float:
     n = max(2 * len(x) // length - 1, 1)
     freedom = 36.0 * n * n / (19.0 * n - 1.0)
     return upper / (1.0 - 2.0 / (9.0 * freedom)) ** 3
+
+
+def _evenly(rec: Recording, x: np.ndarray) -> np.ndarray:
+    """A channel at even steps: motion across lost rows or uneven stamps, taken for even, would be white noise."""
+    if float(np.ptp(np.diff(rec.t))) < _EVEN * rec.dt:
+        return x
+    return PchipInterpolator(rec.t, x)(np.arange(0.0, rec.t[-1], rec.dt))
