@@ -205,21 +205,20 @@ def test_the_steps_of_an_encoder_that_two_runs_have_alike_are_noise(tmp_path):
     assert problem.alike[0] > 0.2  # of its power, which half the difference of the runs does not show
 
 
-def test_lost_rows_and_uneven_stamps_are_no_noise(tmp_path):
+def test_lost_rows_are_no_noise(tmp_path):
     (tmp_path / "table.xml").write_text(TABLE, encoding="utf-8")
     model, step, dt = RigidModel(tmp_path / "table.xml"), 2e-5, 0.004
     rng = np.random.default_rng(3)
     even = np.arange(0.0, 16.0, dt)
     kept = np.sort(rng.choice(len(even), size=int(0.94 * len(even)), replace=False))
     kept[0] = 0
-    uneven = even + np.r_[0.0, rng.uniform(-0.2 * dt, 0.2 * dt, len(even) - 1)]
     shown = []
-    for t in (even, even[kept], uneven):
+    for t in (even, even[kept]):
         q = 0.7 * np.sin(1.5 * t) + 0.3 * np.sin(3.1 * t)
         channels = {"q": {"table": step * np.round(q / step)}, "tau": {"table": np.zeros(len(t))}}
         rec = Recording("r", t, channels, Controller("none"), "measured", "effort", "a", "", ())
         shown.append(motion_noise(model, make_session(model, rec, 0), 0))
-    assert shown[1:] == pytest.approx([shown[0]] * 2, rel=0.3)
+    assert shown[1] == pytest.approx(shown[0], rel=0.2)
 
 
 def test_an_acceleration_that_is_noise_tells_no_inertia(tmp_path):

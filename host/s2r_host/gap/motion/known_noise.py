@@ -21,7 +21,6 @@ from s2r_host.gap.recordings.recording import Recording
 _MIDDLE, _UPPER = 0.33, 0.66  # of the band: above the second a recording holds little but noise
 _FLAT = 2.0  # power of the middle third over that of the upper one, up to which it is noise for sure
 _HEARD = 1.5  # times the noise of its channel, from which on an acceleration is more than that
-_EVEN = 1e-3  # of a step, by which even time stamps may differ
 _LOAD_SHARE = 0.005  # filters and rounding of the model's own effort
 # Integrals of x⁰, x² and x⁴ over the squared gain 1 / (1 + x⁴)² of a second-order Butterworth filter run both ways.
 _GAIN, _GAIN_SLOPE, _GAIN_BEND = (
@@ -119,7 +118,10 @@ def _white(rec: Recording, x: np.ndarray, *, flat: bool = False) -> float:
 
 
 def _evenly(rec: Recording, x: np.ndarray) -> np.ndarray:
-    """A channel at even steps: motion across lost rows or uneven stamps, taken for even, would be white noise."""
-    if float(np.ptp(np.diff(rec.t))) < _EVEN * rec.dt:
-        return x
-    return PchipInterpolator(rec.t, x)(np.arange(0.0, rec.t[-1], rec.dt))
+    """A channel with its lost rows filled in: motion across them, taken for one step, would be white noise.
+
+    Rows that were not lost stay as they are, whatever their stamps: interpolated ones have less noise.
+    """
+    step = np.maximum(np.round(np.diff(rec.t) / rec.dt), 1.0)
+    row = np.concatenate([[0.0], np.cumsum(step)])
+    return x if row[-1] < len(x) else PchipInterpolator(row, x)(np.arange(row[-1] + 1.0))
