@@ -112,6 +112,9 @@ class Scene:
         if stage.self_collision:
             robot = self.geom_kind >= GeomKind.ROBOT
             model.geom_conaffinity[robot] |= model.geom_contype[robot]
+            # Bodies have bits of their own, by which pairs are left out before any geom is looked at.
+            links = np.unique(model.geom_bodyid[robot])
+            model.body_conaffinity[links] |= model.body_contype[links]
         return model
 
     def without_robot(self) -> mujoco.MjModel:

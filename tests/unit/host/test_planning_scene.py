@@ -57,6 +57,24 @@ def test_rollout_model_takes_the_stage_s_time_step_and_leaves_the_scene_alone(dr
     assert scene.coarse.geom_conaffinity[link] == 2
 
 
+@pytest.mark.parametrize("self_collision", [False, True])
+def test_a_folded_arm_touches_itself_in_the_rollouts_of_the_stages_that_say_so(drawer, self_collision):
+    scene = build_scene(ARM, drawer, "object_joint", PlanSettings())
+    robot = scene.geom_kind >= GeomKind.ROBOT
+
+    def touches_itself(model, q):
+        data = mujoco.MjData(model)
+        data.qpos[: scene.dof] = q
+        mujoco.mj_forward(model, data)
+        return bool(robot[data.contact.geom].all(axis=1).any())
+
+    folded = [-2.6, -1.16, 0.62, -1.89, 2.8, 2.08, -4.51]
+    assert touches_itself(scene.fine, folded)
+    model = scene.rollout_model(Stage(self_collision=self_collision))
+    assert touches_itself(model, folded) == self_collision
+    assert not touches_itself(model, ARM.q_home)
+
+
 def test_arm_holds_its_pose_against_gravity(drawer):
     scene = build_scene(ARM, drawer, "object_joint", PlanSettings())
     world = FineWorld(scene, ARM.q_home, 0.0)
