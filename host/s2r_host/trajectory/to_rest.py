@@ -6,11 +6,10 @@ import numpy as np
 import ruckig
 
 from s2r_host.trajectory.time_law import limit_stretch
-from s2r_host.trajectory.torque import InverseDynamics
+from s2r_host.trajectory.torque import LOOK_STEP_S, InverseDynamics
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError, check_positions
 from s2r_protocol.arms import ArmDescription
 
-_KNOT_S = 0.01
 # Between two knots Ruckig's jerk may switch, a quintic's cannot: it swings a little around the profile.
 _HEADROOM, _JERK_HEADROOM = 0.9, 0.5
 
@@ -53,7 +52,7 @@ def to_rest(
         raise TrajectoryError(f"no motion from this state to rest: {error}") from error
     if verdict not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise TrajectoryError(f"no motion from this state to rest: {verdict.name}")
-    t = np.linspace(0.0, profile.duration, max(2, int(np.ceil(profile.duration / _KNOT_S))) + 1)
+    t = np.linspace(0.0, profile.duration, max(2, int(np.ceil(profile.duration / LOOK_STEP_S))) + 1)
     states = np.array([profile.at_time(x) for x in t])
     q, dq, ddq = states[:, 0], states[:, 1], states[:, 2]
     q[0], dq[0], ddq[0] = start
@@ -66,7 +65,7 @@ def to_rest(
             f"the motion to rest exceeds a limit of arm {arm.name!r} by a factor {excess:.3f}"
         )
     if dynamics is not None:
-        tau = np.abs(dynamics.along(q[::4], dq[::4], ddq[::4])) / limits.tau_max
+        tau = np.abs(dynamics.along(q, dq, ddq)) / limits.tau_max
         if tau.max() > torque_share:
             joint = arm.joint_names[int(np.unravel_index(tau.argmax(), tau.shape)[1])]
             raise TrajectoryError(f"joint {joint!r}: the motion to rest takes {tau.max():.0%} of its torque")

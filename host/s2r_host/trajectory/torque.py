@@ -9,6 +9,7 @@ from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
 from s2r_protocol.arms import ArmDescription
 
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])  # in the base frame of an upright arm [m/s²]
+LOOK_STEP_S = 0.01  # as often as the executor's admission looks at torques (``admission.sample_step_s``)
 
 
 class InverseDynamics:
@@ -71,12 +72,24 @@ def torque_stretch(
 ) -> float:
     """Factor, at least 1, by which the trajectory must be slowed to need no more than a share of the torque limits.
 
-    Slowing divides everything but gravity by the factor's square. Checked at the knots and midway between them.
+    Slowing divides everything but gravity by the factor's square. Checked at the knots, midway between them, and as
+    often between those as the executor does.
 
     Raises:
         TrajectoryError: Gravity alone exceeds the share somewhere; no speed helps.
     """
-    times = np.sort(np.concatenate([trajectory.t, (trajectory.t[:-1] + trajectory.t[1:]) / 2.0]))
+    factor = 1.0
+    # Slowed down there are more places to look at, and one of them may need a trifle more.
+    while (more := _stretch_at(trajectory.stretched(factor), arm, dynamics, share)) > 1.0:
+        factor *= more * (1.0 + 1e-9)  # the limit itself must not be exceeded by a rounding error
+    return factor
+
+
+def _stretch_at(
+    trajectory: Trajectory, arm: ArmDescription, dynamics: InverseDynamics, share: float
+) -> float:
+    """The factor for the places that are looked at as fast as the trajectory is now; up to 1 for none."""
+    times = _looked_at(trajectory.t)
     q, dq, ddq = trajectory.sample(times)
     still = np.zeros_like(q)
     gravity = dynamics.along(q, still, still)
@@ -89,4 +102,11 @@ def torque_stretch(
             f"joint {arm.joint_names[joint]!r} (index {joint}): holding the arm at {times[at]:.2f} s takes "
             f"{abs(gravity[at, joint]):.1f} N·m, more than {share:.0%} of {arm.limits.tau_max[joint]:.1f} N·m"
         )
-    return float(np.sqrt(max(1.0, (np.abs(motion) / room).max())))
+    return float(np.sqrt((np.abs(motion) / room).max()))
+
+
+def _looked_at(t: np.ndarray) -> np.ndarray:
+    """Knots, and even times between them no more than ``LOOK_STEP_S`` apart, at least the middle."""
+    pieces = np.maximum(2, np.ceil(np.diff(t) / LOOK_STEP_S - 1e-6).astype(int))
+    between = [a + (b - a) * np.arange(n) / n for a, b, n in zip(t[:-1], t[1:], pieces, strict=True)]
+    return np.append(np.concatenate(between), t[-1])

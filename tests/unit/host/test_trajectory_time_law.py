@@ -5,11 +5,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from s2r_host.trajectory import TimeLawSettings, TrajectoryError, point_to_point, time_law
+from s2r_host.trajectory import TimeLawSettings, Trajectory, TrajectoryError, point_to_point, time_law
 from s2r_host.trajectory.path import smooth_path
+from s2r_host.trajectory.to_rest import to_rest
+from s2r_host.trajectory.torque import InverseDynamics, torque_stretch
 from s2r_protocol.arms import load_arm
 
 ARM = load_arm("xmate3pro")
+DYNAMICS = InverseDynamics(ARM)
 
 
 def test_a_path_that_does_not_move_is_refused():
@@ -91,3 +94,38 @@ def test_two_points_make_a_straight_path():
     path = smooth_path(q, 0.004)
     middle = path(path.x[-1] / 2.0)
     assert middle == pytest.approx(np.full(7, 0.1), abs=1e-6)
+
+
+def largest_torque(trajectory: Trajectory) -> float:
+    """Largest share of a torque limit, at places ten times as close as admission looks."""
+    times = np.union1d(
+        trajectory.t, np.linspace(0.0, trajectory.duration_s, int(1e3 * trajectory.duration_s))
+    )
+    return float((np.abs(DYNAMICS.along(*trajectory.sample(times))) / ARM.limits.tau_max).max())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_torques_stay_within_their_share_between_knots_that_are_far_apart(seed):
+    rng = np.random.default_rng([5, seed])
+    low, high = ARM.limits.q_min + 0.05, ARM.limits.q_max - 0.05
+    q = np.clip(ARM.q_home + rng.normal(scale=0.6, size=(2, ARM.dof)), low, high)
+    motion = point_to_point(*q, ARM)  # eight knots at most
+    holding = largest_torque(motion.stretched(100.0))
+    share = 0.3 * largest_torque(motion) + 0.7 * holding  # so little that the motion has to be slowed
+    slowed = motion.stretched(torque_stretch(motion, ARM, DYNAMICS, share))
+    assert slowed.duration_s > motion.duration_s
+    assert largest_torque(slowed) <= 1.0005 * share
+
+
+def test_a_motion_to_rest_is_refused_for_the_torque_of_any_of_its_knots():
+    start = (
+        ARM.q_home,
+        np.array([0.4, -0.4, 0.3, 0.5, 0.0, 0.3, 0.2]),
+        np.array([3.0, 2.0, -3.0, 2.0, 0.0, 0.0, 0.0]),
+    )
+    goal = ARM.q_home + 0.2
+    motion = to_rest(start, goal, ARM, 0.5)
+    share = (np.abs(DYNAMICS.along(motion.q, motion.dq, motion.ddq)) / ARM.limits.tau_max).max()
+    assert to_rest(start, goal, ARM, 0.5, DYNAMICS, share + 1e-9).duration_s == motion.duration_s
+    with pytest.raises(TrajectoryError, match="of its torque"):
+        to_rest(start, goal, ARM, 0.5, DYNAMICS, share - 1e-9)
