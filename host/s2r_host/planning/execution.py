@@ -12,6 +12,7 @@ from s2r_host.planning.scene import GeomKind, Scene
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _STATE_SPEC, _CONTROL = _STATE, int(mujoco.mjtState.mjSTATE_CTRL)
+_WARNINGS = "warnings"  # of each world: after the first one it was stepped no further
 
 
 @dataclass(frozen=True)
@@ -102,10 +103,10 @@ class FineWorld:
 
         Contacts are those of the states before each substep; the last state's are seen by the next call.
         """
-        return self._follow(_stepped(self._batch, [self], control), 0, len(control))
+        return self._follow(_stepped(self._batch, [self], control), 0)
 
-    def _follow(self, record: dict, sim: int, asked: int) -> Report:
-        """Go to where one simulation of a record ended; what happened on the way. ``asked`` substeps were wanted."""
+    def _follow(self, record: dict, sim: int) -> Report:
+        """Go to where one simulation of a record ended; what happened on the way."""
         states, sensors = record[_STATE_SPEC][sim], record["sensordata"][sim]
         dof = self.scene.dof
         touches, bad = self._contacts_of(sensors)
@@ -119,7 +120,7 @@ class FineWorld:
         if record["ncon"].size and bad is not None:
             report = replace(report, contact=self._name_contact(states, bad))
         self.restore(states[-1])
-        if not np.isfinite(states[-1]).all() or len(states) < asked:
+        if record[_WARNINGS][sim]:
             report = replace(report, contact=report.contact or "the fine model became unstable")
         return report
 
@@ -209,7 +210,7 @@ def play_side_by_side(worlds: list[FineWorld], control: np.ndarray, every: int, 
         record = _stepped(batch, worlds, some)
         rows = np.minimum(np.arange(every - 1, len(some) + every - 1, every), len(some) - 1)
         for sim, world in enumerate(worlds):
-            reports[sim] = reports[sim].merged(world._follow(record, sim, len(some)))
+            reports[sim] = reports[sim].merged(world._follow(record, sim))
             state, tau = record[_STATE_SPEC][sim, rows], record["qfrc_actuator"][sim, rows, : scene.dof]
             touch, _ = world._contacts_of(record["sensordata"][sim])
             notes[sim].append(
@@ -229,9 +230,12 @@ def _stepped(batch: mujoco.batch.Batch, worlds: list[FineWorld], control: np.nda
     unused = scene.fine.nu - scene.dof
     if unused:
         control = np.concatenate([control, np.zeros((len(control), unused))], axis=1)
-    return batch.rollout(
+    batch.warning[:] = 0
+    record: dict = batch.rollout(
         len(control),
         control,
         _CONTROL,
         (_STATE_SPEC, "sensordata", "qfrc_actuator", "qfrc_constraint", "ncon"),
     )
+    record[_WARNINGS] = batch.warning[..., 1].sum(axis=1)
+    return record

@@ -63,6 +63,8 @@ def _together(
 ) -> mujoco.MjSpec:
     """Arm and object in the arm's base frame, with the contact bits of either convention."""
     spec = _arm_spec(arm, settings.servo)
+    # MuJoCo would go on from the reference state, at rest, as if nothing had been: on target, if that is the target.
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     if given is None:
         _set_contacts(spec, ROBOT_BIT, WORLD_BIT, fine=fine)
         spec.attach(_object_spec(object_mjcf, joint), prefix=OBJECT_PREFIX, frame=spec.worldbody.add_frame())

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from s2r_host.planning.execution import FineWorld
+from s2r_host.planning.execution import FineWorld, play_side_by_side
 from s2r_host.planning.sample_objects import DrawerShape, drawer_mjcf, faucet_mjcf, lid_mjcf
 from s2r_host.planning.scene import GeomKind, SceneFileError, build_scene
 from s2r_host.planning.settings import PlanSettings, Stage
@@ -82,6 +82,33 @@ def test_arm_holds_its_pose_against_gravity(drawer):
     assert world.q == pytest.approx(ARM.q_home, abs=1e-4)
     assert report.contact is None
     assert 0.05 < report.torque_share < 0.9
+
+
+@pytest.mark.parametrize("ds", [1e11, 3e9, np.nan])
+def test_a_model_that_becomes_unstable_says_so_and_does_not_begin_anew(drawer, ds):
+    scene = build_scene(ARM, drawer, "object_joint", PlanSettings())
+    stay = np.tile(ARM.q_home, (50, 1))
+    worlds = [FineWorld(scene, ARM.q_home, 0.05) for _ in range(2)]
+    worlds[0].data.qvel[scene.s_dof] = ds
+    broken, whole = play_side_by_side(worlds, stay, 25, 1)
+    assert broken.report.contact == "the fine model became unstable"
+    assert not abs(broken.qpos[-1, scene.s_qpos]) < 1.0  # 0 is where the model begins
+    assert whole.report.contact is None
+    fresh = FineWorld(scene, ARM.q_home, 0.05)
+    before = fresh.save()
+    fresh.data.qvel[scene.s_dof] = ds
+    assert fresh.play(stay).contact == "the fine model became unstable"
+    fresh.restore(before)
+    assert fresh.play(stay).contact is None
+
+
+@pytest.mark.parametrize("stage", PlanSettings().cascade[:3])
+def test_a_rollout_that_becomes_unstable_does_not_begin_anew(drawer, stage):
+    scene = build_scene(ARM, drawer, "object_joint", PlanSettings())
+    data = mujoco.MjData(scene.rollout_model(stage))
+    data.qpos[scene.s_qpos], data.qvel[scene.s_dof] = 0.05, 1e11
+    mujoco.mj_step(scene.rollout_model(stage), data)
+    assert not abs(data.qpos[scene.s_qpos]) < 1.0
 
 
 def test_unexpected_contact_is_reported_with_both_names(drawer):
