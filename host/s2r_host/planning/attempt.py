@@ -75,7 +75,7 @@ class Attempt:
         at_part = replace(settings, action_max_rad=self._action_rad())
         ahead = Lookahead(
             self.scene, self.stage, at_part, self.task, self.hook, course.targets[0], (self.seed, self.index),
-            self.make_sampler,
+            self.make_sampler, self.world.others,
         )  # fmt: skip
         first, backtracks = len(course), 0
         for step in range(self._most_steps()):

@@ -28,8 +28,12 @@ class Lookahead:
         q_start: np.ndarray,
         chance: tuple[int, ...],
         make_sampler: SamplerFactory,
+        others: np.ndarray | None = None,
     ) -> None:
-        """Args: the models and settings; place; where the route to it begins, (dof,) [rad]; seed; sampler."""
+        """Args: the models and settings; place; where the route to it begins, (dof,) [rad]; seed; sampler.
+
+        ``others`` as in PlanRequest.
+        """
         limits = scene.arm.limits
         self.sampler = make_sampler(settings, stage, scene.dof, np.random.default_rng([*chance]))
         self._low = np.tile(limits.q_min + settings.joint_margin_rad, (self.sampler.horizon, 1))
@@ -41,7 +45,7 @@ class Lookahead:
         if settings.ensemble > 1:  # drawn apart from the sampler's noise
             beliefs = draw_ensemble(settings.doubt, settings.ensemble, np.random.default_rng([*chance, 1]))
         capacity = self.sampler.capacity(len(settings.proposal_speeds))
-        self._rollouts = Rollouts(scene, stage, settings, hook, capacity, beliefs)
+        self._rollouts = Rollouts(scene, stage, settings, hook, capacity, beliefs, others)
 
     @property
     def env_steps(self) -> int:

@@ -34,14 +34,18 @@ class Rollouts:
         hook: Hook,
         capacity: int,
         beliefs: tuple[Belief, ...] = (),
+        others: np.ndarray | None = None,
     ) -> None:
         """Play with some believable objects, or with the one as given.
 
-        Args: scene; stage; settings; the place for the fingertip; ``capacity``, most sequences per call; the objects.
+        Args: scene; stage; settings; the place for the fingertip; ``capacity``, most sequences per call; the objects;
+        ``others``, see PlanRequest: what carries the part turns the push on it.
         """
         self.members = max(1, len(beliefs))
         self._scene, self._hook = scene, hook
         at_zero = mujoco.MjData(scene.fine)
+        if others is not None:
+            at_zero.qpos[scene.dof :] = others
         at_zero.qpos[scene.s_qpos] = 0.0
         mujoco.mj_kinematics(scene.fine, at_zero)
         self._R_world_part = at_zero.xmat[scene.part_body].reshape(3, 3)

@@ -240,7 +240,7 @@ def judged(
         )
         return replace(delivery, fragile=hard, hits=False, strays=np.inf)
     scenes = [perturbation.applied(scene) for perturbation in perturbations]
-    lever_m = _lever_m(delivery, scene)
+    lever_m = _lever_m(delivery, scene, request.others)
     fragile, hits, strays = None, False, 0.0
     for perturbation, played in zip(
         perturbations, replays(delivery.trajectory, request, scenes), strict=True
@@ -284,12 +284,12 @@ def _lost(
     return f"fragile: with the {perturbation} it ends {error:+.4f} from the target"
 
 
-def _lever_m(delivery: Delivery, scene: Scene) -> float:
+def _lever_m(delivery: Delivery, scene: Scene, others: np.ndarray | None) -> float:
     """How far a fingertip goes that takes the part along by one unit of the joint: 1 for a slide, its radius [m]."""
     if scene.prismatic:
         return 1.0
     played = delivery.replay
-    world = FineWorld(scene, played.q_meas[-1], played.final)
+    world = FineWorld(scene, played.q_meas[-1], played.final, others)
     joint, p_tip = scene.joint_id, world.data.site_xpos[scene.tool_site]
     arm = np.cross(world.data.xaxis[joint], p_tip - world.data.xanchor[joint])
     return max(_LEAST_LEVER_M, float(np.linalg.norm(arm)))
@@ -344,7 +344,7 @@ def _corrected(
         TrajectoryError: It cannot be timed.
     """
     tolerance = request.settings.tolerance_m if scene.prismatic else request.settings.tolerance_rad
-    shift = shift_with_part(path[-1], result.final, scene)
+    shift = shift_with_part(path[-1], result.final, scene, request.others)
     ramp = np.clip((np.arange(len(path)) - touch) / max(len(path) - 1 - touch, 1), 0.0, 1.0)[:, None]
     extra, problem = 0.0, ""
     for correction in range(_CORRECTIONS + 1):

@@ -19,9 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from s2r_host.planning.execution import FineWorld, Report
+from s2r_host.planning.execution import Report
 from s2r_host.planning.hook import Hook
 from s2r_host.planning.lookahead import Lookahead
+from s2r_host.planning.planner import world_of
 from s2r_host.planning.rewards import Task
 from s2r_host.planning.sampler import icem_sampler
 from s2r_host.planning.scene import Scene
@@ -98,10 +99,11 @@ class ReactivePlanner:
         plan = request.settings
         self.tolerance = plan.tolerance_m if scene.prismatic else plan.tolerance_rad
         self._task = Task(request.s_initial, request.s_target, self.tolerance, scene.prismatic)
+        self._world = world_of(request, scene)
         self._ahead = Lookahead(
-            scene, plan.cascade[0], plan, self._task, hook, hook.route[0], (request.seed, 99), icem_sampler
-        )
-        self._world = FineWorld(scene, np.asarray(request.q_initial, dtype=float), request.s_initial)
+            scene, plan.cascade[0], plan, self._task, hook, hook.route[0], (request.seed, 99), icem_sampler,
+            self._world.others,
+        )  # fmt: skip
         self._initial = self._world.save()
         self._dynamics = InverseDynamics(request.arm, scene.gravity)
         self._lead = plan.servo.kd / plan.servo.kp
@@ -240,7 +242,9 @@ class ReactivePlanner:
         self._ahead.sampler.advance()
         ahead = self._ahead.targets(start[0], sequences[: settings.tried])[:, settings.ahead_steps]
         limits, margin = self._request.arm.limits, self._request.settings.joint_margin_rad
-        beyond = running.q[-1] + (target - end) * shift_with_part(running.q[-1], end, self._scene)
+        beyond = running.q[-1] + (target - end) * shift_with_part(
+            running.q[-1], end, self._scene, world.others
+        )
         if np.all((beyond > limits.q_min + margin) & (beyond < limits.q_max - margin)):
             ahead = np.concatenate([beyond[None], ahead])
         # Going on is out of the question when it touches something: then anything harmless is better.

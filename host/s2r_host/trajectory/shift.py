@@ -9,15 +9,16 @@ from s2r_host.planning.kinematics import ToolKinematics
 from s2r_host.planning.scene import Scene
 
 
-def shift_with_part(q: np.ndarray, s: float, scene: Scene) -> np.ndarray:
+def shift_with_part(q: np.ndarray, s: float, scene: Scene, others: np.ndarray | None = None) -> np.ndarray:
     """Change of a posture per unit of the object's joint: the fingertip goes along with the part, (dof,).
 
     Args:
         q: The arm's joints [rad], (dof,).
         s: The object's joint [m or rad].
         scene: Both.
+        others: Positions of everything besides the arm, see PlanRequest: what carries the part turns its axis.
     """
-    world = FineWorld(scene, q, s)
+    world = FineWorld(scene, q, s, others)
     p_tip = world.data.site_xpos[scene.tool_site].copy()
     direction = scene.part_motion(world.data, p_tip)
     if not scene.prismatic:
