@@ -19,7 +19,7 @@ FINGER_PREFIX = "finger"  # shapes of the tool that are meant to touch the part
 ROBOT_BIT, WORLD_BIT = 1, 2
 # Nothing meets it. Without any bit MuJoCo would leave rims out of the boxes by which it looks for pairs.
 RIM_BIT = 1 << 28
-# A scene keeps its own contact bits; the arm meets everything solid in it through one bit that scenes leave free.
+# A scene keeps its own contact bits but these two; the arm meets everything solid in it through one of them.
 SCENE_ROBOT_BIT = 1 << 29
 ROBOT_CONTACTS = "robot_contacts"  # the sensor that counts them
 # Dry friction that holds what it can hold, in a model stepped by 2 ms; the last two are MuJoCo's own.
@@ -178,8 +178,10 @@ def _meet_robot(scene: mujoco.MjSpec) -> None:
     for geom in scene.geoms:
         geom.margin = geom.gap = 0.0
         if geom.contype or geom.conaffinity:
-            geom.contype &= ~SCENE_ROBOT_BIT
-            geom.conaffinity |= SCENE_ROBOT_BIT
+            geom.contype &= ~(SCENE_ROBOT_BIT | RIM_BIT)
+            geom.conaffinity = (geom.conaffinity | SCENE_ROBOT_BIT) & ~RIM_BIT
+        elif geom.name.startswith(RIM_PREFIX):
+            geom.contype = RIM_BIT
 
 
 def _add_clearance(spec: mujoco.MjSpec, arm: ArmDescription, clearance_m: float) -> None:

@@ -64,3 +64,26 @@ def test_a_rim_is_not_touched_and_weighs_nothing(world_of, tmp_path):
     assert not (rimmed.rims & rimmed.solid).any()
     assert rimmed.fine.body_mass[rimmed.part_body] == pytest.approx(plain.fine.body_mass[plain.part_body])
     assert [one.name for one in object_obstacles(tmp_path / f"{BEYOND_M}.xml", 0.0)] == ["part_plate"]
+
+
+def test_the_rims_of_a_scene_are_kept_clear_of_too(tmp_path):
+    half = 0.5 * (SURE_M + BEYOND_M)
+    rim = RIM.format(middle=half, half=half)
+    text = PLATE.format(middle=0.5 * SURE_M, half=0.5 * SURE_M, rim=rim)
+    (tmp_path / "object.xml").write_text(text)
+    # A scene of somebody who lets everything meet everything.
+    all_bits = text.replace('density="500"', 'density="500" contype="2147483647" conaffinity="2147483647"')
+    base = '<worldbody><site name="arm_base"/><geom name="ground" type="plane" size="2 2 0.1"/>'
+    (tmp_path / "scene.xml").write_text(all_bits.replace("<worldbody>", base))
+    scenes = [
+        build_scene(ARM, tmp_path / name, "object_joint", PlanSettings(), in_scene=name == "scene.xml")
+        for name in ("object.xml", "scene.xml")
+    ]
+    postures = ARM.q_home + np.random.default_rng(0).normal(scale=0.35, size=(3000, ARM.dof))
+    sure = FreeSpace(scenes[0], 1).contacts(postures, 0.0)
+    with_rim, in_scene = (FreeSpace(scene, 1, rims=True).contacts(postures, 0.0) for scene in scenes)
+    assert (with_rim > sure).any()
+    assert (in_scene == with_rim).all()
+    assert scenes[1].rims.sum() == 1
+    assert not (scenes[1].rims & scenes[1].solid).any()
+    assert FineWorld(scenes[1], ARM.q_home, 0.0).data.ncon == 0
