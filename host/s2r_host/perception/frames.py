@@ -152,9 +152,13 @@ def _check_camera(
             f"principal point ({K[0, 2]:.1f}, {K[1, 2]:.1f}) px does not belong to a {w}x{h} image;"
             " are the intrinsics of another resolution?"
         )
-    R = X_base_camera[:3, :3]
     if X_base_camera.shape != (4, 4) or not np.isfinite(X_base_camera).all():
         raise BadViewError("T_base_camera must be a finite 4x4 matrix")
+    if np.abs(X_base_camera[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-6:
+        raise BadViewError(
+            f"T_base_camera must end in the row 0 0 0 1, got\n{X_base_camera}\nis it transposed (column by column)?"
+        )
+    R = X_base_camera[:3, :3]
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
         raise BadViewError(
             "the rotation in T_base_camera is not a rotation matrix"
