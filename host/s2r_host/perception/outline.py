@@ -64,7 +64,9 @@ def outline(depth_m: Array, colour: NDArray[np.uint8], K: Array, wanted: Mask) -
     x = (u[:, None] + along * n[:, :1]).astype(np.float32)
     y = (v[:, None] + along * n[:, 1:]).astype(np.float32)
     image = cv2.GaussianBlur(colour.astype(np.float32), (0, 0), COLOUR_SIGMA_PX)
-    change = np.linalg.norm(np.gradient(cv2.remap(image, x, y, cv2.INTER_LINEAR), STEP_PX, axis=1), axis=2)
+    # Beyond the image nothing changes: black there would be the clearest edge of all.
+    seen = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    change = np.linalg.norm(np.gradient(seen, STEP_PX, axis=1), axis=2)
     behind = cv2.remap(depth_m.astype(np.float32), x, y, cv2.INTER_NEAREST)
     own = depth_m.ravel()[pixel]
     behind = behind > own[:, None] + JUMP * np.maximum(own, 0.3)[:, None]

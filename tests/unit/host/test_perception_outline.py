@@ -48,6 +48,22 @@ def test_without_contrast_there_is_no_outline(plate):
     assert len(outline(depth, np.full_like(colour, 60), K, np.ones((240, 320), bool)).p_C) == 0
 
 
+def test_the_border_of_the_image_is_no_outline(plate):
+    depth, colour = plate
+    cut = LEFT - 7
+    holes = np.zeros(depth.shape, bool)  # beside the plate, here and there, up to the border of the image
+    holes[60:180, cut:LEFT] = (np.arange(60, 180) // 8 % 2 == 0)[:, None]
+    depth[60:180, cut:LEFT] = FAR
+    depth[60:180, LEFT : LEFT + 3] = NEAR
+    depth[holes] = 0.0
+    grey = np.where(colour == 60, 100, colour).astype(np.uint8)
+    shifted = K - np.array([[0.0, 0.0, cut], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    found = outline(depth[:, cut:].copy(), grey[:, cut:].copy(), shifted, np.ones((240, 320 - cut), bool))
+    left, _ = sides(found)  # by the matrix of the whole image, in its columns
+    assert len(left) > 50
+    assert np.abs(left - (LEFT - 0.5)).max() < 0.5
+
+
 def test_only_wanted_pixels_are_asked(plate):
     wanted = np.zeros((240, 320), bool)
     wanted[:, : (LEFT + RIGHT) // 2] = True
