@@ -118,11 +118,16 @@ def _fit(A: np.ndarray, b: np.ndarray, noise: np.ndarray) -> tuple[float, Object
         trust = np.minimum(
             1.0, OUTLIER * np.maximum(np.median(left) / 0.6745, noise) / np.maximum(left, 1e-12)
         )
-    spread = np.sqrt(np.diag(np.linalg.inv(a.T @ a)))
+    sticks = float(np.mean(np.abs(A[:, 4])))
+    told = np.eye(3, len(x))
+    told[1, 4] = (
+        sticks  # both err together: where the part is slow all along hardly anything tells one from the other
+    )
+    spread = np.sqrt(np.diag(told @ np.linalg.inv(a.T @ a) @ told.T))
     misfit = float(np.sum((a @ x - y) ** 2))
     return misfit, ObjectNumbers(
         mass_share=float(x[0]),
-        friction=float(x[1] + x[4] * np.mean(np.abs(A[:, 4]))),
+        friction=float(x[1] + x[4] * sticks),
         damping=float(x[2]),
         lean=float(x[3]),
         sigma=(float(spread[0]), float(spread[1]), float(spread[2])),

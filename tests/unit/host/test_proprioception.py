@@ -462,6 +462,23 @@ def test_a_drawer_that_sticks_keeps_its_mass(tmp_path):
     assert 3.0 < numbers.friction < 4.5  # as it rubs on average
 
 
+def test_friction_is_as_sure_as_the_sum_of_what_it_is_of(tmp_path):
+    """Slow nearly all along: what sticks and what rubs are one for the data, and only both together are known."""
+    path, mass = drawer(tmp_path)
+    touched = []
+    for rows, speed in ((60, 0.1), (400, 0.012)):
+        t = 0.005 * np.arange(rows)
+        ds = speed * (1.0 + 0.1 * np.sin(20.0 * t))
+        effort = mass * np.gradient(ds, t) + 3.0 + 3.0 * np.exp(-((ds / 0.02) ** 2))
+        touched.append(Touch(t, speed * t, ds, effort, np.full(rows, 0.05), 0.001))
+    numbers = learn_numbers(path, "object_joint", touched)
+    assert numbers is not None
+    rubs = 3.0 + 3.0 * np.mean(np.exp(-((np.concatenate([one.ds for one in touched]) / 0.02) ** 2)))
+    assert numbers.friction == pytest.approx(rubs, abs=0.2)
+    assert abs(numbers.friction - rubs) < 3.0 * numbers.sigma[1]
+    assert numbers.sigma[1] < 0.2 * rubs
+
+
 def drawer(tmp_path):
     """A slide along x whose part weighs 5 kg."""
     path = tmp_path / "object.xml"
