@@ -15,7 +15,8 @@ from s2r_host.perception.view import Seen
 
 Array = NDArray[np.floating]
 
-BELOW_M, ABOVE_M = 0.05, 0.02  # of the part, along an axis that points up, where it is looked at
+# Of the part, along an upright axis, where it is looked at; a level one has no lower end, and both count alike.
+BELOW_M, ABOVE_M = 0.05, 0.02
 STEP_M = 0.004
 EMPTY_M = 0.004  # before a seen surface, from which on space counts as empty
 
@@ -29,9 +30,11 @@ def solid_m(motion: JointMotion, part: Array, scene: Scene, up: Array | None) ->
         scene: Both views.
         up: Unit vector against gravity, (3,), None if unknown.
     """
-    axis = motion.direction if up is None or motion.direction @ up >= 0.0 else -motion.direction
+    rise = 0.0 if up is None else float(motion.direction @ up)
+    axis = motion.direction if rise >= 0.0 else -motion.direction
+    middle, more = 0.5 * (BELOW_M + ABOVE_M), 0.5 * (BELOW_M - ABOVE_M) * abs(rise)
     along = (part - motion.origin) @ axis
-    t = np.arange(along.min() - BELOW_M, along.max() + ABOVE_M, STEP_M)
+    t = np.arange(along.min() - middle - more, along.max() + middle - more, STEP_M)
     p = motion.origin + t[:, None] * axis
     empty = np.zeros(len(p), dtype=bool)
     for view in (scene.before, scene.after):

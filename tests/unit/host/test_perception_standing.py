@@ -46,6 +46,16 @@ def test_the_sense_of_the_axis_does_not_matter(scene):
     assert solid_m(down, part, scene, UP) == pytest.approx(solid_m(TURN, part, scene, UP))
 
 
+@pytest.mark.parametrize("up", [UP, None])
+def test_a_level_axis_has_no_sense_to_matter(scene, up):
+    part = scene.before.points[segment(scene, TURN).before]
+    level = np.array([0.3, -1.0, 0.0]) / np.hypot(0.3, 1.0)
+    for away_m in (0.0, 0.02, 0.04):
+        there = JointMotion("revolute", PIVOT + np.array([away_m, 0.0, 0.0]), level, 0.4)
+        back = JointMotion("revolute", there.origin, -level, -0.4)
+        assert solid_m(back, part, scene, up) == pytest.approx(solid_m(there, part, scene, up), abs=0.0041)
+
+
 def test_a_hinge_in_the_air_is_refused_and_one_on_the_column_is_not(scene):
     parts = segment(scene, TURN)
     require_standing(TURN, parts, scene, UP)
