@@ -37,7 +37,7 @@ from s2r_host.perception.revealed import with_revealed_level
 from s2r_host.perception.sampled import sampled
 from s2r_host.perception.sanity import check_pair, check_same_camera, check_second_part
 from s2r_host.perception.segment import Parts, segment
-from s2r_host.perception.symmetry import other_turn, refuse_two_turns
+from s2r_host.perception.symmetry import other_turn, refuse_two_turns, spokes
 from s2r_host.perception.verdict import (
     KNOWN_TO,
     LEAST_MOVED_M2,
@@ -302,10 +302,12 @@ def _one_way(
         return not pushed or any(push.agrees(motion) for push in pushed)
 
     ranked = found.ranked
-    best, other = ranked[0].motion, other_turn(ranked[0].motion, scene, probes)
+    best = ranked[0].motion
+    count = spokes(best, scene, probes)
+    other = other_turn(best, count)
     if other is not None:
         if agrees(best) and agrees(other):
-            refuse_two_turns(best, other)
+            refuse_two_turns(best, other, count)
         if not agrees(best):
             ranked = rank([other], scene, found.wishes, rng)
     ranked = [h for h in ranked if agrees(h.motion)]

@@ -48,26 +48,26 @@ def most_spokes(share: Mapping[int, float]) -> int:
     return max(count for count in share if share[count] >= best - ALIKE) if best >= ON_ITSELF else 1
 
 
-def other_turn(motion: JointMotion, scene: Scene, probes: tuple[Probe, Probe]) -> JointMotion | None:
-    """The turn the other way that equal spokes make as good an answer; None where there is none to be feared."""
-    count = spokes(motion, scene, probes)
-    other = 2 * np.pi / count - motion.delta
+def other_turn(motion: JointMotion, count: int) -> JointMotion | None:
+    """The turn the other way that so many equal spokes make as good an answer; None where none is to be feared."""
+    spacing = 2 * np.pi / count
+    other = spacing - motion.delta % spacing  # an answer may go on past the next spoke
     if count == 1 or other >= LONGER * motion.delta:
         return None
     return replace(motion, direction=-motion.direction, delta=other)
 
 
-def refuse_two_turns(motion: JointMotion, other: JointMotion) -> NoReturn:
+def refuse_two_turns(motion: JointMotion, other: JointMotion, count: int) -> NoReturn:
     """Refuse an answer that the turn the other way would give about as well.
 
     Raises:
         AbstainError: Names both turns.
     """
-    spacing = motion.delta + other.delta
+    spacing_deg = 360.0 / count
     raise AbstainError(
-        f"the part looks alike after every {np.degrees(spacing):.0f} degrees: a turn by"
+        f"the part looks alike after every {spacing_deg:.0f} degrees: a turn by"
         f" {np.degrees(motion.delta):.0f} degrees and one by {np.degrees(other.delta):.0f} the other way explain the"
-        f" views alike; push by less than {np.degrees(spacing) / (1 + LONGER):.0f} degrees between the views"
+        f" views alike; push by less than {spacing_deg / (1 + LONGER):.0f} degrees between the views"
     )
 
 

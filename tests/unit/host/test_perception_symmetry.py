@@ -9,7 +9,7 @@ from s2r_host.perception import AbstainError, estimate_joint, synthetic
 from s2r_host.perception.change import compare
 from s2r_host.perception.evidence import Scene, probe
 from s2r_host.perception.motion import JointMotion, Push, rotation
-from s2r_host.perception.symmetry import spokes
+from s2r_host.perception.symmetry import other_turn, refuse_two_turns, spokes
 from s2r_host.perception.synthetic import Box, look_at
 from s2r_host.perception.view import DepthView
 
@@ -58,6 +58,19 @@ def test_a_slide_has_no_spokes():
 def test_a_cross_turned_past_half_its_spacing_is_not_answered():
     with pytest.raises(AbstainError, match="looks alike after every 120 degrees"):
         estimate_joint(*both(turned_handle(3, 68)))
+
+
+@pytest.mark.parametrize(("turn_deg", "other_deg"), [(50, 40), (100, 80), (150, 30)])
+def test_a_cross_may_have_turned_the_other_way_however_far_it_seems_to_have_gone(turn_deg, other_deg):
+    seen = JointMotion("revolute", PIVOT, UP, np.radians(turn_deg))
+    other = other_turn(seen, 4)
+    assert other is not None
+    assert np.degrees(other.delta) == pytest.approx(other_deg)
+    assert other.direction == pytest.approx(-UP)
+    quarters = 4 * (seen.delta + other.delta) / (2 * np.pi)  # either way every spoke lies where one was
+    assert quarters == pytest.approx(round(quarters))
+    with pytest.raises(AbstainError, match="looks alike after every 90 degrees"):
+        refuse_two_turns(seen, other, 4)
 
 
 def test_a_cross_turned_a_little_is_answered():
