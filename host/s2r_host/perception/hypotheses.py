@@ -32,6 +32,7 @@ Array = NDArray[np.floating]
 ACROSS_COLUMNS = 2  # bodies
 ACROSS_STEP_M, ACROSS_STEP_RAD = 0.025, np.radians(20)  # along their axis and about it
 FEW_POINTS = 70
+Z = np.array([0.0, 0.0, 1.0])
 SLIDES_M = np.concatenate([np.arange(0.008, 0.1, 0.008), np.arange(0.1, 0.42, 0.016)])
 TURNS_RAD = np.radians(np.concatenate([np.arange(4, 40, 4.0), np.arange(40, 125, 8.0)]))
 
@@ -58,6 +59,7 @@ class Structure:
         levers: Lines of a thin part before and after the motion, if it is thin.
         thin_axes: Candidate axes of a thin part.
         columns: Of round bodies that stayed, beside a small part.
+        upright: Unit vector against gravity, (3,); z where that is unknown.
     """
 
     moved: list[Plane]
@@ -68,6 +70,7 @@ class Structure:
     levers: tuple[Lever | None, Lever | None]
     thin_axes: list[Axis]
     columns: list[Column]
+    upright: Array
 
     def fronts(self) -> Array:
         """Normals of the large moved or arrived planes, shape (n, 3)."""
@@ -97,6 +100,7 @@ def structure(scene: Scene, rng: np.random.Generator, up: Array | None = None) -
         levers=lines,
         thin_axes=_thin_axes(lines, (left_points, came_points), up) if lines != (None, None) else [],
         columns=_columns(scene, lines, (left_points, came_points), up),
+        upright=Z if up is None else up,
     )
 
 
@@ -176,7 +180,7 @@ def _slides(shape: Structure) -> list[Axis]:
     for plane in shape.moved[:2]:
         for direction in plane.edge_directions:
             found.append(Axis("prismatic", centre, direction, "edge of a moved plane"))
-    found.append(Axis("prismatic", centre, np.array([0, 0, 1.0]), "vertical"))
+    found.append(Axis("prismatic", centre, shape.upright, "vertical"))
     return found
 
 
@@ -216,7 +220,7 @@ def _edges(shape: Structure) -> list[Axis]:
 
 def _pivots(shape: Structure) -> list[Axis]:
     """Axes along plane normals and the vertical through a 5 x 5 grid over the moved region."""
-    directions = [np.array([0, 0, 1.0])]
+    directions = [shape.upright]
     directions += [plane.normal for plane in shape.static[:3] + shape.moved[:2]]
     centre, half = 0.5 * (shape.low + shape.high), 0.5 * (shape.high - shape.low)
     found = []

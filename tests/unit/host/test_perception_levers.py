@@ -213,7 +213,7 @@ def test_a_hinge_is_drawn_to_the_nearest_sure_column():
 def test_a_lever_at_the_side_of_a_body_has_its_axis_among_the_candidates():
     body = Column(np.array([0.6, 0.1, 0.2]), UP, sure=True)
     low, high = np.array([0.5, 0.12, 0.1]), np.array([0.7, 0.16, 0.22])
-    shape = Structure([], [], [], low, high, (None, None), [], [body, replace(body, sure=False)])
+    shape = Structure([], [], [], low, high, (None, None), [], [body, replace(body, sure=False)], UP)
     across = [axis for axis in axes(shape) if axis.source == "across a round body"]
     true = np.array([np.sin(0.3), np.cos(0.3), 0.0])  # level, through the body 4 cm below its point
     off = [np.degrees(np.arccos(abs(axis.direction @ true))) for axis in across]
@@ -223,3 +223,11 @@ def test_a_lever_at_the_side_of_a_body_has_its_axis_among_the_candidates():
     assert min(np.hypot(off, beside)) < 18.0
     assert all(abs(axis.direction @ UP) < 1e-9 for axis in across)
     assert not any(axis.source == "across a round body" for axis in axes(replace(shape, columns=[])))
+
+
+def test_without_planes_slides_and_pivots_are_looked_for_along_the_up_that_is_given():
+    up = np.array([0.0, 0.6, 0.8])
+    shape = Structure([], [], [], PIVOT - 0.1, PIVOT + 0.1, (None, None), [], [], up)
+    found = axes(shape)
+    assert {axis.source for axis in found} == {"vertical", "pivot grid"}
+    assert all(axis.direction == pytest.approx(up) for axis in found)
