@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from s2r_host.perception.errors import BadViewError
 from s2r_host.perception.frames import Cloud, DepthFrame, pixel_rays
 
 Array = NDArray[np.floating]
@@ -85,14 +86,29 @@ class DepthView:
     oriented = True
 
     def __init__(self, frame: DepthFrame, ignore: Mask | None = None, noise_scale: float = 1.0) -> None:
+        """Prepare a view.
+
+        Args:
+            frame: The depth image.
+            ignore: Pixels (h, w) to forget, e.g. the robot.
+            noise_scale: Factor on the depth noise.
+
+        Raises:
+            BadViewError: ``ignore`` is not of the image's size.
+        """
+        if ignore is not None and ignore.shape != frame.depth_m.shape:
+            raise BadViewError(
+                f"ignore has shape {ignore.shape}, the frame's depth {frame.depth_m.shape}; they must agree"
+            )
         stride = max(1, -(-frame.depth_m.shape[1] // WIDEST_PX))
         depth = np.array(frame.depth_m, dtype=np.float64)
-        self.ignored: Mask = np.zeros(depth.shape, bool) if ignore is None else ignore
+        # Images of 0 and 1, as OpenCV has masks, would be taken for numbers of rows.
+        self.ignored: Mask = np.zeros(depth.shape, bool) if ignore is None else ignore.astype(bool)
         depth[self.ignored] = 0.0
         self.stride = stride
         self.full_shape: tuple[int, int] = (depth.shape[0], depth.shape[1])
         depth, self.ignored = depth[::stride, ::stride], self.ignored[::stride, ::stride]
-        self.K = frame.K.copy()
+        self.K = frame.K.astype(np.float64)
         self.K[:2] /= stride
         self.depth = depth
         self.shape: tuple[int, int] = (depth.shape[0], depth.shape[1])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_host.perception.change import Change, compare
+from s2r_host.perception.errors import BadViewError
 from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.view import CloudView, DepthView, Seen, fit_planes, noise_sigma
 
@@ -100,3 +101,23 @@ def test_a_bare_cloud_never_claims_free_space():
     answer = seen.look(np.array([[0, 0, 0.0], [0, 0, 0.03], [0, 0, 0.5]]), 0.001).seen
     assert answer[0] == Seen.SURFACE
     assert Seen.FREE not in answer
+
+
+def test_a_mask_of_zeros_and_ones_forgets_its_pixels():
+    frame = DepthFrame(slope(0.1, 0.2).astype(np.float32), K, np.eye(4))
+    mask = np.zeros(SHAPE, np.uint8)
+    mask[40:60, 70:100] = 1
+    forgotten = DepthView(frame, mask)  # type: ignore[arg-type]
+    assert np.array_equal(forgotten.depth == 0.0, mask > 0)
+
+
+def test_a_mask_of_another_size_is_refused():
+    frame = DepthFrame(slope(0.1, 0.2).astype(np.float32), K, np.eye(4))
+    with pytest.raises(BadViewError, match=r"ignore has shape \(10, 10\), the frame's depth \(150, 200\)"):
+        DepthView(frame, np.zeros((10, 10), bool))
+
+
+def test_a_pinhole_matrix_of_whole_numbers_is_one():
+    depth = slope(0.1, 0.2).astype(np.float32)
+    whole = DepthView(DepthFrame(depth, K.astype(int), np.eye(4)))
+    assert np.array_equal(whole.points, DepthView(DepthFrame(depth, K, np.eye(4))).points)
