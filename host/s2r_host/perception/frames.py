@@ -39,6 +39,8 @@ class DepthFrame:
     def __post_init__(self) -> None:
         _check_depth(self.depth_m)
         _check_camera(self.K, self.X_base_camera, self.depth_m.shape)
+        if self.colour is not None:
+            _check_colour(self.colour, self.depth_m.shape)
 
     def points_base(self) -> NDArray[np.floating]:
         """Every pixel as a point in the base frame [m], shape (h, w, 3); NaN where there is no return."""
@@ -117,6 +119,14 @@ def _check_depth(depth_m: FloatArray) -> None:
             f"depth holds {valid.size} returns, at least {FEWEST_POINTS} are needed; is the view empty?"
         )
     _check_range("depth", valid)
+
+
+def _check_colour(colour: NDArray[np.generic], shape: tuple[int, ...]) -> None:
+    if colour.shape != (*shape, 3) or colour.dtype != np.uint8:
+        raise BadViewError(
+            f"colour is {colour.dtype} with shape {colour.shape}; expected uint8 with shape {(*shape, 3)},"
+            " a colour per pixel of the depth: convert it, or leave it out"
+        )
 
 
 def _check_range(what: str, distance_m: FloatArray) -> None:

@@ -125,9 +125,7 @@ def _load_npz(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
         assert camera.X_base_camera is not None
         X = camera.X_base_camera
     colour = arrays.get("colour", arrays.get("color"))
-    return DepthFrame(
-        depth, np.asarray(arrays["K"], dtype=np.float64), X, _colour_or_none(colour, depth.shape)
-    )
+    return DepthFrame(depth, np.asarray(arrays["K"], dtype=np.float64), X, colour)
 
 
 def _load_png(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame:
@@ -183,17 +181,6 @@ def _pose(path: Path, frame: FrameName, camera: Camera) -> NDArray[np.floating]:
     if camera.X_base_camera is None:
         raise InputError(f"view {path}: camera file has no base_T_camera; add it or use --frame camera")
     return camera.X_base_camera
-
-
-def _colour_or_none(colour: NDArray[np.generic] | None, shape: tuple[int, ...]) -> NDArray[np.uint8] | None:
-    if colour is None:
-        return None
-    if colour.shape != (*shape, 3) or colour.dtype != np.uint8:
-        raise BadViewError(
-            f"colour is {colour.dtype} with shape {colour.shape}; expected uint8 with shape {(*shape, 3)},"
-            " a colour per pixel of the depth: convert it, or leave it out"
-        )
-    return np.asarray(colour, dtype=np.uint8)
 
 
 def virtual_pinhole(points_camera: NDArray[np.floating]) -> tuple[NDArray[np.floating], tuple[int, int]]:

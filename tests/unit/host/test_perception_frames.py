@@ -35,3 +35,9 @@ def test_a_transposed_pose_is_refused():
 def test_a_pose_in_one_row_is_refused():
     with pytest.raises(BadViewError, match="T_base_camera must be a finite 4x4 matrix"):
         DepthFrame(np.full((40, 60), 0.8, np.float32), K, X_BC.ravel())
+
+
+def test_a_colour_image_of_another_size_is_refused():
+    depth = np.full((40, 60), 0.8, np.float32)
+    with pytest.raises(BadViewError, match=r"shape \(80, 120, 3\); expected uint8 with shape \(40, 60, 3\)"):
+        DepthFrame(depth, K, X_BC, np.zeros((80, 120, 3), np.uint8))
