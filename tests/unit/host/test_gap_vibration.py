@@ -11,8 +11,9 @@ from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.rig import write_model
+from s2r_host.gap.search import vibration as vibration_module
 from s2r_host.gap.search.search import Search
-from s2r_host.gap.search.vibration import _on, vibration
+from s2r_host.gap.search.vibration import LEAST_HZ, PER_RECORD, _on, _strongest, vibration
 
 DT = 0.004
 
@@ -92,3 +93,20 @@ def test_a_line_that_cannot_be_switched_on_anywhere_is_on_somewhere(rows, size):
     on = _on(block, size * np.sin(2.0 * np.pi * 0.5 * t + 1.0), 0.5)
     assert on.shape == t.shape
     assert on.any()
+
+
+@pytest.mark.parametrize(("rows", "step"), [(60, 1), (700, 3), (5000, 7)])
+def test_the_strongest_line_is_found_without_weighing_every_frequency(monkeypatch, rows, step):
+    """They grow with the length as the rows do: 1000 s took longer than all the rest."""
+    t = np.arange(rows * step) * DT
+    block: Any = SimpleNamespace(
+        session=SimpleNamespace(t=t, dt=DT), picks=np.arange(0, len(t), step), rows=slice(0, rows)
+    )
+    own, top = np.random.default_rng(rows).normal(size=rows), 0.3 / (DT * step)
+    width = 1.0 / (PER_RECORD * (rows - 1) * step * DT)
+    line, weighed = vibration_module._line, []
+    best = max(np.arange(LEAST_HZ, top, width), key=lambda f: float(np.sum(line(block, own, f) ** 2)))
+    monkeypatch.setattr(vibration_module, "_line", lambda b, x, f: weighed.append(f) or line(b, x, f))
+    assert abs(_strongest([block], own, top) - best) <= 1.24 * width
+    assert weighed[0] == best
+    assert len(weighed) < 30

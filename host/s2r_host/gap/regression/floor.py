@@ -188,14 +188,15 @@ def generic_leftovers(
     nothing = values - np.mean(values[moves])
 
     def left_by(X: np.ndarray, fold: np.ndarray) -> np.ndarray:
-        found = [nothing]
-        for ridge in RIDGES:
-            left = np.empty_like(values)
-            for k in range(GENERIC_FOLDS):
-                train, rest = moves & (fold != k), fold == k
-                A = X[train].T @ X[train] + ridge * max(train.sum(), 1) * np.eye(X.shape[1])
-                left[rest] = values[rest] - X[rest] @ np.linalg.solve(A, X[train].T @ values[train])
-            found.append(left)
+        found = [nothing, *(np.empty_like(values) for _ in RIDGES)]
+        for k in range(GENERIC_FOLDS):
+            train, rest = moves & (fold != k), fold == k
+            X_train, X_rest = X[train], X[rest]
+            # Of a second copy: numpy multiplies an array with itself by another routine, with other last digits.
+            gram, seen = X_train.T @ X[train], X_train.T @ values[train]
+            for ridge, left in zip(RIDGES, found[1:], strict=True):
+                A = gram + ridge * max(train.sum(), 1) * np.eye(X.shape[1])
+                left[rest] = values[rest] - X_rest @ np.linalg.solve(A, seen)
         return least_of(found)
 
     def least_of(found: list[np.ndarray]) -> np.ndarray:
