@@ -229,3 +229,22 @@ def test_time_in_another_unit_is_asked_for(tmp_path, unit_s):
     path = write(tmp_path, ["t", "q.a"], zip(1.7e9 + T / unit_s, np.sin(T), strict=True))
     with pytest.raises(GapRecordingError, match=r"rows are 1(0|e\+07) s apart; is 't' in ms or ns\?"):
         read_recording(path)
+
+
+@pytest.mark.parametrize("together", [2, 3])
+def test_rows_that_come_in_bursts_are_refused(tmp_path, together):
+    """Their usual step is microseconds: a work grid of it filled the memory."""
+    t = np.add.outer(np.arange(0.0, 2.0, 0.004 * together), 5e-6 * np.arange(together)).ravel()
+    path = write(tmp_path, ["t", "q.a", "tau.a"], zip(t, np.sin(t), np.cos(t), strict=True))
+    with pytest.raises(
+        GapRecordingError, match=r"come 5e-06 s after the one before.*keep the last of each burst"
+    ):
+        read_recording(path)
+
+
+def test_jitter_and_lost_rows_are_no_bursts(tmp_path):
+    rng = np.random.default_rng(0)
+    t = np.cumsum(rng.uniform(0.1, 1.9, 2000)) * 0.001
+    t = t[rng.random(2000) > 0.4]
+    rec = read_recording(write(tmp_path, ["t", "q.a", "tau.a"], zip(t, np.sin(t), np.cos(t), strict=True)))
+    assert len(rec.t) == len(t)

@@ -11,13 +11,14 @@ import yaml
 
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.recordings import units as unit_tables
-from s2r_host.gap.recordings.holes import MOVING, unknown_rows
+from s2r_host.gap.recordings.holes import LONGEST_S, MOVING, unknown_rows
 from s2r_host.gap.recordings.recording import Controller, Recording, belongs
 from s2r_host.gap.recordings.tables import read_table
 
 CONTROLLERS = ("pd", "pid", "position_servo", "none")
 MIN_SAMPLES = 50
 LEAST_RATE_HZ = 1.0  # below it nothing of a motion is seen: 't' has another unit
+BURST_STEP, BURST_SHARE = 0.1, 0.3  # of the mean step, of the rows: more that come closer are no jitter
 CONTROLLER_KEYS = {"type", "kp", "kd", "ki", "rate_hz"}
 SIDE_KEYS = {
     "controller",
@@ -198,6 +199,7 @@ def _usable_rows(path: Path, t: np.ndarray, warnings: list[str]) -> np.ndarray:
     if index.size < MIN_SAMPLES:
         raise GapRecordingError(f"{path.name}: {index.size} usable rows, at least {MIN_SAMPLES} are needed")
     steps = np.diff(t[index])
+    _refuse_bursts(path, steps)
     dropped = int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1, 0)))
     if dropped:
         warnings.append(f"{dropped} samples are missing between the time stamps")
@@ -212,6 +214,20 @@ def _usable_rows(path: Path, t: np.ndarray, warnings: list[str]) -> np.ndarray:
             f"sampled at {rate_hz:.0f} Hz: effects faster than {rate_hz / 5:.0f} Hz cannot be seen"
         )
     return index
+
+
+def _refuse_bursts(path: Path, steps: np.ndarray) -> None:
+    """Refuse rows that come in bursts: stamped when they were read, the motion between them would be invented."""
+    near = steps[steps <= LONGEST_S]
+    usual = float(np.mean(near)) if near.size else 0.0
+    close = near < BURST_STEP * usual
+    share = float(np.sum(close)) / steps.size
+    if share > BURST_SHARE:
+        raise GapRecordingError(
+            f"{path.name}: {share:.0%} of its rows come {np.median(near[close]):.2g} s after the one before, "
+            f"at {usual:.2g} s from row to row on average; a driver that reads several frames at once stamps when it "
+            "read them: stamp each when it was measured, or keep the last of each burst"
+        )
 
 
 def _known_rows(
