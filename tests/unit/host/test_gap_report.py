@@ -70,3 +70,21 @@ def test_predictions_have_the_times_of_their_recording(tmp_path):
     answered: Any = SimpleNamespace(model=SimpleNamespace(joints=["a"]), hold=[session])
     write_predictions(errors, errors, answered, tmp_path / "predictions.parquet")
     assert pq.read_table(tmp_path / "predictions.parquet")["t"].to_pylist() == pytest.approx(40.0 + t[10:60])
+
+
+def test_predictions_hold_the_held_out_end_alone(tmp_path):
+    """Without a recording held out the closed loop runs along all of a fitted one, the open one at its end."""
+    import pyarrow.parquet as pq
+
+    t, x = np.arange(0.0, 1.0, 0.01), np.arange(100.0)[:, None]
+    session: Any = SimpleNamespace(rec=SimpleNamespace(name="r", start_s=0.0), t=t, q_raw=x, u=x)
+    traces = [
+        Trace(session, 5, False, True, x[5:95], x[5:95]),
+        Trace(session, 80, True, False, x[80:], x[80:]),
+    ]
+    errors: Any = SimpleNamespace(traces=traces)
+    answered: Any = SimpleNamespace(model=SimpleNamespace(joints=["a"]), hold=[])
+    write_predictions(errors, errors, answered, tmp_path / "predictions.parquet")
+    table = pq.read_table(tmp_path / "predictions.parquet")
+    assert table["q.a"].to_pylist() == [*range(70, 95), *range(80, 100)]
+    assert table["q_before.a"].to_pylist() == table["tau_after.a"].to_pylist() == table["q.a"].to_pylist()

@@ -11,7 +11,7 @@ import numpy as np
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.pipeline import Analysis, floor_json
-from s2r_host.gap.simulation.forward import Errors
+from s2r_host.gap.simulation.forward import Errors, first_held
 from s2r_host.gap.simulation.replay import HARD_SOLIMP, HARD_SOLREF, Twin
 
 SCHEMA = 1
@@ -225,16 +225,18 @@ def write_predictions(before: Errors, after: Errors, a: Analysis, path: Path) ->
     for b, c in zip(before.traces, after.traces, strict=True):
         if not b.held and a.hold:
             continue
-        s, n = b.session, min(len(b.q), len(c.q))
-        rows = slice(b.start, b.start + n)
+        s, stop = b.session, b.start + min(len(b.q), len(c.q))
+        rows = slice(b.start if a.hold else max(b.start, first_held(s)), stop)
+        made = slice(rows.start - b.start, stop - b.start)
+        n = rows.stop - rows.start
         columns["recording"] += [s.rec.name] * n
         columns["t"] += (s.rec.start_s + s.t[rows]).tolist()
         columns["closed_loop"] += [b.closed] * n
         for i, joint in enumerate(a.model.joints):
             columns[f"q.{joint}"] += s.q_raw[rows, i].tolist()
-            columns[f"q_before.{joint}"] += b.q[:n, i].tolist()
-            columns[f"q_after.{joint}"] += c.q[:n, i].tolist()
+            columns[f"q_before.{joint}"] += b.q[made, i].tolist()
+            columns[f"q_after.{joint}"] += c.q[made, i].tolist()
             columns[f"tau.{joint}"] += s.u[rows, i].tolist()
-            columns[f"tau_before.{joint}"] += b.u[:n, i].tolist()
-            columns[f"tau_after.{joint}"] += c.u[:n, i].tolist()
+            columns[f"tau_before.{joint}"] += b.u[made, i].tolist()
+            columns[f"tau_after.{joint}"] += c.u[made, i].tolist()
     pq.write_table(pa.table(columns), path)

@@ -55,7 +55,7 @@ def evaluate(
     counts = dict.fromkeys(sums, 0)
     traces: list[Trace] = []
     for s in fit + hold:
-        split = len(s.t) if hold else int((1.0 - HOLDOUT_SHARE) * len(s.t))
+        split = len(s.t) if hold else first_held(s)
         is_held = s in hold
         if has_loop(twin.rigid, s):
             margin = max(2, min(int(0.1 / s.dt), len(s.t) // 20))
@@ -72,6 +72,11 @@ def evaluate(
                     traces.append(Trace(s, start, True, False, result.q, result.u))
     values = {k: np.sqrt(sums[k] / counts[k]) if counts[k] else np.full(len(sums[k]), np.nan) for k in sums}
     return Errors(**values, traces=traces)
+
+
+def first_held(s: Session) -> int:
+    """Where the held-out end of a fitted recording begins in simulated traces, when no other one is held out."""
+    return int((1.0 - HOLDOUT_SHARE) * len(s.t))
 
 
 def _add(
