@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from s2r_host.gap.output.answer import make_answer, write_predictions
+from s2r_host.gap.output.answer import fit_json, make_answer, write_predictions
 from s2r_host.gap.output.figures import _overlay_motion
 from s2r_host.gap.output.report import _numbers, _per_joint, _rejected
 from s2r_host.gap.pipeline import Analysis
@@ -88,3 +88,13 @@ def test_predictions_hold_the_held_out_end_alone(tmp_path):
     table = pq.read_table(tmp_path / "predictions.parquet")
     assert table["q.a"].to_pylist() == [*range(70, 95), *range(80, 100)]
     assert table["q_before.a"].to_pylist() == table["tau_after.a"].to_pylist() == table["q.a"].to_pylist()
+
+
+def test_the_zero_of_the_effort_that_predictions_were_made_with_is_told():
+    """It is in no model: without it nobody could simulate what stands in predictions.parquet."""
+    one = np.ones(1)
+    errors = SimpleNamespace(train=one, held=one, open_train=one, open_held=one)
+    model = SimpleNamespace(joints=["a"], unit=lambda _: "rad")
+    twin = SimpleNamespace(offset=np.array([0.25]))
+    a: Any = SimpleNamespace(model=model, before=errors, after=errors, problem=None, decision=None, twin=twin)
+    assert fit_json(a)["per_joint"]["a"]["effort_offset"] == 0.25

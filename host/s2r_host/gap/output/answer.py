@@ -32,6 +32,9 @@ PATCH_TEXT = '''"""Effects found by `s2r gap` that stock MuJoCo has no attribute
     model = mujoco.MjModel.from_xml_path("model_patched.xml")
     off = patch.install(model)     # forces appear in qfrc_passive from now on
     off()                          # the stock model again, and others can be loaded: MuJoCo loads none meanwhile
+
+Where the zero of a recorded effort is off, that is in the drive or its sensor and in no model: to reproduce
+predictions.parquet take `effort_offset` of gap.json (fit, per_joint) off the effort before it acts.
 """
 
 try:
@@ -105,6 +108,7 @@ def fit_json(a: Analysis) -> dict:
             "holdout_after": float(a.after.held[i] if closed else a.after.open_held[i]),
             "open_loop_holdout_before": float(a.before.open_held[i]),
             "open_loop_holdout_after": float(a.after.open_held[i]),
+            "effort_offset": float(a.twin.offset[i]) if a.twin is not None else 0.0,
         }
         for i, joint in enumerate(a.model.joints)
     }
