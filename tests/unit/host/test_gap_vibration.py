@@ -13,7 +13,7 @@ from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.rig import write_model
 from s2r_host.gap.search import vibration as vibration_module
 from s2r_host.gap.search.search import Search
-from s2r_host.gap.search.vibration import LEAST_HZ, PER_RECORD, _on, _strongest, vibration
+from s2r_host.gap.search.vibration import LEAST_HZ, PER_RECORD, _on, _strongest, unheard_line, vibration
 
 DT = 0.004
 
@@ -110,3 +110,34 @@ def test_the_strongest_line_is_found_without_weighing_every_frequency(monkeypatc
     assert abs(_strongest([block], own, top) - best) <= 1.24 * width
     assert weighed[0] == best
     assert len(weighed) < 30
+
+
+PENDULUM = """<body name="{0}"><joint name="{0}" axis="0 1 0" damping="0.1"/>
+<inertial mass="1" pos="0 0 -0.2" diaginertia="0.01 0.01 0.001"/></body>"""
+TWO = f"<mujoco><worldbody>{PENDULUM.format('a')}{PENDULUM.format('b')}</worldbody></mujoco>"
+
+
+@pytest.mark.parametrize("loud", [0, 1])
+def test_of_two_joints_that_tremble_the_louder_one_is_told(tmp_path, loud):
+    (tmp_path / "model.xml").write_text(TWO)
+    model = RigidModel(tmp_path / "model.xml")
+
+    def recorded(index, phase):
+        t, rng = np.arange(0, 16, DT), np.random.default_rng(index)
+        q = np.stack(
+            [0.9 * np.sin(w * t + phase) + 0.3 * np.sin(5.3 * t + 2.0 * phase) for w in (1.7, 1.9)], axis=1
+        )
+        dq = np.gradient(q, DT, axis=0)
+        u = model.inverse(q, dq, np.gradient(dq, DT, axis=0)) + 0.02 * rng.normal(size=q.shape)
+        u += np.sin(2.0 * np.pi * 7.3 * t + 0.4)[:, None] * np.roll([0.5, 0.3], loud)
+        kinds = {"q": q, "dq": dq, "tau": u, "q_cmd": q}
+        channels = {kind: {"a": x[:, 0], "b": x[:, 1]} for kind, x in kinds.items()}
+        rec = Recording(f"r{index}", t, channels, Controller("none"), "measured", "effort", "a", "", ())
+        return make_session(model, rec, index)
+
+    problem = build_problem(model, [recorded(0, 0.0)], [recorded(2, 1.0)], [recorded(1, 0.0)])
+    search = Search(problem)
+    for said in (vibration(problem, search, search.finish([], [], [])), unheard_line(problem)):
+        assert said is not None
+        assert said[0] == loud
+        assert said[1:] == pytest.approx((7.3, 0.5), rel=0.1)

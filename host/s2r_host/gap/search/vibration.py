@@ -35,8 +35,10 @@ ALIKE_POWER = 1e-6  # share by which a transform may err: the best frequencies a
 def vibration(problem: Problem, search: Search, solution: Solution) -> tuple[int, float, float] | None:
     """Joint, frequency [Hz] and amplitude [N·m or N] of a steady line that explains more than a solution does.
 
-    Amplitude and phase are free in each recording; numbers of the model may move a little beside it.
+    Amplitude and phase are free in each recording; numbers of the model may move a little beside it. Of several joints
+    that swing it is the one that does so by the most noise floors.
     """
+    found: list[tuple[int, float, float]] = []
     for j in problem.joints:
         blocks = [b for b in problem.blocks if b.joint == j and len(b.picks) > 1]
         if not blocks:
@@ -53,16 +55,17 @@ def vibration(problem: Problem, search: Search, solution: Solution) -> tuple[int
         swings = ratio < STEADY and weakest > LEAST and all(own < BETTER * theirs for own, theirs in powers)
         same = len(blocks) > 1 and ratio < SAME and weakest > LOUD
         if swings or (same and all(own < AS_WELL * theirs for own, theirs in powers)):
-            return j, f, float(np.mean(amplitudes))
-    return None
+            found.append((j, f, float(np.mean(amplitudes))))
+    return _loudest_joint(problem, found)
 
 
 def unheard_line(problem: Problem) -> tuple[int, float, float] | None:
     """Joint, frequency [Hz] and amplitude [N·m or N] of a steady line outside the band of comparison, too.
 
     A line is what a guessed floor takes for noise, and the band ends where noise begins: so all of it is looked at,
-    beside a rigid body with friction whose numbers are free.
+    beside a rigid body with friction whose numbers are free. Of several joints it is the one of the most noise floors.
     """
+    found: list[tuple[int, float, float]] = []
     for j in problem.joints:
         seen = [_loudest(problem.ctx.model, s, j) for s in problem.ctx.sessions if s.has_u[j]]
         lines = [x for x in seen if x is not None]
@@ -71,8 +74,15 @@ def unheard_line(problem: Problem) -> tuple[int, float, float] | None:
         f, amplitudes = lines[0][0], [a for _, a in lines]
         near = all(abs(other - f) < ALIKE_HZ for other, _ in lines)
         if near and max(amplitudes) < STEADY * min(amplitudes):
-            return j, f, float(np.mean(amplitudes))
-    return None
+            found.append((j, f, float(np.mean(amplitudes))))
+    return _loudest_joint(problem, found)
+
+
+def _loudest_joint(
+    problem: Problem, found: list[tuple[int, float, float]]
+) -> tuple[int, float, float] | None:
+    """The one of most noise floors, which compare N·m and N; a neighbour trembles along."""
+    return max(found, key=lambda line: line[2] / problem.floor[line[0]], default=None)
 
 
 def _loudest(model: RigidModel, s: Session, j: int) -> tuple[float, float] | None:
