@@ -243,9 +243,9 @@ def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem
     if behind:
         links = [links_alone(a.model, x, behind) for x in (fit, hold, repeats)]
         find_edges(links[0] + links[1] + links[2], a.model)
-        seen = problem.law, problem.contradictions
+        seen = problem.law, problem.contradictions, problem.set_right
         problem = build_problem(a.model, *links, bounded=bounded)
-        problem.law, problem.contradictions = seen
+        problem.law, problem.contradictions, problem.set_right = seen
     problem.law = [f for f in problem.law if f.name not in config.skip]
     problem.contradictions = [
         replace(c, finding=None) if c.finding is not None and c.finding.name in config.skip else c
