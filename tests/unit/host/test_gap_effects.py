@@ -299,3 +299,18 @@ def test_a_cable_rests_where_it_pulls_back(ctx):
     found = catalogue()["cable_spring"].parameters(ctx, 0, {"width": 0.1, "hardens": 1.0}, theta)
     assert found["rest"].value == pytest.approx(middle + 0.1)
     assert found["stiffness"].value == pytest.approx(0.2)
+
+
+def test_a_warming_has_one_unit_in_all_recordings(ctx):
+    """Kelvins where every fitted recording has a temperature, else what the effort heats, in shares of its mean."""
+    thermal, s = catalogue()["thermal_drift"], ctx.sessions[0]
+    warm = np.linspace(20.0, 45.0, len(s.rec.t))
+    measured = replace(s, rec=replace(s.rec, channels={**s.rec.channels, "temp": {"elbow": warm}}), cache={})
+    for order in ([measured, s], [s, measured]):
+        mixed = Context(ctx.model, order)
+        assert "T" in thermal.refine(mixed, 0)
+        assert np.max(thermal._warming(mixed, measured, 0, 2.0)) < 10.0
+    both = Context(ctx.model, [measured])
+    assert "T" not in thermal.refine(both, 0)
+    assert thermal._warming(both, measured, 0, 2.0)[-1] == pytest.approx(25.0, rel=0.01)
+    assert not np.any(thermal._warming(both, s, 0, 2.0))

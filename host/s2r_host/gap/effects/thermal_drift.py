@@ -19,9 +19,10 @@ PER_WARMING = (0.1, 0.4, 1.0, 2.0)  # of the final warming, where no temperature
 class ThermalDrift(Effect):
     """tau = c x times sgn(dq), dq or load, or all friction times exp(-k x), with the warming x.
 
-    x is (temp - temp0) where a temperature is recorded, else the first-order answer, of time constant T, to the
-    square of the effort (Joule heat). A lubricant thins exponentially with temperature and acts on dry and viscous
-    friction alike (Bittencourt and Gunnarsson, Static friction in a robot joint, J. Dyn. Sys. 134, 2012).
+    x is (temp - temp0) where every fitted recording has a temperature (a coefficient has one unit), else the
+    first-order answer, of time constant T, to the square of the effort (Joule heat). A lubricant thins exponentially
+    with temperature and acts on dry and viscous friction alike (Bittencourt and Gunnarsson, Static friction in a robot
+    joint, J. Dyn. Sys. 134, 2012).
     """
 
     name = "thermal_drift"
@@ -43,7 +44,7 @@ class ThermalDrift(Effect):
         """Three targets; time constants as shares of the longest recording."""
         longest = max(float(s.t[-1]) for s in ctx.sessions)
         times = (0.1, 0.3, 1.0, 4.0)
-        if self._temperature(ctx, ctx.sessions[0], joint) is not None:
+        if self._in_kelvin(ctx, joint):
             times = (1.0,)
         rates = PER_WARMING if len(times) > 1 else PER_KELVIN
         constants = [max(LEAST_S, longest * x) for x in times]
@@ -58,7 +59,7 @@ class ThermalDrift(Effect):
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
         """Time constant and temperature coefficient on a log scale."""
-        if self._temperature(ctx, ctx.sessions[0], joint) is not None:
+        if self._in_kelvin(ctx, joint):
             return {"k": ("log", 0.3)}
         return {"T": ("log", 0.4), "k": ("log", 0.3)}
 
@@ -69,6 +70,9 @@ class ThermalDrift(Effect):
 
     def _temperature(self, ctx: Context, s: Session, joint: int) -> np.ndarray | None:
         return s.channel("temp", ctx.model.joints[joint])
+
+    def _in_kelvin(self, ctx: Context, joint: int) -> bool:
+        return all(self._temperature(ctx, s, joint) is not None for s in ctx.sessions)
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Drift times what drifts."""
@@ -90,9 +94,10 @@ class ThermalDrift(Effect):
         return Columns(linear, tuple(positive))
 
     def _warming(self, ctx: Context, s: Session, joint: int, T: float) -> np.ndarray:
-        temperature = self._temperature(ctx, s, joint)
-        if temperature is not None:
-            return temperature - temperature[0]
+        if self._in_kelvin(ctx, joint):
+            temperature = self._temperature(ctx, s, joint)
+            # Of a recording held out without one nothing is known: as it began, and not a warming in another unit.
+            return np.zeros(len(s.t)) if temperature is None else temperature - temperature[0]
         heat = np.nan_to_num(s.u[:, joint]) ** 2
         keep = float(np.exp(-s.dt / T))
         x = lfilter([1.0 - keep], [1.0, -keep], heat / max(float(np.mean(heat)), 1e-30))
@@ -117,7 +122,7 @@ class ThermalDrift(Effect):
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Final change, or temperature coefficient, and time constant."""
         if shape["target"] == ALL:
-            warm = self._temperature(ctx, ctx.sessions[0], joint) is not None
+            warm = self._in_kelvin(ctx, joint)
             found = {
                 "per_kelvin" if warm else "per_warming": Value(
                     shape["k"], "1/K" if warm else "1", shape_key="k"
