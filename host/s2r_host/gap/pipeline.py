@@ -11,6 +11,7 @@ import numpy as np
 
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.effects.base import Context
+from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.motion.align import control_lag
 from s2r_host.gap.motion.aligned import aligned, lags_of
 from s2r_host.gap.motion.behind_gear import links_alone
@@ -19,7 +20,7 @@ from s2r_host.gap.motion.law import stamps_within
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.registration import registered
 from s2r_host.gap.motion.servo_law import with_speeds_used
-from s2r_host.gap.motion.session import Session, make_session
+from s2r_host.gap.motion.session import Session, make_session, work_grid
 from s2r_host.gap.motion.slow_log import filled
 from s2r_host.gap.output.generic import fit_generic
 from s2r_host.gap.recordings.files import read_recording
@@ -44,6 +45,7 @@ from s2r_host.gap.verdict.where import Place, acting, contradicted, locate, narr
 Log = Callable[[str], None]
 
 
+LEAST_STEPS = 7  # of the work grid: three at each end are left out of every comparison
 STAMPS_SHARE = 0.15  # one deviation, of a shift of the stamps that the law excludes clearly
 UNTOUCHED = ("nothing_missing", "parameter_off")  # answers that a floor guessed too high gives as well
 FINER = 0.95  # of the guessed floor: below it the channels' own noise is worth a second look
@@ -85,6 +87,13 @@ def load_sessions(model: RigidModel, paths: list[Path], first: int, notes: list[
         for piece in pieces:
             rec, said = with_speeds_used(piece)
             notes += said
+            steps = len(work_grid(rec)[0])
+            if steps < LEAST_STEPS:
+                short = f"{rec.name}: lasts {rec.t[-1]:.2g} s, {steps} steps of what is compared, and {LEAST_STEPS} are"
+                if len(pieces) == 1:
+                    raise GapRecordingError(f"{short} needed; is 't' in s? Record for several seconds")
+                notes.append(f"{short} needed: it is left out")
+                continue
             s = make_session(model, filled(model, rec), first + len(sessions))
             check_efforts(model, s)
             check_units(model, s)

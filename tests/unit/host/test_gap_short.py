@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from s2r_host.gap.config import GapConfig
+from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.pipeline import analyse, load_sessions
 from s2r_host.gap.regression.rows import held_inside
@@ -113,3 +114,34 @@ def test_a_stroke_of_a_quarter_of_a_second_beside_longer_ones_is_no_window_to_re
     found = analyse(tmp_path / "model.xml", paths, [], [], QUICK, lambda _: None)
     assert found.decision is not None
     assert [effect.name for effect in found.decision.effects] == ["coulomb_friction"]
+
+
+def moment(folder, name, start=0.0):
+    """50 rows at 10 kHz."""
+    t = start + np.arange(50) * 1e-4
+    rows = np.stack([t, 0.1 * t, np.full(50, 0.1), np.cos(t)], axis=1)
+    path = folder / f"{name}.csv"
+    np.savetxt(path, rows, delimiter=",", header="t,q.rail,dq.rail,tau.rail", comments="")
+    return path
+
+
+def test_a_recording_of_milliseconds_is_refused(tmp_path):
+    """It left three steps to compare; held out or as a second run it ended the run as a bug."""
+    (tmp_path / "model.xml").write_text(MODEL)
+    path = moment(tmp_path, "blink")
+    with pytest.raises(
+        GapRecordingError, match=r"blink: lasts 0.0049 s, 3 steps .* 7 are needed; is 't' in s"
+    ):
+        load_sessions(RigidModel(tmp_path / "model.xml"), [path], 0, [])
+
+
+def test_a_stretch_of_milliseconds_between_holes_is_left_out(tmp_path):
+    (tmp_path / "model.xml").write_text(MODEL)
+    t = np.concatenate([np.arange(20000) * 1e-4, 3.0 + np.arange(60) * 1e-4])
+    rows = np.stack([t, 0.1 * np.sin(t), 0.1 * np.cos(t), np.cos(t)], axis=1)
+    names = "t,q.rail,dq.rail,tau.rail"
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=names, comments="")
+    notes: list[str] = []
+    (s,) = load_sessions(RigidModel(tmp_path / "model.xml"), [tmp_path / "run.csv"], 0, notes)
+    assert s.t[-1] > 1.9
+    assert any("run from 3 s: lasts 0.0059 s" in note and "left out" in note for note in notes)

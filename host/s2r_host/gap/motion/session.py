@@ -112,7 +112,7 @@ def lowpass(x: np.ndarray, cut_hz: float, dt: float, order: int = 2, before_hz: 
 
 def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
     """Bring a recording to the work grid and evaluate the nominal model along it."""
-    t, dt = _grid(rec)
+    t, dt = work_grid(rec)
     full, doubt = bridged(model, rec)
     rec = replace(rec, effort_doubt=doubt) if doubt else rec
     n, nv = len(t), len(model.joints)
@@ -154,7 +154,8 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
     )  # fmt: skip
 
 
-def _grid(rec: Recording) -> tuple[np.ndarray, float]:
+def work_grid(rec: Recording) -> tuple[np.ndarray, float]:
+    """Even times at which a recording is compared [s], at most 500 per second, and their step."""
     dt = rec.dt
     if 1.0 / dt > MAX_RATE_HZ:
         dt *= np.ceil(1.0 / (dt * MAX_RATE_HZ) - 1e-6)
