@@ -1,13 +1,17 @@
-"""Jobs on worker processes that keep what they have loaded, and that a Ctrl-C ends."""
+"""Jobs on worker processes that keep what they have loaded, and that end with a Ctrl-C and with their first process."""
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
+
+from s2r_protocol.exits import ExitCode
 
 Job = tuple[Any, ...]
 
@@ -41,6 +45,20 @@ def each_done(
                 suspects.append(job)
 
 
+def _listen() -> None:
+    """In a worker: a Ctrl-C ends it, and so does the end of the first process, however that came."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=_end_with_the_first, name="first process", daemon=True).start()
+
+
+def _end_with_the_first() -> None:
+    """Of a first process that was killed: the next one begins the same jobs in the same folders."""
+    first = multiprocessing.parent_process()
+    if first is not None:
+        first.join()
+        os._exit(ExitCode.INTERRUPTED)
+
+
 def _until_one_dies(
     work: Callable[..., Any], left: list[Job], workers: int
 ) -> Iterator[tuple[Job, tuple[Any] | None]]:
@@ -50,8 +68,7 @@ def _until_one_dies(
     with ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),
-        initializer=signal.signal,
-        initargs=(signal.SIGINT, signal.SIG_DFL),
+        initializer=_listen,
     ) as pool:
         try:
             while begun or (left and whole):

@@ -1,11 +1,13 @@
 """Workers of a batch: every job is done, and a Ctrl-C leaves what is queued alone."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
 from operator import mul
+from pathlib import Path
 
 import pytest
 
@@ -74,3 +76,39 @@ def test_after_ctrl_c_nothing_more_is_begun(tmp_path, whole_terminal):
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
     assert len(list(begun.iterdir())) == 2
+
+
+def test_a_killed_batch_takes_its_workers_along(tmp_path):
+    """They finished their jobs, and wrote into folders that the next batch had begun."""
+    script, begun = tmp_path / "jobs.py", tmp_path / "begun"
+    script.write_text(
+        JOBS.replace("touch()", "write_text(str(os.getpid()))").replace("import", "import os,", 1)
+    )
+    begun.mkdir()
+    process = subprocess.Popen(
+        [sys.executable, script, begun], start_new_session=True, stderr=subprocess.DEVNULL
+    )
+    try:
+        deadline = time.monotonic() + 120.0
+        while len([p for p in begun.iterdir() if p.read_text()]) < 2:
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.kill()
+        process.wait()
+        left = {int(path.read_text()) for path in begun.iterdir()}
+        deadline = time.monotonic() + 2.0  # less than what the jobs still have to do
+        while left and time.monotonic() < deadline:
+            left = {pid for pid in left if Path(f"/proc/{pid}/cmdline").exists() and _lives(pid)}
+            time.sleep(0.05)
+        assert not left
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def _lives(pid):
+    """Not one that has ended and that nobody has waited for."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    return False
