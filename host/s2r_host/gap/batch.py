@@ -20,6 +20,7 @@ from s2r_host.gap.workers import each_done
 from s2r_host.gap.yaml_files import read_yaml
 from s2r_protocol.cli.outputs import has_key
 from s2r_protocol.exits import ExitCode, S2RError
+from s2r_protocol.whole_file import NO_ROOM
 
 SUMMARIES = ("summary.json", "summary.html")
 KEYS = {"name", "model", "fit", "holdout", "repeat", "config", "robot", "date"}
@@ -102,6 +103,7 @@ def run_batch(
 
     Raises:
         GapUsageError: A file stands where the folder of a job goes.
+        OSError: There is no room left on the disk.
     """
     for job in jobs:
         if (out / job.name).exists() and not (out / job.name).is_dir():
@@ -125,7 +127,11 @@ def answered(folder: Path) -> bool:
 
 
 def run_job(job: Job, folder: Path, seed: int) -> None:
-    """Run one job: a refused file leaves ``refused.json``, an error of the tool ``failed.json``; the batch goes on."""
+    """Run one job: a refused file leaves ``refused.json``, an error of the tool ``failed.json``; the batch goes on.
+
+    Raises:
+        OSError: There is no room left: the jobs to come could not write their answers either.
+    """
     from s2r_host.gap.cli import run_gap
 
     for name in ("refused.json", "failed.json"):
@@ -137,7 +143,10 @@ def run_job(job: Job, folder: Path, seed: int) -> None:
         )  # fmt: skip
     except S2RError as error:
         _leave(folder / "refused.json", str(error), int(error.exit_code))
-    except Exception:  # noqa: BLE001 - the summary says so, and the batch ends with the exit code of a bug
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            raise
+        # The summary says so, and the batch ends with the exit code of a bug.
         _leave(folder / "failed.json", traceback.format_exc(), int(ExitCode.BUG))
 
 

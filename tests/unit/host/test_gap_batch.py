@@ -1,5 +1,6 @@
 """A batch: refusals of bad lists, resuming, and the summary. The tool itself is replaced by a stub."""
 
+import errno
 import json
 
 import pytest
@@ -238,3 +239,14 @@ def test_the_answer_is_written_whole_and_last(tmp_path):
 )
 def test_a_batch_ends_with_the_worst_of_its_runs(verdicts, code):
     assert batch_code(verdicts) == code
+
+
+def test_a_full_disk_ends_a_batch_as_it_ends_a_run(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("s2r_host.gap.cli.run_gap", full)
+    monkeypatch.setattr(batch, "each_done", lambda work, jobs, workers, lost: [work(*job) for job in jobs])
+    with pytest.raises(OSError, match="No space left"):
+        run_batch([Job("a", tmp_path / "m", ())], tmp_path / "out", 1, 0)
+    assert not list((tmp_path / "out").rglob("failed.json"))
