@@ -195,8 +195,9 @@ def test_interrupt_during_a_motion_stops_the_arm_and_keeps_the_recording(plant, 
 
 def test_a_terminal_that_is_closed_during_a_motion_stops_the_arm_and_keeps_the_recording(plant, arm):
     ours, theirs = os.openpty()
+    heard = ["env", "--default-signal=HUP"]  # also where the tests run under nohup
     process = subprocess.Popen(
-        ["setsid", "--ctty", *run_arguments(plant)], stdin=theirs, stdout=theirs, stderr=theirs
+        [*heard, "setsid", "--ctty", *run_arguments(plant)], stdin=theirs, stdout=theirs, stderr=theirs
     )
     os.close(theirs)
     wait_for_motion(plant, arm, "push 1: approach")

@@ -9,7 +9,7 @@ from itertools import islice, tee
 import numpy as np
 
 from s2r_host.errors import ArmStoppedError, NoMotionError, SceneError
-from s2r_host.motion.fingertip import fingertip_of
+from s2r_host.motion.fingertip import CLOSED_GRIPPER, Fingertip, fingertip_of
 from s2r_host.motion.front import find_front
 from s2r_host.motion.lid import find_lid
 from s2r_host.motion.lid_proposals import lid_proposals
@@ -17,13 +17,12 @@ from s2r_host.motion.obstacles import SHADOW_DEPTH_M
 from s2r_host.motion.push import PushMotion, PushScene, lid_scene, piece_scene, plan_push, push_scene
 from s2r_host.motion.push_proposals import PushProposal, push_proposals
 from s2r_host.motion.scene import Scene
-from s2r_host.perception.affordance import Affordance
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.knob_outline import KnobOutline
 from s2r_host.perception.network_pushes import shipped
 from s2r_host.run.at import proposals_at, scene_at
 from s2r_host.run.back_off import back_off, stopped_in
-from s2r_host.run.guess import Tried
+from s2r_host.run.guess import Guess, Tried
 from s2r_host.run.lever_guesses import GuessSettings, lever_guesses
 from s2r_host.run.observe import Observation
 from s2r_host.run.session import Executed, Motion, Session
@@ -112,8 +111,8 @@ def prepare_push(
         TrajectoryError: A motion cannot be timed.
     """
     settings = session.settings
-    of_tip = settings.pushed_by(fingertip_of(session.arm))
-    offered = pushables(of_tip, view.scene, _without_arm(view), session.rng, earlier, knobs)
+    tip = fingertip_of(session.arm)
+    offered = pushables(settings, view.scene, _without_arm(view), session.rng, earlier, knobs, tip)
     pushable, motion = _reachable(session, offered, skip)
     paths: list[tuple[np.ndarray, str, float, float]] = [
         (motion.approach, f"push {number}: approach", settings.travel_speed, FREE),
@@ -184,6 +183,7 @@ def pushables(
     rng: np.random.Generator,
     earlier: Sequence[DonePush] = (),
     knobs: Sequence[KnobOutline] = (),
+    tip: Fingertip = CLOSED_GRIPPER,
 ) -> Iterator[Pushable]:
     """What a view offers to push, the likeliest first.
 
@@ -194,6 +194,7 @@ def pushables(
         rng: For the push network.
         earlier: Pushes that told nothing.
         knobs: Knobs with spokes in view.
+        tip: What pushes.
 
     Raises:
         SceneError: Nothing in view looks like the task's part.
@@ -201,30 +202,28 @@ def pushables(
         InputError: The network's weights are missing.
     """
     if settings.task is FAUCET:
-        yield from _levers(settings, scene, shipped().affordance(frame, rng), earlier, knobs)
+        found = shipped().affordance(frame, rng)
+        geometry = GuessSettings(
+            replace(settings.lever_push, tip=tip), replace(settings.network_push, tip=tip)
+        )
+        tried = [one.tried for one in earlier]
+        for guess in lever_guesses(scene, found, geometry, tried, knobs):
+            yield from _guessed(settings, scene, guess)
     elif settings.task is LAPTOP:
         lid = find_lid(scene)
-        lid_push = settings.lid_push
+        lid_push = replace(settings.lid_push, tip=tip)
         yield Pushable(lid.along, lid_scene(scene, lid, lid_push.hidden_m), lid_proposals(lid, lid_push))
     else:
         front = find_front(scene_at(scene, settings.at))
-        proposals = proposals_at(push_proposals(front, settings.push), settings.at)
+        proposals = proposals_at(push_proposals(front, replace(settings.push, tip=tip)), settings.at)
         yield Pushable(front.normal, push_scene(scene, front), proposals)
 
 
-def _levers(
-    settings: RunSettings,
-    scene: Scene,
-    found: Affordance,
-    earlier: Sequence[DonePush],
-    knobs: Sequence[KnobOutline],
-) -> Iterator[Pushable]:
-    """What may be the lever, after what earlier pushes have shown."""
-    geometry = GuessSettings(settings.lever_push, settings.network_push)
-    for guess in lever_guesses(scene, found, geometry, [one.tried for one in earlier], knobs):
-        for shadow_m, proposals in zip(SHADOWS_M, tee(guess.proposals, len(SHADOWS_M)), strict=True):
-            pushed = piece_scene(scene, guess.p, shadow_m)
-            yield Pushable(None, pushed, proposals_at(proposals, settings.at), fresh=True)
+def _guessed(settings: RunSettings, scene: Scene, guess: Guess) -> Iterator[Pushable]:
+    """What may be the lever, with less and less believed to stand behind it."""
+    for shadow_m, proposals in zip(SHADOWS_M, tee(guess.proposals, len(SHADOWS_M)), strict=True):
+        pushed = piece_scene(scene, guess.p, shadow_m)
+        yield Pushable(None, pushed, proposals_at(proposals, settings.at), fresh=True)
 
 
 def _without_arm(view: Observation) -> DepthFrame:

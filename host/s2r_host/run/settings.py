@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
-from s2r_host.motion.fingertip import Fingertip
 from s2r_host.motion.lever_proposals import LeverPushSettings
 from s2r_host.motion.lid_proposals import LidPushSettings
 from s2r_host.motion.push_proposals import PushSettings
@@ -93,16 +92,6 @@ class RunSettings:
         default_factory=lambda: NetworkPushSettings(depth_m=0.03, least_likelihood=0.05)
     )
     region: Region = field(default_factory=Region)
-
-    def pushed_by(self, tip: Fingertip) -> RunSettings:
-        """The same, the first pushes by this fingertip."""
-        return replace(
-            self,
-            push=replace(self.push, tip=tip),
-            lid_push=replace(self.lid_push, tip=tip),
-            lever_push=replace(self.lever_push, tip=tip),
-            network_push=replace(self.network_push, tip=tip),
-        )
 
     def __post_init__(self) -> None:
         known = self.then if self.target is None else (self.target, *self.then)
