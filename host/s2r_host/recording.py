@@ -302,9 +302,15 @@ def plan_track(recording: Path | bytes, plan_seq: int, topic_end: str = "joint_s
     messages = _read(recording, STATE, JOINT_STATE)
     during = _plan_times(messages, plan_seq)
     whole = _track(messages, topic_end)
-    inside = (whole.stamp_ns >= during[0][0]) & (whole.stamp_ns <= during[-1][0])
-    stamps = whole.stamp_ns[inside]
-    return JointTrack(stamps, whole.q[inside], whole.dq[inside], plan_time(during, stamps))
+    return during_plan(whole.stamp_ns, whole.q, whole.dq, during)
+
+
+def during_plan(
+    stamp_ns: np.ndarray, q: np.ndarray, dq: np.ndarray, during: Sequence[tuple[int, float]]
+) -> JointTrack:
+    """Those of the rows (n,) and (n, dof) that were recorded during a plan, with its own time; ``during`` as below."""
+    inside = (stamp_ns >= during[0][0]) & (stamp_ns <= during[-1][0])
+    return JointTrack(stamp_ns[inside], q[inside], dq[inside], plan_time(during, stamp_ns[inside]))
 
 
 def plan_time(during: Sequence[tuple[int, float]], stamp_ns: np.ndarray) -> np.ndarray:

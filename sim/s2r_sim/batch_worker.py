@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+from s2r_protocol.cli.first_process import after_first_process
 from s2r_protocol.exits import ExitCode
 
 _at_work = False
@@ -20,15 +19,7 @@ def listen() -> None:
     """Hear SIGINT and SIGTERM: a pool passes neither on, and its workers would finish what they began."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _end)
-    threading.Thread(target=_end_with_the_first, name="first process", daemon=True).start()
-
-
-def _end_with_the_first() -> None:
-    """Of a first process that was killed: nobody takes results any more, and the next one begins the same jobs."""
-    first = multiprocessing.parent_process()
-    if first is not None:
-        first.join()
-        os.kill(os.getpid(), signal.SIGTERM)
+    after_first_process(lambda: os.kill(os.getpid(), signal.SIGTERM))
 
 
 def call(work: Callable[..., dict[str, Any]], job: tuple[Any, ...]) -> dict[str, Any]:

@@ -171,9 +171,8 @@ class Operator:
             try:
                 return self._on_link(act)
             except CommandRefusedError as error:
-                if (
-                    error.code == Refusal.NO_LEASE
-                ):  # lost by silence: control is to be taken anew, and with it the lease
+                # Lost by silence: control is to be taken anew, and with it the lease.
+                if error.code == Refusal.NO_LEASE:
                     self._drop_link()
                 raise
 

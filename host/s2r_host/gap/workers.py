@@ -5,12 +5,12 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
+from s2r_protocol.cli.first_process import after_first_process
 from s2r_protocol.exits import ExitCode
 
 Job = tuple[Any, ...]
@@ -48,15 +48,7 @@ def each_done(
 def _listen() -> None:
     """In a worker: a Ctrl-C ends it, and so does the end of the first process, however that came."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_end_with_the_first, name="first process", daemon=True).start()
-
-
-def _end_with_the_first() -> None:
-    """Of a first process that was killed: the next one begins the same jobs in the same folders."""
-    first = multiprocessing.parent_process()
-    if first is not None:
-        first.join()
-        os._exit(ExitCode.INTERRUPTED)
+    after_first_process(lambda: os._exit(ExitCode.INTERRUPTED))
 
 
 def _until_one_dies(

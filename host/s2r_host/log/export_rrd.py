@@ -47,7 +47,7 @@ def export_rrd(recording: Recording, path: Path, arm_name: str | None = None) ->
     stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _log_arm(rr, stream, shapes, measured, "arm/measured", _MEASURED)
     _log_joints(rr, stream, measured, "measured")
-    if any(t.short == "joint_commands" for t in recording.of_type("sensor_msgs/msg/JointState")):
+    if recording.has_references():
         reference = in_arms_order(recording.joints("joint_commands"), arm, recording)
         _log_arm(rr, stream, shapes, reference, "arm/reference", _REFERENCE)
         _log_joints(rr, stream, reference, "reference")

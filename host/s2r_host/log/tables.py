@@ -88,6 +88,10 @@ class Recording:
             "executor ran with --record DIR"
         )
 
+    def has_references(self) -> bool:
+        """Whether there are references, ``joint_commands``, for :meth:`joints`."""
+        return any(topic.short == "joint_commands" for topic in self.of_type(JOINT_STATE))
+
     def joints(self, short: str = "joint_states") -> Joints:
         """Measured joints, or with ``joint_commands`` the references, in the order of their stamps.
 

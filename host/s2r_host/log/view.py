@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from s2r_host.errors import MissingPartError
 from s2r_host.log.arm_of import arm_of, in_arms_order
 from s2r_host.log.segments import Segment, segments
-from s2r_host.log.tables import JOINT_STATE, Joints, Recording
+from s2r_host.log.tables import Joints, Recording
 from s2r_host.report.arm_shapes import ArmShapes
 from s2r_host.report.markup import page, section, table
 from s2r_host.report.style import EXECUTED, PLANNED, RC, inline_png
@@ -58,8 +58,9 @@ def write_html(
     tell("decoding joint states")
     arm = arm_of(recording, arm_name)
     joints = in_arms_order(recording.joints(), arm, recording)
-    has_reference = any(t.short == "joint_commands" for t in recording.of_type(JOINT_STATE))
-    reference = in_arms_order(recording.joints("joint_commands"), arm, recording) if has_reference else None
+    reference = None
+    if recording.has_references():
+        reference = in_arms_order(recording.joints("joint_commands"), arm, recording)
     found = segments(recording)
     shapes = ArmShapes(arm)
     player = escape(_player(recording, joints, reference, shapes, tell), quote=True)

@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from s2r_protocol.arms import ArmDescription
+from s2r_protocol.arms.source import FINGER_PREFIX
 
 LIMIT_MARGIN_RAD = 0.02
-FINGER_PREFIX = "finger"
 
 
 @dataclass(frozen=True, eq=False)

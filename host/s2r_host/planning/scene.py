@@ -19,7 +19,6 @@ import numpy as np
 from s2r_host.object_names import RIM_PREFIX
 from s2r_host.planning.scene_file import SceneFileError, one_line, read_scene
 from s2r_host.planning.scene_spec import (
-    FINGER_PREFIX,
     OBJECT_PREFIX,
     ROBOT_BIT,
     ROBOT_CONTACTS,
@@ -29,6 +28,7 @@ from s2r_host.planning.scene_spec import (
 )
 from s2r_host.planning.settings import PlanSettings, Stage
 from s2r_protocol.arms import ArmDescription
+from s2r_protocol.arms.source import FINGER_PREFIX
 
 
 class GeomKind(enum.IntEnum):

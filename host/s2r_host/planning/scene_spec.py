@@ -12,9 +12,9 @@ from s2r_host.object_names import RIM_PREFIX
 from s2r_host.planning.scene_file import SceneFile, read_spec
 from s2r_host.planning.settings import PlanSettings, ServoSettings
 from s2r_protocol.arms import ArmDescription
+from s2r_protocol.arms.source import FINGER_PREFIX
 
 OBJECT_PREFIX = "object/"  # keeps the object's names apart from the arm's
-FINGER_PREFIX = "finger"  # shapes of the tool that are meant to touch the part
 
 ROBOT_BIT, WORLD_BIT = 1, 2
 # Nothing meets it. Without any bit MuJoCo would leave rims out of the boxes by which it looks for pairs.

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import yaml
 
-from s2r_host.planning.scene_spec import FINGER_PREFIX
 from s2r_protocol.arms import ArmDescription, load_arm
+from s2r_protocol.arms.source import FINGER_PREFIX
 from s2r_protocol.exits import UsageError
 
 _GRIP_DEPTH_M = 0.04  # how deep a tool's stem sits between the fingers

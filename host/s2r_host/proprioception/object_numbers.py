@@ -120,9 +120,8 @@ def _fit(A: np.ndarray, b: np.ndarray, noise: np.ndarray) -> tuple[float, Object
         )
     sticks = float(np.mean(np.abs(A[:, 4])))
     told = np.eye(3, len(x))
-    told[1, 4] = (
-        sticks  # both err together: where the part is slow all along hardly anything tells one from the other
-    )
+    # Both err together: where the part is slow all along hardly anything tells one from the other.
+    told[1, 4] = sticks
     spread = np.sqrt(np.diag(told @ np.linalg.inv(a.T @ a) @ told.T))
     misfit = float(np.sum((a @ x - y) ** 2))
     return misfit, ObjectNumbers(

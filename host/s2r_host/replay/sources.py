@@ -17,7 +17,7 @@ from s2r_host.errors import RecordingError
 from s2r_host.log.recording_file import recording_file
 from s2r_host.log.segments import inside, notes, segments
 from s2r_host.log.tables import EXECUTOR_STATE, TRAJECTORY, Recording, read_recording
-from s2r_host.recording import JointTrack, plan_time
+from s2r_host.recording import JointTrack, during_plan
 from s2r_host.replay.table import KNOT_S, read_table
 from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
 from s2r_protocol.arms import ArmDescription
@@ -136,9 +136,7 @@ class _Tracks:
         joints, during = self._joints, self._states.get(seq)
         if joints is None or during is None:
             return None
-        keep = (joints.stamp_ns >= during[0][0]) & (joints.stamp_ns <= during[-1][0])
-        stamps = joints.stamp_ns[keep]
-        return JointTrack(stamps, joints.q[keep], joints.dq[keep], plan_time(during, stamps))
+        return during_plan(joints.stamp_ns, joints.q, joints.dq, during)
 
 
 def _from_references(recording: Recording, arm: ArmDescription) -> list[Replayable]:

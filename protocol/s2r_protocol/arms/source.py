@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Vector3 = tuple[float, float, float]
 SHORTEST_ROD_M = 1e-3
+FINGER_PREFIX = "finger"  # of the names of shapes that are meant to touch the part
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 

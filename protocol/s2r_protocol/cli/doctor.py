@@ -12,6 +12,7 @@ import numpy as np
 from s2r_protocol.arms import ArmDescription, load_arm
 from s2r_protocol.arms.bus_range import off_bus
 from s2r_protocol.arms.clearance import LINKS_APART_M
+from s2r_protocol.arms.source import FINGER_PREFIX
 from s2r_protocol.cli.findings import print_findings
 from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.machine import Finding, Level
@@ -109,8 +110,8 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
         findings.append(
             Finding("tool", Level.PROBLEM, f"tool link '{link}' has no shape", "describe the fingertip")
         )
-    if not any(s.name.startswith("finger") for s in arm.source.shapes):
-        text = "no shape's name begins with 'finger': nothing may touch the object"
+    if not any(s.name.startswith(FINGER_PREFIX) for s in arm.source.shapes):
+        text = f"no shape's name begins with '{FINGER_PREFIX}': nothing may touch the object"
         fix = "name the fingertip's shapes finger_left, …"
         findings.append(Finding("fingertip", Level.PROBLEM, text, fix))
     return [*findings, _offsets(arm), _angles(arm), *_bus(arm), *_home_pose(arm)]

@@ -59,9 +59,8 @@ class Hub:
     def _remove_stale(self) -> None:
         if not os.path.exists(self.path):
             return
-        if not stat.S_ISSOCK(
-            os.stat(self.path).st_mode
-        ):  # it refuses connections, too, and is somebody's file
+        # A file refuses connections, too, and is somebody's.
+        if not stat.S_ISSOCK(os.stat(self.path).st_mode):
             raise StandInError(
                 f"cannot listen on {self.path}: what is there is no socket; choose another --bus"
             )

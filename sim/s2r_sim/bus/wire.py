@@ -21,9 +21,8 @@ from s2r_protocol.can.timing import BitRate, frame_ns
 from s2r_protocol.exits import UsageError
 
 ACTIONS = ("drop", "corrupt", "delay", "enobufs")
-QUEUE_FRAMES = (
-    64  # that may wait of one client, or of one frame of a drive: a node that babbles fills no memory
-)
+# That may wait of one client, or of one frame of a drive: a node that babbles fills no memory.
+QUEUE_FRAMES = 64
 
 
 @dataclass(frozen=True)

@@ -208,11 +208,17 @@ def test_babbling_node_keeps_answers_off_the_bus(stand_in, fd_master):
         babbler.close()
 
 
+def enabled(master):
+    """Where the drives stand [rad], (7,), with the drives on."""
+    q = [a.q_meas for a in master.cycle(DriveCommand.DISABLE_VOLTAGE, [0.0] * 7)]
+    master.enable(q)
+    return q
+
+
 def test_classic_drives_walk_and_follow(stand_in, classic_master):
     with stand_in("classic") as bus:
         master = classic_master(bus.address)
-        q = [a.q_meas for a in master.cycle(DriveCommand.DISABLE_VOLTAGE, [0.0] * 7)]
-        master.enable(q)
+        q = enabled(master)
         for _ in range(100):
             q[0] += 0.3 * 4e-3
             answers = master.cycle(DriveCommand.ENABLE_OPERATION, q, [0.3, 0, 0, 0, 0, 0, 0])
@@ -225,8 +231,7 @@ def test_classic_drives_walk_and_follow(stand_in, classic_master):
 def test_classic_drive_without_targets_sends_an_emergency(stand_in, classic_master):
     with stand_in("classic", injections=["drop:0x203@40-60"]) as bus:
         master = classic_master(bus.address)
-        q = [a.q_meas for a in master.cycle(DriveCommand.DISABLE_VOLTAGE, [0.0] * 7)]
-        master.enable(q)
+        q = enabled(master)
         for _ in range(50):
             answers = master.cycle(DriveCommand.ENABLE_OPERATION, q)
         assert master.emergencies == [(3, 0x8130)]
@@ -238,8 +243,7 @@ def test_classic_drive_without_targets_sends_an_emergency(stand_in, classic_mast
 def test_stopped_network_switches_the_drives_off(stand_in, classic_master):
     with stand_in("classic") as bus:
         master = classic_master(bus.address)
-        q = [a.q_meas for a in master.cycle(DriveCommand.DISABLE_VOLTAGE, [0.0] * 7)]
-        master.enable(q)
+        enabled(master)
         master.socket.send(CanFrame(0x000, bytes([0x02, 0])).pack())
         master.socket.send(CanFrame(0x080, b"\x01").pack())
         wait_until(lambda: {d.state for d in bus.plant.drives} == {DriveState.SWITCH_ON_DISABLED})
@@ -248,8 +252,7 @@ def test_stopped_network_switches_the_drives_off(stand_in, classic_master):
 def test_a_node_that_is_reset_boots_and_forgets_its_error(stand_in, classic_master):
     with stand_in("classic", injections=["drop:0x203@40-60"]) as bus:
         master = classic_master(bus.address)
-        q = [a.q_meas for a in master.cycle(DriveCommand.DISABLE_VOLTAGE, [0.0] * 7)]
-        master.enable(q)
+        q = enabled(master)
         for _ in range(50):
             master.cycle(DriveCommand.ENABLE_OPERATION, q)
         assert bus.plant.drives[2].error == DriveError.COMMUNICATION

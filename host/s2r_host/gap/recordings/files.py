@@ -54,11 +54,8 @@ def _read_side_file(path: Path) -> dict:
         return {}
     try:
         side = yaml.safe_load(side_path.read_text(encoding="utf-8")) or {}
-    except (
-        OSError,
-        ValueError,
-        yaml.YAMLError,
-    ) as error:  # ValueError: no UTF-8, or a date that there is not
+    # ValueError: no UTF-8, or a date that there is not.
+    except (OSError, ValueError, yaml.YAMLError) as error:
         text = str(error).splitlines()[0]
         raise GapRecordingError(f"{side_path.name}: not readable YAML ({text})") from error
     if not isinstance(side, dict):

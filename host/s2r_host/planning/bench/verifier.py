@@ -13,6 +13,7 @@ import numpy as np
 from s2r_host.planning.scene import Scene
 from s2r_host.planning.task import PlanRequest
 from s2r_host.trajectory.trajectory import Trajectory
+from s2r_protocol.arms.source import FINGER_PREFIX
 
 _DT_S, _HOLD_S = 0.002, 0.5
 _BAND = {True: 0.005, False: 0.02}  # held success: 5 mm, or 0.02 rad
@@ -96,7 +97,7 @@ def _unexpected(
         return None  # things of the scene among themselves
     names = [model.geom(g).name or f"geom {g}" for g in (first, second)]
     for own, other in ((0, 1), (1, 0)):
-        if names[own].startswith("finger") and bodies[own] in robot and bodies[other] in part:
+        if names[own].startswith(FINGER_PREFIX) and bodies[own] in robot and bodies[other] in part:
             return None
     return " against ".join(names)
 
