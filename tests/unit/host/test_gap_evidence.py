@@ -134,6 +134,32 @@ def test_friction_that_builds_up_brings_the_friction_that_a_model_lacks(model, t
         assert said["coulomb_friction"].parameters["level"]["value"] == pytest.approx(FRICTION, rel=0.05)
 
 
+@pytest.mark.parametrize("lacking", [False, True])
+def test_a_hump_at_low_speed_brings_the_dry_friction_that_a_model_lacks(model, tmp_path, lacking):
+    def hump(t, q, v, a):
+        return 0.25 * np.exp(-((v / 0.3) ** 2)) * np.tanh(v / 0.01)
+
+    rubs = RigidModel(write_model(tmp_path / "model.xml", 0.0, DAMPING)) if lacking else model
+    problem, search = searched(rubs, hump)
+    said = {e.name: e for e in decide(problem, search).effects}
+    assert set(said) == {"stribeck", *(["coulomb_friction"] if lacking else [])}
+    if lacking:
+        assert said["coulomb_friction"].parameters["level"]["value"] == pytest.approx(FRICTION, rel=0.05)
+
+
+def test_thinning_is_named_where_friction_that_the_model_lacks_does_not_thin(tmp_path):
+    """Of what the model lacks nothing thins, so that part of the thinning is zero; the thinning is not."""
+    dry = RigidModel(write_model(tmp_path / "model.xml", FRICTION, 0.0))
+
+    def hidden(t, q, v, a):
+        warm = warmth(t) - 25.0
+        return (np.exp(-0.04 * warm) - 1.0) * FRICTION * np.tanh(v / 0.01) + (0.1 + 0.003 * warm) * v
+
+    said = decide(*searched(dry, hidden))
+    assert {e.name for e in said.effects} == {"thermal_drift", "viscous_friction"}
+    assert np.array_equal(next(e.theta for e in said.effects if e.name == "thermal_drift"), [0.0])
+
+
 def test_a_turned_zero_beside_an_effect_is_no_mere_offset_of_the_effort(model):
     """On the sine of a load a turn is almost a constant: where it says clearly more than one, it is named."""
     problem, search = searched(model, bends, seen=lambda q: q - 0.01)

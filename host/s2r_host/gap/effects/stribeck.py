@@ -59,6 +59,12 @@ class Stribeck(Effect):
             found["level"] = Value(float(theta[1]), unit, (0.0, 1.0))
         return found
 
+    def brings(
+        self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray
+    ) -> dict[str, tuple[float, ...]]:
+        """The dry friction of fast motion, where the model has none."""
+        return {"coulomb_friction": (0.0, 1.0)} if len(theta) > 1 else {}
+
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Friction loss written each step."""
         static, speed = float(theta[0]), shape["vs"]

@@ -254,7 +254,7 @@ def _fits_as_well(
 def _name(problem: Problem, search: Search, solution: Solution) -> Decision:
     decision = Decision("nothing_missing", solution)
     for i, term in enumerate(solution.terms):
-        if len(solution.theta[i]) and not np.any(solution.theta[i]):
+        if len(solution.theta[i]) and not np.any(solution.theta[i]) and search.stored(term).fixed is None:
             continue  # its sign came out wrong: it has no size
         slot = solution.slots[i] if i < len(solution.slots) else []
         named = named_effect(problem, search, solution, i, slot)

@@ -114,7 +114,7 @@ def brought(problem: Problem, search: Search, solution: Solution, i: int, named:
                 "interval90": ends,
                 "identifiable": True,
             }
-        why = f"the model has none, and {term.effect} of none cannot be"
+        why = f"the model has none; found as a part of {term.effect}"
         found.append(
             Named(Term(name, term.joint), name, named.joint, 0.99 * named.probability, [], why, table, size)
         )
