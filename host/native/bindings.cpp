@@ -1,43 +1,25 @@
-// The only unit that knows Python.
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
+// The planner's side for Python.
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
-#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "arrays.hpp"
+#include "gap_bindings.hpp"
 #include "place.hpp"
 #include "rewards.hpp"
 #include "scorer.hpp"
 
-namespace nb = nanobind;
+namespace s2r::planning {
+
 using namespace nb::literals;
 
-namespace s2r::planning {
 namespace {
 
-template <int dimensions>
-using Doubles = nb::ndarray<const double, nb::ndim<dimensions>, nb::c_contig, nb::device::cpu>;
-using Result = nb::ndarray<nb::numpy, double>;
-using Numbers = std::vector<double>;
-
-void require(bool condition, const std::string& text) {
-  if (!condition) throw nb::value_error(text.c_str());
-}
-
 int size(std::size_t n) { return static_cast<int>(n); }
-
-// The numbers as a numpy array, without a copy.
-Result to_array(Numbers numbers, const std::vector<std::size_t>& shape) {
-  auto owned = std::make_unique<Numbers>(std::move(numbers));
-  double* const data = owned->data();
-  const nb::capsule owner(owned.release(), [](void* p) noexcept { delete static_cast<Numbers*>(p); });
-  return {data, shape.size(), shape.data(), owner};
-}
 
 Result distances(const Place& place, const Doubles<2>& p_tip_part) {
   require(p_tip_part.shape(1) == 3, "p_tip_part must be (n, 3)");
@@ -218,8 +200,9 @@ void bind_scorer(nb::module_& m) {
 }  // namespace s2r::planning
 
 NB_MODULE(_native, m) {
-  m.doc() = "What rollouts are worth: the planner's reward, computed from the coarse model's records.";
+  m.doc() = "What is slow in Python: rewards of rollouts, and motors with a link behind a spring or play.";
   s2r::planning::bind_rewards(m);
   s2r::planning::bind_place(m);
   s2r::planning::bind_scorer(m);
+  s2r::gap::bind_two_masses(m);
 }

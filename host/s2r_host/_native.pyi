@@ -1,5 +1,5 @@
 """
-What rollouts are worth: the planner's reward, computed from the coarse model's records.
+What is slow in Python: rewards of rollouts, and motors with a link behind a spring or play.
 """
 
 from collections.abc import Sequence
@@ -140,3 +140,52 @@ class Scorer:
         """
         What the reward is made of, by name, (rollout, step) or (rollout, step, dof).
         """
+
+def behind_recorded_motor(
+    *,
+    dt: float,
+    inertia: NDArray[numpy.float64],
+    load: NDArray[numpy.float64],
+    slope: NDArray[numpy.float64],
+    bend: NDArray[numpy.float64],
+    stiffness: float,
+    damping: float,
+    gap: float,
+    phase: float,
+) -> NDArray[numpy.float64]:
+    """
+    Effort that reaches a link behind a motor that moves as recorded, (rows,); see s2r_host.gap.motion.states.
+    """
+
+def under_servo(
+    *,
+    dt: float,
+    inertia: NDArray[numpy.float64],
+    load: NDArray[numpy.float64],
+    slope: NDArray[numpy.float64],
+    bend: NDArray[numpy.float64],
+    stiffness: float,
+    damping: float,
+    gap: float,
+    q: NDArray[numpy.float64],
+    speed: float,
+    motor_inertia: float,
+    motor_damping: float,
+    friction: float,
+    kp: float,
+    kd: float,
+    ki: float,
+    low: float,
+    high: float,
+    ticks: int,
+    q_cmd: NDArray[numpy.float64],
+    dq_cmd: NDArray[numpy.float64],
+    ahead: NDArray[numpy.float64],
+    integral: float,
+    follow: float,
+    phase: float,
+) -> tuple[NDArray[numpy.float64], NDArray[numpy.float64]]:
+    """
+    Position of a motor under its servo and the effort that moves it and its link, (rows,) each;
+    see s2r_host.gap.motion.servo.
+    """

@@ -11,7 +11,7 @@ from s2r_host.gap.effects.joint_elasticity import EFFECT as ELASTICITY
 from s2r_host.gap.effects.joint_elasticity import mean_inertia
 from s2r_host.gap.effects.payload import EFFECT, add_mass, arm
 from s2r_host.gap.motion.model import RigidModel
-from s2r_host.gap.motion.states import bristle, deflection
+from s2r_host.gap.motion.states import bristle
 from s2r_host.gap.rig import write_model
 
 
@@ -47,40 +47,6 @@ def test_a_load_at_any_reach_is_the_quadratic_through_three(tmp_path):
     found = EFFECT.columns(ctx, s, 0, {"body": body, "reach": 1.37}).linear[0]  # pyright: ignore[reportArgumentType]
     assert np.max(np.abs(direct)) > 0.1
     assert found == pytest.approx(direct, rel=1e-7, abs=1e-9)
-
-
-def test_one_shape_alone_is_integrated_as_among_others():
-    """A loose link whose load turns over twice: in plain numbers and in arrays, at steps that need no halving."""
-    t = np.arange(0.0, 2.0, 0.002)
-    session, slope = SimpleNamespace(dt=0.002), 0.5 * np.cos(t)
-    inertia, load = np.full((len(t), 1), 0.1), (2.0 * np.sin(4.0 * t))[:, None]
-    k, d, gap = np.array([500.0]), np.array([0.5]), np.array([0.003])
-    alone = deflection(session, 0, inertia, load, slope, k, d, gap)  # pyright: ignore[reportArgumentType]
-    inertia, load = np.repeat(inertia, 2, axis=1), np.repeat(load, 2, axis=1)
-    k, d, gap = np.repeat(k, 2), np.repeat(d, 2), np.repeat(gap, 2)
-    among = deflection(session, 0, inertia, load, slope, k, d, gap)  # pyright: ignore[reportArgumentType]
-    assert alone.shape == (len(t), 1)
-    assert np.any(alone == 0.0)  # free while the gap is crossed
-    assert np.max(np.abs(alone)) > 1.5
-    assert alone == pytest.approx(among[:, :1], abs=1e-9)
-
-
-@pytest.mark.parametrize(("k", "d"), [(60.0, 0.2), (60.0, 60.0), (30.0, 200.0), (2000.0, 10.0)])
-def test_a_link_without_a_gap_takes_one_step_per_row(monkeypatch, k, d):
-    """Hardly damped, and damped so much that steps in plain numbers would have to be tiny: against such steps."""
-    t = np.arange(0.0, 4.0, 0.004)
-    session, slope, bend = SimpleNamespace(dt=0.004), 8.0 * np.cos(1.1 * t), 5.0 * np.sin(t)
-    inertia, load = 0.5 + 0.1 * np.sin(t), 5.0 * np.sin(1.7 * t) + 2.0 * np.sin(9.0 * t)
-
-    def wound(gap):
-        columns = inertia[:, None], load[:, None], slope, np.array([k]), np.array([d]), np.array([gap])
-        return deflection(session, 0, *columns, bend)[:, 0]  # pyright: ignore[reportArgumentType]
-
-    alone = wound(0.0)
-    monkeypatch.setattr("s2r_host.gap.motion.states.ALONE_STEP", 0.005)
-    fine = wound(1e-12)
-    assert np.std(fine) > 3.0
-    assert np.sqrt(np.mean((alone - fine) ** 2)) < 5e-3 * np.std(fine)
 
 
 @pytest.mark.parametrize("hz", [2.0, 9.0])

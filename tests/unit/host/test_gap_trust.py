@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from s2r_host.gap.motion.states import deflection
+from s2r_host.gap.motion.two_masses import Gear, deflection
 from s2r_host.gap.regression.base_terms import PREFIX, CentreDistance, base_terms, with_directions_held
 from s2r_host.gap.regression.nuisance import BaseParameter
 from s2r_host.gap.regression.solution import Scored, Term
@@ -117,13 +117,16 @@ def test_where_no_number_moved_nothing_hides_in_them():
 
 def test_behind_a_spring_gravity_pulls_where_the_link_is():
     rows, load, slope, k = 4000, 5.0, 40.0, 400.0
-    s = SimpleNamespace(dt=0.001)
     held = deflection(
-        s, 0, np.full((rows, 1), 0.1), np.full((rows, 1), load), np.full(rows, slope), np.array([k]),  # pyright: ignore[reportArgumentType]
-        np.array([5.0]), np.zeros(1),
-    )  # fmt: skip
+        0.001,
+        np.full(rows, 0.1),
+        np.full(rows, load),
+        np.full(rows, slope),
+        np.zeros(rows),
+        Gear(0.1, k, 5.0),
+    )
     # Sagged by x, the link weighs load - slope x and the spring holds k x.
-    assert held[-1, 0] == pytest.approx(k * load / (k + slope), rel=1e-3)
+    assert held[-1] == pytest.approx(k * load / (k + slope), rel=1e-3)
 
 
 LINK = """<mujoco><worldbody><body name="link"><joint name="joint" axis="0 1 0"/>

@@ -20,17 +20,25 @@ from s2r_host.gap.effects.base import (
     Value,
     as_written,
 )
-from s2r_host.gap.effects.joint_elasticity import mean_inertia, motor_shares, second_joint, transmitted
+from s2r_host.gap.effects.joint_elasticity import (
+    SERVO,
+    gear,
+    hung,
+    mean_inertia,
+    motor_odds,
+    motor_shares,
+    second_joint,
+    servo_known,
+)
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import stop_operator
+from s2r_host.gap.motion.two_masses import behind_motor, with_servo
 
-LOG_STEP = 0.06
 NARROWEST, WIDEST = (0.0001, 0.0006), 0.05  # half widths tried, as shares of the travel
-RESOLVED, WIDTH_RATIO = (
-    20.0,
-    0.193,
-)  # encoder steps in a half width that shows; logarithm of the next by the last
+RESOLVED, WIDTH_RATIO = 20.0, 0.193  # encoder steps in a width that shows; logarithm of the next by the last
 LOOSE_SHARES = (0.25, 0.4, 0.55, 0.7, 0.85)  # free part of the travel between both friction forces
+# Link frequency in contact, and its damping ratio: behind a recorded motor nothing but damped contacts can be followed.
+CONTACTS_HZ, FLANKS_HZ, REBOUNDS = (13.0, 24.0), (9.0, 13.0, 18.0, 25.0, 35.0), (0.06, 0.3)
 NO_REBOUND = 2.0  # damping ratio of the flanks; beyond it only the steps of the integration get smaller
 LOOSE_ODDS = -3.0  # a joint whose load is friction alone is the rarer machine
 
@@ -54,23 +62,23 @@ class Backlash(Effect):
         return None if both > 0.005 else "the load never changes sign: the gap is never crossed"
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
-        """Half widths up to 5 % of the travel, from 0.06 % of it, or from 0.01 % where the encoder resolves that."""
+        """Half widths up to 5 % of the travel, from 0.01 % of it, or from 0.06 % where nothing tells such small ones.
+
+        They are told by an encoder that resolves them, or by the declared law of the motor.
+        """
         low, high = ctx.span(joint)
         step = max(float(s.q_lsb[joint]) for s in ctx.sessions)
-        narrowest = float(np.clip(RESOLVED * step / (high - low), *NARROWEST))
-        count = 1 + int(np.ceil(np.log(WIDEST / narrowest) / WIDTH_RATIO))
-        widths = (high - low) * np.geomspace(narrowest, WIDEST, count)
-        least = 4.0 * step
-        reaches = [r for r in (high - low) * np.geomspace(0.002, 0.3, 16) if r > least]
+        reaches = [r for r in (high - low) * np.geomspace(0.002, 0.3, 16) if r > 4.0 * step]
         loose = [
             {"reach": float(r), "loose": x} for r in reaches for x in LOOSE_SHARES if ctx.turns(joint) >= 2
         ]
+        seeds = [(w, f, 0.4, {}) for w in _widths(RESOLVED * step / (high - low)) for f in CONTACTS_HZ]
+        if servo_known(ctx, joint):
+            seeds += [(w, f, z, SERVO) for w in _widths(0.0) for f in FLANKS_HZ for z in REBOUNDS]
         return loose + [
-            {"w": float(w), "motor": m, "f": f, "zeta": z}
+            {"w": float((high - low) * w), "motor": m, "f": f, "zeta": z} | servo
             for m in motor_shares(ctx, joint)
-            for w in widths
-            for f in (13.0, 24.0)
-            for z in (0.4,)
+            for w, f, z, servo in seeds
         ]
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
@@ -85,8 +93,8 @@ class Backlash(Effect):
         return {"loose": (0.2, 0.95), "zeta": (0.0, NO_REBOUND)}
 
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
-        """Friction alone behind the gap is rarer than an inertia."""
-        return LOOSE_ODDS if "loose" in shape else 0.0
+        """Friction alone behind the gap is rarer than an inertia; a motor's is known where the model states one."""
+        return LOOSE_ODDS if "loose" in shape else motor_odds(ctx, joint, shape["motor"])
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Motor inertia plus transmitted effort, minus the rigid load; or friction behind the gap."""
@@ -95,16 +103,11 @@ class Backlash(Effect):
             if float(ctx.model.model.dof_frictionloss[joint]) > 0.0:
                 return Columns([pull, s.sign(joint)], (True, False))
             return Columns([pull], (True,))
-        store: dict[tuple, np.ndarray] = s.cache.setdefault(("backlash", joint), {})
-        wanted = node(shape)
-        if wanted not in store:
-            seeds = [node(x) for x in self.shapes(ctx, joint) if "w" in x] if not store else []
-            batch = [x for x in dict.fromkeys([*seeds, wanted]) if x not in store]
-            values = np.array([denode(x) for x in batch])
-            T = transmitted(ctx, s, joint, values[:, [2, 3, 1]], values[:, 0])
-            for i, name in enumerate(batch):
-                store[name] = T[:, i]
-        return Columns([], fixed=store[wanted])
+        between, behind = gear(ctx, joint, shape, shape["w"]), hung(ctx, s, joint)
+        if "servo" in shape:
+            found = with_servo(ctx.model, s, joint, behind, between)
+            return Columns([], fixed=np.zeros(len(s.t)) if found is None else found)
+        return Columns([], fixed=behind_motor(s, joint, behind, between))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Half width and motor inertia."""
@@ -161,17 +164,10 @@ def behind_gap(z: np.ndarray, loose: float) -> np.ndarray:
     return np.sign(z) * np.maximum(np.abs(z) - loose, 0.0) / (1.0 - loose)
 
 
-def node(shape: Shape) -> tuple[int, int, int, int]:
-    """Nearest node of the grid on which the hidden link is integrated: 6 % steps, 5 % in motor share."""
-    motor = round(float(np.clip(shape["motor"], 0.0, 0.9)) / 0.05)
-    w, f, zeta = (round(float(np.log(shape[k])) / LOG_STEP) for k in ("w", "f", "zeta"))
-    return w, motor, f, zeta
-
-
-def denode(x: tuple[int, ...]) -> tuple[float, float, float, float]:
-    """Half width, motor share, contact frequency, contact damping of a node."""
-    w, f, zeta = (float(np.exp(LOG_STEP * k)) for k in (x[0], x[2], x[3]))
-    return w, 0.05 * x[1], f, zeta
+def _widths(narrowest: float) -> np.ndarray:
+    """Half widths as shares of the travel, from about ``narrowest``."""
+    least = float(np.clip(narrowest, *NARROWEST))
+    return np.geomspace(least, WIDEST, 1 + int(np.ceil(np.log(WIDEST / least) / WIDTH_RATIO)))
 
 
 EFFECT = Backlash()

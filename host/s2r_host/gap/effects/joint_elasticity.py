@@ -7,9 +7,12 @@ import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, free_name
 from s2r_host.gap.effects.encoder_offset import load_bend, load_slope
+from s2r_host.gap.motion.servo import servo_of
 from s2r_host.gap.motion.session import Session
-from s2r_host.gap.motion.states import deflection, filtered
+from s2r_host.gap.motion.states import filtered
+from s2r_host.gap.motion.two_masses import Gear, Hung, deflection, with_servo
 
+SERVO = {"servo": 1.0}  # the motor is held by its declared law, inside the simulation
 FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
 DAMPING = (0.02, 0.08, 0.25)
 MOTOR_SHARES = (0.0, 0.15, 0.4)
@@ -32,7 +35,8 @@ class JointElasticity(Effect):
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Link frequency at a held motor, damping ratio, share of the inertia that is motor."""
         return [
-            {"f": f, "zeta": z, "motor": m}
+            {"f": f, "zeta": z, "motor": m} | servo
+            for servo in ({}, SERVO)[: 1 + servo_known(ctx, joint)]
             for m in motor_shares(ctx, joint)
             for f in FREQUENCIES_HZ
             for z in DAMPING
@@ -52,14 +56,13 @@ class JointElasticity(Effect):
 
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
         """A motor's inertia is known where the model states one; slow motions tell it from the spring in no way."""
-        armature = float(ctx.model.model.dof_armature[joint])
-        if armature == 0.0:
-            return 0.0
-        off = shape["motor"] * mean_inertia(ctx, joint) / armature - 1.0
-        return -min(FAR_MOTOR, 0.5 * (off / STATED) ** 2)
+        return motor_odds(ctx, joint, shape["motor"])
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Motor inertia plus transmitted effort, minus the rigid load."""
+        if "servo" in shape:
+            found = with_servo(ctx.model, s, joint, hung(ctx, s, joint), gear(ctx, joint, shape))
+            return Columns([], fixed=np.zeros(len(s.t)) if found is None else found)
         M, L, a = s.mass[:, joint], s.load[:, joint], s.a[:, joint]
         motor = float(np.clip(shape["motor"], 0.0, MOST_MOTOR)) * mean_inertia(ctx, joint)
         at_motor = float(ctx.model.model.dof_damping[joint]) * s.v[:, joint]
@@ -70,13 +73,10 @@ class JointElasticity(Effect):
         stiffness = max(mean_inertia(ctx, joint) - motor, 1e-12) * w * w
         slope, felt = load_slope(ctx, s, joint)[:, joint], load
         if float(np.max(np.abs(slope))) > SOFT * stiffness * min(2.0 * shape["zeta"], 1.0):
-            inertia = np.maximum(M - motor, 0.05 * M)[:, None]
-            spring, damper = np.array([stiffness]), np.array([damping * stiffness / (w * w)])
+            inertia = np.maximum(M - motor, 0.05 * M)
             bend = load_bend(ctx, s, joint)
             with np.errstate(over="ignore", invalid="ignore"):
-                T = deflection(s, joint, inertia, load[:, None], slope, spring, damper, np.zeros(1), bend)[
-                    :, 0
-                ]
+                T = deflection(s.dt, inertia, load, slope, bend, gear(ctx, joint, shape))
             # A link that turned further than the joint travels has tipped over: the series in its windup ends there.
             low, high = ctx.span(joint)
             if np.all(np.abs(T) < stiffness * (high - low)):
@@ -118,6 +118,11 @@ class JointElasticity(Effect):
         return True
 
 
+def servo_known(ctx: Context, joint: int) -> bool:
+    """Is the law that moved the joint known, in every recording with an effort of its drive?"""
+    return all(servo_of(ctx.model, s, joint) is not None for s in ctx.sessions if s.has_drive[joint])
+
+
 def motor_shares(ctx: Context, joint: int) -> list[float]:
     """Share of the joint's inertia that turns with the motor: the model's armature when it has one."""
     armature = float(ctx.model.model.dof_armature[joint])
@@ -126,24 +131,36 @@ def motor_shares(ctx: Context, joint: int) -> list[float]:
     return list(MOTOR_SHARES)
 
 
+def motor_odds(ctx: Context, joint: int, share: float) -> float:
+    """Log odds of a motor's share of the inertia: about as the model states it, where it does."""
+    armature = float(ctx.model.model.dof_armature[joint])
+    if armature == 0.0:
+        return 0.0
+    off = share * mean_inertia(ctx, joint) / armature - 1.0
+    return -min(FAR_MOTOR, 0.5 * (off / STATED) ** 2)
+
+
 def mean_inertia(ctx: Context, joint: int) -> float:
     """Mean of the inertia's diagonal over the recordings."""
     return float(np.mean(np.concatenate([s.mass[:, joint] for s in ctx.sessions])))
 
 
-def transmitted(ctx: Context, s: Session, joint: int, triples: np.ndarray, gap: np.ndarray) -> np.ndarray:
-    """Effort beyond the rigid load for rows (frequency, damping ratio, motor share), shape (time, shapes)."""
-    M, L, a = s.mass[:, joint], s.load[:, joint], s.a[:, joint]
+def hung(ctx: Context, s: Session, joint: int) -> Hung:
+    """What hangs on the motor of a joint, as the nominal model has it."""
+    m = ctx.model.model
+    bearings = float(m.dof_damping[joint])
+    return Hung(
+        s.load[:, joint] - bearings * s.v[:, joint], np.ascontiguousarray(load_slope(ctx, s, joint)[:, joint]),
+        load_bend(ctx, s, joint), bearings, float(m.dof_frictionloss[joint]),
+    )  # fmt: skip
+
+
+def gear(ctx: Context, joint: int, shape: Shape, gap: float = 0.0) -> Gear:
+    """The gear of a shape: link frequency at a held motor, damping ratio, share of the inertia that is motor."""
     J = mean_inertia(ctx, joint)
-    motor = triples[:, 2] * J
-    inertia = np.maximum(M[:, None] - motor[None, :], 0.05 * M[:, None])
-    at_motor = float(ctx.model.model.dof_damping[joint]) * s.v[:, joint]  # bearings sit on the motor's side
-    load = (L - at_motor)[:, None] - motor[None, :] * a[:, None]
-    link = J - motor
-    w = 2 * np.pi * triples[:, 0]
-    slope = load_slope(ctx, s, joint)[:, joint]
-    T = deflection(s, joint, inertia, load, slope, link * w**2, 2 * triples[:, 1] * w * link, gap)
-    return T - load
+    motor = float(np.clip(shape["motor"], 0.0, MOST_MOTOR)) * J
+    link, w = max(J - motor, 1e-12), 2 * np.pi * shape["f"]
+    return Gear(motor, link * w * w, 2 * shape["zeta"] * w * link, gap)
 
 
 def second_joint(ctx: Context, spec: mujoco.MjSpec, joint: int, motor_inertia: float) -> mujoco.MjsJoint:

@@ -7,10 +7,6 @@ from scipy.signal import lfilter
 
 from s2r_host.gap.motion.session import Session
 
-# Phase of the fastest contact per step. Many shapes share the steps of the fastest and so are finer than they need be.
-TOGETHER_STEP, ALONE_STEP = 0.35, 0.25
-TINY = 1e-9  # 1/s, 1/s²: where a linear motion changes its form
-
 
 def bristle(s: Session, joint: int, width: np.ndarray, power: int = 1, beta: float = 1.0) -> np.ndarray:
     """Rate-independent bristle state in [-1, 1]: dz = dq/width (1 - |z|^n (β sgn(z dq) + 1 - β)).
@@ -83,119 +79,6 @@ def _loop_of_one(step: np.ndarray, width: float, power: int, beta: float) -> np.
             grow = 1.0 - abs(z) ** power if z * dq > 0.0 else 1.0 + back * abs(z) ** power
             z = max(min(z + x * grow, 1.0), -1.0)
         out.append(z)
-    return np.array(out)
-
-
-def deflection(
-    s: Session,
-    joint: int,
-    inertia: np.ndarray,
-    load: np.ndarray,
-    slope: np.ndarray,
-    k: np.ndarray,
-    d: np.ndarray,
-    gap: np.ndarray,
-    bend: np.ndarray | None = None,
-) -> np.ndarray:
-    """Transmitted effort of a link that hangs on a motor whose motion was recorded.
-
-    Link minus motor angle δ obeys M δ̈ = T - L with T = -k dz(δ) - d δ̇ in contact; dz is the dead zone of half
-    width ``gap``. L is the load the link would put on a rigid transmission, plus its change with δ: gravity pulls where
-    the link is.
-
-    Args:
-        s: Session.
-        joint: Joint index.
-        inertia: Link inertia, shape (time, shapes).
-        load: Rigid load of the link, shape (time, shapes).
-        slope: Change of that load with the link's position, shape (time,).
-        k, d, gap: Stiffness, damping, half width, shape (shapes,).
-        bend: Change of ``slope`` with the link's position, shape (time,); only used for one shape alone.
-
-    Returns:
-        T, shape (time, shapes).
-    """
-    if load.shape[1] == 1:
-        bend = np.zeros_like(slope) if bend is None else bend
-        return _deflection_of_one(
-            s, inertia[:, 0], load[:, 0], slope, bend, float(k[0]), float(d[0]), float(gap[0])
-        )[:, None]
-    n, shapes = load.shape
-    lightest = np.min(
-        inertia, axis=0
-    )  # along an arm's motion the inertia varies tenfold, the damping does not
-    fastest = float(max(np.max(np.sqrt(k / lightest)), np.max(d / lightest)))
-    parts = max(1, int(np.ceil(fastest * s.dt / TOGETHER_STEP)))
-    h = s.dt / parts
-    delta = -np.sign(load[0]) * gap - load[0] / k
-    rate = np.zeros(shapes)
-    out = np.empty((n, shapes))
-    for i in range(n):
-        per_mass, pull, turn = h / inertia[i], load[i], slope[i]
-        for _ in range(parts):
-            over = delta - np.minimum(np.maximum(delta, -gap), gap)
-            effort = -k * over - d * rate * (over != 0.0)
-            rate = rate + (effort - pull - turn * delta) * per_mass
-            delta = delta + h * rate
-        over = delta - np.minimum(np.maximum(delta, -gap), gap)
-        out[i] = -k * over - d * rate * (over != 0.0)
-    return out
-
-
-def _deflection_of_one(
-    s: Session, inertia: np.ndarray, load: np.ndarray, slope: np.ndarray, bend: np.ndarray, k: float, d: float,
-    gap: float,
-) -> np.ndarray:  # fmt: skip
-    """The same for one shape, in plain numbers: a tenth of the cost of arrays of one element, shape (time,)."""
-    if gap == 0.0:
-        return _hanging_link(s.dt, inertia, load, slope, bend, k, d)
-    lightest = float(np.min(inertia))
-    parts = max(1, int(np.ceil(max(float(np.sqrt(k / lightest)), d / lightest) * s.dt / ALONE_STEP)))
-    h = s.dt / parts
-    delta, rate, out = -float(np.sign(load[0])) * gap - float(load[0]) / k, 0.0, []
-    rows = ((h / inertia).tolist(), load.tolist(), slope.tolist(), (0.5 * bend).tolist())
-    for per_mass, pull, turn, half in zip(*rows, strict=True):
-        for _ in range(parts):
-            over = delta - gap if delta > gap else delta + gap if delta < -gap else 0.0
-            effort = -k * over - d * rate if over else 0.0
-            rate += (effort - pull - (turn + half * delta) * delta) * per_mass
-            delta += h * rate
-        over = delta - gap if delta > gap else delta + gap if delta < -gap else 0.0
-        out.append(-k * over - d * rate if over else 0.0)
-    return np.array(out)
-
-
-def _hanging_link(
-    dt: float, inertia: np.ndarray, load: np.ndarray, slope: np.ndarray, bend: np.ndarray, k: float, d: float
-) -> np.ndarray:
-    """The same without a gap: each row in one step, however stiff and damped the spring is, shape (time,).
-
-    Between two rows the equation is linear, M δ̈ + d δ̇ + (k + slope) δ = -L, up to the small ``bend``, which is taken at
-    the middle of the step: its exact solution needs no steps shorter than a row (exponential integrator; Hochbruck and
-    Ostermann, Acta Numerica 19, 2010).
-    """
-    half, stiffness = 0.5 * d / inertia, (k + slope) / inertia
-    stiffness = np.where(np.abs(stiffness) < TINY, TINY, stiffness)
-    root = np.sqrt(half**2 - stiffness + 0j)
-    root = np.where(np.abs(root) < TINY, TINY, root)
-    slow, fast = np.exp((root - half) * dt), np.exp((-root - half) * dt)
-    even, odd = (0.5 * (slow + fast)).real, (0.5 * (slow - fast) / root).real
-    stays = even + half * odd
-    rows = (
-        stays,
-        odd,
-        -stiffness * odd,
-        even - half * odd,
-        (1.0 - stays) / stiffness / inertia,
-        odd / inertia,
-    )
-    delta, rate, out = -float(load[0]) / k, 0.0, []
-    columns = (x.tolist() for x in (*rows, load, 0.5 * bend))
-    for aa, ab, ba, bb, shift, push, pull, more in zip(*columns, strict=True):
-        middle = delta + 0.5 * dt * rate
-        effort = pull + more * middle * middle
-        delta, rate = aa * delta + ab * rate - shift * effort, ba * delta + bb * rate - push * effort
-        out.append(-k * delta - d * rate)
     return np.array(out)
 
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context, Runtime, StepState
-from s2r_host.gap.motion.align import control_law, unlogged_speed
 from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.servo import servo_of, ticks_of
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.regression.nuisance import BaseParameter
 from s2r_host.gap.simulation.polish import FRICTION_EFFECTS
@@ -143,8 +142,7 @@ class _Plan:
         self.twin, self.s, self.closed = twin, s, closed
         m = self.model = copy.copy(twin.model)
         # The law runs at its own rate between the rows that were kept; time steps divide its period.
-        rate = s.rec.controller.rate_hz if closed else None
-        self.ticks = max(1, round(s.dt * rate)) if rate else 1
+        self.ticks = ticks_of(s) if closed else 1
         self.substeps = max(1, int(np.ceil(s.dt / self.ticks / min(m.opt.timestep, MAX_STEP_S) - 1e-9)))
         m.opt.timestep = self.tick_s = s.dt / self.ticks
         m.opt.timestep /= self.substeps
@@ -161,7 +159,7 @@ class _Plan:
         m.dof_damping[self.dof] *= factor
         m.dof_frictionloss[self.dof] = np.maximum(self.friction, 0.0)
         self.laws = [
-            _law(twin.rigid, s, j, self.ticks) if closed else None for j in range(len(twin.rigid.joints))
+            servo_of(twin.rigid, s, j, self.ticks) if closed else None for j in range(len(twin.rigid.joints))
         ]
         self.pushed = np.repeat(s.pushed, self.ticks, axis=0)
         self.u_rec = np.repeat(np.nan_to_num(s.u), self.ticks, axis=0) - self.pushed
@@ -199,10 +197,7 @@ class _Plan:
         self.integral[:] = 0.0
         for j, law in enumerate(self.laws):
             if law is not None and law.ki and s.has_drive[j]:
-                first = start * self.ticks
-                self.integral[j] = (
-                    s.drive(j)[start] - law.without_integral(first, s.q[start, j], s.v[start, j])
-                ) / law.ki
+                self.integral[j] = law.integral(s, j, start)
 
     def measure(self) -> np.ndarray:
         q = self.data.qpos[self.adr].copy()
@@ -267,42 +262,9 @@ def _scaled(runtime: Runtime, factor: float) -> Runtime:
     return step
 
 
-@dataclass(frozen=True)
-class _Law:
-    kp: float
-    kd: float
-    ki: float
-    q_cmd: np.ndarray
-    dq_cmd: np.ndarray
-    ahead: np.ndarray
-
-    def without_integral(self, i: int, q: float, v: float) -> float:
-        """What is asked for at tick ``i`` from position, speed and what is fed forward [N·m or N]."""
-        return self.kp * (self.q_cmd[i] - q) + self.kd * (self.dq_cmd[i] - v) + self.ahead[i]
-
-
-def _law(rigid: RigidModel, s: Session, joint: int, ticks: int = 1) -> _Law | None:
-    if control_law(rigid, s, joint) is None:
-        return None
-    name, law = rigid.joints[joint], s.rec.controller
-    q_cmd = s.channel("q_cmd", name)
-    assert q_cmd is not None
-    fine = np.arange(len(s.t) * ticks) * (s.dt / ticks)
-    dq_cmd, ahead = s.channel("dq_cmd", name), s.channel("tau_ff", name)
-    if dq_cmd is not None:
-        between = CubicHermiteSpline(s.t, q_cmd, dq_cmd)(np.minimum(fine, s.t[-1]))
-    else:
-        between = np.interp(fine, s.t, q_cmd)
-        dq_cmd = unlogged_speed(law.kind, q_cmd, s.t)
-    return _Law(
-        law.kp[name], law.kd.get(name, 0.0), law.ki.get(name, 0.0), between, np.interp(fine, s.t, dq_cmd),
-        np.zeros(len(fine)) if ahead is None else np.interp(fine, s.t, ahead),
-    )  # fmt: skip
-
-
 def has_loop(rigid: RigidModel, s: Session) -> bool:
     """Is the controller of at least one joint known, so that a closed loop can be simulated?"""
-    return any(_law(rigid, s, j) is not None for j in range(len(rigid.joints)))
+    return any(servo_of(rigid, s, j) is not None for j in range(len(rigid.joints)))
 
 
 def windows(s: Session, length_s: float) -> list[tuple[int, int]]:

@@ -1,0 +1,73 @@
+#include "gap_bindings.hpp"
+
+#include <nanobind/stl/pair.h>
+
+#include <utility>
+
+#include "arrays.hpp"
+#include "two_masses.hpp"
+
+namespace s2r::gap {
+namespace {
+
+using namespace nb::literals;
+using Rows = Doubles<1>;
+
+Link link_of(const Rows& inertia, const Rows& load, const Rows& slope, const Rows& bend) {
+  const std::size_t rows = inertia.shape(0);
+  require(rows > 0 && load.shape(0) == rows && slope.shape(0) == rows && bend.shape(0) == rows,
+          "inertia, load, slope and bend must have a number per row");
+  for (std::size_t i = 0; i < rows; ++i) require(inertia.data()[i] > 0.0, "inertia must be positive");
+  return {inertia.data(), load.data(), slope.data(), bend.data()};
+}
+
+Gear gear_of(double stiffness, double damping, double gap, double dt, double phase) {
+  require(stiffness > 0.0 && damping >= 0.0 && gap >= 0.0 && dt > 0.0 && phase > 0.0,
+          "stiffness, dt and phase must be positive, damping and gap not negative");
+  return {stiffness, damping, gap};
+}
+
+Result behind(double dt, const Rows& inertia, const Rows& load, const Rows& slope, const Rows& bend, double stiffness,
+              double damping, double gap, double phase) {
+  const Link link = link_of(inertia, load, slope, bend);
+  const Gear gear = gear_of(stiffness, damping, gap, dt, phase);
+  const std::size_t rows = inertia.shape(0);
+  return to_array(behind_recorded_motor(static_cast<int>(rows), dt, link, gear, phase), {rows});
+}
+
+std::pair<Result, Result> servoed(double dt, const Rows& inertia, const Rows& load, const Rows& slope,
+                                  const Rows& bend, double stiffness, double damping, double gap, const Rows& q,
+                                  double speed, double motor_inertia, double motor_damping, double friction, double kp,
+                                  double kd, double ki, double low, double high, int ticks, const Rows& q_cmd, const Rows& dq_cmd,
+                                  const Rows& ahead, double integral, double follow, double phase) {
+  const Link link = link_of(inertia, load, slope, bend);
+  const Gear gear = gear_of(stiffness, damping, gap, dt, phase);
+  const std::size_t rows = inertia.shape(0);
+  require(motor_inertia > 0.0 && motor_damping >= 0.0 && friction >= 0.0,
+          "the motor's inertia must be positive, its damping and friction not negative");
+  require(kp >= 0.0 && kd >= 0.0 && ticks >= 1 && follow >= 0.0 && low <= high,
+          "kp, kd and follow must not be negative, ticks one or more, low no more than high");
+  require(q.shape(0) == rows, "q must have a number per row");
+  const std::size_t told = rows * static_cast<std::size_t>(ticks);
+  require(q_cmd.shape(0) == told && dq_cmd.shape(0) == told && ahead.shape(0) == told,
+          "q_cmd, dq_cmd and ahead must have a number per tick");
+  const Motor motor{motor_inertia, motor_damping, friction, speed, q.data()};
+  const Servo servo{kp, kd, ki, ticks, q_cmd.data(), dq_cmd.data(), ahead.data(), low, high, integral, follow};
+  Driven found = under_servo(static_cast<int>(rows), dt, link, gear, motor, servo, phase);
+  return {to_array(std::move(found.q), {rows}), to_array(std::move(found.effort), {rows})};
+}
+
+}  // namespace
+
+void bind_two_masses(nb::module_& m) {
+  m.def("behind_recorded_motor", &behind, nb::kw_only(), "dt"_a, "inertia"_a, "load"_a, "slope"_a, "bend"_a,
+        "stiffness"_a, "damping"_a, "gap"_a, "phase"_a,
+        "Effort that reaches a link behind a motor that moves as recorded, (rows,); see s2r_host.gap.motion.states.");
+  m.def("under_servo", &servoed, nb::kw_only(), "dt"_a, "inertia"_a, "load"_a, "slope"_a, "bend"_a, "stiffness"_a,
+        "damping"_a, "gap"_a, "q"_a, "speed"_a, "motor_inertia"_a, "motor_damping"_a, "friction"_a, "kp"_a, "kd"_a,
+        "ki"_a, "low"_a, "high"_a, "ticks"_a, "q_cmd"_a, "dq_cmd"_a, "ahead"_a, "integral"_a, "follow"_a, "phase"_a,
+        "Position of a motor under its servo and the effort that moves it and its link, (rows,) each;\n"
+        "see s2r_host.gap.motion.servo.");
+}
+
+}  // namespace s2r::gap

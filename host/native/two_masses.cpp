@@ -1,0 +1,97 @@
+#include "two_masses.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+namespace s2r::gap {
+namespace {
+
+constexpr int kMostParts = 4000;  // of a tick: what is stiffer still is as good as rigid, and explodes
+
+int parts_of(double step, double fastest, double phase) {
+  return std::clamp(static_cast<int>(std::ceil(fastest * step / phase)), 1, kMostParts);
+}
+
+double at(const double* x, int row, int rows, double share) {
+  const double here = x[row];
+  return row + 1 < rows ? here + share * (x[row + 1] - here) : here;
+}
+
+}  // namespace
+
+double Gear::effort(double windup, double rate) const noexcept {
+  if (gap == 0.0) return stiffness * windup + damping * rate;
+  if (windup > gap) return std::max(0.0, stiffness * (windup - gap) + damping * rate);
+  if (windup < -gap) return std::min(0.0, stiffness * (windup + gap) + damping * rate);
+  return 0.0;
+}
+
+std::vector<double> behind_recorded_motor(int rows, double dt, const Link& link, const Gear& gear, double phase) {
+  std::vector<double> found(static_cast<std::size_t>(rows));
+  const double lightest = *std::min_element(link.inertia, link.inertia + rows);
+  const double fastest = std::max(std::sqrt(gear.stiffness / lightest), gear.damping / lightest);
+  const int parts = parts_of(dt, fastest, phase);
+  const double h = dt / parts;
+  // The link hangs on the flank that its load at the beginning presses; windup is motor minus link.
+  double windup = std::copysign(gear.gap, link.load[0]) + link.load[0] / gear.stiffness, rate = 0.0;
+  for (int i = 0; i < rows; ++i) {
+    for (int part = 0; part < parts; ++part) {
+      const double share = (part + 0.5) / parts - 1.0;  // between the row before and this one
+      const int from = std::max(i - 1, 0);
+      const double within = i == 0 ? 0.0 : 1.0 + share;
+      const double slope = at(link.slope, from, rows, within) - 0.5 * at(link.bend, from, rows, within) * windup;
+      const double pull = at(link.load, from, rows, within) - slope * windup;
+      rate += h * (pull - gear.effort(windup, rate)) / at(link.inertia, from, rows, within);
+      windup += h * rate;
+    }
+    found[static_cast<std::size_t>(i)] = gear.effort(windup, rate);
+  }
+  return found;
+}
+
+Driven under_servo(int rows, double dt, const Link& link, const Gear& gear, const Motor& motor, const Servo& servo,
+                   double phase) {
+  Driven found{std::vector<double>(static_cast<std::size_t>(rows)), std::vector<double>(static_cast<std::size_t>(rows))};
+  const double lightest = *std::min_element(link.inertia, link.inertia + rows);
+  const double coupled = 1.0 / lightest + 1.0 / motor.inertia;
+  const double fastest = std::max({std::sqrt(gear.stiffness * coupled), gear.damping * coupled,
+                                   std::sqrt(servo.kp / motor.inertia), servo.kd / motor.inertia});
+  const double tick = dt / servo.ticks;
+  const int parts = parts_of(tick, fastest, phase);
+  const double h = tick / parts, most_dry = h / motor.inertia * motor.friction;
+  double q = motor.q[0], v = motor.speed, q_link, v_link = v, integral = servo.integral, beside = 0.0;
+  q_link = q - std::copysign(gear.gap, link.load[0]) - link.load[0] / gear.stiffness;
+  for (int i = 0; i < rows; ++i) {
+    for (int k = 0; k < servo.ticks; ++k) {
+      const int row = i * servo.ticks + k;
+      integral += (servo.q_cmd[row] - q) * tick;
+      const double wanted = servo.kp * (servo.q_cmd[row] - q) + servo.kd * (servo.dq_cmd[row] - v) + servo.ahead[row];
+      const double asked = std::clamp(wanted + servo.ki * integral, servo.low, servo.high);
+      const double recorded = at(motor.q, i, rows, static_cast<double>(k) / servo.ticks);
+      beside += servo.follow * servo.kp * (recorded - q) * tick;
+      for (int part = 0; part < parts; ++part) {
+        const double within = (k + static_cast<double>(part) / parts) / servo.ticks;
+        const double behind = q_link - at(motor.q, i, rows, within);  // of the recorded place, where the load is known
+        const double pull =
+            at(link.load, i, rows, within) +
+            (at(link.slope, i, rows, within) + 0.5 * at(link.bend, i, rows, within) * behind) * behind;
+        const double through = gear.effort(q - q_link, v - v_link);
+        const double drive = asked + beside - motor.damping * v;
+        const double free = v + h / motor.inertia * (drive - through);
+        const double dry = std::clamp(free, -most_dry, most_dry);
+        if (k == 0 && part == 0) {
+          found.q[static_cast<std::size_t>(i)] = q;
+          found.effort[static_cast<std::size_t>(i)] = drive - dry * motor.inertia / h;
+        }
+        v = free - dry;
+        v_link += h * (through - pull) / at(link.inertia, i, rows, within);
+        q += h * v;
+        q_link += h * v_link;
+      }
+    }
+  }
+  return found;
+}
+
+}  // namespace s2r::gap
