@@ -16,7 +16,7 @@ import click
 
 from s2r_conceal.calibrate import REDRAWN, Measured, calibrate, usable
 from s2r_conceal.cases import Case, draw_cases, redraw
-from s2r_conceal.errors import DrawError
+from s2r_conceal.errors import DrawError, SealError
 from s2r_conceal.half_drawn import begin, end, keep, kept
 from s2r_conceal.motions import DURATION_S
 from s2r_conceal.plant import SUBSTEPS
@@ -56,6 +56,7 @@ def draw_set(
     Raises:
         DrawError: ``out`` holds something else, the key would lie inside it or is that of another set, a group is
             unknown, or an interrupted draw was begun with other options.
+        SealError: A file of the set was changed while it was drawn.
     """
     if key_file.resolve().is_relative_to(out.resolve()):
         raise DrawError(f"the key {key_file} would lie inside {out}; keep it apart with --key")
@@ -70,6 +71,12 @@ def draw_set(
         for truths in each(partial(_draw_part, out, substeps, key), firsts, parts):
             answers |= truths
             progress(len(truths))
+    for first in firsts:
+        if kept(out, first, key) is None:
+            raise SealError(
+                f"files of the cases from case-{first:04d} on in {out} were changed while the set was drawn: the same "
+                "command draws these cases anew"
+            )
     publish(out, answers, key)
     end(out, key_file, key)
     return answers

@@ -1,9 +1,10 @@
 """Sealing the answers: a published salted hash commits to them, a key kept apart opens them.
 
 ``answers.sealed`` is JSON in SHAKE-256 counter-free stream encryption (keystream = SHAKE-256(key ‖ nonce), as
-long as the text) under HMAC-SHA-256, encrypt-then-MAC.  Before anything is run, ``manifest.json`` holds
-SHA-256(salt ‖ text) of the answers and SHA-256 of every file the tool gets.  The salt lies inside the key file,
-so the hash cannot be searched by redrawing small seeds.
+long as the text) under HMAC-SHA-256, encrypt-then-MAC.  The text holds the answers and SHA-256 of every file the tool
+gets.  Before anything is run, ``manifest.json`` holds SHA-256(salt ‖ text) and the same hashes of the files in the
+open: who changes a recording can write its new hash there, but not under the seal.  The salt lies inside the key file,
+so the hash cannot be searched by redrawing small seeds.  In sets of schema 1 the text holds the answers alone.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from s2r_conceal.errors import SealError, VerdictsMissingError
+from s2r_protocol.whole_file import write_whole
 
 SEALED, MANIFEST, VERDICTS = "answers.sealed", "manifest.json", "verdicts.json"
+SCHEMA = 2  # from which on the hashes of the files are under the seal
 _TAG_BYTES, _NONCE_BYTES = 32, 16
 
 
@@ -129,16 +132,16 @@ def _tag(body: bytes, key: bytes) -> bytes:
 
 def publish(folder: Path, answers: dict[str, Any], key: Key) -> None:
     """Write ``answers.sealed`` and ``manifest.json`` of a drawn set; the manifest names no seed."""
-    sealed, published = seal(answers, key)
+    files = {case: hashes_of(folder / case) for case in sorted(answers)}
+    sealed, published = seal({"schema": SCHEMA, "answers": answers, "files": files}, key)
     (folder / SEALED).write_bytes(sealed)
-    cases = sorted(p for p in folder.glob("case-*") if p.is_dir())
     manifest = {
-        "schema": 1,
+        "schema": SCHEMA,
         "answers_sha256_salted": published,
         "answers_file_sha256": sha256(sealed),
-        "cases": {c.name: hashes_of(c) for c in cases},
+        "cases": files,
     }
-    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n")
+    write_whole(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
 
 
 def hashes_of(case: Path) -> dict[str, str]:
@@ -180,9 +183,21 @@ def hash_verdicts(folder: Path) -> dict[str, str]:
 
 
 def hashed_verdicts(folder: Path) -> dict[str, str]:
-    """The published hash of every verdict, by case; none before they are published."""
+    """The published hash of every verdict, by case; none before they are published.
+
+    Raises:
+        SealError: The file is there and cannot be read.
+    """
     path = folder / VERDICTS
-    return json.loads(path.read_text())["verdicts"] if path.is_file() else {}
+    if not path.is_file():
+        return {}
+    try:
+        return dict(json.loads(path.read_text())["verdicts"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise SealError(
+            f"{path} cannot be read, so that nobody knows what was hashed: put back its copy, or run the tool over a "
+            "copy of the set without verdicts/ and verdicts.json"
+        ) from error
 
 
 def publish_verdicts(folder: Path) -> str:
@@ -194,7 +209,7 @@ def publish_verdicts(folder: Path) -> str:
     check_hashed(folder)
     hashes = hash_verdicts(folder)
     total = _total(hashes)
-    (folder / VERDICTS).write_text(json.dumps({"total_sha256": total, "verdicts": hashes}, indent=1) + "\n")
+    write_whole(folder / VERDICTS, json.dumps({"total_sha256": total, "verdicts": hashes}, indent=1) + "\n")
     return total
 
 
@@ -251,8 +266,30 @@ def open_answers(folder: Path, key_file: Path) -> dict[str, Any]:
     check_files(folder, manifest)
     check_verdicts(folder, manifest)
     sealed = (folder / SEALED).read_bytes()
-    answers = unseal(sealed, Key.read(key_file), manifest["answers_sha256_salted"])
-    if answers.keys() != manifest["cases"].keys():
-        other = min(answers.keys() ^ manifest["cases"].keys())
+    content = unseal(sealed, Key.read(key_file), manifest["answers_sha256_salted"])
+    answers = content["answers"] if "files" in content else content
+    listed = manifest["cases"]
+    if answers.keys() != listed.keys():
+        other = min(answers.keys() ^ listed.keys())
         raise SealError(f"{MANIFEST} lists other cases than have answers, {other} among them")
+    if "files" in content:
+        _check_listed(listed, content["files"])
+    elif manifest.get("schema") != 1:
+        raise SealError(
+            f"{MANIFEST} was changed: under the seal of this set there are no hashes of its files"
+        )
     return answers
+
+
+def _check_listed(listed: dict[str, dict[str, str]], sealed: dict[str, dict[str, str]]) -> None:
+    for case, files in sealed.items():
+        if listed[case] != files:
+            name = min(k for k in listed[case].keys() | files.keys() if listed[case].get(k) != files.get(k))
+            raise SealError(
+                f"{case}/{name} is not what was drawn: its hash in {MANIFEST} differs from that under the seal"
+            )
+
+
+def files_are_sealed(folder: Path) -> bool:
+    """Whether the seal of a set, once opened, vouches for its recordings and models too."""
+    return read_manifest(folder).get("schema") != 1

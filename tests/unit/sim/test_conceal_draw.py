@@ -165,7 +165,8 @@ def test_the_key_opens_the_drawn_answers(drawn):
     place, answers = drawn
     published = read_manifest(place / "one")["answers_sha256_salted"]
     opened = unseal((place / "one" / "answers.sealed").read_bytes(), Key.read(place / "one.key"), published)
-    assert opened == json.loads(json.dumps(answers))
+    assert opened["answers"] == json.loads(json.dumps(answers))
+    assert opened["files"] == read_manifest(place / "one")["cases"]
 
 
 def test_a_tool_runs_over_the_set_resumably_and_is_scored(drawn, tmp_path):
@@ -248,7 +249,24 @@ def test_an_interrupted_draw_goes_on_to_the_same_set(interrupted, monkeypatch):
     assert {path.name for path in half.iterdir()} == {path.name for path in whole.iterdir()}
     manifest = read_manifest(half)
     opened = unseal((half / "answers.sealed").read_bytes(), Key.read(key), manifest["answers_sha256_salted"])
-    assert opened == json.loads(json.dumps(answers))
+    assert opened["answers"] == json.loads(json.dumps(answers))
+
+
+def test_a_recording_changed_while_the_set_is_drawn_is_not_sealed(tmp_path, monkeypatch):
+    monkeypatch.setitem(draw.BATCH, "one_joint", 1)
+    out = tmp_path / "set"
+
+    def swapped(part, *rest):
+        if (out / "case-0001").is_dir():
+            (out / "case-0001" / "fit.csv").write_text("t,q.joint1\n0,0\n")
+        return record(part, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(draw, "record", swapped)
+        with pytest.raises(SealError, match="from case-0001 on .* changed while the set was drawn"):
+            _draw(out, {"clean": 2}, 0.5)
+    _draw(out, {"clean": 2}, 0.5)
+    assert read_manifest(out)["cases"]["case-0001"]
 
 
 def test_what_is_kept_of_an_interrupted_draw_tells_no_truth(interrupted):

@@ -11,12 +11,14 @@ from s2r_conceal.seal import (
     VERDICTS,
     Key,
     check_files,
+    files_are_sealed,
     hash_verdicts,
     open_answers,
     publish,
     publish_verdicts,
     read_manifest,
     seal,
+    sha256,
     unseal,
 )
 
@@ -162,6 +164,59 @@ def test_a_recording_changed_after_drawing_is_noticed(sealed_set):
     (folder / "case-0002" / "fit.csv").write_text("t,q.joint1\n0,1\n")
     with pytest.raises(SealError, match=r"case-0002/fit\.csv was changed"):
         check_files(folder, read_manifest(folder))
+
+
+@pytest.mark.parametrize("schema", [1, 2])
+def test_a_recording_changed_together_with_its_hash_is_noticed(sealed_set, schema):
+    folder, key = sealed_set
+    publish_verdicts(folder)
+    path = folder / "case-0002" / "fit.csv"
+    path.write_text("t,q.joint1\n0,1\n")
+    manifest = json.loads((folder / MANIFEST).read_text())
+    manifest["cases"]["case-0002"]["fit.csv"] = sha256(path.read_bytes())
+    (folder / MANIFEST).write_text(json.dumps(manifest | {"schema": schema}))
+    check_files(folder, read_manifest(folder))
+    with pytest.raises(SealError, match=r"case-0002/fit\.csv is not what was drawn"):
+        open_answers(folder, key)
+
+
+def test_a_file_that_the_manifest_no_longer_lists_is_noticed(sealed_set):
+    folder, key = sealed_set
+    publish_verdicts(folder)
+    manifest = json.loads((folder / MANIFEST).read_text())
+    manifest["cases"]["case-0001"] = {}
+    (folder / MANIFEST).write_text(json.dumps(manifest))
+    with pytest.raises(SealError, match=r"case-0001/fit\.csv is not what was drawn"):
+        open_answers(folder, key)
+
+
+def _as_an_older_version(folder, key_file):
+    sealed, published = seal(ANSWERS, Key.read(key_file))
+    (folder / SEALED).write_bytes(sealed)
+    manifest = read_manifest(folder) | {"schema": 1, "answers_sha256_salted": published}
+    (folder / MANIFEST).write_text(json.dumps(manifest))
+
+
+def test_a_set_of_an_older_version_is_still_opened_and_told_apart(sealed_set):
+    folder, key = sealed_set
+    assert files_are_sealed(folder)
+    _as_an_older_version(folder, key)
+    publish_verdicts(folder)
+    assert open_answers(folder, key) == ANSWERS
+    assert not files_are_sealed(folder)
+    (folder / MANIFEST).write_text(json.dumps(read_manifest(folder) | {"schema": 2}))
+    with pytest.raises(SealError, match="no hashes of its files"):
+        open_answers(folder, key)
+
+
+def test_verdict_hashes_that_were_cut_off_are_refused_with_the_next_step(sealed_set):
+    folder, key = sealed_set
+    publish_verdicts(folder)
+    text = (folder / VERDICTS).read_text()
+    (folder / VERDICTS).write_text(text[: len(text) // 2])
+    for ask in (lambda: publish_verdicts(folder), lambda: open_answers(folder, key)):
+        with pytest.raises(SealError, match=r"verdicts\.json cannot be read"):
+            ask()
 
 
 def test_a_hash_changed_in_the_manifest_is_noticed(sealed_set):
