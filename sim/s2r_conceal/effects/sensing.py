@@ -29,11 +29,13 @@ class _EncoderOffset(Hook):
 class _Eccentricity(Hook):
     """Measured position errs by ``amplitude sin(order q + phase)``; its speed by the derivative."""
 
+    order = 70  # turns with what it measures, a motor behind a spring or play as well as a joint
+
     def sense(self, s: State, q: np.ndarray, dq: np.ndarray) -> None:
-        angle = self.p["order"] * s.q[self.idx] + self.p["phase"]
+        angle = self.p["order"] * q[self.idx] + self.p["phase"]
         self.contribution = self.p["amplitude"] * np.sin(angle)
         q[self.idx] += self.contribution
-        dq[self.idx] += self.p["amplitude"] * self.p["order"] * np.cos(angle) * s.v[self.idx]
+        dq[self.idx] += self.p["amplitude"] * self.p["order"] * np.cos(angle) * s.v_motor[self.idx]
 
 
 def _late(trace: Trace, joint: int, values: dict[str, float]) -> None:

@@ -41,17 +41,17 @@ def build_hooks(columns: Sequence[Column], state: State) -> list[Hook]:
         for position_, active in enumerate(column.effects):
             if EFFECTS[active.name].hook is not None:
                 members[active.name].append((c, position_, active))
+    kinds = {name: kind for name in EFFECTS if name in members and (kind := EFFECTS[name].hook) is not None}
     hooks = []
-    for name in sorted(members, key=lambda n: list(EFFECTS).index(n)):
+    # They begin in the order in which they act: a motor stands where an offset of the encoder has put its load.
+    for name, kind in sorted(kinds.items(), key=lambda item: item[1].order):
         group = members[name]
         idx = np.array([c * state.joints + active.joint for c, _, active in group])
         values = {k: np.array([active.values[k] for _, _, active in group]) for k in group[0][2].values}
-        kind = EFFECTS[name].hook
-        assert kind is not None
         hook = kind(idx, values, state)
         hook.owners = [(c, position_) for c, position_, _ in group]
         hooks.append(hook)
-    return sorted(hooks, key=lambda hook: hook.order)
+    return hooks
 
 
 def finish_log(trace: Trace, effects: Sequence[Active]) -> Trace:

@@ -44,7 +44,9 @@ class _TwoMass(Hook):
     def sense(self, s: State, q: np.ndarray, dq: np.ndarray) -> None:
         at_motor = self.p["encoder_at_motor"] > 0.5
         dq[self.idx] += self.speed - s.v[self.idx]  # speed is sensed at the motor, as drives do
-        q[self.idx] = np.where(at_motor, self._angle, q[self.idx])
+        q[self.idx] += np.where(
+            at_motor, self._angle - s.q[self.idx], 0.0
+        )  # on top of what the encoder errs by
 
 
 class _Elasticity(_TwoMass):

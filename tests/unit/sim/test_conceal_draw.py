@@ -263,7 +263,7 @@ def test_a_recording_changed_while_the_set_is_drawn_is_not_sealed(tmp_path, monk
 
     with monkeypatch.context() as patch:
         patch.setattr(draw, "record", swapped)
-        with pytest.raises(SealError, match="from case-0001 on .* changed while the set was drawn"):
+        with pytest.raises(SealError, match=r"from case-0001 on .* changed while the set was drawn"):
             _draw(out, {"clean": 2}, 0.5)
     _draw(out, {"clean": 2}, 0.5)
     assert read_manifest(out)["cases"]["case-0001"]

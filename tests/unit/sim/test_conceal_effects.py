@@ -340,6 +340,23 @@ def test_encoder_offset_looks_like_a_tilt_of_gravity(runs):
     assert _extra(runs, "encoder_offset")[chosen] == pytest.approx(expected[chosen], abs=0.03)
 
 
+@pytest.mark.parametrize("sensor", ["encoder_offset", "encoder_eccentricity"])
+@pytest.mark.parametrize("between", ["joint_elasticity", "backlash"])
+def test_an_encoder_at_the_motor_errs_as_one_at_the_joint(sensor, between):
+    erring, behind = (Active(name, 0, SET_BY_HAND[name]) for name in (sensor, between))
+    rigid, beside = simulate(RIG, [_column([erring]), _column([erring, behind])], substeps=4)
+    alone = simulate(RIG, [_column(), _column([behind])], substeps=4)
+    chosen = _steady(-1)
+    wanted = (rigid.tau_commanded - alone[0].tau_commanded)[chosen, 0]
+    assert np.abs(wanted).mean() > 1e-3
+    # Behind a windup the same error is met a little earlier or later on the way.
+    assert (beside.tau_commanded - alone[1].tau_commanded)[chosen, 0].mean() == pytest.approx(
+        wanted.mean(), rel=0.25
+    )
+    windup = beside.contributions[1] if between == "joint_elasticity" else np.zeros(1)
+    assert np.abs(windup[:100]).max() < 0.02  # at rest when the recording begins
+
+
 def test_eccentric_encoder_errs_once_or_twice_per_turn(runs):
     error = runs["encoder_eccentricity"].contributions[0]
     assert np.abs(error).max() <= 0.02 + 1e-9
