@@ -60,6 +60,7 @@ class Trace:
         tau_measured: What the drive reports: after delay, lag and clip, before a wrong torque constant.
         temp_C: Motor temperature.
         contributions: Per effect of the column, in order, the size of its contribution, shape (ticks,).
+        lsb: Encoder step, shape (joints,); None of a run without noise and quantisation.
     """
 
     q: np.ndarray
@@ -68,6 +69,7 @@ class Trace:
     tau_measured: np.ndarray
     temp_C: np.ndarray
     contributions: list[np.ndarray] = field(default_factory=list)
+    lsb: np.ndarray | None = None
 
 
 class Hook(Protocol):
@@ -308,6 +310,7 @@ class _Plant:
             q, dq, asked, reported, temp = (np.ascontiguousarray(log[:, part]) for log in logs)
             traces.append(Trace(q, dq, asked, reported, temp))
             traces[c].contributions = [np.zeros(0, np.float32)] * len(self.columns[c].effects)
+            traces[c].lsb = None if self.columns[c].noise is None else self.columns[c].sensing.lsb
         for hook, log in zip(self.hooks, contributions, strict=True):
             for k, (column, position) in enumerate(hook.owners):
                 traces[column].contributions[position] = log[:, k]

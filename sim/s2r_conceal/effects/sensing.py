@@ -39,10 +39,12 @@ class _Eccentricity(Hook):
 
 
 def _late(trace: Trace, joint: int, values: dict[str, float]) -> None:
-    """Position and velocity recorded ``delay`` late; linear between control ticks."""
+    """Position and velocity recorded ``delay`` late; linear between control ticks, in whole steps of the encoder."""
     t = np.arange(len(trace.q)) / RATE_HZ
-    for channel in (trace.q, trace.dq):
-        channel[:, joint] = np.interp(t - values["delay"], t, channel[:, joint])
+    late = t - values["delay"]
+    q, trace.dq[:, joint] = (np.interp(late, t, channel[:, joint]) for channel in (trace.q, trace.dq))
+    # A recorder gets counts however late it is: values between them would give the effect away.
+    trace.q[:, joint] = q if trace.lsb is None else np.rint(q / trace.lsb[joint]) * trace.lsb[joint]
 
 
 def _speed(trace: Trace, joint: int, values: dict[str, float]) -> np.ndarray:

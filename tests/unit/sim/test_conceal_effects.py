@@ -369,6 +369,14 @@ def test_late_stamps_shift_position_but_not_effort(runs):
     assert late.q[_steady(-1)] == pytest.approx(prompt.q[_steady(-1)] + 0.02 * SPEED, abs=1e-4)
 
 
+def test_late_positions_are_whole_steps_of_the_encoder_as_all_others():
+    effects = [Active("clock_skew", 0, {"delay": 0.0123})]
+    columns = [replace(_column(e), noise=(1, 2, 3)) for e in ([], effects)]
+    for column, trace in zip(columns, simulate(RIG, columns, substeps=1), strict=True):
+        steps = finish_log(trace, column.effects).q.astype(float) / column.sensing.lsb
+        assert np.abs(steps - np.rint(steps)).max() < 0.01
+
+
 @pytest.mark.parametrize("name", ["actuator_delay", "bandwidth"])
 def test_late_effort_lags_by_its_time(name):
     t = np.arange(1200)[:, None] / RATE_HZ
