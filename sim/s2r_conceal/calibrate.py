@@ -308,7 +308,7 @@ def _search_parameters(
 ) -> None:
     """Scale ``relative`` of every wrong parameter until the model's prediction misses by the target."""
     chosen = [i for i, c in enumerate(cases) if c.parameters_off]
-    for _ in range(4):
+    for left in (4, 3, 2, 1, 0):  # values to try after this one; the last run says what the last one does
         machines: list[tuple[Machine, Controller]] = [with_parameters_off(cases[i]) for i in chosen]
         trial = [
             replace(cases[i], machine=m, controller=c) for i, (m, c) in zip(chosen, machines, strict=True)
@@ -319,5 +319,5 @@ def _search_parameters(
             measured[i].strength[0] = strength
             entry = cases[i].parameters_off[0]
             wanted = float(entry["relative"]) * np.clip(cases[i].targets[0] / strength, 0.2, 5.0)
-            if abs(np.log(cases[i].targets[0] / strength)) > 0.07:
+            if left and abs(np.log(cases[i].targets[0] / strength)) > 0.07:
                 entry["relative"] = float(np.clip(wanted, -0.6, 1.5))

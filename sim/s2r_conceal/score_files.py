@@ -25,7 +25,7 @@ def score_folder(folder: Path, key_file: Path, out: Path) -> str:
     answers = open_answers(folder, key_file)
     scores = [_score(folder, case, truth) for case, truth in answers.items() if truth["stable"]]
     lines = table(scores)
-    text = markdown(lines, scores)
+    text = markdown(lines, scores) + left_out(answers)
     out.mkdir(parents=True, exist_ok=True)
     (out / "score.md").write_text(text)
     body = {
@@ -41,6 +41,16 @@ def score_folder(folder: Path, key_file: Path, out: Path) -> str:
 
     plot_page(scores, out / "score.svg")
     return text
+
+
+def left_out(answers: dict[str, Any]) -> str:
+    """A line that names the cases that do not count; nothing where all do."""
+    unstable = [case for case, truth in answers.items() if not truth["stable"]]
+    if not unstable:
+        return ""
+    return (
+        f"\nLeft out of {len(answers)} cases, as their simulation became unstable: {', '.join(unstable)}.\n"
+    )
 
 
 def _score(folder: Path, case: str, truth: dict[str, Any]) -> CaseScore:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ def model_file(case: Case) -> str:
     """The MJCF: stated values, plus the effects that a decoy has already built in."""
     told, _ = with_parameters_off(case)
     told = altered_machine(case.rig, told, case.in_model)
+    told = replace(told, coulomb=told.coulomb.copy())  # the case's own stays what was believed before
     attributes: list[dict[str, str]] = [{"stiffness": "0", "springref": "0"} for _ in case.rig.joint_names]
     for active in case.in_model:
         if active.name == "coulomb_friction":

@@ -25,7 +25,7 @@ from s2r_conceal.rigs import rig_named
 from s2r_conceal.run import run_all
 from s2r_conceal.score_files import read_track, score_folder
 from s2r_conceal.seal import Key, read_manifest, unseal
-from s2r_conceal.write import sidecar
+from s2r_conceal.write import model_file, sidecar
 
 COUNTS = {"single": 2, "clean": 3, "masked": 2, "insufficient": 1}
 FILES = {"model.xml", *(f"{r}.{k}" for r in ("fit", "repeat", "holdout") for k in ("csv", "yaml"))}
@@ -159,6 +159,26 @@ def test_calibrated_strengths_are_near_their_targets():
         assert 0.9 * case.targets[0] < measured.strength[0]
         assert measured.strength[0] < 1.1 * case.targets[0] or lifted
         assert 0.0 <= measured.distinct[0] <= 1.05 * measured.strength[0]
+
+
+def test_the_strength_of_a_wrong_value_is_that_of_the_value_in_the_file():
+    cases = [c for c in draw_cases(8, "one_joint", {"clean": 30}, 2.0) if c.parameters_off]
+    for case in cases:
+        case.parameters_off[0]["relative"] = 1e-5  # so far off that the search does not get there
+    told = calibrate(cases)
+    written = [c.parameters_off[0]["relative"] for c in cases]
+    for case, measured in zip(cases, told, strict=True):
+        case.targets = [measured.strength[0]]  # a search for what is there already changes nothing
+    calibrate(cases)
+    assert [c.parameters_off[0]["relative"] for c in cases] == written
+
+
+def test_the_model_file_of_a_case_is_the_same_each_time():
+    cases = draw_cases(8, "one_joint", {"clean": 60}, 2.0)
+    built_in = [c for c in cases if any(a.name == "coulomb_friction" for a in c.in_model)]
+    assert built_in
+    for case in built_in:
+        assert model_file(case) == model_file(case)
 
 
 def test_the_key_opens_the_drawn_answers(drawn):

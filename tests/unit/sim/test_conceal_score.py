@@ -5,7 +5,7 @@ import pytest
 
 from s2r_conceal.score import calibration_error, confusion, coverage, reliability, table, wilson
 from s2r_conceal.score_case import score_case
-from s2r_conceal.score_files import markdown
+from s2r_conceal.score_files import left_out, markdown
 from s2r_conceal.score_parameters import true_values
 
 T = np.arange(0.0, 10.0, 0.01)
@@ -247,3 +247,9 @@ def test_a_wrong_number_holds_its_set_where_it_stands():
     other = {"name": "mass", "body": "link", "could_also_be": ["backlash"]}  # a second entry adds nothing
     both = _score(truth, _named(verdict="parameter_off", parameters_off=[off, other]))
     assert (both.in_set, both.set_size) == (False, 1)
+
+
+def test_cases_that_became_unstable_are_named_below_the_table():
+    answers = {"case-0001": _truth(), "case-0002": _truth() | {"stable": False}}
+    assert left_out(answers) == ("\nLeft out of 2 cases, as their simulation became unstable: case-0002.\n")
+    assert left_out({"case-0001": _truth()}) == ""
