@@ -16,12 +16,14 @@ def conceal() -> None:
 
 
 def _counts(_context: click.Context, _option: click.Parameter, text: str) -> dict[str, int]:
-    counts = {}
+    counts: dict[str, int] = {}
     for part in filter(None, text.split(",")):
-        name, _, number = part.partition("=")
-        if not number.isdigit():
+        name, _, number = (word.strip() for word in part.partition("="))
+        if not (number.isascii() and number.isdigit()):
             raise click.BadParameter(f"'{part}': write GROUP=NUMBER, e.g. single=60,clean=30")
-        counts[name.strip()] = int(number)
+        if name in counts:
+            raise click.BadParameter(f"'{part}': {name} is asked for twice")
+        counts[name] = int(number)
     if not any(counts.values()):
         raise click.BadParameter(f"{text!r}: that is no case at all; ask for at least one, as in clean=1")
     return counts

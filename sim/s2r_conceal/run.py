@@ -152,7 +152,10 @@ def _batch_verdict(out: Path) -> dict[str, Any] | None:
 
 
 def _program(command: str) -> list[str]:
-    words = shlex.split(command)
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise ConcealError(f"--command {command!r}: {error}; close every quotation mark") from error
     program = shutil.which(words[0]) if words else None
     if program is None:
         raise ConcealError(f"--command '{command}': no such program on the path")

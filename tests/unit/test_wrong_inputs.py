@@ -73,6 +73,8 @@ CASES = [
     ("conceal draw --workers 0 --out {tmp}/c", USAGE, "0 is not in the range x>=1"),
     ("build-model --before {junk} --after {empty} --seed -1 --out {tmp}/m", USAGE, "-1 is not in the range x>=0"),
     ("conceal draw --seed -1 --out {tmp}/c", USAGE, "-1 is not in the range x>=0"),
+    ("conceal draw --cases clean=² --out {tmp}/c", USAGE, "'clean=²': write GROUP=NUMBER"),
+    ("conceal draw --cases clean=1,clean=2 --out {tmp}/c", USAGE, "'clean=2': clean is asked for twice"),
     ("conceal draw --duration nan --out {tmp}/c", USAGE, "--duration': nan is not a finite number"),
     ("bench paper --trials 1 --pace nan --out {tmp}/b", USAGE, "--pace': nan is not a finite number"),
     ("bench paper --trials 1 --run-options 'open --out {tmp}/b", USAGE, "--run-options.*close every quotation"),

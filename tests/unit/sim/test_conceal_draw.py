@@ -217,6 +217,11 @@ def test_a_tool_runs_over_the_set_resumably_and_is_scored(drawn, tmp_path):
     }
 
 
+def test_a_command_with_an_open_quotation_is_named(drawn):
+    with pytest.raises(ConcealError, match=r"--command .*No closing quotation"):
+        run_all(drawn[0] / "one", "gap 'x", 1, 10.0, _Bar())
+
+
 def test_a_tool_that_does_not_exist_is_named(drawn):
     with pytest.raises(ConcealError, match="no such program"):
         run_all(drawn[0] / "one", "no-such-tool-anywhere", 1, 10.0, _Bar())
