@@ -14,7 +14,7 @@ test:   ## set up everything, then run what CI runs
 test-learn: ## the tests of training: they need PyTorch, some gigabytes that `make test` does without
 	scripts/bootstrap test
 	.venv/bin/uv pip install --quiet --python .venv/bin/python --requirements pyproject.toml --extra learn
-	.venv/bin/python -m pytest -q -n 2 --dist loadfile $$(grep -rl "extra 'learn'" tests)
+	.venv/bin/python -m pytest -q -n 2 --dist loadfile $$(grep -rl --include='test_*.py' "extra 'learn'" tests)
 
 prove:  ## every fault, every long proof (table into docs/safety.md), the executor on a kernel CAN bus
 	scripts/bootstrap test
