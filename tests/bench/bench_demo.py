@@ -1,7 +1,7 @@
 """`python tests/bench/bench_demo.py --seeds 1-10`: the demo over many hidden drawers, as a markdown table.
 
 Each seed runs `s2r demo --json` in a folder of its own; finished seeds are kept and skipped, so an interrupted
-run resumes. The truth in the table is opened by the demo only after the host has finished.
+run resumes with the same options. The truth in the table is opened by the demo only after the host has finished.
 """
 
 import argparse
@@ -10,6 +10,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+
+from s2r_protocol.cli.conditions import keep_to
+from s2r_protocol.exits import UsageError
 
 
 def _seeds(text):
@@ -48,6 +51,10 @@ def _row(s):
     )
 
 
+def _within(delta):
+    return delta is not None and abs(delta) <= 0.005
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=_seeds, default=_seeds("1-10"))
@@ -56,6 +63,11 @@ def main():
     parser.add_argument("--pace", type=float, default=1.0, help="simulated over real seconds")
     parser.add_argument("--out", type=Path, default=Path("runs/bench-demo"))
     options = parser.parse_args()
+    conditions = {name: getattr(options, name) for name in ("target", "reactive", "pace")}
+    try:
+        keep_to(conditions, options.out / "seeds", begun=any(options.out.glob("seed-*/demo.json")))
+    except UsageError as error:
+        parser.error(str(error))
     print(
         "| seed | exit | δ first attempt, mm | δ true, mm | δ_r true, % | δ by camera, mm | attempts | wall, s |"
     )
@@ -64,7 +76,7 @@ def main():
     for seed in options.seeds:
         results.append(_run(seed, options.out, options.target, more))
         print(_row(results[-1]), flush=True)
-    good = [s for s in results if s["exit_code"] == 0 and abs(s.get("delta_true") or 1.0) <= 0.005]
+    good = [s for s in results if s["exit_code"] == 0 and _within(s.get("delta_true"))]
     print(f"\n|δ| ≤ 5 mm: {len(good)} of {len(results)}")
 
 

@@ -164,6 +164,8 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=10.0)
     parser.add_argument("--full", action="store_true", help="with forward simulation, baselines, report")
     arguments = parser.parse_args()
+    if unknown := [name for name in arguments.only.split(",") if name not in CASES]:
+        parser.error(f"--only names '{unknown[0]}'; cases are {', '.join(CASES)}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     config = arguments.out / "gap.yaml"
     config.write_text("" if arguments.full else NAMES_ONLY, encoding="utf-8")

@@ -8,15 +8,15 @@
     python tests/bench/bench_gap_concealed.py pooled DIR/score [DIR/score ...]
 
 ``run`` draws a set, runs the tool over it and scores it, in that order; without ``--seed`` the seed is random and
-stands only in the key file. It may be stopped and started again. Commit before drawing: the commit is written beside
-the table. Without ``--full`` the tool gives names, places and parameters only, without forward simulations,
-baselines, next experiments and reports, at a few seconds per case. ``calibrate`` reads the temperatures and the
-ceiling of the stated probabilities from scored tuning sets; ``shuffled`` scores the same verdicts with the true
-names dealt out anew: the accuracy must fall to chance; ``ablate`` runs the single cases of three floors and more
-that were named rightly once more without the true effect in the catalogue: the answer must turn to "unknown" at the
-same joint; ``alone`` runs the clean, unknown and single cases of three floors and more without their second runs of the
-motion, as most logs are; ``pooled`` is the table over the cases of several scored sets together. Budget: 60 s per case
-for one joint and 20 s of data, on two cores.
+stands only in the key file. It may be stopped and started again, with the same options. Commit before drawing: the
+commit is written beside the table, and every other one with which the set was gone on with. Without ``--full`` the tool
+gives names, places and parameters only, without forward simulations, baselines, next experiments and reports, at a few
+seconds per case. ``calibrate`` reads the temperatures and the ceiling of the stated probabilities from scored tuning
+sets; ``shuffled`` scores the same verdicts with the true names dealt out anew: the accuracy must fall to chance;
+``ablate`` runs the single cases of three floors and more that were named rightly once more without the true effect in
+the catalogue: the answer must turn to "unknown" at the same joint; ``alone`` runs the clean and unknown cases and the
+single ones of three floors and more without their second runs of the motion, as most logs are; ``pooled`` is the table
+over the cases of several scored sets together. Budget: 60 s per case for one joint and 20 s of data, on two cores.
 """
 
 import argparse
@@ -54,8 +54,11 @@ def run(arguments: argparse.Namespace) -> None:
     out: Path = arguments.out
     out.mkdir(parents=True, exist_ok=True)
     folder, key = out / "set", out / "key.json"
+    if (folder / "manifest.json").is_file():
+        check_asked(arguments, json.loads(key.read_text(encoding="utf-8"))["drawn_with"])
+    if not (folder / "verdicts.json").is_file():
+        note_commit(out / "commit")
     if not (folder / "manifest.json").is_file():
-        (out / "commit").write_text(commit() + "\n", encoding="utf-8")
         seed = [] if arguments.seed is None else ["--seed", str(arguments.seed)]
         parts = ["--rig", arguments.rig, "--cases", arguments.cases, "--workers", str(arguments.workers)]
         parts += ["--duration", str(arguments.duration)]
@@ -69,7 +72,26 @@ def run(arguments: argparse.Namespace) -> None:
     words = ["conceal", "run", str(folder), "--batch", "--workers", str(arguments.workers), "--command", tool]
     subprocess.run([*S2R, *words, *more], check=True)
     subprocess.run([*S2R, "conceal", "score", folder, "--key", key, "--out", out / "score"], check=True)
-    print("tool commit", (out / "commit").read_text(encoding="utf-8").strip())
+    print("tool commit", ", then ".join((out / "commit").read_text(encoding="utf-8").split("\n")[:-1]))
+
+
+def check_asked(arguments: argparse.Namespace, drawn_with: dict) -> None:
+    """Refuse to go on with a set that was drawn with other options."""
+    counts = (part.partition("=") for part in arguments.cases.split(",") if part)
+    asked = {"rig": arguments.rig, "cases": {name.strip(): int(n) for name, _, n in counts}}
+    asked |= {"duration_s": arguments.duration}
+    asked |= {} if arguments.seed is None else {"seed": arguments.seed}
+    for name, value in asked.items():
+        if drawn_with[name] != value:
+            told = "another seed" if name == "seed" else f"{name} {drawn_with[name]!r}, not {value!r}"
+            sys.exit(f"the set in {arguments.out} was drawn with {told}: give the same, or another --out")
+
+
+def note_commit(path: Path) -> None:
+    """Add the commit of the tool to those that are noted, where it is another one than the last."""
+    noted = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    if noted[-1:] != [now := commit()]:
+        path.write_text("\n".join([*noted, now]) + "\n", encoding="utf-8")
 
 
 def named_cases(score: Path) -> list[dict]:
@@ -163,18 +185,22 @@ def ablate(arguments: argparse.Namespace) -> None:
 
 
 def _answered(place: Path, roles: tuple[str, ...], config: Path, out: Path) -> dict:
-    """gap.json of one case, from so many of its recordings."""
+    """gap.json of one case, from so many of its recordings; without a name where the tool gives none."""
+    answer = out / "gap.json"
+    answer.unlink(missing_ok=True)  # of an earlier case, or of earlier code
     files = [f"--{role}={place / role}.csv" for role in roles]
     parts = ["gap", f"--model={place / 'model.xml'}", *files, f"--config={config}", f"--out={out}"]
-    subprocess.run([*S2R, *parts], check=False, capture_output=True)
-    return json.loads((out / "gap.json").read_text(encoding="utf-8"))
+    ended = subprocess.run([*S2R, *parts], check=False, capture_output=True)
+    if not answer.is_file():
+        return {"verdict": f"exit {ended.returncode}", "effects": [], "parameters_off": [], "where": []}
+    return json.loads(answer.read_text(encoding="utf-8"))
 
 
 def alone(arguments: argparse.Namespace) -> None:
     """What is named, invented and left unknown where no second run gives the noise floor."""
     score: Path = arguments.score
     cases = json.loads((score / "score.json").read_text(encoding="utf-8"))["cases"]
-    kept = [c for c in cases if c["group"] in ("clean", "unknown") or (c["group"] == "single" and c["clear"])]
+    kept = [c for c in cases if asked_alone(c)]
     folder, out = score.parent / "set", score.parent / "alone"
     out.mkdir(exist_ok=True)
     config = out / "names.yaml"
@@ -189,7 +215,10 @@ def alone(arguments: argparse.Namespace) -> None:
             true = case["truth_names"][0]
             right = said[:1] == [true] or (not said and true in EITHER_LIST and true in numbers)
         else:  # clean: nothing named and nothing called unknown; unknown: no name
-            right = not said and (case["group"] == "unknown" or gap["verdict"] != "unknown")
+            answered = not gap["verdict"].startswith(
+                "exit"
+            )  # a tool that fails has not rightly named nothing
+            right = answered and not said and (case["group"] == "unknown" or gap["verdict"] != "unknown")
         found[case["group"]].append(right)
         words = ", ".join(said or numbers)
         print(
@@ -200,6 +229,13 @@ def alone(arguments: argparse.Namespace) -> None:
         f"single, first name right {sum(found['single'])} of {len(found['single'])}; clean without an alarm "
         f"{sum(found['clean'])} of {len(found['clean'])}; unknown without a name {sum(found['unknown'])} of "
         f"{len(found['unknown'])}"
+    )
+
+
+def asked_alone(case: dict) -> bool:
+    """Clean, outside the catalogue, or a single effect of three floors and more."""
+    return case["group"] in ("clean", "unknown") or (
+        case["group"] == "single" and case["strength"] >= LEAST_STRENGTH
     )
 
 
@@ -246,7 +282,10 @@ def main() -> None:
     four.add_argument("scores", type=Path, nargs="+")
     four.set_defaults(run=pooled)
     arguments = parser.parse_args()
-    arguments.run(arguments)
+    try:
+        arguments.run(arguments)
+    except subprocess.CalledProcessError as error:
+        sys.exit(error.returncode)  # it has said why
 
 
 if __name__ == "__main__":

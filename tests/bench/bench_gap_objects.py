@@ -19,7 +19,7 @@ import tempfile
 from pathlib import Path
 
 from gap_objects.hidden import HIDDEN
-from gap_objects.one import asked, felt, folder_of
+from gap_objects.one import asked, felt, folder_of, of_another_seed
 from gap_objects.score import brief, judged, table
 from gap_objects.strength import FELT, at_stop, strength
 
@@ -55,8 +55,18 @@ def main() -> None:
     parser.add_argument("--unasked", action="store_true", help="only run: nothing is asked, nothing opened")
     parser.add_argument("--json", action="store_true", help="print the rows")
     options = parser.parse_args()
+    for option, given, there in (
+        ("--only", options.only.split(","), list(HIDDEN)),
+        ("--kinds", options.kinds.split(","), ["drawer", "laptop", "faucet"]),
+    ):
+        if unknown := [name for name in given if name not in there]:
+            parser.error(f"{option} names '{unknown[0]}'; there are {', '.join(there)}")
     out = str(options.out)
     todo = cases(options.each, options.clean, options.only.split(","), options.kinds.split(","))
+    if other := [folder for case in todo if (folder := of_another_seed(options.out, *case, options.seed))]:
+        parser.error(
+            f"{other[0]} holds an object of another --seed, or of another program: give another --out"
+        )
     with tempfile.TemporaryDirectory() as results:  # what lasts is in the objects' folders
         run = [(out, *case, options.seed, options.felt_again) for case in todo]
         run_jobs(felt, run, Path(results) / "runs.jsonl", options.jobs, "objects")

@@ -49,6 +49,8 @@ def run_case(case: Case, out: Path, tool: str) -> tuple[dict | None, str]:
         if not path.is_file():
             return None, f"{path.name} is missing"
         digest.update(path.read_bytes())
+        beside = path.with_suffix(".yaml")  # what a recording's columns are
+        digest.update(beside.read_bytes() if beside.is_file() else b"")
     digest.update(json.dumps(case.config).encode())
     stamp, answer = folder / "stamp", folder / "gap.json"
     if answer.is_file() and stamp.is_file() and stamp.read_text(encoding="utf-8") == digest.hexdigest():

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_perception import frames, runtime, transport_mm, true_motion
+from bench_perception import frames, runtime, transport_mm, true_motion, weights_hash
 from scipy.optimize import minimize
 
 from s2r_host.perception import AbstainError, BadViewError
@@ -28,6 +28,7 @@ from s2r_host.perception.evidence import Scene
 from s2r_host.perception.network_belief import Trust
 from s2r_host.perception.pair_network import ABOUT, PairNetworkRuntime
 from s2r_host.perception.ranking import EVIDENCE_SCALE
+from s2r_protocol.exits import UsageError
 from s2r_sim.batch import run_jobs
 from s2r_sim.objects.pairs import Pair, draw_pair
 from s2r_sim.objects.splits import Split
@@ -119,7 +120,11 @@ def main() -> None:
     jobs = [
         (kind, seed) for seed in range(args.first, args.first + args.count) for kind in args.kinds.split(",")
     ]
-    rows = run_jobs(partial(measure, str(args.weights)), jobs, args.out / "rows.jsonl", args.jobs, "pairs")
+    work, conditions = partial(measure, str(args.weights)), {"--weights": weights_hash(args.weights)}
+    try:
+        rows = run_jobs(work, jobs, args.out / "rows.jsonl", args.jobs, "pairs", conditions=conditions)
+    except UsageError as error:
+        parser.error(str(error))
     trust, without, with_it = fit(rows)
     about = json.loads((args.weights / ABOUT).read_text())
     about["trust"] = vars(trust)

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import hashlib
 import json
 import time
 from collections.abc import Callable
@@ -53,9 +54,10 @@ from s2r_host.perception.estimate import (
 )
 from s2r_host.perception.evidence import Scene
 from s2r_host.perception.motion import line_distance
-from s2r_host.perception.pair_network import PairNetworkRuntime
+from s2r_host.perception.pair_network import WEIGHTS, PairNetworkRuntime
 from s2r_host.perception.verdict import KNOWN_TO, VAGUELY
 from s2r_host.perception.view import DepthView
+from s2r_protocol.exits import UsageError
 from s2r_sim.batch import run_jobs
 from s2r_sim.objects.pairs import Pair, draw_pair
 from s2r_sim.objects.splits import Split
@@ -171,6 +173,14 @@ def answer(route: str, looked: Looked, weights: str | None, seed: int) -> JointE
 def runtime(weights: str | None) -> PairNetworkRuntime:
     """The pair network, once per process."""
     return PairNetworkRuntime() if weights is None else PairNetworkRuntime(Path(weights))
+
+
+def weights_hash(folder: Path) -> str:
+    """Of a network's graphs: rows of one network are none of another. What is read off it later does not count."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.glob("*.onnx")):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def about(pair: Pair) -> dict[str, Any]:
@@ -345,7 +355,13 @@ def main() -> None:
             parser.error(f"unknown route {', '.join(sorted(unknown))}; known are {', '.join(ROUTES)}")
         weights = None if args.weights is None else str(args.weights)
         work, file = partial(measure_routes, args.sight, weights, routes), "routes.jsonl"
-    rows = run_jobs(work, jobs, args.out / file, args.jobs, "pairs")
+    conditions: dict[str, Any] = {"--sight": args.sight}
+    if args.route is not None:
+        conditions |= {"--route": args.route, "--weights": weights_hash(args.weights or WEIGHTS)}
+    try:
+        rows = run_jobs(work, jobs, args.out / file, args.jobs, "pairs", conditions=conditions)
+    except UsageError as error:
+        parser.error(str(error))
     if args.json:
         print(json.dumps(rows, indent=1))
     else:

@@ -18,7 +18,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from bench_plan_scenes import ARM, motion_in
+from bench_plan_scenes import ARM, kept, motion_in
 
 from s2r_host.planning import PlanRequest, PlanSettings
 from s2r_host.planning.bench.verifier import verify
@@ -101,8 +101,7 @@ def main() -> None:
     ):
         scene_with_arms(chosen.out / f"{name}.xml", prefixes)
     results = chosen.out / "results.jsonl"
-    lines = results.read_text().splitlines() if results.is_file() else []
-    known = {row["task"]: row for row in map(json.loads, lines)}
+    known = {row["task"]: row for row in kept(parser, results, {"--limit": chosen.limit})}
     for name, joint, target, codes, words in TASKS:
         task = f"{name} {joint} {target}"
         if chosen.only not in task:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_plan_scenes import carried_out, line
+from bench_plan_scenes import carried_out, kept, line
 from random_fittings import FAMILIES, scene
 
 
@@ -27,9 +27,9 @@ def main() -> None:
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
     results = chosen.out / "results.jsonl"
-    lines = results.read_text().splitlines() if results.is_file() else []
-    known = {row["seed"]: row for row in map(json.loads, lines)}
-    for seed in range(chosen.first, chosen.first + chosen.count):
+    known = {row["seed"]: row for row in kept(parser, results, {"--limit": chosen.limit})}
+    seeds = range(chosen.first, chosen.first + chosen.count)
+    for seed in seeds:
         if seed not in known:
             text, family, target = scene(seed)
             file = chosen.out / f"{family}_{seed:04d}.xml"
@@ -42,7 +42,7 @@ def main() -> None:
             with results.open("a") as stream:
                 stream.write(json.dumps(known[seed]) + "\n")
         print(line(known[seed]), flush=True)
-    print(summary(list(known.values())))
+    print(summary([known[seed] for seed in seeds]))
 
 
 def summary(rows: list[dict[str, Any]]) -> str:

@@ -22,7 +22,8 @@ from s2r_host.planning.planner import scene_of
 from s2r_host.trajectory import Trajectory
 from s2r_host.trajectory.plan_scene import PlanTask, plan_scene
 from s2r_protocol.arms import load_arm
-from s2r_protocol.exits import S2RError
+from s2r_protocol.cli.conditions import keep_to
+from s2r_protocol.exits import S2RError, UsageError
 
 ARM = load_arm("xmate3pro")
 SCENES = Path(__file__).parent / "scenes"
@@ -84,8 +85,8 @@ def main() -> None:
     chosen = parser.parse_args()
     chosen.out.mkdir(parents=True, exist_ok=True)
     results = chosen.out / "results.jsonl"
-    lines = results.read_text().splitlines() if results.is_file() else []
-    known = {(row["scene"], row["joint"], row["target"]): row for row in map(json.loads, lines)}
+    before = kept(parser, results, {"--limit": chosen.limit})
+    known = {(row["scene"], row["joint"], row["target"]): row for row in before}
     for task in TASKS:
         if chosen.only not in task[0]:
             continue
@@ -95,6 +96,24 @@ def main() -> None:
             with results.open("a") as file:
                 file.write(json.dumps(known[task]) + "\n")
         print(line(known[task]), flush=True)
+
+
+def kept(parser: argparse.ArgumentParser, results: Path, conditions: dict[str, Any]) -> list[dict[str, Any]]:
+    """What is done already; a line that an interruption cut short is done again. Refuses other conditions."""
+    text = results.read_text() if results.is_file() else ""
+    rows = []
+    for line_ in text.splitlines():
+        try:
+            rows.append(json.loads(line_))
+        except ValueError:
+            continue
+    try:
+        keep_to(conditions, results, begun=bool(rows))
+    except UsageError as error:
+        parser.error(str(error))
+    if text and not text.endswith("\n"):
+        results.write_text(text + "\n")
+    return rows
 
 
 def carried_out(

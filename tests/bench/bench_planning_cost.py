@@ -289,6 +289,9 @@ def main() -> None:
     parser.add_argument("--only", default="", help="share,threads,serial,identical,samples,pieces,contacts")
     parser.add_argument("--out", type=Path, help="also write the numbers as JSON here")
     options = parser.parse_args()
+    known = ("share", "threads", "serial", "identical", "samples", "pieces", "contacts")
+    if unknown := [part for part in options.only.split(",") if part and part not in known]:
+        parser.error(f"--only names '{unknown[0]}'; parts are {', '.join(known)}")
     with tempfile.TemporaryDirectory() as name:
         folder, rounds = Path(name), options.rounds
         bench = Bench(folder, "drawer_open")

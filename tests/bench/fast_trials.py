@@ -48,7 +48,7 @@ from s2r_host.run.task import TASKS
 from s2r_host.trajectory import Trajectory
 from s2r_protocol.arms import load_arm
 from s2r_protocol.can.drive import DriveCommand
-from s2r_protocol.exits import ExitCode
+from s2r_protocol.exits import ExitCode, S2RError
 from s2r_protocol.faults import Cause, ExecutorState
 from s2r_sim.batch import run_jobs
 from s2r_sim.camera.camera import DepthCamera
@@ -292,7 +292,11 @@ def main() -> None:
     numbers = range(int(first), int(last) + 1) if dash else [int(n) for n in options.numbers.split(",")]
     work = partial(run_trial, options.out, settings_of(options.run_options))
     todo = [(options.kind, number, options.attempts) for number in numbers]
-    run_jobs(work, todo, options.out / "results.jsonl", 1, options.kind)
+    conditions = {"--run-options": options.run_options}  # under the name that `s2r bench paper` gives it
+    try:
+        run_jobs(work, todo, options.out / "results.jsonl", 1, options.kind, conditions=conditions)
+    except S2RError as error:
+        parser.error(str(error))
 
 
 def _told(row: Row) -> str:

@@ -10,7 +10,9 @@ from gap_objects.hidden import draw
 from gap_objects.score import Row
 from s2r_host.run.physics import ask_gap
 from s2r_protocol.exits import S2RError
+from s2r_protocol.whole_file import write_whole
 from s2r_sim.missing.score import told
+from s2r_sim.world import load_world
 
 NOTHING_TOLD: Row = {"effects": [], "parameters_off": [], "notes": [], "wall_s": 0.0}
 
@@ -20,13 +22,28 @@ def folder_of(out: Path, effect: str, index: int) -> Path:
     return out / "set" / f"{effect}-{index:02d}".replace(" ", "-")
 
 
+def _sealed(out: Path, folder: Path) -> Path:
+    return out / "sealed" / f"{folder.name}.json"
+
+
+def of_another_seed(out: Path, effect: str, index: int, seed: int) -> Path | None:
+    """The folder of an object if what was run there is not what this seed draws."""
+    folder = folder_of(out, effect, index)
+    sealed = _sealed(out, folder)
+    if not sealed.is_file():
+        return None
+    kept, drawn = load_world(sealed), draw(effect, index, seed).world
+    same = kept.to_json() == drawn.model_copy(update={"salt": kept.salt}).to_json()
+    return None if same else folder
+
+
 def felt(out: str, effect: str, index: int, seed: int, anew: bool) -> Row:
     """Fill an object's folder; without ``believed.xml`` where the arm felt nothing. Its truth is written elsewhere."""
     folder = folder_of(Path(out), effect, index)
     done = folder / "done"
     if anew or not done.is_file():
         trial = draw(effect, index, seed)
-        sealed = Path(out) / "sealed" / f"{folder.name}.json"
+        sealed = _sealed(Path(out), folder)
         sealed.parent.mkdir(parents=True, exist_ok=True)
         trial.world.save(sealed)
         recordings(run_host(trial, Path(out) / "runs" / folder.name), folder)
@@ -39,7 +56,7 @@ def asked(out: str, effect: str, index: int, anew: bool) -> Row:
     folder = folder_of(Path(out), effect, index)
     path = folder / "answer.json"
     if anew or not path.is_file():
-        path.write_text(json.dumps(_answer(folder), indent=1) + "\n", encoding="utf-8")
+        write_whole(path, json.dumps(_answer(folder), indent=1) + "\n")
     return json.loads(path.read_text(encoding="utf-8"))
 
 

@@ -1,0 +1,185 @@
+"""Benches count what they say: nothing of other options, of earlier code or of another case is taken for an answer."""
+
+import argparse
+import importlib
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCH = Path(__file__).parents[1] / "bench"
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    """A bench by its name."""
+    monkeypatch.syspath_prepend(str(BENCH))
+    return importlib.import_module
+
+
+def _main(module, monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["bench", *map(str, arguments)])
+    module.main()
+
+
+def _says(folder, answer, code=0):
+    """A command that writes the text of ``answer`` as gap.json below ``--out``, or ends without one."""
+    tool = folder / "tool.py"
+    tool.write_text(
+        "import pathlib, sys\n"
+        "place = next(w for w in sys.argv if w.startswith('--out='))[6:] if any(w.startswith('--out=') "
+        "for w in sys.argv) else sys.argv[sys.argv.index('--out') + 1]\n"
+        f"answer = {answer!r}\n"
+        "if answer: (pathlib.Path(place) / 'gap.json').write_text(answer)\n"
+        f"sys.exit({code})\n"
+    )
+    return [sys.executable, str(tool)]
+
+
+def test_a_case_on_which_the_tool_fails_has_not_the_answer_of_the_case_before(bench, monkeypatch, tmp_path):
+    concealed = bench("bench_gap_concealed")
+    said = {"verdict": "unknown", "effects": [], "parameters_off": [], "where": []}
+    monkeypatch.setattr(concealed, "S2R", _says(tmp_path, json.dumps(said)))
+    assert concealed._answered(tmp_path, ("fit",), tmp_path / "gap.yaml", tmp_path) == said
+    monkeypatch.setattr(concealed, "S2R", _says(tmp_path, "", 4))
+    answer = concealed._answered(tmp_path, ("fit",), tmp_path / "gap.yaml", tmp_path)
+    assert answer == said | {"verdict": "exit 4"}
+
+
+def test_logs_without_a_second_run_are_asked_from_three_floors_on(bench):
+    asked = bench("bench_gap_concealed").asked_alone
+    single = {"group": "single", "clear": False}
+    assert asked(single | {"strength": 3.0})
+    assert not asked(single | {"strength": 1.5, "clear": True})
+    assert asked({"group": "unknown", "strength": 3.0, "clear": False})
+    assert not asked({"group": "pairs", "strength": 10.0, "clear": True})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"rig": "two_link"}, "rig 'one_joint', not 'two_link'"),
+        ({"cases": "clean=3"}, "cases"),
+        ({"duration": 5.0}, "duration_s 20.0, not 5.0"),
+        ({"seed": 8}, "another seed"),
+        ({}, None),
+    ],
+)
+def test_a_set_is_not_gone_on_with_under_other_options(bench, tmp_path, change, words):
+    drawn_with = {"seed": 7, "rig": "one_joint", "cases": {"single": 2, "clean": 1}, "duration_s": 20.0}
+    usual = {"rig": "one_joint", "cases": "single=2,clean=1", "duration": 20.0, "seed": None, "out": tmp_path}
+    check = bench("bench_gap_concealed").check_asked
+    if words is None:
+        check(argparse.Namespace(**usual), drawn_with)
+        return
+    with pytest.raises(SystemExit, match=words):
+        check(argparse.Namespace(**usual | change), drawn_with)
+
+
+def test_every_commit_that_worked_on_a_set_is_noted(bench, monkeypatch, tmp_path):
+    concealed = bench("bench_gap_concealed")
+    for now in ("a", "a", "b with changes"):
+        monkeypatch.setattr(concealed, "commit", lambda now=now: now)
+        concealed.note_commit(tmp_path / "commit")
+    assert (tmp_path / "commit").read_text() == "a\nb with changes\n"
+
+
+def test_a_real_recording_that_is_declared_otherwise_is_asked_again(bench, monkeypatch, tmp_path):
+    real = bench("bench_gap_real")
+    for name in ("model.xml", "fit.csv"):
+        (tmp_path / name).write_text("x")
+    (tmp_path / "fit.yaml").write_text("effort: measured\n")
+    case = argparse.Namespace(
+        name="one", after=None, model=tmp_path / "model.xml", fit=[tmp_path / "fit.csv"], holdout=[], repeat=[],
+        config={},
+    )  # fmt: skip
+    monkeypatch.setattr(real, "COMMAND", _says(tmp_path, '{"verdict": "unknown"}'))
+    assert real.run_case(case, tmp_path / "out", "tool")[1] != "unchanged"
+    assert real.run_case(case, tmp_path / "out", "tool")[1] == "unchanged"
+    (tmp_path / "fit.yaml").write_text("effort: commanded\n")
+    assert real.run_case(case, tmp_path / "out", "tool")[1] != "unchanged"
+
+
+def test_demos_of_another_target_are_not_counted(bench, monkeypatch, tmp_path, capsys):
+    demo = bench("bench_demo")
+
+    def run(seed, out, target, more):
+        (out / f"seed-{seed:03d}").mkdir(parents=True, exist_ok=True)
+        (out / f"seed-{seed:03d}" / "demo.json").write_text("{}")
+        off = dict.fromkeys(("delta_first_true", "delta_true", "delta_measured", "delta_r_true"), 0.0)
+        return {"seed": seed, "exit_code": 0, "wall_s": 1.0} | off
+
+    monkeypatch.setattr(demo, "_run", run)
+    _main(demo, monkeypatch, "--seeds", "1-2", "--out", tmp_path)
+    assert "5 mm: 2 of 2" in capsys.readouterr().out
+    _main(demo, monkeypatch, "--seeds", "1-2", "--out", tmp_path)
+    with pytest.raises(SystemExit):
+        _main(demo, monkeypatch, "--seeds", "1-2", "--out", tmp_path, "--target", "0.1")
+    assert "target 0.15, not 0.1" in capsys.readouterr().err
+
+
+def test_a_plan_bench_goes_on_after_a_line_that_was_cut_short(bench, tmp_path):
+    kept, parser = bench("bench_plan_scenes").kept, argparse.ArgumentParser()
+    results = tmp_path / "results.jsonl"
+    assert kept(parser, results, {"--limit": 60.0}) == []
+    results.write_text('{"seed": 1}\n{"seed": 2, "fam')
+    assert kept(parser, results, {"--limit": 60.0}) == [{"seed": 1}]
+    assert results.read_text().endswith("\n")
+    with pytest.raises(SystemExit):
+        kept(parser, results, {"--limit": 120.0})
+
+
+@pytest.mark.parametrize("name", ["bench_pair_space", "bench_pair_belief", "bench_affordance"])
+def test_rows_of_another_network_are_not_mixed_in(bench, monkeypatch, tmp_path, capsys, name):
+    module = bench(name)
+    weights, out = tmp_path / "weights", tmp_path / "out"
+    for folder in (weights, out):
+        folder.mkdir()
+    (weights / "net.onnx").write_bytes(b"one")
+    (out / "rows.jsonl").write_text('{"job": ["chest", 1], "result": {"kind": "chest"}}\n')
+    (out / "rows.conditions.json").write_text(json.dumps({"--weights": "of another network"}))
+    with pytest.raises(SystemExit):
+        _main(module, monkeypatch, "--count", 0, "--weights", weights, "--out", out)
+    assert "--weights 'of another network', not" in capsys.readouterr().err
+
+
+def test_rows_of_another_sight_are_not_mixed_in(bench, monkeypatch, tmp_path, capsys):
+    perception = bench("bench_perception")
+    (tmp_path / "rows.jsonl").write_text('{"job": ["chest", 1, 1], "result": {"kind": "chest"}}\n')
+    (tmp_path / "rows.conditions.json").write_text('{"--sight": "stereo"}')
+    with pytest.raises(SystemExit):
+        _main(perception, monkeypatch, "--count", 0, "--sight", "depth", "--out", tmp_path)
+    assert "--sight 'stereo', not 'depth'" in capsys.readouterr().err
+
+
+def test_objects_of_another_seed_are_not_judged_by_this_ones_truth(bench, tmp_path):
+    one, hidden = bench("gap_objects.one"), bench("gap_objects.hidden")
+    effect = next(iter(hidden.HIDDEN))
+    folder = one.folder_of(tmp_path, effect, 0)
+    assert one.of_another_seed(tmp_path, effect, 0, 5) is None
+    (tmp_path / "sealed").mkdir()
+    hidden.draw(effect, 0, 5).world.save(tmp_path / "sealed" / f"{folder.name}.json")
+    assert one.of_another_seed(tmp_path, effect, 0, 5) is None
+    assert one.of_another_seed(tmp_path, effect, 0, 6) == folder
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [("bench_gap_arm", ()), ("bench_gap_objects", ("--seed", 1)), ("bench_planning_cost", ("--rounds", 1))],
+)
+def test_a_part_that_is_not_there_is_named(bench, monkeypatch, tmp_path, capsys, name, more):
+    module = bench(name)
+    with pytest.raises(SystemExit) as ended:
+        _main(module, monkeypatch, "--out", tmp_path / "out", "--only", "nonsense", *more)
+    assert ended.value.code == 2
+    assert "--only names 'nonsense'" in capsys.readouterr().err
+
+
+def test_fast_trials_of_other_run_options_are_not_mixed_in(bench, monkeypatch, tmp_path, capsys):
+    trials = bench("fast_trials")
+    (tmp_path / "results.jsonl").write_text('{"job": ["drawer", 1, 5], "result": {"kind": "drawer"}}\n')
+    (tmp_path / "results.conditions.json").write_text('{"--run-options": ""}')
+    with pytest.raises(SystemExit):
+        _main(trials, monkeypatch, "drawer", "1-1", "--out", tmp_path, "--run-options=--without torque")
+    assert "--run-options '', not '--without torque'" in capsys.readouterr().err
