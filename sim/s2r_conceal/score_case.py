@@ -41,6 +41,7 @@ class CaseScore:
         top1_or_class: First name is true or in its declared equivalence class.
         in_set: First name or its ``could_also_be`` holds a true name; ``set_size`` counts that set.
         all_named: Every true effect is among the names (or its class is); ``extra`` counts invented ones.
+        all_named_exactly: Every true effect is among the names itself; None in scores of older versions.
     """
 
     case: str
@@ -61,6 +62,7 @@ class CaseScore:
     false_alarm: bool | None = None
     wrong_name: bool | None = None
     all_named: bool | None = None
+    all_named_exactly: bool | None = None
     extra: int | None = None
     oracle_ratio: float | None = None
     probability: float | None = None
@@ -108,6 +110,7 @@ def score_case(
         false_alarm=_false_alarm(answered, names) if truth["group"] == "clean" else None,
         wrong_name=answered == "physics_missing" and bool(names) if truth["group"] == "unknown" else None,
         all_named=_all_named(names, effects) if scored and len(effects) > 1 else None,
+        all_named_exactly=set(true_names) <= set(names) if scored and len(effects) > 1 else None,
         extra=_extra(names, effects) if scored else None,
         oracle_ratio=_oracle_ratio(truth, gap) if missing else None,
         probability=_probability(entries) if scored and names else None,

@@ -136,6 +136,17 @@ def test_pairs_need_both_names_and_count_invented_ones():
     assert (s.all_named, s.extra) == (False, 1)
 
 
+def test_a_name_of_the_class_is_not_both_named():
+    known = {"displacement": {"value": 0.01, "unit": "rad"}}
+    second = _effect("presliding", same_as=["hysteresis"], parameters=known)
+    truth = _truth("pairs", [_effect("backlash"), second])
+    s = _score(truth, _named("backlash", "hysteresis"))
+    assert (s.all_named_exactly, s.all_named) == (False, True)
+    assert _score(truth, _named("backlash", "presliding")).all_named_exactly is True
+    lines = {line.name: line.value for line in table([s])}
+    assert (lines["pairs: both named"], lines["pairs: both named or in their classes"]) == (0.0, 1.0)
+
+
 def test_regime_overlap_compares_time_intervals():
     where = [{"joint": "elbow", "regime": {"t": [[3.0, 5.0]]}}]
     assert _score(_truth(), _named("backlash", where=where)).iou == pytest.approx(1.0 / 3.0, abs=0.01)
