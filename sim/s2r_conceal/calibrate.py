@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from s2r_conceal.cases import Case, with_parameters_off
+from s2r_conceal.cases import Case, feed_forward_of_the_file, with_parameters_off
 from s2r_conceal.effects.table import EFFECTS, finish_log
 from s2r_conceal.parameters import Controller, Machine
 from s2r_conceal.plant import Active, Column, Trace, simulate
@@ -74,6 +74,8 @@ def calibrate(cases: Sequence[Case]) -> list[Measured]:
             faint = [i for i in chosen if _lift(cases[i], k, measured[i].distinct[k])]
             _distinct([(i, k) for i in faint], cases, floors, without, measured)
         _search_parameters(cases, floors, without, measured)
+    for case in cases:
+        feed_forward_of_the_file(case)  # sizes are set now; what they move is the same to first order
     return measured
 
 

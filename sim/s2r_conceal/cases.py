@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from s2r_conceal.effects.table import EFFECTS
+from s2r_conceal.effects.table import EFFECTS, altered_machine
 from s2r_conceal.errors import DrawError
 from s2r_conceal.masks import Mask, for_arm
 from s2r_conceal.motions import DURATION_S
@@ -42,6 +42,7 @@ class Case:
         in_model: Effects that are in the machine and in the model file alike.
         targets: Wanted strength per effect, in repeatability floors.
         expected: Verdicts (or ``refused``) that are right.
+        feed_forward: Share of the stated model's effort that the controller adds.
     """
 
     seed: tuple[int, ...]
@@ -64,6 +65,7 @@ class Case:
     parameters_off: list[dict[str, float | str]] = field(default_factory=list)
     expected: tuple[str, ...] = ()
     plan: Plan = ("", (), 0.0)
+    feed_forward: float = 0.0
 
     def effects_for(self, role: str) -> tuple[Active, ...]:
         """Effects at work in the recording of that role."""
@@ -142,6 +144,7 @@ def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: Plan, duration_s: f
         sessions=draw_sessions(rng, names),
         expected=expected_verdicts(group, variant),
         plan=plan,
+        feed_forward=feed_forward,
     )
     joints = [_place(rng, rig, name) for name in names]
     actives = [_open_effect(rng, name, j, scales[j]) for name, j in zip(names, joints, strict=True)]
@@ -196,6 +199,17 @@ def _set_parameter_off(rng: np.random.Generator, case: Case) -> None:
         }
     ]
     case.targets = [float(rng.choice([4.0, 10.0]))]
+
+
+def feed_forward_of_the_file(case: Case) -> None:
+    """Let the controller add the effort of the model as its file has it, with wrong values and what is built in.
+
+    Fed forward from what the file would be without them, the noise-free column would give away that they are there.
+    """
+    if case.feed_forward and (case.parameters_off or case.in_model):
+        told = altered_machine(case.rig, with_parameters_off(case)[0], case.in_model)
+        paths = {role: motion.q_cmd for role, motion in case.motions.items()}
+        case.motions = {r: motion_along(case.rig, told, q, case.feed_forward) for r, q in paths.items()}
 
 
 def with_parameters_off(case: Case) -> tuple[Machine, Controller]:

@@ -181,6 +181,23 @@ def test_the_model_file_of_a_case_is_the_same_each_time():
         assert model_file(case) == model_file(case)
 
 
+def test_what_is_fed_forward_is_the_effort_of_the_model_file_in_every_group():
+    cases = draw_cases(8, "one_joint", {"clean": 24, "single": 6}, 1.0)
+    calibrate(cases)
+    fed = [c for c in cases if c.motions["fit"].tau_ff.any()]
+    assert {"parameter_off", "in_model", "plain", ""} <= {c.variant for c in fed}
+    for case in fed:
+        model = mujoco.MjModel.from_xml_string(model_file(case))
+        for passive in (model.jnt_stiffness, model.dof_damping, model.dof_frictionloss):
+            passive[:] = 0.0
+        data, motion = mujoco.MjData(model), case.motions["fit"]
+        ddq = np.gradient(motion.dq_cmd, 1e-3, axis=0)
+        for k in range(300, 700, 50):
+            data.qpos, data.qvel, data.qacc = motion.q_cmd[k], motion.dq_cmd[k], ddq[k]
+            mujoco.mj_inverse(model, data)
+            assert data.qfrc_inverse == pytest.approx(motion.tau_ff[k], rel=1e-3, abs=1e-3), case.variant
+
+
 def test_the_key_opens_the_drawn_answers(drawn):
     place, answers = drawn
     published = read_manifest(place / "one")["answers_sha256_salted"]
