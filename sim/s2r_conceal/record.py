@@ -16,7 +16,7 @@ from s2r_conceal.motions import RATE_HZ
 from s2r_conceal.plant import Column, Trace, simulate
 
 ACTIVE_SHARE = 0.2  # an effect is at work where its contribution exceeds this share of its 98th percentile
-MERGE_S = 0.06  # intervals closer than this are one; single ones shorter than half of it are dropped
+MERGE_S = 0.06  # intervals closer than this are one, as each is widened by half of it; below a sixth they are dropped
 
 
 @dataclass(eq=False)
@@ -195,7 +195,7 @@ def _effect_truth(case: Case, k: int, measured: Measured, shown: _Shown) -> dict
 
 
 def active_mask(contribution: np.ndarray) -> np.ndarray:
-    """Ticks at which an effect is at work, short gaps closed and blips removed, shape (ticks,)."""
+    """Ticks at which an effect is at work, blips removed and the rest widened over short gaps, shape (ticks,)."""
     size = np.abs(contribution.astype(float))
     if size.size == 0 or not np.isfinite(size).all():
         return np.zeros(size.size, bool)
