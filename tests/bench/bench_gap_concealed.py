@@ -21,6 +21,7 @@ over the cases of several scored sets together. Budget: 60 s per case for one jo
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -186,10 +187,12 @@ def ablate(arguments: argparse.Namespace) -> None:
 
 def _answered(place: Path, roles: tuple[str, ...], config: Path, out: Path) -> dict:
     """gap.json of one case, from so many of its recordings; without a name where the tool gives none."""
-    answer = out / "gap.json"
-    answer.unlink(missing_ok=True)  # of an earlier case, or of earlier code
+    folder = out / "answer"
+    shutil.rmtree(folder, ignore_errors=True)  # of an earlier case, or of earlier code
+    folder.mkdir()
+    answer = folder / "gap.json"
     files = [f"--{role}={place / role}.csv" for role in roles]
-    parts = ["gap", f"--model={place / 'model.xml'}", *files, f"--config={config}", f"--out={out}"]
+    parts = ["gap", f"--model={place / 'model.xml'}", *files, f"--config={config}", f"--out={folder}"]
     ended = subprocess.run([*S2R, *parts], check=False, capture_output=True)
     if not answer.is_file():
         return {"verdict": f"exit {ended.returncode}", "effects": [], "parameters_off": [], "where": []}

@@ -12,6 +12,7 @@ import hashlib
 import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -55,13 +56,14 @@ def run_case(case: Case, out: Path, tool: str) -> tuple[dict | None, str]:
     stamp, answer = folder / "stamp", folder / "gap.json"
     if answer.is_file() and stamp.is_file() and stamp.read_text(encoding="utf-8") == digest.hexdigest():
         return json.loads(answer.read_text(encoding="utf-8")), "unchanged"
+    shutil.rmtree(folder)  # the tool refuses a folder with half an answer
+    folder.mkdir()
     config = folder / "gap.yaml"
     config.write_text(yaml.safe_dump(case.config), encoding="utf-8")
     parts = [*COMMAND, "--model", str(model), "--config", str(config), "--out", str(folder)]
     for flag, paths in (("--fit", case.fit), ("--holdout", case.holdout), ("--repeat", case.repeat)):
         parts += [flag, *map(str, paths)] if paths else []
     started = time.monotonic()
-    answer.unlink(missing_ok=True)
     done = subprocess.run(parts, capture_output=True, text=True, env=os.environ, check=False)
     (folder / "log.txt").write_text(done.stderr, encoding="utf-8")
     if not answer.is_file():
