@@ -30,6 +30,9 @@ COMMANDS: dict[str, Command] = {
     "doctor": Command(
         "s2r_protocol.cli.doctor:doctor", "", "Check this machine, or an arm description of yours."
     ),
+    "import-arm": Command(
+        "s2r_host.cli_import_arm:import_arm", "host", "Write a first arm.yaml from the URDF of an arm."
+    ),
     "executor": Command("s2r_executor.cli:executor", "", "Admit plans and stream setpoints to the drives."),
     "sim-arm": Command("s2r_sim.cli:sim_arm", "sim", "The stand-in: arm, object, drives, bus and camera."),
     "world": Command("s2r_sim.cli:world", "sim", "Draw and commit to hidden worlds for the stand-in."),

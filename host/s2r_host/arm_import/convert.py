@@ -1,0 +1,456 @@
+"""From the tree of a URDF to what an ``arm.yaml`` says: one chain of joints whose frames are parallel at zero."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from s2r_host.arm_import.shapes import shape_of, with_round_ends
+from s2r_host.arm_import.touching import always_touching
+from s2r_host.arm_import.urdf_tree import Inertial, UrdfJoint, UrdfTree, read_urdf, turn
+from s2r_protocol.arms import ArmDescription, ArmDescriptionError
+from s2r_protocol.arms.clearance import LINKS_APART_M
+from s2r_protocol.arms.source import FINGER_PREFIX, ArmSource
+
+_PARALLEL_RAD = 2e-3  # 1.57 for a right angle is off by 0.8e-3
+_TOLD_PRODUCT = 0.02  # of a moment of inertia
+_DIGITS = 9
+_BASE_INERTIAL = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))  # it never moves
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What a URDF does not say.
+
+    Attributes:
+        base: Link that stands on the table; empty: the first with a mass or a shape.
+        tip: Link whose frame is the fingertip's; empty: the only one that nothing hangs off.
+        name: Name of the arm; empty: the robot's.
+        held: Joints that are not the arm's own, with the value [rad, m] at which they stay.
+        fingers: Links that may touch the object; empty: those with "finger" in their name.
+        home: Home pose [rad]; empty: zeros, or the middle of a range without zero.
+        packages: Folders in which ``package://`` is looked for.
+        ddq_max: Of all joints [rad/s²].
+        dddq_max: Of all joints [rad/s³].
+    """
+
+    base: str = ""
+    tip: str = ""
+    name: str = ""
+    held: dict[str, float] = field(default_factory=dict)
+    fingers: tuple[str, ...] = ()
+    home: tuple[float, ...] = ()
+    packages: tuple[Path, ...] = ()
+    ddq_max: float = 6.0
+    dddq_max: float = 300.0
+
+
+@dataclass(frozen=True)
+class Imported:
+    """An arm as a URDF has it, and in words what was decided or left out on the way."""
+
+    source: ArmSource
+    told: tuple[str, ...]
+
+
+def import_arm(urdf: Path, wishes: Wishes) -> Imported:
+    """Read an arm from a URDF.
+
+    Raises:
+        ArmDescriptionError: It cannot be read, or holds what an ``arm.yaml`` cannot say.
+    """
+    tree = read_urdf(urdf)
+    told: list[str] = []
+    _refuse_unknown(tree, wishes)
+    base = wishes.base or _first_body(tree)
+    tip = wishes.tip or _only_tip(tree, base, wishes)
+    chain = _chain(tree, base, tip, wishes)
+    poses = _poses(tree, base, {j.name for j in chain}, wishes, told)
+    joints, names = _joints(chain, poses, wishes, told), [base, *(j.child for j in chain)]
+    bodies = _Bodies(tree, poses, names)
+    raw: dict[str, Any] = {
+        "name": _arm_name(wishes.name or tree.name),
+        "vendor": f"{tree.name or 'arm'}, from {urdf.name}",
+        "base": base,
+        "links": bodies.links(told),
+        "joints": joints,
+        "mounts": bodies.mounts(),
+        "tool": bodies.tool(tip, told),
+        "shapes": _shapes(tree, bodies, urdf, wishes, told),
+        "q_home": _home(joints, wishes, told),
+    }
+    raw["joints"] = [
+        {**joint, "parent": names[k], "child": names[k + 1], "origin": bodies.step(names[k], names[k + 1])}
+        for k, joint in enumerate(joints)
+    ]
+    try:
+        source = ArmSource.model_validate(raw)
+    except ValidationError as error:
+        problems = "\n".join(f"  {e['msg'].removeprefix('Value error, ')}" for e in error.errors())
+        raise ArmDescriptionError(f"{urdf} makes no arm description:\n{problems}") from error
+    pairs = always_touching(ArmDescription(source, urdf.parent), LINKS_APART_M)
+    told += [f"links '{a}' and '{b}' touch in every pose and are not checked" for a, b in pairs]
+    return Imported(source.model_copy(update={"collision_exclude": tuple(pairs)}), tuple(told))
+
+
+def _refuse_unknown(tree: UrdfTree, wishes: Wishes) -> None:
+    for option, names, known in (
+        ("--base", [wishes.base], tree.links),
+        ("--tip", [wishes.tip], tree.links),
+        ("--finger", wishes.fingers, tree.links),
+        ("--hold", wishes.held, tree.joints),
+    ):
+        for name in names:
+            if name and name not in known:
+                what = "joint" if option == "--hold" else "link"
+                raise ArmDescriptionError(
+                    f"{option}: there is no {what} {name!r}; there are {', '.join(known)}"
+                )
+
+
+def _first_body(tree: UrdfTree) -> str:
+    """The first link below the root that has a mass or a shape, before anything moves; else the root."""
+    waiting = [tree.root]
+    while waiting:
+        link = waiting.pop(0)
+        if tree.links[link].inertial is not None or tree.links[link].solids:
+            return link
+        waiting += [j.child for j in tree.joints.values() if j.parent == link and j.kind == "fixed"]
+    return tree.root
+
+
+def _only_tip(tree: UrdfTree, base: str, wishes: Wishes) -> str:
+    """The one link at the end; several fixed frames there leave the choice open, and so do several fingers."""
+    carriers = {j.parent for j in tree.joints.values()}
+    tips = [link for link in tree.below(base) if link not in carriers]
+    turning = ("revolute", "continuous")  # a gripper's slides are none of the arm's
+    moving = {t: len([j for j in tree.way_to(t) if _moves(j, wishes) and j.kind in turning]) for t in tips}
+    longest = [t for t in tips if moving[t] == max(moving.values())]
+    if len(longest) != 1:
+        raise ArmDescriptionError(
+            f"several links are at the end of the arm: {', '.join(longest)}; name with --tip the one whose frame is "
+            "the fingertip's, z out of the gripper (joints off the way to it are held)"
+        )
+    return longest[0]
+
+
+def _moves(joint: UrdfJoint, wishes: Wishes) -> bool:
+    return joint.kind != "fixed" and joint.name not in wishes.held and joint.mimic is None
+
+
+def _chain(tree: UrdfTree, base: str, tip: str, wishes: Wishes) -> list[UrdfJoint]:
+    """The arm's own joints, from the base to the tip."""
+    way = tree.way_to(tip)
+    if tip != base and base not in {j.parent for j in way}:
+        raise ArmDescriptionError(f"--tip {tip} does not hang off the base {base!r}; name another --base")
+    start = 0 if base == tree.root else next((k + 1 for k, j in enumerate(way) if j.child == base), len(way))
+    chain = [j for j in way[start:] if _moves(j, wishes)]
+    if not chain:
+        raise ArmDescriptionError(f"no joint moves between the base {base!r} and {tip!r}; is --tip right?")
+    problems = [
+        f"joint '{j.name}' is {j.kind}; an arm.yaml holds revolute joints: --hold {j.name}=0 keeps it where it is"
+        for j in chain
+        if j.kind not in ("revolute", "continuous")
+    ]
+    for j in chain:
+        missing = [key for key in ("velocity", "effort") if not (getattr(j, key) or 0.0) > 0.0]
+        if j.kind == "revolute":
+            missing += [key for key in ("lower", "upper") if getattr(j, key) is None]
+        if missing and j.kind in ("revolute", "continuous"):
+            problems.append(
+                f"joint '{j.name}' has no {', '.join(missing)} above 0 in its <limit>; say it there"
+            )
+    if problems:
+        raise ArmDescriptionError("this arm cannot be described:\n" + "\n".join(f"  {p}" for p in problems))
+    return chain
+
+
+def _poses(
+    tree: UrdfTree, base: str, moving: set[str], wishes: Wishes, told: list[str]
+) -> dict[str, np.ndarray]:
+    """Pose (4, 4) in the base of everything below it, all joints of the arm at zero; frames of joints included."""
+    poses = {base: np.eye(4)}
+    for link in tree.below(base):
+        for joint in (j for j in tree.joints.values() if j.parent == link):
+            X = poses[link] @ joint.X_parent_joint
+            if joint.kind != "fixed" and joint.name not in moving:
+                value, unit = _held_at(tree, joint, wishes), "m" if joint.kind == "prismatic" else "rad"
+                told.append(f"joint '{joint.name}' is held at {value:g} {unit}")
+                step = np.eye(4)
+                if joint.kind == "prismatic":
+                    step[:3, 3] = value * joint.axis
+                elif joint.kind in ("revolute", "continuous"):
+                    step[:3, :3] = turn(joint.axis, value)
+                X = X @ step
+            poses[joint.child] = X
+    left_out = len(tree.links) - len(poses)
+    if left_out:
+        told.append(
+            f"{left_out} links that do not hang off '{base}' are left out; the world frame is that of '{base}'"
+        )
+    return poses
+
+
+def _held_at(tree: UrdfTree, joint: UrdfJoint, wishes: Wishes) -> float:
+    if joint.name in wishes.held:
+        return wishes.held[joint.name]
+    if joint.mimic is not None and joint.mimic[0] in tree.joints:
+        leader, factor, shift = joint.mimic
+        return factor * wishes.held.get(leader, 0.0) + shift
+    if joint.kind == "continuous" or joint.lower is None or joint.upper is None:
+        return 0.0
+    return min(max(0.0, joint.lower), joint.upper)
+
+
+def _joints(
+    chain: Sequence[UrdfJoint], poses: dict[str, np.ndarray], wishes: Wishes, told: list[str]
+) -> list[dict[str, Any]]:
+    joints, askew = [], []
+    for joint in chain:
+        axis = poses[joint.child][:3, :3] @ joint.axis
+        k = int(np.argmax(np.abs(axis)))
+        off = float(np.arctan2(np.linalg.norm(np.delete(axis, k)), abs(axis[k])))
+        if off > _PARALLEL_RAD:
+            askew.append(
+                f"  joint '{joint.name}' turns about {np.round(axis, 3).tolist()}, {np.degrees(off):.2g}° off"
+            )
+        elif off > 1e-5:
+            told.append(f"joint '{joint.name}': its axis was turned by {1e3 * off:.2g} mrad onto {'xyz'[k]}")
+        low, high = joint.lower or 0.0, joint.upper or 0.0
+        if joint.kind == "continuous":
+            low, high = -2.0 * np.pi, 2.0 * np.pi
+            told.append(f"joint '{joint.name}' turns without end in the URDF; here ±2π")
+        if axis[k] < 0.0:
+            low, high = -high, -low
+            told.append(
+                f"joint '{joint.name}' turns about -{'xyz'[k]} in the URDF, here about +{'xyz'[k]}: all its angles "
+                "change their sign, its drive's too (CiA 402: object 607Eh)"
+            )
+        joints.append(
+            {
+                "name": joint.name,
+                "axis": "xyz"[k],
+                "q": (_short(low), _short(high)),
+                "dq_max": joint.velocity,
+                "ddq_max": wishes.ddq_max,
+                "dddq_max": wishes.dddq_max,
+                "tau_max": joint.effort,
+            }
+        )
+    if askew:
+        raise ArmDescriptionError(
+            "with all joints at zero, every axis must be one of the base frame's (x, y, z), which is how an arm.yaml "
+            "says it:\n" + "\n".join(askew)
+        )
+    return joints
+
+
+class _Bodies:
+    """The bodies of the arm: one per joint and the base, in frames parallel to the base's at zero.
+
+    Mounts are what they carry rigidly and has a mass of its own; they keep the URDF's frames.
+    """
+
+    def __init__(self, tree: UrdfTree, poses: dict[str, np.ndarray], names: Sequence[str]) -> None:
+        self._tree, self._poses, self.names = tree, poses, list(names)
+        self._of: dict[str, str] = {}  # the body that carries a link
+        for link in poses:
+            way = [j.child for j in tree.way_to(link)]
+            self._of[link] = next((c for c in reversed(way) if c in names), names[0])
+
+    def step(self, parent: str, child: str) -> list[float]:
+        """Where a body's frame is in its parent's, at zero [m]."""
+        return _rounded(self._poses[child][:3, 3] - self._poses[parent][:3, 3])
+
+    def members(self, body: str) -> list[str]:
+        """All links that a body carries rigidly, itself first."""
+        return [link for link in self._of if self._of[link] == body]
+
+    def is_mount(self, link: str) -> bool:
+        """Whether a link is a rigid attachment of its own: it has a mass, and so has what carries it."""
+        carrier = self._of[link]
+        heavy = self._tree.links[link].inertial is not None
+        return heavy and link not in self.names and self._stands_alone(carrier)
+
+    def place(self, link: str) -> tuple[str, np.ndarray]:
+        """The body or mount that a link belongs to, and the link's pose in it (4, 4)."""
+        way = [j.child for j in self._tree.way_to(link)]
+        body = self._of[link]
+        for above in reversed(way[way.index(body) + 1 :] if body in way else way):
+            if above in self._poses and self.is_mount(above):
+                return above, np.linalg.inv(self._poses[above]) @ self._poses[link]
+        X = self._poses[link].copy()
+        X[:3, 3] -= self._poses[body][:3, 3]
+        return body, X
+
+    def links(self, told: list[str]) -> list[dict[str, Any]]:
+        """Mass properties of bodies and mounts; lost products of inertia are told."""
+        problems, found = [], []
+        for body in self.names:
+            parts = [(self._tree.links[body].inertial, self._poses[body][:3, :3], np.zeros(3))]
+            if not self._stands_alone(body):  # a mere frame moves, and what it carries has the mass
+                parts = [
+                    (self._tree.links[m].inertial, self.place(m)[1][:3, :3], self.place(m)[1][:3, 3])
+                    for m in self.members(body)
+                ]
+            whole = _together([p for p in parts if p[0] is not None])
+            if whole is None and body == self.names[0]:
+                told.append(f"base '{body}' has no mass; 1 kg stands for it, as it does not move")
+                whole = _BASE_INERTIAL
+            if whole is None:
+                problems.append(
+                    f"link '{body}' moves and has no mass or no inertia; say it in its <inertial>"
+                )
+                continue
+            found.append(_link(body, whole, told))
+            for mount in filter(self.is_mount, self.members(body)):
+                inertial = self._tree.links[mount].inertial
+                assert inertial is not None
+                found.append(_link(mount, inertial, told))
+        if problems:
+            raise ArmDescriptionError(
+                "this arm cannot be described:\n" + "\n".join(f"  {p}" for p in problems)
+            )
+        return found
+
+    def _stands_alone(self, body: str) -> bool:
+        return self._tree.links[body].inertial is not None or body == self.names[0]
+
+    def mounts(self) -> list[dict[str, Any]]:
+        """Rigid attachments with a mass, each in the frame that the URDF gives it."""
+        return [
+            {
+                "parent": body,
+                "child": link,
+                "origin": self.step(body, link),
+                "rpy": _rpy(self._poses[link][:3, :3]),
+            }
+            for body in self.names
+            for link in self.members(body)
+            if self.is_mount(link)
+        ]
+
+    def tool(self, tip: str, told: list[str]) -> dict[str, Any]:
+        """The tool frame: that of the tip."""
+        body, X = self.place(tip)
+        told.append(
+            f"tool_tip is the frame of '{tip}'; it must be the centre of the fingertip's end face, z outwards"
+        )
+        taken = [*self.names, *(m["child"] for m in self.mounts())]
+        name = "tool_tip" if "tool_tip" not in taken else "tool_tip_frame"
+        return {"name": name, "parent": body, "origin": _rounded(X[:3, 3]), "rpy": _rpy(X[:3, :3])}
+
+
+def _together(parts: Sequence[tuple[Inertial | None, np.ndarray, np.ndarray]]) -> Inertial | None:
+    """Bodies that move as one; each with the rotation (3, 3) and place (3,) of its frame."""
+    there = [(i.mass, p + R @ i.com, R @ i.inertia @ R.T) for i, R, p in parts if i is not None]
+    if not there:
+        return None
+    mass = sum(m for m, _, _ in there)
+    com = np.sum([m * c for m, c, _ in there], axis=0) / mass
+    inertia = np.zeros((3, 3))
+    for m, c, moments in there:
+        d = c - com
+        inertia += moments + m * (float(d @ d) * np.eye(3) - np.outer(d, d))
+    return Inertial(mass, com, inertia)
+
+
+def _link(name: str, inertial: Inertial, told: list[str]) -> dict[str, Any]:
+    moments = np.diag(inertial.inertia)
+    products = np.abs(inertial.inertia - np.diag(moments)).max()
+    if moments.max() > 0.0 and products > _TOLD_PRODUCT * moments.max():
+        told.append(
+            f"link '{name}': products of inertia of up to {100 * products / moments.max():.0f} % of its moments are "
+            "left out; an arm.yaml holds the moments about the link's axes"
+        )
+    a, b, c = (_short(v) for v in np.sort(moments))
+    largest = int(np.argmax(moments))
+    rounded = [_short(v) for v in moments]
+    if a + b < c <= (a + b) * (1 + 1e-5):  # a plate, rounded
+        rounded[largest] = a + b
+    return {"name": name, "mass": _short(inertial.mass), "com": _rounded(inertial.com), "inertia": rounded}
+
+
+def _shapes(
+    tree: UrdfTree, bodies: _Bodies, urdf: Path, wishes: Wishes, told: list[str]
+) -> list[dict[str, Any]]:
+    shapes, problems, enclosed = [], [], 0
+    fingers = set(wishes.fingers) or {n for n in tree.links if FINGER_PREFIX in n.lower()}
+    touching = False
+    for body in bodies.names:
+        for link in bodies.members(body):
+            place, X = bodies.place(link)
+            solids = tree.links[link].solids
+            touches = link in wishes.fingers or (
+                link in fingers and not any(s.name.startswith(FINGER_PREFIX) for s in solids)
+            )
+            for k, solid in enumerate(solids):
+                try:
+                    shape = shape_of(solid, X, urdf, wishes.packages)
+                except ArmDescriptionError as error:
+                    problems.append(f"  link '{link}': {error}")
+                    continue
+                enclosed += solid.kind == "mesh"
+                name = solid.name or f"{link}_{k}"
+                if touches and not name.startswith(FINGER_PREFIX):
+                    name = f"{FINGER_PREFIX}_{name}"
+                touching |= name.startswith(FINGER_PREFIX)
+                while any(s["name"] == name for s in shapes):
+                    name += "_2"
+                numbers = {
+                    key: _rounded(v) if isinstance(v, list) else v if isinstance(v, str) else _short(v)
+                    for key, v in shape.items()
+                }
+                shapes.append({"link": place, "name": name, **numbers})
+    if problems:
+        raise ArmDescriptionError("some shapes cannot be had:\n" + "\n".join(problems))
+    if enclosed:
+        told.append(
+            f"{enclosed} meshes became the smallest box, cylinder or capsule along the axes that holds each"
+        )
+    if not touching:
+        told.append(
+            "no link may touch the object; name the fingertip's with --finger, or name its shapes finger_…"
+        )
+    return with_round_ends(shapes)
+
+
+def _home(joints: Sequence[dict[str, Any]], wishes: Wishes, told: list[str]) -> list[float]:
+    if wishes.home:
+        if len(wishes.home) != len(joints):
+            raise ArmDescriptionError(
+                f"--home has {len(wishes.home)} values; this arm has {len(joints)} joints: "
+                + ", ".join(j["name"] for j in joints)
+            )
+        return list(wishes.home)
+    home = [0.0 if low < 0.0 < high else _short(0.5 * (low + high)) for low, high in (j["q"] for j in joints)]
+    told.append(f"home is {home}; choose with --home one from which the hand reaches the object")
+    return home
+
+
+def _arm_name(name: str) -> str:
+    """A name that can be part of a key."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", name).lstrip("_.-") or "arm"
+
+
+def _rpy(R: np.ndarray) -> list[float]:
+    """Roll, pitch, yaw [rad] of a rotation (3, 3), about fixed axes."""
+    level = float(np.hypot(R[0, 0], R[1, 0]))
+    roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
+    if level < 1e-9:  # straight up or down: only their sum or difference is known
+        roll, yaw = np.arctan2(-R[1, 2], R[1, 1]), 0.0
+    return [round(float(v), 12) + 0.0 for v in (roll, np.arctan2(-R[2, 0], level), yaw)]
+
+
+def _rounded(values: Sequence[float] | np.ndarray) -> list[float]:
+    return [round(float(v), _DIGITS) + 0.0 for v in values]
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.7g}")

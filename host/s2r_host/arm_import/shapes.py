@@ -1,0 +1,147 @@
+"""Solids of a URDF as the shapes of an ``arm.yaml``: what these cannot say is enclosed, never cut."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from s2r_host.arm_import.urdf_tree import Geometry
+from s2r_protocol.arms import ArmDescriptionError
+from s2r_protocol.arms.source import SHORTEST_ROD_M
+
+_ALIGNED = 1e-3  # a box turned by less [rad] keeps its size
+
+
+def shape_of(
+    solid: Geometry, X_body_link: np.ndarray, urdf: Path, packages: Sequence[Path]
+) -> dict[str, Any]:
+    """One solid as a shape in the frame of a body, without its names.
+
+    Args:
+        solid: As the URDF has it.
+        X_body_link: Pose of its link in the body, (4, 4).
+        urdf: The file that names meshes.
+        packages: Folders that hold what ``package://`` names; those above the URDF are looked through anyway.
+
+    Raises:
+        ArmDescriptionError: A mesh is missing or cannot be read.
+    """
+    X = X_body_link @ solid.X_link_solid
+    R, p = X[:3, :3], X[:3, 3]
+    if solid.kind == "sphere":
+        return _rod("capsule", p, R[:, 2], 0.0, float(solid.size[0]))
+    if solid.kind == "cylinder":
+        radius, half = (float(v) for v in solid.size)
+        return _rod("cylinder", p, R[:, 2], half, radius)
+    if solid.kind == "box":
+        half = solid.size
+        reach = np.abs(R) @ half
+        turned = np.abs(R).max(axis=0).min() < np.cos(_ALIGNED)
+        return _box(p, reach if turned else _permuted(R, half))
+    points = _vertices(solid, urdf, packages)
+    return enclose(points @ R.T + p)
+
+
+def enclose(points: np.ndarray) -> dict[str, Any]:
+    """Of boxes, cylinders and capsules along the axes the smallest one that holds all points (n, 3)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = np.maximum(0.5 * (high - low), 0.5 * SHORTEST_ROD_M)
+    best, least = _box(0.5 * (low + high), half), float(8.0 * half.prod())
+    for k in range(3):
+        axis, across = np.eye(3)[k], [i for i in range(3) if i != k]
+        centre = 0.5 * (low + high)
+        away = np.linalg.norm(points[:, across] - centre[across], axis=1)
+        radius = max(float(away.max()), 0.5 * SHORTEST_ROD_M)
+        volume = float(np.pi * radius**2 * 2.0 * half[k])
+        if volume < least:
+            best, least = _rod("cylinder", centre, axis, float(half[k]), radius), volume
+        bulge = np.sqrt(np.maximum(radius**2 - away**2, 0.0))
+        ends = (points[:, k] + bulge).min(), (points[:, k] - bulge).max()
+        centre[k], length = 0.5 * sum(ends), max(float(ends[1] - ends[0]), 0.0)
+        volume = float(np.pi * radius**2 * (length + 4.0 / 3.0 * radius))
+        if volume < least:
+            best, least = _rod("capsule", centre, axis, 0.5 * length, radius), volume
+    return best
+
+
+def with_round_ends(shapes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Shapes of an arm; a cylinder with a ball of its radius at both ends, as URDF says a capsule, is one again."""
+    balls = [
+        s for s in shapes if s["type"] == "capsule" and np.linalg.norm(_middle(s) - s["a"]) < SHORTEST_ROD_M
+    ]
+    swallowed, found = [], []
+    for shape in shapes:
+        ends = [
+            next((b for b in balls if b not in swallowed and _is_end(b, shape, end)), None)
+            for end in ("a", "b")
+        ]
+        if shape["type"] == "cylinder" and None not in ends:
+            swallowed += ends
+            shape = {**shape, "type": "capsule", "name": shape["name"].removesuffix("_rod")}
+        found.append(shape)
+    return [shape for shape in found if shape not in swallowed]
+
+
+def _middle(rod: dict[str, Any]) -> np.ndarray:
+    return 0.5 * (np.array(rod["a"]) + np.array(rod["b"]))
+
+
+def _is_end(ball: dict[str, Any], rod: dict[str, Any], end: str) -> bool:
+    """Whether a ball rounds this end of a cylinder off."""
+    return (
+        rod["type"] == "cylinder"
+        and ball["link"] == rod["link"]
+        and abs(ball["radius"] - rod["radius"]) < 1e-6
+        and bool(np.linalg.norm(_middle(ball) - rod[end]) < 1e-6)
+    )
+
+
+def _rod(kind: str, centre: np.ndarray, along: np.ndarray, half: float, radius: float) -> dict[str, Any]:
+    half = max(half, 0.5 * SHORTEST_ROD_M * (1.0 + 1e-6))  # also once its ends are rounded
+    a, b = centre - half * along, centre + half * along
+    return {"type": kind, "a": a.tolist(), "b": b.tolist(), "radius": radius}
+
+
+def _box(centre: np.ndarray, half: np.ndarray) -> dict[str, Any]:
+    return {"type": "box", "center": centre.tolist(), "half": half.tolist()}
+
+
+def _permuted(R: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Half extents of a box whose axes are those of the frame, in another order."""
+    return np.round(np.abs(R)) @ half
+
+
+def _vertices(solid: Geometry, urdf: Path, packages: Sequence[Path]) -> np.ndarray:
+    import trimesh
+
+    file = _find(solid.file, urdf, packages)
+    try:
+        mesh = trimesh.load(file, force="mesh")
+        points = np.asarray(getattr(mesh, "vertices", np.empty((0, 3))), dtype=float)
+    except Exception as error:  # a reader of foreign files may raise anything
+        raise ArmDescriptionError(
+            f"mesh {file} cannot be read ({error}); give it as STL or OBJ, or a box or cylinder instead"
+        ) from error
+    if points.ndim != 2 or len(points) == 0 or not np.isfinite(points).all():
+        raise ArmDescriptionError(f"mesh {file} holds no points; give it as STL or OBJ")
+    return points * solid.size
+
+
+def _find(name: str, urdf: Path, packages: Sequence[Path]) -> Path:
+    """The file of a mesh: beside the URDF, absolute, or in a package that lies around it."""
+    if name.startswith("package://"):
+        package, _, rest = name.removeprefix("package://").partition("/")
+        above = list(urdf.resolve().parents)
+        tried = [folder / package / rest for folder in (*packages, *above)]
+        tried += [folder / rest for folder in (*packages, *above) if folder.name == package]
+        fix = f"give --packages the folder that holds the package {package!r}"
+    else:
+        tried = [urdf.parent / name.removeprefix("file://")]
+        fix = "it is named from the URDF's folder"
+    for file in tried:
+        if file.is_file():
+            return file
+    raise ArmDescriptionError(f"mesh {name} is not there; {fix}")

@@ -1,0 +1,40 @@
+"""Which links of an arm touch in every pose: they do so by construction, and are not to be checked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from s2r_protocol.arms import ArmDescription
+
+_POSES = 64
+
+
+def always_touching(arm: ArmDescription, apart_m: float, seed: int = 0) -> list[tuple[str, str]]:
+    """Pairs of links that come no farther apart than ``apart_m`` [m] in any of many poses within the limits.
+
+    Neighbours, and what the arm excludes already, are not among them.
+    """
+    model = pin.buildModelFromXML(arm.urdf)
+    shapes = pin.buildGeomFromUrdfString(model, arm.urdf, pin.GeometryType.COLLISION)
+    links = [model.frames[shape.parentFrame].name for shape in shapes.geometryObjects]
+    excluded = {frozenset(pair) for pair in arm.collision_exclude}
+    pairs = []
+    for i, first in enumerate(links):
+        for j, second in enumerate(links[:i]):
+            if first != second and frozenset((first, second)) not in excluded:
+                shapes.addCollisionPair(pin.CollisionPair(j, i))
+                pairs.append((second, first))
+    near = set(pairs)
+    data, found = model.createData(), shapes.createData()
+    rng = np.random.default_rng(seed)
+    for _ in range(_POSES if pairs else 0):
+        q = rng.uniform(arm.limits.q_min, arm.limits.q_max)
+        pin.computeDistances(model, data, shapes, found, q)
+        touching = {
+            pair
+            for pair, result in zip(pairs, found.distanceResults, strict=True)
+            if result.min_distance <= apart_m
+        }
+        near &= touching
+    return sorted(near)

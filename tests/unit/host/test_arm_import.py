@@ -1,0 +1,254 @@
+"""From a URDF to an arm.yaml: the same arm, or a sentence that says what an arm.yaml cannot hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+import yaml
+from click.testing import CliRunner
+
+from s2r_host.arm_import import Wishes, import_arm, to_yaml
+from s2r_host.cli_import_arm import import_arm as command
+from s2r_protocol.arms import ArmDescription, ArmDescriptionError, load_arm
+
+HERE = Path(__file__).parent
+
+# Frames turned as Denavit and Hartenberg do, one axis that counts the other way, a pedestal below, a gripper of two
+# fingers on top that is turned by 45 degrees.
+TURNED = """
+<robot name="my arm">
+  <link name="world"/>
+  <joint name="stands" type="fixed"><parent link="world"/><child link="foot"/><origin xyz="0 0 0.7"/></joint>
+  <link name="foot"><collision><geometry><cylinder radius="0.08" length="0.1"/></geometry></collision></link>
+  <joint name="j1" type="continuous"><parent link="foot"/><child link="l1"/><origin xyz="0 0 0.3" rpy="0 0 1.5708"/>
+    <axis xyz="0 0 1"/><limit velocity="2" effort="50"/></joint>
+  <link name="l1"><inertial><origin xyz="0.01 0.02 0.03" rpy="0.3 0 0"/><mass value="3"/>
+    <inertia ixx="0.02" iyy="0.03" izz="0.025" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><sphere radius="0.06"/></geometry></collision></link>
+  <joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0 0.05 0" rpy="1.5708 0 0"/>
+    <axis xyz="0 0 1"/><limit lower="-2" upper="1" velocity="2" effort="50"/></joint>
+  <link name="l2"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+    <inertia ixx="0.003" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision name="upper"><origin xyz="0.2 0 0" rpy="0 1.5707963 0"/>
+    <geometry><mesh filename="package://my_arm/upper.stl" scale="0.001 0.001 0.001"/></geometry></collision></link>
+  <joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0.4 0 0" rpy="0 0 1.5708"/>
+    <axis xyz="0 0 -1"/><limit lower="0.5" upper="2.5" velocity="2" effort="30"/></joint>
+  <link name="l3"><inertial><origin xyz="0 0.1 0"/><mass value="1"/>
+    <inertia ixx="0.004" iyy="0.001" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 0.1 0"/><geometry><box size="0.06 0.2 0.04"/></geometry></collision></link>
+  <joint name="flange" type="fixed"><parent link="l3"/><child link="hand"/>
+    <origin xyz="0 0.2 0" rpy="-1.5708 0.7854 0"/></joint>
+  <link name="hand"><inertial><origin xyz="0 0 0.02"/><mass value="0.5"/>
+    <inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><box size="0.02 0.08 0.04"/></geometry></collision></link>
+  <joint name="grip" type="prismatic"><parent link="hand"/><child link="left_finger"/><origin xyz="0 0 0.03"/>
+    <axis xyz="0 1 0"/><limit lower="0" upper="0.04" velocity="1" effort="9"/></joint>
+  <link name="left_finger"><collision><origin xyz="0 0 0.03"/><geometry><box size="0.02 0.01 0.06"/></geometry>
+    </collision></link>
+  <joint name="follows" type="prismatic"><parent link="hand"/><child link="right_finger"/><origin xyz="0 0 0.03"/>
+    <axis xyz="0 -1 0"/><limit lower="0" upper="0.04" velocity="1" effort="9"/><mimic joint="grip"/></joint>
+  <link name="right_finger"><collision><origin xyz="0 0 0.03"/><geometry><box size="0.02 0.01 0.06"/></geometry>
+    </collision></link>
+  <joint name="tip" type="fixed"><parent link="hand"/><child link="tcp"/><origin xyz="0 0 0.09"/></joint>
+  <link name="tcp"/>
+</robot>
+"""
+FINGERS_CLOSED = Wishes(tip="tcp", held={"grip": 0.005})
+
+
+@pytest.fixture
+def turned(tmp_path):
+    """The URDF above in a package, with a mesh that is a bar of 40 x 5 x 5 cm in millimetres, along z."""
+    (tmp_path / "my_arm" / "urdf").mkdir(parents=True)
+    trimesh.creation.box((50.0, 50.0, 400.0)).export(tmp_path / "my_arm" / "upper.stl")
+    path = tmp_path / "my_arm" / "urdf" / "arm.urdf"
+    path.write_text(TURNED)
+    return path
+
+
+def _tip_and_torques(urdf: str, frame: str, base: str, q: np.ndarray) -> tuple[pin.SE3, np.ndarray]:
+    model = pin.buildModelFromXML(urdf)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    X = data.oMf[model.getFrameId(base)].inverse() * data.oMf[model.getFrameId(frame)]
+    return X, pin.computeGeneralizedGravity(model, data, q)
+
+
+@pytest.mark.parametrize("arm", ["xmate3pro", HERE / "six_joint_arm"])
+def test_the_urdf_of_an_arm_gives_back_its_own_source(arm, tmp_path):
+    source = load_arm(arm).source
+    (tmp_path / "arm.urdf").write_text(load_arm(arm).urdf)
+    found = import_arm(tmp_path / "arm.urdf", Wishes(home=source.q_home)).source
+    got, expected = found.model_dump(), source.model_dump()
+    for key in ("name", "base", "links", "tool", "q_home"):
+        assert got[key] == expected[key], key
+    for one, other in zip(got["joints"], expected["joints"], strict=True):
+        assert {**one, "ddq_max": 0, "dddq_max": 0} == {**other, "ddq_max": 0, "dddq_max": 0}
+    for key in ("mounts", "shapes"):
+        for one, other in zip(got[key], expected[key], strict=True):
+            for name, value in other.items():
+                if isinstance(value, str):
+                    assert one[name] == value
+                else:
+                    np.testing.assert_allclose(one[name], value, atol=1e-6)
+
+
+def test_a_turned_arm_moves_and_weighs_as_its_urdf_says(turned):
+    found = import_arm(turned, FINGERS_CLOSED)
+    arm = ArmDescription(found.source, turned.parent)
+    fixed = TURNED.replace('type="prismatic"', 'type="fixed"').replace('type="continuous"', 'type="revolute"')
+    for q in np.random.default_rng(1).uniform(-1.0, 1.0, (5, 3)):
+        there, torques = _tip_and_torques(fixed, "tcp", "foot", q)
+        sign = np.array([1.0 if not _reversed(found, n) else -1.0 for n in ("j1", "j2", "j3")])
+        here, own = _tip_and_torques(arm.urdf, arm.tool_frame, "foot", sign * q)
+        np.testing.assert_allclose(here.homogeneous, there.homogeneous, atol=1e-4)
+        np.testing.assert_allclose(sign * own, torques, atol=1e-3)
+
+
+def _reversed(found, name: str) -> bool:
+    return any(line.startswith(f"joint '{name}' turns about -") for line in found.told)
+
+
+def test_an_axis_that_counts_the_other_way_is_told_and_its_limits_are_exchanged(turned):
+    found = import_arm(turned, FINGERS_CLOSED)
+    (j1, j2, j3) = found.source.joints
+    assert (j1.axis, j2.axis, j3.axis) == ("z", "x", "x")
+    assert j1.q == pytest.approx((-2 * np.pi, 2 * np.pi))
+    assert j2.q == (-2.0, 1.0)
+    assert j3.q == (-2.5, -0.5)
+    assert [n for n in ("j1", "j2", "j3") if _reversed(found, n)] == ["j3"]
+    assert found.source.q_home == (0.0, 0.0, -1.5)
+
+
+def test_a_moving_frame_without_mass_takes_that_of_what_it_carries(turned):
+    found = import_arm(turned, FINGERS_CLOSED).source
+    frame = """<link name="l3"/>
+  <joint name="shell" type="fixed"><parent link="l3"/><child link="l3_shell"/><origin xyz="0 0.1 0"/></joint>
+  <link name="l3_shell"><inertial><mass value="1"/>"""
+    turned.write_text(
+        TURNED.replace('<link name="l3"><inertial><origin xyz="0 0.1 0"/><mass value="1"/>', frame)
+    )
+    other = import_arm(turned, FINGERS_CLOSED).source
+    alone, fused = found.link_named("l3"), other.link_named("l3")
+    hand = found.link_named("hand")
+    assert fused.mass == alone.mass + hand.mass
+    np.testing.assert_allclose(
+        fused.com, (np.array(alone.com) * 1.0 + _hand_com(found) * hand.mass) / fused.mass, atol=1e-6
+    )
+    assert not other.mounts
+
+
+def _hand_com(source) -> np.ndarray:
+    mount = source.mounts[0]
+    R = pin.rpy.rpyToMatrix(*mount.rpy)
+    return np.array(mount.origin) + R @ np.array(source.link_named("hand").com)
+
+
+def test_what_was_decided_is_told(turned):
+    told = "\n".join(import_arm(turned, FINGERS_CLOSED).told)
+    for sentence in (
+        "joint 'grip' is held at 0.005 m",
+        "joint 'follows' is held at 0.005 m",
+        "links that do not hang off 'foot' are left out",
+        "base 'foot' has no mass",
+        "'j1' turns without end",
+        "1 meshes became",
+        "tool_tip is the frame of 'tcp'",
+    ):
+        assert sentence in told
+
+
+def test_shapes_enclose_and_fingers_may_touch(turned):
+    shapes = {s.name: s for s in import_arm(turned, FINGERS_CLOSED).source.shapes}
+    assert {n for n in shapes if n.startswith("finger")} == {"finger_left_finger_0", "finger_right_finger_0"}
+    left = shapes["finger_left_finger_0"]
+    assert (left.link, left.half) == ("hand", (0.01, 0.005, 0.03))
+    np.testing.assert_allclose(left.center, (0.0, 0.005, 0.06), atol=1e-9)
+    assert sorted(shapes["upper"].half) == pytest.approx([0.025, 0.025, 0.2], abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_smallest_shape_holds_every_point(seed):
+    from s2r_host.arm_import.shapes import enclose
+
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(200, 3)) * rng.uniform(0.01, 0.2, 3)
+    points /= np.maximum(1.0, np.linalg.norm(points / points.std(axis=0), axis=1, keepdims=True) / 2.0)
+    shape = enclose(points)
+    if shape["type"] == "box":
+        away = np.abs(points - shape["center"]) - shape["half"]
+    else:
+        a, b = np.array(shape["a"]), np.array(shape["b"])
+        along = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+        away = np.linalg.norm(points - a - along[:, None] * (b - a), axis=1) - shape["radius"]
+    assert away.max() <= 1e-9
+
+
+def test_the_text_reads_back_to_the_same_arm(turned, tmp_path):
+    found = import_arm(turned, FINGERS_CLOSED)
+    (tmp_path / "arm.yaml").write_text(to_yaml(found.source, "arm.urdf", found.told))
+    assert load_arm(tmp_path).source == found.source
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("<robot", "<model", "is no readable URDF|begins with <model>"),
+        (
+            'name="my arm"',
+            'name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:if value="1"/><link name="y"/',
+            "holds xacro",
+        ),
+        ('<axis xyz="0 0 -1"/>', '<axis xyz="1 1 0"/>', "joint 'j3' turns about .* 45° off"),
+        ('velocity="2" effort="30"', 'velocity="0"', "joint 'j3' has no velocity, effort above 0"),
+        ('name="j3" type="revolute"', 'name="j3" type="prismatic"', "'j3' is prismatic.*--hold j3=0"),
+        ('<mass value="2"/>', "", "link 'l2' moves and has no mass"),
+        ('ixx="0.003" iyy="0.02"', 'ixx="0.5" iyy="0.02"', "link 'l2'.*triangle"),
+        ("upper.stl", "lower.stl", "mesh package://my_arm/lower.stl is not there; give --packages"),
+        ('child link="tcp"', 'child link="tool"', "joint 'tip' names a link 'tool', which is not there"),
+        ('upper="2.5"', 'upper="far"', "joint 'j3': upper 'far' of its <limit> is no finite number"),
+        ('box size="0.06 0.2 0.04"', 'box size="0.06 0.2"', "link 'l3': size '0.06 0.2' must be three"),
+    ],
+)
+def test_what_cannot_be_said_is_refused_by_name(turned, old, new, says):
+    assert old in TURNED
+    turned.write_text(TURNED.replace(old, new))
+    with pytest.raises(ArmDescriptionError, match=f"(?s){says}"):
+        import_arm(turned, FINGERS_CLOSED)
+
+
+@pytest.mark.parametrize(
+    ("wishes", "says"),
+    [
+        (Wishes(), "--tip"),
+        (Wishes(tip="hnd"), "--tip: there is no link 'hnd'; there are world, foot"),
+        (Wishes(tip="tcp", held={"g": 0.0}), "--hold: there is no joint 'g'"),
+        (Wishes(tip="l1", base="l2"), "--tip l1 does not hang off the base 'l2'"),
+        (Wishes(tip="tcp", home=(0.0,)), "--home has 1 values; this arm has 3 joints: j1, j2, j3"),
+        (Wishes(tip="tcp", home=(0.0, 3.0, -1.0)), "joint 'j2' = 3.0 rad is outside"),
+    ],
+)
+def test_wishes_that_cannot_be_met_are_refused_by_name(turned, wishes, says):
+    with pytest.raises(ArmDescriptionError, match=says):
+        import_arm(turned, wishes)
+
+
+def test_the_command_writes_an_arm_that_the_doctor_reads(turned, tmp_path):
+    out = tmp_path / "out"
+    arguments = [str(turned), "--tip", "tcp", "--hold", "grip=0.005", "--out", str(out)]
+    result = CliRunner().invoke(command, arguments, standalone_mode=False)
+    assert result.return_value == 0, result.exception
+    assert "model hash" in result.output
+    assert f"wrote {out / 'arm.yaml'}" in result.output
+    assert yaml.safe_load((out / "arm.yaml").read_text())["name"] == "my_arm"
+
+
+def test_a_refused_urdf_leaves_nothing_behind(turned, tmp_path):
+    out = tmp_path / "out"
+    result = CliRunner().invoke(command, [str(turned), "--out", str(out)], standalone_mode=False)
+    assert isinstance(result.exception, ArmDescriptionError)
+    assert not out.exists()
