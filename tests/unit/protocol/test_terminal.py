@@ -1,4 +1,4 @@
-"""Commands whose terminal is gone while nobody tells them: a job the shell has forgotten, a cut connection."""
+"""Commands whose terminal or reader is gone while nobody tells them: a forgotten job, a cut connection, a ``head``."""
 
 import os
 import subprocess
@@ -20,6 +20,23 @@ def test_a_command_ends_as_it_would_with_its_terminal(arguments, code):
     process = subprocess.Popen([*S2R, *arguments], stdin=theirs, stdout=theirs, stderr=theirs)
     os.close(theirs)
     os.close(ours)
+    assert process.wait(timeout=120) == code
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["--help"], ExitCode.OK),
+        (["completion", "bash"], ExitCode.OK),
+        (["config", "show"], ExitCode.OK),
+        (["state", "--executor", "tcp/127.0.0.1:1"], ExitCode.UNREACHABLE),
+    ],
+)
+def test_a_command_ends_as_it_would_with_the_reader_of_its_pipe(arguments, code):
+    ours, theirs = os.pipe()
+    os.close(ours)
+    process = subprocess.Popen([*S2R, *arguments], stdout=theirs, stderr=theirs)
+    os.close(theirs)
     assert process.wait(timeout=120) == code
 
 
