@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from s2r_protocol.cli.options import FiniteRange
+
 
 @click.command()
 @click.option(
@@ -17,14 +19,36 @@ import click
     "--planners", "names", default="ours,paper", show_default=True, help="Comma-separated, interleaved."
 )
 @click.option("--tasks", "tasks", default="", help="Comma-separated [default: all within reach].")
-@click.option("--placements", default=4, show_default=True, type=click.IntRange(min=1))
-@click.option("--seeds", default=1, show_default=True, type=click.IntRange(min=1))
 @click.option(
-    "--collection", default=1, show_default=True, help="Which placements; 0 is the one for development."
+    "--placements",
+    default=4,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="Of the object, per task.",
 )
-@click.option("--threads", default=2, show_default=True, type=click.IntRange(min=0))
 @click.option(
-    "--replays", default=0, show_default=True, help="Plays of each motion with objects drawn at random."
+    "--seeds", default=1, show_default=True, type=click.IntRange(min=1), help="Of the planner, per placement."
+)
+@click.option(
+    "--collection",
+    default=1,
+    show_default=True,
+    type=click.IntRange(min=0),
+    help="Which placements; 0 is the one for development.",
+)
+@click.option(
+    "--threads",
+    default=2,
+    show_default=True,
+    type=click.IntRange(min=0),
+    help="Of the rollouts; 0 takes all processors.",
+)
+@click.option(
+    "--replays",
+    default=0,
+    show_default=True,
+    type=click.IntRange(min=0),
+    help="Plays of each motion with objects drawn at random.",
 )
 @click.option(
     "--doubt",
@@ -33,14 +57,27 @@ import click
     show_default=True,
     help="What the objects may differ in; built: in their joints too, as far as the model builder leaves them open.",
 )
-@click.option("--pieces", default=0, show_default=True, help="Cut the objects' boxes into convex meshes.")
+@click.option(
+    "--pieces",
+    default=0,
+    show_default=True,
+    type=click.IntRange(min=0),
+    help="Cut each of the objects' boxes into so many convex meshes; 0: leave them as they are.",
+)
 @click.option(
     "--coacd", "decomposed", is_flag=True, help="Replace each body's boxes by what CoACD makes of them."
 )
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--tool", default="", help="Held by the gripper: t_shape or semi_ring [default: none].")
 @click.option("--plan-only", is_flag=True, help="No time law and no verifier: the planner alone.")
-@click.option("--patience", "patience_s", default=300.0, show_default=True, help="Longest plan [s].")
+@click.option(
+    "--patience",
+    "patience_s",
+    default=300.0,
+    show_default=True,
+    type=FiniteRange(min=0.0, min_open=True),
+    help="Longest that a plan may be computed [s].",
+)
 @click.option(
     "--curve", type=click.Path(path_type=Path, dir_okay=False), help="Picture of success over CPU time."
 )
