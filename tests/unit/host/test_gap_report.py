@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from s2r_host.gap.output.answer import fit_json, make_answer, write_predictions
-from s2r_host.gap.output.figures import _overlay_motion
+from s2r_host.gap.output.figures import _overlay_motion, _shown_block
 from s2r_host.gap.output.report import _numbers, _per_joint, _rejected
 from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.regression.solution import Term
@@ -48,6 +48,20 @@ def test_the_simulated_motion_is_shown_where_late_stamps_gave_its_recording_anot
     _overlay_motion(analysis, 0, block, motion, error)  # pyright: ignore[reportArgumentType]
     assert [line.get_label() for line in motion.lines] == ["before", "recorded"]
     assert np.allclose(error.lines[0].get_ydata(), 0.1)
+
+
+@pytest.mark.parametrize(("traced", "shown"), [([1], (1, True)), ([0, 1], (0, True)), ([], (0, False))])
+def test_the_held_out_part_that_was_simulated_is_shown_rather_than_an_empty_frame(traced, shown):
+    """A stroke can be too short for an open-loop window."""
+    sessions = [SimpleNamespace(index=k) for k in range(2)]
+    blocks = [SimpleNamespace(session=s, joint=0, held=np.ones(3, dtype=bool)) for s in sessions]
+    traces = [SimpleNamespace(session=sessions[k], closed=False, held=True) for k in traced]
+    traces += [SimpleNamespace(session=sessions[0], closed=True, held=True)]
+    errors = SimpleNamespace(traces=traces)
+    analysis: Any = SimpleNamespace(problem=SimpleNamespace(blocks=blocks), before=errors, after=None)
+    block, simulated = _shown_block(analysis, 0)
+    assert block is not None
+    assert (block.session.index, simulated) == shown
 
 
 def test_efforts_and_positions_have_units_of_their_own():

@@ -17,6 +17,7 @@ from s2r_host.gap.regression.rows import Block
 from s2r_host.gap.simulation.forward import Errors
 
 MUTED, BEFORE, AFTER, MEASURED = "#667085", "#d1495b", "#1f7a8c", "#1d2433"
+_BETRAYED = ("parameter_off", "physics_missing", "unknown")  # verdicts by which something is off
 COLUMNS = 300  # of the heat map, per recording set
 
 
@@ -25,8 +26,9 @@ def figures(a: Analysis) -> str:
     if a.problem is None:
         return ""
     out = ["<h2>Residual over joints and time</h2>", _image(heat_map(a))]
+    heading = "What betrays it" if a.verdict in _BETRAYED else "What is left"
     for j in _figure_joints(a):
-        out += [f"<h2>What betrays it: {html.escape(a.model.joints[j])}</h2>", _image(maps_figure(a, j))]
+        out += [f"<h2>{heading}: {html.escape(a.model.joints[j])}</h2>", _image(maps_figure(a, j))]
         out += ["<h2>Before and after on held-out data</h2>", _image(overlay_figure(a, j))]
     return "\n".join(out)
 
@@ -120,7 +122,7 @@ def maps_figure(a: Analysis, j: int) -> Figure:
         c, m = _binned(X, L)
         axes.plot(c, m, color=AFTER, lw=1.6, label="after")
         axes.axhspan(-p.floor[j], p.floor[j], color=MUTED, alpha=0.15, lw=0)
-        axes.xaxis.set_major_locator(MaxNLocator(6))
+        axes.xaxis.set_major_locator(MaxNLocator(5))
         axes.set_xlabel(f"{label} [{unit}{'/s' if pick == 'v' else ''}]")
         axes.set_ylabel(f"residual effort [{effort}]" if k == 0 else "")
         axes.spines[["top", "right"]].set_visible(False)
@@ -146,15 +148,32 @@ def _first(errors: Errors) -> int:
     return min(trace.start for trace in errors.traces if not trace.closed and trace.held)
 
 
+def _shown_block(a: Analysis, j: int) -> tuple[Block | None, bool]:
+    """The recording whose held-out part is shown, and whether it was simulated in the open loop there.
+
+    Strokes can be too short for a window of it; the first one that is not shows more.
+    """
+    assert a.problem is not None
+    held = [b for b in a.problem.blocks if b.joint == j and b.held.any()]
+    simulated = {
+        trace.session.index
+        for errors in (a.before, a.after)
+        if errors is not None
+        for trace in errors.traces
+        if trace.held and not trace.closed
+    }
+    block = next((b for b in held if b.session.index in simulated), None)
+    return (block, True) if block is not None else (held[0] if held else None, False)
+
+
 def overlay_figure(a: Analysis, j: int) -> Figure:
     """Held-out effort residual before and after; where it was simulated, open-loop position and its error as well."""
     assert a.problem is not None
     assert a.decision is not None
     p = a.problem
-    simulated = a.before is not None or a.after is not None
+    block, simulated = _shown_block(a, j)
     figure = Figure(figsize=(9, 6.4 if simulated else 2.4))
     panels = figure.subplots(3 if simulated else 1, 1, sharex=True, squeeze=False)[:, 0]
-    block = next((b for b in p.blocks if b.joint == j and b.held.any()), None)
     top = panels[0]
     if block is not None:
         t = block.session.t[block.picks][block.held]
