@@ -28,7 +28,7 @@ def test_a_stop_in_motion_brings_it_to_rest_before_the_plans_end(executor, virtu
 
 def test_a_plan_that_is_too_fast_is_refused_by_name(executor):
     with pytest.raises(CommandRefusedError, match="velocity"):
-        executor.move_by(0.4, duration_s=0.2)
+        executor.move_by(0.1, duration_s=0.04)
 
 
 @pytest.mark.s2r(faults=["drop:0x183@1-999999999"])

@@ -237,7 +237,7 @@ def _report(
         click.echo(json.dumps(values, indent=1))
         return int(ExitCode.OK)
     click.echo(
-        f"plan {last.plan.number} '{last.plan.label}' replayed on the {where}; "
+        f"plan {last.plan.number} '{last.plan.label}' replayed on the {'arm' if where == 'real' else where}; "
         f"RMS difference to its {values['against']} per joint [mrad]:"
     )
     click.echo("  " + "  ".join(f"{name} {1e3 * value:.3f}" for name, value in rms.items()))

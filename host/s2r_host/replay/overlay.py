@@ -65,10 +65,10 @@ def write_overlay(
         for name, rms, largest in zip(joint_names, found.rms_rad, found.largest_rad, strict=True)
     ]
     plan = replayed.plan
-    slower = "" if speed == 1.0 else f" at {speed:g} of its speed, shown over its own time"
+    slower = "" if speed == 1.0 else f", at {speed:g} of its speed and shown over its own time"
     head = (
         f"<h1>Replay of '{escape(plan.label)}'</h1><p class='lead'>plan {plan.number} of {escape(run.name)}, "
-        f"{plan.trajectory.duration_s:.2f} s, sent again as plan {replayed.seq}{slower} through the same admission</p>"
+        f"{plan.trajectory.duration_s:.2f} s, sent again through the same admission as plan {replayed.seq}{slower}</p>"
     )
     parts = [
         head,
