@@ -78,7 +78,7 @@ def _whole(recording: Recording) -> list[str]:
     if damage.truncated:
         found.append(
             f"cut off: {damage.unread_bytes} bytes after the last whole record ({damage.reason}); "
-            "mend it with 's2r log recover'"
+            "mend it with 's2r log recover', unless its recorder still writes it: check again once that has ended"
         )
     if damage.chunks:
         found.append(f"{damage.chunks} damaged chunks ({damage.reason}); 's2r log recover' saves the rest")

@@ -445,3 +445,21 @@ def test_diff_and_check_end_with_the_documented_codes(whole, tmp_path, capsys):
     cut.write_bytes(whole.read_bytes()[:-2000])
     assert exit_code("log", "check", cut) == 4
     assert exit_code("log", "check", tmp_path) == 2
+
+
+def test_a_folder_that_is_no_run_tells_what_it_holds_instead(tmp_path):
+    from s2r_host.log.recording_file import recording_file
+
+    demo, executor = tmp_path / "demo", tmp_path / "executor"
+    (demo / "run").mkdir(parents=True)
+    (demo / "run" / "run.mcap").touch()
+    executor.mkdir()
+    for age_s, name in ((20, "session-1.mcap"), (10, "plan-2-3.mcap")):
+        (executor / name).touch()
+        os.utime(executor / name, (1e9 - age_s, 1e9 - age_s))
+    with pytest.raises(UsageError, match=r"its run is in .*demo/run: name that"):
+        recording_file(demo)
+    with pytest.raises(UsageError, match=r"2 recordings by other names, plan-2-3.mcap the newest"):
+        recording_file(executor)
+    with pytest.raises(UsageError, match=r"name a recording, or the folder"):
+        recording_file(tmp_path)
