@@ -11,6 +11,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from s2r_host.errors import MissingPartError
 from s2r_host.log.arm_of import arm_of, in_arms_order
@@ -159,6 +160,8 @@ def _plots(joints: Joints, reference: Joints | None, found: list[Segment]) -> Fi
             if joints.tau is not None:
                 right.plot(t, shown * joints.tau[keep, i], color=EXECUTED, lw=0.8)
             left.set_ylabel(f"{name}\n[rad]")
+            for axes in (left, right):  # as many whatever the height: the layout measures them before it knows it
+                axes.yaxis.set_major_locator(MaxNLocator(3))
             for segment in found:
                 left.axvspan(
                     (segment.begin_ns - joints.stamp_ns[0]) * 1e-9,
