@@ -68,7 +68,7 @@ DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 )
 @click.option("--out", type=UNUSED_FOLDER, help="Folder, new or empty [default: replay-<plan> beside].")
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
-@click.option("--cell", default="lab", show_default=True)
+@click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
 @tls_option
 @click.option(
     "--json", "as_json", is_flag=True, help="Print the comparison, or the plans, on standard output."

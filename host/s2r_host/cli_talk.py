@@ -31,7 +31,7 @@ def talk_options(timeout_s: float, in_vain: str) -> Callable[[Callable[..., Any]
         click.option(
             "--executor", "endpoint", default=DEFAULT_EXECUTOR, show_default=True, help="Zenoh endpoint."
         ),
-        click.option("--cell", default="lab", show_default=True),
+        click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space."),
         click.option(
             "--arm",
             default="xmate3pro",

@@ -19,8 +19,19 @@ SPLITS = ("train", "validation", "test")
     "--world", "world_file", type=click.Path(path_type=Path), help="World file, from 's2r world draw'."
 )
 @click.option("--seed", type=SEED, help="Draw a world instead of reading one.")
-@click.option("--kind", default="drawer", show_default=True, help="Kind of object in a drawn world.")
-@click.option("--clock", type=click.Choice(CLOCKS), default="lockstep", show_default=True)
+@click.option(
+    "--kind",
+    default="drawer",
+    show_default=True,
+    help="Kind of object in a drawn world: drawer, drawers, chest, laptop, faucet, door, lid or dial.",
+)
+@click.option(
+    "--clock",
+    type=click.Choice(CLOCKS),
+    default="lockstep",
+    show_default=True,
+    help="lockstep: time goes on with the executor's setpoints; real: with the clock here. As the executor has it.",
+)
 @click.option(
     "--pace", type=float, default=1.0, show_default=True, help="Simulated over real seconds; 0: no limit."
 )
@@ -30,7 +41,13 @@ SPLITS = ("train", "validation", "test")
     show_default=True,
     help="unix:PATH to listen on, or can:IFACE to join (vcan0).",
 )
-@click.option("--packing", type=click.Choice(PACKINGS), default="fd", show_default=True)
+@click.option(
+    "--packing",
+    type=click.Choice(PACKINGS),
+    default="fd",
+    show_default=True,
+    help="CAN FD at 1 kHz or classical CAN at 250 Hz, as the executor has it.",
+)
 @click.option(
     "--listen", default="tcp/127.0.0.1:7448", show_default=True, help="Zenoh endpoint of the camera."
 )
@@ -38,7 +55,7 @@ SPLITS = ("train", "validation", "test")
 @click.option(
     "--truth", "truth_file", type=click.Path(path_type=Path), help="Log what really happens here (CSV)."
 )
-@click.option("--cell", default="lab", show_default=True)
+@click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
 @click.option("--arm", "arm_name", default="xmate3pro", show_default=True, help="Name or folder of an arm.")
 @click.option(
     "--inject",
@@ -103,9 +120,14 @@ def world() -> None:
 
 @world.command()
 @click.option("--seed", type=SEED, required=True)
-@click.option("--kind", default="drawer", show_default=True)
+@click.option(
+    "--kind",
+    default="drawer",
+    show_default=True,
+    help="Kind of object: drawer, drawers, chest, laptop, faucet, door, lid or dial.",
+)
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
-@click.option("--out", type=click.Path(path_type=Path), required=True)
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="New file for the world (JSON).")
 def draw(seed: int, kind: str, arm: str, out: Path) -> None:
     """Draw a world, write it to a file and print its commitment."""
     from s2r_protocol.arms import load_arm
@@ -121,8 +143,16 @@ def draw(seed: int, kind: str, arm: str, out: Path) -> None:
 
 
 @world.command("object")
-@click.option("--kind", required=True)
-@click.option("--split", type=click.Choice(SPLITS), default="train", show_default=True)
+@click.option(
+    "--kind", required=True, help="Kind of object: drawer, drawers, chest, laptop, faucet, door, lid or dial."
+)
+@click.option(
+    "--split",
+    type=click.Choice(SPLITS),
+    default="train",
+    show_default=True,
+    help="Series of objects that --seed counts in; no two series share one.",
+)
 @click.option("--seed", type=SEED, required=True)
 @click.option("--out", type=UNUSED_FOLDER, required=True, help="Folder, new or empty.")
 def write_object(kind: str, split: str, seed: int, out: Path) -> None:

@@ -52,7 +52,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     help="Folder with run folders.",
 )
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
-@click.option("--cell", default="lab", show_default=True)
+@click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
 @tls_option
 @click.option(
     "--ready-file", type=click.Path(dir_okay=False, path_type=Path), help="Written when ready: the address."

@@ -160,7 +160,8 @@ def _plots(joints: Joints, reference: Joints | None, found: list[Segment]) -> Fi
             if joints.tau is not None:
                 right.plot(t, shown * joints.tau[keep, i], color=EXECUTED, lw=0.8)
             left.set_ylabel(f"{name}\n[rad]")
-            for axes in (left, right):  # as many whatever the height: the layout measures them before it knows it
+            # As many numbers whatever the height: the layout measures them before it knows it.
+            for axes in (left, right):
                 axes.yaxis.set_major_locator(MaxNLocator(3))
             for segment in found:
                 left.axvspan(

@@ -36,7 +36,7 @@ _ROUTER_WAIT_S = 1.0
 )
 @click.option("--enable-drives", is_flag=True, help="Enable the drives when a trajectory finds them off.")
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
-@click.option("--cell", default="lab", show_default=True)
+@click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
 @tls_option
 @click.option(
     "--ready-file", type=click.Path(dir_okay=False, path_type=Path), help="Written when ready: the topic."

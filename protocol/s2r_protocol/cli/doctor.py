@@ -199,7 +199,13 @@ def _make_certificates(folder: Path, names: tuple[str, ...], days: int) -> list[
 @click.command()
 @click.option("--arm", metavar="NAME|DIR", help="Check an arm description instead of this machine.")
 @click.option("--bus", default="", metavar="can:IFACE", help="Judge this machine for an arm on that bus.")
-@click.option("--packing", type=click.Choice(["fd", "classic"]), default="fd", show_default=True)
+@click.option(
+    "--packing",
+    type=click.Choice(["fd", "classic"]),
+    default="fd",
+    show_default=True,
+    help="With --bus: CAN FD at 1 kHz or classical CAN at 250 Hz.",
+)
 @click.option(
     "--make-certs",
     type=click.Path(file_okay=False, path_type=Path),

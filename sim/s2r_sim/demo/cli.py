@@ -43,7 +43,13 @@ if TYPE_CHECKING:
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @attempts_option
 @click.option("--reactive", is_flag=True, help="The host watches the part while it moves it, see s2r run.")
-@click.option("--clock", type=click.Choice(["lockstep", "real"]), default="lockstep", show_default=True)
+@click.option(
+    "--clock",
+    type=click.Choice(["lockstep", "real"]),
+    default="lockstep",
+    show_default=True,
+    help="lockstep: simulated time, as fast as --pace and the work allow; real: this machine's clock.",
+)
 @click.option(
     "--pace",
     type=FiniteRange(0, 1000),
@@ -51,7 +57,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="Lock-step: simulated over real seconds; 0: no limit.",
 )
-@click.option("--packing", type=click.Choice(["fd", "classic"]), default="fd", show_default=True)
+@click.option(
+    "--packing",
+    type=click.Choice(["fd", "classic"]),
+    default="fd",
+    show_default=True,
+    help="CAN FD at 1 kHz or classical CAN at 250 Hz.",
+)
 @click.option("--out", type=UNUSED_FOLDER, help="Folder, new or empty [default: runs/demo-<seed>-<time>].")
 @click.option("--json", "as_json", is_flag=True, help="Print the verdict on standard output.")
 def demo(
