@@ -25,6 +25,7 @@ from s2r_executor.observations import Encoder
 from s2r_executor.recorder_wire import Batch, Frame, PlanIdentity, batch_frame, receive, send
 from s2r_executor.writer_settings import WriterSettings, command_line
 from s2r_protocol.arms import ArmDescription
+from s2r_protocol.faults import NOTHING_RECORDED
 
 __all__ = ["PlanIdentity", "Recorder", "RecordingAnswer", "RecordingLoss"]
 
@@ -163,7 +164,7 @@ class Recorder:
     def answer(self, plan_seq: int) -> RecordingAnswer:
         """Whether and where there is a recording of the newest plan with this number."""
         if self._thread is None:
-            return RecordingAnswer(False, "the executor records nothing; start it with --record DIR")
+            return RecordingAnswer(False, NOTHING_RECORDED)
         with self._lock:
             known = self._state.answers.get(plan_seq)
         never = f"no plan {plan_seq} is among the last {_KEPT_ANSWERS} since the executor started"

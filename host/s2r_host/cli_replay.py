@@ -146,6 +146,7 @@ def replay(
     if real:
         endpoint = executor or DEFAULT_EXECUTOR
         with _linked(endpoint, description, keys, tls) as link:
+            link.check_records()  # the comparison needs one; told before the arm moves
             _confirm(plan, sent, description, endpoint, yes)
             obstacles = _seen(camera, keys, tls, model, link.status().q_meas)
             done = _replays(link, model, plans, plan, settings, obstacles, loops, as_found=False)

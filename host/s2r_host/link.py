@@ -43,7 +43,7 @@ from s2r_host.link_types import (
     stopped_meanwhile_error,
 )
 from s2r_protocol import codec
-from s2r_protocol.faults import ExecutorState, Refusal
+from s2r_protocol.faults import NOTHING_RECORDED, ExecutorState, Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
 
@@ -185,6 +185,21 @@ class ExecutorLink:
                     f"recording of plan {plan_seq} is incomplete after {timeout_s:g} s; is the plan still running?"
                 )
             time.sleep(0.1)
+
+    def check_records(self) -> None:
+        """Refuse an executor that records nothing, for what is worth nothing without a recording.
+
+        Raises:
+            CommandRefusedError: It records nothing.
+            PeerUnreachableError: No answer.
+        """
+        wire = codec.seal(pb.RecordingRequest(plan_seq=0), self._address())
+        for answer in self._ask_all(self._keys.recording, wire):
+            reply = codec.open_body(codec.open_envelope(answer), pb.RecordingReply)
+            if reply.reason == NOTHING_RECORDED:
+                raise CommandRefusedError(
+                    f"executor at {self._endpoint}: {NOTHING_RECORDED}; nothing was moved"
+                )
 
     # -- the right to move ----------------------------------------------------------------------------
 

@@ -89,3 +89,7 @@ class Refusal(enum.IntEnum):
     LATE = 30
     SPLICE = 31
     INTERNAL = 99
+
+
+NOTHING_RECORDED = "the executor records nothing; start it with --record DIR"
+"""Why an executor has no recording of any plan."""

@@ -22,7 +22,7 @@ from s2r_host.link_session import open_session, silence_hint
 from s2r_protocol import codec
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import ExitCode, UsageError
-from s2r_protocol.faults import Cause, ExecutorState, Refusal
+from s2r_protocol.faults import NOTHING_RECORDED, Cause, ExecutorState, Refusal
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
 from s2r_protocol.ros2 import pack, topic_key
@@ -576,6 +576,15 @@ def test_recording_is_put_together_from_its_chunks(executor, link):
         pb.RecordingReply(plan_seq=1, complete=True, mcap=b"two"),
     ]
     assert link.recording(1) == b"onetwo"
+
+
+def test_an_executor_that_records_nothing_is_told_before_anything_moves(executor, link):
+    link.check_records()
+    executor.recording_parts = [pb.RecordingReply(reason=NOTHING_RECORDED)]
+    with pytest.raises(
+        CommandRefusedError, match=r"records nothing; start it with --record DIR; nothing was moved"
+    ):
+        link.check_records()
 
 
 def test_missing_recording_is_refused_with_the_reason(executor, link):
