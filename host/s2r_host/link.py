@@ -38,6 +38,7 @@ from s2r_host.link_types import (
     Verdict,
     identity_from_message,
     refusal_error,
+    replaced_error,
     status_from_message,
     stop_error,
     stopped_meanwhile_error,
@@ -367,7 +368,8 @@ class ExecutorLink:
             stalled_s: Largest wall time without a new tick [s].
 
         Raises:
-            ArmStoppedError: The plan was stopped by a protection or on request, also before it began.
+            ArmStoppedError: The plan was stopped by a protection or on request, or another plan took its place; also
+                before it began.
             PeerUnreachableError: The executor fell silent or was started again, or the heartbeat has ended.
         """
         boot_id = self.identity.boot_id
@@ -390,6 +392,8 @@ class ExecutorLink:
                 return True
             if now.epoch != verdict.epoch:  # every stop bumps the epoch
                 raise stop_error(now)
+            if now.plan_seq != verdict.seq:
+                raise replaced_error(verdict, now)
             return False
 
         return self._wait(done, f"plan {verdict.seq}", stalled_s)

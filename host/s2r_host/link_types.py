@@ -194,6 +194,16 @@ def stop_error(status: SeenState) -> ArmStoppedError:
     return ArmStoppedError(text, status.cause, status.epoch)
 
 
+def replaced_error(verdict: Verdict, status: SeenState) -> ArmStoppedError:
+    """Why a plan did not come to its end although nothing stopped the arm."""
+    return ArmStoppedError(
+        f"plan {verdict.seq} was not played to its end: plan {status.plan_seq} was spliced in instead of it, and the "
+        f"arm is at rest (state {status.state.name}); wait for the plan that was sent last",
+        status.cause,
+        status.epoch,
+    )
+
+
 def stopped_meanwhile_error(status: SeenState) -> ArmStoppedError:
     """Why a host that computed without the lease does not go on."""
     return ArmStoppedError(

@@ -447,6 +447,21 @@ def test_a_stop_before_a_plan_takes_over_ends_the_wait_for_it(executor, link, pa
         link.wait_done(waiting)
 
 
+@pytest.mark.parametrize("waits_for", ["the one that played", "the one that waited"])
+def test_a_plan_whose_place_a_newer_splice_took_ends_the_wait_for_it(executor, link, path, waits_for):
+    """Nothing stopped the arm, so the epoch is the same, and the executor names the plan that came to its end."""
+    running = link.send_plan(path, "push")
+    waiting = link.send_plan(path, "corrected push", running=running, splice_t=0.5)
+    newest = link.send_plan(path, "corrected again", running=running, splice_t=0.6)
+    executor.finish()
+    lost = running if waits_for == "the one that played" else waiting
+    with pytest.raises(
+        ArmStoppedError, match=f"plan {lost.seq} was not played to its end: plan {newest.seq}"
+    ):
+        link.wait_done(lost)
+    assert link.wait_done(newest).plan_done
+
+
 def test_clock_that_stands_still_is_noticed(executor, link, path):
     verdict = link.send_plan(path, "push")
     executor.ticking = False
