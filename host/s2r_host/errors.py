@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from s2r_protocol.exits import NotReadyError, ProtectionStopError, RefusedError, S2RError, UnreachableError
+from s2r_protocol.exits import (
+    ExitCode,
+    NotReadyError,
+    ProtectionStopError,
+    RefusedError,
+    S2RError,
+    UnreachableError,
+)
 from s2r_protocol.faults import Cause, Refusal
 
 
@@ -12,6 +19,15 @@ class HostError(S2RError):
 
 class PeerUnreachableError(HostError, UnreachableError):
     """The executor or the camera did not answer."""
+
+
+class DamagedAnswerError(PeerUnreachableError):
+    """A peer's answer was looked at and cannot be used.
+
+    Whoever can go on without an answer does as after silence; whoever cannot is told that it was refused.
+    """
+
+    exit_code = ExitCode.REFUSED
 
 
 class ArmMismatchError(HostError, RefusedError):

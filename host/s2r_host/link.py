@@ -25,7 +25,15 @@ from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedErr
 from s2r_host.link_camera import CameraLink, Capture
 from s2r_host.link_heartbeat import Heart
 from s2r_host.link_observations import JointSample, ObservationFeed, StateSample
-from s2r_host.link_session import ask, certificate_trouble, open_session, silence_hint
+from s2r_host.link_session import (
+    answer,
+    ask,
+    body_of,
+    certificate_trouble,
+    envelope_of,
+    open_session,
+    silence_hint,
+)
 from s2r_host.link_types import (
     LATCHED,
     MOVING,
@@ -109,6 +117,7 @@ class ExecutorLink:
             ArmMismatchError: The executor runs another arm model or other limits.
         """
         self._endpoint = endpoint
+        self._who = f"executor at {endpoint}"
         self._arm = arm
         self._keys = keys or ArmKeys(arm=arm.name)
         self._timeout_s = query_timeout_s
@@ -171,7 +180,7 @@ class ExecutorLink:
         while True:
             request = pb.RecordingRequest(plan_seq=plan_seq)
             replies = [
-                codec.open_body(codec.open_envelope(wire), pb.RecordingReply)
+                answer(wire, pb.RecordingReply, self._who)
                 for wire in self._ask_all(self._keys.recording, codec.seal(request, self._address()))
             ]
             if any(reply.reason for reply in replies):
@@ -506,10 +515,10 @@ class ExecutorLink:
                 )
 
     def _command(self, key: str, body: Message, expected: type[R]) -> R:
-        envelope = codec.open_envelope(self._ask_all(key, codec.seal(body, self._address()))[0])
+        envelope = envelope_of(self._ask_all(key, codec.seal(body, self._address()))[0], self._who)
         if envelope.kind == pb.Verdict.DESCRIPTOR.full_name and expected is not pb.Verdict:
-            raise refusal_error(codec.open_body(envelope, pb.Verdict), f"'{key}'")
-        return codec.open_body(envelope, expected)
+            raise refusal_error(body_of(envelope, pb.Verdict, self._who), f"'{key}'")
+        return body_of(envelope, expected, self._who)
 
     def _judged(self, key: str, body: Message, what: str) -> Verdict:
         verdict = self._command(key, body, pb.Verdict)
@@ -542,7 +551,7 @@ class ExecutorLink:
                 )
             time.sleep(0.1)
         self._met = True
-        body = codec.open_body(codec.open_envelope(replies[0]), pb.HelloReply)
+        body = answer(replies[0], pb.HelloReply, self._who)
         return identity_from_message(body), status_from_message(body.status)
 
 

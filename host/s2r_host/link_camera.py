@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from s2r_host.errors import PeerUnreachableError
-from s2r_host.link_session import ask, open_session, silence_hint
+from s2r_host.errors import DamagedAnswerError, PeerUnreachableError
+from s2r_host.link_session import answer, ask, open_session, silence_hint
 from s2r_protocol import codec
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.proto import s2r_pb2 as pb
@@ -67,23 +67,21 @@ class CameraLink:
 
         Raises:
             PeerUnreachableError: No answer, or the camera reports an error.
+            DamagedAnswerError: The frame cannot be read.
+            BadViewError: It can, and is no measurement.
         """
         from s2r_host.perception.frames import DepthFrame
 
         body = self._request(camera, timeout_s)
         if body.error:
-            raise PeerUnreachableError(f"camera '{camera}' at {self._endpoint} has no image: {body.error}")
-        shape = (body.height, body.width)
-        counts = np.frombuffer(zlib.decompress(body.depth_u16), "<u2").reshape(shape)
-        colour = None
-        if body.colour_rgb8:
-            colour = np.frombuffer(zlib.decompress(body.colour_rgb8), np.uint8).reshape(*shape, 3)
-        frame = DepthFrame(
-            depth_m=(counts * np.float64(body.depth_unit_m)).astype(np.float32),
-            K=np.array(body.K).reshape(3, 3),
-            X_base_camera=np.array(body.X_base_camera).reshape(4, 4),
-            colour=colour,
-        )
+            raise PeerUnreachableError(f"{self._who(camera)} has no image: {body.error}")
+        try:
+            depth_m, colour, K, X_base_camera = arrays_of(body)
+        except ValueError as error:
+            raise DamagedAnswerError(
+                f"{self._who(camera)} sent frame {body.index}, which is damaged: {error}; look at the camera's process"
+            ) from error
+        frame = DepthFrame(depth_m, K, X_base_camera, colour)
         return Capture(camera, body.stamp_ns, body.index, frame, body.world_commitment)
 
     def close(self) -> None:
@@ -98,6 +96,9 @@ class CameraLink:
     ) -> None:
         self.close()
 
+    def _who(self, camera: str) -> str:
+        return f"camera '{camera}' at {self._endpoint}"
+
     def _request(self, camera: str, timeout_s: float) -> pb.Frame:
         deadline = time.monotonic() + self._connect_timeout_s
         key = self._keys.capture(camera)
@@ -108,10 +109,41 @@ class CameraLink:
                 self._session, key, codec.seal(pb.CaptureRequest(camera=camera), address), timeout_s
             )
             if replies:
-                return codec.open_body(codec.open_envelope(replies[0]), pb.Frame)
+                return answer(replies[0], pb.Frame, self._who(camera))
             if time.monotonic() > deadline:
                 raise PeerUnreachableError(
                     f"no camera '{camera}' answered at {self._endpoint} within {self._connect_timeout_s:g} s; "
                     f"start it with 's2r sim-arm' or correct --camera{silence_hint(self._tls)}"
                 )
             time.sleep(0.1)
+
+
+def arrays_of(body: pb.Frame) -> tuple[np.ndarray, np.ndarray | None, np.ndarray, np.ndarray]:
+    """Depth [m] (h, w), colour (h, w, 3) or None, pinhole matrix and pose of a frame.
+
+    Raises:
+        ValueError: What it says of its size and what it carries do not go together.
+    """
+    shape = (body.height, body.width)
+    counts = np.frombuffer(_unpacked("depth", body.depth_u16, 2 * shape[0] * shape[1]), "<u2").reshape(shape)
+    colour = None
+    if body.colour_rgb8:
+        data = _unpacked("colour", body.colour_rgb8, 3 * shape[0] * shape[1])
+        colour = np.frombuffer(data, np.uint8).reshape(*shape, 3)
+    for what, values, needed in (("K", body.K, 9), ("X_base_camera", body.X_base_camera, 16)):
+        if len(values) != needed:
+            raise ValueError(f"{what} has {len(values)} values instead of {needed}")
+    depth_m = (counts * np.float64(body.depth_unit_m)).astype(np.float32)
+    return depth_m, colour, np.array(body.K).reshape(3, 3), np.array(body.X_base_camera).reshape(4, 4)
+
+
+def _unpacked(what: str, packed: bytes, size: int) -> bytes:
+    """Exactly so many bytes; never more are unpacked than one beyond."""
+    opened = zlib.decompressobj()
+    try:
+        data = opened.decompress(packed, size + 1)
+    except zlib.error as error:
+        raise ValueError(f"its {what} cannot be unpacked ({error})") from error
+    if len(data) != size or not opened.eof:
+        raise ValueError(f"its {what} is not the {size} bytes that its size asks for")
+    return data

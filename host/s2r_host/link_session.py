@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeVar
 
 import zenoh
+from google.protobuf.message import Message
 
+from s2r_host.errors import DamagedAnswerError
+from s2r_protocol import codec
 from s2r_protocol.keys import ArmKeys
+from s2r_protocol.proto import s2r_pb2 as pb
 from s2r_protocol.session import CertificateError, Role, TlsFiles, connect, role_held
+
+M = TypeVar("M", bound=Message)
 
 
 def certificate_trouble(tls: Path | None) -> str:
@@ -50,3 +57,36 @@ def ask(session: zenoh.Session, key: str, wire: bytes, timeout_s: float) -> list
     # Without NONE, Zenoh keeps only the newest reply of a key, and a recording comes as several.
     replies = session.get(key, payload=wire, timeout=timeout_s, consolidation=zenoh.ConsolidationMode.NONE)
     return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+
+
+def envelope_of(wire: bytes, who: str) -> pb.Envelope:
+    """The envelope of an answer.
+
+    Raises:
+        DamagedAnswerError: It is none; names who sent it.
+    """
+    try:
+        return codec.open_envelope(wire)
+    except codec.MessageRefusedError as error:
+        raise DamagedAnswerError(f"{who} sent an answer that cannot be read: {error}") from error
+
+
+def body_of(envelope: pb.Envelope, expected: type[M], who: str) -> M:
+    """The body of an answer.
+
+    Raises:
+        DamagedAnswerError: It is none of this kind; names who sent it.
+    """
+    try:
+        return codec.open_body(envelope, expected)
+    except codec.MessageRefusedError as error:
+        raise DamagedAnswerError(f"{who} sent an answer that cannot be read: {error}") from error
+
+
+def answer(wire: bytes, expected: type[M], who: str) -> M:
+    """An answer's body at once.
+
+    Raises:
+        DamagedAnswerError: It cannot be read; names who sent it.
+    """
+    return body_of(envelope_of(wire, who), expected, who)

@@ -13,7 +13,7 @@ from types import TracebackType
 from google.protobuf.message import Message
 
 from s2r_host.errors import CommandRefusedError, PeerUnreachableError
-from s2r_host.link_session import ask, open_session, silence_hint
+from s2r_host.link_session import answer, ask, body_of, envelope_of, open_session, silence_hint
 from s2r_protocol import codec
 from s2r_protocol.faults import Refusal
 from s2r_protocol.keys import ArmKeys
@@ -49,6 +49,7 @@ class Talk:
             PeerUnreachableError: Nobody answered.
         """
         self.endpoint, self.keys = endpoint, keys
+        self._who = f"executor at {endpoint}"
         self._timeout_s, self._tls, self._in_vain = timeout_s, tls, in_vain
         self._seq = 0
         self._me = codec.Address(f"{who}:{os.getpid()}-{os.urandom(2).hex()}")  # secrets would load OpenSSL
@@ -74,7 +75,7 @@ class Talk:
                     f"correct --executor, --cell or --arm if it runs elsewhere{silence_hint(self._tls)}"
                 )
             time.sleep(0.02)
-        hello = codec.open_body(codec.open_envelope(replies[0]), pb.HelloReply)
+        hello = answer(replies[0], pb.HelloReply, self._who)
         self._me = replace(
             self._me,
             boot_id=hello.boot_id,
@@ -93,7 +94,7 @@ class Talk:
         """
         name = pb.ControlKind.Name(kind)
         envelope = self._ask(self.keys.control, pb.Control(kind=kind), name)
-        verdict = codec.open_body(envelope, pb.Verdict)
+        verdict = body_of(envelope, pb.Verdict, self._who)
         if not verdict.accepted:
             raise self._refused(name, verdict.reason, verdict.code)
         return verdict
@@ -122,9 +123,9 @@ class Talk:
         what = "the lease's return" if release else "the lease"
         envelope = self._ask(self.keys.lease, pb.LeaseRequest(release=release), what)
         if envelope.kind == pb.Verdict.DESCRIPTOR.full_name:
-            verdict = codec.open_body(envelope, pb.Verdict)
+            verdict = body_of(envelope, pb.Verdict, self._who)
             raise self._refused(what, verdict.reason, verdict.code)
-        reply = codec.open_body(envelope, pb.LeaseReply)
+        reply = body_of(envelope, pb.LeaseReply, self._who)
         if not reply.granted:
             told = f"{reply.reason}; stop that client or wait until it ends"
             raise self._refused(what, told, Refusal.NO_LEASE)
@@ -140,7 +141,7 @@ class Talk:
                 f"executor at {self.endpoint} did not answer {what} within {self._timeout_s:g} s: it is not known "
                 "whether that was done; look at its output, and at the arm"
             )
-        return codec.open_envelope(replies[0])
+        return envelope_of(replies[0], self._who)
 
     def _refused(self, what: str, reason: str, code: int) -> CommandRefusedError:
         known = code in Refusal._value2member_map_

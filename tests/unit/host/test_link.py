@@ -15,7 +15,13 @@ from click.testing import CliRunner
 
 from s2r_host.cli_stop import send_stop, stop
 from s2r_host.console.operator import Operator
-from s2r_host.errors import ArmMismatchError, ArmStoppedError, CommandRefusedError, PeerUnreachableError
+from s2r_host.errors import (
+    ArmMismatchError,
+    ArmStoppedError,
+    CommandRefusedError,
+    DamagedAnswerError,
+    PeerUnreachableError,
+)
 from s2r_host.link import ExecutorLink
 from s2r_host.link_observations import JOINTS, STATE
 from s2r_host.link_session import open_session, silence_hint
@@ -460,6 +466,24 @@ def test_a_plan_whose_place_a_newer_splice_took_ends_the_wait_for_it(executor, l
     ):
         link.wait_done(lost)
     assert link.wait_done(newest).plan_done
+
+
+@pytest.mark.parametrize(
+    "wire", [b"", b"S2R1 and so on", codec.seal(pb.Frame(), codec.Address(sender="camera"))]
+)
+def test_an_answer_that_cannot_be_read_is_refused_by_name(link, path, wire, monkeypatch):
+    monkeypatch.setattr("s2r_host.link.ask", lambda *_: [wire])
+    for question in (
+        link.status,
+        lambda: link.send_plan(path, "push"),
+        link.take_lease,
+        lambda: link.recording(1),
+    ):
+        with pytest.raises(
+            DamagedAnswerError, match=f"executor at {link._endpoint} sent an answer"
+        ) as caught:
+            question()
+        assert caught.value.exit_code == ExitCode.REFUSED
 
 
 def test_clock_that_stands_still_is_noticed(executor, link, path):
