@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from mcap.records import Message
 
 from s2r_host.errors import RecordingError
-from s2r_host.log.segments import notes
-from s2r_host.log.tables import CAMERA_INFO, IMAGE, Recording, read_recording
+from s2r_host.log.scan import Scan
+from s2r_host.log.segments import NOTES, note_of
+from s2r_host.log.tables import CAMERA_INFO, IMAGE, TEXT, Channels, Topic
+from s2r_protocol.ros2 import unpack
 
 STALE_S = 120.0
 
@@ -40,28 +45,28 @@ class RunSight:
 
 @dataclass
 class RunWatch:
-    """Finds the run under way below a folder and reads it again when it has grown."""
+    """Finds the run under way below a folder and reads what has come when its recording has grown."""
 
     root: Path
     _size: int = field(default=-1)
-    _sight: RunSight | None = field(default=None)
+    _reader: RunReader | None = field(default=None)
 
     def look(self) -> RunSight | None:
         """The newest run, None when there is none of the last two minutes."""
         path = self._newest()
         if path is None:
-            self._sight, self._size = None, -1
+            self._reader, self._size = None, -1
             return None
         size = path.stat().st_size
-        if self._sight is None or self._sight.folder != path.parent or size != self._size:
+        if self._reader is None or self._reader.path != path or size < self._size:
+            self._reader, self._size = RunReader(path), -1
+        if size != self._size:
             try:
-                self._sight = sight_of(path)
+                self._reader.read_on()
             except RecordingError:  # its first bytes are not written yet
-                return self._sight
+                return None
             self._size = size
-        # What lies beside the recording comes after its last byte.
-        self._sight = replace(self._sight, axis=axis_of(path.parent), ended=_has_ended(path.parent))
-        return self._sight
+        return self._reader.sight()
 
     def _newest(self) -> Path | None:
         patterns = ("*/run.mcap", "*/*/run.mcap", "*/*/*/run.mcap")
@@ -72,45 +77,104 @@ class RunWatch:
         return newest if time.time() - newest.stat().st_mtime < STALE_S else None
 
 
+class RunReader:
+    """What a run's recording shows, read as far as it is written; of its pictures only the newest are kept."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._scan = Scan(path)
+        self._channels = Channels()
+        self._stages: dict[str, StageLine] = {}
+        self._poses: list[np.ndarray] = []
+        self._depths, self._colours = Pictures("/depth/"), Pictures("/color/")
+        self._K: np.ndarray | None = None
+        self._shown: tuple[int, np.ndarray | None, np.ndarray | None] = (0, None, None)
+
+    def read_on(self) -> None:
+        """Read what has been written since the last time.
+
+        Raises:
+            RecordingError: It is no recording.
+        """
+        for record in self._scan.records():
+            topic = self._channels.topic_of(record)
+            if topic is not None and isinstance(record, Message):
+                self._take(topic, record.data)
+        views = min(len(self._poses), self._depths.count)
+        depth = self._depths.image(views)
+        if views > self._shown[0] and depth is not None and self._K is not None:
+            self._shown = views, *seen_in(depth, self._colours.image(views), self._K, self._poses[views - 1])
+
+    def _take(self, topic: Topic, data: bytes) -> None:
+        if topic.type_name == TEXT and topic.short == NOTES:
+            note = note_of(data)
+            if note["kind"] == "stage":
+                self._stages[note["name"]] = StageLine(note["name"], note["phase"], note["note"])
+            elif note["kind"] == "view":
+                self._poses.append(np.array(note["X_base_camera"]))
+        elif topic.type_name == IMAGE:
+            for pictures in (self._depths, self._colours):
+                pictures.take(topic.name, data, beyond=self._shown[0])
+        elif topic.type_name == CAMERA_INFO and self._K is None:
+            self._K = np.asarray(unpack(CAMERA_INFO, data)["k"], float).reshape(3, 3)
+
+    def sight(self) -> RunSight:
+        """What has been read so far; what lies beside the recording, which comes after its last byte, is looked at."""
+        views, cloud, colours = self._shown
+        folder = self.path.parent
+        return RunSight(
+            folder, list(self._stages.values()), views, cloud, colours, axis_of(folder), _has_ended(folder)
+        )
+
+
+class Pictures:
+    """The images of the first topic with ``part`` in its name, counted from 1; those that were shown are let go."""
+
+    def __init__(self, part: str) -> None:
+        self._part, self._name = part, ""
+        self._kept: dict[int, bytes] = {}
+        self.count = 0
+
+    def take(self, name: str, data: bytes, beyond: int) -> None:
+        """Keep an image, if it is one of these, and of those before it none up to number ``beyond``."""
+        if self._part not in name or self._name not in ("", name):
+            return
+        self._name = name
+        self.count += 1
+        self._kept = {number: kept for number, kept in self._kept.items() if number > beyond}
+        self._kept[self.count] = data
+
+    def image(self, number: int) -> Mapping[str, Any] | None:
+        """One that is kept, decoded; None if there is none of this number."""
+        data = self._kept.get(number)
+        return None if data is None else unpack(IMAGE, data)
+
+
 def sight_of(path: Path) -> RunSight:
     """Everything a run's recording shows.
 
     Raises:
         RecordingError: It is no recording.
     """
-    recording = read_recording(path)
-    stages: dict[str, StageLine] = {}
-    for note in notes(recording):
-        if note["kind"] == "stage":
-            stages[note["name"]] = StageLine(note["name"], note["phase"], note["note"])
-    cloud, colours, views = last_view(recording)
-    folder = path.parent
-    return RunSight(folder, list(stages.values()), views, cloud, colours, axis_of(folder), _has_ended(folder))
+    reader = RunReader(path)
+    reader.read_on()
+    return reader.sight()
 
 
 def _has_ended(run: Path) -> bool:
     return (run / "run.json").exists()
 
 
-def last_view(recording: Recording) -> tuple[np.ndarray | None, np.ndarray | None, int]:
-    """Cloud (n, 3) [m] in the base frame, its colours, and number of the newest view; None, None, 0 before any."""
-    poses = [np.array(n["X_base_camera"]) for n in notes(recording) if n["kind"] == "view"]
-    depths = [t for t in recording.of_type(IMAGE) if "/depth/" in t.name]
-    colours = [t for t in recording.of_type(IMAGE) if "/color/" in t.name]
-    infos = recording.of_type(CAMERA_INFO)
-    if not (poses and depths and infos):
-        return None, None, 0
-    views = min(len(poses), len(depths[0].messages))
-    image = recording.bodies(depths[0])[views - 1]
-    K = np.asarray(recording.bodies(infos[0])[0]["k"], float).reshape(3, 3)
-    shape = (int(image["height"]), int(image["width"]))
-    depth = np.frombuffer(np.asarray(image["data"], np.uint8).tobytes(), "<f4").reshape(shape)
-    points, seen = cloud_of(depth, K, poses[views - 1])
-    rgb = None
-    if colours and len(colours[0].messages) >= views:
-        body = recording.bodies(colours[0])[views - 1]
-        rgb = np.asarray(body["data"], np.uint8).reshape(*shape, 3)[seen]
-    return points, rgb, views
+def seen_in(
+    depth: Mapping[str, Any], colour: Mapping[str, Any] | None, K: np.ndarray, X_base_camera: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Cloud (n, 3) [m] in the base frame of one view's images, and its colours."""
+    shape = (int(depth["height"]), int(depth["width"]))
+    depth_m = np.frombuffer(np.asarray(depth["data"], np.uint8).tobytes(), "<f4").reshape(shape)
+    points, seen = cloud_of(depth_m, K, X_base_camera)
+    if colour is None:
+        return points, None
+    return points, np.asarray(colour["data"], np.uint8).reshape(*shape, 3)[seen]
 
 
 def cloud_of(depth_m: np.ndarray, K: np.ndarray, X_base_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

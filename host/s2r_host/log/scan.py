@@ -59,40 +59,58 @@ class Damage:
 
 @dataclass
 class Scan:
-    """An open scan: iterate :meth:`records` once, then look at ``damage``."""
+    """An open scan: iterate :meth:`records` to its end, then look at ``damage``.
+
+    Iterated again, it goes on behind the last whole record: for a file that grows, whose end is cut off until then.
+    """
 
     path: Path
     damage: Damage = field(default_factory=Damage)
     profile: str = ""
     has_index: bool = False
+    read_to: int = 0  # byte behind the last whole record
+    _has_data_end: bool = False
+    _has_footer: bool = False
+    _bad_chunk: str = ""  # what is wrong with the first one
 
     def records(self) -> Iterator[Schema | Channel | Message | Attachment | Metadata]:
-        """Every readable record in the file's order.
+        """Every readable record in the file's order, from where it was read to before.
 
         Raises:
             RecordingError: The file cannot be opened or does not begin as an MCAP file.
         """
+        if self._has_footer:
+            return
         try:
             stream = self.path.open("rb")
         except OSError as error:
             raise RecordingError(f"recording {self.path}: {error.strerror}") from error
         with stream:
             size = self.path.stat().st_size
-            reader = StreamReader(stream, emit_chunks=True, record_size_limit=max(size, 1))
-            ended, good = False, 0
+            stream.seek(self.read_to)
+            reader = StreamReader(
+                stream, skip_magic=self.read_to > 0, emit_chunks=True, record_size_limit=max(size, 1)
+            )
+            tail = ""
             try:
                 for record in reader.records:
-                    good = stream.tell()
-                    ended = ended or isinstance(record, (DataEnd, Footer))
+                    self.read_to = stream.tell()
+                    self._has_footer = self._has_footer or isinstance(record, Footer)
+                    self._has_data_end = self._has_data_end or isinstance(record, (DataEnd, Footer))
                     yield from self._content(record)
             except (McapError, EOFError, ValueError, OverflowError, struct.error) as error:
-                if good == 0:
+                if self.read_to == 0:
                     raise RecordingError(_nothing_readable(self.path, size)) from error
-                self.damage.reason = self.damage.reason or f"the record at byte {good} is cut off or damaged"
-            if not ended:
-                self.damage.truncated = True
-                self.damage.unread_bytes = stream.seek(0, os.SEEK_END) - good  # it may have grown meanwhile
-                self.damage.reason = self.damage.reason or "the file ends before its closing record"
+                tail = f"the record at byte {self.read_to} is cut off or damaged"
+            self._judge_tail(tail, stream.seek(0, os.SEEK_END))  # it may have grown meanwhile
+
+    def _judge_tail(self, reason: str, size: int) -> None:
+        damage = self.damage
+        damage.truncated = not self._has_data_end
+        damage.unread_bytes = size - self.read_to if damage.truncated else 0
+        if damage.truncated:
+            reason = reason or "the file ends before its closing record"
+        damage.reason = self._bad_chunk or reason
 
     def _content(self, record: McapRecord) -> Iterator[Schema | Channel | Message | Attachment | Metadata]:
         if isinstance(record, Chunk):
@@ -101,7 +119,7 @@ class Scan:
             # LZ4's errors are bare RuntimeErrors.
             except (McapError, ZstdError, RuntimeError, EOFError, ValueError, struct.error) as error:
                 self.damage.chunks += 1
-                self.damage.reason = self.damage.reason or f"chunk: {error}"
+                self._bad_chunk = self._bad_chunk or f"chunk: {error}"
                 return
             yield from (r for r in inner if isinstance(r, (Schema, Channel, Message)))
         elif isinstance(record, Header):

@@ -11,6 +11,7 @@ from s2r_host.log.tables import EXECUTOR_STATE, TEXT, Recording
 from s2r_protocol.faults import ExecutorState
 from s2r_protocol.ros2 import unpack
 
+NOTES = "run"  # last part of their topic's name
 _STOPS = (ExecutorState.STOPPING, ExecutorState.STOP1, ExecutorState.FAULT, ExecutorState.ESTOP)
 
 
@@ -66,11 +67,13 @@ def plan_labels(recording: Recording) -> dict[int, str]:
 def notes(recording: Recording) -> list[dict]:
     """The host's notes of a run, in order."""
     return [
-        json.loads(unpack(TEXT, data)["data"])
-        for topic in recording.of_type(TEXT)
-        if topic.short == "run"
-        for data in topic.messages
+        note_of(data) for topic in recording.of_type(TEXT) if topic.short == NOTES for data in topic.messages
     ]
+
+
+def note_of(data: bytes) -> dict:
+    """One of the host's notes."""
+    return json.loads(unpack(TEXT, data)["data"])
 
 
 def inside(stamp_ns: np.ndarray, segment: Segment) -> np.ndarray:

@@ -111,29 +111,42 @@ def read_recording(path: Path) -> Recording:
     Raises:
         RecordingError: It cannot be opened or is no MCAP file.
     """
-    scan = Scan(path)
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Topic] = {}
-    topics: dict[str, Topic] = {}
+    scan, channels = Scan(path), Channels()
     attachments: dict[str, bytes] = {}
     metadata: dict[str, dict[str, str]] = {}
     for record in scan.records():
+        topic = channels.topic_of(record)
         match record:
-            case Schema():
-                schemas[record.id] = record
-            case Channel():
-                if record.id not in channels:
-                    schema = schemas.get(record.schema_id)
-                    fresh = Topic(record.topic, schema.name if schema else "", record.message_encoding)
-                    channels[record.id] = topics.setdefault(record.topic, fresh)
-            case Message() if record.channel_id in channels:
-                channels[record.channel_id].stamp_ns.append(record.log_time)
-                channels[record.channel_id].messages.append(record.data)
+            case Message() if topic is not None:
+                topic.stamp_ns.append(record.log_time)
+                topic.messages.append(record.data)
             case Attachment():
                 attachments[record.name] = record.data
             case Metadata():
                 metadata[record.name] = dict(record.metadata)
-    return Recording(path, scan.profile, scan.damage, topics, attachments, metadata, scan.has_index)
+    return Recording(path, scan.profile, scan.damage, channels.topics, attachments, metadata, scan.has_index)
+
+
+class Channels:
+    """Which topic a message is of, learned from the records before it. ``topics`` by name, in the file's order."""
+
+    def __init__(self) -> None:
+        self.topics: dict[str, Topic] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._by_id: dict[int, Topic] = {}
+
+    def topic_of(self, record: Schema | Channel | Message | Attachment | Metadata) -> Topic | None:
+        """The topic of a message; None of one whose channel was lost, and of every other record."""
+        match record:
+            case Schema():
+                self._schemas[record.id] = record
+            case Channel() if record.id not in self._by_id:
+                schema = self._schemas.get(record.schema_id)
+                fresh = Topic(record.topic, schema.name if schema else "", record.message_encoding)
+                self._by_id[record.id] = self.topics.setdefault(record.topic, fresh)
+            case Message():
+                return self._by_id.get(record.channel_id)
+        return None
 
 
 def joints_of(topic: Topic, who: str) -> Joints:

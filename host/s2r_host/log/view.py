@@ -103,7 +103,7 @@ def _player(
     try:
         import viser
 
-        from s2r_host.console.live_run import axis_of, last_view
+        from s2r_host.console.live_run import sight_of
         from s2r_host.console.playback import packed
         from s2r_host.console.scene import Axis, CellScene
     except ImportError as error:
@@ -120,13 +120,12 @@ def _player(
         scene.plan.visible = False
         scene.real.show(opened.q[0])
         scene.show_path(opened.q[:: max(1, len(opened.q) // 400)])
-        cloud, colours, _ = last_view(recording)
-        if cloud is not None:
-            thin = slice(None, None, max(1, len(cloud) // CLOUD_POINTS))
-            scene.show_cloud(cloud[thin], None if colours is None else colours[thin])
-        axis = axis_of(recording.path.parent)
-        if axis is not None:
-            scene.show_axis(Axis(*axis))
+        sight = sight_of(recording.path)
+        if sight.cloud is not None:
+            thin = slice(None, None, max(1, len(sight.cloud) // CLOUD_POINTS))
+            scene.show_cloud(sight.cloud[thin], None if sight.colours is None else sight.colours[thin])
+        if sight.axis is not None:
+            scene.show_axis(Axis(*sight.axis))
         recorder = server.get_scene_serializer()
         times = np.arange(0.0, opened.t[-1], step)
         for k, t in enumerate(times):

@@ -17,13 +17,16 @@ import zenoh
 
 from s2r_host.console.feed import Health
 from s2r_host.console.gate import Address, ConsoleAddressError, Gate, Request, judge
-from s2r_host.console.live_run import RunWatch, cloud_of
+from s2r_host.console.live_run import RunWatch, cloud_of, sight_of
 from s2r_host.console.operator import NoControlError, Operator
 from s2r_host.console.run_index import RunIndex
 from s2r_host.console.screens.gap import gap_markup, read_answer
 from s2r_host.console.screens.runs import again, joint_value
 from s2r_host.console.screens.timing import blame
 from s2r_host.errors import RecordingError
+from s2r_host.link_camera import Capture
+from s2r_host.log.scan import Scan
+from s2r_host.perception.frames import DepthFrame
 from s2r_host.recording import RunRecorder
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import NotReadyError, RefusedError
@@ -382,6 +385,36 @@ def test_a_run_that_has_ended_is_seen_to_have_ended_although_its_recording_grew_
     assert not watch.look().ended
     (tmp_path / "first/run.json").write_text("{}")
     assert watch.look().ended
+
+
+def test_a_growing_run_is_seen_as_it_grows_and_what_was_read_is_not_read_again(tmp_path):
+    """What was read is blanked out each time: whoever began anew would see nothing."""
+    whole, under_way = tmp_path / "whole.mcap", tmp_path / "runs/first/run.mcap"
+    under_way.parent.mkdir(parents=True)
+    with RunRecorder(whole, "/lab/a", ("a",)) as recorder:
+        for number in range(1, 5):
+            recorder.add_stage(f"view {number}", "begun")
+            depth_m = np.random.default_rng(number).uniform(0.5, 1.5, (120, 160)).astype(np.float32)
+            frame = DepthFrame(depth_m, np.array([[150.0, 0, 80], [0, 150.0, 60], [0, 0, 1]]), np.eye(4))
+            recorder.add_capture(f"view {number}", Capture("front", number, number, frame))
+            recorder.add_stage(f"view {number}", "ended")
+    data, watch, seen, read_to = whole.read_bytes(), RunWatch(tmp_path / "runs"), [], 0
+    part = tmp_path / "part.mcap"
+    for end in range(4000, len(data) + 4000, 4000):
+        under_way.write_bytes(bytes(read_to) + data[read_to:end])
+        sight = watch.look()
+        seen.append((0, 0) if sight is None else (sight.views, len(sight.stages)))
+        part.write_bytes(data[:end])
+        scan = Scan(part)
+        for _ in scan.records():
+            pass
+        read_to = scan.read_to
+    assert seen == sorted(seen)
+    assert len(set(seen)) > 3
+    assert seen[-1] == (4, 4)
+    expected = sight_of(whole)
+    np.testing.assert_array_equal(sight.cloud, expected.cloud)
+    assert sight.stages == expected.stages
 
 
 def test_a_depth_image_becomes_points_in_the_base_frame():
