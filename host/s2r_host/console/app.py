@@ -93,6 +93,12 @@ class Console:
             Jobs(),
             endpoint,
             camera,
+            {
+                "--executor": endpoint,
+                "--camera": camera,
+                "--cell": keys.cell,
+                "--tls": None if tls is None else str(tls),
+            },
             runs_root,
         )
         self._build()

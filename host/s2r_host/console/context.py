@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,10 @@ Event = viser.GuiEvent
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """The parts of one console, shared by its screens."""
+    """The parts of one console, shared by its screens.
+
+    ``cell_options`` are what brings another command to this console's executor and camera, None where it has none.
+    """
 
     server: viser.ViserServer
     arm: ArmDescription
@@ -40,6 +43,7 @@ class Context:
     jobs: Jobs
     endpoint: str
     camera: str
+    cell_options: Mapping[str, str | None]
     runs_root: Path
 
     def tell(self, event: Event, title: str, text: str, color: str = "blue") -> None:

@@ -248,13 +248,18 @@ def test_a_stop_over_a_link_that_is_just_being_closed_goes_over_a_new_one(operat
     assert operator.stop() == "stop accepted (epoch 8)"
 
 
-def test_a_run_is_repeated_with_its_own_options_in_other_places(tmp_path):
-    line = ("run", "drawer", "--target", "0.15", "--executor", "tcp/a:1", "--out=x", "--seed", "1")
-    words = again(line, tmp_path, "tcp/e:1", "tcp/c:1")
+PLACES = {"--out": "new", "--executor": "tcp/e:1", "--camera": "tcp/c:1", "--cell": "hall", "--tls": "keys"}
+
+
+def test_a_run_is_repeated_with_its_own_options_in_this_consoles_cell():
+    places = ("--executor", "tcp/a:1", "--out=x", "--cell", "lab", "--tls=old")
+    line = ("run", "drawer", "--target", "0.15", *places, "--seed", "1")
+    words = again(line, PLACES)
     assert words[:6] == ["run", "drawer", "--target", "0.15", "--seed", "1"]
-    assert words[6:] == ["--out", str(tmp_path), "--executor", "tcp/e:1", "--camera", "tcp/c:1"]
+    assert words[6:] == [word for pair in PLACES.items() for word in pair]
+    assert "--tls" not in again(line, PLACES | {"--tls": None})
     with pytest.raises(RefusedError):
-        again(("demo",), tmp_path, "", "")
+        again(("demo",), PLACES)
 
 
 def test_an_unreadable_run_is_left_out_and_a_removed_one_forgotten(tmp_path):

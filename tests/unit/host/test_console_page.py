@@ -105,3 +105,17 @@ def test_stop_does_not_wait_for_what_was_asked_before(opened, monkeypatch, how):
         asyncio.run_coroutine_threadsafe(gui._handle_command_trigger(1, pressed), page._server._event_loop)
     assert stopped.wait(10.0)
     go_on.set()
+
+
+def test_a_run_again_is_in_the_consoles_own_cell_with_its_own_places(opened, monkeypatch):
+    """The run was of another cell, with certificates that this console was not started with."""
+    page = opened()
+    line = ("run", "drawer", "--cell", "elsewhere", "--tls", "keys", "--executor=tcp/old:1")
+    monkeypatch.setattr(page._runs_screen, "entry", lambda: SimpleNamespace(name="old", arguments=line))
+    monkeypatch.setattr(page._operator, "require", lambda browser: None)
+    monkeypatch.setattr(page._operator, "lend_lease", lambda browser: None)
+    started = []
+    monkeypatch.setattr(page._context.jobs, "start", lambda title, arguments: started.extend(arguments))
+    page._runs_screen._again(SimpleNamespace(client_id=1, client=None))
+    assert started[:3] == ["run", "drawer", "--out"]
+    assert started[4:] == ["--executor", "tcp/127.0.0.1:1", "--camera", "tcp/127.0.0.1:1", "--cell", "lab"]

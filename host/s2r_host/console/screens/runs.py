@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
+from collections.abc import Mapping
 
 import viser
 
@@ -163,12 +163,12 @@ class RunsScreen:
         return "A stand-in and an executor of its own start; the live arm is not touched."
 
     def _again(self, event: Event) -> str:
-        """The same command with a new folder, on this console's executor and camera."""
+        """The same command with a new folder, in this console's cell."""
         browser = browser_of(event)
         self._context.operator.require(browser)
         entry = self.entry()
         out = self._context.runs_root / time.strftime("again-%Y%m%d-%H%M%S")
-        arguments = again(entry.arguments, out, self._context.endpoint, self._context.camera)
+        arguments = again(entry.arguments, {"--out": str(out), **self._context.cell_options})
         self._context.operator.lend_lease(browser)  # the run takes the lease itself
         self._context.jobs.start(f"{entry.name} again", arguments)
         return f"The run writes to {out}; STOP ends its motion."
@@ -181,8 +181,8 @@ class RunsScreen:
         return "asked to end, as by Ctrl-C"
 
 
-def again(arguments: tuple[str, ...], out: Path, executor: str, camera: str) -> list[str]:
-    """A run's command line with other places.
+def again(arguments: tuple[str, ...], places: Mapping[str, str | None]) -> list[str]:
+    """A run's command line with other places, by option; one that is None is left out.
 
     Raises:
         RefusedError: It was not an ``s2r run``.
@@ -195,11 +195,13 @@ def again(arguments: tuple[str, ...], out: Path, executor: str, camera: str) -> 
     for word in arguments:
         if skip:
             skip = False
-        elif word in ("--out", "--executor", "--camera"):
+        elif word in places:
             skip = True
-        elif not word.startswith(("--out=", "--executor=", "--camera=")):
+        elif not word.startswith(tuple(f"{option}=" for option in places)):
             kept.append(word)
-    return [*kept, "--out", str(out), "--executor", executor, "--camera", camera]
+    for option, place in places.items():
+        kept += [] if place is None else [option, place]
+    return kept
 
 
 def _preformatted(text: str) -> str:
