@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from s2r_host.errors import RecordingError
-from s2r_host.log.tables import Recording, Topic, joints_of, read_recording
+from s2r_host.log.tables import JOINT_STATE, Recording, Topic, joints_of, read_recording
 from s2r_protocol.ros2 import CdrError, unpack
+from s2r_protocol.ros2.cdr import HEADER
 from s2r_protocol.ros2.definitions import UnknownMessageTypeError, message_type
 
 _STEADY_MESSAGES = 10
@@ -47,13 +48,18 @@ class Checked:
 
 
 def check(path: Path) -> Checked:
-    """Read everything once and decode every message.
+    """Read everything once and decode every message that is of a type we know.
+
+    What only our own recordings promise (CDR, an index, one set of joints with finite numbers) is a note in others'.
 
     Raises:
         RecordingError: It cannot be opened or is no MCAP file.
     """
     recording = read_recording(path)
     problems, notes = _whole(recording), []
+    promised = notes if recording.is_foreign else problems
+    if not recording.damage.truncated and not recording.has_index:
+        promised.append("no index: readers that seek will refuse it; 's2r log recover' writes one")
     if recording.profile != "ros2":
         notes.append(f"profile is {recording.profile!r}, not 'ros2': ROS 2 tools may not open it")
     facts = []
@@ -61,13 +67,22 @@ def check(path: Path) -> Checked:
         if not topic.messages:
             continue
         facts.append(_facts(topic))
-        problems += _undecodable(topic)
         rate_hz = facts[-1].rate_hz or 0.0
         if rate_hz > 50 and facts[-1].longest_gap_s > _GAP / rate_hz:
             notes.append(f"{topic.name}: longest gap {facts[-1].longest_gap_s:.3f} s at {rate_hz:.0f} Hz")
+        if topic.encoding != "cdr":
+            promised.append(
+                f"{topic.name}: messages are {topic.encoding!r}, not CDR; they are not looked into"
+            )
+        elif recording.is_foreign and any(data[:4] != HEADER for data in topic.messages):
+            notes.append(
+                f"{topic.name}: messages are CDR of another form than ROS 2 writes; they are not looked into"
+            )
+        else:
+            problems += _undecodable(topic)
     if not facts:
-        problems.append("no messages")
-    problems += _numbers(recording)
+        promised.append("no messages")
+    promised += _numbers(recording)
     if "s2r" not in recording.metadata:
         notes.append("no 's2r' metadata: arm, hashes and versions are unknown")
     return Checked(path, facts, sorted(recording.attachments), recording.metadata, problems, notes)
@@ -82,8 +97,6 @@ def _whole(recording: Recording) -> list[str]:
         )
     if damage.chunks:
         found.append(f"{damage.chunks} damaged chunks ({damage.reason}); 's2r log recover' saves the rest")
-    if not damage.truncated and not recording.has_index:
-        found.append("no index: readers that seek will refuse it; 's2r log recover' writes one")
     return found
 
 
@@ -113,8 +126,6 @@ def _rate_hz(gaps_s: np.ndarray) -> float | None:
 
 
 def _undecodable(topic: Topic) -> list[str]:
-    if topic.encoding != "cdr":
-        return [f"{topic.name}: messages are {topic.encoding!r}, not CDR"]
     try:
         message_type(topic.type_name)
     except (UnknownMessageTypeError, ValueError):
@@ -130,7 +141,9 @@ def _undecodable(topic: Topic) -> list[str]:
 
 def _numbers(recording: Recording) -> list[str]:
     found = []
-    for topic in recording.of_type("sensor_msgs/msg/JointState"):
+    for topic in recording.of_type(JOINT_STATE):
+        if topic.encoding != "cdr":
+            continue
         try:
             joints = joints_of(topic, str(recording.path))
         except (RecordingError, CdrError) as error:

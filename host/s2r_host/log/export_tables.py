@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,14 @@ import pyarrow.parquet
 
 from s2r_host.errors import RecordingError
 from s2r_host.log.tables import Recording, table_of
+from s2r_protocol.whole_file import write_whole
+
+LIST = "_export.json"
+"""What an export wrote, so that the next one can take it away. Readers of a folder of tables pass over such a name."""
 
 
 def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[Path], list[str]]:
-    """Write every topic that is a table.
+    """Write every topic that is a table; tables of an earlier export in the folder go.
 
     Args:
         recording: What to write.
@@ -28,15 +33,16 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
         RecordingError: A message cannot be decoded, or no topic is a table; then there is no folder either.
     """
     written, left_out = [], []
-    stems = _file_stems([topic.name for topic in recording.topics.values() if topic.messages])
-    for topic in recording.topics.values():
-        if not topic.messages:
-            continue
+    topics = [topic for topic in recording.topics.values() if topic.messages]
+    stems = _file_stems([topic.name for topic in topics])
+    for topic in topics:
         columns = table_of(topic, str(recording.path))
         if columns is None:
             left_out.append(topic.name)
             continue
-        folder.mkdir(parents=True, exist_ok=True)
+        if not written:
+            folder.mkdir(parents=True, exist_ok=True)
+            _take_away(folder)
         path = folder / f"{stems[topic.name]}.{kind}"
         table = pa.table({name: pa.array(values) for name, values in columns.items()})
         if kind == "parquet":
@@ -49,12 +55,28 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
         else:
             pa.csv.write_csv(table, path)
         written.append(path)
+        _list(folder, written)
     if not written:
         there = (
             f"it has {', '.join(left_out)}, of which none is a table" if left_out else "it has no messages"
         )
         raise RecordingError(f"nothing of {recording.path} can be written as {kind}: {there}")
     return written, left_out
+
+
+def _take_away(folder: Path) -> None:
+    """Remove what an earlier export wrote, and nothing else."""
+    try:
+        names = json.loads((folder / LIST).read_text(encoding="utf-8"))["files"]
+    except (OSError, ValueError, KeyError, TypeError):  # none, or of somebody else
+        return
+    for name in names:
+        if isinstance(name, str) and Path(name).name == name:
+            (folder / name).unlink(missing_ok=True)
+
+
+def _list(folder: Path, written: list[Path]) -> None:
+    write_whole(folder / LIST, json.dumps({"files": [path.name for path in written]}, indent=1) + "\n")
 
 
 def _file_stems(topics: list[str]) -> dict[str, str]:

@@ -67,6 +67,7 @@ class Scan:
     path: Path
     damage: Damage = field(default_factory=Damage)
     profile: str = ""
+    library: str = ""
     has_index: bool = False
     read_to: int = 0  # byte behind the last whole record
     _has_data_end: bool = False
@@ -123,7 +124,7 @@ class Scan:
                 return
             yield from (r for r in inner if isinstance(r, (Schema, Channel, Message)))
         elif isinstance(record, Header):
-            self.profile = record.profile
+            self.profile, self.library = record.profile, record.library
         elif isinstance(record, Footer):
             self.has_index = record.summary_start > 0
         elif isinstance(record, (Schema, Channel, Message, Attachment, Metadata)):

@@ -68,6 +68,12 @@ class Recording:
     attachments: dict[str, bytes]
     metadata: dict[str, dict[str, str]]
     has_index: bool
+    library: str = ""
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether somebody else wrote it: then it may hold what we never write, and be as it should."""
+        return not self.library.startswith("s2r")
 
     def of_type(self, type_name: str) -> list[Topic]:
         """Topics of one type, with messages."""
@@ -124,7 +130,16 @@ def read_recording(path: Path) -> Recording:
                 attachments[record.name] = record.data
             case Metadata():
                 metadata[record.name] = dict(record.metadata)
-    return Recording(path, scan.profile, scan.damage, channels.topics, attachments, metadata, scan.has_index)
+    return Recording(
+        path,
+        scan.profile,
+        scan.damage,
+        channels.topics,
+        attachments,
+        metadata,
+        scan.has_index,
+        scan.library,
+    )
 
 
 class Channels:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.recorder_files import FileSettings, RecordingFiles
@@ -34,6 +34,7 @@ from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.root import main
 from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.faults import ExecutorState
+from s2r_protocol.ros2 import pack
 
 ARM = load_arm("xmate3pro")
 OFFSET_NS = 1_700_000_000_000_000_000
@@ -245,11 +246,70 @@ def test_a_damaged_chunk_is_told_however_it_is_compressed(tmp_path, compression)
             writer.add_message(channel, k, b'{"x": %d}' % k, k)
         writer.finish()
     data = file.read_bytes()
+    messages, found = read_recording(file).topics["/x"].messages, 0
     for place in rng.integers(200, 3000, 40):
         broken = bytearray(data)
         broken[place] ^= 0x55
         file.write_bytes(broken)
-        assert check(file).problems
+        if check(file).problems:
+            found += 1
+        else:  # in an index, or another way to pack the same bytes
+            assert read_recording(file).topics["/x"].messages == messages
+    assert found > 10
+
+
+def foreign(file: Path, messages: int, **options) -> Path:
+    """A whole recording of somebody else: JSON without a schema, and joints as ROS 2 allows them, without an index."""
+    joints = {"header": {"stamp": stamp(OFFSET_NS)}, "velocity": [], "effort": [np.nan]}
+    with file.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start(profile="ros2", library="libmcap 1.3.0")
+        text = writer.register_channel("/chatter", "json", 0)
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", b"")
+        states = writer.register_channel("/joint_states", "cdr", schema)
+        for k in range(messages):
+            writer.add_message(text, k, b'{"x": %d}' % k, k)
+            names = ("a", "b")[: 1 + k % 2]
+            body = {**joints, "name": names, "position": [0.1] * len(names)}
+            writer.add_message(states, k, pack(JOINT_STATE, body), k)
+        writer.finish()
+    return file
+
+
+BARE = {
+    "use_statistics": False,
+    "repeat_schemas": False,
+    "repeat_channels": False,
+    "use_summary_offsets": False,
+}
+
+
+@pytest.mark.parametrize("messages", [0, 20])
+@pytest.mark.parametrize("options", [{}, {"index_types": IndexType.NONE, **BARE}], ids=["indexed", "bare"])
+def test_a_whole_recording_of_somebody_else_is_whole(tmp_path, capsys, messages, options):
+    file = foreign(tmp_path / "bag.mcap", messages, **options)
+    found = check(file)
+    assert found.problems == []
+    assert any("no index" in text for text in found.notes) == bool(options)
+    assert any("messages are 'json', not CDR" in text for text in found.notes) == bool(messages)
+    assert exit_code("log", "check", file) == ExitCode.OK
+    assert "whole" in capsys.readouterr().out
+    if messages:
+        file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+        assert any("cut off" in text for text in check(file).problems)
+
+
+def test_a_message_that_does_not_decode_is_a_problem_in_any_recording(tmp_path):
+    file = tmp_path / "bag.mcap"
+    with file.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2", library="libmcap 1.3.0")
+        channel = writer.register_channel(
+            "/joint_states", "cdr", writer.register_schema(JOINT_STATE, "ros2msg", b"")
+        )
+        writer.add_message(channel, 1, bytes((0, 1, 0, 0)) + b"abc", 1)
+        writer.finish()
+    assert check(file).problems == ["/joint_states: 1 of 1 messages cannot be decoded"]
 
 
 def test_what_is_no_recording_is_refused_by_name(tmp_path):
@@ -333,6 +393,24 @@ def test_tables_of_two_arms_do_not_replace_each_other(tmp_path):
     written, _ = export_tables(recording, tmp_path / "tables", "parquet")
     assert [path.stem for path in written] == ["lab__left__joint_states", "lab__right__joint_states"]
     assert [float(parquet_joints(path)["q_rad.a"][0]) for path in written] == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_an_export_leaves_no_table_of_an_earlier_one(tmp_path, kind):
+    """What a person put there stays."""
+    source, folder = tmp_path / "run.mcap", tmp_path / f"run-{kind}"
+    with RunRecorder(source, "/lab/left", ("a",)) as recorder:
+        body = {"header": {"stamp": stamp(OFFSET_NS)}, "name": ("a",), "position": [0.1], "velocity": [0.0]}
+        recorder._put("joint_states", JOINT_STATE, body, OFFSET_NS)
+    assert exit_code("log", "export", source, "--to", kind) == ExitCode.OK
+    own = folder / f"my_own.{kind}"
+    own.write_text("mine")
+    assert (folder / f"joint_states.{kind}").exists()
+    two_arms(source, 2.0)
+    assert exit_code("log", "export", source, "--to", kind) == ExitCode.OK
+    tables = {path.stem for path in folder.glob(f"*.{kind}")}
+    assert tables == {"lab__left__joint_states", "lab__right__joint_states", "my_own"}
+    assert own.read_text() == "mine"
 
 
 def test_numbers_of_every_arm_are_checked(tmp_path):
