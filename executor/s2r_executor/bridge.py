@@ -32,6 +32,7 @@ from s2r_protocol.proto import s2r_pb2 as pb
 from s2r_protocol.ros2.keys import node_token, publisher_token, topic_key
 from s2r_protocol.ros2.publisher import Publisher
 from s2r_protocol.session import Role
+from s2r_protocol.session.expiry import watch_certificate
 
 logger = logging.getLogger(__name__)
 
@@ -75,6 +76,7 @@ class Bridge:
         self._publish_lock = threading.Lock()
         self._session = session.listen(config.listen, Role.EXECUTOR, self._keys, config.tls)
         try:
+            self._expiry = watch_certificate(config.tls, Role.EXECUTOR)
             self._tokens = self._declare_node()
             self._publishers = {topic: Publisher(self._session, self._topic_key(topic)) for topic in TOPICS}
             self._queryables = [
@@ -134,6 +136,8 @@ class Bridge:
             if time.monotonic() >= timing_at_s:
                 timing_at_s = time.monotonic() + _TIMING_PERIOD_S
                 self._refusals.tell()
+                if self._expiry is not None:
+                    self._expiry.look()
                 self._publish(TIMING, *self._encoder.timing(*self._front_end.punctuality()))
             self._publish_state()
         self._publish_state()  # how it ended, for whoever waits for a motion

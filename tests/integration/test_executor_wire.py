@@ -330,6 +330,12 @@ def test_the_ros_graph_shows_the_publishers(rig):
     assert sum("/MP/" in token for token in tokens) == len(TOPICS)
 
 
+def test_the_executors_own_certificate_is_looked_after_as_long_as_it_runs(rig):
+    looked = threading.Semaphore(0)
+    rig.bridge._expiry = SimpleNamespace(look=looked.release)
+    assert all(looked.acquire(timeout=10) for _ in range(2))
+
+
 def test_a_second_executor_on_the_same_address_is_told_so(rig):
     from s2r_protocol.exits import NotReadyError
 

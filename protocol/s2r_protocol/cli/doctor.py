@@ -188,7 +188,12 @@ def _make_certificates(folder: Path, names: tuple[str, ...], days: int) -> list[
     from s2r_protocol.session.certificates import make_certificates
 
     findings = [
-        Finding(issued.name, Level.OK, f"{issued.path}, until {issued.not_after:%Y-%m-%d}")
+        Finding(
+            issued.name,
+            Level.OK,
+            f"{issued.path}, until {issued.not_after:%Y-%m-%d}"
+            + (f", for {', '.join(issued.names)}" if issued.names else ""),
+        )
         for issued in make_certificates(folder, names, days)
     ]
     text = f"keep {folder / 'ca.key'} on this machine only"
@@ -216,7 +221,8 @@ def _make_certificates(folder: Path, names: tuple[str, ...], days: int) -> list[
     "--name",
     "names",
     multiple=True,
-    help="With --make-certs: host name or address under which executor and camera are reached. Repeatable.",
+    help="With --make-certs: host name or address under which executor and camera are reached, besides those in DIR's "
+    "certificates. Repeatable.",
 )
 @click.option(
     "--days", default=_CERTIFICATE_DAYS, show_default=True, help="With --make-certs: how long they hold."

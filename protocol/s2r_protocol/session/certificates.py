@@ -37,6 +37,7 @@ class Issued:
     name: str
     path: Path
     not_after: datetime.datetime
+    names: tuple[str, ...] = ()  # host names and addresses for which it holds
 
 
 def make_certificates(
@@ -46,7 +47,8 @@ def make_certificates(
 
     Args:
         folder: Gets ``ca.pem``, ``ca.key`` and ``<role>.pem``, ``<role>.key``; existing role certificates are renewed.
-        names: Host names and addresses under which executor and camera are reached, besides loopback.
+        names: Host names and addresses under which executor and camera are reached, besides loopback and those in the
+            role certificates of ``folder``.
         days: How long the roles' certificates hold.
         now: Time of issue [UTC]; tests pass their own.
 
@@ -61,8 +63,9 @@ def make_certificates(
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         authority, authority_key, made = _authority(folder, now)
         issued = [made] if made is not None else []
+        general = _names([*_names_before(folder), *names])
         for role in Role:
-            issued.append(_issue(folder, role, authority, authority_key, _names(names), days, now))
+            issued.append(_issue(folder, role, authority, authority_key, general, days, now))
     except OSError as error:
         raise CertificateError(
             f"certificates cannot be written to {folder}: {error.strerror}; name a folder that you may write to"
@@ -186,7 +189,7 @@ def _issue(
     )
     path = folder / f"{role}.pem"
     _write(path, folder / f"{role}.key", certificate, key)
-    return Issued(role, path, certificate.not_valid_after_utc)
+    return Issued(role, path, certificate.not_valid_after_utc, tuple(str(name.value) for name in names))
 
 
 def _builder(
@@ -211,6 +214,19 @@ def _builder(
 def _name(common: str) -> x509.Name:
 
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common)])
+
+
+def _names_before(folder: Path) -> list[str]:
+    """For what the role certificates in a folder hold; who renews them seldom remembers all of it."""
+    found: list[str] = []
+    for role in Role:
+        try:
+            certificate = x509.load_pem_x509_certificate((folder / f"{role}.pem").read_bytes())
+            names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        except (FileNotFoundError, ValueError, x509.ExtensionNotFound):  # none, or none that could be used
+            continue
+        found += [str(name.value) for name in names if isinstance(name, (x509.DNSName, x509.IPAddress))]
+    return found
 
 
 def _names(extra: Sequence[str]) -> list[x509.GeneralName]:

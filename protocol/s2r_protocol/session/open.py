@@ -24,8 +24,6 @@ from s2r_protocol.keys import ArmKeys
 from s2r_protocol.session.access import access_control
 from s2r_protocol.session.tls import Role, TlsFiles
 
-SOON = datetime.timedelta(days=7)
-
 _LOCAL_PROTOCOLS = ("unixsock-stream", "unixpipe")
 _MAX_MESSAGE_BYTES = (
     64 * 1024 * 1024
@@ -172,13 +170,10 @@ def _warn(files: TlsFiles, ends: datetime.datetime) -> None:
             files.role,
             files.key,
         )
-    left = ends - datetime.datetime.now(datetime.UTC)
-    if left < SOON:
-        logger.warning(
-            "%s ends on %s UTC: renew it with 's2r doctor --make-certs' where the authority's key is",
-            files.certificate,
-            f"{ends:%Y-%m-%d %H:%M}",
-        )
+    from s2r_protocol.session.expiry import SOON, tell_soon
+
+    if ends - datetime.datetime.now(datetime.UTC) < SOON:
+        tell_soon(files, ends)
 
 
 def _secured(files: TlsFiles, keys: ArmKeys) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from s2r_protocol.exits import ExitCode, UsageError
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.session import AddressError, CertificateError, Role, TlsFiles, role_held
 from s2r_protocol.session.certificates import check_certificate, make_certificates
+from s2r_protocol.session.expiry import ExpiryWatch
 from s2r_protocol.session.open import ListenError, connect, endpoint_for, listen
 
 NOW = datetime.datetime(2030, 1, 1, tzinfo=datetime.UTC)
@@ -132,6 +133,42 @@ def test_making_again_renews_the_roles_and_keeps_the_authority(lab):
     assert (lab / "host.pem").read_bytes() != host
     assert [i.name for i in issued] == [str(role) for role in Role]
     check_certificate(TlsFiles.of(lab, Role.HOST), NOW + datetime.timedelta(days=60))
+
+
+def names_in(path):
+    certificate = x509.load_pem_x509_certificate(path.read_bytes())
+    names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    return [str(name.value) for name in names]
+
+
+def test_making_again_keeps_the_names_and_adds_what_is_named(lab, capsys):
+    make_certificates(lab, now=NOW)
+    for role in Role:
+        assert names_in(lab / f"{role}.pem") == ["localhost", "127.0.0.1", "::1", "arm.lab", "10.0.0.7"]
+    with pytest.raises(SystemExit):
+        main(["doctor", "--make-certs", str(lab), "--name", "robot", "--json"])
+    assert names_in(lab / "executor.pem") == ["localhost", "127.0.0.1", "::1", "arm.lab", "10.0.0.7", "robot"]
+    assert "for localhost, 127.0.0.1, ::1, arm.lab, 10.0.0.7, robot" in capsys.readouterr().out
+    for role in Role:
+        (lab / f"{role}.pem").unlink()
+    make_certificates(lab, names=("robot",), now=NOW)
+    assert names_in(lab / "executor.pem") == ["localhost", "127.0.0.1", "::1", "robot"]
+
+
+def test_a_process_that_outlives_its_certificate_tells_it_once_a_day(lab, caplog):
+    files, ends = TlsFiles.of(lab, Role.EXECUTOR), NOW + datetime.timedelta(days=30)
+    watch = ExpiryWatch(files, ends, NOW)
+    said = []
+    for hour in range(33 * 24):
+        caplog.clear()
+        watch.look(NOW + datetime.timedelta(hours=hour))
+        said += [(hour / 24, record.levelname, record.getMessage()) for record in caplog.records]
+    assert [(day, level) for day, level, _ in said] == [
+        *((float(day), "WARNING") for day in range(23, 30)),
+        *((float(day), "ERROR") for day in range(30, 33)),
+    ]
+    assert "executor.pem ends on 2030-01-31 00:00 UTC" in said[0][2]
+    assert "executor.pem ended on 2030-01-31 00:00 UTC: nobody reaches this executor" in said[-1][2]
 
 
 def test_an_authority_without_its_key_makes_nothing(lab):
