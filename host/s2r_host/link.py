@@ -138,6 +138,11 @@ class ExecutorLink:
             self._session.close()
             raise
 
+    @property
+    def name(self) -> str:
+        """Under which the executor knows this client: the lease's holder, where it has the lease."""
+        return self._sender
+
     # -- asking -------------------------------------------------------------------------------------
 
     def status(self) -> ExecutorStatus:

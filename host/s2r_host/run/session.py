@@ -173,7 +173,12 @@ class Session:
             self.journal.warn(f"{self.rest}; {error}")
             return
         told = f"{status.state.name}, {status.cause.name}"
-        if status.state in MOVING:
+        if status.state in MOVING and status.lease_holder not in ("", self.link.name):
+            self.rest = (
+                f"the arm moves for '{status.lease_holder}', another host, which holds the lease ({told})"
+            )
+            self.journal.warn(self.rest)
+        elif status.state in MOVING:
             self.rest = f"the arm still moves ({told}): look at it"
             self.journal.warn(self.rest)
         else:

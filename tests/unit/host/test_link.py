@@ -204,6 +204,7 @@ def test_other_limits_are_refused(executor, arm):
 def test_heartbeat_lives_exactly_as_long_as_the_lease(executor, link):
     assert not executor.beats
     with link.leased():
+        assert executor.status.lease_holder == link.name
         deadline = time.monotonic() + 5.0
         while len(executor.beats) < 5 and time.monotonic() < deadline:
             time.sleep(0.01)

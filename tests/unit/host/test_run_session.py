@@ -21,8 +21,10 @@ from s2r_host.run.task import DRAWER
 from s2r_protocol.exits import ExitCode
 from s2r_protocol.faults import Cause, ExecutorState
 
-AT_REST = SimpleNamespace(state=ExecutorState.HOLD, cause=Cause.STOP_REQUESTED)
-MOVING = SimpleNamespace(state=ExecutorState.STOPPING, cause=Cause.HOST_LOST)
+AT_REST = SimpleNamespace(state=ExecutorState.HOLD, cause=Cause.STOP_REQUESTED, lease_holder="")
+MOVING = SimpleNamespace(state=ExecutorState.STOPPING, cause=Cause.HOST_LOST, lease_holder="")
+OWN = SimpleNamespace(state=ExecutorState.RUN, cause=Cause.NONE, lease_holder="link")
+ANOTHERS = SimpleNamespace(state=ExecutorState.RUN, cause=Cause.NONE, lease_holder="host:9")
 
 
 class Part:
@@ -102,10 +104,12 @@ def interrupt(sent):
     [
         (AT_REST, "the arm is at rest (HOLD, STOP_REQUESTED)"),
         (MOVING, "the arm still moves (STOPPING, HOST_LOST): look at it"),
+        (OWN, "the arm still moves (RUN, NONE): look at it"),
+        (ANOTHERS, "the arm moves for 'host:9', another host, which holds the lease (RUN, NONE)"),
         (PeerUnreachableError("silence"), "that the arm is at rest was not confirmed: look at it"),
         (KeyboardInterrupt(), "that the arm is at rest was not confirmed: look at it"),
     ],
-    ids=["at rest", "moving", "silent", "interrupted twice"],
+    ids=["at rest", "moving", "own motion", "another's motion", "silent", "interrupted twice"],
 )
 def test_an_interrupted_move_tells_what_the_executor_confirmed(tmp_path, status, said):
     if isinstance(status, KeyboardInterrupt):
