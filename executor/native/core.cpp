@@ -36,13 +36,13 @@ Core::Core(SharedBlock& shared, FramePort& port, bool realtime, std::uint64_t fi
   overrun_counter_.configure(config_.overrun_stop_count, ticks_per_second(config_.tick_ns));
   estop_.configure(config_.estop_discrepancy_s, dt_);
   plausibility_.configure(config_.limits, config_.dof, dt_, config_.frozen_rad);
-  const int torque_every = config_.packing == PackingKind::kFd ? 1 : kClassicTorqueEvery;
-  collision_.configure(config_.limits, config_.dof, config_.collision_share, config_.collision_ticks, torque_every);
+  collision_.configure(config_.limits, config_.dof, config_.collision_share, config_.collision_ticks,
+                       torque_every(config_.packing));
   window_.configure(config_.limits, config_.dof, dt_, config_.following_rest_share);
   for (int joint = 0; joint < config_.dof; ++joint) {
     const double a = config_.limits.ddq_max[joint], j = config_.limits.dddq_max[joint];
     stop1_guard_s_ = std::max(stop1_guard_s_, 1.5 * (config_.limits.dq_max[joint] / a + 2.0 * a / j));
-    age_[joint] = kNever;
+    age_[joint] = torque_age_[joint] = kNever;
   }
   snapshot_.bus_load_computed = bus_load(config_.packing, config_.dof, config_.tick_ns);
   foreign_.configure(snapshot_.bus_load_computed, dt_);
@@ -91,8 +91,10 @@ void Core::receive() noexcept {
     if (foreign || result.kind == RxKind::kForeignMaster) foreign_.add(frame);
     if (result.kind == RxKind::kForeignMaster) foreign_master_ = true;
     if (result.kind == RxKind::kBusOff) bus_off_ = true;
-    if (result.kind == RxKind::kEmergency)
-      emit(EventKind::kDrive, {Cause::kDriveFault, result.joint, double(drives_[result.joint].error), 0.0});
+    if (result.kind == RxKind::kEmergency) {
+      const std::uint16_t error = drives_[result.joint].error;  // 0: one is gone
+      emit(EventKind::kDrive, {error != 0U ? Cause::kDriveFault : Cause::kNone, result.joint, double(error), 0.0});
+    }
   }
 }
 
@@ -105,10 +107,14 @@ bool Core::all_answered() const noexcept {
 
 void Core::count_answers() noexcept {
   if (!sent_any_) return;
+  const auto age_of = [&](bool seen, std::uint64_t tick) {
+    const std::uint64_t age = seen ? sent_.tick - tick : kNever;
+    return static_cast<std::uint32_t>(std::min<std::uint64_t>(age, kNever));
+  };
   for (int joint = 0; joint < config_.dof; ++joint) {
     const JointFeedback& drive = drives_[joint];
-    const std::uint64_t age = drive.seen ? sent_.tick - drive.answered_tick : kNever;
-    age_[joint] = static_cast<std::uint32_t>(std::min<std::uint64_t>(age, kNever));
+    age_[joint] = age_of(drive.seen, drive.answered_tick);
+    torque_age_[joint] = age_of(drive.seen, drive.torque_tick);
     if (age_[joint] > 0) ++snapshot_.late_answers;
   }
 }

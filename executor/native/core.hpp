@@ -159,7 +159,7 @@ class Core {
   std::array<Frame, kMaxFramesPerTick> frames_{};
   int frame_count_ = 0;
   PerJoint<JointFeedback> drives_{};
-  PerJoint<std::uint32_t> age_{};
+  Ages age_{}, torque_age_{};
   PerJoint<std::uint64_t> warned_tick_{};
   Joints setpoint_q_{};  // of an unpowered or arming arm: the measured position
   Joints sent_q_ref_{};  // reference of the newest command

@@ -60,9 +60,8 @@ void Core::take_command(const Command& command) noexcept {
 Refused Core::arm() noexcept {
   if (state_ != State::kDisarmed || quit_ || !estop_.closed())
     return {Refusal::kState, -1, double(static_cast<int>(state_)), 1.0};
-  const int oldest = oldest_answer();
-  if (age_[oldest] >= static_cast<std::uint32_t>(config_.feedback_fault_ticks))
-    return {Refusal::kState, oldest, double(age_[oldest]), double(config_.feedback_fault_ticks)};
+  const Silence silence = find_silence(config_, age_, torque_age_, config_.feedback_fault_ticks);
+  if (silence.joint >= 0) return {Refusal::kState, silence.joint, silence.age, silence.limit};
   for (int joint = 0; joint < config_.dof; ++joint) {
     const double q = drives_[joint].q;
     if (!(q >= config_.limits.q_min[joint])) return {Refusal::kPosition, joint, q, config_.limits.q_min[joint]};

@@ -43,7 +43,7 @@ void Core::watch() noexcept {
 
 // Every finding is tried in this order; the first that leads to a harder stop than the one under way takes it.
 void Core::watch_powered() noexcept {
-  const Observed seen{drives_, age_, tx_failed_in_a_row_, foreign_master_, bus_off_};
+  const Observed seen{drives_, age_, torque_age_, tx_failed_in_a_row_, foreign_master_, bus_off_};
   warn_late_answers();
   if (foreign_.load() > foreign_.limit()) stop({Cause::kBusLoad, -1, foreign_.load(), foreign_.limit()});
   for (const auto& check : {check_feedback, check_drives}) {
@@ -141,10 +141,11 @@ void Core::warn_late_answers() noexcept {
 }
 
 void Core::watch_arming() noexcept {
-  const int oldest = oldest_answer(), faulty = first_in_fault(), waiting = first_not_enabled();
+  const Silence silence = find_silence(config_, age_, torque_age_, config_.feedback_fault_ticks);
+  const int faulty = first_in_fault(), waiting = first_not_enabled();
   const Trip brake = check_brakes(config_, drives_);
-  if (age_[oldest] >= static_cast<std::uint32_t>(config_.feedback_fault_ticks)) {
-    stop({Cause::kFeedbackLost, oldest, double(age_[oldest]), double(config_.feedback_fault_ticks)});
+  if (silence.joint >= 0) {
+    stop({Cause::kFeedbackLost, silence.joint, silence.age, silence.limit});
   } else if (faulty >= 0) {
     stop({Cause::kDriveFault, faulty, double(drives_[faulty].error), 0.0});
   } else if (waiting < 0 && !brake) {
@@ -163,8 +164,9 @@ void Core::watch_reset() noexcept {
   if (quick_stop_ && seconds_since(state_since_tick_) > kQuickStopTime_s) quick_stop_ = false;
   if (quick_stop_) reset_since_tick_ = tick_;
   if (!resetting_ || tick_ == reset_since_tick_) return;
-  const int oldest = oldest_answer(), faulty = first_in_fault();
-  const bool answers = age_[oldest] < static_cast<std::uint32_t>(config_.feedback_stop_ticks);
+  const Silence silence = find_silence(config_, age_, torque_age_, config_.feedback_stop_ticks);
+  const bool answers = silence.joint < 0;
+  const int faulty = first_in_fault();
   if (answers && faulty < 0 && estop_.closed()) {
     resetting_ = bus_off_ = false;
     estop_.reset();
@@ -172,7 +174,7 @@ void Core::watch_reset() noexcept {
   } else if (seconds_since(reset_since_tick_) > kResetTimeout_s) {
     resetting_ = false;
     if (!answers)
-      reject(0, {Refusal::kState, oldest, double(age_[oldest]), double(config_.feedback_stop_ticks)});
+      reject(0, {Refusal::kState, silence.joint, silence.age, silence.limit});
     else
       reject(0, {Refusal::kState, faulty, faulty < 0 ? 0.0 : double(drives_[faulty].error), 0.0});
   }

@@ -71,6 +71,7 @@ struct DriveCommand {
 struct JointFeedback {
   double q = 0.0, dq = 0.0, tau = 0.0;
   std::uint32_t torque_samples = 0;  // values of tau that have come; rises with each, wraps
+  std::uint64_t torque_tick = 0;     // the command that the newest of them belongs to, or the first answer without any
   DriveState state = DriveState::kNotReady;
   bool brake_released = false;
   bool following_warning = false;
@@ -80,6 +81,8 @@ struct JointFeedback {
   bool seen = false;                // at least one valid answer so far
   std::uint64_t answered_tick = 0;  // the command that the newest answer belongs to
 };
+
+using Ages = PerJoint<std::uint32_t>;  // [ticks] since the command that the newest answer belongs to
 
 enum class RxKind : std::uint8_t {
   kAnswer,
@@ -97,6 +100,10 @@ struct RxResult {
 };
 
 inline constexpr int kClassicTorqueEvery = 8;  // SYNCs: how often a drive sends TPDO2
+// Commands from one value of torque, temperature and error code to the next.
+constexpr int torque_every(PackingKind packing) noexcept {
+  return packing == PackingKind::kFd ? 1 : kClassicTorqueEvery;
+}
 inline constexpr int kMaxFramesPerTick = kMaxJoints + 2;
 
 // One drive link. pack() fills frames for one tick, unpack() updates the feedback of one joint.

@@ -111,6 +111,7 @@ RxResult PackingClassic::unpack(const Frame& frame, const DriveCommand& sent,
     const double q = decode_position(get<std::int32_t>(frame.data, 2));
     if (drive.seen && sent.tick > drive.answered_tick)
       drive.dq = (q - drive.q) / (dt_ * static_cast<double>(sent.tick - drive.answered_tick));
+    if (!drive.seen) drive.torque_tick = sent.tick;  // its first is due within eight
     drive.q = q;
     drive.state = classic::drive_state(statusword);
     drive.brake_released = (statusword & 0x4000U) != 0U;     // manufacturer specific
@@ -125,6 +126,7 @@ RxResult PackingClassic::unpack(const Frame& frame, const DriveCommand& sent,
     if (frame.length != 5) return {RxKind::kCorrupt, joint};
     drives[joint].tau = decode_torque(get<std::int16_t>(frame.data, 0));
     ++drives[joint].torque_samples;
+    drives[joint].torque_tick = sent.tick;
     drives[joint].error = get<std::uint16_t>(frame.data, 2);
     drives[joint].temperature_C = frame.data[4];
     return {RxKind::kIgnored, joint};

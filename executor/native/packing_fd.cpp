@@ -76,6 +76,7 @@ RxResult PackingFd::unpack(const Frame& frame, const DriveCommand& sent, PerJoin
   drive.dq = decode_velocity(get<std::int16_t>(frame.data, 6));
   drive.tau = decode_torque(get<std::int16_t>(frame.data, 8));
   ++drive.torque_samples;
+  drive.torque_tick = answered;
   drive.error = get<std::uint8_t>(frame.data, 12);
   drive.temperature_C = get<std::uint8_t>(frame.data, 13);
   drive.answered_tick = answered;

@@ -2,15 +2,34 @@
 
 namespace s2r {
 
-Finding check_feedback(const Config& config, const Observed& seen) noexcept {
+namespace {
+
+Silence find_older(const Ages& age, int dof, int limit) noexcept {
   int oldest = 0;
-  for (int joint = 1; joint < config.dof; ++joint)
-    if (seen.age[joint] > seen.age[oldest]) oldest = joint;
-  const int age = static_cast<int>(seen.age[oldest]);
-  if (age >= config.feedback_fault_ticks)
-    return {{Cause::kFeedbackLost, oldest, double(age), double(config.feedback_fault_ticks)}, true};
-  if (age >= config.feedback_stop_ticks)
-    return {{Cause::kFeedbackLost, oldest, double(age), double(config.feedback_stop_ticks)}, false};
+  for (int joint = 1; joint < dof; ++joint)
+    if (age[joint] > age[oldest]) oldest = joint;
+  if (age[oldest] < static_cast<std::uint32_t>(limit)) return {};
+  return {oldest, double(age[oldest]), double(limit)};
+}
+
+Trip feedback_lost(const Silence& silence) noexcept {
+  return {Cause::kFeedbackLost, silence.joint, silence.age, silence.limit};
+}
+
+}  // namespace
+
+Silence find_silence(const Config& config, const Ages& age, const Ages& torque_age, int answers) noexcept {
+  const Silence silence = find_older(age, config.dof, answers);
+  if (silence.joint >= 0) return silence;
+  return find_older(torque_age, config.dof, answers * torque_every(config.packing));
+}
+
+// Without its torque a joint still follows: that is no reason to let go of it in motion.
+Finding check_feedback(const Config& config, const Observed& seen) noexcept {
+  const Silence lost = find_older(seen.age, config.dof, config.feedback_fault_ticks);
+  if (lost.joint >= 0) return {feedback_lost(lost), true};
+  const Silence silence = find_silence(config, seen.age, seen.torque_age, config.feedback_stop_ticks);
+  if (silence.joint >= 0) return {feedback_lost(silence), false};
   return {};
 }
 

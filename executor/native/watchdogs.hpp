@@ -8,7 +8,8 @@ namespace s2r {
 
 struct Observed {
   const PerJoint<JointFeedback>& drives;
-  const PerJoint<std::uint32_t>& age;  // [ticks] since the command that the newest answer belongs to
+  const Ages& age;         // [ticks] since the command that the newest answer belongs to
+  const Ages& torque_age;  // [ticks] since the one that the newest torque, temperature and error code belong to
   std::uint32_t tx_failed_in_a_row;    // [ticks]
   bool foreign_master;
   bool bus_off;
@@ -18,6 +19,13 @@ struct Finding {
   Trip trip{};
   bool drives_off = false;  // do not even try a controlled stop
 };
+
+// A drive that is silent for so many answers in a row: all of it, or, on the classical packing, its TPDO2.
+struct Silence {
+  int joint = -1;  // -1: every drive is heard
+  double age = 0.0, limit = 0.0;
+};
+Silence find_silence(const Config& config, const Ages& age, const Ages& torque_age, int answers) noexcept;
 
 // Age of the newest answer of each joint while drives are powered; the worst joint counts.
 Finding check_feedback(const Config& config, const Observed& seen) noexcept;

@@ -55,7 +55,11 @@ def _about_a_joint(kind: int, event: np.void) -> tuple[str, str] | None:
         )
     if kind in (pb.ARM, pb.RESET) and limit > 0.0:
         silence = "not yet answered" if value >= NEVER_TICKS else f"not answered for {value:.0f} ticks"
-        return f"its drive has {silence} (limit {limit:.0f} ticks); {LOOK_AT}", "ticks without an answer"
+        return (
+            f"its drive has {silence} (limit {limit:.0f} ticks; on the classical packing, whether its TPDO2 comes is "
+            f"counted, too); {LOOK_AT}",
+            "ticks without an answer",
+        )
     if kind == pb.RESET:
         return (
             f"its drive still reports a fault, error 0x{int(value):04x}; remove its cause, then 's2r reset' again",

@@ -43,7 +43,8 @@ FAULTS: dict[Cause, Fault] = {
     Cause.FEEDBACK_LOST: Fault(
         "a joint's answers are missing on the bus",
         _CAT1,
-        "Check the drive's cable and power, and that --packing and --clock are its own, then send RESET and ARM.",
+        "Check the drive's cable and power, that --packing and --clock are its own, and on the classical packing that "
+        "it sends its TPDO2 every eighth SYNC; then send RESET and ARM.",
         "ticks",
     ),
     Cause.BUS_OFF: Fault(

@@ -220,7 +220,9 @@ def event_text(event: np.void, joint_names: tuple[str, ...]) -> str:
     if 0 <= joint < len(joint_names):
         text += f", joint '{joint_names[joint]}'"
     value, limit = float(event["value"]), float(event["limit"])
-    if kind is EventKind.PLAN_STARTED:
+    if kind is EventKind.DRIVE and not number:
+        text += ", its error is gone"
+    elif kind is EventKind.PLAN_STARTED:
         text += f", {value:.2f} s long"
     elif kind is EventKind.PLAN_DONE:
         text += f", {1e3 * value:.2f} mrad from its goal, tolerance {1e3 * limit:.3g} mrad"

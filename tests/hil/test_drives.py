@@ -187,6 +187,53 @@ def test_t45_contact_on_the_classical_packing_stops_the_arm_at_its_second_sample
     assert 9 <= bench.events(STOP_BEGUN)[0]["tick"] - tick <= 17
 
 
+def without_health(bench, node, periods):
+    """A drive's TPDO2 stays away for so many periods; returns the tick before."""
+    tell, left = bench.bus.nodes._process_data, [periods]
+
+    def silent(drive):
+        frames = tell(drive)
+        if drive.node == node:
+            left[0] -= 1
+            return frames[:1] if left[0] >= 0 else frames
+        return frames
+
+    bench.bus.nodes._process_data = silent
+    return bench.tick
+
+
+def test_t45_a_classical_drive_that_tells_no_torque_any_more_stops_the_arm(make_bench):
+    """Contact and heat of that joint would be watched by nobody but the drive."""
+    bench = make_bench(packing="classic")
+    bench.moving(150)
+    tick = without_health(bench, 3, 100_000)
+    bench.until(lambda s: s.state == ExecutorState.FAULT, 1500)
+    bench.one_cause(Cause.FEEDBACK_LOST, 2)
+    assert (bench.now.cause_value, bench.now.cause_limit) == (24, 24)
+    assert 16 <= bench.events(STOP_BEGUN)[0]["tick"] - tick <= 25
+
+
+def test_t45_two_lost_torques_of_a_classical_drive_are_no_reason_to_stop(make_bench):
+    bench = make_bench(packing="classic")
+    bench.arm()
+    bench.submit(move(np.asarray(bench.now.q_ref)), 1)
+    bench.step(120)
+    without_health(bench, 3, 16)
+    bench.until(lambda s: s.plan_done)
+    assert bench.events(STOP_BEGUN) == []
+
+
+def test_t45_a_classical_drive_that_never_told_its_torque_is_not_armed(make_bench):
+    bench = make_bench(packing="classic")
+    without_health(bench, 3, 100_000)
+    bench.step(100)
+    bench.command(ARM_)
+    bench.step(5)
+    (refused,) = bench.events(REJECTED)
+    assert (refused["joint"], refused["limit"]) == (2, 80)
+    assert bench.now.state == ExecutorState.DISARMED
+
+
 def test_t45_the_planned_torque_is_no_collision(bench):
     bench.arm()
     plan = move(np.asarray(bench.now.q_ref))

@@ -67,6 +67,7 @@ class ClassicDrives:
         self.state = [1] * 7
         self.counts = [1000 * j for j in range(7)]
         self.latched = {}
+        self.syncs = 0
 
     def answer(self, frames: list[tuple[int, bytes, bool]]) -> list[tuple[int, bytes, bool]]:
         ((can_id, data, _),) = frames
@@ -80,10 +81,16 @@ class ClassicDrives:
             )
             if self.state[joint] == 4:
                 self.counts[joint] = target
+        self.syncs += 1
+        health = (
+            []
+            if self.syncs % 8
+            else [(0x281 + joint, struct.pack("<hHB", 0, 0, 30), False) for joint in range(7)]
+        )
         return [
             (0x181 + joint, struct.pack("<Hih", self.WORDS[self.state[joint]], self.counts[joint], 0), False)
             for joint in range(7)
-        ]
+        ] + health
 
 
 class Process:
