@@ -55,7 +55,7 @@ def serve_drives(packing: str) -> None:
     plant = Plant(arm, draw_world(SEED, salt="socketcan"))
     nodes = NODES[packing](plant.drives)
     bus = Bus(CanHub(f"can:{INTERFACE}"), Wire(nodes.tick_ns, BitRate()), nodes, plant)
-    bus.responders.append(SdoServers(plant.drives, arm, nodes.tick_ns).answer)
+    bus.responders.append(SdoServers(plant.drives, arm, nodes.tick_ns, nodes.is_stopped).answer)
     signal.signal(signal.SIGTERM, lambda *_: bus.stop())
     print("drives ready", flush=True)
     bus.run_lockstep(0.0)

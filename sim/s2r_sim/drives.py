@@ -101,7 +101,10 @@ class Drive:
         self.parameters = parameters
         self.state = DriveState.SWITCH_ON_DISABLED
         self.error = DriveError.NONE
-        self.emergencies: list[DriveError] = []  # not yet sent
+        self.emergencies: list[DriveError] = []  # not yet sent; NONE says that an error is gone
+        self.pdo_error = (
+            0  # emergency error code of a PDO that was not as it should be; 0: none since a good one
+        )
         self.q_meas = q
         self.dq_meas = 0.0
         self.tau_meas = 0.0
@@ -151,6 +154,12 @@ class Drive:
         self._enter(DriveState.SWITCH_ON_DISABLED)
         self._command, self._fault_reset = DriveCommand.DISABLE_VOLTAGE, False
         self.emergencies.clear()
+        self.pdo_error = 0
+
+    def lose_master(self) -> None:
+        """The network was stopped: quick stop, whatever is asked for next (0x6007 = 3)."""
+        self._command = DriveCommand.QUICK_STOP
+        self._walk()
 
     def set_point(self, q: float, dq: float, tau_ff: float) -> None:
         """Take a target position [rad], velocity [rad/s] and torque feed-forward [N·m] for the coming period."""
@@ -192,8 +201,9 @@ class Drive:
 
     def _enter(self, state: DriveState) -> None:
         self.state = state
-        if state == DriveState.SWITCH_ON_DISABLED:
+        if state == DriveState.SWITCH_ON_DISABLED and self.error:
             self.error = DriveError.NONE
+            self.emergencies.append(DriveError.NONE)
         if state == DriveState.OPERATION_ENABLED:
             self._q_from = self._q_to = self._q_set = self.q_meas
             self._dq_set = self._dq_step = self._tau_ff = self._integral = self._powered_s = 0.0

@@ -92,7 +92,7 @@ def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
         camera = CameraProcess(arm.directory, world, snapshot, config.listen, keys, config.tls)
         stack.callback(camera.close)
         bus = Bus(hub, wire, nodes, plant)
-        bus.responders.append(SdoServers(plant.drives, arm, nodes.tick_ns).answer)
+        bus.responders.append(SdoServers(plant.drives, arm, nodes.tick_ns, nodes.is_stopped).answer)
         stack.enter_context(_stopped_by_signals(bus))
         click.echo(
             f"bus {hub.path}, {config.packing} packing, worst-case load {100 * load:.1f} %, {config.clock} clock; "

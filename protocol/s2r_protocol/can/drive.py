@@ -117,6 +117,25 @@ def state_of(statusword: int) -> DriveState:
 _EMERGENCY_CODES = {DriveError.NONE: 0x0000, DriveError.COMMUNICATION: 0x8130, DriveError.FOLLOWING: 0x8611}
 
 
+PDO_TOO_SHORT, PDO_TOO_LONG = 0x8210, 0x8220
+"""Emergency error codes of a PDO that was not processed, and of one whose first bytes were (CiA 301)."""
+
+# Error register (0x1001, and the third byte of EMCY): generic, and what kind of error it is.
+_GENERIC, _CURRENT, _TEMPERATURE, _COMMUNICATION, _PROFILE = 0x01, 0x02, 0x08, 0x10, 0x20
+_KINDS = {
+    DriveError.OVER_CURRENT: _CURRENT,
+    DriveError.TEMPERATURE: _TEMPERATURE,
+    DriveError.COMMUNICATION: _COMMUNICATION,
+    DriveError.FOLLOWING: _PROFILE,
+}
+
+
+def error_register(error: DriveError, pdo_error: int = 0) -> int:
+    """Error register (0x1001) while these errors are there; 0 without any."""
+    kinds = _KINDS.get(error, 0) | (_COMMUNICATION if pdo_error else 0)
+    return kinds | _GENERIC if error or pdo_error else 0
+
+
 def emergency_code(error: DriveError) -> int:
     """The 16-bit emergency error code sent in EMCY and TPDO2; 0 = no error."""
     return _EMERGENCY_CODES.get(error, error << 8)

@@ -1,6 +1,8 @@
 """Seven CANopen drives behind the classical packing: RPDO1 and SYNC in; TPDO1, TPDO2, EMCY, heartbeat out.
 
-The drives start themselves (0x1F80 bit 2 clear): after boot-up they are operational; NMT commands are obeyed.
+The drives start themselves (0x1F80 bit 2 clear): after boot-up they are operational; NMT commands are obeyed. One that
+is stopped makes a quick stop (0x6007) and keeps its newest emergency for later; one that is pre-operational hears no
+set-points any more, which its own watchdog notices.
 """
 
 from __future__ import annotations
@@ -8,6 +10,8 @@ from __future__ import annotations
 from s2r_protocol.can import classic
 from s2r_protocol.can.drive import (
     CW_FAULT_RESET,
+    PDO_TOO_LONG,
+    PDO_TOO_SHORT,
     STATUSWORD,
     SW_BRAKE_RELEASED,
     SW_ESTOP_1,
@@ -16,11 +20,11 @@ from s2r_protocol.can.drive import (
     SW_FOLLOWS,
     SW_REMOTE,
     SW_WARNING,
-    DriveCommand,
     DriveError,
     DriveState,
     command_of,
     emergency_code,
+    error_register,
 )
 from s2r_protocol.can.frames import CAN_SFF_MASK, CanFrame
 from s2r_sim.drives import Drive
@@ -30,6 +34,7 @@ _NMT = {
     classic.NMT_STOP: classic.HEARTBEAT_STOPPED,
     classic.NMT_PRE_OPERATIONAL: classic.HEARTBEAT_PRE_OPERATIONAL,
     classic.NMT_RESET_NODE: classic.HEARTBEAT_OPERATIONAL,
+    classic.NMT_RESET_COMMUNICATION: classic.HEARTBEAT_OPERATIONAL,
 }
 
 
@@ -49,9 +54,11 @@ class ClassicNodes:
     def __init__(self, drives: list[Drive]) -> None:
         self.drives = drives
         self.refused = 0
-        self.master_tick = 0  # SYNCs seen
+        self.master_tick = 0  # SYNCs of the newest master
+        self._another_master = False
         self._nmt = [classic.HEARTBEAT_OPERATIONAL] * len(drives)
         self._latched: list[bytes | None] = [None] * len(drives)
+        self._emergencies: list[list[int]] = [[] for _ in drives]  # error codes that are not sent yet
         self._periods = 0
         self._answer_due = False
         self._outbox = [self._boot_up(drive) for drive in drives]
@@ -64,10 +71,24 @@ class ClassicNodes:
         elif can_id == classic.NMT_ID:
             self._network(payload)
         elif classic.RPDO1_ID < can_id <= classic.RPDO1_ID + len(self.drives):
-            if len(payload) == classic.RPDO1.size:
-                self._latched[(can_id & CAN_SFF_MASK) - classic.RPDO1_ID - 1] = payload
-            else:
-                self.refused += 1
+            self._targets((can_id & CAN_SFF_MASK) - classic.RPDO1_ID - 1, payload)
+
+    def is_stopped(self, node: int) -> bool:
+        """Whether a node speaks of nothing but its heartbeat."""
+        return self._nmt[node - 1] == classic.HEARTBEAT_STOPPED
+
+    def _targets(self, i: int, payload: bytes) -> None:
+        """Take RPDO1. One that is too short is not processed, of a longer one the first bytes are (CiA 301)."""
+        if self._nmt[i] != classic.HEARTBEAT_OPERATIONAL:
+            return
+        size, drive = classic.RPDO1.size, self.drives[i]
+        wrong = PDO_TOO_SHORT if len(payload) < size else PDO_TOO_LONG if len(payload) > size else 0
+        self.refused += wrong == PDO_TOO_SHORT
+        if wrong != PDO_TOO_SHORT:
+            self._latched[i] = payload[:size]
+        if wrong != drive.pdo_error:
+            drive.pdo_error = wrong
+            self._emergencies[i].append(wrong)
 
     @staticmethod
     def counter_of(packet: bytes) -> bytes:
@@ -75,7 +96,8 @@ class ClassicNodes:
         return packet[8:9]
 
     def forget_master(self) -> None:
-        """Nothing is remembered of a master but its SYNCs."""
+        """The next SYNC is another master's first."""
+        self._another_master = True
 
     def answers(self) -> list[bytes]:
         """Frames the drives send in this period."""
@@ -85,9 +107,8 @@ class ClassicNodes:
                 self._frame(classic.HEARTBEAT_ID + d.node, bytes([nmt]))
                 for d, nmt in zip(self.drives, self._nmt, strict=True)
             ]
-        for drive in self.drives:
-            self._outbox += [self._emergency(drive, error) for error in drive.emergencies]
-            drive.emergencies.clear()
+        for i, drive in enumerate(self.drives):
+            self._tell_emergencies(i, drive)
         if self._answer_due:
             self._answer_due = False
             for drive, nmt in zip(self.drives, self._nmt, strict=True):
@@ -97,11 +118,13 @@ class ClassicNodes:
         return outbox
 
     def _sync(self) -> None:
+        if self._another_master:
+            self.master_tick, self._another_master = 0, False
         self.master_tick += 1
         self._answer_due = True
         for i, (drive, payload) in enumerate(zip(self.drives, self._latched, strict=True)):
             self._latched[i] = None
-            if payload is None or self._nmt[i] != classic.HEARTBEAT_OPERATIONAL:
+            if payload is None:
                 continue
             command = classic.unpack_rpdo1(payload)
             drive.command(command_of(command.controlword), bool(command.controlword & CW_FAULT_RESET))
@@ -117,11 +140,15 @@ class ClassicNodes:
             if state is None or node not in (0, drive.node):
                 continue
             self._nmt[i] = state
+            if state != classic.HEARTBEAT_OPERATIONAL or command != classic.NMT_START:
+                self._latched[i] = None
             if command == classic.NMT_RESET_NODE:
                 drive.restart()
+                self._emergencies[i].clear()
+            elif command in (classic.NMT_STOP, classic.NMT_RESET_COMMUNICATION):
+                drive.lose_master()
+            if command in (classic.NMT_RESET_NODE, classic.NMT_RESET_COMMUNICATION):
                 self._outbox.append(self._boot_up(drive))
-            elif state != classic.HEARTBEAT_OPERATIONAL:
-                drive.command(DriveCommand.DISABLE_VOLTAGE)
 
     def _boot_up(self, drive: Drive) -> bytes:
         return self._frame(classic.HEARTBEAT_ID + drive.node, bytes([classic.HEARTBEAT_BOOT]))
@@ -136,9 +163,19 @@ class ClassicNodes:
             frames.append(self._frame(classic.TPDO2_ID + drive.node, classic.pack_tpdo2(health)))
         return frames
 
-    def _emergency(self, drive: Drive, error: DriveError) -> bytes:
-        payload = classic.EMCY.pack(emergency_code(error), 0x01, bytes(5))
-        return self._frame(classic.EMCY_ID + drive.node, payload)
+    def _tell_emergencies(self, i: int, drive: Drive) -> None:
+        waiting = self._emergencies[i]
+        waiting += [emergency_code(error) for error in drive.emergencies]
+        drive.emergencies.clear()
+        if self._nmt[i] == classic.HEARTBEAT_STOPPED:
+            del waiting[:-1]
+            return
+        register = error_register(drive.error, drive.pdo_error)
+        self._outbox += [
+            self._frame(classic.EMCY_ID + drive.node, classic.EMCY.pack(code, register, bytes(5)))
+            for code in waiting
+        ]
+        waiting.clear()
 
     @staticmethod
     def _frame(can_id: int, payload: bytes) -> bytes:

@@ -67,6 +67,8 @@ class FdNodes:
         if crc != fd.set_crc(payload) or ctrl not in _COMMANDS or seq == self._seq:
             self.refused += 1
             return
+        if self._seq is None:
+            self.master_tick = tick  # of a master that begins
         self._seq, self._tick = seq, tick
         self.master_tick += (tick - self.master_tick) & 0xFFFF
         self._answer_due = True
@@ -83,12 +85,17 @@ class FdNodes:
             )
 
     @staticmethod
+    def is_stopped(node: int) -> bool:
+        """Never: this packing has no network management."""
+        return False
+
+    @staticmethod
     def counter_of(packet: bytes) -> bytes:
         """The counter in a SET frame as it came: bytes 2 and 3 of its payload."""
         return packet[10:12]
 
     def forget_master(self) -> None:
-        """The next SET may carry any counter."""
+        """The next SET is another master's, and may carry any counter."""
         self._seq = None
 
     def answers(self) -> list[bytes]:

@@ -8,10 +8,11 @@ All entries are read only.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.can import sdo
+from s2r_protocol.can.drive import error_register
 from s2r_protocol.can.frames import CanFrame
 from s2r_protocol.can.units import COUNTS_PER_RAD, VELOCITY_UNIT
 from s2r_sim.drives import EXTRAPOLATED_PERIODS, FOLLOWING_FAULT_RAD, FOLLOWING_FAULT_S, Drive
@@ -33,7 +34,7 @@ def entries(drive: Drive, arm: ArmDescription, tick_ns: int) -> Entries:
     p = drive.parameters
     return {
         (0x1000, 0): _u32(0x0002_0192),  # CiA 402 servo drive
-        (0x1001, 0): _u8(1 if drive.error else 0),
+        (0x1001, 0): _u8(error_register(drive.error, drive.pdo_error)),
         (0x1008, 0): f"s2r stand-in drive, joint {drive.node}".encode(),
         (0x1017, 0): _u16(100),  # producer heartbeat [ms]
         (0x1018, 0): _u8(4),
@@ -65,8 +66,15 @@ def entries(drive: Drive, arm: ArmDescription, tick_ns: int) -> Entries:
 class SdoServers:
     """Answers SDO requests for all drives; one transfer at a time per drive, as CiA 301 has it."""
 
-    def __init__(self, drives: Sequence[Drive], arm: ArmDescription, tick_ns: int) -> None:
-        """Serve ``drives``, which keep being read at every request."""
+    def __init__(
+        self,
+        drives: Sequence[Drive],
+        arm: ArmDescription,
+        tick_ns: int,
+        is_stopped: Callable[[int], bool] = lambda node: False,
+    ) -> None:
+        """Serve ``drives``, which keep being read at every request, except nodes that the network has stopped."""
+        self._is_stopped = is_stopped
         self.changes: dict[int, Entries] = {}  # node -> entries that differ, for tests and trials
         self._drives = {drive.node: drive for drive in drives}
         self._arm, self._tick_ns = arm, tick_ns
@@ -77,7 +85,7 @@ class SdoServers:
         """The answer to one frame off the wire; empty if it is none of ours."""
         node = can_id - sdo.REQUEST_ID
         payload = packet[8 : 8 + packet[4]]
-        if node not in self._drives or len(payload) != 8:
+        if node not in self._drives or len(payload) != 8 or self._is_stopped(node):
             return []
         if payload[0] & 0xE0 == sdo.ABORT:  # of the client, confirmed by nobody (CiA 301, abort SDO transfer)
             self._left.pop(node, None)

@@ -88,8 +88,7 @@ class ClassicMaster:
         for i in range(7):
             payload = classic.pack_rpdo1(classic.Command(word, q[i], dq[i] if dq else 0.0))
             self.socket.send(CanFrame(classic.RPDO1_ID + i + 1, payload).pack())
-        self.count += 1
-        self.socket.send(CanFrame(classic.SYNC_ID, bytes([1 + self.count % 240])).pack())
+        self.sync()
         answers = {}
         while len(answers) < 7:
             frame = CanFrame.unpack(self.socket.recv(128))
@@ -103,6 +102,10 @@ class ClassicMaster:
             elif base == classic.HEARTBEAT_ID:
                 self.heartbeats.append((node, frame.data[0]))
         return [answers[node] for node in range(1, 8)]
+
+    def sync(self):
+        self.count += 1
+        self.socket.send(CanFrame(classic.SYNC_ID, bytes([1 + self.count % 240])).pack())
 
     def enable(self, q):
         for command in [DriveCommand.SHUTDOWN, DriveCommand.SWITCH_ON, *[DriveCommand.ENABLE_OPERATION] * 15]:

@@ -1,16 +1,21 @@
 """The stand-in's bus from outside: real sockets, real frames, lock-step and real clock."""
 
 import socket
+import struct
 import time
 
 import can
 import pytest
 
+from s2r_protocol.arms import load_arm
 from s2r_protocol.can import classic, fd
 from s2r_protocol.can.drive import DriveCommand, DriveError, DriveState
 from s2r_protocol.can.frames import CAN_ERR_CRTL, CanFrame, connect_unix
 from s2r_protocol.can.python_can import StandInBus
+from s2r_sim.bus.classic_nodes import ClassicNodes
 from s2r_sim.bus.hub import Hub
+from s2r_sim.bus.object_dictionary import SdoServers
+from s2r_sim.drives_alone import DrivesAlone
 from s2r_sim.errors import StandInError
 
 
@@ -240,13 +245,96 @@ def test_classic_drive_without_targets_sends_an_emergency(stand_in, classic_mast
         assert bus.nodes.refused == 0
 
 
-def test_stopped_network_switches_the_drives_off(stand_in, classic_master):
+def network(master, command, node=0):
+    master.socket.send(CanFrame(classic.NMT_ID, bytes([command, node])).pack())
+
+
+def test_a_stopped_network_is_lost_communication_and_ends_in_the_drives_quick_stop(stand_in, classic_master):
+    """On the ramp, not on the brakes: what their dictionaries say at 0x6007."""
+    with stand_in("classic") as bus:
+        master = classic_master(bus.address)
+        q = enabled(master)
+        for _ in range(100):
+            q[0] += 0.3 * 4e-3
+            master.cycle(DriveCommand.ENABLE_OPERATION, q, [0.3, 0, 0, 0, 0, 0, 0])
+        network(master, classic.NMT_STOP)
+        master.sync()
+        wait_until(lambda: {d.state for d in bus.plant.drives} == {DriveState.QUICK_STOP_ACTIVE})
+        assert bus.plant.drives[0].brake_released
+        for _ in range(50):
+            master.sync()
+        wait_until(lambda: all(d.stopped for d in bus.plant.drives))
+        network(master, classic.NMT_START)
+        answers = master.cycle(DriveCommand.ENABLE_OPERATION, q)
+        assert {a.state for a in answers} == {DriveState.QUICK_STOP_ACTIVE}
+        answers = master.cycle(DriveCommand.DISABLE_VOLTAGE, q)
+        assert {a.state for a in answers} == {DriveState.SWITCH_ON_DISABLED}
+        assert master.emergencies == []
+
+
+def test_a_node_that_is_pre_operational_misses_its_set_points(stand_in, classic_master):
     with stand_in("classic") as bus:
         master = classic_master(bus.address)
         enabled(master)
-        master.socket.send(CanFrame(0x000, bytes([0x02, 0])).pack())
-        master.socket.send(CanFrame(0x080, b"\x01").pack())
-        wait_until(lambda: {d.state for d in bus.plant.drives} == {DriveState.SWITCH_ON_DISABLED})
+        network(master, classic.NMT_PRE_OPERATIONAL, 3)
+        for _ in range(5):
+            master.sync()
+        wait_until(lambda: bus.plant.drives[2].error == DriveError.COMMUNICATION)
+        assert bus.plant.drives[2].state == DriveState.QUICK_STOP_ACTIVE
+
+
+def test_a_stopped_node_tells_its_newest_emergency_later_and_nothing_by_sdo():
+    drives = DrivesAlone(load_arm("xmate3pro")).drives
+    nodes = ClassicNodes(drives)
+    servers = SdoServers(drives, load_arm("xmate3pro"), 4_000_000, nodes.is_stopped)
+    read = CanFrame(0x603, bytes([0x40, 0x01, 0x10, 0, 0, 0, 0, 0])).pack()
+    nodes.answers()
+    nodes.receive(classic.NMT_ID, CanFrame(classic.NMT_ID, bytes([classic.NMT_STOP, 3])).pack())
+    drives[2]._fail(DriveError.OVER_CURRENT, DriveState.FAULT_REACTION)
+    drives[2]._fail(DriveError.TEMPERATURE, DriveState.FAULT_REACTION)
+    assert nodes.answers() == []
+    assert servers.answer(0x603, read) == []
+    nodes.receive(classic.NMT_ID, CanFrame(classic.NMT_ID, bytes([classic.NMT_START, 3])).pack())
+    (told,) = (CanFrame.unpack(packet) for packet in nodes.answers())
+    assert (told.can_id, *classic.EMCY.unpack(told.data)[:2]) == (0x083, 0x4200, 0x09)
+    (register,) = servers.answer(0x603, read)
+    assert CanFrame.unpack(register).data[4] == 0x09
+
+
+@pytest.mark.parametrize(("length", "code", "moves"), [(6, 0x8210, False), (12, 0x8220, True)])
+def test_targets_of_another_length_are_an_emergency_until_they_are_right_again(length, code, moves):
+    drives = DrivesAlone(load_arm("xmate3pro")).drives
+    nodes = ClassicNodes(drives)
+    nodes.answers()
+    payload = classic.pack_rpdo1(classic.Command(0x06, 0.1, 0.0))
+
+    def told(data):
+        """Code and error register of emergencies; a header tells a length that classical CAN cannot have."""
+        packet = struct.pack("<IB3x", 0x203, len(data)) + data.ljust(8, bytes(1))
+        nodes.receive(0x203, packet)
+        nodes._sync()
+        frames = [CanFrame.unpack(packet) for packet in nodes.answers()]
+        return [classic.EMCY.unpack(f.data)[:2] for f in frames if f.can_id == 0x083]
+
+    assert told((payload + bytes(8))[:length]) == [(code, 0x11)]
+    assert told((payload + bytes(8))[:length]) == []
+    assert (drives[2]._command == DriveCommand.SHUTDOWN) == moves
+    assert told(payload) == [(0x0000, 0x00)]
+    assert told(payload) == []
+
+
+def test_a_fault_that_is_reset_is_told_to_be_gone(stand_in, classic_master):
+    with stand_in("classic") as bus:
+        master = classic_master(bus.address)
+        q = enabled(master)
+        bus.plant.drives[2]._fail(DriveError.OVER_CURRENT, DriveState.FAULT_REACTION)
+        for _ in range(50):
+            answers = master.cycle(DriveCommand.DISABLE_VOLTAGE, q)
+        assert answers[2].state == DriveState.FAULT
+        assert master.emergencies == [(3, 0x2300)]
+        for _ in range(2):
+            master.cycle(DriveCommand.DISABLE_VOLTAGE, q, fault_reset=True)
+        assert master.emergencies == [(3, 0x2300), (3, 0x0000)]
 
 
 def test_a_node_that_is_reset_boots_and_forgets_its_error(stand_in, classic_master):
@@ -300,6 +388,27 @@ def test_what_is_no_socket_is_not_taken_for_one_left_over(tmp_path, make):
     with pytest.raises(StandInError, match=r"notes\.txt: what is there is no socket; choose another --bus"):
         Hub(f"unix:{tmp_path}/notes.txt")
     assert (tmp_path / "notes.txt").exists()
+
+
+@pytest.mark.parametrize("packing", ["fd", "classic"])
+def test_another_executors_ticks_begin_anew_and_a_master_that_left_keeps_its_last(
+    stand_in, fd_master, classic_master, packing
+):
+    with stand_in(packing) as bus:
+        for _ in range(2):
+            if packing == "fd":
+                master = fd_master(bus.address)
+                for _ in range(30):
+                    master.cycle(0)
+            else:
+                master = classic_master(bus.address)
+                for _ in range(30):
+                    master.cycle(DriveCommand.DISABLE_VOLTAGE, [d.q_meas for d in bus.plant.drives])
+            last = bus.nodes.master_tick
+            assert last <= 31
+            master.socket.close()
+            wait_until(lambda: not bus.hub.clients)
+            assert bus.nodes.master_tick == last
 
 
 def test_masters_tick_is_unwrapped_beyond_16_bits(stand_in, fd_master):
