@@ -20,7 +20,7 @@ class Truth:
 
     Attributes:
         t: Simulated time [s].
-        master_tick: Executor's tick of the newest set-point.
+        master_tick: Executor's tick of the newest set-point; begins anew with another executor.
         s: True joint coordinate of the object [m or rad].
         q: True arm joints [rad].
         contact_part, contact_base, contact_table: Whether the arm touched these.
@@ -41,7 +41,7 @@ class Truth:
     def of_moved(self, since_tick: int) -> Truth:
         """The same log, of the part that has moved most since the executor's ``master_tick`` was ``since_tick``."""
         values = np.column_stack([self.s, self.others])
-        row = max(int(np.searchsorted(self.master_tick, since_tick, side="right")) - 1, 0)
+        row = self.row_at_tick(since_tick)
         part = int(np.abs(values[-1] - values[row]).argmax())
         return replace(self, s=values[:, part], others=np.delete(values, part, axis=1))
 
@@ -50,8 +50,21 @@ class Truth:
         return float(self.s[max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)])
 
     def s_at_tick(self, master_tick: int) -> float:
-        """True coordinate when the executor's ``master_tick`` was in force."""
-        return float(self.s[max(int(np.searchsorted(self.master_tick, master_tick, side="right")) - 1, 0)])
+        """True coordinate when the executor's ``master_tick`` was in force; see :meth:`row_at_tick`."""
+        return float(self.s[self.row_at_tick(master_tick)])
+
+    def row_at_tick(self, master_tick: int) -> int:
+        """The newest row not after an executor's ``master_tick``.
+
+        Raises:
+            TruthFileError: Several executors have moved this arm: each counts anew, so a tick tells no time.
+        """
+        if (np.diff(self.master_tick) < 0).any():
+            raise TruthFileError(
+                "the truth log tells of several executors, one after the other, and each counts its ticks anew: which "
+                "of them a run's ticks are of is not known. Start a stand-in for each executor whose runs are judged"
+            )
+        return max(int(np.searchsorted(self.master_tick, master_tick, side="right")) - 1, 0)
 
 
 @dataclass(frozen=True)

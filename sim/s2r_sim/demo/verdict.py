@@ -133,7 +133,7 @@ def draw_truth(folder: Path, verdict: DemoVerdict, goal: Goal) -> Path:
         label = "target" if k == 0 else None
         axes.axhline(unit.factor * target, color="#3caea3", linestyle="--", label=label)
     ticks = [attempt["tick_start"] for attempt in run["attempts"][1:]]
-    times = [float(truth.t[truth.master_tick.searchsorted(tick)]) for tick in ticks] + [float(truth.t[-1])]
+    times = [float(truth.t[truth.row_at_tick(tick)]) for tick in ticks] + [float(truth.t[-1])]
     for k, (t, attempt) in enumerate(zip(times, run["attempts"], strict=False)):
         label = "measured by the camera" if k == 0 else None
         axes.plot(t, unit.factor * (attempt["s_final"] - counted), "o", color="#ed553b", label=label)

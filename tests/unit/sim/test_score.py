@@ -33,6 +33,16 @@ def test_moment_before_the_plan_may_be_a_tick(truth_file):
     assert final_state(truth_file).before_plan is None
 
 
+def test_a_tick_of_one_of_several_executors_is_refused(truth_file):
+    """A second one began to count again: its tick 10 is another time than the first one's."""
+    text = truth_file.read_text().replace("0.050,50,", "0.050,0,").replace("0.060,60,", "0.060,10,")
+    truth_file.write_text(text)
+    truth = read_truth(truth_file)
+    assert truth.s_at(0.06) == 0.231
+    with pytest.raises(TruthFileError, match="several executors"):
+        truth.s_at_tick(10)
+
+
 def test_relative_error_without_a_start_is_refused(truth_file):
     with pytest.raises(ValueError, match="needs a start"):
         final_state(truth_file).delta_r(0.15)
