@@ -41,3 +41,12 @@ def expected_error(likelihood: NDArray[np.floating], truth: NDArray[np.bool_]) -
     of = np.minimum((likelihood * BINS).astype(int), BINS - 1)
     gaps = (abs(float((likelihood[of == b] - truth[of == b]).sum())) for b in range(BINS))
     return sum(gaps) / len(truth)
+
+
+def area_under_curve(score: NDArray[np.floating], truth: NDArray[np.bool_]) -> float:
+    """Probability that a useful push scores above a useless one, a tie counting half; 0.5 if there is only one sort."""
+    good, bad = score[truth], np.sort(score[~truth])
+    if len(good) == 0 or len(bad) == 0:
+        return 0.5
+    below, up_to = np.searchsorted(bad, good, "left"), np.searchsorted(bad, good, "right")
+    return float(np.mean(below + up_to) / (2 * len(bad)))

@@ -14,7 +14,7 @@ import torch
 from rich.progress import Progress
 
 from s2r_host.learn import checkpoint
-from s2r_host.learn.calibrate import Calibration, calibrate, expected_error
+from s2r_host.learn.calibrate import Calibration, area_under_curve, calibrate, expected_error
 from s2r_host.learn.network import PushNetwork, part_of
 from s2r_host.learn.push_files import PushSample, data_hash, load_pushes, push_files
 from s2r_host.learn.push_loss import ENCODER_INPUTS, batch, losses
@@ -168,17 +168,6 @@ def evaluate(
 def on_device(device: str, data: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """The same tensors there."""
     return {name: tensor.to(device) for name, tensor in data.items()}
-
-
-def area_under_curve(score: np.ndarray, truth: np.ndarray) -> float:
-    """Probability that a useful push scores above a useless one; 0.5 if there is only one sort."""
-    good, bad = score[truth], score[~truth]
-    if len(good) == 0 or len(bad) == 0:
-        return 0.5
-    order = np.argsort(np.concatenate([good, bad]), kind="stable")
-    rank = np.empty(len(order))
-    rank[order] = np.arange(1, len(order) + 1)
-    return float((rank[: len(good)].sum() - len(good) * (len(good) + 1) / 2) / (len(good) * len(bad)))
 
 
 def _load(files: list[Path], seed: int, times: int, progress: Progress, label: str) -> list[list[PushSample]]:
