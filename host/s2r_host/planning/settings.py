@@ -249,6 +249,10 @@ class PlanSettings:
         _require(self.apart_m >= 0.0, "apart_m", self.apart_m, "zero or more")
         _require(self.press_max_N > 0.0, "press_max_N", self.press_max_N, "positive")
         _require(0.0 < self.contact_margin <= 1.0, "contact_margin", self.contact_margin, "within (0, 1]")
+        _require(self.retries >= 1, "retries", self.retries, "at least 1")
+        _require(self.backtracks >= 0, "backtracks", self.backtracks, "zero or more")
+        _require(self.hooks >= 1, "hooks", self.hooks, "at least 1")
+        _require(self.threads >= 0, "threads", self.threads, "zero or more")
         _require(self.ensemble >= 1, "ensemble", self.ensemble, "at least 1")
         _require(len(self.cascade) >= 1, "cascade", self.cascade, "at least one stage")
         steps = [self.fine_timestep_s, *(stage.timestep_s for stage in self.cascade)]

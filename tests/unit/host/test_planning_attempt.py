@@ -11,7 +11,7 @@ from s2r_host.planning import cascade
 from s2r_host.planning.attempt import Attempt
 from s2r_host.planning.patience import TimeIsUpError
 from s2r_host.planning.rewards import Task
-from s2r_host.planning.settings import PlanSettings
+from s2r_host.planning.settings import PlanSettings, PlanSettingsError
 from s2r_host.planning.task import PlanRefusedError, StepTrace
 from s2r_host.trajectory import legs_search
 
@@ -165,3 +165,11 @@ def test_without_legs_that_hold_the_reason_or_the_clock_remains(worth):
     assert search.problem == "the legs together: lost"
     with pytest.raises(TimeIsUpError):
         legs_search.calmest(late, REQUEST, slipped=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("retries", 0), ("backtracks", -1), ("hooks", 0), ("threads", -1), ("ensemble", 0)]
+)
+def test_counts_with_which_nothing_can_be_planned_are_refused_by_name(name, value):
+    with pytest.raises(PlanSettingsError, match=name):
+        replace(PlanSettings(), **{name: value})
