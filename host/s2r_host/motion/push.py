@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import coal
 import numpy as np
@@ -39,6 +39,12 @@ class PushScene:
     def all(self) -> tuple[Obstacle, ...]:
         """Everything, as found."""
         return (*self.static, self.part)
+
+    def as_found_and_pushed(self, p_shift: np.ndarray) -> tuple[Obstacle, ...]:
+        """Everything as found, and the part once more as far as a push takes it, or less: it may give way little."""
+        X = self.part.X_base_shape.copy()
+        X[:3, 3] += p_shift
+        return (*self.all, replace(self.part, X_base_shape=X))
 
 
 def push_scene(scene: Scene, front: Front) -> PushScene:
@@ -145,7 +151,10 @@ def plan_push(
         push = found
         try:
             approach = plan_joint_motion(free, q_start, push[0], rng, what="approach")
-            home = plan_joint_motion(free, push[0], q_home, rng, what="way home")
+            after = CollisionChecker(
+                arm, scene.as_found_and_pushed(_way_of_part(proposal, proposal.p_end)), FREE
+            )
+            home = plan_joint_motion(after, push[0], q_home, rng, what="way home")
         except NoMotionError as error:
             _count(reasons, str(error))
             continue
@@ -186,8 +195,12 @@ def _hand_hits(free: CollisionChecker, pushing: CollisionChecker, proposal: Push
 
 def _give_way(pushing: CollisionChecker, proposal: PushProposal, p_tip: np.ndarray) -> None:
     """The pushed part gives way as the tip advances."""
-    advance = max(0.0, float((p_tip - proposal.p_contact) @ proposal.direction))
-    pushing.place(PART, advance * proposal.direction)
+    pushing.place(PART, _way_of_part(proposal, p_tip))
+
+
+def _way_of_part(proposal: PushProposal, p_tip: np.ndarray) -> np.ndarray:
+    """How far a tip that has come to ``p_tip`` has taken the part [m]."""
+    return max(0.0, float((p_tip - proposal.p_contact) @ proposal.direction)) * proposal.direction
 
 
 def _realise(

@@ -3,6 +3,7 @@
 import dataclasses
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -18,7 +19,7 @@ from s2r_host.motion.front import Front, find_front
 from s2r_host.motion.inverse import InverseKinematics, seeds_around
 from s2r_host.motion.joint_motion import plan_joint_motion
 from s2r_host.motion.obstacles import Obstacle, cloud_obstacle, table_obstacle
-from s2r_host.motion.push import _advice, plan_push, push_scene
+from s2r_host.motion.push import PART, PushScene, _advice, plan_push, push_scene
 from s2r_host.motion.push_proposals import (
     PushSettings,
     handle_points,
@@ -272,6 +273,33 @@ def test_a_drawer_in_front_of_the_arm_can_be_pushed(arm, home, scene):
     assert np.linalg.norm(tip - motion.proposal.p_end) < 5e-4
     again = plan_push(arm, parts, push_proposals(front), home, home, np.random.default_rng(0))
     assert np.array_equal(motion.push, again.push)
+
+
+def test_the_way_home_is_free_where_the_part_was_found_and_where_it_is_pushed_to(arm, home, scene):
+    """A place to end at that only the pushed part takes is none to go home to."""
+    front = find_front(scene[0])
+    drawer = push_scene(scene[0], front)
+    proposal = plan_push(arm, drawer, push_proposals(front), home, home, np.random.default_rng(0)).proposal
+    X = np.eye(4)  # a plate in the open, across the push
+    X[:2, :2] = [
+        [proposal.direction[0], -proposal.direction[1]],
+        [proposal.direction[1], proposal.direction[0]],
+    ]
+    X[:3, 3] = proposal.p_contact + 0.011 * proposal.direction
+    plate = PushScene((table_obstacle(),), Obstacle(PART, coal.Box(0.02, 0.15, 0.15), X))
+    motion, rng = (
+        plan_push(arm, plate, [proposal], home, home, np.random.default_rng(0)),
+        np.random.default_rng(1),
+    )
+    found, pushed = CollisionChecker(arm, plate.all), CollisionChecker(arm, plate.all)
+    pushed.place(PART, float((proposal.p_end - proposal.p_contact) @ proposal.direction) * proposal.direction)
+    assert pushed.path_is_free(motion.home)
+    near = (motion.push[0] + rng.uniform(-0.4, 0.4, 7) for _ in range(20_000))
+    taken = next(q for q in near if arm.inside_limits(q) and found.is_free(q) and not pushed.is_free(q))
+    with pytest.raises(
+        NoMotionError, match=r"way home: the goal posture is not free: .* against pushed part"
+    ):
+        plan_push(arm, plate, [proposal], home, taken, np.random.default_rng(0))
 
 
 def test_a_half_hidden_front_is_refused_with_what_was_seen_of_it():
