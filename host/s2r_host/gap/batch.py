@@ -20,7 +20,7 @@ from s2r_host.gap.workers import each_done
 from s2r_host.gap.yaml_files import read_yaml
 from s2r_protocol.cli.outputs import has_key
 from s2r_protocol.exits import ExitCode, S2RError
-from s2r_protocol.whole_file import NO_ROOM
+from s2r_protocol.whole_file import NO_ROOM, write_whole
 
 SUMMARIES = ("summary.json", "summary.html")
 KEYS = {"name", "model", "fit", "holdout", "repeat", "config", "robot", "date"}
@@ -116,8 +116,8 @@ def run_batch(
     for _ in each_done(run_job, [(job, out / job.name, seed) for job in todo], workers, _died):
         told(1)
     rows = [_row(j, out / j.name) for j in jobs]
-    (out / SUMMARIES[0]).write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    (out / SUMMARIES[1]).write_text(_page(rows), encoding="utf-8")
+    write_whole(out / SUMMARIES[0], json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
+    write_whole(out / SUMMARIES[1], _page(rows))
     return rows
 
 
@@ -157,7 +157,7 @@ def _died(_job: Job, folder: Path, _seed: int) -> None:
 
 def _leave(path: Path, reason: str, code: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"reason": reason, "exit_code": code}) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps({"reason": reason, "exit_code": code}) + "\n")
 
 
 def _row(job: Job, folder: Path) -> dict:

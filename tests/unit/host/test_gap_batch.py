@@ -2,6 +2,7 @@
 
 import errno
 import json
+from pathlib import Path
 
 import pytest
 
@@ -154,6 +155,26 @@ def test_a_job_whose_process_is_killed_has_failed_and_the_others_go_on(tmp_path,
     (row,) = run_batch([Job("a", tmp_path / "m", ())], tmp_path / "out", 1, 0)
     assert row["verdict"] == "failed"
     assert "its process was killed" in row["reason"]
+
+
+def test_a_full_disk_leaves_the_pages_of_before_whole(tmp_path, monkeypatch):
+    run_batch([], tmp_path, seed=0, workers=1, told=lambda done: None)
+    batch._leave(tmp_path / "a/refused.json", "before", 4)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    write = Path.write_text
+
+    def half(path, text, **options):
+        write(path, text[: len(text) // 2], **options)
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "write_text", half)
+    for again in (
+        lambda: run_batch([], tmp_path, seed=0, workers=1, told=lambda done: None),
+        lambda: batch._leave(tmp_path / "a/refused.json", "another", 4),
+    ):
+        with pytest.raises(OSError, match="No space left"):
+            again()
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
 
 
 def test_an_answer_of_somebody_else_is_none(tmp_path):

@@ -13,6 +13,7 @@ from s2r_host.gap.effects import catalogue
 from s2r_host.gap.pipeline import Analysis, floor_json
 from s2r_host.gap.simulation.forward import Errors, first_held
 from s2r_host.gap.simulation.replay import HARD_SOLIMP, HARD_SOLREF, Twin
+from s2r_protocol.whole_file import write_whole
 
 SCHEMA = 1
 ANSWER_FILES = (
@@ -164,7 +165,7 @@ def write_model(twin: Twin, folder: Path) -> None:
     survive_rounding(twin)
     harden_friction(twin)
     path = folder / "model_patched.xml"
-    path.write_text(twin.spec.to_xml(), encoding="utf-8")
+    write_whole(path, twin.spec.to_xml())
     mujoco.MjModel.from_xml_path(str(path))
     step, effects = float(twin.model.opt.timestep), catalogue()
     terms = [
@@ -182,7 +183,7 @@ def write_model(twin: Twin, folder: Path) -> None:
         return
     joints = json.dumps(list(twin.rigid.joints))
     text = PATCH_TEXT.replace("{joints}", joints).replace("{terms}", json.dumps(terms, indent=4))
-    (folder / "patch.py").write_text(text, encoding="utf-8")
+    write_whole(folder / "patch.py", text)
 
 
 def harden_friction(twin: Twin) -> None:

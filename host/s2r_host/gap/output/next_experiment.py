@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from s2r_host.gap.regression.solution import Term
 from s2r_host.gap.simulation.replay import Live, Twin, build_twin, run
 from s2r_host.gap.verdict.decision import Decision
 from s2r_host.recording import RunRecorder
+from s2r_protocol.whole_file import write_whole
 
 DURATION_S = 8.0
 RATE_HZ = 500.0
@@ -174,15 +176,16 @@ def _session(a: Analysis, j: int, q: np.ndarray) -> Session:
 def _write(path: Path, a: Analysis, j: int, q: np.ndarray) -> None:
     """The motion as a table of commands, and as a plan that `s2r replay` sends to an arm with these joints."""
     t, dq, still = _plan(a, j, q)
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["t"] + [f"{k}.{joint}" for joint in a.model.joints for k in ("q_cmd", "dq_cmd")])
-        for i in range(len(t)):
-            row = [f"{t[i]:.6g}"]
-            for k in range(len(a.model.joints)):
-                row.append(f"{q[i] if k == j else still[k]:.8g}")
-                row.append(f"{dq[i] if k == j else 0.0:.8g}")
-            writer.writerow(row)
+    table = io.StringIO()
+    writer = csv.writer(table)
+    writer.writerow(["t"] + [f"{k}.{joint}" for joint in a.model.joints for k in ("q_cmd", "dq_cmd")])
+    for i in range(len(t)):
+        row = [f"{t[i]:.6g}"]
+        for k in range(len(a.model.joints)):
+            row.append(f"{q[i] if k == j else still[k]:.8g}")
+            row.append(f"{dq[i] if k == j else 0.0:.8g}")
+        writer.writerow(row)
+    write_whole(path, table.getvalue())
     picks = np.arange(0, len(t), KNOT_STEP)
     shape = (len(picks), len(a.model.joints))
     knots = {k: np.zeros(shape) for k in ("q", "dq", "ddq")}

@@ -8,6 +8,7 @@ from pathlib import Path
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.output.figures import figures
 from s2r_host.gap.pipeline import Analysis
+from s2r_protocol.whole_file import write_whole
 
 SHOWN_REJECTED = 30
 STYLE = """
@@ -47,7 +48,7 @@ def write_report(a: Analysis, answer: dict, path: Path) -> None:
         _notes(answer),
         "</html>",
     ]
-    path.write_text("\n".join(p for p in parts if p), encoding="utf-8")
+    write_whole(path, "\n".join(p for p in parts if p))
 
 
 def _names(sessions: list) -> str:
