@@ -30,6 +30,6 @@ def knob_joint(
     parts = Parts(outline.covers(before.points), turned.covers(after.points))
     interval = Intervals(TILT_RAD, SHIFT_M, (abs(turn) - TURN_RAD, abs(turn) + TURN_RAD))
     return JointEstimate(
-        "revolute", middle, np.sign(turn) * UP, abs(turn), "rad", interval, EDGE_M, before, after, parts, (),
+        "revolute", middle, np.copysign(1.0, turn) * UP, abs(turn), "rad", interval, EDGE_M, before, after, parts, (),
         turned.explained, (), outline,
     )  # fmt: skip

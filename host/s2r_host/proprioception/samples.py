@@ -15,6 +15,7 @@ WINDOW_S = 0.03  # of the smoothing; servo ripple is faster, contact slower
 EVERY_S = 0.005
 WHOLE_SHARE = 0.002  # of that: a cycle that goes so exactly into it leaves rows as they are
 MOVING_RAD_S = 0.003
+LOST_SHARE = 1.5  # of the usual time between two rows: one between them is lost
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,21 +55,32 @@ def samples_in(recording: bytes) -> Samples | None:
 
 
 def samples_of(joints: Joints) -> Samples | None:
-    """Smoothed rows every 5 ms, whatever the cycle of the bus; None without torques or with too little motion."""
+    """Smoothed rows every 5 ms, whatever the cycle of the bus; None without torques or with too little motion.
+
+    Speeds and times are counted in rows, so rows that a recording lost are filled in; None where it lost so many in a
+    row that what happened between them, a touch even, is not known.
+    """
     moving = np.flatnonzero(np.abs(joints.dq).max(axis=1) > MOVING_RAD_S)
     if joints.tau is None or len(moving) < 2:
         return None
     rows = slice(moving[0], moving[-1] + 1)
-    t = joints.t[rows]
-    dt = float(np.median(np.diff(t)))
+    t, *columns = joints.t[rows], joints.q[rows], joints.dq[rows], joints.tau[rows]
+    gaps = np.diff(t)
+    dt = float(np.median(gaps))
+    if gaps.max() > WINDOW_S + dt:
+        return None
+    if gaps.max() > LOST_SHARE * dt:
+        even = t[0] + dt * np.arange(1 + round((t[-1] - t[0]) / dt))
+        columns, t = [_at(even, t, values) for values in columns], even
+    q, dq_told, tau_told = columns
     window = 2 * max(2, round(WINDOW_S / dt / 2)) + 1
     if len(t) < 4 * window:
         return None
     dq, ddq, tau = (
-        np.asarray(savgol_filter(values[rows], window, 2, deriv=order, delta=dt, axis=0))
-        for values, order in ((joints.dq, 0), (joints.dq, 1), (joints.tau, 0))
+        np.asarray(savgol_filter(values, window, 2, deriv=order, delta=dt, axis=0))
+        for values, order in ((dq_told, 0), (dq_told, 1), (tau_told, 0))
     )
-    found = Samples(t, joints.q[rows], dq, ddq, tau)
+    found = Samples(t, q, dq, ddq, tau)
     step = round(EVERY_S / dt)
     whole = step >= 1 and abs(step * dt - EVERY_S) < WHOLE_SHARE * EVERY_S
     return found.part(slice(None, None, step)) if whole else _between(found)
@@ -77,8 +89,9 @@ def samples_of(joints: Joints) -> Samples | None:
 def _between(rows: Samples) -> Samples:
     """Rows every 5 ms between others: speeds and times are counted in such rows."""
     t = np.arange(rows.t[0], rows.t[-1], EVERY_S)
-    columns = (
-        np.column_stack([np.interp(t, rows.t, column) for column in values.T])
-        for values in (rows.q, rows.dq, rows.ddq, rows.tau)
-    )
-    return Samples(t, *columns)
+    return Samples(t, *(_at(t, rows.t, values) for values in (rows.q, rows.dq, rows.ddq, rows.tau)))
+
+
+def _at(t: np.ndarray, t_have: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (n, dof) that are known at some times, at others: on a straight line between the two next to each."""
+    return np.column_stack([np.interp(t, t_have, column) for column in values.T])

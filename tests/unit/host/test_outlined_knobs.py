@@ -159,6 +159,13 @@ def test_the_joint_turns_about_the_knobs_own_axis_and_its_model_has_the_spokes(
     assert np.arctan2(at[1], at[0]) == pytest.approx(before.angle, abs=1e-3)
 
 
+def test_a_knob_that_has_not_turned_has_an_axis_and_an_interval_all_the_same() -> None:
+    before = knob()
+    joint = knob_joint(DepthView(look(before)), DepthView(look(before)), before, before)
+    assert np.linalg.norm(joint.axis_direction) == 1.0
+    assert joint.intervals90.delta[0] < 0.0 < joint.intervals90.delta[1]
+
+
 def test_what_smeared_depth_has_between_the_spokes_is_not_of_the_base() -> None:
     outline, up = knob(), np.array([0.0, 0.0, 1.0])
     notch = outline.angle + 0.5 * outline.pitch

@@ -122,6 +122,28 @@ def test_rows_are_five_milliseconds_apart_whatever_the_cycle_of_the_bus(cycle_s)
     np.testing.assert_allclose(np.gradient(found.q, EVERY_S, axis=0)[1:-1], found.dq[1:-1], atol=2e-3)
 
 
+def without(joints: Joints, lost: np.ndarray) -> Joints:
+    """A recording that lost some rows."""
+    kept = np.setdiff1d(np.arange(len(joints.q)), lost)
+    assert joints.tau is not None
+    return Joints(joints.names, joints.stamp_ns[kept], joints.q[kept], joints.dq[kept], joints.tau[kept])
+
+
+def test_rows_that_a_recording_lost_bend_no_speed_and_move_no_time():
+    whole, _, _ = motion(PUSH, there_and_back=False)
+    lost = np.concatenate([np.arange(k, k + 7) for k in range(300, 700, 50)])
+    ours, theirs = samples(without(whole, lost)), samples(whole)
+    np.testing.assert_allclose(np.diff(ours.t), EVERY_S, atol=1e-8)
+    assert len(ours) == len(theirs)
+    np.testing.assert_allclose(ours.q, theirs.q, atol=2e-5)
+    np.testing.assert_allclose(ours.ddq, theirs.ddq, atol=0.02)
+
+
+def test_a_recording_that_lost_more_than_a_touch_takes_teaches_nothing():
+    whole, _, _ = motion(PUSH, there_and_back=False)
+    assert samples_of(without(whole, np.arange(400, 450))) is None
+
+
 def test_too_short_a_motion_teaches_nothing():
     short = samples(motion(PUSH, there_and_back=False)[0]).part(slice(0, 20))
     assert learn_own_torques(ARM, [short]) is None
