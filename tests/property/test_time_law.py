@@ -89,4 +89,4 @@ def test_fingertip_moves_the_part_no_faster_than_told(seed):
     times = np.linspace(0.0, trajectory.duration_s, 1000)
     tip = InverseDynamics(ARM).tool_positions(trajectory.sample(times)[0])
     speed = np.linalg.norm(np.diff(tip, axis=0), axis=1) / (times[1] - times[0])
-    assert speed.max() < 0.054  # the limit is held by the mean speeds between knots
+    assert speed.max() < 0.0502  # what is looked at in between is four moments per segment

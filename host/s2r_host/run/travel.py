@@ -17,6 +17,10 @@ from s2r_host.run.session import Motion, Session
 from s2r_host.trajectory import TimeLawSettings, TrajectoryError, time_law
 
 AT_GOAL_RAD = 1e-3
+# A motion may leave the corners of its path by TimeLawSettings.deviation_rad, 4 mrad in each joint. With TIP_M_PER_RAD
+# that is 2.4 mm at the fingertip, and one joint alone on its longest lever, of an arm stretched out, makes 6.4 mm: both
+# less than the centimetre and more that paths are checked with (motion.collision.Clearance). No bound follows from that
+# for all joints at their worst in one direction on a stretched arm (25 mm); where a path keeps little, say clearance_m.
 # How far smoothing takes the fingertip per radian that each joint may leave the path, at worst.
 TIP_M_PER_RAD = 0.6
 LEAST_DEVIATION_RAD = 0.5e-3  # sharper corners than that are hardly any nearer to the path, and slow

@@ -32,6 +32,7 @@ _GRID, _FINEST_GRID = 201, 1000
 # Of a profile: a way of hundredths of a milliradian is done in less than one interval of it.
 _LEAST_SAMPLES = 4
 _MIN_KNOT_DT_S = 0.008
+_LOOKS_PER_SEGMENT = 4  # at the fingertip's speed
 # The fingertip slows down over this stretch before the touch: the real part may be nearer than believed.
 _SLOW_FROM_M, _SLOW_AT_M = 0.04, 0.015
 
@@ -217,8 +218,10 @@ def _knots(
 
 
 def _tip_speed(trajectory: Trajectory, rows: np.ndarray, dynamics: InverseDynamics) -> float:
-    """Largest mean speed of the fingertip between neighbouring knots among the marked ones [m/s]."""
+    """Largest speed of the fingertip at and between neighbouring knots among the marked ones [m/s]."""
     if rows.sum() < 2:
         return 0.0
-    tip = dynamics.tool_positions(trajectory.q[rows])
-    return float((np.linalg.norm(np.diff(tip, axis=0), axis=1) / np.diff(trajectory.t[rows])).max())
+    t = trajectory.t[rows]
+    times = np.interp(np.arange(0.0, len(t) - 1 + 1e-9, 1.0 / _LOOKS_PER_SEGMENT), np.arange(len(t)), t)
+    q, dq, _ = trajectory.sample(times)
+    return max(float(np.linalg.norm(dynamics.tool_jacobian(at) @ v)) for at, v in zip(q, dq, strict=True))
