@@ -123,17 +123,21 @@ def test_a_lag_that_the_law_shows_may_be_a_delay_where_both_come_close():
 
 
 @pytest.mark.parametrize(("step", "narrowest"), [(5e-6, 2e-4), (2e-4, 1.2e-3), (2e-5, 4e-4)])
-def test_play_is_sought_as_narrow_as_the_encoder_resolves(step, narrowest):
-    """A radian to either side; at least 0.01 % of the travel, at most 0.06 % of it."""
+def test_play_is_sought_as_narrow_as_the_encoder_resolves(monkeypatch, step, narrowest):
+    """A radian to either side; at least 0.01 % of the travel, at most 0.06 % of it; with a known law from 0.01 %."""
+    known = {"is": False}
+    monkeypatch.setattr("s2r_host.gap.effects.backlash.servo_known", lambda ctx, joint: known["is"])
     session = SimpleNamespace(q_lsb=np.array([step]), mass=np.ones((3, 1)))
     model = SimpleNamespace(model=SimpleNamespace(dof_armature=np.array([0.2])))
     ctx = SimpleNamespace(
         sessions=[session], model=model, span=lambda joint: (-1.0, 1.0), turns=lambda joint: 0
     )
-    widths = sorted({s["w"] for s in BACKLASH.shapes(ctx, 0)})  # pyright: ignore[reportArgumentType]
-    assert widths[0] == pytest.approx(narrowest)
-    assert widths[-1] == pytest.approx(0.1)
-    assert max(np.diff(np.log(widths))) < 0.2
+    for known["is"], least in ((False, narrowest), (True, 0.0002)):
+        shapes = BACKLASH.shapes(ctx, 0)  # pyright: ignore[reportArgumentType]
+        widths = sorted({s["w"] for s in shapes if ("servo" in s) == known["is"]})
+        assert widths[0] == pytest.approx(least)
+        assert widths[-1] == pytest.approx(0.1)
+        assert max(np.diff(np.log(widths))) < 0.2
 
 
 def test_flanks_are_damped_no_further_than_to_where_they_stop_rebounding():
