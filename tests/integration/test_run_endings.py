@@ -301,7 +301,8 @@ def test_dry_run_away_from_home_plans_from_there_without_arming_or_sending_anyth
     )
     assert after.state == ExecutorState.DISARMED
     assert (after.epoch, after.plan_seq) == (before.epoch, before.plan_seq)  # ARM would have begun an epoch
-    assert np.allclose(after.q_meas, before.q_meas, atol=1e-4)
+    # Brakes that take over give way by a tenth of a milliradian; a motion is a hundred times that.
+    assert np.allclose(after.q_meas, before.q_meas, atol=1e-3)
 
 
 def test_absent_executor_ends_with_five_and_its_address(tmp_path):
