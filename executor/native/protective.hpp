@@ -7,7 +7,6 @@
 
 namespace s2r {
 
-
 // The emergency stop chain has two channels, and every drive reports both. An open channel is a demand. The channels
 // have to agree: a demand that only one of them has seen, or a disagreement that lasts, is a broken contact.
 class EstopChain {

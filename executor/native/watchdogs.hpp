@@ -10,7 +10,7 @@ struct Observed {
   const PerJoint<JointFeedback>& drives;
   const Ages& age;         // [ticks] since the command that the newest answer belongs to
   const Ages& torque_age;  // [ticks] since the one that the newest torque, temperature and error code belong to
-  std::uint32_t tx_failed_in_a_row;    // [ticks]
+  std::uint32_t tx_failed_in_a_row;  // [ticks]
   bool foreign_master;
   bool bus_off;
 };

@@ -35,10 +35,10 @@ Result behind(double dt, const Rows& inertia, const Rows& load, const Rows& slop
   return to_array(behind_recorded_motor(static_cast<int>(rows), dt, link, gear, phase), {rows});
 }
 
-std::pair<Result, Result> servoed(double dt, const Rows& inertia, const Rows& load, const Rows& slope,
-                                  const Rows& bend, double stiffness, double damping, double gap, const Rows& q,
-                                  double speed, double motor_inertia, double motor_damping, double friction, double kp,
-                                  double kd, double ki, double low, double high, int ticks, const Rows& q_cmd, const Rows& dq_cmd,
+std::pair<Result, Result> servoed(double dt, const Rows& inertia, const Rows& load, const Rows& slope, const Rows& bend,
+                                  double stiffness, double damping, double gap, const Rows& q, double speed,
+                                  double motor_inertia, double motor_damping, double friction, double kp, double kd,
+                                  double ki, double low, double high, int ticks, const Rows& q_cmd, const Rows& dq_cmd,
                                   const Rows& ahead, double integral, double follow, double phase) {
   const Link link = link_of(inertia, load, slope, bend);
   const Gear gear = gear_of(stiffness, damping, gap, dt, phase);

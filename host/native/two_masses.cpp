@@ -52,7 +52,8 @@ std::vector<double> behind_recorded_motor(int rows, double dt, const Link& link,
 
 Driven under_servo(int rows, double dt, const Link& link, const Gear& gear, const Motor& motor, const Servo& servo,
                    double phase) {
-  Driven found{std::vector<double>(static_cast<std::size_t>(rows)), std::vector<double>(static_cast<std::size_t>(rows))};
+  Driven found{std::vector<double>(static_cast<std::size_t>(rows)),
+               std::vector<double>(static_cast<std::size_t>(rows))};
   const double lightest = *std::min_element(link.inertia, link.inertia + rows);
   const double coupled = 1.0 / lightest + 1.0 / motor.inertia;
   const double fastest = std::max({std::sqrt(gear.stiffness * coupled), gear.damping * coupled,
@@ -73,9 +74,8 @@ Driven under_servo(int rows, double dt, const Link& link, const Gear& gear, cons
       for (int part = 0; part < parts; ++part) {
         const double within = (k + static_cast<double>(part) / parts) / servo.ticks;
         const double behind = q_link - at(motor.q, i, rows, within);  // of the recorded place, where the load is known
-        const double pull =
-            at(link.load, i, rows, within) +
-            (at(link.slope, i, rows, within) + 0.5 * at(link.bend, i, rows, within) * behind) * behind;
+        const double pull = at(link.load, i, rows, within) +
+                            (at(link.slope, i, rows, within) + 0.5 * at(link.bend, i, rows, within) * behind) * behind;
         const double through = gear.effort(q - q_link, v - v_link);
         const double drive = asked + beside - motor.damping * v;
         const double free = v + h / motor.inertia * (drive - through);

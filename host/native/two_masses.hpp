@@ -39,8 +39,8 @@ struct Servo {
 
 struct Motor {
   double inertia = 0.0, damping = 0.0, friction = 0.0;
-  double speed = 0.0;           // as the record begins
-  const double* q = nullptr;    // recorded, a number per row
+  double speed = 0.0;         // as the record begins
+  const double* q = nullptr;  // recorded, a number per row
 };
 
 // Position of the motor and the effort that moves motor and link, friction taken off, at every row.

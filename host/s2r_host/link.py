@@ -209,8 +209,8 @@ class ExecutorLink:
             PeerUnreachableError: No answer.
         """
         wire = codec.seal(pb.RecordingRequest(plan_seq=0), self._address())
-        for answer in self._ask_all(self._keys.recording, wire):
-            reply = codec.open_body(codec.open_envelope(answer), pb.RecordingReply)
+        for told in self._ask_all(self._keys.recording, wire):
+            reply = answer(told, pb.RecordingReply, self._who)
             if reply.reason == NOTHING_RECORDED:
                 raise CommandRefusedError(
                     f"executor at {self._endpoint}: {NOTHING_RECORDED}; nothing was moved"
