@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from s2r_protocol.arms import ArmDescription
+from s2r_protocol.arms.link_pairs import link_pairs
 
 _POSES = 64
 
@@ -15,16 +16,7 @@ def always_touching(arm: ArmDescription, apart_m: float, seed: int = 0) -> list[
 
     Neighbours, and what the arm excludes already, are not among them.
     """
-    model = pin.buildModelFromXML(arm.urdf)
-    shapes = pin.buildGeomFromUrdfString(model, arm.urdf, pin.GeometryType.COLLISION)
-    links = [model.frames[shape.parentFrame].name for shape in shapes.geometryObjects]
-    excluded = {frozenset(pair) for pair in arm.collision_exclude}
-    pairs = []
-    for i, first in enumerate(links):
-        for j, second in enumerate(links[:i]):
-            if first != second and frozenset((first, second)) not in excluded:
-                shapes.addCollisionPair(pin.CollisionPair(j, i))
-                pairs.append((second, first))
+    model, shapes, pairs = link_pairs(arm)
     near = set(pairs)
     data, found = model.createData(), shapes.createData()
     rng = np.random.default_rng(seed)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_protocol.arms import ArmDescriptionError
+from s2r_protocol.arms.urdf_tags import origin, triple
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +167,7 @@ def _inertial(tag: ET.Element | None, who: str) -> Inertial | None:
     mass = 0.0 if mass_tag is None else _number(mass_tag, "value", who) or 0.0
     if mass <= 0.0 or inertia_tag is None:
         return None
-    X = _origin(tag, who)
+    X = origin(tag, who, ArmDescriptionError)
     xx, yy, zz, xy, xz, yz = (
         _number(inertia_tag, key, who) or 0.0 for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     )
@@ -175,14 +176,20 @@ def _inertial(tag: ET.Element | None, who: str) -> Inertial | None:
 
 
 def _geometry(tag: ET.Element, who: str) -> Geometry:
-    holder, X, name = tag.find("geometry"), _origin(tag, who), tag.get("name", "")
+    holder, X, name = tag.find("geometry"), origin(tag, who, ArmDescriptionError), tag.get("name", "")
     shape = None if holder is None else next(iter(holder), None)
     if shape is None:
         raise ArmDescriptionError(f"{who}: a <{tag.tag}> has no geometry")
     if shape.tag == "mesh":
-        return Geometry("mesh", _triple(shape, "scale", "1 1 1", who), X, shape.get("filename", ""), name)
+        return Geometry(
+            "mesh",
+            triple(shape, "scale", "1 1 1", who, ArmDescriptionError),
+            X,
+            shape.get("filename", ""),
+            name,
+        )
     if shape.tag == "box":
-        size = 0.5 * _triple(shape, "size", "", who)
+        size = 0.5 * triple(shape, "size", "", who, ArmDescriptionError)
     elif shape.tag == "cylinder":
         size = np.array([_number(shape, "radius", who) or 0.0, 0.5 * (_number(shape, "length", who) or 0.0)])
     elif shape.tag == "sphere":
@@ -198,7 +205,7 @@ def _joint(tag: ET.Element, name: str, path: Path) -> UrdfJoint:
     who = f"{path}: joint {name!r}"
     ends = {end: tag.find(end) for end in ("parent", "child")}
     parent, child = ("" if t is None else t.get("link", "") for t in ends.values())
-    axis = _triple(tag.find("axis"), "xyz", "1 0 0", who)
+    axis = triple(tag.find("axis"), "xyz", "1 0 0", who, ArmDescriptionError)
     kind, length = tag.get("type", ""), float(np.linalg.norm(axis))
     if kind not in ("fixed", "revolute", "continuous", "prismatic", "planar", "floating"):
         raise ArmDescriptionError(f"{who} is of type {kind!r}, which URDF does not know")
@@ -213,7 +220,9 @@ def _joint(tag: ET.Element, name: str, path: Path) -> UrdfJoint:
     if mimic is not None:
         factor, shift = _number(mimic, "multiplier", who), _number(mimic, "offset", who)
         follows = (mimic.get("joint", ""), 1.0 if factor is None else factor, shift or 0.0)
-    return UrdfJoint(name, kind, parent, child, _origin(tag, who), axis / length, *said, mimic=follows)
+    return UrdfJoint(
+        name, kind, parent, child, origin(tag, who, ArmDescriptionError), axis / length, *said, mimic=follows
+    )
 
 
 def _number(tag: ET.Element, attribute: str, who: str) -> float | None:
@@ -227,31 +236,6 @@ def _number(tag: ET.Element, attribute: str, who: str) -> float | None:
     if not np.isfinite(value):
         raise ArmDescriptionError(f"{who}: {attribute} {text!r} of its <{tag.tag}> is no finite number")
     return value
-
-
-def _triple(tag: ET.Element | None, attribute: str, fallback: str, who: str) -> np.ndarray:
-    text = fallback if tag is None else tag.get(attribute, fallback)
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.empty(0)
-    if values.shape != (3,) or not np.isfinite(values).all():
-        raise ArmDescriptionError(f"{who}: {attribute} {text!r} must be three finite numbers")
-    return values
-
-
-def _origin(element: ET.Element, who: str) -> np.ndarray:
-    """Pose (4, 4) of an ``<origin>``; roll, pitch, yaw [rad] about fixed axes."""
-    X, tag = np.eye(4), element.find("origin")
-    if tag is None:
-        return X
-    roll, pitch, yaw = _triple(tag, "rpy", "0 0 0", who)
-    R = turn(np.array([0.0, 0.0, 1.0]), yaw) @ turn(np.array([0.0, 1.0, 0.0]), pitch)
-    X[:3, :3], X[:3, 3] = (
-        R @ turn(np.array([1.0, 0.0, 0.0]), roll),
-        _triple(tag, "xyz", "0 0 0", who),
-    )
-    return X
 
 
 def turn(axis: np.ndarray, angle: float) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from s2r_protocol.arms.description import ArmDescription
+from s2r_protocol.arms.link_pairs import link_pairs
 from s2r_protocol.arms.source import ArmSource, Box, Joint
 
 
@@ -40,16 +41,7 @@ def nearest_links(arm: ArmDescription, q: np.ndarray) -> tuple[str, str, float] 
 
     None where no pair is to be checked: neighbours and what ``collision_exclude`` names are not.
     """
-    model = pin.buildModelFromXML(arm.urdf)
-    shapes = pin.buildGeomFromUrdfString(model, arm.urdf, pin.GeometryType.COLLISION)
-    links = [model.frames[shape.parentFrame].name for shape in shapes.geometryObjects]
-    excluded = {frozenset(pair) for pair in arm.collision_exclude}
-    pairs = []
-    for i, first in enumerate(links):
-        for j, second in enumerate(links[:i]):
-            if first != second and frozenset((first, second)) not in excluded:
-                shapes.addCollisionPair(pin.CollisionPair(j, i))
-                pairs.append((second, first))
+    model, shapes, pairs = link_pairs(arm)
     if not pairs:
         return None
     found = shapes.createData()

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from s2r_protocol.arms.urdf_tags import origin, triple
 from s2r_sim.errors import WorldFileError
-from s2r_sim.objects.mobility_shapes import MeshPlace, Shape, origin, shapes_of, triple
+from s2r_sim.objects.mobility_shapes import MeshPlace, Shape, shapes_of
 
 URDF, SEMANTICS = "mobility.urdf", "semantics.txt"
 ATTRIBUTES, PARTS = "motion_attributes.json", "part_objs"
@@ -117,9 +118,9 @@ def _read_urdf(file: Path) -> list[MobileLink]:
                 " prismatic"
             )
         parent, who = _reference(joint, "parent", names, file), f"{file}: joint {joint.get('name')!r}"
-        pose, limits, axis = origin(joint, who), _limits(joint, kind, who), _Z
+        pose, limits, axis = origin(joint, who, WorldFileError), _limits(joint, kind, who), _Z
         if kind != "fixed":  # exporters give the fixed ones an axis of zeros
-            axis = _unit(triple(joint.find("axis"), "xyz", "1 0 0", who), who)
+            axis = _unit(triple(joint.find("axis"), "xyz", "1 0 0", who, WorldFileError), who)
         links.append(MobileLink(name, meanings.get(name, ""), parent, kind, pose, axis, limits, shapes))
     return links
 

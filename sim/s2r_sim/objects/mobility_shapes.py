@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from s2r_protocol.arms.urdf_tags import origin, triple
 from s2r_sim.errors import WorldFileError
 
 SOLIDS = ("box", "cylinder", "sphere")
@@ -62,12 +63,12 @@ def shapes_of(link: ET.Element, folder: Path) -> tuple[Shape, ...]:
 
 def _shape(element: ET.Element, link: str, folder: Path) -> Shape:
     who = f"{folder}: a {element.tag} of link {link!r}"
-    geometry, X = element.find("geometry"), origin(element, who)
+    geometry, X = element.find("geometry"), origin(element, who, WorldFileError)
     shape = None if geometry is None else next(iter(geometry), None)
     if shape is None:
         raise WorldFileError(f"{who} has no geometry")
     if shape.tag == "mesh":
-        scale = triple(shape, "scale", "1 1 1", who)
+        scale = triple(shape, "scale", "1 1 1", who, WorldFileError)
         if not scale.all():
             raise WorldFileError(
                 f"{who}: scale {shape.get('scale')!r} makes its mesh flat; give numbers other than 0"
@@ -75,7 +76,7 @@ def _shape(element: ET.Element, link: str, folder: Path) -> Shape:
         return MeshPlace(folder / shape.get("filename", ""), X, scale)
     try:
         if shape.tag == "box":
-            (x, y, z) = (0.5 * triple(shape, "size", "", who)).tolist()
+            (x, y, z) = (0.5 * triple(shape, "size", "", who, WorldFileError)).tolist()
             size: tuple[float, ...] = (x, y, z)
         elif shape.tag == "cylinder":
             size = (float(shape.attrib["radius"]), 0.5 * float(shape.attrib["length"]))
@@ -94,37 +95,3 @@ def _shape(element: ET.Element, link: str, folder: Path) -> Shape:
     if min(size) <= 0.0 or not np.isfinite(size).all():
         raise WorldFileError(f"{folder}: the {shape.tag} of link {link!r} must have sizes above 0")
     return SolidPlace(shape.tag, size, X)
-
-
-def triple(tag: ET.Element | None, attribute: str, fallback: str, who: str) -> np.ndarray:
-    """Three numbers of an attribute, separated by blanks, shape (3,); ``fallback`` where there is none.
-
-    Raises:
-        WorldFileError: They are not three finite numbers; the text begins with ``who``.
-    """
-    text = fallback if tag is None else tag.get(attribute, fallback)
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.empty(0)
-    if values.shape != (3,) or not np.isfinite(values).all():
-        raise WorldFileError(f"{who}: {attribute} {text!r} must be three finite numbers, separated by blanks")
-    return values
-
-
-def origin(element: ET.Element, who: str) -> np.ndarray:
-    """Pose (4, 4) of an ``origin`` tag; roll, pitch, yaw [rad] about fixed axes as in URDF.
-
-    Raises:
-        WorldFileError: It cannot be read; the text begins with ``who``.
-    """
-    X = np.eye(4)
-    tag = element.find("origin")
-    if tag is None:
-        return X
-    (r, p, y) = triple(tag, "rpy", "0 0 0", who)
-    Rx = np.array([[1, 0, 0], [0, np.cos(r), -np.sin(r)], [0, np.sin(r), np.cos(r)]])
-    Ry = np.array([[np.cos(p), 0, np.sin(p)], [0, 1, 0], [-np.sin(p), 0, np.cos(p)]])
-    Rz = np.array([[np.cos(y), -np.sin(y), 0], [np.sin(y), np.cos(y), 0], [0, 0, 1]])
-    X[:3, :3], X[:3, 3] = Rz @ Ry @ Rx, triple(tag, "xyz", "0 0 0", who)
-    return X

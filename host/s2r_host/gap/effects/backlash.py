@@ -22,6 +22,7 @@ from s2r_host.gap.effects.base import (
 )
 from s2r_host.gap.effects.joint_elasticity import (
     SERVO,
+    beside_servo,
     gear,
     hung,
     mean_inertia,
@@ -32,7 +33,7 @@ from s2r_host.gap.effects.joint_elasticity import (
 )
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import stop_operator
-from s2r_host.gap.motion.two_masses import behind_motor, with_servo
+from s2r_host.gap.motion.two_masses import behind_motor
 
 NARROWEST, WIDEST = (0.0001, 0.0006), 0.05  # half widths tried, as shares of the travel
 RESOLVED, WIDTH_RATIO = 20.0, 0.193  # encoder steps in a width that shows; logarithm of the next by the last
@@ -103,11 +104,10 @@ class Backlash(Effect):
             if float(ctx.model.model.dof_frictionloss[joint]) > 0.0:
                 return Columns([pull, s.sign(joint)], (True, False))
             return Columns([pull], (True,))
-        between, behind = gear(ctx, joint, shape, shape["w"]), hung(ctx, s, joint)
+        between = gear(ctx, joint, shape, shape["w"])
         if "servo" in shape:
-            found = with_servo(ctx.model, s, joint, behind, between)
-            return Columns([], fixed=np.zeros(len(s.t)) if found is None else found)
-        return Columns([], fixed=behind_motor(s, joint, behind, between))
+            return beside_servo(ctx, s, joint, between)
+        return Columns([], fixed=behind_motor(s, joint, hung(ctx, s, joint), between))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Half width and motor inertia."""

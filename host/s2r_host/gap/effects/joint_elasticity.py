@@ -60,23 +60,22 @@ class JointElasticity(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Motor inertia plus transmitted effort, minus the rigid load."""
+        between = gear(ctx, joint, shape)
         if "servo" in shape:
-            found = with_servo(ctx.model, s, joint, hung(ctx, s, joint), gear(ctx, joint, shape))
-            return Columns([], fixed=np.zeros(len(s.t)) if found is None else found)
+            return beside_servo(ctx, s, joint, between)
         M, L, a = s.mass[:, joint], s.load[:, joint], s.a[:, joint]
-        motor = float(np.clip(shape["motor"], 0.0, MOST_MOTOR)) * mean_inertia(ctx, joint)
+        motor, stiffness = between.motor, between.stiffness
         at_motor = float(ctx.model.model.dof_damping[joint]) * s.v[:, joint]
         load = L - at_motor - np.minimum(motor, 0.95 * M) * a
         w = 2 * np.pi * shape["f"]
         # Held at the motor, T follows the link's rigid load through a second-order filter of unit gain.
         damping = 2 * shape["zeta"] * w
-        stiffness = max(mean_inertia(ctx, joint) - motor, 1e-12) * w * w
         slope, felt = load_slope(ctx, s, joint)[:, joint], load
         if float(np.max(np.abs(slope))) > SOFT * stiffness * min(2.0 * shape["zeta"], 1.0):
             inertia = np.maximum(M - motor, 0.05 * M)
             bend = load_bend(ctx, s, joint)
             with np.errstate(over="ignore", invalid="ignore"):
-                T = deflection(s.dt, inertia, load, slope, bend, gear(ctx, joint, shape))
+                T = deflection(s.dt, inertia, load, slope, bend, between)
             # A link that turned further than the joint travels has tipped over: the series in its windup ends there.
             low, high = ctx.span(joint)
             if np.all(np.abs(T) < stiffness * (high - low)):
@@ -116,6 +115,12 @@ class JointElasticity(Effect):
         flex.stiffness = [values["stiffness"].value, 0.0, 0.0]  # polynomials since MuJoCo 4
         flex.damping = [values["damping"].value, 0.0, 0.0]
         return True
+
+
+def beside_servo(ctx: Context, s: Session, joint: int, between: Gear) -> Columns:
+    """What a gear adds with the motor under its declared law; nothing where that is not known or does not hold it."""
+    found = with_servo(ctx.model, s, joint, hung(ctx, s, joint), between)
+    return Columns([], fixed=np.zeros(len(s.t)) if found is None else found)
 
 
 def servo_known(ctx: Context, joint: int) -> bool:

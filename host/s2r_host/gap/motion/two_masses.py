@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from s2r_host._native import behind_recorded_motor, under_servo
 from s2r_host.gap.motion.model import RigidModel
-from s2r_host.gap.motion.servo import servo_of, ticks_of
+from s2r_host.gap.motion.servo import Servo, servo_of, ticks_of
 from s2r_host.gap.motion.session import Session, lowpass
 
 PHASE = 0.1  # of the fastest motion, per step
@@ -74,7 +74,10 @@ def with_servo(model: RigidModel, s: Session, joint: int, hung: Hung, gear: Gear
     """
     if not s.has_drive[joint]:
         return None
-    servo = servo_of(model, s, joint, ticks_of(s))
+    key = ("servo", joint)  # asked for at every step of a search
+    if key not in s.cache:
+        s.cache[key] = servo_of(model, s, joint, ticks_of(s))
+    servo: Servo | None = s.cache[key]
     if servo is None:
         return None
     M, q, a = s.mass[:, joint], s.q[:, joint], s.a[:, joint]
