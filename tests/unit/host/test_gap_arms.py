@@ -223,6 +223,38 @@ def test_drag_of_a_fluid_is_not_viscous_friction_and_more(model):
     assert "drag of a fluid" in said
 
 
+@pytest.mark.parametrize("order", [1, 3])
+def test_an_inertia_that_changes_with_the_pose_is_not_what_imitates_it(model, order):
+    sessions = []
+    for index, phase in enumerate((0.0, 0.0, 1.0)):
+        rec = recorded(model, index, phase, lambda v, a: 0.0 * v)
+        s = make_session(model, rec, index)
+        q, v, a = s.q[:, 1], s.v[:, 1], s.a[:, 1]
+        extra = 0.004 * (a * (1.0 + np.cos(order * q)) - 0.5 * order * np.sin(order * q) * v**2)
+        tau = rec.channels["tau"] | {"j2": rec.channels["tau"]["j2"] + extra}
+        sessions.append(make_session(model, replace(rec, channels=rec.channels | {"tau": tau}), index))
+    fit, again, held = sessions
+    search = Search(build_problem(model, [fit], [held], [again]))
+    imitation = search.finish([Term("armature", 1), search.seeds(("encoder_eccentricity", 1))[0]], [], [])
+    said = outside(search.problem, search, imitation, strained=False)
+    assert said is not None
+    assert "an inertia that changes with the pose" in said
+
+
+def test_a_motor_s_inertia_beside_a_detent_is_no_inertia_that_changes_with_the_pose(model):
+    sessions = []
+    for index, phase in enumerate((0.0, 0.0, 1.0)):
+        rec = recorded(model, index, phase, lambda v, a: np.array([0.0, 0.004]) * a)
+        s = make_session(model, rec, index)
+        tau = rec.channels["tau"] | {"j2": rec.channels["tau"]["j2"] + 0.05 * np.sin(6.0 * s.q[:, 1])}
+        sessions.append(make_session(model, replace(rec, channels=rec.channels | {"tau": tau}), index))
+    fit, again, held = sessions
+    search = Search(build_problem(model, [fit], [held], [again]))
+    solution = search.run()
+    assert {t.effect for t in solution.terms if t.joint == 1} & {"cogging", "detent"}
+    assert outside(search.problem, search, solution, strained=True) is None
+
+
 @pytest.mark.parametrize(
     ("drag", "strained", "said"), [(0.04, True, True), (0.04, False, True), (0.0, False, False)]
 )

@@ -9,11 +9,9 @@ from s2r_host.gap.regression.regression import TEMPER
 from s2r_host.gap.search.search import Search
 
 
-def beside_numbers(
-    problem: Problem, search: Search, columns: list[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """What whitened columns leave over beside the base parameters, (rows,), and their coefficients, (columns,)."""
-    X = np.concatenate([problem.B, *(x[:, None] for x in columns)], axis=1)
-    trust = np.concatenate([TEMPER / problem.prior**2, np.zeros(len(columns))])
+def beside_numbers(problem: Problem, search: Search, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What whitened columns (rows, columns) leave over beside the base parameters, (rows,), and their coefficients."""
+    X = np.concatenate([problem.B, columns], axis=1)
+    trust = np.concatenate([TEMPER / problem.prior**2, np.zeros(columns.shape[1])])
     c = np.linalg.solve(X.T @ X + np.diag(trust), X.T @ problem.y)
     return search.unwhitened(problem.y - X @ c), c[problem.B.shape[1] :]

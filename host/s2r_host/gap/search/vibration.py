@@ -123,7 +123,7 @@ def _beside_lines(
         columns += [
             problem.whiten({b.session.index: on * x}, b.joint) for x in (np.sin(phase), np.cos(phase))
         ]
-    left, swings = beside_numbers(problem, search, columns)
+    left, swings = beside_numbers(problem, search, np.stack(columns, axis=1))
     return left, [float(np.hypot(*x)) for x in swings.reshape(-1, 2)]
 
 

@@ -6,6 +6,8 @@ zero), is weighed with the other numbers held tight, at the error nominal values
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from s2r_host.gap.regression.base_terms import PREFIX, BaseTerm
@@ -108,8 +110,8 @@ def one_cause(
     ]
 
 
-def with_number(problem: Problem, search: Search, solution: Solution) -> tuple[Looseness, Solution] | None:
-    """The solution with one wrong number more, and the looseness it was found at; None when none stands out.
+def with_number(problem: Problem, search: Search, solution: Solution) -> Iterator[tuple[Looseness, Solution]]:
+    """Solutions with one wrong number more that stands out, and the looseness each was found at, best first.
 
     Where no number of the machine pays by moving, what is left was taken by the offset of the effort or by timing. They
     are no news, so that one number then has to explain clearly more than they do. Nor is it asked for where the
@@ -117,18 +119,18 @@ def with_number(problem: Problem, search: Search, solution: Solution) -> tuple[L
     """
     matters = base_matters(search, problem, solution.terms)
     if not matters and problem.floor_source != "repeat":
-        return None
+        return
     lead = -ALONE_SLACK if matters else ONE_CAUSE
     one = one_cause(tries_of(problem, search, solution.terms), ONE_CAUSE_MORE, lead)
-    if not one:
-        return None
-    _, looseness, slot = max(one, key=lambda x: x[0])
-    slot = turned_not_shifted(slot)
-    search.looseness = looseness
-    uneven = one_sided(problem, search, solution, slot[0].term)
-    more = uneven or search.finish([*solution.terms, slot[0].term], [*solution.slots, slot], solution.scans)
-    search.looseness = 1.0
-    return looseness, more
+    for _, looseness, slot in sorted(one, key=lambda x: -x[0]):
+        turned = turned_not_shifted(slot)
+        search.looseness = looseness
+        uneven = one_sided(problem, search, solution, turned[0].term)
+        more = uneven or search.finish(
+            [*solution.terms, turned[0].term], [*solution.slots, turned], solution.scans
+        )
+        search.looseness = 1.0
+        yield looseness, more
 
 
 def one_sided(problem: Problem, search: Search, solution: Solution, number: Term) -> Solution | None:

@@ -104,8 +104,10 @@ def _from_plant(problem: Problem, search: Search, log: Callable[[str], None]) ->
         search.looseness = 1.0
     few = 0 < len(solution.terms) <= MAX_EFFECTS and len(problem.joints) <= FEW_JOINTS
     if few:
-        number = with_number(problem, search, solution)
-        if number is not None and _fits_as_well(problem, search, (looseness, solution), number):
+        found = with_number(problem, search, solution)
+        was_at = looseness, solution
+        number = next((n for n in found if _fits_as_well(problem, search, was_at, n)), None)
+        if number is not None:
             looseness, solution = number
             log(f"  + {solution.terms[-1].effect}, a number")
     search.looseness = looseness

@@ -113,7 +113,7 @@ def _with_one_more(problem: Problem, search: Search, decision: Decision) -> Solu
     Returns:
         The solution that the list belongs to.
     """
-    more = with_number(problem, search, decision.solution)
+    more = next(with_number(problem, search, decision.solution), None)
     if more is not None:
         search.looseness, both = more
         own = named_effect(problem, search, both, len(both.terms) - 1, both.slots[-1])
