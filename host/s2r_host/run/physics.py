@@ -84,7 +84,7 @@ class JointLaw:
 
         The file's own gravity is part of it already: only what a lean, tilt or weight that was found adds counts here.
         """
-        state = StepState(0.0, np.array([s]), np.array([ds]), np.zeros(1), np.zeros(1), np.zeros(1))
+        state = StepState(0.0, np.array([s]), np.array([ds]), *(np.zeros(1) for _ in range(4)))
         taken = _bias(self.model, s) - _bias(self.planned, s)
         dry = float(self.model.dof_frictionloss[self._dof])
         for term in self.twin.live:

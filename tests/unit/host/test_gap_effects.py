@@ -140,7 +140,7 @@ def test_there_is_a_simulator_form(ctx, name):
 
 INSTANT = [
     "stribeck", "asymmetric_friction", "cogging", "spring_return", "detent", "soft_end_stop", "soft_close",
-    "saturation", "presliding", "hysteresis", "bandwidth", "actuator_delay", "cable_spring",
+    "saturation", "presliding", "hysteresis", "bandwidth", "actuator_delay", "cable_spring", "contact_slip",
 ]  # fmt: skip
 
 
@@ -160,10 +160,30 @@ def test_regressor_and_simulator_form_ask_for_the_same_effort(ctx, name):
         pytest.skip("stock attribute")
     got = np.empty(len(s.t))
     for i in range(len(s.t)):
-        force, dry = runtime(StepState(s.t[i], s.q[i], s.v[i], s.a[i], s.u[i], s.load[i]))
+        force, dry = runtime(
+            StepState(s.t[i], s.q[i], s.v[i], s.a[i], s.u[i] - s.pushed[i], s.pushed[i], s.load[i])
+        )
         got[i] = force + dry * s.sign(0)[i]
     inside = slice(200, None)
     assert np.sqrt(np.mean((got - wanted)[inside] ** 2)) < 0.03 * np.std(wanted[inside]) + 1e-6
+
+
+@pytest.mark.parametrize("name", ["actuator_delay", "bandwidth", "saturation"])
+def test_a_drive_s_shortcomings_are_of_the_drive_and_not_of_what_pushes(ctx, name):
+    """A hand that pushes is not late, and no drive clips it: with the drive silent there is nothing to explain."""
+    s = replace(ctx.sessions[0], u=ctx.sessions[0].pushed.copy())
+    effect, joint, shapes = terms(ctx, name)
+    for shape in shapes:
+        fixed = effect.columns(ctx, s, joint, shape).fixed
+        assert fixed is not None
+        assert np.max(np.abs(fixed)) < 1e-9 < np.max(np.abs(s.pushed))
+
+
+def test_an_effort_scale_is_of_what_the_drive_gives(ctx):
+    s = ctx.sessions[0]
+    pushes = replace(s, pushed=s.load.copy())
+    needed = catalogue()["effort_scale"].columns(ctx, pushes, 0, {}).linear[0]
+    assert needed == pytest.approx(float(ctx.model.model.dof_frictionloss[0]) * s.sign(0))
 
 
 def test_two_seeds_of_one_effect_are_distinguishable(ctx):

@@ -70,7 +70,10 @@ def _moved(model, s):
     found = []
     for i in range(ROWS.start, ROWS.stop):
         found.append(data.qpos[adr].copy())
-        data.qfrc_applied[dof] = s.u[i]
+        data.qfrc_applied[dof] = s.u[i] - s.pushed[i]
+        # Moments about the bodies' own axes that push the joints as the recorded wrench did.
+        data.body("arm").xfrc_applied[4] = s.pushed[i, 1]
+        data.body("upper").xfrc_applied[4] = s.pushed[i, 0] - s.pushed[i, 1]
         for _ in range(round(s.dt / STEP_S)):
             mujoco.mj_step(model, data)
     return np.array(found)

@@ -39,7 +39,7 @@ class ActuatorDelay(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """What was asked minus what arrived."""
-        u = s.u[:, joint]
+        u = s.drive(joint)
         return Columns([], fixed=u - delayed(u, shape["delay"], s.dt))
 
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:

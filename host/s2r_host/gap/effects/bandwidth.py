@@ -35,7 +35,7 @@ class Bandwidth(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """What was asked minus what arrived."""
-        u = s.u[:, joint]
+        u = s.drive(joint)
         keep = float(np.exp(-s.dt / shape["T"]))
         lagged, _ = lfilter([1.0 - keep], [1.0, -keep], u, zi=[keep * u[0]])
         return Columns([], fixed=u - lagged)

@@ -109,13 +109,22 @@ def count_reversals(s: Session, joint: int) -> int:
 
 @dataclass
 class StepState:
-    """What an effect sees at one step of the forward simulation; arrays in joint order."""
+    """What an effect sees at one step of the forward simulation; arrays in joint order.
+
+    Attributes:
+        t: Time [s].
+        q, v, a: Position, velocity, acceleration.
+        u: Effort asked of the drives [N·m or N].
+        pushed: Effort of what else acts on the bodies, a wrench [N·m or N].
+        load: Effort that arrived in the step before, contacts included [N·m or N].
+    """
 
     t: float
     q: np.ndarray
     v: np.ndarray
     a: np.ndarray
     u: np.ndarray
+    pushed: np.ndarray
     load: np.ndarray
 
 

@@ -48,12 +48,12 @@ class ContactSlip(Effect):
         }
 
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
-        """Clip of the driving effort."""
+        """Clip of the pull."""
         share, limit = float(theta[0]), shape["limit"]
 
         def step(state: StepState) -> tuple[float, float]:
-            u = float(state.u[joint])
-            return share * (u - float(np.clip(u, -limit, limit))), 0.0
+            pull = float(state.pushed[joint])
+            return share * (pull - float(np.clip(pull, -limit, limit))), 0.0
 
         return step
 

@@ -21,9 +21,10 @@ class EffortScale(Effect):
     side = "actuator"
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
-        """The effort the model needs. The recorded effort would explain its own noise."""
+        """The effort the model needs of its drive. The recorded effort would explain its own noise."""
         friction = float(ctx.model.model.dof_frictionloss[joint]) * s.sign(joint)
-        return Columns([s.load[:, joint] + friction], smooth=(s.load[:, joint],))
+        needed = s.load[:, joint] - s.pushed[:, joint]
+        return Columns([needed + friction], smooth=(s.load[:, joint],))
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """Against what no gear or torque constant is off by; some per cent are usual, which data sheets allow."""

@@ -30,9 +30,12 @@ class Saturation(Effect):
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Limits at quantiles of the effort asked for and needed; no-load speeds above the top speed."""
-        u = np.concatenate([np.abs(s.u[:, joint]) for s in ctx.sessions])
+        u = np.concatenate([np.abs(s.drive(joint)) for s in ctx.sessions])
         needed = np.concatenate(
-            [np.abs(s.load[:, joint] + nominal_friction(ctx.model, s)[:, joint]) for s in ctx.sessions]
+            [
+                np.abs(s.load[:, joint] + nominal_friction(ctx.model, s)[:, joint] - s.pushed[:, joint])
+                for s in ctx.sessions
+            ]
         )
         limits = [float(np.quantile(u, x)) for x in SHARES] + [float(np.quantile(needed, x)) for x in NEEDED]
         limits = [x for x in limits if x > 0]
@@ -52,7 +55,7 @@ class Saturation(Effect):
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """What was asked minus what arrived."""
-        u = s.u[:, joint]
+        u = s.drive(joint)
         return Columns([], fixed=u - _clip(u, s.v[:, joint], shape["limit"], shape["v0"]))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:

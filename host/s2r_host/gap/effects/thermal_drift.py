@@ -98,7 +98,7 @@ class ThermalDrift(Effect):
             temperature = self._temperature(ctx, s, joint)
             # Of a recording held out without one nothing is known: as it began, and not a warming in another unit.
             return np.zeros(len(s.t)) if temperature is None else temperature - temperature[0]
-        heat = np.nan_to_num(s.u[:, joint]) ** 2
+        heat = np.nan_to_num(s.drive(joint)) ** 2
         keep = float(np.exp(-s.dt / T))
         x = lfilter([1.0 - keep], [1.0, -keep], heat / max(float(np.mean(heat)), 1e-30))
         return np.asarray(x)

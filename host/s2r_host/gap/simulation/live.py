@@ -51,8 +51,18 @@ class _Installed:
     def state(self, d: mujoco.MjData, taken: np.ndarray) -> StepState:
         """What effects see; ``taken``: the effort that they took in the step before, shape (joint,)."""
         u = d.qfrc_actuator[self.dof] + d.qfrc_applied[self.dof]
-        load = u - taken + d.qfrc_constraint[self.dof]
-        return StepState(d.time, d.qpos[self.adr], d.qvel[self.dof], d.qacc[self.dof], u, load)
+        pushed = _of_wrenches(self.model, d)[self.dof]
+        load = u + pushed - taken + d.qfrc_constraint[self.dof]
+        return StepState(d.time, d.qpos[self.adr], d.qvel[self.dof], d.qacc[self.dof], u, pushed, load)
+
+
+def _of_wrenches(model: mujoco.MjModel, d: mujoco.MjData) -> np.ndarray:
+    """Efforts of the forces and torques applied to bodies, shape (nv,)."""
+    out = np.zeros(model.nv)
+    for body in np.flatnonzero(np.any(d.xfrc_applied, axis=1)):
+        wrench = d.xfrc_applied[body]
+        mujoco.mj_applyFT(model, d, wrench[:3], wrench[3:], d.xipos[body], int(body), out)
+    return out
 
 
 def install_terms(model: mujoco.MjModel, terms: list[dict], joints: Sequence[str]) -> Callable[[], None]:

@@ -158,6 +158,8 @@ class _Plan:
         self.friction *= factor
         m.dof_damping[self.dof] *= factor
         m.dof_frictionloss[self.dof] = np.maximum(self.friction, 0.0)
+        own = set(self.dof.tolist())
+        self.flex = [(dof, j) for j, d in enumerate(self.dof) for dof in _behind(m, int(d)) if dof not in own]
         self.laws = [
             servo_of(twin.rigid, s, j, self.ticks) if closed else None for j in range(len(twin.rigid.joints))
         ]
@@ -179,7 +181,7 @@ class _Plan:
         ]
         self.runtimes: list[tuple[int, Runtime]] = []
         self.integral = np.zeros(len(self.dof))
-        self.u = np.zeros(len(self.dof))
+        self.u, self.push = np.zeros(len(self.dof)), np.zeros(len(self.dof))
         self.load = np.zeros(len(self.dof))
         self.now = 0.0
 
@@ -226,15 +228,15 @@ class _Plan:
                 self.integral[j] += (law.q_cmd[i] - q[j]) * self.tick_s
                 self.u[j] += law.ki * self.integral[j]
         np.clip(self.u, *self.limits, out=self.u)
-        self.u += self.pushed[i]
-        return self.u.copy()
+        self.push = self.pushed[i]
+        return self.u + self.push
 
     def step(self) -> None:
         d, m = self.data, self.model
-        force = self.u - self.twin.offset
+        force = self.u + self.push - self.twin.offset
         if self.runtimes or self.twin.generic is not None:
             state = StepState(
-                self.now, d.qpos[self.adr], d.qvel[self.dof], d.qacc[self.dof], self.u, self.load
+                self.now, d.qpos[self.adr], d.qvel[self.dof], d.qacc[self.dof], self.u, self.push, self.load
             )
             dry = self.friction.copy()
             for joint, runtime in self.runtimes:
@@ -245,9 +247,25 @@ class _Plan:
             if self.twin.generic is not None:
                 force = force - self.twin.generic(state)
         d.qfrc_applied[self.dof] = force
+        for dof, joint in self.flex:  # a wrench acts on the link, which is behind the gear
+            d.qfrc_applied[dof] = self.push[joint]
         mujoco.mj_step(m, d)
         self.load = force + d.qfrc_constraint[self.dof]
         self.now += self.h
+
+
+def _behind(model: mujoco.MjModel, dof: int) -> list[int]:
+    """Degrees of freedom of coincident joints that an effect has put behind that of a motor."""
+    motor = int(model.dof_jntid[dof])
+    same = (
+        j
+        for j in range(motor + 1, model.njnt)
+        if model.jnt_bodyid[j] == model.jnt_bodyid[motor]
+        and model.jnt_type[j] == model.jnt_type[motor]
+        and np.allclose(model.jnt_axis[j], model.jnt_axis[motor])
+        and np.allclose(model.jnt_pos[j], model.jnt_pos[motor])
+    )
+    return [int(model.jnt_dofadr[j]) for j in same]
 
 
 def _scaled(runtime: Runtime, factor: float) -> Runtime:
