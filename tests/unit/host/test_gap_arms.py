@@ -241,6 +241,13 @@ def test_an_inertia_that_changes_with_the_pose_is_not_what_imitates_it(model, or
     assert "an inertia that changes with the pose" in said
 
 
+def test_a_motor_s_inertia_beside_a_number_is_no_inertia_that_changes_with_the_pose(model):
+    """A constant inertia is what the catalogue knows; the pose has to explain what it leaves over."""
+    search = searched(model, lambda v, a: np.array([0.0, 0.01]) * a)
+    named = search.finish([Term("armature", 1), Term("effort_scale", 1)], [], [])
+    assert outside(search.problem, search, named, strained=True) is None
+
+
 def test_a_motor_s_inertia_beside_a_detent_is_no_inertia_that_changes_with_the_pose(model):
     sessions = []
     for index, phase in enumerate((0.0, 0.0, 1.0)):

@@ -33,12 +33,16 @@ Sessions = dict[int, Session]
 
 
 class Cause(NamedTuple):
-    """What acts on a joint, linear in whitened columns of shape (rows, coefficients)."""
+    """What acts on a joint, linear in whitened columns of shape (rows, coefficients).
+
+    The first ``ordinary`` of them are no news: the cause has to explain what they leave over.
+    """
 
     columns: np.ndarray
     likely: Callable[[np.ndarray], bool]  # whether coefficients are what one expects
     possible: Callable[[np.ndarray], bool]  # whether they can be at all
     words: Callable[[np.ndarray], str]
+    ordinary: int = 0
 
 
 def outside(problem: Problem, search: Search, solution: Solution, *, strained: bool) -> str | None:
@@ -50,11 +54,14 @@ def outside(problem: Problem, search: Search, solution: Solution, *, strained: b
     ``strained``: the terms leave something over, or ask for numbers far from nominal ones, so that even a single one
     may be an imitation.
     """
-    without = search.finish([], [], []).unexplained
+    by_numbers = search.finish([], [], []).unexplained
     for joint in sorted({t.joint for t in solution.terms if t.joint >= 0}):
         imitated = strained or sum(t.joint == joint for t in solution.terms) > 1
         for cause in _causes(problem, joint, imitated=imitated):
             left, x = beside_numbers(problem, search, cause.columns)
+            without = by_numbers
+            if cause.ordinary:
+                without, _ = beside_numbers(problem, search, cause.columns[:, : cause.ordinary])
             if cause.possible(x) and _explains(
                 problem, joint, left, solution.unexplained, without, likely=cause.likely(x)
             ):
@@ -127,6 +134,7 @@ def _pose_inertia(problem: Problem, sessions: Sessions, joint: int, order: int, 
             np.all(s.mass[:, joint] + of_pose(x, s.q[:, joint]) > 0.0) for s in sessions.values()
         ),
         words=words,
+        ordinary=1,
     )
 
 
