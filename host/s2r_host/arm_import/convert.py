@@ -19,7 +19,7 @@ from s2r_protocol.arms.clearance import LINKS_APART_M
 from s2r_protocol.arms.source import FINGER_PREFIX, ArmSource
 
 _PARALLEL_RAD = 2e-3  # 1.57 for a right angle is off by 0.8e-3
-_TOLD_PRODUCT = 0.02  # of a moment of inertia
+_NO_PRODUCT = 1e-6  # of a moment of inertia, what frames turned to and fro leave
 _DIGITS = 9
 _BASE_INERTIAL = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))  # it never moves
 
@@ -211,42 +211,28 @@ def _held_at(tree: UrdfTree, joint: UrdfJoint, wishes: Wishes) -> float:
 def _joints(
     chain: Sequence[UrdfJoint], poses: dict[str, np.ndarray], wishes: Wishes, told: list[str]
 ) -> list[dict[str, Any]]:
-    joints, askew = [], []
+    joints = []
     for joint in chain:
         axis = poses[joint.child][:3, :3] @ joint.axis
         k = int(np.argmax(np.abs(axis)))
+        along = ("-" if axis[k] < 0.0 else "") + "xyz"[k]
         off = float(np.arctan2(np.linalg.norm(np.delete(axis, k)), abs(axis[k])))
-        if off > _PARALLEL_RAD:
-            askew.append(
-                f"  joint '{joint.name}' turns about {np.round(axis, 3).tolist()}, {np.degrees(off):.2g}° off"
-            )
-        elif off > 1e-5:
-            told.append(f"joint '{joint.name}': its axis was turned by {1e3 * off:.2g} mrad onto {'xyz'[k]}")
+        if 1e-5 < off <= _PARALLEL_RAD:
+            told.append(f"joint '{joint.name}': its axis was turned by {1e3 * off:.2g} mrad onto {along}")
         low, high = joint.lower or 0.0, joint.upper or 0.0
         if joint.kind == "continuous":
             low, high = -2.0 * np.pi, 2.0 * np.pi
             told.append(f"joint '{joint.name}' turns without end in the URDF; here ±2π")
-        if axis[k] < 0.0:
-            low, high = -high, -low
-            told.append(
-                f"joint '{joint.name}' turns about -{'xyz'[k]} in the URDF, here about +{'xyz'[k]}: all its angles "
-                "change their sign, its drive's too (CiA 402: object 607Eh)"
-            )
         joints.append(
             {
                 "name": joint.name,
-                "axis": "xyz"[k],
+                "axis": along if off <= _PARALLEL_RAD else _rounded(axis),
                 "q": (_short(low), _short(high)),
                 "dq_max": joint.velocity,
                 "ddq_max": wishes.ddq_max,
                 "dddq_max": wishes.dddq_max,
                 "tau_max": joint.effort,
             }
-        )
-    if askew:
-        raise ArmDescriptionError(
-            "with all joints at zero, every axis must be one of the base frame's (x, y, z), which is how an arm.yaml "
-            "says it:\n" + "\n".join(askew)
         )
     return joints
 
@@ -290,7 +276,7 @@ class _Bodies:
         return body, X
 
     def links(self, told: list[str]) -> list[dict[str, Any]]:
-        """Mass properties of bodies and mounts; lost products of inertia are told."""
+        """Mass properties of bodies and mounts."""
         problems, found = [], []
         for body in self.names:
             parts = [(self._tree.links[body].inertial, self._poses[body][:3, :3], np.zeros(3))]
@@ -308,11 +294,11 @@ class _Bodies:
                     f"link '{body}' moves and has no mass or no inertia; say it in its <inertial>"
                 )
                 continue
-            found.append(_link(body, whole, told))
+            found.append(_link(body, whole))
             for mount in filter(self.is_mount, self.members(body)):
                 inertial = self._tree.links[mount].inertial
                 assert inertial is not None
-                found.append(_link(mount, inertial, told))
+                found.append(_link(mount, inertial))
         if problems:
             raise ArmDescriptionError(
                 "this arm cannot be described:\n" + "\n".join(f"  {p}" for p in problems)
@@ -361,20 +347,17 @@ def _together(parts: Sequence[tuple[Inertial | None, np.ndarray, np.ndarray]]) -
     return Inertial(mass, com, inertia)
 
 
-def _link(name: str, inertial: Inertial, told: list[str]) -> dict[str, Any]:
-    moments = np.diag(inertial.inertia)
-    products = np.abs(inertial.inertia - np.diag(moments)).max()
-    if moments.max() > 0.0 and products > _TOLD_PRODUCT * moments.max():
-        told.append(
-            f"link '{name}': products of inertia of up to {100 * products / moments.max():.0f} % of its moments are "
-            "left out; an arm.yaml holds the moments about the link's axes"
-        )
+def _link(name: str, inertial: Inertial) -> dict[str, Any]:
+    moments, products = np.diag(inertial.inertia), inertial.inertia[[0, 0, 1], [1, 2, 2]]
+    found = {"name": name, "mass": _short(inertial.mass), "com": _rounded(inertial.com)}
+    if np.abs(products).max() > _NO_PRODUCT * moments.max():
+        return {**found, "inertia": [_short(v) for v in moments], "products": [_short(v) for v in products]}
     a, b, c = (_short(v) for v in np.sort(moments))
     largest = int(np.argmax(moments))
     rounded = [_short(v) for v in moments]
     if a + b < c <= (a + b) * (1 + 1e-5):  # a plate, rounded
         rounded[largest] = a + b
-    return {"name": name, "mass": _short(inertial.mass), "com": _rounded(inertial.com), "inertia": rounded}
+    return {**found, "inertia": rounded}
 
 
 def _shapes(

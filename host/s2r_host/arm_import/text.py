@@ -18,6 +18,9 @@ _HEAD = """\
 def to_yaml(source: ArmSource, urdf: str, told: Sequence[str]) -> str:
     """The text, with what was decided or left out as comments."""
     raw = source.model_dump(mode="json")
+    for link in raw["links"]:
+        if not any(link["products"]):
+            del link["products"]
     rows = [_HEAD.format(urdf=urdf)]
     rows += [f"# - {line}" for line in told]
     rows += [f"{key}: {_flow(raw[key])}" for key in ("name", "vendor", "base")]

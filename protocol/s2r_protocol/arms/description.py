@@ -124,6 +124,9 @@ class ArmDescription:
         for joint in model["joints"]:
             for key in ("q", "dq_max", "ddq_max", "dddq_max", "tau_max"):
                 del joint[key]
+        for link in model["links"]:
+            if not any(link["products"]):  # as it was before an arm could have them
+                del link["products"]
         return _digest(model)
 
     @cached_property

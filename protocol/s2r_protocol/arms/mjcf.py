@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 
-from s2r_protocol.arms.source import ArmSource, Box, Joint, Mount
-from s2r_protocol.arms.urdf import numbers
+import numpy as np
 
-_AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+from s2r_protocol.arms.source import ArmSource, Box, Joint, Mount
+from s2r_protocol.arms.urdf import axis_numbers, numbers
+
 _PAINT = {"finger": "0.15 0.15 0.17 1", "gripper": "0.25 0.25 0.28 1"}
 _PAINT_LINK = "0.85 0.86 0.88 1"
 
@@ -40,11 +41,17 @@ def _add_body(parent: ET.Element, source: ArmSource, name: str, via: Joint | Mou
     if isinstance(via, Mount):
         body.set("euler", numbers(via.rpy))
     link = source.link_named(name)
-    ET.SubElement(
-        body, "inertial", pos=numbers(link.com), mass=repr(link.mass), diaginertia=numbers(link.inertia)
-    )
+    inertial = ET.SubElement(body, "inertial", pos=numbers(link.com), mass=repr(link.mass))
+    if any(link.products):  # principal moments, which whoever changes masses may scale
+        moments, axes = np.linalg.eigh(link.tensor)
+        inertial.set("diaginertia", numbers(moments.tolist()))
+        inertial.set("xyaxes", numbers(axes.T[:2].ravel().tolist()))
+    else:
+        inertial.set("diaginertia", numbers(link.inertia))
     if isinstance(via, Joint):
-        ET.SubElement(body, "joint", name=via.name, type="hinge", axis=_AXES[via.axis], range=numbers(via.q))
+        ET.SubElement(
+            body, "joint", name=via.name, type="hinge", axis=axis_numbers(via), range=numbers(via.q)
+        )
     for shape in source.shapes_of(name):
         paint = _PAINT.get(shape.name.split("_")[0], _PAINT_LINK)
         geom = ET.SubElement(body, "geom", name=shape.name, type=shape.type, rgba=paint)

@@ -7,8 +7,9 @@ import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from s2r_protocol.exits import UsageError
 
@@ -18,6 +19,15 @@ if TYPE_CHECKING:
 Vector3 = tuple[float, float, float]
 SHORTEST_ROD_M = 1e-3
 FINGER_PREFIX = "finger"  # of the names of shapes that are meant to touch the part
+NAMED_AXES: dict[str, Vector3] = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+_UNIT_LENGTH = 1e-3  # what a direction written with three digits is off
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -30,31 +40,47 @@ class _Strict(BaseModel):
 
 
 class Link(_Strict):
-    """A rigid body: mass [kg], centre of mass [m] and principal inertia about it [kg m²], axes as the link's."""
+    """A rigid body: mass [kg], centre of mass [m] and moments of inertia about it [kg m²], axes as the link's.
+
+    ``products`` are those of inertia, xy, xz and yz [kg m²]; without them the link's axes are principal ones.
+    """
 
     name: str
     mass: Positive
     com: Vector3
     inertia: tuple[Positive, Positive, Positive]
+    products: Vector3 = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
     def _inertia_is_possible(self) -> Link:
-        a, b, c = sorted(self.inertia)
-        if a + b < c * (1 - 1e-9):
+        principal = (
+            tuple(float(v) for v in np.linalg.eigvalsh(self.tensor)) if any(self.products) else self.inertia
+        )
+        a, b, c = sorted(principal)
+        if a + b < c * (1 - 1e-9) or a <= 0.0:
             raise ValueError(
-                f"link '{self.name}': principal inertias {self.inertia} violate the triangle inequality; "
+                f"link '{self.name}': principal inertias {principal} violate the triangle inequality; "
                 "no body has them"
             )
         return self
 
+    @property
+    def tensor(self) -> np.ndarray:
+        """Inertia about the centre of mass (3, 3) [kg m²]."""
+        xy, xz, yz = self.products
+        return np.diag(self.inertia) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+
 
 class Joint(_Strict):
-    """A revolute joint; ``origin`` [m] is the child's frame in the parent's, axes parallel at zero."""
+    """A revolute joint; ``origin`` [m] is the child's frame in the parent's, axes parallel at zero.
+
+    ``axis`` is one of the frame's, which may count backwards (-z), or a direction of length 1 in it.
+    """
 
     name: str
     parent: str
     child: str
-    axis: Literal["x", "y", "z"]
+    axis: Literal["x", "y", "z", "-x", "-y", "-z"] | Vector3
     origin: Vector3
     q: tuple[float, float]
     dq_max: Positive
@@ -67,6 +93,27 @@ class Joint(_Strict):
         if not self.q[0] < self.q[1]:
             raise ValueError(f"joint '{self.name}': q_min {self.q[0]} is not below q_max {self.q[1]}")
         return self
+
+    @field_validator("axis", mode="before")
+    @classmethod
+    def _axis_is_a_direction(cls, axis: Any) -> Any:
+        numbers = (
+            isinstance(axis, list | tuple) and len(axis) == 3 and all(type(v) in (int, float) for v in axis)
+        )
+        if not numbers and not (isinstance(axis, str) and axis in NAMED_AXES):
+            raise ValueError(
+                f"axis is {axis!r}, expected one of {', '.join(NAMED_AXES)} or a direction of length 1, [x, y, z]"
+            )
+        if numbers and not abs(math.hypot(*axis) - 1.0) <= _UNIT_LENGTH:
+            raise ValueError(
+                f"axis {list(axis)} has length {math.hypot(*axis):.4g}, a direction has length 1"
+            )
+        return axis
+
+    @property
+    def direction(self) -> Vector3:
+        """The axis in the frame of parent and child at zero."""
+        return NAMED_AXES[self.axis] if isinstance(self.axis, str) else self.axis
 
 
 class Mount(_Strict):

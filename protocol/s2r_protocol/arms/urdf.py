@@ -9,8 +9,6 @@ import numpy as np
 
 from s2r_protocol.arms.source import ArmSource, Box, Joint, Link, Rod
 
-_AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
-
 
 def to_urdf(source: ArmSource) -> str:
     """Write the arm as URDF.
@@ -39,13 +37,19 @@ def numbers(values: Sequence[float]) -> str:
     return " ".join(repr(float(v)) for v in values)
 
 
+def axis_numbers(joint: Joint) -> str:
+    """The direction of a joint's axis, whole numbers where it is one of the frame's."""
+    return " ".join(repr(int(v) if v in (-1.0, 0.0, 1.0) else v) for v in joint.direction)
+
+
 def _add_link(robot: ET.Element, source: ArmSource, link: Link) -> None:
     element = ET.SubElement(robot, "link", name=link.name)
     inertial = ET.SubElement(element, "inertial")
     ET.SubElement(inertial, "origin", xyz=numbers(link.com), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(link.mass))
     ixx, iyy, izz = (repr(v) for v in link.inertia)
-    ET.SubElement(inertial, "inertia", ixx=ixx, iyy=iyy, izz=izz, ixy="0", ixz="0", iyz="0")
+    ixy, ixz, iyz = (repr(v) if v else "0" for v in link.products)
+    ET.SubElement(inertial, "inertia", ixx=ixx, iyy=iyy, izz=izz, ixy=ixy, ixz=ixz, iyz=iyz)
     for shape in source.shapes_of(link.name):
         for tag in ("visual", "collision"):
             if isinstance(shape, Box):
@@ -90,7 +94,7 @@ def _add_joint(robot: ET.Element, joint: Joint) -> None:
     ET.SubElement(element, "origin", xyz=numbers(joint.origin), rpy="0 0 0")
     ET.SubElement(element, "parent", link=joint.parent)
     ET.SubElement(element, "child", link=joint.child)
-    ET.SubElement(element, "axis", xyz=_AXES[joint.axis])
+    ET.SubElement(element, "axis", xyz=axis_numbers(joint))
     lower, upper = (repr(v) for v in joint.q)
     ET.SubElement(
         element, "limit", lower=lower, upper=upper, velocity=repr(joint.dq_max), effort=repr(joint.tau_max)

@@ -6,7 +6,8 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from s2r_protocol.arms import ArmDescriptionError, load_arm
+from s2r_protocol.arms import ArmDescription, ArmDescriptionError, load_arm
+from s2r_protocol.arms.source import ArmSource
 
 N_POSES = 1000
 
@@ -150,6 +151,17 @@ def _break(raw, what):
     if what == "nan":
         joints[0]["tau_max"] = float("nan")
         return r"joints\[0\] \(joint1\).tau_max: Input should be a finite number, it is nan"
+    if what == "long axis":
+        joints[2]["axis"] = [1.0, 1.0, 0.0]
+        return (
+            r"joints\[2\] \(joint3\).axis: axis \[1.0, 1.0, 0.0\] has length 1.414, a direction has length 1"
+        )
+    if what == "unknown axis":
+        joints[2]["axis"] = "w"
+        return r"joint3\).axis: axis is 'w', expected one of x, y, z, -x, -y, -z or a direction"
+    if what == "impossible products":
+        links[2]["products"] = [1.0, 0.0, 0.0]
+        return "link2.*triangle inequality"
     if what == "rod without length":
         raw["shapes"][1]["b"] = raw["shapes"][1]["a"]
         return "shape 'link1_body': a and b are 0 m apart, at least 0.001 m"
@@ -168,6 +180,9 @@ def _break(raw, what):
         "home outside",
         "two parents",
         "nan",
+        "long axis",
+        "unknown axis",
+        "impossible products",
         "rod without length",
     ],
 )
@@ -177,6 +192,22 @@ def test_an_incomplete_description_is_refused_by_name(arm, tmp_path, what):
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump(raw))
     with pytest.raises(ArmDescriptionError, match=message):
         load_arm(tmp_path)
+
+
+def test_slanted_axes_and_products_of_inertia_are_the_same_in_both_models(arm, poses):
+    raw = arm.source.model_dump(mode="json")
+    raw["joints"][1]["axis"], raw["joints"][3]["axis"] = [0.6, 0.0, -0.8], "-y"
+    raw["links"][2]["products"] = [0.2 * v for v in raw["links"][2]["inertia"]]
+    other = ArmDescription(ArmSource.model_validate(raw), arm.directory)
+    model, mujoco_model = pin.buildModelFromXML(other.urdf), mujoco.MjModel.from_xml_string(other.mjcf)
+    data, mujoco_data = model.createData(), mujoco.MjData(mujoco_model)
+    full = np.zeros((model.nv, model.nv))
+    for q in poses[:5]:
+        mujoco_data.qpos[:] = q
+        mujoco.mj_forward(mujoco_model, mujoco_data)
+        mujoco.mj_fullM(mujoco_model, mujoco_data, full)
+        M = np.triu(pin.crba(model, data, q))
+        np.testing.assert_allclose(M + np.triu(M, 1).T, full, rtol=1e-9, atol=1e-12)
 
 
 def test_an_unknown_arm_lists_the_shipped_ones():
