@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+import xml.parsers.expat as expat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,12 +105,12 @@ def read_urdf(path: Path) -> UrdfTree:
         ArmDescriptionError: It cannot be read, or is no tree of links.
     """
     try:
-        root = ET.fromstring(path.read_text(encoding="utf-8"))
-    except (ET.ParseError, UnicodeDecodeError) as error:
+        root = _parsed(path.read_bytes().lstrip())
+    except (expat.ExpatError, ValueError, LookupError) as error:
         raise ArmDescriptionError(f"{path} is no readable URDF: {error}") from error
     if root.tag != "robot":
         raise ArmDescriptionError(f"{path} is no URDF: it begins with <{root.tag}>, expected <robot>")
-    if any("xacro" in element.tag for element in root.iter()):
+    if any(element.tag.startswith("xacro:") for element in root.iter()):
         raise ArmDescriptionError(f"{path} holds xacro; expand it first: xacro {path.name} > arm.urdf")
     links = {}
     for tag in root.findall("link"):
@@ -126,6 +127,14 @@ def read_urdf(path: Path) -> UrdfTree:
     tree = UrdfTree(root.get("name", ""), links, joints)
     _refuse_no_tree(tree, path)
     return tree
+
+
+def _parsed(text: bytes) -> ET.Element:
+    """The root of an XML text; names keep their prefix, also one that nothing declares, as in tags for a simulator."""
+    parser, builder = expat.ParserCreate(), ET.TreeBuilder()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.Parse(text, True)
+    return builder.close()
 
 
 def _refuse_no_tree(tree: UrdfTree, path: Path) -> None:
@@ -209,6 +218,8 @@ def _joint(tag: ET.Element, name: str, path: Path) -> UrdfJoint:
     kind, length = tag.get("type", ""), float(np.linalg.norm(axis))
     if kind not in ("fixed", "revolute", "continuous", "prismatic", "planar", "floating"):
         raise ArmDescriptionError(f"{who} is of type {kind!r}, which URDF does not know")
+    if length == 0.0 and kind in ("fixed", "floating"):  # CAD exporters write it, and nothing turns about it
+        axis, length = np.array([1.0, 0.0, 0.0]), 1.0
     if length == 0.0:
         raise ArmDescriptionError(f"{who}: axis 0 0 0 has no direction")
     limit, mimic = tag.find("limit"), tag.find("mimic")

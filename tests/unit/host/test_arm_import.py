@@ -138,6 +138,21 @@ def test_products_of_inertia_are_taken_over(turned):
     assert np.abs(link.products).max() > 0.001
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<robot", "\n<!-- ours -->\n<robot"),
+        ("<robot", '\n<?xml version="1.0" encoding="latin-1"?><!-- f\xfcr uns -->\n<robot'),
+        ("</robot>", "<gazebo><sensor:camera><hfov>1</hfov></sensor:camera></gazebo></robot>"),
+        ('<robot name="my arm"', '<robot name="my arm" xmlns:xacro="http://www.ros.org/wiki/xacro"'),
+        ('<origin xyz="0 0 0.7"/>', '<origin xyz="0 0 0.7"/><axis xyz="0 0 0"/>'),
+    ],
+)
+def test_what_real_urdf_writers_write_is_read(turned, old, new):
+    turned.write_bytes(TURNED.replace(old, new, 1).encode("latin-1"))
+    assert len(import_arm(turned, FINGERS_CLOSED).source.joints) == 3
+
+
 def test_a_moving_frame_without_mass_takes_that_of_what_it_carries(turned):
     found = import_arm(turned, FINGERS_CLOSED).source
     frame = """<link name="l3"/>
