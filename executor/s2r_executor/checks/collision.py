@@ -52,7 +52,7 @@ class CollisionModel:
         return self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape))
 
     def _add_shape(self, shape: Rod | Box) -> None:
-        frame = self._model.frames[self._model.getFrameId(shape.link)]
+        frame = self._model.frames[self._model.getFrameId(shape.link, pin.FrameType.BODY)]
         r = self._inflation_m
         if isinstance(shape, Box):
             geometry: coal.CollisionGeometry = coal.Box(*(2 * (h + r) for h in shape.half))

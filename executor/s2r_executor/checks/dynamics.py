@@ -23,7 +23,7 @@ class InverseDynamics:
     def __init__(self, arm: ArmDescription) -> None:
         self._bare = pin.buildModelFromXML(arm.urdf)
         self._bare.gravity.linear = np.array([0.0, 0.0, -9.81])
-        self._tool = self._bare.getFrameId(arm.tool_frame)
+        self._tool = self._bare.getFrameId(arm.tool_frame, pin.FrameType.BODY)
         self._payload = (0.0, (0.0, 0.0, 0.0))
         self._pool = pin.ModelPool(self._bare, 1)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,13 +12,15 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from s2r_host.arm_import.shapes import shape_of, with_round_ends
+from s2r_host.arm_import.masses import possible, together
+from s2r_host.arm_import.shapes import shapes_of, with_round_ends
 from s2r_host.arm_import.touching import always_touching
 from s2r_host.arm_import.urdf_tree import Inertial, UrdfJoint, UrdfTree, read_urdf, turn
 from s2r_protocol.arms import ArmDescription, ArmDescriptionError
 from s2r_protocol.arms.clearance import LINKS_APART_M
-from s2r_protocol.arms.source import FINGER_PREFIX, ArmSource
+from s2r_protocol.arms.source import FINGER_PREFIX, ArmSource, problems_in
 
+_UPRIGHT_RAD = 0.01
 _PARALLEL_RAD = 2e-3  # 1.57 for a right angle is off by 0.8e-3
 _NO_PRODUCT = 1e-6  # of a moment of inertia, what frames turned to and fro leave
 _DIGITS = 9
@@ -29,7 +32,7 @@ class Wishes:
     """What a URDF does not say.
 
     Attributes:
-        base: Link that stands on the table; empty: the first with a mass or a shape.
+        base: Link that stands on the table; empty: of those that carry the tip the first with a mass or a shape.
         tip: Link whose frame is the fingertip's; empty: the only one that nothing hangs off.
         name: Name of the arm; empty: the robot's.
         held: Joints that are not the arm's own, with the value [rad, m] at which they stay.
@@ -68,9 +71,11 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
     tree = read_urdf(urdf)
     told: list[str] = []
     _refuse_unknown(tree, wishes)
-    base = wishes.base or _first_body(tree)
-    tip = wishes.tip or _only_tip(tree, base, wishes)
+    tip = wishes.tip or _only_tip(tree, wishes.base or tree.root, wishes)
+    base = wishes.base or _first_body(tree, tip)
     chain = _chain(tree, base, tip, wishes)
+    told.append(f"the arm's joints are {', '.join(j.name for j in chain)}")
+    _tell_tilt(tree, base, told)
     poses = _poses(tree, base, {j.name for j in chain}, wishes, told)
     joints, names = _joints(chain, poses, wishes, told), [base, *(j.child for j in chain)]
     bodies = _Bodies(tree, poses, names)
@@ -92,10 +97,13 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
     try:
         source = ArmSource.model_validate(raw)
     except ValidationError as error:
-        problems = "\n".join(f"  {e['msg'].removeprefix('Value error, ')}" for e in error.errors())
-        raise ArmDescriptionError(f"{urdf} makes no arm description:\n{problems}") from error
+        raise ArmDescriptionError(f"{urdf} makes no arm description:\n{problems_in(error, raw)}") from error
     pairs = always_touching(ArmDescription(source, urdf.parent), LINKS_APART_M)
-    told += [f"links '{a}' and '{b}' touch in every pose and are not checked" for a, b in pairs]
+    told += [
+        f"links '{a}' and '{b}' touch in every pose and are not checked"
+        for a, b in pairs
+        if bodies.carrier(a) != bodies.carrier(b)
+    ]
     return Imported(source.model_copy(update={"collision_exclude": tuple(pairs)}), tuple(told))
 
 
@@ -114,15 +122,32 @@ def _refuse_unknown(tree: UrdfTree, wishes: Wishes) -> None:
                 )
 
 
-def _first_body(tree: UrdfTree) -> str:
-    """The first link below the root that has a mass or a shape, before anything moves; else the root."""
-    waiting = [tree.root]
-    while waiting:
-        link = waiting.pop(0)
-        if tree.links[link].inertial is not None or tree.links[link].solids:
-            return link
-        waiting += [j.child for j in tree.joints.values() if j.parent == link and j.kind == "fixed"]
-    return tree.root
+def _first_body(tree: UrdfTree, tip: str) -> str:
+    """Of what carries the tip, before anything moves, the first link with a mass or a shape; else the last.
+
+    The root where that link is not upright in it: gravity and the table go by the base.
+    """
+    rigid = list(itertools.takewhile(lambda j: j.kind == "fixed", tree.way_to(tip)))
+    links = [tree.root, *(j.child for j in rigid)]
+    link = next((n for n in links if tree.links[n].inertial is not None or tree.links[n].solids), links[-1])
+    return link if _tilt(tree, link) < _UPRIGHT_RAD else tree.root
+
+
+def _tilt(tree: UrdfTree, link: str) -> float:
+    """Angle [rad] between the z axes of a link and of the root, all joints at zero."""
+    X = np.eye(4)
+    for joint in tree.way_to(link):
+        X = X @ joint.X_parent_joint
+    return float(np.arctan2(np.linalg.norm(X[:2, 2]), X[2, 2]))
+
+
+def _tell_tilt(tree: UrdfTree, base: str, told: list[str]) -> None:
+    tilt = _tilt(tree, base)
+    if tilt >= _UPRIGHT_RAD:
+        told.append(
+            f"base '{base}' is tilted by {np.degrees(tilt):.3g}° in the URDF; here its z axis points up, against "
+            f"gravity: give --base {tree.root} if it is mounted as the URDF has it"
+        )
 
 
 def _only_tip(tree: UrdfTree, base: str, wishes: Wishes) -> str:
@@ -254,6 +279,10 @@ class _Bodies:
         """Where a body's frame is in its parent's, at zero [m]."""
         return _rounded(self._poses[child][:3, 3] - self._poses[parent][:3, 3])
 
+    def carrier(self, link: str) -> str:
+        """The body that a link moves with."""
+        return self._of[link]
+
     def members(self, body: str) -> list[str]:
         """All links that a body carries rigidly, itself first."""
         return [link for link in self._of if self._of[link] == body]
@@ -261,8 +290,7 @@ class _Bodies:
     def is_mount(self, link: str) -> bool:
         """Whether a link is a rigid attachment of its own: it has a mass, and so has what carries it."""
         carrier = self._of[link]
-        heavy = self._tree.links[link].inertial is not None
-        return heavy and link not in self.names and self._stands_alone(carrier)
+        return self._stands_alone(link) and link not in self.names and self._stands_alone(carrier)
 
     def place(self, link: str) -> tuple[str, np.ndarray]:
         """The body or mount that a link belongs to, and the link's pose in it (4, 4)."""
@@ -279,34 +307,30 @@ class _Bodies:
         """Mass properties of bodies and mounts."""
         problems, found = [], []
         for body in self.names:
-            parts = [(self._tree.links[body].inertial, self._poses[body][:3, :3], np.zeros(3))]
-            if not self._stands_alone(body):  # a mere frame moves, and what it carries has the mass
-                parts = [
-                    (self._tree.links[m].inertial, self.place(m)[1][:3, :3], self.place(m)[1][:3, 3])
-                    for m in self.members(body)
-                ]
-            whole = _together([p for p in parts if p[0] is not None])
-            if whole is None and body == self.names[0]:
-                told.append(f"base '{body}' has no mass; 1 kg stands for it, as it does not move")
-                whole = _BASE_INERTIAL
-            if whole is None:
-                problems.append(
-                    f"link '{body}' moves and has no mass or no inertia; say it in its <inertial>"
-                )
-                continue
-            found.append(_link(body, whole))
-            for mount in filter(self.is_mount, self.members(body)):
-                inertial = self._tree.links[mount].inertial
-                assert inertial is not None
-                found.append(_link(mount, inertial))
+            for link in (body, *filter(self.is_mount, self.members(body))):
+                try:
+                    found.append(_link(link, possible(link, self._whole(body, link), told)))
+                except ArmDescriptionError as error:
+                    if body == self.names[0]:
+                        told.append(f"{error}; 1 kg stands for it, as it does not move")
+                        found.append(_link(link, _BASE_INERTIAL))
+                    else:
+                        problems.append(f"{error}; it moves: say it in its <inertial>")
         if problems:
             raise ArmDescriptionError(
                 "this arm cannot be described:\n" + "\n".join(f"  {p}" for p in problems)
             )
         return found
 
+    def _whole(self, body: str, link: str) -> Inertial | None:
+        """All that moves with a body or mount and is no mount of its own."""
+        placed = [(m, *self.place(m)) for m in self.members(body)]
+        return together([(self._tree.links[m].inertial, X) for m, place, X in placed if place == link])
+
     def _stands_alone(self, body: str) -> bool:
-        return self._tree.links[body].inertial is not None or body == self.names[0]
+        """Whether a body's own mass can be written; a point without extent is a part of what carries it."""
+        inertial = self._tree.links[body].inertial
+        return body == self.names[0] or (inertial is not None and bool(inertial.inertia.any()))
 
     def mounts(self) -> list[dict[str, Any]]:
         """Rigid attachments with a mass, each in the frame that the URDF gives it."""
@@ -331,20 +355,6 @@ class _Bodies:
         taken = [*self.names, *(m["child"] for m in self.mounts())]
         name = "tool_tip" if "tool_tip" not in taken else "tool_tip_frame"
         return {"name": name, "parent": body, "origin": _rounded(X[:3, 3]), "rpy": _rpy(X[:3, :3])}
-
-
-def _together(parts: Sequence[tuple[Inertial | None, np.ndarray, np.ndarray]]) -> Inertial | None:
-    """Bodies that move as one; each with the rotation (3, 3) and place (3,) of its frame."""
-    there = [(i.mass, p + R @ i.com, R @ i.inertia @ R.T) for i, R, p in parts if i is not None]
-    if not there:
-        return None
-    mass = sum(m for m, _, _ in there)
-    com = np.sum([m * c for m, c, _ in there], axis=0) / mass
-    inertia = np.zeros((3, 3))
-    for m, c, moments in there:
-        d = c - com
-        inertia += moments + m * (float(d @ d) * np.eye(3) - np.outer(d, d))
-    return Inertial(mass, com, inertia)
 
 
 def _link(name: str, inertial: Inertial) -> dict[str, Any]:
@@ -375,7 +385,7 @@ def _shapes(
             )
             for k, solid in enumerate(solids):
                 try:
-                    shape = shape_of(solid, X, urdf, wishes.packages)
+                    pieces = shapes_of(solid, X, urdf, wishes.packages)
                 except ArmDescriptionError as error:
                     problems.append(f"  link '{link}': {error}")
                     continue
@@ -384,18 +394,19 @@ def _shapes(
                 if touches and not name.startswith(FINGER_PREFIX):
                     name = f"{FINGER_PREFIX}_{name}"
                 touching |= name.startswith(FINGER_PREFIX)
-                while any(s["name"] == name for s in shapes):
+                while any(s["name"].startswith(name) for s in shapes):
                     name += "_2"
-                numbers = {
-                    key: _rounded(v) if isinstance(v, list) else v if isinstance(v, str) else _short(v)
-                    for key, v in shape.items()
-                }
-                shapes.append({"link": place, "name": name, **numbers})
+                for piece, letter in zip(pieces, "abcd" if len(pieces) > 1 else ("",), strict=False):
+                    numbers = {
+                        key: _rounded(v) if isinstance(v, list) else v if isinstance(v, str) else _short(v)
+                        for key, v in piece.items()
+                    }
+                    shapes.append({"link": place, "name": name + letter, **numbers})
     if problems:
         raise ArmDescriptionError("some shapes cannot be had:\n" + "\n".join(problems))
     if enclosed:
         told.append(
-            f"{enclosed} meshes became the smallest box, cylinder or capsule along the axes that holds each"
+            f"{enclosed} meshes became the smallest boxes, cylinders and capsules along the axes that hold each"
         )
     if not touching:
         told.append(

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from s2r_host.arm_import.enclosing import box, rod
+from s2r_host.arm_import.pieces import enclosed
 from s2r_host.arm_import.urdf_tree import Geometry
 from s2r_protocol.arms import ArmDescriptionError
 from s2r_protocol.arms.source import SHORTEST_ROD_M
@@ -15,10 +17,10 @@ from s2r_protocol.arms.source import SHORTEST_ROD_M
 _ALIGNED = 1e-3  # a box turned by less [rad] keeps its size
 
 
-def shape_of(
+def shapes_of(
     solid: Geometry, X_body_link: np.ndarray, urdf: Path, packages: Sequence[Path]
-) -> dict[str, Any]:
-    """One solid as a shape in the frame of a body, without its names.
+) -> list[dict[str, Any]]:
+    """One solid as shapes in the frame of a body, without their names: several where a mesh is cut.
 
     Args:
         solid: As the URDF has it.
@@ -32,39 +34,17 @@ def shape_of(
     X = X_body_link @ solid.X_link_solid
     R, p = X[:3, :3], X[:3, 3]
     if solid.kind == "sphere":
-        return _rod("capsule", p, R[:, 2], 0.0, float(solid.size[0]))
+        return [rod("capsule", p, R[:, 2], 0.0, float(solid.size[0]))]
     if solid.kind == "cylinder":
         radius, half = (float(v) for v in solid.size)
-        return _rod("cylinder", p, R[:, 2], half, radius)
+        return [rod("cylinder", p, R[:, 2], half, radius)]
     if solid.kind == "box":
         half = solid.size
         reach = np.abs(R) @ half
         turned = np.abs(R).max(axis=0).min() < np.cos(_ALIGNED)
-        return _box(p, reach if turned else _permuted(R, half))
-    points = _vertices(solid, urdf, packages)
-    return enclose(points @ R.T + p)
-
-
-def enclose(points: np.ndarray) -> dict[str, Any]:
-    """Of boxes, cylinders and capsules along the axes the smallest one that holds all points (n, 3)."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    half = np.maximum(0.5 * (high - low), 0.5 * SHORTEST_ROD_M)
-    best, least = _box(0.5 * (low + high), half), float(8.0 * half.prod())
-    for k in range(3):
-        axis, across = np.eye(3)[k], [i for i in range(3) if i != k]
-        centre = 0.5 * (low + high)
-        away = np.linalg.norm(points[:, across] - centre[across], axis=1)
-        radius = max(float(away.max()), 0.5 * SHORTEST_ROD_M)
-        volume = float(np.pi * radius**2 * 2.0 * half[k])
-        if volume < least:
-            best, least = _rod("cylinder", centre, axis, float(half[k]), radius), volume
-        bulge = np.sqrt(np.maximum(radius**2 - away**2, 0.0))
-        ends = (points[:, k] + bulge).min(), (points[:, k] - bulge).max()
-        centre[k], length = 0.5 * sum(ends), max(float(ends[1] - ends[0]), 0.0)
-        volume = float(np.pi * radius**2 * (length + 4.0 / 3.0 * radius))
-        if volume < least:
-            best, least = _rod("capsule", centre, axis, 0.5 * length, radius), volume
-    return best
+        return [box(p, reach if turned else _permuted(R, half))]
+    points, faces = _surface(solid, urdf, packages)
+    return enclosed((points @ R.T + p, faces))
 
 
 def with_round_ends(shapes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -99,35 +79,29 @@ def _is_end(ball: dict[str, Any], rod: dict[str, Any], end: str) -> bool:
     )
 
 
-def _rod(kind: str, centre: np.ndarray, along: np.ndarray, half: float, radius: float) -> dict[str, Any]:
-    half = max(half, 0.5 * SHORTEST_ROD_M * (1.0 + 1e-6))  # also once its ends are rounded
-    a, b = centre - half * along, centre + half * along
-    return {"type": kind, "a": a.tolist(), "b": b.tolist(), "radius": radius}
-
-
-def _box(centre: np.ndarray, half: np.ndarray) -> dict[str, Any]:
-    return {"type": "box", "center": centre.tolist(), "half": half.tolist()}
-
-
 def _permuted(R: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Half extents of a box whose axes are those of the frame, in another order."""
     return np.round(np.abs(R)) @ half
 
 
-def _vertices(solid: Geometry, urdf: Path, packages: Sequence[Path]) -> np.ndarray:
+def _surface(solid: Geometry, urdf: Path, packages: Sequence[Path]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) [m] and faces (m, 3) of a mesh."""
     import trimesh
+    from trimesh.units import unit_conversion
 
     file = _find(solid.file, urdf, packages)
     try:
-        mesh = trimesh.load(file, force="mesh")
-        points = np.asarray(getattr(mesh, "vertices", np.empty((0, 3))), dtype=float)
+        scene = trimesh.load_scene(file)
+        mesh = scene.to_mesh()
+        unit_m = unit_conversion(scene.units, "meters") if scene.units else 1.0  # Collada says its own
+        points, faces = unit_m * np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=int)
     except Exception as error:  # a reader of foreign files may raise anything
         raise ArmDescriptionError(
             f"mesh {file} cannot be read ({error}); give it as STL or OBJ, or a box or cylinder instead"
         ) from error
     if points.ndim != 2 or len(points) == 0 or not np.isfinite(points).all():
         raise ArmDescriptionError(f"mesh {file} holds no points; give it as STL or OBJ")
-    return points * solid.size
+    return points * solid.size, faces
 
 
 def _find(name: str, urdf: Path, packages: Sequence[Path]) -> Path:

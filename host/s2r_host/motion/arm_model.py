@@ -39,7 +39,7 @@ class ArmModel:
     @cached_property
     def tool_id(self) -> int:
         """Frame index of the fingertip."""
-        return self.model.getFrameId(self.arm.tool_frame)
+        return self.model.getFrameId(self.arm.tool_frame, pin.FrameType.BODY)
 
     @cached_property
     def q_min(self) -> np.ndarray:

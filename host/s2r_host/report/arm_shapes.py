@@ -35,7 +35,7 @@ class ArmShapes:
         self._model = pin.buildModelFromXML(arm.urdf)
         self._data = self._model.createData()
         self._geometry = pin.buildGeomFromUrdfString(self._model, arm.urdf, pin.GeometryType.COLLISION)
-        self._tool = self._model.getFrameId(arm.tool_frame)
+        self._tool = self._model.getFrameId(arm.tool_frame, pin.FrameType.BODY)
         self._arm = arm
 
     @cached_property

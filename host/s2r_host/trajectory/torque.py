@@ -21,7 +21,7 @@ class InverseDynamics:
         if gravity is not None:
             self._model.gravity.linear = np.asarray(gravity, dtype=float)
         self._data = self._model.createData()
-        self._tool = self._model.getFrameId(arm.tool_frame)
+        self._tool = self._model.getFrameId(arm.tool_frame, pin.FrameType.BODY)
 
     def __call__(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torques [N·m], (dof,), for position, velocity and acceleration, (dof,) each."""

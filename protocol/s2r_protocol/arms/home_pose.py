@@ -25,7 +25,7 @@ def lowest_shape(arm: ArmDescription, q: np.ndarray) -> tuple[str, float]:
     for shape in arm.source.shapes:
         if shape.link == arm.source.base:
             continue
-        link = data.oMf[model.getFrameId(shape.link)]
+        link = data.oMf[model.getFrameId(shape.link, pin.FrameType.BODY)]
         if isinstance(shape, Box):
             centre = link.act(np.array(shape.center))
             heights[shape.name] = float(centre[2] - np.abs(link.rotation[2]) @ np.array(shape.half))

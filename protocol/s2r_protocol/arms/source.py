@@ -265,8 +265,14 @@ def read_source(path: Path) -> ArmSource:
     try:
         return ArmSource.model_validate(raw)
     except ValidationError as error:
-        problems = "\n".join(f"  {_where(e['loc'], raw)}: {_plain(e)}" for e in error.errors())
-        raise ArmDescriptionError(f"{path} is not a complete arm description:\n{problems}") from error
+        raise ArmDescriptionError(
+            f"{path} is not a complete arm description:\n{problems_in(error, raw)}"
+        ) from error
+
+
+def problems_in(error: ValidationError, raw: dict[str, Any]) -> str:
+    """All that is wrong in the keys of an arm description, one line each."""
+    return "\n".join(f"  {_where(e['loc'], raw)}: {_plain(e)}" for e in error.errors())
 
 
 def _plain(error: ErrorDetails) -> str:

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from s2r_host.arm_import import Wishes, import_arm, to_yaml
 from s2r_host.cli_import_arm import import_arm as command
 from s2r_protocol.arms import ArmDescription, ArmDescriptionError, load_arm
+from s2r_protocol.cli.doctor import check_arm
 
 HERE = Path(__file__).parent
 
@@ -177,13 +178,61 @@ def _hand_com(source) -> np.ndarray:
     return np.array(mount.origin) + R @ np.array(source.link_named("hand").com)
 
 
+def test_a_point_mass_that_is_fixed_to_a_link_is_a_part_of_it(turned):
+    frame = '<link name="tcp"><inertial><mass value="0.5"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
+    turned.write_text(TURNED.replace('<link name="tcp"/>', frame + "</inertial></link>"))
+    hand = import_arm(turned, FINGERS_CLOSED).source.link_named("hand")
+    assert hand.mass == 1.0
+    assert hand.com == pytest.approx((0.0, 0.0, 0.055))
+
+
+def test_moments_of_inertia_that_are_off_by_little_are_raised_and_told(turned):
+    turned.write_text(
+        TURNED.replace('ixx="0.003" iyy="0.02" izz="0.02"', 'ixx="0.003" iyy="0.02" izz="0.0235"')
+    )
+    found = import_arm(turned, FINGERS_CLOSED)
+    assert sum(sorted(found.source.link_named("l2").inertia)[:2]) >= 0.0235
+    assert "link 'l2': no body has principal moments of inertia 0.003, 0.02, 0.0235 kg m²" in "\n".join(
+        found.told
+    )
+
+
+def test_what_cannot_move_may_have_any_inertia(turned):
+    odd = '<link name="foot"><inertial><mass value="1"/><inertia ixx="1" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
+    turned.write_text(TURNED.replace('<link name="foot">', odd + "</inertial>"))
+    found = import_arm(turned, FINGERS_CLOSED)
+    assert "1 kg stands for it, as it does not move" in "\n".join(found.told)
+
+
+def test_the_base_is_what_carries_the_tip(turned):
+    head = """<link name="head"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
+      </inertial></link><joint name="neck" type="fixed"><parent link="world"/><child link="head"/></joint>"""
+    turned.write_text(TURNED.replace('<link name="world"/>', '<link name="world"/>' + head))
+    assert import_arm(turned, FINGERS_CLOSED).source.base == "foot"
+
+
+def test_an_arm_that_hangs_from_the_ceiling_hangs(turned):
+    turned.write_text(TURNED.replace('xyz="0 0 0.7"', 'xyz="0 0 0.7" rpy="3.14159265 0 0"'))
+    found = import_arm(turned, FINGERS_CLOSED)
+    assert found.source.base == "world"
+    assert found.source.joints[0].axis == "-z"
+    own = import_arm(turned, Wishes(base="foot", tip="tcp"))
+    assert "base 'foot' is tilted by 180° in the URDF" in "\n".join(own.told)
+
+
+def test_a_joint_may_have_the_name_of_a_link(turned, tmp_path):
+    turned.write_text(TURNED.replace('"j3"', '"l3"'))
+    arm = ArmDescription(import_arm(turned, FINGERS_CLOSED).source, tmp_path)
+    assert all(finding.text for finding in check_arm(arm))
+
+
 def test_what_was_decided_is_told(turned):
     told = "\n".join(import_arm(turned, FINGERS_CLOSED).told)
     for sentence in (
         "joint 'grip' is held at 0.005 m",
         "joint 'follows' is held at 0.005 m",
         "links that do not hang off 'foot' are left out",
-        "base 'foot' has no mass",
+        "link 'foot' has no mass or no inertia; 1 kg stands for it",
         "'j1' turns without end",
         "1 meshes became",
         "tool_tip is the frame of 'tcp'",
@@ -200,9 +249,28 @@ def test_shapes_enclose_and_fingers_may_touch(turned):
     assert sorted(shapes["upper"].half) == pytest.approx([0.025, 0.025, 0.2], abs=1e-5)
 
 
+def test_a_bent_mesh_is_cut_into_shapes_that_hold_it_closely(turned):
+    along, across = trimesh.creation.box((50.0, 50.0, 400.0)), trimesh.creation.box((300.0, 50.0, 50.0))
+    across.apply_translation((125.0, 0.0, 175.0))
+    bent = trimesh.util.concatenate([along, across])
+    bent.export(turned.parents[1] / "upper.stl")
+    shapes = [s for s in import_arm(turned, FINGERS_CLOSED).source.shapes if s.name.startswith("upper")]
+    assert [s.name for s in shapes] == ["uppera", "upperb", "upperc"]
+    assert sum(8.0 * np.prod(s.half) for s in shapes) < 1.2e-9 * bent.volume  # one box: 4.2 times as much
+
+
+def test_a_collada_mesh_is_read_in_the_unit_it_says(turned):
+    metres = trimesh.creation.box((5.0, 5.0, 40.0)).export(file_type="dae")
+    centimetres = metres.replace(b"<asset>", b'<asset><unit name="centimeter" meter="0.01"/>')
+    (turned.parents[1] / "upper.dae").write_bytes(centimetres)
+    turned.write_text(TURNED.replace('upper.stl" scale="0.001 0.001 0.001"', 'upper.dae"'))
+    shapes = {s.name: s for s in import_arm(turned, FINGERS_CLOSED).source.shapes}
+    assert sorted(shapes["upper"].half) == pytest.approx([0.025, 0.025, 0.2], abs=1e-5)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_the_smallest_shape_holds_every_point(seed):
-    from s2r_host.arm_import.shapes import enclose
+    from s2r_host.arm_import.enclosing import enclose
 
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(200, 3)) * rng.uniform(0.01, 0.2, 3)
@@ -235,7 +303,7 @@ def test_the_text_reads_back_to_the_same_arm(turned, tmp_path):
         ('<axis xyz="0 0 -1"/>', '<axis xyz="0 0 0"/>', "joint 'j3': axis 0 0 0 has no direction"),
         ('velocity="2" effort="30"', 'velocity="0"', "joint 'j3' has no velocity, effort above 0"),
         ('name="j3" type="revolute"', 'name="j3" type="prismatic"', "'j3' is prismatic.*--hold j3=0"),
-        ('<mass value="2"/>', "", "link 'l2' moves and has no mass"),
+        ('<mass value="2"/>', "", "link 'l2' has no mass or no inertia; it moves: say it in its <inertial>"),
         ('ixx="0.003" iyy="0.02"', 'ixx="0.5" iyy="0.02"', "link 'l2'.*triangle"),
         ("upper.stl", "lower.stl", "mesh package://my_arm/lower.stl is not there; give --packages"),
         ('child link="tcp"', 'child link="tool"', "joint 'tip' names a link 'tool', which is not there"),
