@@ -17,7 +17,8 @@ from s2r_executor.checks.collision import CollisionModel
 from s2r_executor.config import AdmissionConfig, BoxZone
 from s2r_executor.plan import CommandRefusedError, PlanRequest
 from s2r_executor.quintic import sample, spline_through
-from s2r_protocol.arms import load_arm
+from s2r_protocol.arms import ArmDescription, load_arm
+from s2r_protocol.arms.source import Box
 from s2r_protocol.faults import Refusal
 
 ARM = load_arm("xmate3pro")
@@ -447,6 +448,25 @@ def test_a_collision_tells_the_distance_that_is_left_without_the_inflation():
 
 def _touches(model, pin, q):
     return pin.computeCollisions(model._model, model._data, model._geometry, model._geometry_data, q, True)
+
+
+@pytest.mark.parametrize(("apart_m", "touches"), [(0.0098, True), (0.0102, False)])
+def test_boxes_corner_to_corner_keep_the_same_distance_as_face_to_face(apart_m, touches):
+    import pinocchio as pin
+
+    source = ARM.source
+    across = (0.1 + apart_m / np.sqrt(3.0),) * 3
+    away = Box(link="link7", name="away", type="box", center=(0.0, 0.0, 0.0), half=(0.05, 0.05, 0.05))
+    frame = pin.buildModelFromXML(ARM.urdf)
+    data = frame.createData()
+    pin.framesForwardKinematics(frame, data, np.zeros(7))
+    at_link = data.oMf[frame.getFrameId("link7", pin.FrameType.BODY)].actInv(np.array(across))
+    boxes = (
+        away.model_copy(update={"center": tuple(at_link)}),
+        away.model_copy(update={"link": "base", "name": "b"}),
+    )
+    arm = ArmDescription(source.model_copy(update={"shapes": boxes}), ARM.directory)
+    assert _touches(CollisionModel(arm, AdmissionConfig(table_z_m=None)), pin, np.zeros(7)) is touches
 
 
 def test_a_thin_keep_out_wall_is_not_jumped_over():

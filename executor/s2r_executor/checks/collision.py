@@ -1,6 +1,7 @@
 """Self-collision and keep-out zones along a plan, without gaps between the checked poses.
 
-All shapes are inflated by r. Poses are spaced so that no point of the arm moves more than 2 r between two of them,
+All shapes are inflated by r, with round edges and corners, so that two of them touch where the true ones are 2 r apart,
+whichever way they are turned. Poses are spaced so that no point of the arm moves more than 2 r between two of them,
 measured by an upper bound (joint speed times the largest possible lever arm). Every pose in between is then within r of
 a checked one, so that what the inflated shapes do not touch there, the true shapes do not touch anywhere.
 """
@@ -53,18 +54,15 @@ class CollisionModel:
 
     def _add_shape(self, shape: Rod | Box) -> None:
         frame = self._model.frames[self._model.getFrameId(shape.link, pin.FrameType.BODY)]
-        r = self._inflation_m
         if isinstance(shape, Box):
-            geometry: coal.CollisionGeometry = coal.Box(*(2 * (h + r) for h in shape.half))
+            geometry: coal.CollisionGeometry = coal.Box(*(2 * h for h in shape.half))
             local = pin.SE3(np.eye(3), np.array(shape.center))
         else:
             a, b = np.array(shape.a), np.array(shape.b)
             length = float(np.linalg.norm(b - a))
-            if shape.type == "capsule":
-                geometry = coal.Capsule(shape.radius + r, length)
-            else:
-                geometry = coal.Cylinder(shape.radius + r, length + 2 * r)
+            geometry = (coal.Capsule if shape.type == "capsule" else coal.Cylinder)(shape.radius, length)
             local = pin.SE3(_rotation_of_z_to((b - a) / length), (a + b) / 2)
+        geometry.setSweptSphereRadius(self._inflation_m)
         self._add(shape.name, shape.link, frame.parentJoint, frame.placement * local, geometry)
 
     def _pair_links(self, count: int) -> None:
@@ -91,8 +89,9 @@ class CollisionModel:
                     self._geometry.addCollisionPair(pin.CollisionPair(i, plane))
         for zone in config.keep_out:
             lower, upper = np.array(zone.lower_m), np.array(zone.upper_m)
-            size = upper - lower + 2 * self._inflation_m
-            box = self._add(zone.name, zone.name, 0, pin.SE3(np.eye(3), (lower + upper) / 2), coal.Box(*size))
+            shape = coal.Box(*(upper - lower))
+            shape.setSweptSphereRadius(self._inflation_m)
+            box = self._add(zone.name, zone.name, 0, pin.SE3(np.eye(3), (lower + upper) / 2), shape)
             for i in moving:
                 self._geometry.addCollisionPair(pin.CollisionPair(i, box))
 
