@@ -18,7 +18,7 @@ from s2r_host.arm_import.touching import always_touching
 from s2r_host.arm_import.urdf_tree import Inertial, UrdfJoint, UrdfTree, read_urdf, turn
 from s2r_protocol.arms import ArmDescription, ArmDescriptionError
 from s2r_protocol.arms.clearance import LINKS_APART_M
-from s2r_protocol.arms.source import FINGER_PREFIX, ArmSource, problems_in
+from s2r_protocol.arms.source import FINGER_PREFIX, WORLD, ArmSource, problems_in
 
 _UPRIGHT_RAD = 0.01
 _PARALLEL_RAD = 2e-3  # 1.57 for a right angle is off by 0.8e-3
@@ -94,6 +94,8 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
         {**joint, "parent": names[k], "child": names[k + 1], "origin": bodies.step(names[k], names[k + 1])}
         for k, joint in enumerate(joints)
     ]
+    if base == WORLD:
+        _rename(raw, WORLD, next(n for n in ("base", "arm_base", "arm_root") if n not in poses), told)
     try:
         source = ArmSource.model_validate(raw)
     except ValidationError as error:
@@ -105,6 +107,16 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
         if bodies.carrier(a) != bodies.carrier(b)
     ]
     return Imported(source.model_copy(update={"collision_exclude": tuple(pairs)}), tuple(told))
+
+
+def _rename(raw: dict[str, Any], old: str, new: str, told: list[str]) -> None:
+    """Give a link another name wherever it is named."""
+    told.append(f"link '{old}' is called '{new}' here")
+    holders = [raw, raw["tool"], *raw["links"], *raw["joints"], *raw["mounts"], *raw["shapes"]]
+    for holder, key in itertools.product(holders, ("base", "link", "parent")):
+        if holder.get(key) == old:
+            holder[key] = new
+    raw["links"][0]["name"] = new
 
 
 def _refuse_unknown(tree: UrdfTree, wishes: Wishes) -> None:
@@ -183,6 +195,12 @@ def _chain(tree: UrdfTree, base: str, tip: str, wishes: Wishes) -> list[UrdfJoin
         for j in chain
         if j.kind not in ("revolute", "continuous")
     ]
+    problems += [
+        f"joint '{j.name}' on the way to the tip follows '{j.mimic[0]}', which moves; those of an arm.yaml move by "
+        f"themselves: --hold {j.name}=0 keeps it where it is"
+        for j in way[start:]
+        if j.mimic is not None and j.mimic[0] in {c.name for c in chain} and j.name not in wishes.held
+    ]
     for j in chain:
         missing = [key for key in ("velocity", "effort") if not (getattr(j, key) or 0.0) > 0.0]
         if j.kind == "revolute":
@@ -244,10 +262,7 @@ def _joints(
         off = float(np.arctan2(np.linalg.norm(np.delete(axis, k)), abs(axis[k])))
         if 1e-5 < off <= _PARALLEL_RAD:
             told.append(f"joint '{joint.name}': its axis was turned by {1e3 * off:.2g} mrad onto {along}")
-        low, high = joint.lower or 0.0, joint.upper or 0.0
-        if joint.kind == "continuous":
-            low, high = -2.0 * np.pi, 2.0 * np.pi
-            told.append(f"joint '{joint.name}' turns without end in the URDF; here ±2π")
+        low, high = _range(joint, told)
         joints.append(
             {
                 "name": joint.name,
@@ -260,6 +275,25 @@ def _joints(
             }
         )
     return joints
+
+
+def _range(joint: UrdfJoint, told: list[str]) -> tuple[float, float]:
+    """Position limits [rad]: the hard ones, or the soft ones where these are narrower."""
+    if joint.kind == "continuous":
+        low, high = -2.0 * np.pi, 2.0 * np.pi
+        told.append(f"joint '{joint.name}' turns without end in the URDF; here ±2π")
+    else:
+        low, high = joint.lower or 0.0, joint.upper or 0.0
+    if joint.soft is None:
+        return low, high
+    within = max(low, joint.soft[0]), min(high, joint.soft[1])
+    if within == (low, high) or within[0] >= within[1]:
+        return low, high
+    told.append(
+        f"joint '{joint.name}' keeps the soft limits of its <safety_controller>, {list(map(_short, within))} rad; its "
+        f"stops are at {[_short(low), _short(high)]} rad"
+    )
+    return within
 
 
 class _Bodies:

@@ -53,7 +53,10 @@ class UrdfLink:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint; limits are None where the URDF does not say them, ``axis`` (3,) has length 1."""
+    """A joint; limits are None where the URDF does not say them, ``axis`` (3,) has length 1.
+
+    ``soft`` are the position limits that its controller keeps, ``mimic`` the leader, the factor and the shift.
+    """
 
     name: str
     kind: str
@@ -66,6 +69,7 @@ class UrdfJoint:
     velocity: float | None
     effort: float | None
     mimic: tuple[str, float, float] | None
+    soft: tuple[float, float] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +113,10 @@ def read_urdf(path: Path) -> UrdfTree:
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise ArmDescriptionError(f"{path} is no readable URDF: {error}") from error
     if root.tag != "robot":
-        raise ArmDescriptionError(f"{path} is no URDF: it begins with <{root.tag}>, expected <robot>")
+        other = {"sdf": " (this is SDF)", "mujoco": " (this is MJCF)", "COLLADA": " (this is a mesh)"}
+        raise ArmDescriptionError(
+            f"{path} is no URDF: it begins with <{root.tag}>{other.get(root.tag, '')}, expected <robot>"
+        )
     if any(element.tag.startswith("xacro:") for element in root.iter()):
         raise ArmDescriptionError(f"{path} holds xacro; expand it first: xacro {path.name} > arm.urdf")
     links = {}
@@ -189,6 +196,8 @@ def _geometry(tag: ET.Element, who: str) -> Geometry:
     shape = None if holder is None else next(iter(holder), None)
     if shape is None:
         raise ArmDescriptionError(f"{who}: a <{tag.tag}> has no geometry")
+    if shape.tag == "mesh" and not shape.get("filename"):
+        raise ArmDescriptionError(f"{who}: a <mesh> names no file")
     if shape.tag == "mesh":
         return Geometry(
             "mesh",
@@ -222,7 +231,7 @@ def _joint(tag: ET.Element, name: str, path: Path) -> UrdfJoint:
         axis, length = np.array([1.0, 0.0, 0.0]), 1.0
     if length == 0.0:
         raise ArmDescriptionError(f"{who}: axis 0 0 0 has no direction")
-    limit, mimic = tag.find("limit"), tag.find("mimic")
+    limit, mimic, soft = tag.find("limit"), tag.find("mimic"), _soft(tag.find("safety_controller"), who)
     said = [
         None if limit is None else _number(limit, key, who)
         for key in ("lower", "upper", "velocity", "effort")
@@ -232,8 +241,24 @@ def _joint(tag: ET.Element, name: str, path: Path) -> UrdfJoint:
         factor, shift = _number(mimic, "multiplier", who), _number(mimic, "offset", who)
         follows = (mimic.get("joint", ""), 1.0 if factor is None else factor, shift or 0.0)
     return UrdfJoint(
-        name, kind, parent, child, origin(tag, who, ArmDescriptionError), axis / length, *said, mimic=follows
+        name,
+        kind,
+        parent,
+        child,
+        origin(tag, who, ArmDescriptionError),
+        axis / length,
+        *said,
+        mimic=follows,
+        soft=soft,
     )
+
+
+def _soft(tag: ET.Element | None, who: str) -> tuple[float, float] | None:
+    """The range that a joint's controller keeps; without both ends it keeps none."""
+    if tag is None:
+        return None
+    low, high = (_number(tag, f"soft_{end}_limit", who) for end in ("lower", "upper"))
+    return None if low is None or high is None else (low, high)
 
 
 def _number(tag: ET.Element, attribute: str, who: str) -> float | None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Vector3 = tuple[float, float, float]
 SHORTEST_ROD_M = 1e-3
 FINGER_PREFIX = "finger"  # of the names of shapes that are meant to touch the part
+WORLD = "world"  # MuJoCo's name for what nothing carries
 NAMED_AXES: dict[str, Vector3] = {
     "x": (1.0, 0.0, 0.0),
     "y": (0.0, 1.0, 0.0),
@@ -185,6 +186,10 @@ class ArmSource(_Strict):
     @model_validator(mode="after")
     def _names_fit_together(self) -> ArmSource:
         links = [link.name for link in self.links]
+        if WORLD in links:
+            raise ValueError(
+                f"no link may be called '{WORLD}', which is what the arm stands in; call it base"
+            )
         _refuse_duplicates("link", links)
         _refuse_duplicates("joint", [j.name for j in self.joints])
         _refuse_duplicates("shape", [s.name for s in self.shapes])

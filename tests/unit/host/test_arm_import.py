@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -214,10 +215,22 @@ def test_the_base_is_what_carries_the_tip(turned):
 def test_an_arm_that_hangs_from_the_ceiling_hangs(turned):
     turned.write_text(TURNED.replace('xyz="0 0 0.7"', 'xyz="0 0 0.7" rpy="3.14159265 0 0"'))
     found = import_arm(turned, FINGERS_CLOSED)
-    assert found.source.base == "world"
+    assert found.source.base == found.source.joints[0].parent == "base"
+    assert "link 'world' is called 'base' here" in found.told
     assert found.source.joints[0].axis == "-z"
+    assert mujoco.MjModel.from_xml_string(ArmDescription(found.source, turned.parent).mjcf).njnt == 3
     own = import_arm(turned, Wishes(base="foot", tip="tcp"))
     assert "base 'foot' is tilted by 180° in the URDF" in "\n".join(own.told)
+
+
+def test_the_narrower_of_soft_and_hard_limits_are_kept(turned):
+    soft = 'effort="30"/><safety_controller soft_lower_limit="0.6" soft_upper_limit="9" k_velocity="1"/>'
+    turned.write_text(TURNED.replace('effort="30"/>', soft))
+    found = import_arm(turned, FINGERS_CLOSED)
+    assert found.source.joints[2].q == (0.6, 2.5)
+    assert "joint 'j3' keeps the soft limits of its <safety_controller>, [0.6, 2.5] rad" in "\n".join(
+        found.told
+    )
 
 
 def test_a_joint_may_have_the_name_of_a_link(turned, tmp_path):
@@ -305,6 +318,13 @@ def test_the_text_reads_back_to_the_same_arm(turned, tmp_path):
         ('name="j3" type="revolute"', 'name="j3" type="prismatic"', "'j3' is prismatic.*--hold j3=0"),
         ('<mass value="2"/>', "", "link 'l2' has no mass or no inertia; it moves: say it in its <inertial>"),
         ('ixx="0.003" iyy="0.02"', 'ixx="0.5" iyy="0.02"', "link 'l2'.*triangle"),
+        (
+            'effort="30"/>',
+            'effort="30"/><mimic joint="j2"/>',
+            "'j3' on the way to the tip follows 'j2', which moves",
+        ),
+        ("package://my_arm/upper.stl", "", "link 'l2': a <mesh> names no file"),
+        ("<robot", "<sdf", "is no readable URDF|begins with <sdf>"),
         ("upper.stl", "lower.stl", "mesh package://my_arm/lower.stl is not there; give --packages"),
         ('child link="tcp"', 'child link="tool"', "joint 'tip' names a link 'tool', which is not there"),
         ('upper="2.5"', 'upper="far"', "joint 'j3': upper 'far' of its <limit> is no finite number"),

@@ -151,6 +151,10 @@ def _break(raw, what):
     if what == "nan":
         joints[0]["tau_max"] = float("nan")
         return r"joints\[0\] \(joint1\).tau_max: Input should be a finite number, it is nan"
+    if what == "a link called world":
+        links[0]["name"] = raw["base"] = joints[0]["parent"] = "world"
+        raw["shapes"] = [s for s in raw["shapes"] if s["link"] != "base"]
+        return "no link may be called 'world', which is what the arm stands in; call it base"
     if what == "long axis":
         joints[2]["axis"] = [1.0, 1.0, 0.0]
         return (
@@ -180,6 +184,7 @@ def _break(raw, what):
         "home outside",
         "two parents",
         "nan",
+        "a link called world",
         "long axis",
         "unknown axis",
         "impossible products",
