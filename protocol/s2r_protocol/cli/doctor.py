@@ -22,6 +22,7 @@ from s2r_protocol.machine.software import check_software
 from s2r_protocol.machine.surroundings import check_surroundings
 
 _LONGEST_OFFSET_M = 3.0  # the longest link of an arm that stands on a table is a third of it
+_WIDEST_M = 2.0  # radius of gyration
 _FARTHEST_LIMIT_RAD = 10 * np.pi  # no cable takes more turns; most limits in degrees are farther
 _CERTIFICATE_DAYS = 365
 _HOLDING_SHARE = 0.9  # what admission leaves of a torque limit
@@ -114,7 +115,7 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
         text = f"no shape's name begins with '{FINGER_PREFIX}': nothing may touch the object"
         fix = "name the fingertip's shapes finger_left, …"
         findings.append(Finding("fingertip", Level.PROBLEM, text, fix))
-    return [*findings, _offsets(arm), _angles(arm), *_bus(arm), *_home_pose(arm)]
+    return [*findings, _offsets(arm), _inertias(arm), _angles(arm), *_bus(arm), *_home_pose(arm)]
 
 
 def _bus(arm: ArmDescription) -> list[Finding]:
@@ -140,6 +141,15 @@ def _offsets(arm: ArmDescription) -> Finding:
     if length_m <= _LONGEST_OFFSET_M:
         return Finding("lengths", Level.OK, text)
     return Finding("lengths", Level.PROBLEM, text, "lengths are metres, not millimetres")
+
+
+def _inertias(arm: ArmDescription) -> Finding:
+    radii_m = {link.name: float(np.sqrt(max(link.inertia) / link.mass)) for link in arm.source.links}
+    name = max(radii_m, key=radii_m.__getitem__)
+    text = f"'{name}' has the largest inertia for its mass, as if {radii_m[name]:.3g} m around its centre of mass"
+    if radii_m[name] <= _WIDEST_M:
+        return Finding("inertias", Level.OK, text)
+    return Finding("inertias", Level.PROBLEM, text, "masses are kg and inertias kg m², not kg mm² or g mm²")
 
 
 def _home_pose(arm: ArmDescription) -> list[Finding]:

@@ -51,6 +51,7 @@ def test_the_shipped_arm_has_no_problem():
 @pytest.mark.parametrize(
     ("old", "new", "topic", "says"),
     [
+        ("inertia: [0.0239, 0.0216, 0.0207]", "inertia: [23900, 21600, 20700]", "inertias", "'link2'"),
         ("origin: [0.0, 0.0, 0.34260]", "origin: [0.0, 0.0, 342.60]", "lengths", "'joint2'"),
         ("tau_max: 108.0", "tau_max: 9.0", "torque", "'joint2' holds"),
         ("q_home: [0.45, -0.3,", "q_home: [0.45, 1.9,", "table", "lowest shape"),
