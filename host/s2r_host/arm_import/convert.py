@@ -322,9 +322,9 @@ class _Bodies:
         return [link for link in self._of if self._of[link] == body]
 
     def is_mount(self, link: str) -> bool:
-        """Whether a link is a rigid attachment of its own: it has a mass, and so has what carries it."""
-        carrier = self._of[link]
-        return self._stands_alone(link) and link not in self.names and self._stands_alone(carrier)
+        """Whether a link is a rigid attachment of its own: it has a mass and a shape, and what carries it a mass."""
+        solid = self._stands_alone(link) and bool(self._tree.links[link].solids)
+        return solid and link not in self.names and self._stands_alone(self._of[link])
 
     def place(self, link: str) -> tuple[str, np.ndarray]:
         """The body or mount that a link belongs to, and the link's pose in it (4, 4)."""

@@ -179,8 +179,12 @@ def _hand_com(source) -> np.ndarray:
     return np.array(mount.origin) + R @ np.array(source.link_named("hand").com)
 
 
-def test_a_point_mass_that_is_fixed_to_a_link_is_a_part_of_it(turned):
-    frame = '<link name="tcp"><inertial><mass value="0.5"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
+@pytest.mark.parametrize("moment", [0.0, 1e-4])
+def test_a_mass_without_a_shape_that_is_fixed_to_a_link_is_a_part_of_it(turned, moment):
+    frame = (
+        '<link name="tcp"><inertial><mass value="0.5"/>'
+        f'<inertia ixx="{moment}" iyy="{moment}" izz="{moment}" ixy="0" ixz="0" iyz="0"/>'
+    )
     turned.write_text(TURNED.replace('<link name="tcp"/>', frame + "</inertial></link>"))
     hand = import_arm(turned, FINGERS_CLOSED).source.link_named("hand")
     assert hand.mass == 1.0
