@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from s2r_protocol.arms.description import ArmDescription
 from s2r_protocol.arms.link_pairs import link_pairs
-from s2r_protocol.arms.source import ArmSource, Box, Joint
+from s2r_protocol.arms.source import FINGER_PREFIX, ArmSource, Box, Joint
 
 
 def holding_torques(arm: ArmDescription, q: np.ndarray) -> np.ndarray:
@@ -49,6 +49,27 @@ def nearest_links(arm: ArmDescription, q: np.ndarray) -> tuple[str, str, float] 
     distances = [result.min_distance for result in found.distanceResults]
     k = int(np.argmin(distances))
     return (*pairs[k], float(distances[k]))
+
+
+def finger_beyond_tool(arm: ArmDescription) -> float | None:
+    """How far the shapes of the finger reach beyond the tool frame along its z axis [m]; None without such shapes."""
+    model = pin.buildModelFromXML(arm.urdf)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.zeros(arm.dof))
+    tool = data.oMf[model.getFrameId(arm.tool_frame, pin.FrameType.BODY)]
+    ends = []
+    for shape in arm.source.shapes:
+        if not shape.name.startswith(FINGER_PREFIX):
+            continue
+        link = tool.actInv(data.oMf[model.getFrameId(shape.link, pin.FrameType.BODY)])
+        if isinstance(shape, Box):
+            ends.append(link.act(np.array(shape.center))[2] + np.abs(link.rotation[2]) @ np.array(shape.half))
+            continue
+        a, b = (link.act(np.array(end)) for end in (shape.a, shape.b))
+        flat = shape.type == "cylinder"
+        along = (b - a) / np.linalg.norm(b - a)
+        ends.append(max(a[2], b[2]) + shape.radius * (np.hypot(along[0], along[1]) if flat else 1.0))
+    return float(max(ends)) if ends else None
 
 
 def longest_offset(source: ArmSource) -> tuple[str, float]:

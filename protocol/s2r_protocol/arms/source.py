@@ -98,17 +98,15 @@ class Joint(_Strict):
     @field_validator("axis", mode="before")
     @classmethod
     def _axis_is_a_direction(cls, axis: Any) -> Any:
-        numbers = (
-            isinstance(axis, list | tuple) and len(axis) == 3 and all(type(v) in (int, float) for v in axis)
-        )
-        if not numbers and not (isinstance(axis, str) and axis in NAMED_AXES):
+        if isinstance(axis, str) and axis in NAMED_AXES:
+            return axis
+        if not isinstance(axis, list | tuple) or [type(v) in (int, float) for v in axis] != [True] * 3:
             raise ValueError(
                 f"axis is {axis!r}, expected one of {', '.join(NAMED_AXES)} or a direction of length 1, [x, y, z]"
             )
-        if numbers and not abs(math.hypot(*axis) - 1.0) <= _UNIT_LENGTH:
-            raise ValueError(
-                f"axis {list(axis)} has length {math.hypot(*axis):.4g}, a direction has length 1"
-            )
+        length = math.hypot(*axis)
+        if not abs(length - 1.0) <= _UNIT_LENGTH:
+            raise ValueError(f"axis {list(axis)} has length {length:.4g}, a direction has length 1")
         return axis
 
     @property

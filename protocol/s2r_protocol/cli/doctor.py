@@ -22,6 +22,7 @@ from s2r_protocol.machine.software import check_software
 from s2r_protocol.machine.surroundings import check_surroundings
 
 _LONGEST_OFFSET_M = 3.0  # the longest link of an arm that stands on a table is a third of it
+_TIP_OFF_M = 2e-3
 _WIDEST_M = 2.0  # radius of gyration
 _FARTHEST_LIMIT_RAD = 10 * np.pi  # no cable takes more turns; most limits in degrees are farther
 _CERTIFICATE_DAYS = 365
@@ -115,7 +116,31 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
         text = f"no shape's name begins with '{FINGER_PREFIX}': nothing may touch the object"
         fix = "name the fingertip's shapes finger_left, …"
         findings.append(Finding("fingertip", Level.PROBLEM, text, fix))
-    return [*findings, _offsets(arm), _inertias(arm), _angles(arm), *_bus(arm), *_home_pose(arm)]
+    return [
+        *findings,
+        *_fingertip(arm),
+        _offsets(arm),
+        _inertias(arm),
+        _angles(arm),
+        *_bus(arm),
+        *_home_pose(arm),
+    ]
+
+
+def _fingertip(arm: ArmDescription) -> list[Finding]:
+    """Pushes are planned for a fingertip that ends at the tool frame."""
+    from s2r_protocol.arms.home_pose import finger_beyond_tool
+
+    beyond_m = finger_beyond_tool(arm)
+    if beyond_m is None or abs(beyond_m) <= _TIP_OFF_M:
+        return []
+    side = "beyond" if beyond_m > 0.0 else "before"
+    text = f"the finger's shapes end {1e3 * abs(beyond_m):.3g} mm {side} '{arm.tool_frame}', along its z axis"
+    fix = (
+        "the tool frame is the centre of the fingertip's end face, z outwards: correct tool.origin and tool.rpy, or "
+        "the shapes"
+    )
+    return [Finding("fingertip", Level.NOTE, text, fix)]
 
 
 def _bus(arm: ArmDescription) -> list[Finding]:

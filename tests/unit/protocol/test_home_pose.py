@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from s2r_protocol.arms import load_arm
+from s2r_protocol.arms import ArmDescription, load_arm
 from s2r_protocol.arms.home_pose import holding_torques, longest_offset, lowest_shape
 from s2r_protocol.cli.doctor import check_arm
 from s2r_protocol.machine import Level
@@ -61,6 +61,15 @@ def test_an_absurd_description_is_told_with_its_place(old, new, topic, says, tmp
     found = problems(edited(tmp_path, old, new))
     assert next(iter(found)) == topic
     assert says in found[topic]
+
+
+def test_a_tool_frame_that_is_not_at_the_fingertip_is_told(tmp_path):
+    assert not [f for f in check_arm(ARM) if f.topic == "fingertip"]
+    tool = ARM.source.tool
+    back = tool.model_copy(update={"origin": (*tool.origin[:2], tool.origin[2] - 0.009)})
+    arm = ArmDescription(ARM.source.model_copy(update={"tool": back}), tmp_path)
+    told = [f.text for f in check_arm(arm) if f.topic == "fingertip"]
+    assert told == [f"the finger's shapes end 9 mm beyond '{ARM.tool_frame}', along its z axis"]
 
 
 @pytest.mark.parametrize("name", ["my arm", "lab/arm", "**", ""])
