@@ -172,6 +172,8 @@ def _row(job: Job, folder: Path) -> dict:
         {"name": e["name"], "joint": e["joint"], "probability": e["probability"]} for e in gap["effects"]
     ]
     off = [{"name": p["name"], "place": p.get("body", p.get("joint"))} for p in gap["parameters_off"]]
+    if gap["verdict"] == "insufficient" and gap.get("notes"):
+        head |= {"reason": gap["notes"][0]}
     return head | {
         "verdict": gap["verdict"],
         "effects": effects,
@@ -204,7 +206,8 @@ def since_when(rows: list[dict]) -> list[dict]:
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;color:#1d2433;max-width:1000px;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.4rem}h2{font-size:1.1rem;margin-top:2rem}table{border-collapse:collapse;width:100%;font-size:.9rem}
 td,th{padding:.3rem .5rem;border-bottom:1px solid #e4e7ec;text-align:left;vertical-align:top}th{color:#667085}
-.found{color:#d1495b}.fine{color:#1f7a8c}.open{color:#667085}"""
+.date{white-space:nowrap}.found{color:#d1495b}.fine{color:#1f7a8c}.open{color:#667085}
+@media(max-width:700px){table{display:block;overflow-x:auto}}"""
 
 
 def _page(rows: list[dict]) -> str:
@@ -217,6 +220,7 @@ def _page(rows: list[dict]) -> str:
     )
     return "\n".join([
         "<!doctype html><html lang=en><meta charset=utf-8><title>s2r gap: summary</title>",
+        '<meta name=viewport content="width=device-width, initial-scale=1">',
         f"<style>{STYLE}</style><h1>{len(rows)} runs: {html.escape(head)}</h1>",
         "<h2>Which effect in which robot since when</h2>",
         f"<table><tr><th>robot<th>joint<th>effect<th>since<th>runs{since}</table>" if since else "<p>None named.</p>",
@@ -233,6 +237,6 @@ def _line(row: dict) -> str:
     what = ", ".join(found)
     kind = {"nothing_missing": "fine", "insufficient": "open"}.get(row["verdict"], "found")
     return (
-        f"<tr><td>{link}<td>{html.escape(row['robot'])}<td>{html.escape(row['date'])}"
+        f"<tr><td>{link}<td>{html.escape(row['robot'])}<td class=date>{html.escape(row['date'])}"
         f"<td class={kind}>{row['verdict'].replace('_', ' ')}<td>{html.escape(row.get('reason') or what)}"
     )

@@ -85,6 +85,17 @@ def _answer(folder, verdict, effects=()):
 COGGING = {"name": "cogging", "joint": "j1", "probability": 0.9}
 
 
+def test_the_summary_tells_why_data_cannot_tell(tmp_path):
+    folder = tmp_path / "a"
+    _answer(folder, "insufficient")
+    told = json.loads((folder / "gap.json").read_text()) | {"notes": ["cannot tell: joint 'j' rests", "more"]}
+    (folder / "gap.json").write_text(json.dumps(told), encoding="utf-8")
+    run_batch([Job("a", tmp_path / "m", ())], tmp_path, 1, 0)
+    page = (tmp_path / "summary.html").read_text(encoding="utf-8")
+    assert "insufficient<td>cannot tell: joint &#x27;j&#x27; rests" in page
+    assert "<meta name=viewport" in page
+
+
 def test_finished_jobs_are_not_run_again_and_the_summary_says_since_when(tmp_path, monkeypatch):
     jobs = [Job(n, tmp_path / "m", (), robot="r1", date=d) for n, d in (("a", "2026-02"), ("b", "2026-01"))]
     _answer(tmp_path / "out" / "a", "physics_missing", [COGGING])

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from s2r_host.gap.output.answer import fit_json, make_answer, write_predictions
 from s2r_host.gap.output.figures import _overlay_motion, _shown_block
-from s2r_host.gap.output.report import _numbers, _per_joint, _rejected
+from s2r_host.gap.output.report import _numbers, _parameters_off, _per_joint, _rejected, _verdict
 from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.regression.solution import Term
 from s2r_host.gap.simulation.forward import Trace
@@ -27,6 +27,43 @@ def test_what_is_named_is_not_among_the_rejected():
     answer = make_answer(analysis, 0)
     assert [r["joint"] for r in answer["rejected"]] == ["joint2"]
     assert "clock_skew on joint2<" in _rejected(answer)
+
+
+def test_effects_that_were_not_tried_share_a_row_without_a_gain():
+    """A gain of 0.0 % would say that they were tried and gained nothing."""
+    why = "cannot act here with this model and these channels"
+    rows = [
+        ("joint_play", "a", why),
+        ("joint_play", "b", why),
+        ("contact_slip", "a", why),
+        ("detent", "a", "no"),
+    ]
+    gains = dict.fromkeys(("joint_play", "contact_slip"), 0.0) | {"detent": -0.0002}
+    answer = {
+        "rejected": [{"name": n, "joint": j, "why": w, "holdout_gain": gains[n]} for n, j, w in rows],
+    }
+    table = _rejected(answer)
+    assert "<tr><td>detent on a<td class=num>0.0%<td>no</tr>" in table
+    assert f"<td>joint_play on a, b; contact_slip on a<td class=num>–<td>{why}</tr>" in table
+    assert table.count("<tr>") == 3
+
+
+def test_data_that_cannot_tell_are_told_with_the_reason_and_name_no_place_or_number():
+    place = {"joint": "joint1", "share": 1.0, "regime": {"words": "throughout the motion"}}
+    answer = {"verdict": "insufficient", "where": [place], "notes": ["no hold", "cannot tell: 'a<b' rests"]}
+    assert "open'>The data cannot tell: &#x27;a&lt;b&#x27; rests.</div>" in _verdict(answer)
+    number: Any = {"name": "frictionloss", "joint": "joint1", "from": 0.25, "to": 0.001, "unit": "N·m"}
+    decision = Decision("insufficient", SimpleNamespace(raw_held=(0.0, 0.0)), [], parameters_off=[number])  # pyright: ignore[reportArgumentType]
+    model = SimpleNamespace(joints=["joint1"], unit=lambda joint: "rad")
+    analysis = Analysis(model, [], [], [], None, None, decision, [], None, None, None, "insufficient")  # pyright: ignore[reportArgumentType]
+    assert make_answer(analysis, 0)["parameters_off"] == []
+
+
+def test_a_number_that_is_off_is_told_with_what_else_it_may_be():
+    number = {"name": "gear", "joint": "a", "from": 1.0, "to": 1.25, "unit": "1", "interval90": [1.2, 1.3]}
+    table = _parameters_off({"parameters_off": [number | {"could_also_be": ["payload"]}]})
+    assert "gear of a<br><span class=muted>could also be: payload</span>" in table
+    assert "<td class=num>1.25<td" in table
 
 
 def test_rows_of_the_joints_are_told_from_the_row_of_the_whole():

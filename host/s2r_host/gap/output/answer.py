@@ -57,8 +57,9 @@ def make_answer(a: Analysis, seed: int) -> dict:
     """The contract's JSON."""
     together = a.decision is not None and len(a.decision.effects) > 1
     effects = [e.as_json(together) for e in a.decision.effects] if a.decision else []
-    if a.verdict in ("insufficient", "nothing_missing"):
-        effects = []
+    off = a.decision.parameters_off if a.decision else []
+    if a.verdict in ("insufficient", "nothing_missing"):  # whoever reads a number there takes it over
+        effects, off = [], []
     named = {(e["name"], e["joint"]) for e in effects}
     # What one search rejects another may name, e.g. once the recorded effort was held against the control law.
     rejected = [r for r in a.decision.rejected if (r["name"], r["joint"]) not in named] if a.decision else []
@@ -71,7 +72,7 @@ def make_answer(a: Analysis, seed: int) -> dict:
             "floor": floor_json(a),
             "where": [p.as_json() for p in a.places],
             "effects": effects,
-            "parameters_off": a.decision.parameters_off if a.decision else [],
+            "parameters_off": off,
             "rejected": rejected,
             "fit": fit_json(a),
             "baselines": a.baselines,

@@ -25,11 +25,19 @@ def figures(a: Analysis) -> str:
     """All figures as HTML."""
     if a.problem is None:
         return ""
-    out = ["<h2>Residual over joints and time</h2>", _image(heat_map(a))]
+    out = [
+        "<h2>Residual over joints and time</h2>",
+        _image(heat_map(a), "residual of each joint over time in noise floors, before and after"),
+    ]
     heading = "What betrays it" if a.verdict in _BETRAYED else "What is left"
     for j in _figure_joints(a):
-        out += [f"<h2>{heading}: {html.escape(a.model.joints[j])}</h2>", _image(maps_figure(a, j))]
-        out += ["<h2>Before and after on held-out data</h2>", _image(overlay_figure(a, j))]
+        name = a.model.joints[j]
+        maps = _image(maps_figure(a, j), f"residual effort of {name} over speed and over position")
+        held = _image(
+            overlay_figure(a, j), f"held-out effort residual and motion of {name}, before and after"
+        )
+        out += [f"<h2>{heading}: {html.escape(name)}</h2>", maps]
+        out += [f"<h2>Before and after on held-out data: {html.escape(name)}</h2>", held]
     return "\n".join(out)
 
 
@@ -42,11 +50,12 @@ def _figure_joints(a: Analysis) -> list[int]:
     return [j for j in found if j in a.problem.joints][:2] or a.problem.joints[:1]
 
 
-def _image(figure: Figure) -> str:
+def _image(figure: Figure, alt: str) -> str:
     FigureCanvasAgg(figure)
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110, bbox_inches="tight")
-    return f"<img alt='figure' src='data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}'>"
+    data = base64.b64encode(stream.getvalue()).decode()
+    return f"<img alt='{html.escape(alt)}' src='data:image/png;base64,{data}'>"
 
 
 def heat_map(a: Analysis) -> Figure:

@@ -8,6 +8,7 @@ from pathlib import Path
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.output.figures import figures
 from s2r_host.gap.pipeline import Analysis
+from s2r_host.gap.verdict.rejected import was_weighed
 from s2r_protocol.whole_file import write_whole
 
 SHOWN_REJECTED = 30
@@ -17,21 +18,24 @@ h1{font-size:1.5rem;margin:0}h2{font-size:1.1rem;margin:2rem 0 .4rem;border-bott
 table{border-collapse:collapse;width:100%;font-size:.9rem}td,th{padding:.3rem .5rem;border-bottom:1px solid #e4e7ec;
 text-align:left;vertical-align:top}th{color:#667085;font-weight:600}.verdict{font-size:1.25rem;margin:.8rem 0;
 padding:.7rem 1rem;border-left:6px solid #1f7a8c;background:#f2f7f8}.bad{border-color:#d1495b;background:#fcf3f4}
+.open{border-color:#667085;background:#f5f6f8}
 .muted{color:#667085}img{max-width:100%}.num{text-align:right;font-variant-numeric:tabular-nums}code{font-size:.9em}
+p,li,.verdict{overflow-wrap:anywhere}@media(max-width:700px){table{display:block;overflow-x:auto}}
 """
 VERDICTS = {
     "nothing_missing": "Nothing is missing: the nominal model explains these recordings down to their noise.",
     "parameter_off": "A parameter is off; the structure of the model is right.",
     "physics_missing": "Physics is missing from the model.",
     "unknown": "Something is missing that is not in the catalogue.",
-    "insufficient": "The data cannot tell.",
 }
+CANNOT_TELL = "cannot tell: "
 
 
 def write_report(a: Analysis, answer: dict, path: Path) -> None:
     """Write the report."""
     parts = [
         f"<!doctype html><html lang=en><meta charset=utf-8><title>s2r gap: {html.escape(a.model.path.name)}</title>",
+        '<meta name=viewport content="width=device-width, initial-scale=1">',
         f"<style>{STYLE}</style>",
         "<h1>Where simulation and recordings part</h1>",
         f"<p class=muted>{html.escape(a.model.path.name)} · fit {_names(a.fit)}"
@@ -56,7 +60,11 @@ def _names(sessions: list) -> str:
 
 
 def _verdict(answer: dict) -> str:
-    css = "verdict" if answer["verdict"] == "nothing_missing" else "verdict bad"
+    """The verdict and where the gap is; of data that cannot tell, why not."""
+    css = {"nothing_missing": "verdict", "insufficient": "verdict open"}.get(answer["verdict"], "verdict bad")
+    if answer["verdict"] == "insufficient":
+        why = next((n.removeprefix(CANNOT_TELL) for n in answer["notes"] if n.startswith(CANNOT_TELL)), "")
+        return f"<div class='{css}'>The data cannot tell{f': {html.escape(why)}' if why else ''}.</div>"
     where = answer["where"][0] if answer["where"] else None
     place = (
         f" The gap lives on <b>{html.escape(where['joint'])}</b> ({where['share']:.0%}),"
@@ -74,13 +82,8 @@ def _effects(answer: dict) -> str:
     known = catalogue()
     for e in answer["effects"]:
         parameters = "<br>".join(_parameter(k, p) for k, p in e["parameters"].items())
-        also = (
-            f"<br><span class=muted>could also be: {', '.join(e['could_also_be'])}</span>"
-            if e["could_also_be"]
-            else ""
-        )
         rows.append(
-            f"<tr><td><b>{e['name']}</b> on {html.escape(e['joint'])}{also}"
+            f"<tr><td><b>{e['name']}</b> on {html.escape(e['joint'])}{_also(e)}"
             f"<br><code>{html.escape(known[e['name']].equation)}</code></td>"
             f"<td class=num>{e['probability']:.2f}</td><td>{parameters}</td><td>{html.escape(e['evidence'])}</td></tr>"
         )
@@ -91,19 +94,28 @@ def _effects(answer: dict) -> str:
     )  # fmt: skip
 
 
+def _also(entry: dict) -> str:
+    """What else an effect or a number may be."""
+    also = ", ".join(entry.get("could_also_be", []))
+    return f"<br><span class=muted>could also be: {html.escape(also)}</span>" if also else ""
+
+
+def _unit(entry: dict) -> str:
+    return "" if entry["unit"] == "1" else f" {html.escape(entry['unit'])}"
+
+
 def _parameter(name: str, p: dict) -> str:
     flag = "" if p["identifiable"] else " <span class=muted>not identifiable from this motion</span>"
     low, high = p["interval90"]
-    unit = "" if p["unit"] == "1" else f" {html.escape(p['unit'])}"
-    return f"{name} = {p['value']:.4g}{unit} [{low:.4g}, {high:.4g}]{flag}"
+    return f"{name} = {p['value']:.4g}{_unit(p)} [{low:.4g}, {high:.4g}]{flag}"
 
 
 def _parameters_off(answer: dict) -> str:
     if not answer["parameters_off"]:
         return ""
     rows = "".join(
-        f"<tr><td>{p['name']} of {html.escape(str(p.get('body', p.get('joint'))))}<td class=num>{p['from']:.5g}"
-        f"<td class=num>{p['to']:.5g} {html.escape(p['unit'])}"
+        f"<tr><td>{p['name']} of {html.escape(str(p.get('body', p.get('joint'))))}{_also(p)}"
+        f"<td class=num>{p['from']:.5g}<td class=num>{p['to']:.5g}{_unit(p)}"
         f"<td class=num>[{p['interval90'][0]:.5g}, {p['interval90'][1]:.5g}]</tr>"
         for p in answer["parameters_off"]
     )
@@ -165,19 +177,17 @@ def _per_joint(answer: dict) -> str:
 
 
 def _rejected(answer: dict) -> str:
-    """One row per effect and reason; on an arm the same decoy falls on every joint."""
+    """One row per effect and reason, as on an arm the same decoy falls on every joint; per reason if none was tried."""
     if not answer["rejected"]:
         return ""
     groups: dict[tuple[str, str], list[dict]] = {}
     for r in answer["rejected"]:
-        groups.setdefault((r["name"], r["why"]), []).append(r)
-    order = sorted(
-        groups.items(), key=lambda x: (x[0][1].startswith("cannot"), -max(r["holdout_gain"] for r in x[1]))
-    )
+        groups.setdefault((r["name"] if was_weighed(r["why"]) else "", r["why"]), []).append(r)
+    order = sorted(groups.items(), key=lambda x: (not was_weighed(x[0][1]), -_gain(x[1])))
     rows = "".join(
-        f"<tr><td>{name} on {html.escape(', '.join(r['joint'] for r in found))}"
-        f"<td class=num>{max(r['holdout_gain'] for r in found):.1%}<td>{html.escape(why)}</tr>"
-        for (name, why), found in order[:SHOWN_REJECTED]
+        f"<tr><td>{_of_joints(found)}<td class=num>{_percent(_gain(found)) if was_weighed(why) else '–'}"
+        f"<td>{html.escape(why)}</tr>"
+        for (_, why), found in order[:SHOWN_REJECTED]
     )
     more = len(order) - SHOWN_REJECTED
     tail = f"<p class=muted>{more} more in gap.json.</p>" if more > 0 else ""
@@ -185,6 +195,26 @@ def _rejected(answer: dict) -> str:
         "<h2>Looked at and rejected</h2><table><tr><th>effect<th class=num>held-out gain<th>why not</tr>"
         f"{rows}</table>{tail}"
     )
+
+
+def _gain(rejected: list[dict]) -> float:
+    return max(r["holdout_gain"] for r in rejected)
+
+
+def _percent(share: float) -> str:
+    """As 12.3%; nothing has no sign."""
+    return f"{round(share, 3) + 0.0:.1%}"
+
+
+def _of_joints(rejected: list[dict]) -> str:
+    """Effects with the joints at which they were looked at; those of the same joints together."""
+    joints: dict[str, list[str]] = {}
+    for r in rejected:
+        joints.setdefault(r["name"], []).append(r["joint"])
+    names: dict[str, list[str]] = {}
+    for name, places in joints.items():
+        names.setdefault(", ".join(places), []).append(name)
+    return "; ".join(f"{', '.join(found)} on {html.escape(places)}" for places, found in names.items())
 
 
 def _next(answer: dict) -> str:

@@ -10,6 +10,7 @@ from s2r_host.gap.regression.solution import Scored, Solution
 from s2r_host.gap.search.search import MIN_GAIN, Search
 
 LEAST_HELD = 0.01  # of the held-out misfit: less is no improvement
+_AT_FLOOR = "the model, its numbers moved a little, already reaches the noise floor"
 
 
 def rejected_list(problem: Problem, search: Search, solution: Solution) -> list[dict]:
@@ -68,7 +69,11 @@ def _blocked(problem: Problem, search: Search) -> list[dict]:
 
 def rejected_at_floor(problem: Problem, search: Search) -> list[dict]:
     """The whole catalogue, when the model reaches the noise floor without any of it."""
-    why = "the model, its numbers moved a little, already reaches the noise floor"
     keys = [key for key in search.candidates() if not key[0].startswith(PREFIX)]
-    found = [_entry(problem, key, 0.0, why) for key in keys]
+    found = [_entry(problem, key, 0.0, _AT_FLOOR) for key in keys]
     return found + _blocked(problem, search)
+
+
+def was_weighed(why: str) -> bool:
+    """Whether a reason of the list was found by trying the effect, so that its gain is a measured one."""
+    return why != _AT_FLOOR and not why.startswith("cannot ")
