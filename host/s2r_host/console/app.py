@@ -63,7 +63,7 @@ class Console:
     ) -> None:
         role = Role.MONITOR if view_only and tls is not None else Role.HOST
         self._keys = keys
-        self._session = connect(endpoint, role, keys, tls)
+        self._session = connect(endpoint, role, keys, tls, may_come_later=True)
         self._feed = Feed(self._session, f"/{keys.base}")
         self._operator = Operator(endpoint, arm, keys, tls, view_only)
         self._twin = Twin(arm)

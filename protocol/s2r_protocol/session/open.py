@@ -81,10 +81,20 @@ def _reason(error: zenoh.ZError) -> str:
     return said.group().strip() if said is not None else text.rstrip(".")
 
 
-def connect(endpoint: str, role: Role, keys: ArmKeys, tls: Path | None = None) -> zenoh.Session:
-    """A peer that connects to one endpoint, retries every 100 ms and listens nowhere.
+def connect(
+    endpoint: str, role: Role, keys: ArmKeys, tls: Path | None = None, may_come_later: bool = False
+) -> zenoh.Session:
+    """A peer that connects to one endpoint and listens nowhere; a link that was lost is tried again every 100 ms.
 
     Returns at once even when nobody listens there, or does not accept the certificate; a query then has zero replies.
+
+    Args:
+        endpoint: Zenoh endpoint, e.g. ``tcp/127.0.0.1:7447``.
+        role: Who this process is.
+        keys: Cell and arm.
+        tls: Folder with the certificates, or None for this machine only.
+        may_come_later: Also try every 100 ms where nobody listens yet. Now and then that takes half a second longer,
+            which a stop cannot wait for.
 
     Raises:
         AddressError: The endpoint leaves this machine and there are no certificates.
@@ -92,7 +102,7 @@ def connect(endpoint: str, role: Role, keys: ArmKeys, tls: Path | None = None) -
     """
     settings = {
         "connect/endpoints": [endpoint_for(endpoint, tls is not None, "connect to")],
-        "connect/timeout_ms": 0,
+        "connect/timeout_ms": -1 if may_come_later else 0,  # 0: Zenoh tries once, whatever the retries below
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 100, "period_increase_factor": 1},
         "listen/endpoints": [],

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,9 +14,12 @@ import pytest
 from viser._messages import CommandTriggerMessage, GuiUpdateMessage
 
 from s2r_host.console.app import STOP_LABEL, Console
+from s2r_host.console.feed import Feed
 from s2r_host.console.playback import Opened
 from s2r_protocol.arms import load_arm
+from s2r_protocol.cli.peers import free_port
 from s2r_protocol.keys import ArmKeys
+from s2r_protocol.session import Role, listen
 
 ARM = load_arm("xmate3pro")
 
@@ -28,6 +32,18 @@ def opened(tmp_path):
         yield lambda: ends.enter_context(
             contextlib.closing(Console(ARM, ArmKeys("lab", ARM.name), nobody, nobody, tmp_path))
         )
+
+
+def test_an_executor_that_starts_after_the_console_is_heard(tmp_path):
+    keys, endpoint = ArmKeys("lab", ARM.name), f"tcp/127.0.0.1:{free_port()}"
+    with contextlib.closing(Console(ARM, keys, endpoint, endpoint, tmp_path)) as page:
+        time.sleep(0.3)
+        with listen([endpoint], Role.EXECUTOR, keys) as late:
+            deadline = time.monotonic() + 10.0
+            while not page._feed.health().alive:
+                assert time.monotonic() < deadline
+                late.put(Feed.key("executor_state", f"/{keys.base}"), b"")
+                time.sleep(0.1)
 
 
 @pytest.mark.parametrize(
