@@ -70,6 +70,7 @@ class Console:
         self._runs = RunIndex(runs_root)
         self._watch = RunWatch(runs_root)
         self._sight: RunSight | None = None
+        self._followed: Path | None = None  # the run whose cloud and axis are shown
         self._shown_views = 0
         self._shown_plan = 0.0
         self._ended = threading.Event()
@@ -190,6 +191,7 @@ class Console:
         with self._server.atomic():
             shown = self._context.playback.pose()
             if shown is not None:
+                scene.real.visible = True
                 scene.real.show(shown[0])
                 scene.twin.visible = False
                 scene.plan.visible = (
@@ -202,7 +204,9 @@ class Console:
                 return
             q = self._feed.q()
             if q is None:
+                scene.real.visible = scene.plan.visible = scene.twin.visible = False
                 return
+            scene.real.visible = True
             scene.real.show(q)
             reference = self._feed.newest_joints("joint_commands")
             if reference is None:
@@ -256,9 +260,12 @@ class Console:
     def _follow_run(self) -> None:
         self._sight = sight = self._watch.look()
         if sight is None or self._context.playback.opened is not None:
-            self._shown_views = 0  # whatever is shown now is another run's
+            self._followed = None
             return
         scene = self._context.scene
+        if sight.folder != self._followed:  # whatever is shown now is another run's
+            scene.clear_object()
+            self._followed, self._shown_views = sight.folder, 0
         if sight.cloud is not None and sight.views != self._shown_views:
             self._shown_views = sight.views
             scene.show_cloud(sight.cloud, sight.colours)
@@ -268,15 +275,22 @@ class Console:
 
     def _show_plan_path(self) -> None:
         plan = self._feed.plan()
-        if plan is not None and plan.received_s != self._shown_plan:
-            self._shown_plan = plan.received_s
-            self._context.scene.show_path(plan.q)
+        received_s = 0.0 if plan is None else plan.received_s
+        if received_s != self._shown_plan:
+            self._shown_plan = received_s
+            self._context.scene.show_path(None if plan is None else plan.q)
 
     def _header_markup(self) -> str:
         state, health, plan = self._feed.state(), self._feed.health(), self._feed.plan()
+        playing = self._context.playback.opened
+        shown = [] if playing is None else [("3D shows", f"{playing.name}, not the live arm")]
         if state is None:
             text = f"No executor heard at {self._context.endpoint} yet. Start it with 's2r executor'."
-            return ui.block(f'<div style="margin-top:6px">{ui.chip("NO LINK", ui.BAD)}</div>', ui.line(text))
+            return ui.block(
+                f'<div style="margin-top:6px">{ui.chip("NO LINK", ui.BAD)}</div>',
+                ui.line(text),
+                ui.facts(shown),
+            )
         name = ExecutorState(int(state["state"])).name
         link = f"{health.rate_hz:.0f} states/s, newest {1e3 * health.age_s:.0f} ms old"
         if not health.alive:
@@ -284,7 +298,9 @@ class Console:
                 f"The executor is silent for {health.age_s:.1f} s. Use the emergency stop if the arm moves."
             )
             return ui.block(
-                f'<div style="margin-top:6px">{ui.chip("LINK LOST", ui.BAD)}</div>', ui.line(text, ui.BAD, 14)
+                f'<div style="margin-top:6px">{ui.chip("LINK LOST", ui.BAD)}</div>',
+                ui.line(text, ui.BAD, 14),
+                ui.facts(shown),
             )
         rows = [("lease", state["lease_holder"] or "nobody"), ("link", link)]
         bar = ""
@@ -296,12 +312,9 @@ class Console:
             bar = ui.progress(done / max(duration, 1e-9), ui.GOOD if name == "RUN" else ui.CALM)
         if float(state["speed_scale"]) != 1.0:
             rows.append(("speed", f"{float(state['speed_scale']):.0%} of planned"))
-        playing = self._context.playback.opened
-        if playing is not None:
-            rows.append(("3D shows", f"{playing.name}, not the live arm"))
         return ui.block(
             f'<div style="margin-top:6px">{ui.chip(name, ui.STATE_COLOURS[name])}</div>',
             ui.line(state["why_not_moving"], ui.INK, 14),
             bar,
-            ui.facts(rows),
+            ui.facts(rows + shown),
         )

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 TICK_TIMING = "s2r_msgs/msg/TickTiming"
 SILENT_S = 0.5
+AWAY_S = 2.0  # an executor that is heard again after so long may be another one, whose clock began anew
 KEPT_S = 20.0
 _RATE_HZ = 100
 _TOPICS = {
@@ -32,6 +33,7 @@ _TOPICS = {
     "plan": TRAJECTORY,
     "timing": TICK_TIMING,
 }
+_TIMED = ("joint_states", "joint_commands")
 _KEPT = {"joint_states": int(KEPT_S * _RATE_HZ), "joint_commands": int(KEPT_S * _RATE_HZ), "events": 200}
 
 
@@ -81,7 +83,10 @@ class Feed:
         """Take one message in."""
         now = self._now_s()
         with self._lock:
-            self._messages[topic].append((now, message))
+            kept = self._messages[topic]
+            if topic in _TIMED and kept and now - kept[-1][0] > AWAY_S:
+                kept.clear()
+            kept.append((now, message))
             if topic == "executor_state":
                 self._state_times.append(now)
 
@@ -120,7 +125,10 @@ class Feed:
         return joints_of(Topic(topic, JOINT_STATE, "cdr", [], messages), "live") if messages else None
 
     def plan(self) -> LivePlan | None:
-        """The plan accepted last, since the console listens."""
+        """The plan accepted last, since the console listens, by the executor that is heard now."""
+        state = self.state()
+        if state is not None and not state["plan_seq"]:  # it was started again
+            return None
         with self._lock:
             kept = self._messages["plan"]
             if not kept:

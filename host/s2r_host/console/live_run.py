@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from s2r_host.log.tables import CAMERA_INFO, IMAGE, TEXT, Channels, Topic
 from s2r_protocol.ros2 import unpack
 
 STALE_S = 120.0
+RUN_JSON = "run.json"
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,10 @@ class StageLine:
 
 @dataclass(frozen=True, eq=False)
 class RunSight:
-    """What a run has shown so far. ``cloud`` (n, 3) [m] in the base frame, with ``colours`` (n, 3) or None."""
+    """What a run has shown so far. ``cloud`` (n, 3) [m] in the base frame, with ``colours`` (n, 3) or None.
+
+    ``outcome`` is how it ended, in a sentence; empty before that.
+    """
 
     folder: Path
     stages: list[StageLine]
@@ -41,6 +46,7 @@ class RunSight:
     colours: np.ndarray | None = None
     axis: tuple[np.ndarray, np.ndarray, str] | None = None
     ended: bool = False
+    outcome: str = ""
 
 
 @dataclass
@@ -123,7 +129,14 @@ class RunReader:
         views, cloud, colours = self._shown
         folder = self.path.parent
         return RunSight(
-            folder, list(self._stages.values()), views, cloud, colours, axis_of(folder), _has_ended(folder)
+            folder,
+            list(self._stages.values()),
+            views,
+            cloud,
+            colours,
+            axis_of(folder),
+            (folder / RUN_JSON).exists(),
+            _outcome(folder),
         )
 
 
@@ -161,8 +174,12 @@ def sight_of(path: Path) -> RunSight:
     return reader.sight()
 
 
-def _has_ended(run: Path) -> bool:
-    return (run / "run.json").exists()
+def _outcome(run: Path) -> str:
+    try:
+        ended = json.loads((run / RUN_JSON).read_text(encoding="utf-8"))["exit"]
+        return f"exit {ended['code']} {ended['name'].lower()}: {ended['reason']}"
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):  # not yet, or of another release
+        return ""
 
 
 def seen_in(

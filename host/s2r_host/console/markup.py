@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 
 INK, SOFT, LINE = "#1d242d", "#5b6675", "#e2e6eb"
-GOOD, WARN, BAD, CALM = "#2f8f54", "#c98a12", "#c0264b", "#3b6fb6"
+GOOD, WARN, BAD, CALM = "#2f8f54", "#9a6700", "#c0264b", "#3b6fb6"
 STATE_COLOURS = {
     "RUN": GOOD,
     "HOLD": CALM,
@@ -32,12 +32,16 @@ def block(*parts: str) -> str:
 
 
 def styles() -> str:
-    """Rules the page's own widgets cannot be given otherwise: a STOP that cannot be missed, its icon off the word."""
+    """Rules the page's own widgets cannot be given otherwise: a STOP that cannot be missed, its icon off the word.
+
+    On a phone its words take two lines.
+    """
     return (
         "<style>"
         'button[style*="-red-"]{height:58px!important;font-size:19px!important;font-weight:700!important}'
         'button[style*="-red-"] [data-position="left"]{margin-right:20px!important}'
         'div:has(>button[style*="-red-"]){position:sticky;top:0;z-index:10}'
+        'button[style*="-red-"] .mantine-Button-label{white-space:normal;line-height:1.15}'
         "</style>"
     )
 

@@ -27,6 +27,14 @@ class Axis:
     direction: np.ndarray
     kind: str
 
+    def is_as(self, other: Axis | None) -> bool:
+        """Another one would be drawn alike."""
+        return other is not None and (
+            self.kind == other.kind
+            and np.array_equal(self.origin_m, other.origin_m)
+            and np.array_equal(self.direction, other.direction)
+        )
+
 
 class ArmView:
     """One arm in the scene: each body hangs on the one before, so that a joint's motion is one message."""
@@ -42,6 +50,7 @@ class ArmView:
         self._shapes = shapes
         self._sent = np.tile(np.eye(4), (len(shapes.bodies), 1, 1))
         self._root = scene.add_frame(f"/{name}", show_axes=False)
+        self._root.visible = False  # until it is known where the joints are
         self._handles = []
         path = f"/{name}"
         for i, body in enumerate(shapes.bodies):
@@ -113,6 +122,7 @@ class CellScene:
         self._path: viser.SceneNodeHandle | None = None
         self._cloud: viser.SceneNodeHandle | None = None
         self._axis: list[viser.SceneNodeHandle] = []
+        self._axis_shown: Axis | None = None
 
     def show_path(self, q: np.ndarray | None) -> None:
         """The tool's way through joint values (n, dof), or none."""
@@ -156,6 +166,9 @@ class CellScene:
 
     def show_axis(self, axis: Axis | None) -> None:
         """The estimated joint, as an arrow (prismatic) or a long line (revolute); None takes it away."""
+        if axis is not None and axis.is_as(self._axis_shown):
+            return
+        self._axis_shown = axis
         for handle in self._axis:
             handle.remove()
         self._axis = []

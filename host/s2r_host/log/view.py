@@ -116,8 +116,7 @@ def _player(
         server = viser.ViserServer("127.0.0.1", port=0, verbose=False)
     try:
         scene = CellScene(server, shapes)
-        scene.twin.visible = False
-        scene.plan.visible = False
+        scene.real.visible = True
         scene.real.show(opened.q[0])
         scene.show_path(opened.q[:: max(1, len(opened.q) // 400)])
         sight = sight_of(recording.path)

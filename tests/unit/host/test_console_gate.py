@@ -15,22 +15,25 @@ import numpy as np
 import pytest
 import zenoh
 
-from s2r_host.console.feed import Health
+from s2r_host.console.feed import Feed, Health
 from s2r_host.console.gate import Address, ConsoleAddressError, Gate, Request, judge
 from s2r_host.console.live_run import RunWatch, cloud_of, sight_of
 from s2r_host.console.operator import NoControlError, Operator
 from s2r_host.console.run_index import RunIndex
 from s2r_host.console.screens.gap import gap_markup, read_answer
+from s2r_host.console.screens.run import _stages
 from s2r_host.console.screens.runs import again, joint_value
 from s2r_host.console.screens.timing import blame
 from s2r_host.errors import RecordingError
 from s2r_host.link_camera import Capture
 from s2r_host.log.scan import Scan
+from s2r_host.log.tables import EXECUTOR_STATE, JOINT_STATE, TRAJECTORY
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.recording import RunRecorder
 from s2r_protocol.arms import load_arm
 from s2r_protocol.exits import NotReadyError, RefusedError
 from s2r_protocol.keys import ArmKeys
+from s2r_protocol.ros2 import pack
 from s2r_protocol.session.certificates import make_certificates
 
 TOKEN = "0123456789abcdef"
@@ -390,6 +393,28 @@ def test_a_run_that_has_ended_is_seen_to_have_ended_although_its_recording_grew_
     assert not watch.look().ended
     (tmp_path / "first/run.json").write_text("{}")
     assert watch.look().ended
+    ended = {"code": 6, "name": "PROTECTION", "reason": "<b>"}
+    (tmp_path / "first/run.json").write_text(json.dumps(RUN | {"exit": ended}))
+    sight = watch.look()
+    assert sight.outcome == "exit 6 protection: <b>"
+    assert "exit 6 protection: &lt;b&gt;" in _stages(sight)
+
+
+def test_nothing_of_an_executor_that_was_started_again_is_told_as_the_new_ones():
+    """It has had no plan, and its clock begins anew."""
+    now = [100.0]
+    feed = Feed(SimpleNamespace(declare_subscriber=lambda *_: None), "/lab/a", lambda: now[0])  # pyright: ignore[reportArgumentType]
+    joints = {"name": ["a"], "position": [0.0], "velocity": [0.0], "effort": [0.0]}
+    points = [{"positions": [0.0]}, {"positions": [1.0], "time_from_start": {"sec": 2}}]
+    feed.keep("plan", pack(TRAJECTORY, {"header": {"frame_id": "old"}, "points": points}))
+    for plan_seq, pause_s, plan, kept in ((3, 0.0, "old", 1), (3, 0.1, "old", 2), (0, 3.0, None, 1)):
+        now[0] += pause_s
+        feed.keep("executor_state", pack(EXECUTOR_STATE, {"plan_seq": plan_seq}))
+        feed.keep("joint_states", pack(JOINT_STATE, joints))
+        found, recent = feed.plan(), feed.recent()
+        assert (found.label if found else None) == plan
+        assert recent is not None
+        assert len(recent.t) == kept
 
 
 def test_a_growing_run_is_seen_as_it_grows_and_what_was_read_is_not_read_again(tmp_path):
@@ -478,6 +503,39 @@ def test_a_gap_answer_is_shown_with_units_intervals_and_what_was_rejected(tmp_pa
     ):
         assert words in text, words
     assert "<no gain>" not in text
+
+
+def test_numbers_that_are_off_are_told_with_their_place_and_without_a_unit_of_one(tmp_path):
+    off = [
+        {
+            "name": "mass",
+            "body": "hand",
+            "from": 1.0,
+            "to": 2.5,
+            "unit": "kg",
+            "could_also_be": ["effort_scale"],
+        },
+        {"name": "gear", "joint": "elbow", "from": 1.0, "to": 1.25, "unit": "1"},
+    ]
+    answer = {"verdict": "parameter_off", "where": [], "effects": [], "parameters_off": off}
+    text = gap_markup(answer, tmp_path)
+    assert ">mass of hand (could also be: effort_scale)<" in text
+    assert ">2.5 kg<" in text
+    assert ">gear of elbow<" in text
+    assert ">1.25<" in text
+
+
+def test_data_that_cannot_tell_are_told_with_the_reason_and_without_a_place(tmp_path):
+    place = {"joint": "elbow", "share": 1.0, "regime": {"words": "throughout the motion"}}
+    answer = {
+        "verdict": "insufficient",
+        "where": [place],
+        "effects": [],
+        "notes": ["cannot tell: it rests", "b"],
+    }
+    text = gap_markup(answer, tmp_path)
+    assert text.count("cannot tell: it rests") == 1
+    assert "throughout the motion" not in text
 
 
 def test_a_file_that_is_no_gap_answer_is_refused(tmp_path):

@@ -15,6 +15,7 @@ from viser._messages import CommandTriggerMessage, GuiUpdateMessage
 
 from s2r_host.console.app import STOP_LABEL, Console
 from s2r_host.console.feed import Feed
+from s2r_host.console.live_run import RunSight
 from s2r_host.console.playback import Opened
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.peers import free_port
@@ -135,3 +136,45 @@ def test_a_run_again_is_in_the_consoles_own_cell_with_its_own_places(opened, mon
     page._runs_screen._again(SimpleNamespace(client_id=1, client=None))
     assert started[:3] == ["run", "drawer", "--out"]
     assert started[4:] == ["--executor", "tcp/127.0.0.1:1", "--camera", "tcp/127.0.0.1:1", "--cell", "lab"]
+
+
+def test_an_answer_that_was_written_again_is_shown_anew(opened, tmp_path):
+    path = tmp_path / "answer/gap.json"
+    path.parent.mkdir()
+    path.write_text(json.dumps({"verdict": "nothing_missing", "where": [], "effects": []}))
+    page = opened()
+    assert "nothing is missing" in page._gap._html.content
+    path.write_text(json.dumps({"verdict": "unknown", "where": [], "effects": []}))
+    page._slow()
+    assert "something unknown is missing" in page._gap._html.content
+
+
+def test_what_another_run_saw_is_not_shown_as_this_ones(opened, monkeypatch, tmp_path):
+    page = opened()
+    scene, cloud = page._context.scene, np.full((3, 3), 0.5)
+    axis = (np.zeros(3), np.array([1.0, 0.0, 0.0]), "prismatic")
+    sights = [RunSight(tmp_path / "a", [], 2, cloud, axis=axis), RunSight(tmp_path / "b", [], 0)]
+    monkeypatch.setattr(page._watch, "look", lambda: sights[0])
+    page._slow()
+    drawn = list(scene._axis)
+    page._slow()
+    assert scene._cloud is not None
+    assert scene._axis == drawn  # and it is not drawn anew every second
+    monkeypatch.setattr(page._watch, "look", lambda: sights[1])
+    page._slow()
+    assert (scene._cloud, scene._axis) == (None, [])
+
+
+def test_no_arm_is_drawn_before_it_is_known_where_its_joints_are(opened):
+    """All bodies lay in a heap at the base."""
+    page = opened()
+    page._draw()
+    arms = page._context.scene.real, page._context.scene.plan, page._context.scene.twin
+    assert [arm.visible for arm in arms] == [False] * 3
+    page._context.playback.open(Opened("old run", np.linspace(0.0, 1.0, 3), np.zeros((3, 7)), None))
+    page._draw()
+    assert arms[0].visible
+    assert "old run, not the live arm" in page._header_markup()
+    page._context.playback.open(None)
+    page._draw()
+    assert not arms[0].visible

@@ -75,6 +75,17 @@ def test_bodies_are_shown_where_the_kinematics_put_them(shapes):
         np.testing.assert_allclose(shown, shapes.poses(q), atol=1e-4)
 
 
+def test_an_arm_is_shown_when_that_is_asked_for_only(shapes):
+    """A ghost is moved along while it is hidden."""
+    scene = Scene()
+    view = ArmView(scene, shapes, "plan", ((0, 0, 0),))
+    view.show(ARM.q_home)
+    assert not scene.nodes["/plan"].visible
+    view.visible = True
+    view.show(ARM.q_home + 0.1)
+    assert scene.nodes["/plan"].visible
+
+
 def test_one_moving_joint_is_one_message(shapes):
     scene = Scene()
     view = ArmView(scene, shapes, "real", ((0, 0, 0),))

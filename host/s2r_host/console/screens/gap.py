@@ -29,18 +29,17 @@ class GapScreen:
         self._choice = gui.add_dropdown("answer", (_NONE,), initial_value=_NONE)
         self._html = gui.add_html("")
         self._choice.on_update(lambda _: self._show())
+        self._listed: list[tuple[int, Path]] = []
         self.refresh_list()
 
     def refresh_list(self) -> None:
-        """Offer what is there."""
+        """Offer what is there, and show the chosen one anew when it was written again."""
         root = self._context.runs_root
-        found = sorted(
-            (path for depth in range(1, 4) for path in root.glob("/".join(["*"] * depth + ["gap.json"]))),
-            key=lambda path: -path.stat().st_mtime,
-        )
-        names = tuple(str(path.parent.relative_to(root)) for path in found) or (_NONE,)
-        if self._choice.options != names or not self._html.content:
-            self._choice.options = names
+        paths = (path for depth in range(1, 4) for path in root.glob("/".join(["*"] * depth + ["gap.json"])))
+        found = sorted(((path.stat().st_mtime_ns, path) for path in paths), reverse=True)
+        if found != self._listed or not self._html.content:
+            self._listed = found
+            self._choice.options = tuple(str(path.parent.relative_to(root)) for _, path in found) or (_NONE,)
             self._show()
 
     def _show(self) -> None:
@@ -90,7 +89,9 @@ def gap_markup(answer: dict[str, Any], folder: Path) -> str:
     """The answer as a page."""
     title, colour = _VERDICTS.get(answer["verdict"], (str(answer["verdict"]), ui.SOFT))
     parts = [f'<div style="margin:6px 0">{ui.chip(title, colour)}</div>']
-    for place in answer["where"][:1]:
+    why = [str(n) for n in answer.get("notes", []) if answer["verdict"] == "insufficient"][:1]
+    parts += [ui.line(text, ui.INK, 13.5) for text in why]
+    for place in [] if why else answer["where"][:1]:
         words = place.get("regime", {}).get("words", "")
         parts.append(ui.line(f"on {place['joint']} ({place['share']:.0%} of it), {words}", ui.INK, 13.5))
     parts += _before_after(answer.get("fit", {}))
@@ -98,14 +99,14 @@ def gap_markup(answer: dict[str, Any], folder: Path) -> str:
     off = answer.get("parameters_off", [])
     if off:
         parts.append(ui.heading("Parameters off"))
-        cells = [(p["name"], f"{p['from']:.4g}", f"{p['to']:.4g} {p['unit']}") for p in off]
+        cells = [(_whose(p), f"{p['from']:.4g}", _with_unit(p["to"], p)) for p in off]
         parts.append(ui.table(("parameter", "model", "recordings"), cells))
     parts += _rejected(answer.get("rejected", []))
     following = answer.get("next_experiment") or {}
     if following.get("separates"):
         parts.append(ui.heading(f"Next experiment: {' or '.join(map(str, following['separates']))}?"))
         parts.append(ui.line(f"{following.get('trajectory', '')}: {following.get('why', '')}"))
-    for note in answer.get("notes", [])[:4]:
+    for note in answer.get("notes", [])[len(why) : 4]:
         parts.append(ui.line(str(note)))
     parts.append(ui.line(f"report: {folder / 'report.html'}"))
     return ui.block(*parts)
@@ -163,7 +164,19 @@ def _interval(parameter: dict[str, Any]) -> str:
         return "not identifiable from this motion"
     low, high = parameter.get("interval90", (None, None))
     span = f" ({low:.4g} to {high:.4g})" if isinstance(low, float) and isinstance(high, float) else ""
-    return f"{parameter['value']:.4g} {parameter.get('unit', '')}{span}"
+    return f"{_with_unit(parameter['value'], parameter)}{span}"
+
+
+def _with_unit(value: float, entry: dict[str, Any]) -> str:
+    unit = str(entry.get("unit", "1"))
+    return f"{value:.4g}" if unit == "1" else f"{value:.4g} {unit}"
+
+
+def _whose(parameter: dict[str, Any]) -> str:
+    """A number that is off, where it is, and what else it may be."""
+    place = parameter.get("body", parameter.get("joint"))
+    also = ", ".join(map(str, parameter.get("could_also_be", [])))
+    return f"{parameter['name']} of {place}" + (f" (could also be: {also})" if also else "")
 
 
 def _rejected(rejected: list[dict[str, Any]]) -> list[str]:

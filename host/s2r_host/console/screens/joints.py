@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from html import escape
+
 import numpy as np
 import viser.uplot as uplot
 
@@ -46,10 +48,10 @@ class JointsScreen:
         for i, name in enumerate(self._context.arm.joint_names):
             middle = 0.5 * (limits.q_min[i] + limits.q_max[i])
             used = abs(q[i] - middle) / (0.5 * (limits.q_max[i] - limits.q_min[i]))
-            rows.append(f'<div style="font-weight:650;margin-top:9px">{name}</div>')
+            rows.append(f'<div style="font-weight:650;margin-top:9px">{escape(name)}</div>')
             rows.append(_row("q", f"{q[i]:+.4f} rad", used, q[i], limits.q_min[i], limits.q_max[i], q_ref[i]))
             top = limits.dq_max[i]
-            rows.append(_row("dq", f"{dq[i]:+.3f} rad/s", abs(dq[i]) / top, dq[i], -top, top))
+            rows.append(_row("dq", f"{dq[i].round(3) + 0.0:+.3f} rad/s", abs(dq[i]) / top, dq[i], -top, top))
             if len(tau):
                 top = limits.tau_max[i]
                 rows.append(_row("tau", f"{tau[i]:+.2f} N·m", abs(tau[i]) / top, tau[i], -top, top))

@@ -117,6 +117,8 @@ def _stages(sight: RunSight | None) -> str:
             f"{escape(stage.name)}{note}</div>"
         )
     state = "ended" if sight.ended else "under way"
+    if sight.outcome:
+        rows.append(ui.line(sight.outcome, ui.INK, 13.5))
     return ui.block(ui.heading(f"Run {sight.folder.name}, {state}"), *rows)
 
 
