@@ -460,7 +460,8 @@ def test_a_depth_image_becomes_points_in_the_base_frame():
 
 ANSWER = {
     "verdict": "physics_missing",
-    "where": [{"joint": "elbow", "share": 1.0, "regime": {"words": "around position 0.338"}}],
+    "where": [{"joint": "wrist", "share": 0.1, "regime": {"words": "at rest"}},
+              {"joint": "elbow", "share": 0.9, "regime": {"words": "around position 0.338"}}],
     "effects": [
         {
             "name": "detent",
@@ -503,6 +504,7 @@ def test_a_gap_answer_is_shown_with_units_intervals_and_what_was_rejected(tmp_pa
     ):
         assert words in text, words
     assert "<no gain>" not in text
+    assert text.index("on elbow (90% of it)") < text.index("on wrist (10% of it)")
 
 
 def test_numbers_that_are_off_are_told_with_their_place_and_without_a_unit_of_one(tmp_path):

@@ -59,6 +59,13 @@ def test_data_that_cannot_tell_are_told_with_the_reason_and_name_no_place_or_num
     assert make_answer(analysis, 0)["parameters_off"] == []
 
 
+def test_the_verdict_tells_where_most_of_the_gap_is_not_what_was_named_first():
+    shares = {"named first": 0.08, "a": 0.34, "b": 0.56, "c": 0.02}
+    where = [{"joint": j, "share": s, "regime": {"words": f"words {j}"}} for j, s in shares.items()]
+    told = _verdict({"verdict": "physics_missing", "where": where})
+    assert "The gap lives on <b>b</b> (56%), words b; <b>a</b> (34%), words a.</div>" in told
+
+
 def test_a_number_that_is_off_is_told_with_what_else_it_may_be():
     number = {"name": "gear", "joint": "a", "from": 1.0, "to": 1.25, "unit": "1", "interval90": [1.2, 1.3]}
     table = _parameters_off({"parameters_off": [number | {"could_also_be": ["payload"]}]})

@@ -10,6 +10,7 @@ from s2r_host.console import markup as ui
 from s2r_host.console.context import Context
 from s2r_host.errors import RecordingError
 
+SHOWN_PLACES = 3
 _NONE = "no gap answer"
 _VERDICTS = {
     "nothing_missing": ("nothing is missing", ui.GOOD),
@@ -91,7 +92,8 @@ def gap_markup(answer: dict[str, Any], folder: Path) -> str:
     parts = [f'<div style="margin:6px 0">{ui.chip(title, colour)}</div>']
     why = [str(n) for n in answer.get("notes", []) if answer["verdict"] == "insufficient"][:1]
     parts += [ui.line(text, ui.INK, 13.5) for text in why]
-    for place in [] if why else answer["where"][:1]:
+    # By share: the place that is named first may have little of the gap.
+    for place in [] if why else sorted(answer["where"], key=lambda p: -p["share"])[:SHOWN_PLACES]:
         words = place.get("regime", {}).get("words", "")
         parts.append(ui.line(f"on {place['joint']} ({place['share']:.0%} of it), {words}", ui.INK, 13.5))
     parts += _before_after(answer.get("fit", {}))

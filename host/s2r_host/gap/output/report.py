@@ -12,6 +12,7 @@ from s2r_host.gap.verdict.rejected import was_weighed
 from s2r_protocol.whole_file import write_whole
 
 SHOWN_REJECTED = 30
+SHOWN_PLACES, MOST = 3, 0.8  # places in the verdict, and the share of the gap that is enough
 STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:#1d2433;max-width:1000px;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.5rem;margin:0}h2{font-size:1.1rem;margin:2rem 0 .4rem;border-bottom:1px solid #e4e7ec}
@@ -65,14 +66,21 @@ def _verdict(answer: dict) -> str:
     if answer["verdict"] == "insufficient":
         why = next((n.removeprefix(CANNOT_TELL) for n in answer["notes"] if n.startswith(CANNOT_TELL)), "")
         return f"<div class='{css}'>The data cannot tell{f': {html.escape(why)}' if why else ''}.</div>"
-    where = answer["where"][0] if answer["where"] else None
-    place = (
-        f" The gap lives on <b>{html.escape(where['joint'])}</b> ({where['share']:.0%}),"
-        f" {html.escape(where['regime']['words'])}."
-        if where
-        else ""
+    places = "; ".join(
+        f"<b>{html.escape(p['joint'])}</b> ({p['share']:.0%}), {html.escape(p['regime']['words'])}"
+        for p in _largest(answer["where"])
     )
+    place = f" The gap lives on {places}." if places else ""
     return f"<div class='{css}'>{VERDICTS[answer['verdict']]}{place}</div>"
+
+
+def _largest(places: list[dict]) -> list[dict]:
+    """The places that hold most of the gap, the largest first: the one that is named first may have little of it."""
+    found: list[dict] = []
+    for place in sorted(places, key=lambda p: -p["share"])[:SHOWN_PLACES]:
+        if sum(p["share"] for p in found) < MOST:
+            found.append(place)
+    return found
 
 
 def _effects(answer: dict) -> str:
