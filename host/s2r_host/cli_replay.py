@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from s2r_host.link import ExecutorLink
     from s2r_host.motion.arm_model import ArmModel
     from s2r_host.motion.obstacles import Obstacle
-    from s2r_host.replay.replay import Replayed, ReplaySettings
+    from s2r_host.replay.replay import Replayed
     from s2r_host.replay.sources import Replayable
     from s2r_protocol.arms import ArmDescription
     from s2r_protocol.keys import ArmKeys
@@ -113,7 +113,7 @@ def replay(
         )
     recording_file(source)  # refuses a folder without one before all that is loaded now
     from s2r_host.motion.arm_model import ArmModel
-    from s2r_host.replay.replay import ReplaySettings, as_sent
+    from s2r_host.replay.replay import ReplaySettings, as_sent, replay_plan
     from s2r_host.replay.sources import pick, read_source
     from s2r_protocol.arms import load_arm
     from s2r_protocol.keys import ArmKeys
@@ -149,7 +149,7 @@ def replay(
             link.check_records()  # the comparison needs one; told before the arm moves
             _confirm(plan, sent, description, endpoint, yes)
             obstacles = _seen(camera, keys, tls, model, link.status().q_meas)
-            done = _replays(link, model, plans, plan, settings, obstacles, loops, as_found=False)
+            done = _replays(loops, lambda _: replay_plan(link, model, plan, settings, obstacles, plans))
     else:
         from s2r_protocol.cli.peers import stand_in_cell
 
@@ -162,13 +162,17 @@ def replay(
             )
         where = ("--world", drawn) if drawn else ("--seed", "1")
         cell_options = ("--cell", cell, "--arm", arm)
-        with (
-            stand_in_cell(
-                folder / "stand-in", where, stand_in=cell_options, executor=cell_options
-            ) as started,
-            _linked(started.executor, description, keys, None) as link,
-        ):
-            done = _replays(link, model, plans, plan, settings, (), loops, as_found=True)
+
+        def once(number: int) -> Replayed:
+            """On a stand-in of its own: the one before has moved the object, and may still hold it."""
+            place = folder / ("stand-in" if loops == 1 else f"stand-in-{number}")
+            with (
+                stand_in_cell(place, where, stand_in=cell_options, executor=cell_options) as started,
+                _linked(started.executor, description, keys, None) as link,
+            ):
+                return replay_plan(link, model, plan, settings, (), plans, as_found=True)
+
+        done = _replays(loops, once)
     return _report(done, description, source, folder, as_json, "real" if real else "stand-in", speed)
 
 
@@ -180,23 +184,12 @@ def _unused(folder: Path) -> Path:
     return next(one for one in candidates if not one.exists())
 
 
-def _replays(
-    link: ExecutorLink,
-    model: ArmModel,
-    plans: list[Replayable],
-    plan: Replayable,
-    settings: ReplaySettings,
-    obstacles: list[Obstacle] | tuple[()],
-    loops: int,
-    as_found: bool,
-) -> list[Replayed]:
-    from s2r_host.replay.replay import replay_plan
-
+def _replays(loops: int, once: Callable[[int], Replayed]) -> list[Replayed]:
+    """``once`` for the numbers from 1 on."""
     done: list[Replayed] = []
     with click.progressbar(length=loops, label="replays", file=sys.stderr, hidden=loops == 1) as bar:
-        for k in range(loops):
-            first = as_found and k == 0
-            done.append(replay_plan(link, model, plan, settings, obstacles, plans, as_found=first))
+        for number in range(1, loops + 1):
+            done.append(once(number))
             bar.update(1)
     return done
 

@@ -13,8 +13,9 @@ from s2r_protocol.cli.root import main
 ARM = load_arm("xmate3pro")
 
 
-@pytest.mark.parametrize("name", ["plan.mcap", "plan.csv"])
-def test_a_planned_motion_is_replayed_on_the_stand_in(tmp_path, capsys, name):
+@pytest.mark.parametrize(("name", "loops"), [("plan.mcap", 1), ("plan.csv", 2)])
+def test_a_planned_motion_is_replayed_on_the_stand_in(tmp_path, capsys, name, loops):
+    """On another one each time: a replay that has moved an object may still hold it, and went off with it."""
     home = np.asarray(ARM.q_home)
     motion = time_law(home + 0.2 * np.linspace(0.0, 1.0, 5)[:, None], ARM, TimeLawSettings(speed=0.3))
     if name == "plan.csv":
@@ -22,9 +23,13 @@ def test_a_planned_motion_is_replayed_on_the_stand_in(tmp_path, capsys, name):
     else:
         write_plan_mcap(tmp_path / name, motion, ARM, "away from home")
     with pytest.raises(SystemExit) as ended:
-        main(["replay", str(tmp_path / name), "--out", str(tmp_path / "again"), "--json"])
+        main(
+            ["replay", str(tmp_path / name), "--out", str(tmp_path / "again"), "--json", "--loop", str(loops)]
+        )
     said = capsys.readouterr()
     assert ended.value.code == 0, said.err
     answer = json.loads(said.out)
     assert answer["against"] == "plan"
     assert max(answer["rms_rad"].values()) < 2e-3
+    stand_ins = sorted(path.name for path in tmp_path.glob("again/stand-in*"))
+    assert stand_ins == (["stand-in"] if loops == 1 else ["stand-in-1", "stand-in-2"])
