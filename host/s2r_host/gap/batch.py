@@ -207,7 +207,7 @@ STYLE = """body{font:15px/1.5 system-ui,sans-serif;color:#1d2433;max-width:1000p
 h1{font-size:1.4rem}h2{font-size:1.1rem;margin-top:2rem}table{border-collapse:collapse;width:100%;font-size:.9rem}
 td,th{padding:.3rem .5rem;border-bottom:1px solid #e4e7ec;text-align:left;vertical-align:top}th{color:#667085}
 .date{white-space:nowrap}.found{color:#d1495b}.fine{color:#1f7a8c}.open{color:#667085}
-@media(max-width:700px){table{display:block;overflow-x:auto}}"""
+@media screen and (max-width:700px){table{display:block;overflow-x:auto}}"""
 
 
 def _page(rows: list[dict]) -> str:

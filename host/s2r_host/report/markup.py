@@ -27,11 +27,14 @@ img, svg { max-width: 100%; height: auto; display: block; }
 .warn { border-left: 4px solid #d99a1b; padding-left: 12px; margin: 6px 0; }
 .note { color: var(--soft); font-size: 13.5px; }
 .scroll { overflow-x: auto; }
-@media (max-width: 1000px) {
+@media screen and (max-width: 1000px) {
   section { overflow-x: auto; } section > h2, section > p, section > h3 { position: sticky; left: 0; }
   section svg, section img { width: 940px; max-width: none; }  /* readable, and swiped */
 }
-@media (max-width: 700px) { main { padding: 18px 10px 40px; } section { padding: 14px 12px; } }
+@media screen and (max-width: 700px) { main { padding: 18px 10px 40px; } section { padding: 14px 12px; } }
+@media print {
+  body { background: none; } main { padding: 0; } h2, h3 { break-after: avoid; } tr { break-inside: avoid; }
+}
 """
 
 

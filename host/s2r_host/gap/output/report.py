@@ -21,7 +21,7 @@ text-align:left;vertical-align:top}th{color:#667085;font-weight:600}.verdict{fon
 padding:.7rem 1rem;border-left:6px solid #1f7a8c;background:#f2f7f8}.bad{border-color:#d1495b;background:#fcf3f4}
 .open{border-color:#667085;background:#f5f6f8}
 .muted{color:#667085}img{max-width:100%}.num{text-align:right;font-variant-numeric:tabular-nums}code{font-size:.9em}
-p,li,.verdict{overflow-wrap:anywhere}@media(max-width:700px){table{display:block;overflow-x:auto}}
+p,li,.verdict{overflow-wrap:anywhere}@media screen and (max-width:700px){table{display:block;overflow-x:auto}}
 """
 VERDICTS = {
     "nothing_missing": "Nothing is missing: the nominal model explains these recordings down to their noise.",
