@@ -259,6 +259,103 @@ def home(rig, distance=0.2, duration_s=2.0, **more):
     return move(np.array(rig.status().q_ref), distance, duration_s, **more)
 
 
+# -- those that kill something: first, while no other executor runs ------------------------------------
+
+
+def test_t01_a_host_process_that_is_killed_leaves_the_arm_holding(own, tmp_path):
+    rig = own(host_timeout_s=0.3)
+    script = f"""
+import sys, time, numpy as np
+from s2r_host.link import ExecutorLink
+from s2r_protocol.arms import load_arm
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from hil_front_end import move
+link = ExecutorLink({rig.endpoint!r}, load_arm("xmate3pro"))
+link.take_lease()
+link.arm_drives()
+link.send_plan(move(np.array(link.status().q_ref), 0.4, 20.0), "long")
+time.sleep(120)
+"""
+    host = subprocess.Popen([sys.executable, "-c", script])
+    try:
+        wait_for(lambda: rig.status().plan_t > 0.5, "motion")
+        host.send_signal(signal.SIGKILL)
+    finally:
+        host.kill()
+        host.wait()
+    status = rig.at(ExecutorState.HOLD)
+    assert status.cause == Cause.HOST_LOST
+    assert status.lease_holder == ""
+    assert 0.5 < status.plan_t < 19.0
+    rig.check_limits()
+
+
+def test_t05_a_front_end_process_that_is_killed_leaves_the_core_holding(own):
+    rig = own()
+    rig.hold()
+    rig.at(ExecutorState.HOLD)
+    assert rig.send(home(rig, 0.4, 20.0)).accepted
+    wait_for(lambda: rig.status().plan_t > 0.5, "motion")
+    core = rig.core_pid()
+    rig.beating.clear()
+    rig.process.kill()
+    rig.process.wait()
+
+    def at_rest():
+        trace = oracle.read_fd(rig.log.frames(max(0, len(rig.log) - 8000)), DOF)
+        return len(trace.tick) > 900 and not np.diff(trace.counts[-800:], axis=0).any()
+
+    try:
+        wait_for(at_rest, "rest")
+        trace = rig.trace()
+        assert (trace.control[-500:] == 2).all()  # still powered, still holding
+        assert Path(f"/proc/{core}").exists()
+        rig.check_limits()
+    finally:
+        os.kill(core, signal.SIGTERM)
+    wait_for(
+        lambda: not Path(f"/proc/{core}").exists() or "Z" in Path(f"/proc/{core}/stat").read_text(), "its end"
+    )
+
+
+def test_t06_a_killed_core_is_reported_and_the_drives_brake(own):
+    rig = own()
+    rig.hold()
+    rig.at(ExecutorState.HOLD)
+    assert rig.send(home(rig, 0.4, 20.0)).accepted
+    wait_for(lambda: rig.status().plan_t > 0.5, "motion")
+    os.kill(rig.core_pid(), signal.SIGKILL)
+    wait_for(lambda: rig.plant.at_rest, "brakes")
+    assert rig.process.wait(DEADLINE_S) == 6
+    assert "core ended by itself" in rig.log_file.read_text()
+
+
+def test_t56_a_full_disk_stops_no_motion(own):
+    rig = own(limit_file_bytes=300_000)
+    rig.hold()
+    rig.at(ExecutorState.HOLD)
+    for distance in (0.3, -0.3):
+        verdict = rig.send(home(rig, distance, 3.0))
+        assert verdict.accepted, verdict.reason
+        wait_for(lambda v=verdict: rig.status().plan_done and rig.status().plan_seq == v.seq, "end of plan")
+    assert rig.status().cause == Cause.NONE
+    reply = rig.ask(KEYS.recording, pb.RecordingRequest(plan_seq=verdict.seq), pb.RecordingReply)
+    assert not reply.complete
+    rig.check_limits()
+
+
+def test_t56_a_consumer_that_never_reads_is_counted_and_waited_for_by_nobody(make_bench):
+    bench = make_bench(record_capacity=16)
+    bench.takes_events = False
+    bench.moving()
+    bench.until(lambda s: s.plan_done)
+    assert bench.shared.records_dropped > 1000
+    bench.judge()
+
+
+# -- one executor for the rest ------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("field", ["t", "q", "dq", "ddq"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_t08_not_a_number_is_refused_with_its_place(holding, field, value):
@@ -483,97 +580,3 @@ def test_t58_an_edited_recording_and_one_of_another_arm_are_refused(holding):
 
 def test_everything_so_far_stayed_inside_the_limits_and_never_missed_a_tick(holding):
     holding.check_limits()
-
-
-# -- those that kill something ------------------------------------------------------------------------
-
-
-def test_t01_a_host_process_that_is_killed_leaves_the_arm_holding(own, tmp_path):
-    rig = own(host_timeout_s=0.3)
-    script = f"""
-import sys, time, numpy as np
-from s2r_host.link import ExecutorLink
-from s2r_protocol.arms import load_arm
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from hil_front_end import move
-link = ExecutorLink({rig.endpoint!r}, load_arm("xmate3pro"))
-link.take_lease()
-link.arm_drives()
-link.send_plan(move(np.array(link.status().q_ref), 0.4, 20.0), "long")
-time.sleep(120)
-"""
-    host = subprocess.Popen([sys.executable, "-c", script])
-    try:
-        wait_for(lambda: rig.status().plan_t > 0.5, "motion")
-        host.send_signal(signal.SIGKILL)
-    finally:
-        host.kill()
-        host.wait()
-    status = rig.at(ExecutorState.HOLD)
-    assert status.cause == Cause.HOST_LOST
-    assert status.lease_holder == ""
-    assert 0.5 < status.plan_t < 19.0
-    rig.check_limits()
-
-
-def test_t05_a_front_end_process_that_is_killed_leaves_the_core_holding(own):
-    rig = own()
-    rig.hold()
-    rig.at(ExecutorState.HOLD)
-    assert rig.send(home(rig, 0.4, 20.0)).accepted
-    wait_for(lambda: rig.status().plan_t > 0.5, "motion")
-    core = rig.core_pid()
-    rig.beating.clear()
-    rig.process.kill()
-    rig.process.wait()
-
-    def at_rest():
-        trace = oracle.read_fd(rig.log.frames(max(0, len(rig.log) - 8000)), DOF)
-        return len(trace.tick) > 900 and not np.diff(trace.counts[-800:], axis=0).any()
-
-    try:
-        wait_for(at_rest, "rest")
-        trace = rig.trace()
-        assert (trace.control[-500:] == 2).all()  # still powered, still holding
-        assert Path(f"/proc/{core}").exists()
-        rig.check_limits()
-    finally:
-        os.kill(core, signal.SIGTERM)
-    wait_for(
-        lambda: not Path(f"/proc/{core}").exists() or "Z" in Path(f"/proc/{core}/stat").read_text(), "its end"
-    )
-
-
-def test_t06_a_killed_core_is_reported_and_the_drives_brake(own):
-    rig = own()
-    rig.hold()
-    rig.at(ExecutorState.HOLD)
-    assert rig.send(home(rig, 0.4, 20.0)).accepted
-    wait_for(lambda: rig.status().plan_t > 0.5, "motion")
-    os.kill(rig.core_pid(), signal.SIGKILL)
-    wait_for(lambda: rig.plant.at_rest, "brakes")
-    assert rig.process.wait(DEADLINE_S) == 6
-    assert "core ended by itself" in rig.log_file.read_text()
-
-
-def test_t56_a_full_disk_stops_no_motion(own):
-    rig = own(limit_file_bytes=300_000)
-    rig.hold()
-    rig.at(ExecutorState.HOLD)
-    for distance in (0.3, -0.3):
-        verdict = rig.send(home(rig, distance, 3.0))
-        assert verdict.accepted, verdict.reason
-        wait_for(lambda v=verdict: rig.status().plan_done and rig.status().plan_seq == v.seq, "end of plan")
-    assert rig.status().cause == Cause.NONE
-    reply = rig.ask(KEYS.recording, pb.RecordingRequest(plan_seq=verdict.seq), pb.RecordingReply)
-    assert not reply.complete
-    rig.check_limits()
-
-
-def test_t56_a_consumer_that_never_reads_is_counted_and_waited_for_by_nobody(make_bench):
-    bench = make_bench(record_capacity=16)
-    bench.takes_events = False
-    bench.moving()
-    bench.until(lambda s: s.plan_done)
-    assert bench.shared.records_dropped > 1000
-    bench.judge()

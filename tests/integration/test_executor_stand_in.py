@@ -118,50 +118,6 @@ def saved(tmp_path, data):
     return path
 
 
-def test_a_plan_runs_on_the_stand_in_and_rosbags_reads_its_recording(running, tmp_path):
-    with link.ExecutorLink(running.endpoint, ARM) as host, host.leased():
-        status = host.arm_drives()
-        plan = move(status.q_ref, STEP)
-        verdict = host.send_plan(plan, "there")
-        done = host.wait_done(verdict)
-        np.testing.assert_allclose(done.q_ref, plan.q[-1], atol=1e-9)
-        np.testing.assert_allclose(done.q_meas, plan.q[-1], atol=5e-3)
-        recording = read(saved(tmp_path, host.recording(verdict.seq)))
-        back = host.send_plan(move(done.q_ref, -STEP), "back")
-        host.wait_done(back)
-    times, commands = recording["joint_commands"]
-    assert list(commands[0].name) == list(ARM.joint_names)
-    np.testing.assert_allclose(np.diff(times), 1e-3, atol=1e-6)
-    assert len(times) > 2000
-    np.testing.assert_allclose(commands[-1].position, plan.q[-1], atol=1e-9)
-
-
-def test_a_stop_stays_on_the_path_and_inside_the_limits(running, tmp_path):
-    with link.ExecutorLink(running.endpoint, ARM) as host, host.leased():
-        status = host.arm_drives()
-        plan = move(status.q_ref, STEP, duration_s=30.0)
-        verdict = host.send_plan(plan, "stopped")
-        while host.status().plan_t < 10.0:
-            time.sleep(0.005)
-        rest = host.come_to_rest()
-        assert rest.state == ExecutorState.HOLD
-        assert rest.cause == Cause.STOP_REQUESTED
-        assert 10.0 < rest.plan_t < 29.0
-        recording = read(saved(tmp_path, host.recording(verdict.seq)))
-        host.wait_done(host.send_plan(move(rest.q_ref, status.q_ref - rest.q_ref), "back"))
-    spline = spline_through(plan.t, plan.q, plan.dq, plan.ddq)
-    np.testing.assert_allclose(rest.q_ref, sample(spline, np.array([rest.plan_t])).q[0], atol=1e-6)
-    q = np.array([m.position for m in recording["joint_commands"][1]])
-    # The bus carries 4 nrad counts: differences of the third order see them as 4e-9 * 8 / 1e-9.
-    limits = ARM.limits
-    for order, limit, noise in (
-        (1, limits.dq_max, 1e-5),
-        (2, limits.ddq_max, 0.02),
-        (3, limits.dddq_max, 40.0),
-    ):
-        assert (np.abs(np.diff(q, n=order, axis=0)) / 1e-3**order <= limit + noise).all()
-
-
 def test_a_killed_host_ends_in_hold_and_the_next_host_goes_on(tmp_path):
     with rig(tmp_path, pace="1", **{"host-timeout": "0.5"}) as started:
         host_process = subprocess.Popen(
@@ -280,3 +236,50 @@ def test_without_a_bus_the_executor_ends_with_exit_5_and_says_what_to_start(tmp_
     assert result.returncode == 5
     assert "s2r sim-arm" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+# The last in this file: from the first of them on a stand-in and an executor run.
+
+
+def test_a_plan_runs_on_the_stand_in_and_rosbags_reads_its_recording(running, tmp_path):
+    with link.ExecutorLink(running.endpoint, ARM) as host, host.leased():
+        status = host.arm_drives()
+        plan = move(status.q_ref, STEP)
+        verdict = host.send_plan(plan, "there")
+        done = host.wait_done(verdict)
+        np.testing.assert_allclose(done.q_ref, plan.q[-1], atol=1e-9)
+        np.testing.assert_allclose(done.q_meas, plan.q[-1], atol=5e-3)
+        recording = read(saved(tmp_path, host.recording(verdict.seq)))
+        back = host.send_plan(move(done.q_ref, -STEP), "back")
+        host.wait_done(back)
+    times, commands = recording["joint_commands"]
+    assert list(commands[0].name) == list(ARM.joint_names)
+    np.testing.assert_allclose(np.diff(times), 1e-3, atol=1e-6)
+    assert len(times) > 2000
+    np.testing.assert_allclose(commands[-1].position, plan.q[-1], atol=1e-9)
+
+
+def test_a_stop_stays_on_the_path_and_inside_the_limits(running, tmp_path):
+    with link.ExecutorLink(running.endpoint, ARM) as host, host.leased():
+        status = host.arm_drives()
+        plan = move(status.q_ref, STEP, duration_s=30.0)
+        verdict = host.send_plan(plan, "stopped")
+        while host.status().plan_t < 10.0:
+            time.sleep(0.005)
+        rest = host.come_to_rest()
+        assert rest.state == ExecutorState.HOLD
+        assert rest.cause == Cause.STOP_REQUESTED
+        assert 10.0 < rest.plan_t < 29.0
+        recording = read(saved(tmp_path, host.recording(verdict.seq)))
+        host.wait_done(host.send_plan(move(rest.q_ref, status.q_ref - rest.q_ref), "back"))
+    spline = spline_through(plan.t, plan.q, plan.dq, plan.ddq)
+    np.testing.assert_allclose(rest.q_ref, sample(spline, np.array([rest.plan_t])).q[0], atol=1e-6)
+    q = np.array([m.position for m in recording["joint_commands"][1]])
+    # The bus carries 4 nrad counts: differences of the third order see them as 4e-9 * 8 / 1e-9.
+    limits = ARM.limits
+    for order, limit, noise in (
+        (1, limits.dq_max, 1e-5),
+        (2, limits.ddq_max, 0.02),
+        (3, limits.dddq_max, 40.0),
+    ):
+        assert (np.abs(np.diff(q, n=order, axis=0)) / 1e-3**order <= limit + noise).all()
