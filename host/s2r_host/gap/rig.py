@@ -111,6 +111,7 @@ class _World:
 
     def __init__(self, secret: Secret, q: float, v: float) -> None:
         self.s = secret
+        self.on = {name: value for name, value in secret.extra.items() if value}  # asked for at every step
         self.q = self.link = q
         self.v = self.link_v = v
         self.z = 0.0
@@ -119,15 +120,24 @@ class _World:
         self.queue: list[float] = []
         self.J = (MASS * LENGTH**2 + INERTIA) * secret.mass_factor
         self.G = MASS * GRAVITY * LENGTH * secret.mass_factor
+        get = secret.get
+        self.level = secret.friction + get("coulomb_friction")
+        self.viscous = secret.damping + get("viscous_friction")
+        self.inertia = self.J + get("armature") + get("payload") * LENGTH**2
+        self.weight, self.tilt = self.G + get("payload") * GRAVITY * LENGTH, get("gravity_tilt")
+        self.two = bool(get("backlash") or get("joint_elasticity"))
+        self.motor = get("motor_inertia") or 0.02
+        self.gap, self.stiffness = get("backlash"), get("joint_elasticity") or 900.0
+        self.elastic_damping = get("elastic_damping") or (1.5 if get("joint_elasticity") else 6.0)
 
     def read(self) -> float:
         s = self.s
         return self.q - s.get("encoder_offset") - s.get("encoder_eccentricity") * math.sin(self.q)
 
     def step(self, u: float, kick: float, h: float) -> None:
-        s, self.t = self.s, self.t + h
+        self.t += h
         u = self._drive(u, h)
-        if s.get("backlash") or s.get("joint_elasticity"):
+        if self.two:
             self._two_masses(u + kick, h)
             return
         a0 = self._acceleration(self.q, self.v, u + kick)
@@ -136,67 +146,71 @@ class _World:
         before = self.q
         self.q += h * 0.5 * (self.v + v1)
         self.v += h * 0.5 * (a0 + a1)
-        width = s.get("presliding_width")
-        if width:
+        if "presliding_width" in self.on:
+            width = self.on["presliding_width"]
             d = self.q - before
             self.z += d / width - abs(d) / width * self.z
 
     def _drive(self, u: float, h: float) -> float:
-        s = self.s
-        if s.get("effort_scale"):
-            u *= s.get("effort_scale")
-        if s.get("saturation"):
-            u = max(-s.get("saturation"), min(s.get("saturation"), u))
-        if s.get("bandwidth"):
-            self.lag += h / s.get("bandwidth") * (u - self.lag)
+        on = self.on
+        if "effort_scale" in on:
+            u *= on["effort_scale"]
+        if "saturation" in on:
+            u = max(-on["saturation"], min(on["saturation"], u))
+        if "bandwidth" in on:
+            self.lag += h / on["bandwidth"] * (u - self.lag)
             u = self.lag
-        if s.get("actuator_delay"):
+        if "actuator_delay" in on:
             self.queue.append(u)
-            n = int(s.get("actuator_delay") / h)
+            n = int(on["actuator_delay"] / h)
             u = self.queue.pop(0) if len(self.queue) > n else self.queue[0]
         return u
 
-    def _friction(self, q: float, v: float, load: float) -> float:
-        s = self.s
-        direction = math.tanh(v / 0.004)
-        level = s.friction + s.get("coulomb_friction") + s.get("stribeck") * math.exp(-((v / 0.12) ** 2))
-        level += s.get("load_dependent_friction") * abs(load)
-        level += s.get("asymmetric_coulomb") * (1 if v > 0 else -1)
-        level += s.get("thermal_drift") * (1 - math.exp(-self.t / 6.0))
-        force = level * direction + (s.damping + s.get("viscous_friction")) * v
-        force += s.get("asymmetric_viscous") * abs(v)
-        return force + s.get("presliding") * self.z
+    def _friction(self, v: float, load: float) -> float:
+        on, level = self.on, self.level
+        if "stribeck" in on:
+            level += on["stribeck"] * math.exp(-((v / 0.12) ** 2))
+        if "load_dependent_friction" in on:
+            level += on["load_dependent_friction"] * abs(load)
+        if "asymmetric_coulomb" in on:
+            level += on["asymmetric_coulomb"] * (1 if v > 0 else -1)
+        if "thermal_drift" in on:
+            level += on["thermal_drift"] * (1 - math.exp(-self.t / 6.0))
+        force = level * math.tanh(v / 0.004) + self.viscous * v
+        if "asymmetric_viscous" in on:
+            force += on["asymmetric_viscous"] * abs(v)
+        if "presliding" in on:
+            force += on["presliding"] * self.z
+        return force
 
     def _field(self, q: float, v: float) -> float:
-        s = self.s
-        force = s.get("cogging") * math.sin(23.0 * q + 0.7) + s.get("spring_return") * (q - 0.3)
-        x = (q - 0.35) / 0.05
-        force += s.get("detent") * x * math.exp(0.5 - 0.5 * x * x)
-        force += s.get("soft_end_stop") * max(0.0, q - 0.6)
-        if s.get("soft_close") and q < -0.3 and v < 0:
-            force += s.get("soft_close") * v
-        force += s.get("unknown_time") * math.sin(2 * math.pi * 3.3 * self.t)
-        force += s.get("unknown_product") * q * v * abs(v)
+        on, force = self.on, 0.0
+        if "cogging" in on:
+            force += on["cogging"] * math.sin(23.0 * q + 0.7)
+        if "spring_return" in on:
+            force += on["spring_return"] * (q - 0.3)
+        if "detent" in on:
+            x = (q - 0.35) / 0.05
+            force += on["detent"] * x * math.exp(0.5 - 0.5 * x * x)
+        if "soft_end_stop" in on:
+            force += on["soft_end_stop"] * max(0.0, q - 0.6)
+        if "soft_close" in on and q < -0.3 and v < 0:
+            force += on["soft_close"] * v
+        if "unknown_time" in on:
+            force += on["unknown_time"] * math.sin(2 * math.pi * 3.3 * self.t)
+        if "unknown_product" in on:
+            force += on["unknown_product"] * q * v * abs(v)
         return force
 
     def _acceleration(self, q: float, v: float, u: float) -> float:
-        s = self.s
-        tilt = s.get("gravity_tilt")
-        J = self.J + s.get("armature") + s.get("payload") * LENGTH**2
-        weight = (self.G + s.get("payload") * GRAVITY * LENGTH) * math.sin(q + tilt)
-        return (u - weight - self._field(q, v) - self._friction(q, v, weight)) / J
+        weight = self.weight * math.sin(q + self.tilt)
+        return (u - weight - self._field(q, v) - self._friction(v, weight)) / self.inertia
 
     def _two_masses(self, u: float, h: float) -> None:
-        s = self.s
-        motor = s.get("motor_inertia") or 0.02
-        gap, k, d = (
-            s.get("backlash"),
-            s.get("joint_elasticity") or 900.0,
-            s.get("elastic_damping") or (1.5 if s.get("joint_elasticity") else 6.0),
-        )
+        s, gap, motor = self.s, self.gap, self.motor
         delta = self.q - self.link
         over = delta - max(-gap, min(gap, delta))
-        T = k * over + (d * (self.v - self.link_v) if over else 0.0)
+        T = self.stiffness * over + (self.elastic_damping * (self.v - self.link_v) if over else 0.0)
         friction = s.friction * math.tanh(self.v / 0.004) + s.damping * self.v
         self.v += h * (u - T - friction) / motor
         self.link_v += h * (T - self.G * math.sin(self.link)) / (self.J - motor)
