@@ -204,5 +204,5 @@ NB_MODULE(_native, m) {
   s2r::planning::bind_rewards(m);
   s2r::planning::bind_place(m);
   s2r::planning::bind_scorer(m);
-  s2r::gap::bind_two_masses(m);
+  s2r::gap::bind_gap(m);
 }

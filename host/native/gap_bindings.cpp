@@ -3,8 +3,10 @@
 #include <nanobind/stl/pair.h>
 
 #include <utility>
+#include <vector>
 
 #include "arrays.hpp"
+#include "filters.hpp"
 #include "two_masses.hpp"
 
 namespace s2r::gap {
@@ -57,9 +59,29 @@ std::pair<Result, Result> servoed(double dt, const Rows& inertia, const Rows& lo
   return {to_array(std::move(found.q), {rows}), to_array(std::move(found.effort), {rows})};
 }
 
+Result both_ways(const Doubles<2>& x, const Doubles<2>& sections, const Doubles<2>& start, int pad) {
+  const std::size_t rows = x.shape(0), columns = x.shape(1), count = sections.shape(0);
+  require(rows > 0 && columns > 0, "x must have rows and columns");
+  require(count > 0 && sections.shape(1) == 6, "sections must be six numbers each");
+  require(start.shape(0) == count && start.shape(1) == 2, "start must be two numbers per section");
+  require(pad >= 0 && static_cast<std::size_t>(pad) < rows, "pad must be less than the rows of x, and not negative");
+  std::vector<Section> of;
+  std::vector<SectionStart> from;
+  for (std::size_t s = 0; s < count; ++s) {
+    const double *c = sections.data() + 6 * s, *z = start.data() + 2 * s;
+    require(c[3] == 1.0, "the fourth number of a section must be 1");
+    of.push_back({c[0], c[1], c[2], c[3], c[4], c[5]});
+    from.push_back({z[0], z[1]});
+  }
+  return to_array(forward_backward(x.data(), static_cast<int>(rows), static_cast<int>(columns), of, from, pad),
+                  {rows, columns});
+}
+
 }  // namespace
 
-void bind_two_masses(nb::module_& m) {
+void bind_gap(nb::module_& m) {
+  m.def("forward_backward", &both_ways, nb::kw_only(), "x"_a, "sections"_a, "start"_a, "pad"_a,
+        "Second-order sections forward and backward over the rows, (rows, columns); see s2r_host.gap.motion.filters.");
   m.def("behind_recorded_motor", &behind, nb::kw_only(), "dt"_a, "inertia"_a, "load"_a, "slope"_a, "bend"_a,
         "stiffness"_a, "damping"_a, "gap"_a, "phase"_a,
         "Effort that reaches a link behind a motor that moves as recorded, (rows,); see s2r_host.gap.motion.states.");

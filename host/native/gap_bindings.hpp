@@ -5,6 +5,6 @@
 
 namespace s2r::gap {
 
-void bind_two_masses(nanobind::module_& m);
+void bind_gap(nanobind::module_& m);
 
 }  // namespace s2r::gap

@@ -141,6 +141,13 @@ class Scorer:
         What the reward is made of, by name, (rollout, step) or (rollout, step, dof).
         """
 
+def forward_backward(
+    *, x: NDArray[numpy.float64], sections: NDArray[numpy.float64], start: NDArray[numpy.float64], pad: int
+) -> NDArray[numpy.float64]:
+    """
+    Second-order sections forward and backward over the rows, (rows, columns); see s2r_host.gap.motion.filters.
+    """
+
 def behind_recorded_motor(
     *,
     dt: float,

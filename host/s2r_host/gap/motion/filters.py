@@ -9,7 +9,9 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from scipy.signal import butter, sosfilt, sosfilt_zi
+from scipy.signal import butter, sosfilt_zi
+
+from s2r_host._native import forward_backward
 
 
 def zero_phase(x: np.ndarray, cuts_hz: tuple[float, ...], dt: float, order: int = 2) -> np.ndarray:
@@ -24,15 +26,11 @@ def zero_phase(x: np.ndarray, cuts_hz: tuple[float, ...], dt: float, order: int 
     sections, start = _design(tuple(round(c, 9) for c in cuts_hz), round(dt, 12), order)
     x = np.asarray(x, dtype=float)
     pad = min(len(x) - 1, int(3 / (min(cuts_hz) * dt)))
-    ends = (2.0 * x[0] - x[pad:0:-1], x, 2.0 * x[-1] - x[-2 : -pad - 2 : -1])
-    y = np.concatenate(ends)
-    state = start if x.ndim == 1 else start[:, :, None]
-    y, _ = sosfilt(sections, y, axis=0, zi=state * y[0])
-    y, _ = sosfilt(sections, y[::-1], axis=0, zi=state * y[-1])
-    return y[::-1][pad : pad + len(x)]
+    columns = np.ascontiguousarray(x.reshape(len(x), -1))
+    return forward_backward(x=columns, sections=sections, start=start, pad=pad).reshape(x.shape)
 
 
 @cache
 def _design(cuts_hz: tuple[float, ...], dt: float, order: int) -> tuple[np.ndarray, np.ndarray]:
     sections = np.concatenate([np.asarray(butter(order, c, fs=1.0 / dt, output="sos")) for c in cuts_hz])
-    return sections, sosfilt_zi(sections)
+    return sections, np.ascontiguousarray(sosfilt_zi(sections))

@@ -124,9 +124,8 @@ def run(twin: Twin, s: Session, start: int, stop: int, closed: bool) -> Run:
             u = plan.control((start + i) * plan.ticks + k)
             if k == 0:
                 u_out[i] = u
-            for _ in range(plan.substeps):
-                plan.step()
-        if not np.all(np.isfinite(plan.data.qpos)) or np.max(np.abs(plan.data.qvel)) > 1e4:
+            plan.advance()
+        if not np.isfinite(plan.qpos).all() or np.abs(plan.qvel).max() > 1e4:
             q_out[i + 1 :] = np.nan
             return Run(q_out, u_out, False)
     for joint, lag in twin.lag.items():
@@ -148,6 +147,10 @@ class _Plan:
         m.opt.timestep /= self.substeps
         m.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
         self.data = mujoco.MjData(m)
+        # MuJoCo makes an array of each of them anew whenever it is asked.
+        self.qpos, self.qvel, self.qacc = self.data.qpos, self.data.qvel, self.data.qacc
+        self.applied, self.constraint = self.data.qfrc_applied, self.data.qfrc_constraint
+        self.dry = m.dof_frictionloss
         names = [m.joint(i).name for i in range(m.njnt)]
         self.dof = np.array([int(m.jnt_dofadr[names.index(j)]) for j in twin.rigid.joints])
         self.adr = np.array([int(m.jnt_qposadr[names.index(j)]) for j in twin.rigid.joints])
@@ -202,7 +205,7 @@ class _Plan:
                 self.integral[j] = law.integral(s, j, start)
 
     def measure(self) -> np.ndarray:
-        q = self.data.qpos[self.adr].copy()
+        q = self.qpos[self.adr]
         for joint, sense in self.twin.sensors.items():
             q[joint] = sense(float(q[joint]))
         return q
@@ -216,9 +219,9 @@ class _Plan:
         return out
 
     def control(self, i: int) -> np.ndarray:
-        q, v = self.measure(), self.data.qvel[self.dof]
+        q, v = self.measure(), self.qvel[self.dof]
         if self.twin.sensors:
-            v = v * self.slopes(self.data.qpos[self.adr])
+            v = v * self.slopes(self.qpos[self.adr])
         for j, law in enumerate(self.laws):
             if law is None:
                 self.u[j] = self.u_rec[i, j]
@@ -227,31 +230,45 @@ class _Plan:
             if law.ki:
                 self.integral[j] += (law.q_cmd[i] - q[j]) * self.tick_s
                 self.u[j] += law.ki * self.integral[j]
-        np.clip(self.u, *self.limits, out=self.u)
+        low, high = self.limits
+        np.minimum(np.maximum(self.u, low, out=self.u), high, out=self.u)
         self.push = self.pushed[i]
         return self.u + self.push
 
-    def step(self) -> None:
-        d, m = self.data, self.model
-        force = self.u + self.push - self.twin.offset
+    def advance(self) -> None:
+        """One tick of the law: its effort stays, what depends on the motion is looked at in every step."""
         if self.runtimes or self.twin.generic is not None:
-            state = StepState(
-                self.now, d.qpos[self.adr], d.qvel[self.dof], d.qacc[self.dof], self.u, self.push, self.load
-            )
+            for _ in range(self.substeps):
+                self.step()
+            return
+        self.apply(self.u + self.push - self.twin.offset)
+        mujoco.mj_step(self.model, self.data, self.substeps)
+
+    def step(self) -> None:
+        """One time step with the effects that are live."""
+        force = self.u + self.push - self.twin.offset
+        state = StepState(
+            self.now, self.qpos[self.adr], self.qvel[self.dof], self.qacc[self.dof], self.u, self.push, self.load
+        )
+        if self.runtimes:
             dry = self.friction.copy()
             for joint, runtime in self.runtimes:
                 taken, level = runtime(state)
                 force[joint] -= taken
                 dry[joint] += level
-            m.dof_frictionloss[self.dof] = np.maximum(dry, 0.0)
-            if self.twin.generic is not None:
-                force = force - self.twin.generic(state)
-        d.qfrc_applied[self.dof] = force
-        for dof, joint in self.flex:  # a wrench acts on the link, which is behind the gear
-            d.qfrc_applied[dof] = self.push[joint]
-        mujoco.mj_step(m, d)
-        self.load = force + d.qfrc_constraint[self.dof]
+            self.dry[self.dof] = np.maximum(dry, 0.0)
+        if self.twin.generic is not None:
+            force = force - self.twin.generic(state)
+        self.apply(force)
+        mujoco.mj_step(self.model, self.data)
+        self.load = force + self.constraint[self.dof]
         self.now += self.h
+
+    def apply(self, force: np.ndarray) -> None:
+        """Efforts of the joints; a wrench acts on the link, which may be behind a gear."""
+        self.applied[self.dof] = force
+        for dof, joint in self.flex:
+            self.applied[dof] = self.push[joint]
 
 
 def _behind(model: mujoco.MjModel, dof: int) -> list[int]:
