@@ -39,10 +39,13 @@ def base(tmp_path_factory):
         UV, "pip", "install", "--quiet", "--python", python, "--require-hashes", "-r", ROOT / "locks/base.txt"
     )
     path = f"{python.parent}:{os.environ['PATH']}"
-    quick = ("-C", "cmake.build-type=None", "-C", "cmake.define.S2R_BUILD_TESTS=OFF")  # not what is tested here
+    quick = (
+        "cmake.build-type=None",
+        "cmake.define.S2R_BUILD_TESTS=OFF",
+    )  # it is not run fast, and not tested
     _run(
-        *(UV, "pip", "install", "--quiet", "--python", python, "--no-deps", "--no-build-isolation"),
-        *(*quick, source),
+        *(UV, "pip", "install", "--quiet", "--python", python, "--no-deps", "--no-build-isolation", source),
+        *(part for setting in quick for part in ("-C", setting)),
         env={**os.environ, "PATH": path},
     )
     return python
