@@ -7,6 +7,7 @@
 
 #include "arrays.hpp"
 #include "filters.hpp"
+#include "hysteresis.hpp"
 #include "two_masses.hpp"
 
 namespace s2r::gap {
@@ -59,6 +60,27 @@ std::pair<Result, Result> servoed(double dt, const Rows& inertia, const Rows& lo
   return {to_array(std::move(found.q), {rows}), to_array(std::move(found.effort), {rows})};
 }
 
+Result hanging(double dt, const Doubles<2>& steps, const Rows& load, const Rows& bend, double stiffness,
+               double damping) {
+  const std::size_t rows = load.shape(0);
+  require(rows > 0 && bend.shape(0) == rows && steps.shape(0) == 6 && steps.shape(1) == rows,
+          "load and bend must have a number per row, steps six");
+  require(stiffness != 0.0, "stiffness must not be zero");
+  const Gear gear{stiffness, damping, 0.0};
+  const double* const s = steps.data();
+  const Steps of{s, s + rows, s + 2 * rows, s + 3 * rows, s + 4 * rows, s + 5 * rows};
+  return to_array(hanging_link(static_cast<int>(rows), dt, of, load.data(), bend.data(), gear), {rows});
+}
+
+Result held(const Rows& step) {
+  return to_array(held_slip(step.data(), static_cast<int>(step.shape(0))), {step.shape(0)});
+}
+
+Result looped(const Rows& step, double width, double power, double beta) {
+  require(width > 0.0 && power >= 1.0, "width must be positive, power one or more");
+  return to_array(hysteresis_loop(step.data(), static_cast<int>(step.shape(0)), width, power, beta), {step.shape(0)});
+}
+
 Result both_ways(const Doubles<2>& x, const Doubles<2>& sections, const Doubles<2>& start, int pad) {
   const std::size_t rows = x.shape(0), columns = x.shape(1), count = sections.shape(0);
   require(rows > 0 && columns > 0, "x must have rows and columns");
@@ -80,6 +102,11 @@ Result both_ways(const Doubles<2>& x, const Doubles<2>& sections, const Doubles<
 }  // namespace
 
 void bind_gap(nb::module_& m) {
+  m.def("hanging_link", &hanging, nb::kw_only(), "dt"_a, "steps"_a, "load"_a, "bend"_a, "stiffness"_a, "damping"_a,
+        "Effort that reaches a link behind a spring, (rows,); see s2r_host.gap.motion.two_masses.");
+  m.def("held_slip", &held, "step"_a, "Slip in [-1, 1] held at its ends, (rows,); see s2r_host.gap.motion.states.");
+  m.def("hysteresis_loop", &looped, "step"_a, nb::kw_only(), "width"_a, "power"_a, "beta"_a,
+        "State of a hysteresis loop along the steps, (rows,); see s2r_host.gap.motion.states.");
   m.def("forward_backward", &both_ways, nb::kw_only(), "x"_a, "sections"_a, "start"_a, "pad"_a,
         "Second-order sections forward and backward over the rows, (rows, columns); see s2r_host.gap.motion.filters.");
   m.def("behind_recorded_motor", &behind, nb::kw_only(), "dt"_a, "inertia"_a, "load"_a, "slope"_a, "bend"_a,

@@ -50,6 +50,20 @@ std::vector<double> behind_recorded_motor(int rows, double dt, const Link& link,
   return found;
 }
 
+std::vector<double> hanging_link(int rows, double dt, const Steps& steps, const double* load, const double* bend,
+                                 const Gear& gear) {
+  std::vector<double> found(static_cast<std::size_t>(rows));
+  double windup = -load[0] / gear.stiffness, rate = 0.0;
+  for (int i = 0; i < rows; ++i) {
+    const double middle = windup + 0.5 * dt * rate, effort = load[i] + 0.5 * bend[i] * middle * middle;
+    const double next = steps.windup[i] * windup + steps.windup_of_rate[i] * rate - steps.windup_of_load[i] * effort;
+    rate = steps.rate_of_windup[i] * windup + steps.rate[i] * rate - steps.rate_of_load[i] * effort;
+    windup = next;
+    found[static_cast<std::size_t>(i)] = -gear.stiffness * windup - gear.damping * rate;
+  }
+  return found;
+}
+
 Driven under_servo(int rows, double dt, const Link& link, const Gear& gear, const Motor& motor, const Servo& servo,
                    double phase) {
   Driven found{std::vector<double>(static_cast<std::size_t>(rows)),

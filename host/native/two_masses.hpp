@@ -25,6 +25,15 @@ struct Gear {
 // Steps are at most `phase` of the fastest motion long.
 std::vector<double> behind_recorded_motor(int rows, double dt, const Link& link, const Gear& gear, double phase);
 
+// How one row's windup and its rate lead to the next row's, a number per row each: the exact solution between them.
+struct Steps {
+  const double *windup, *windup_of_rate, *rate_of_windup, *rate, *windup_of_load, *rate_of_load;
+};
+
+// Effort that reaches a link behind a spring without play, where the motor moves as recorded; a number per row.
+std::vector<double> hanging_link(int rows, double dt, const Steps& steps, const double* load, const double* bend,
+                                 const Gear& gear);
+
 // The law that holds the motor, with what it is told at every tick, `ticks` to a row.
 struct Servo {
   double kp = 0.0, kd = 0.0, ki = 0.0;

@@ -141,6 +141,31 @@ class Scorer:
         What the reward is made of, by name, (rollout, step) or (rollout, step, dof).
         """
 
+def hanging_link(
+    *,
+    dt: float,
+    steps: NDArray[numpy.float64],
+    load: NDArray[numpy.float64],
+    bend: NDArray[numpy.float64],
+    stiffness: float,
+    damping: float,
+) -> NDArray[numpy.float64]:
+    """
+    Effort that reaches a link behind a spring, (rows,); see s2r_host.gap.motion.two_masses.
+    """
+
+def held_slip(step: NDArray[numpy.float64]) -> NDArray[numpy.float64]:
+    """
+    Slip in [-1, 1] held at its ends, (rows,); see s2r_host.gap.motion.states.
+    """
+
+def hysteresis_loop(
+    step: NDArray[numpy.float64], *, width: float, power: float, beta: float
+) -> NDArray[numpy.float64]:
+    """
+    State of a hysteresis loop along the steps, (rows,); see s2r_host.gap.motion.states.
+    """
+
 def forward_backward(
     *, x: NDArray[numpy.float64], sections: NDArray[numpy.float64], start: NDArray[numpy.float64], pad: int
 ) -> NDArray[numpy.float64]:

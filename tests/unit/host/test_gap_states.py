@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from s2r_host._native import hysteresis_loop
 from s2r_host.gap.effects.base import Context
 from s2r_host.gap.effects.joint_elasticity import EFFECT as ELASTICITY
 from s2r_host.gap.effects.joint_elasticity import mean_inertia
@@ -83,3 +84,9 @@ def test_a_soft_spring_is_wound_up_by_gravity_where_the_link_hangs(tmp_path, hz)
     left = found - (-k * true[0] - d * true[1] - own)
     assert np.std(true[0]) > (0.05 if hz < 5.0 else 0.002)
     assert np.sqrt(np.mean(left[250:] ** 2)) < 0.05 * np.std(found)
+
+
+@pytest.mark.parametrize("wrong", [{"width": 0.0}, {"power": 0.5}])
+def test_a_loop_without_width_or_of_no_power_is_refused(wrong):
+    with pytest.raises(ValueError, match="width must be positive, power one or more"):
+        hysteresis_loop(np.zeros(3), **({"width": 0.1, "power": 2, "beta": 0.5} | wrong))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
+from s2r_host._native import held_slip, hysteresis_loop
 from s2r_host.gap.motion.session import Session
 
 
@@ -46,11 +47,7 @@ def stop_operator(s: Session, joint: int, reach: float) -> np.ndarray:
     """
     key = ("stop", joint, round(reach, 12))
     if key not in s.cache:
-        z, out = 0.0, np.empty(len(s.t))
-        for i, step in enumerate((np.diff(s.q[:, joint], prepend=s.q[0, joint]) / reach).tolist()):
-            z = min(1.0, max(-1.0, z + step))
-            out[i] = z
-        s.cache[key] = out
+        s.cache[key] = held_slip(np.diff(s.q[:, joint], prepend=s.q[0, joint]) / reach)
     return s.cache[key]
 
 
@@ -66,20 +63,8 @@ def linear_recursion(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _loop(step: np.ndarray, width: np.ndarray, power: int, beta: float) -> np.ndarray:
-    return np.stack([_loop_of_one(step, float(w), power, beta) for w in width], axis=1)
-
-
-def _loop_of_one(step: np.ndarray, width: float, power: int, beta: float) -> np.ndarray:
-    """One shape at a time, in plain numbers: an array of one element costs ten times as much per step."""
-    z, limit, back, out = 0.0, 0.2 * width, 2.0 * beta - 1.0, []
-    for dq in step.tolist():
-        parts = 1 if abs(dq) < limit else min(20, int(abs(dq) / limit) + 1)
-        x = dq / parts / width
-        for _ in range(parts):
-            grow = 1.0 - abs(z) ** power if z * dq > 0.0 else 1.0 + back * abs(z) ** power
-            z = max(min(z + x * grow, 1.0), -1.0)
-        out.append(z)
-    return np.array(out)
+    step = np.ascontiguousarray(step)
+    return np.stack([hysteresis_loop(step, width=float(w), power=power, beta=beta) for w in width], axis=1)
 
 
 def filtered(num: list[float], den: list[float], x: np.ndarray, dt: float) -> np.ndarray:

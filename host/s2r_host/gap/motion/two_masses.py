@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from s2r_host._native import behind_recorded_motor, under_servo
+from s2r_host._native import behind_recorded_motor, hanging_link, under_servo
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.servo import Servo, servo_of, ticks_of
 from s2r_host.gap.motion.session import Session, lowpass
@@ -143,7 +143,7 @@ def _hanging_link(
     slow, fast = np.exp((root - half) * dt), np.exp((-root - half) * dt)
     even, odd = (0.5 * (slow + fast)).real, (0.5 * (slow - fast) / root).real
     stays = even + half * odd
-    rows = (
+    steps = (
         stays,
         odd,
         -stiffness * odd,
@@ -151,11 +151,4 @@ def _hanging_link(
         (1.0 - stays) / stiffness / inertia,
         odd / inertia,
     )
-    delta, rate, out = -float(load[0]) / k, 0.0, []
-    columns = (x.tolist() for x in (*rows, load, 0.5 * bend))
-    for aa, ab, ba, bb, shift, push, pull, more in zip(*columns, strict=True):
-        middle = delta + 0.5 * dt * rate
-        effort = pull + more * middle * middle
-        delta, rate = aa * delta + ab * rate - shift * effort, ba * delta + bb * rate - push * effort
-        out.append(-k * delta - d * rate)
-    return np.array(out)
+    return hanging_link(dt=dt, steps=np.stack(steps), load=load, bend=bend, stiffness=k, damping=d)
