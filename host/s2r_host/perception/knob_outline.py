@@ -96,7 +96,9 @@ class KnobOutline:
     def inside_m(self, xy: Array) -> Array:
         """How far points (..., 2) lie inside of it, negative outside [m], (...)."""
         at = xy - self.p_axis[:2]
-        depth = self.hub_m - np.linalg.norm(at, axis=-1)
+        depth = self.hub_m - np.sqrt(
+            at[..., 0] ** 2 + at[..., 1] ** 2
+        )  # norm takes four times as long for pairs
         for angle in self.angles():
             out, aside = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
             along, across = at @ out, np.abs(at @ aside)

@@ -53,21 +53,30 @@ def look(*knobs: KnobOutline, coloured: bool = True, noise_m: float = 0.0, body:
     rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(SHAPE)], axis=-1)
     way, eye = rays @ X_BASE_CAMERA[:3, :3].T, X_BASE_CAMERA[:3, 3]
 
-    def at(height_m: float) -> tuple[np.ndarray, np.ndarray]:
-        depth = (height_m - eye[2]) / way[..., 2]
-        return depth, eye[:2] + depth[..., None] * way[..., :2]
+    def at(height_m: float, part: tuple[slice, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+        there = way[part]
+        depth = (height_m - eye[2]) / there[..., 2]
+        return depth, eye[:2] + depth[..., None] * there[..., :2]
+
+    def part_around(p: np.ndarray, reach_m: float, *heights_m: float) -> tuple[slice, ...]:
+        """Rows and columns of the picture outside of which nothing so near to p is seen between the heights."""
+        near = np.any([np.linalg.norm(at(h)[1] - p, axis=-1) < reach_m + 0.005 for h in heights_m], axis=0)
+        seen_at = (np.flatnonzero(near.any(axis=k)) for k in (1, 0))
+        return tuple(slice(i[0], i[-1] + 1) if len(i) else slice(0) for i in seen_at)
 
     depth, _ = at(DECK_M)
     colour = np.broadcast_to(np.array(DECK, np.uint8), (*SHAPE, 3)).copy()
     for one in knobs:
+        part = part_around(one.p_axis[:2], max(one.reach_m, one.hub_m) + one.width_m, TOP_M - 0.012, TOP_M)
         for height in np.linspace(TOP_M - 0.012, TOP_M, 25):
-            z, xy = at(height)
+            z, xy = at(height, part)
             hit = one.inside_m(xy) > 0.0
-            depth, colour[hit] = np.where(hit, z, depth), TOP if height == TOP_M else SIDE
+            depth[part][hit], colour[part][hit] = z[hit], TOP if height == TOP_M else SIDE
+    part = part_around(BODY, BODY_RADIUS_M, DECK_M, BODY_TOP_M) if body else ()
     for height in np.linspace(DECK_M, BODY_TOP_M, 80) if body else ():
-        z, xy = at(height)
+        z, xy = at(height, part)
         hit = np.linalg.norm(xy - BODY, axis=-1) < BODY_RADIUS_M
-        depth, colour[hit] = np.where(hit, z, depth), SIDE
+        depth[part][hit], colour[part][hit] = z[hit], SIDE
     if noise_m:
         depth = depth + np.random.default_rng(0).normal(0.0, noise_m, SHAPE)
     return DepthFrame(depth.astype(np.float32), K, X_BASE_CAMERA, colour if coloured else None)
