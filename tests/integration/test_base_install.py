@@ -39,10 +39,8 @@ def base(tmp_path_factory):
         UV, "pip", "install", "--quiet", "--python", python, "--require-hashes", "-r", ROOT / "locks/base.txt"
     )
     path = f"{python.parent}:{os.environ['PATH']}"
-    quick = (
-        "cmake.build-type=None",
-        "cmake.define.S2R_BUILD_TESTS=OFF",
-    )  # it is not run fast, and not tested
+    # Nothing here asks for speed, and C++ tests run elsewhere.
+    quick = ("cmake.build-type=None", "cmake.define.S2R_BUILD_TESTS=OFF")
     _run(
         *(UV, "pip", "install", "--quiet", "--python", python, "--no-deps", "--no-build-isolation", source),
         *(part for setting in quick for part in ("-C", setting)),
