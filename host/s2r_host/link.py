@@ -128,7 +128,7 @@ class ExecutorLink:
         self._heart: Heart | None = None
         self._met = False
         self._tls = tls
-        self._session: zenoh.Session = open_session(endpoint, self._keys, tls)
+        self._session: zenoh.Session = open_session(endpoint, self._keys, tls, may_come_later=True)
         try:
             self.identity, status = self._greet(connect_timeout_s)
             self._epoch = status.epoch

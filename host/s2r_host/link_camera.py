@@ -60,7 +60,7 @@ class CameraLink:
         self._sender = f"host:{os.getpid()}"
         self._seq = 0
         self._tls = tls
-        self._session = open_session(endpoint, self._keys, tls)
+        self._session = open_session(endpoint, self._keys, tls, may_come_later=True)
 
     def capture(self, camera: str = "front", timeout_s: float = 20.0) -> Capture:
         """Ask for one depth frame, taken now.

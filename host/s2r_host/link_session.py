@@ -43,13 +43,17 @@ def silence_hint(tls: Path | None) -> str:
 
 
 def open_session(
-    endpoint: str, keys: ArmKeys, tls: Path | None = None, role: Role = Role.HOST
+    endpoint: str,
+    keys: ArmKeys,
+    tls: Path | None = None,
+    role: Role = Role.HOST,
+    may_come_later: bool = False,
 ) -> zenoh.Session:
     """A session with one executor or camera; see :func:`s2r_protocol.session.connect`.
 
     Returns at once even when nobody listens there; a query then has zero replies.
     """
-    return connect(endpoint, role, keys, tls)
+    return connect(endpoint, role, keys, tls, may_come_later)
 
 
 def ask(session: zenoh.Session, key: str, wire: bytes, timeout_s: float) -> list[bytes]:

@@ -181,6 +181,19 @@ def test_absent_executor_is_unreachable_with_the_endpoint_in_the_text(arm):
     assert caught.value.exit_code == ExitCode.UNREACHABLE
 
 
+def test_an_executor_that_starts_a_moment_later_is_met(arm):
+    endpoint = free_endpoint()
+    begun = []
+    later = threading.Timer(0.7, lambda: begun.append(FakeExecutor(endpoint, arm)))
+    later.start()
+    try:
+        with ExecutorLink(endpoint, arm, connect_timeout_s=10.0) as link:
+            assert link.identity.boot_id == 77
+    finally:
+        later.join()
+        begun[0].session.close()
+
+
 def test_another_model_is_refused_with_both_hashes(executor, arm):
     class OtherArm:
         name, dof, joint_names = arm.name, arm.dof, arm.joint_names

@@ -248,7 +248,13 @@ class _Plan:
         """One time step with the effects that are live."""
         force = self.u + self.push - self.twin.offset
         state = StepState(
-            self.now, self.qpos[self.adr], self.qvel[self.dof], self.qacc[self.dof], self.u, self.push, self.load
+            self.now,
+            self.qpos[self.adr],
+            self.qvel[self.dof],
+            self.qacc[self.dof],
+            self.u,
+            self.push,
+            self.load,
         )
         if self.runtimes:
             dry = self.friction.copy()
