@@ -1,6 +1,7 @@
 """The patched model in stock MuJoCo moves as the simulation that the answer reports."""
 
 import importlib.util
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -13,6 +14,7 @@ from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.output.answer import write_model
 from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression.nuisance import body_parameters
 from s2r_host.gap.simulation.replay import Live, build_twin, run
 
 STEP_S, ROWS = 0.00025, slice(100, 600)
@@ -103,6 +105,23 @@ def test_it_moves_as_the_simulation_of_the_answer(ctx, name, tmp_path):
         write_model(twin, folder)
         off_by = np.max(np.abs(stock(folder, ctx.sessions[0]) - wanted))
         assert off_by < 1e-4 + 0.05 * np.max(np.abs(wanted - plain)), (name, term.shape)
+
+
+FLAT_PLATE = """<mujoco><worldbody><body name="plate"><joint name="hinge" axis="0 0 1"/>
+<inertial mass="5.2" pos=".16 0 0" diaginertia=".03 .06 .09"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("name", ["mass", "inertia"])
+def test_a_flat_body_of_another_size_is_still_a_body(name):
+    """Of a plate one moment of inertia is the sum of the others; MuJoCo refuses it where rounding makes it more."""
+    spec = mujoco.MjSpec.from_string(FLAT_PLATE)
+    model: Any = SimpleNamespace(model=spec.compile(), body_name=lambda body: "plate")
+    parameter = next(p for p in body_parameters(model, 1) if p.name == name)
+    for change in np.linspace(-0.3, 0.3, 61):
+        copied = spec.copy()
+        parameter.write(copied, float(change))
+        moments = copied.compile().body_inertia[1]
+        assert moments == pytest.approx(np.array([0.03, 0.06, 0.09]) * (1.0 + change), rel=1e-7)
 
 
 def test_what_has_a_stock_form_leaves_no_callback(ctx, tmp_path):

@@ -15,6 +15,7 @@ from s2r_host.gap.regression.rows import effort_slope
 WEAK = 0.03
 TIMING = 0.5
 STEP = 1e-2
+FLAT = 1e-9  # of the largest moment of inertia, added to the smallest
 COMPARISON = ("timing", "edge", "gain")  # of how efforts are compared, not of the machine
 
 
@@ -91,12 +92,12 @@ def body_parameters(model: RigidModel, body: int) -> list[BaseParameter]:
         make_explicit(spec, model, body)
         b = spec.body(name)
         b.mass *= max(0.05, 1.0 + x)
-        b.inertia = np.asarray(b.inertia) * max(0.05, 1.0 + x)
+        b.inertia = _scaled(np.asarray(b.inertia), max(0.05, 1.0 + x))
 
     def write_inertia(spec: mujoco.MjSpec, x: float) -> None:
         make_explicit(spec, model, body)
         b = spec.body(name)
-        b.inertia = np.maximum(np.asarray(b.inertia) * (1.0 + x), 1e-9)
+        b.inertia = _scaled(np.asarray(b.inertia), 1.0 + x)
 
     found = [
         BaseParameter("mass", name, False, float(m.body_mass[body]), float(m.body_mass[body]), "kg", WEAK,
@@ -123,6 +124,15 @@ def body_parameters(model: RigidModel, body: int) -> list[BaseParameter]:
                           _varied(model, shift, f"com{body}{axis}"), write_shift)
         )  # fmt: skip
     return found
+
+
+def _scaled(moments: np.ndarray, factor: float) -> np.ndarray:
+    """Moments of inertia times a factor, shape (3,), that MuJoCo takes.
+
+    Of a flat body the largest is the sum of the others, and what the last digit is rounded to decides.
+    """
+    scaled = np.maximum(moments * factor, 1e-9)
+    return scaled + FLAT * float(scaled.max()) * (scaled == scaled.min())
 
 
 def make_explicit(spec: mujoco.MjSpec, model: RigidModel, body: int) -> None:
