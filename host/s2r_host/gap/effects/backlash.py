@@ -23,6 +23,7 @@ from s2r_host.gap.effects.base import (
 from s2r_host.gap.effects.joint_elasticity import (
     SERVO,
     beside_servo,
+    felt,
     gear,
     hung,
     mean_inertia,
@@ -107,7 +108,7 @@ class Backlash(Effect):
         between = gear(ctx, joint, shape, shape["w"])
         if "servo" in shape:
             return beside_servo(ctx, s, joint, between)
-        return Columns([], fixed=behind_motor(s, joint, hung(ctx, s, joint), between))
+        return felt(ctx, s, joint, between, behind_motor(s, joint, hung(ctx, s, joint), between))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Half width and motor inertia."""

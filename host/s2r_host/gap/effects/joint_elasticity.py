@@ -19,6 +19,7 @@ MOTOR_SHARES = (0.0, 0.15, 0.4)
 MOST_MOTOR = 0.9  # of the inertia
 STATED, FAR_MOTOR = 0.2, 8.0  # relative error of a motor inertia that a model states, log odds
 PASSES = 2
+TOUCHES = 0.1  # of a gap: as deep as flanks are pressed in where the link is taken to be on one of them
 SOFT = 0.2  # change of gravity with the windup, at resonance, from which passes do not settle: integrated instead
 
 
@@ -70,7 +71,7 @@ class JointElasticity(Effect):
         w = 2 * np.pi * shape["f"]
         # Held at the motor, T follows the link's rigid load through a second-order filter of unit gain.
         damping = 2 * shape["zeta"] * w
-        slope, felt = load_slope(ctx, s, joint)[:, joint], load
+        slope, hangs = load_slope(ctx, s, joint)[:, joint], load
         if float(np.max(np.abs(slope))) > SOFT * stiffness * min(2.0 * shape["zeta"], 1.0):
             inertia = np.maximum(M - motor, 0.05 * M)
             bend = load_bend(ctx, s, joint)
@@ -79,12 +80,12 @@ class JointElasticity(Effect):
             # A link that turned further than the joint travels has tipped over: the series in its windup ends there.
             low, high = ctx.span(joint)
             if np.all(np.abs(T) < stiffness * (high - low)):
-                return Columns([], fixed=T - load)
+                return felt(ctx, s, joint, between, T - load)
         for _ in range(PASSES):  # gravity pulls where the link is, not where the motor is
-            windup = (filtered([w * w], [1.0, damping, w * w], felt - felt[0], s.dt) + felt[0]) / stiffness
-            felt = load - slope * windup
-        T = filtered([damping, w * w], [1.0, damping, w * w], felt - felt[0], s.dt) + felt[0]
-        return Columns([], fixed=T - load)
+            windup = (filtered([w * w], [1.0, damping, w * w], hangs - hangs[0], s.dt) + hangs[0]) / stiffness
+            hangs = load - slope * windup
+        T = filtered([damping, w * w], [1.0, damping, w * w], hangs - hangs[0], s.dt) + hangs[0]
+        return felt(ctx, s, joint, between, T - load)
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Stiffness, damping, motor inertia, at the mean inertia of the recordings."""
@@ -120,7 +121,43 @@ class JointElasticity(Effect):
 def beside_servo(ctx: Context, s: Session, joint: int, between: Gear) -> Columns:
     """What a gear adds with the motor under its declared law; nothing where that is not known or does not hold it."""
     found = with_servo(ctx.model, s, joint, hung(ctx, s, joint), between)
-    return Columns([], fixed=np.zeros(len(s.t)) if found is None else found)
+    return felt(ctx, s, joint, between, np.zeros(len(s.t)) if found is None else found)
+
+
+def felt(ctx: Context, s: Session, joint: int, between: Gear, missing: np.ndarray) -> Columns:
+    """What a link asks for that swings behind its motor, whose position was recorded.
+
+    Args:
+        ctx: Model and recordings.
+        s: A recording.
+        joint: The joint of motor and link.
+        between: The gear between them.
+        missing: Effort of the link that the recorded motion does not show, shape (time,). The other joints feel its
+            acceleration through the inertia that they share with it, and its weight where it really is.
+    """
+    if len(ctx.model.joints) == 1:
+        return Columns([], fixed=missing)
+    shared, slope = shared_inertia(ctx, s, joint), load_slope(ctx, s, joint)
+    own = shared[:, joint]
+    at_motor = float(ctx.model.model.dof_damping[joint]) * s.v[:, joint]
+    passed = s.load[:, joint] - at_motor - np.minimum(between.motor, 0.95 * own) * s.a[:, joint] + missing
+    behind = -passed / between.stiffness
+    if between.gap > 0.0:
+        behind -= between.gap * np.clip(passed / (TOUCHES * between.gap * between.stiffness), -1.0, 1.0)
+    swings = (missing - slope[:, joint] * behind) / np.maximum(own - between.motor, 0.05 * own)
+    told = swings[:, None] * shared + behind[:, None] * slope
+    told[:, joint] = missing
+    return Columns([], fixed=told)
+
+
+def shared_inertia(ctx: Context, s: Session, joint: int) -> np.ndarray:
+    """Column of the inertia matrix along a recorded motion, shape (time, joint)."""
+    key = ("shared inertia", joint)
+    if key not in s.cache:
+        a = s.a.copy()
+        a[:, joint] += 1.0
+        s.cache[key] = ctx.model.inverse(s.q, s.v, a) - s.load
+    return s.cache[key]
 
 
 def servo_known(ctx: Context, joint: int) -> bool:
