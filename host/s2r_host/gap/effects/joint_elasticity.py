@@ -133,7 +133,8 @@ def felt(ctx: Context, s: Session, joint: int, between: Gear, missing: np.ndarra
         joint: The joint of motor and link.
         between: The gear between them.
         missing: Effort of the link that the recorded motion does not show, shape (time,). The other joints feel its
-            acceleration through the inertia that they share with it, and its weight where it really is.
+            acceleration through the inertia that they share with it, and its weight where it really is: all of that
+            where the position is read at the motor, none where it is read at the link, which the data decide.
     """
     if len(ctx.model.joints) == 1:
         return Columns([], fixed=missing)
@@ -145,9 +146,9 @@ def felt(ctx: Context, s: Session, joint: int, between: Gear, missing: np.ndarra
     if between.gap > 0.0:
         behind -= between.gap * np.clip(passed / (TOUCHES * between.gap * between.stiffness), -1.0, 1.0)
     swings = (missing - slope[:, joint] * behind) / np.maximum(own - between.motor, 0.05 * own)
-    told = swings[:, None] * shared + behind[:, None] * slope
-    told[:, joint] = missing
-    return Columns([], fixed=told)
+    others = swings[:, None] * shared + behind[:, None] * slope
+    others[:, joint] = 0.0
+    return Columns([others], (True,), fixed=missing)
 
 
 def shared_inertia(ctx: Context, s: Session, joint: int) -> np.ndarray:

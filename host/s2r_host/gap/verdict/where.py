@@ -17,7 +17,10 @@ from s2r_host.gap.verdict.decision import Decision
 from s2r_host.gap.verdict.naming import Named
 
 ACTING, MERGE_S = 0.2, 0.06
-TRANSMISSIONS = ("joint_elasticity", "backlash")  # known from position and speed alone, without coefficients
+TRANSMISSIONS = (
+    "joint_elasticity",
+    "backlash",
+)  # seen from position and speed; play that holds friction is not
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,7 @@ def acting(search: Search, decision: Decision, joint: int) -> tuple[Session, np.
         if named.name == "session_friction":
             best = _drifting(search.problem, joint)
             continue
-        if not named.theta.size and named.name in TRANSMISSIONS:
+        if named.name in TRANSMISSIONS and "loose" not in dict(named.term.shape):
             best = _between(search.problem, named.name, joint)
             continue
         for s in ctx.sessions:
