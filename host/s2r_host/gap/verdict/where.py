@@ -17,10 +17,8 @@ from s2r_host.gap.verdict.decision import Decision
 from s2r_host.gap.verdict.naming import Named
 
 ACTING, MERGE_S = 0.2, 0.06
-TRANSMISSIONS = (
-    "joint_elasticity",
-    "backlash",
-)  # seen from position and speed; play that holds friction is not
+# Seen from position and speed; play that holds friction is not.
+TRANSMISSIONS = ("joint_elasticity", "backlash")
 
 
 @dataclass(frozen=True)
