@@ -290,12 +290,17 @@ time.sleep(120)
     rig.check_limits()
 
 
-def test_t05_a_front_end_process_that_is_killed_leaves_the_core_holding(own):
-    rig = own()
+def in_motion(rig):
+    """The same rig, half a second and more into a motion of 20 s."""
     rig.hold()
     rig.at(ExecutorState.HOLD)
     assert rig.send(home(rig, 0.4, 20.0)).accepted
     wait_for(lambda: rig.status().plan_t > 0.5, "motion")
+    return rig
+
+
+def test_t05_a_front_end_process_that_is_killed_leaves_the_core_holding(own):
+    rig = in_motion(own())
     core = rig.core_pid()
     rig.beating.clear()
     rig.process.kill()
@@ -319,11 +324,7 @@ def test_t05_a_front_end_process_that_is_killed_leaves_the_core_holding(own):
 
 
 def test_t06_a_killed_core_is_reported_and_the_drives_brake(own):
-    rig = own()
-    rig.hold()
-    rig.at(ExecutorState.HOLD)
-    assert rig.send(home(rig, 0.4, 20.0)).accepted
-    wait_for(lambda: rig.status().plan_t > 0.5, "motion")
+    rig = in_motion(own())
     os.kill(rig.core_pid(), signal.SIGKILL)
     wait_for(lambda: rig.plant.at_rest, "brakes")
     assert rig.process.wait(DEADLINE_S) == 6

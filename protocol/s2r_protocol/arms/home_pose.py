@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from s2r_protocol.arms.description import ArmDescription
 from s2r_protocol.arms.link_pairs import link_pairs
-from s2r_protocol.arms.source import FINGER_PREFIX, ArmSource, Box, Joint
+from s2r_protocol.arms.source import FINGER_PREFIX, ArmSource, Box, Joint, Rod
 
 
 def holding_torques(arm: ArmDescription, q: np.ndarray) -> np.ndarray:
@@ -26,12 +26,9 @@ def lowest_shape(arm: ArmDescription, q: np.ndarray) -> tuple[str, float]:
         if shape.link == arm.source.base:
             continue
         link = data.oMf[model.getFrameId(shape.link, pin.FrameType.BODY)]
-        if isinstance(shape, Box):
-            centre = link.act(np.array(shape.center))
-            heights[shape.name] = float(centre[2] - np.abs(link.rotation[2]) @ np.array(shape.half))
-        else:
-            ends = min(link.act(np.array(end))[2] for end in (shape.a, shape.b))
-            heights[shape.name] = float(ends - shape.radius)  # a cylinder's end taken as round: less is lower
+        heights[shape.name] = _along_z(shape, link, flat=False)[
+            0
+        ]  # a cylinder's end taken as round: less is lower
     lowest = min(heights, key=heights.__getitem__)
     return lowest, heights[lowest]
 
@@ -62,14 +59,19 @@ def finger_beyond_tool(arm: ArmDescription) -> float | None:
         if not shape.name.startswith(FINGER_PREFIX):
             continue
         link = tool.actInv(data.oMf[model.getFrameId(shape.link, pin.FrameType.BODY)])
-        if isinstance(shape, Box):
-            ends.append(link.act(np.array(shape.center))[2] + np.abs(link.rotation[2]) @ np.array(shape.half))
-            continue
-        a, b = (link.act(np.array(end)) for end in (shape.a, shape.b))
-        flat = shape.type == "cylinder"
-        along = (b - a) / np.linalg.norm(b - a)
-        ends.append(max(a[2], b[2]) + shape.radius * (np.hypot(along[0], along[1]) if flat else 1.0))
-    return float(max(ends)) if ends else None
+        ends.append(_along_z(shape, link, flat=shape.type == "cylinder")[1])
+    return max(ends, default=None)
+
+
+def _along_z(shape: Rod | Box, link: pin.SE3, flat: bool) -> tuple[float, float]:
+    """From where to where a shape of a link in that pose reaches along z [m]; the ends of a rod are flat or round."""
+    if isinstance(shape, Box):
+        middle, reach = link.act(np.array(shape.center))[2], np.abs(link.rotation[2]) @ np.array(shape.half)
+        return float(middle - reach), float(middle + reach)
+    a, b = (link.act(np.array(end)) for end in (shape.a, shape.b))
+    along = (b - a) / np.linalg.norm(b - a)
+    reach = shape.radius * (np.hypot(along[0], along[1]) if flat else 1.0)
+    return float(min(a[2], b[2]) - reach), float(max(a[2], b[2]) + reach)
 
 
 def longest_offset(source: ArmSource) -> tuple[str, float]:

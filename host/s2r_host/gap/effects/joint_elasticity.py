@@ -10,7 +10,7 @@ from s2r_host.gap.effects.encoder_offset import load_bend, load_slope
 from s2r_host.gap.motion.servo import servo_of
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import filtered
-from s2r_host.gap.motion.two_masses import Gear, Hung, deflection, with_servo
+from s2r_host.gap.motion.two_masses import Gear, Hung, deflection, link_inertia, with_servo
 
 SERVO = {"servo": 1.0}  # the motor is held by its declared law, inside the simulation
 FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
@@ -64,16 +64,14 @@ class JointElasticity(Effect):
         between = gear(ctx, joint, shape)
         if "servo" in shape:
             return beside_servo(ctx, s, joint, between)
-        M, L, a = s.mass[:, joint], s.load[:, joint], s.a[:, joint]
         motor, stiffness = between.motor, between.stiffness
-        at_motor = float(ctx.model.model.dof_damping[joint]) * s.v[:, joint]
-        load = L - at_motor - np.minimum(motor, 0.95 * M) * a
+        load = link_load(ctx, s, joint, motor)
         w = 2 * np.pi * shape["f"]
         # Held at the motor, T follows the link's rigid load through a second-order filter of unit gain.
         damping = 2 * shape["zeta"] * w
         slope, hangs = load_slope(ctx, s, joint)[:, joint], load
         if float(np.max(np.abs(slope))) > SOFT * stiffness * min(2.0 * shape["zeta"], 1.0):
-            inertia = np.maximum(M - motor, 0.05 * M)
+            inertia = link_inertia(s, joint, motor)
             bend = load_bend(ctx, s, joint)
             with np.errstate(over="ignore", invalid="ignore"):
                 T = deflection(s.dt, inertia, load, slope, bend, between)
@@ -139,16 +137,20 @@ def felt(ctx: Context, s: Session, joint: int, between: Gear, missing: np.ndarra
     if len(ctx.model.joints) == 1:
         return Columns([], fixed=missing)
     shared, slope = shared_inertia(ctx, s, joint), load_slope(ctx, s, joint)
-    own = shared[:, joint]
-    at_motor = float(ctx.model.model.dof_damping[joint]) * s.v[:, joint]
-    passed = s.load[:, joint] - at_motor - np.minimum(between.motor, 0.95 * own) * s.a[:, joint] + missing
+    passed = link_load(ctx, s, joint, between.motor) + missing
     behind = -passed / between.stiffness
     if between.gap > 0.0:
         behind -= between.gap * np.clip(passed / (TOUCHES * between.gap * between.stiffness), -1.0, 1.0)
-    swings = (missing - slope[:, joint] * behind) / np.maximum(own - between.motor, 0.05 * own)
+    swings = (missing - slope[:, joint] * behind) / link_inertia(s, joint, between.motor)
     others = swings[:, None] * shared + behind[:, None] * slope
     others[:, joint] = 0.0
     return Columns([others], (True,), fixed=missing)
+
+
+def link_load(ctx: Context, s: Session, joint: int, motor: float) -> np.ndarray:
+    """What the link alone asks of a rigid gear, bearings and the motor's inertia taken off, shape (time,)."""
+    bearings = float(ctx.model.model.dof_damping[joint]) * s.v[:, joint]
+    return s.load[:, joint] - bearings - np.minimum(motor, 0.95 * s.mass[:, joint]) * s.a[:, joint]
 
 
 def shared_inertia(ctx: Context, s: Session, joint: int) -> np.ndarray:

@@ -58,12 +58,16 @@ class Hung:
     friction: float
 
 
+def link_inertia(s: Session, joint: int, motor: float) -> np.ndarray:
+    """What is left of a joint's inertia on the link's side, never nothing, shape (time,)."""
+    M = s.mass[:, joint]
+    return np.maximum(M - motor, 0.05 * M)
+
+
 def behind_motor(s: Session, joint: int, hung: Hung, gear: Gear) -> np.ndarray:
     """Transmitted effort beyond that of a rigid gear, the motor moving as recorded, shape (time,)."""
-    M = s.mass[:, joint]
-    inertia = np.maximum(M - gear.motor, 0.05 * M)
     load = hung.load - gear.motor * s.a[:, joint]
-    return deflection(s.dt, inertia, load, hung.slope, hung.bend, gear) - load
+    return deflection(s.dt, link_inertia(s, joint, gear.motor), load, hung.slope, hung.bend, gear) - load
 
 
 def with_servo(model: RigidModel, s: Session, joint: int, hung: Hung, gear: Gear) -> np.ndarray | None:
@@ -85,7 +89,7 @@ def with_servo(model: RigidModel, s: Session, joint: int, hung: Hung, gear: Gear
     weight = hung.load - M * a - s.pushed[:, joint]
     low, high = model.effort_limits()
     at, effort = under_servo(
-        dt=s.dt, inertia=np.maximum(M - motor, 0.05 * M), load=weight, slope=hung.slope, bend=hung.bend,
+        dt=s.dt, inertia=link_inertia(s, joint, motor), load=weight, slope=hung.slope, bend=hung.bend,
         stiffness=gear.stiffness, damping=gear.damping, gap=gear.gap, q=np.ascontiguousarray(q),
         speed=float(s.v[0, joint]), motor_inertia=motor, motor_damping=hung.bearings, friction=hung.friction,
         kp=servo.kp, kd=servo.kd, ki=servo.ki, low=float(low[joint]), high=float(high[joint]), ticks=servo.ticks,

@@ -59,12 +59,12 @@ def outside(problem: Problem, search: Search, solution: Solution, *, strained: b
         imitated = strained or sum(t.joint == joint for t in solution.terms) > 1
         for cause in _causes(problem, joint, imitated=imitated):
             left, x = beside_numbers(problem, search, cause.columns)
+            if not cause.possible(x):
+                continue
             without = by_numbers
             if cause.ordinary:
                 without, _ = beside_numbers(problem, search, cause.columns[:, : cause.ordinary])
-            if cause.possible(x) and _explains(
-                problem, joint, left, solution.unexplained, without, likely=cause.likely(x)
-            ):
+            if _explains(problem, joint, left, solution.unexplained, without, likely=cause.likely(x)):
                 return cause.words(x)
     return None
 
