@@ -1,7 +1,8 @@
 #include "gap_bindings.hpp"
 
-#include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
 
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -38,11 +39,12 @@ Result behind(double dt, const Rows& inertia, const Rows& load, const Rows& slop
   return to_array(behind_recorded_motor(static_cast<int>(rows), dt, link, gear, phase), {rows});
 }
 
-std::pair<Result, Result> servoed(double dt, const Rows& inertia, const Rows& load, const Rows& slope, const Rows& bend,
-                                  double stiffness, double damping, double gap, const Rows& q, double speed,
-                                  double motor_inertia, double motor_damping, double friction, double kp, double kd,
-                                  double ki, double low, double high, int ticks, const Rows& q_cmd, const Rows& dq_cmd,
-                                  const Rows& ahead, double integral, double follow, double phase) {
+std::tuple<Result, Result, Result> servoed(double dt, const Rows& inertia, const Rows& load, const Rows& slope,
+                                           const Rows& bend, double stiffness, double damping, double gap,
+                                           const Rows& q, double speed, double motor_inertia, double motor_damping,
+                                           double friction, double kp, double kd, double ki, double low, double high,
+                                           int ticks, const Rows& q_cmd, const Rows& dq_cmd, const Rows& ahead,
+                                           double integral, double follow, bool reads_link, double phase) {
   const Link link = link_of(inertia, load, slope, bend);
   const Gear gear = gear_of(stiffness, damping, gap, dt, phase);
   const std::size_t rows = inertia.shape(0);
@@ -55,9 +57,11 @@ std::pair<Result, Result> servoed(double dt, const Rows& inertia, const Rows& lo
   require(q_cmd.shape(0) == told && dq_cmd.shape(0) == told && ahead.shape(0) == told,
           "q_cmd, dq_cmd and ahead must have a number per tick");
   const Motor motor{motor_inertia, motor_damping, friction, speed, q.data()};
-  const Servo servo{kp, kd, ki, ticks, q_cmd.data(), dq_cmd.data(), ahead.data(), low, high, integral, follow};
+  const Servo servo{kp,           kd,  ki,   ticks,    q_cmd.data(), dq_cmd.data(),
+                    ahead.data(), low, high, integral, follow,       reads_link};
   Driven found = under_servo(static_cast<int>(rows), dt, link, gear, motor, servo, phase);
-  return {to_array(std::move(found.q), {rows}), to_array(std::move(found.effort), {rows})};
+  return {to_array(std::move(found.q), {rows}), to_array(std::move(found.effort), {rows}),
+          to_array(std::move(found.friction), {rows})};
 }
 
 Result hanging(double dt, const Doubles<2>& steps, const Rows& load, const Rows& bend, double stiffness,
@@ -114,9 +118,10 @@ void bind_gap(nb::module_& m) {
         "Effort that reaches a link behind a motor that moves as recorded, (rows,); see s2r_host.gap.motion.states.");
   m.def("under_servo", &servoed, nb::kw_only(), "dt"_a, "inertia"_a, "load"_a, "slope"_a, "bend"_a, "stiffness"_a,
         "damping"_a, "gap"_a, "q"_a, "speed"_a, "motor_inertia"_a, "motor_damping"_a, "friction"_a, "kp"_a, "kd"_a,
-        "ki"_a, "low"_a, "high"_a, "ticks"_a, "q_cmd"_a, "dq_cmd"_a, "ahead"_a, "integral"_a, "follow"_a, "phase"_a,
-        "Position of a motor under its servo and the effort that moves it and its link, (rows,) each;\n"
-        "see s2r_host.gap.motion.servo.");
+        "ki"_a, "low"_a, "high"_a, "ticks"_a, "q_cmd"_a, "dq_cmd"_a, "ahead"_a, "integral"_a, "follow"_a,
+        "reads_link"_a, "phase"_a,
+        "Position at the encoder of a motor under its servo, the effort that moves it and its link, and its friction,\n"
+        "(rows,) each; see s2r_host.gap.motion.two_masses.");
 }
 
 }  // namespace s2r::gap

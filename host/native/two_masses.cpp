@@ -66,8 +66,8 @@ std::vector<double> hanging_link(int rows, double dt, const Steps& steps, const 
 
 Driven under_servo(int rows, double dt, const Link& link, const Gear& gear, const Motor& motor, const Servo& servo,
                    double phase) {
-  Driven found{std::vector<double>(static_cast<std::size_t>(rows)),
-               std::vector<double>(static_cast<std::size_t>(rows))};
+  const std::vector<double> none(static_cast<std::size_t>(rows));
+  Driven found{none, none, none};
   const double lightest = *std::min_element(link.inertia, link.inertia + rows);
   const double coupled = 1.0 / lightest + 1.0 / motor.inertia;
   const double fastest = std::max({std::sqrt(gear.stiffness * coupled), gear.damping * coupled,
@@ -75,16 +75,19 @@ Driven under_servo(int rows, double dt, const Link& link, const Gear& gear, cons
   const double tick = dt / servo.ticks;
   const int parts = parts_of(tick, fastest, phase);
   const double h = tick / parts, most_dry = h / motor.inertia * motor.friction;
-  double q = motor.q[0], v = motor.speed, q_link, v_link = v, integral = servo.integral, beside = 0.0;
-  q_link = q - std::copysign(gear.gap, link.load[0]) - link.load[0] / gear.stiffness;
+  const double windup = std::copysign(gear.gap, link.load[0]) + link.load[0] / gear.stiffness;
+  double q = motor.q[0] + (servo.reads_link ? windup : 0.0), q_link = q - windup;
+  double v = motor.speed, v_link = v, integral = servo.integral, beside = 0.0;
   for (int i = 0; i < rows; ++i) {
     for (int k = 0; k < servo.ticks; ++k) {
       const int row = i * servo.ticks + k;
-      integral += (servo.q_cmd[row] - q) * tick;
-      const double wanted = servo.kp * (servo.q_cmd[row] - q) + servo.kd * (servo.dq_cmd[row] - v) + servo.ahead[row];
+      const double seen = servo.reads_link ? q_link : q, speed = servo.reads_link ? v_link : v;
+      integral += (servo.q_cmd[row] - seen) * tick;
+      const double wanted =
+          servo.kp * (servo.q_cmd[row] - seen) + servo.kd * (servo.dq_cmd[row] - speed) + servo.ahead[row];
       const double asked = std::clamp(wanted + servo.ki * integral, servo.low, servo.high);
       const double recorded = at(motor.q, i, rows, static_cast<double>(k) / servo.ticks);
-      beside += servo.follow * servo.kp * (recorded - q) * tick;
+      beside += servo.follow * servo.kp * (recorded - seen) * tick;
       for (int part = 0; part < parts; ++part) {
         const double within = (k + static_cast<double>(part) / parts) / servo.ticks;
         const double behind = q_link - at(motor.q, i, rows, within);  // of the recorded place, where the load is known
@@ -95,8 +98,10 @@ Driven under_servo(int rows, double dt, const Link& link, const Gear& gear, cons
         const double free = v + h / motor.inertia * (drive - through);
         const double dry = std::clamp(free, -most_dry, most_dry);
         if (k == 0 && part == 0) {
-          found.q[static_cast<std::size_t>(i)] = q;
-          found.effort[static_cast<std::size_t>(i)] = drive - dry * motor.inertia / h;
+          const std::size_t here = static_cast<std::size_t>(i);
+          found.q[here] = seen;
+          found.effort[here] = drive - dry * motor.inertia / h;
+          found.friction[here] = motor.damping * v + dry * motor.inertia / h;
         }
         v = free - dry;
         v_link += h * (through - pull) / at(link.inertia, i, rows, within);

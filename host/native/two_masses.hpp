@@ -43,18 +43,20 @@ struct Servo {
   const double* ahead = nullptr;
   double low = 0.0, high = 0.0;  // what the drive can give
   double integral = 0.0;         // as the record begins, in the integral's unit
-  double follow = 0.0;           // 1/s: what else acts is found from the distance to the recorded motor, this fast
+  double follow = 0.0;           // 1/s: what else acts is found from the distance to the recorded motion, this fast
+  bool reads_link = false;       // the encoder is behind the gear: position and speed of the law are the link's
 };
 
 struct Motor {
   double inertia = 0.0, damping = 0.0, friction = 0.0;
   double speed = 0.0;         // as the record begins
-  const double* q = nullptr;  // recorded, a number per row
+  const double* q = nullptr;  // recorded by the encoder, wherever it is, a number per row
 };
 
-// Position of the motor and the effort that moves motor and link, friction taken off, at every row.
+// Position at the encoder, the effort that moves motor and link, and the friction that the drive overcomes besides, at
+// every row.
 struct Driven {
-  std::vector<double> q, effort;
+  std::vector<double> q, effort, friction;
 };
 
 // The same with the motor under its servo; `link.load` is then without what the link's acceleration takes.

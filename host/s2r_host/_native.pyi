@@ -215,9 +215,10 @@ def under_servo(
     ahead: NDArray[numpy.float64],
     integral: float,
     follow: float,
+    reads_link: bool,
     phase: float,
-) -> tuple[NDArray[numpy.float64], NDArray[numpy.float64]]:
+) -> tuple[NDArray[numpy.float64], NDArray[numpy.float64], NDArray[numpy.float64]]:
     """
-    Position of a motor under its servo and the effort that moves it and its link, (rows,) each;
-    see s2r_host.gap.motion.servo.
+    Position at the encoder of a motor under its servo, the effort that moves it and its link, and its friction,
+    (rows,) each; see s2r_host.gap.motion.two_masses.
     """

@@ -193,6 +193,11 @@ def _with_effort(a: Analysis, config: GapConfig, log: Log) -> None:
         decision.solution = polish(problem, search, decision.solution, a.hold, miss)
         restate(problem, search, decision)
     a.twin = patched_twin(a, decision.solution, decision.verdict)
+    a.notes += [
+        f"the encoder of '{a.model.joints[j]}' is behind its gear: in model_patched.xml the motor is that joint, and "
+        "what the encoder sees is that joint and the one behind it together"
+        for j in sorted(a.twin.at_link)
+    ]
     if config.calibrate_s > 0:
         _calibrate(a, config.calibrate_s)
     if config.simulate:

@@ -72,29 +72,35 @@ def test_a_link_without_a_gap_takes_one_step_per_row(k, d):
     assert np.sqrt(np.mean((found - fine) ** 2)) < 0.02 * np.std(fine)
 
 
+@pytest.mark.parametrize("reads_link", [False, True])
 @pytest.mark.parametrize("gap", [0.0, 0.01])
-def test_a_motor_under_its_servo(gap):
+def test_a_motor_under_its_servo(gap, reads_link):
+    """Its encoder is the motor's, or the link's."""
     gear = Gear(0.05, 800.0, 2.0, gap)
     q_cmd, dq_cmd = 0.5 * np.sin(3.0 * T), 1.5 * np.cos(3.0 * T)
-    law: dict[str, Any] = {"kp": 300.0, "kd": 12.0, "ki": 500.0}
+    law: dict[str, Any] = (
+        {"kp": 60.0, "kd": 6.0, "ki": 80.0} if reads_link else {"kp": 300.0, "kd": 12.0, "ki": 500.0}
+    )
     rows = {
         "inertia": np.full(len(T), 0.2),
         "load": 3.0 * np.sin(2.0 * T) + 0.3,
         "slope": np.full(len(T), 4.0),
     }
-    at, effort = under_servo(
+    at, effort, friction = under_servo(
         dt=DT, **rows, bend=np.zeros(len(T)), stiffness=gear.stiffness, damping=gear.damping, gap=gap,
         q=np.zeros(len(T)), speed=0.0, motor_inertia=gear.motor, motor_damping=0.4, friction=0.0, **law, low=-np.inf,
-        high=np.inf, ticks=1, q_cmd=q_cmd, dq_cmd=dq_cmd, ahead=0.2 * np.cos(T), integral=0.001, follow=0.0, phase=0.02,
+        high=np.inf, ticks=1, q_cmd=q_cmd, dq_cmd=dq_cmd, ahead=0.2 * np.cos(T), integral=0.001, follow=0.0,
+        reads_link=reads_link, phase=0.02,
     )  # fmt: skip
-    q, v, link, rate, total = 0.0, 0.0, -gap - 0.3 / gear.stiffness, 0.0, 0.001
+    windup = gap + 0.3 / gear.stiffness
+    q, v, link, rate, total = windup if reads_link else 0.0, 0.0, 0.0 if reads_link else -windup, 0.0, 0.001
     wanted = []
     for i in range(len(T)):
-        total += (q_cmd[i] - q) * DT
-        asked = (
-            law["kp"] * (q_cmd[i] - q) + law["kd"] * (dq_cmd[i] - v) + 0.2 * np.cos(T[i]) + law["ki"] * total
-        )
-        wanted.append((q, asked - 0.4 * v))
+        seen, speed = (link, rate) if reads_link else (q, v)
+        total += (q_cmd[i] - seen) * DT
+        asked = law["kp"] * (q_cmd[i] - seen) + law["kd"] * (dq_cmd[i] - speed) + law["ki"] * total
+        asked += 0.2 * np.cos(T[i])
+        wanted.append((seen, asked - 0.4 * v, 0.4 * v))
 
         def slopes(t, y, asked=asked):
             through = (
@@ -110,6 +116,7 @@ def test_a_motor_under_its_servo(gap):
     assert np.std(wanted[:, 0]) > 0.3
     assert np.max(np.abs(at - wanted[:, 0])) < 2e-3 * np.std(wanted[:, 0])
     assert np.sqrt(np.mean((effort - wanted[:, 1]) ** 2)) < 0.02 * np.std(wanted[:, 1])
+    assert np.sqrt(np.mean((friction - wanted[:, 2]) ** 2)) < 0.02 * np.std(wanted[:, 2])
 
 
 def test_dry_friction_holds_the_motor_and_the_drive_has_limits():
@@ -142,13 +149,14 @@ def test_dry_friction_holds_the_motor_and_the_drive_has_limits():
     def run(friction, high, far):
         return under_servo(
             dt=DT, **told, **law, **gear, friction=friction, low=-high, high=high, q_cmd=rest + far, follow=0.0,
-            phase=0.1,
+            reads_link=False, phase=0.1,
         )  # fmt: skip
 
     assert np.all(run(1.5, 10.0, 0.01)[0] == 0.0)  # 1 N·m asked for, 1.5 needed
-    moved, effort = run(0.5, 2.0, 1.0)  # 100 N·m asked for, 2 given
+    moved, effort, rubbed = run(0.5, 2.0, 1.0)  # 100 N·m asked for, 2 given
     assert moved[-1] > 0.5
     assert effort[0] == pytest.approx(1.5)
+    assert rubbed[0] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -188,12 +196,12 @@ def bouncing(tmp_path_factory):
     weight = model.inverse(column, 0 * column, 0 * column)[:, 0]
     further = model.inverse(column + 1e-3, 0 * column, 0 * column)[:, 0]
     inertia = model.mass_diagonal(column)[:, 0] - armature
-    q, _ = under_servo(
+    q, *_ = under_servo(
         dt=0.004, inertia=inertia, load=weight, slope=(further - weight) / 1e-3, bend=0.0 * t,
         stiffness=gear.stiffness, damping=gear.damping, gap=gear.gap, q=q_cmd, speed=float(dq_cmd[0]),
         motor_inertia=armature, motor_damping=damping, friction=friction, kp=kp, kd=kd, ki=0.0, low=-np.inf,
         high=np.inf, ticks=ticks, q_cmd=commands[0], dq_cmd=commands[1], ahead=np.zeros(len(fine)), integral=0.0,
-        follow=0.0, phase=0.02,
+        follow=0.0, reads_link=False, phase=0.02,
     )  # fmt: skip
     noise = np.random.default_rng(5).normal(size=(2, len(t)))
     measured = q + 2e-4 * noise[0]

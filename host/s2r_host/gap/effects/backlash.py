@@ -7,6 +7,8 @@ the transmitted force is a dead zone of a stop operator.
 
 from __future__ import annotations
 
+from itertools import product
+
 import mujoco
 import numpy as np
 
@@ -21,6 +23,8 @@ from s2r_host.gap.effects.base import (
     as_written,
 )
 from s2r_host.gap.effects.joint_elasticity import (
+    AT_LINK,
+    AT_LINK_ODDS,
     SERVO,
     beside_servo,
     felt,
@@ -77,6 +81,8 @@ class Backlash(Effect):
         seeds = [(w, f, 0.4, {}) for w in _widths(RESOLVED * step / (high - low)) for f in CONTACTS_HZ]
         if servo_known(ctx, joint):
             seeds += [(w, f, z, SERVO) for w in _widths(0.0) for f in FLANKS_HZ for z in REBOUNDS]
+            rarer = (_widths(0.0)[::2], FLANKS_HZ[1::2], REBOUNDS)
+            seeds += [(w, f, z, SERVO | AT_LINK) for w, f, z in product(*rarer)]
         return loose + [
             {"w": float((high - low) * w), "motor": m, "f": f, "zeta": z} | servo
             for m in motor_shares(ctx, joint)
@@ -96,7 +102,9 @@ class Backlash(Effect):
 
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
         """Friction alone behind the gap is rarer than an inertia; a motor's is known where the model states one."""
-        return LOOSE_ODDS if "loose" in shape else motor_odds(ctx, joint, shape["motor"])
+        if "loose" in shape:
+            return LOOSE_ODDS
+        return motor_odds(ctx, joint, shape["motor"]) + (AT_LINK_ODDS if "at_link" in shape else 0.0)
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Motor inertia plus transmitted effort, minus the rigid load; or friction behind the gap."""
@@ -107,7 +115,7 @@ class Backlash(Effect):
             return Columns([pull], (True,))
         between = gear(ctx, joint, shape, shape["w"])
         if "servo" in shape:
-            return beside_servo(ctx, s, joint, between)
+            return beside_servo(ctx, s, joint, between, at_link="at_link" in shape)
         return felt(ctx, s, joint, between, behind_motor(s, joint, hung(ctx, s, joint), between))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:

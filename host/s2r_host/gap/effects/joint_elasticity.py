@@ -10,9 +10,11 @@ from s2r_host.gap.effects.encoder_offset import load_bend, load_slope
 from s2r_host.gap.motion.servo import servo_of
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import filtered
-from s2r_host.gap.motion.two_masses import Gear, Hung, deflection, link_inertia, with_servo
+from s2r_host.gap.motion.two_masses import Gear, Hung, before_spring, deflection, link_inertia, with_servo
 
 SERVO = {"servo": 1.0}  # the motor is held by its declared law, inside the simulation
+AT_LINK = {"at_link": 1.0}  # the encoder is behind the gear
+AT_LINK_ODDS = -2.0
 FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
 DAMPING = (0.02, 0.08, 0.25)
 MOTOR_SHARES = (0.0, 0.15, 0.4)
@@ -37,10 +39,11 @@ class JointElasticity(Effect):
         """Link frequency at a held motor, damping ratio, share of the inertia that is motor."""
         return [
             {"f": f, "zeta": z, "motor": m} | servo
-            for servo in ({}, SERVO)[: 1 + servo_known(ctx, joint)]
+            for servo in ({}, AT_LINK, SERVO, SERVO | AT_LINK)[: 4 if servo_known(ctx, joint) else 2]
             for m in motor_shares(ctx, joint)
             for f in FREQUENCIES_HZ
             for z in DAMPING
+            if m > 0.0 or "at_link" not in servo
         ]
 
     def refine(self, ctx: Context, joint: int) -> dict[str, tuple[str, float]]:
@@ -57,13 +60,15 @@ class JointElasticity(Effect):
 
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
         """A motor's inertia is known where the model states one; slow motions tell it from the spring in no way."""
-        return motor_odds(ctx, joint, shape["motor"])
+        return motor_odds(ctx, joint, shape["motor"]) + (AT_LINK_ODDS if "at_link" in shape else 0.0)
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Motor inertia plus transmitted effort, minus the rigid load."""
         between = gear(ctx, joint, shape)
         if "servo" in shape:
-            return beside_servo(ctx, s, joint, between)
+            return beside_servo(ctx, s, joint, between, at_link="at_link" in shape)
+        if "at_link" in shape:
+            return Columns([], fixed=before_spring(s, joint, hung(ctx, s, joint), between))
         motor, stiffness = between.motor, between.stiffness
         load = link_load(ctx, s, joint, motor)
         w = 2 * np.pi * shape["f"]
@@ -116,9 +121,14 @@ class JointElasticity(Effect):
         return True
 
 
-def beside_servo(ctx: Context, s: Session, joint: int, between: Gear) -> Columns:
-    """What a gear adds with the motor under its declared law; nothing where that is not known or does not hold it."""
-    found = with_servo(ctx.model, s, joint, hung(ctx, s, joint), between)
+def beside_servo(ctx: Context, s: Session, joint: int, between: Gear, *, at_link: bool = False) -> Columns:
+    """What a gear adds with the motor under its declared law; nothing where that is not known or does not hold it.
+
+    Where the encoder is ``at_link`` the other joints feel what they would feel of a rigid gear.
+    """
+    found = with_servo(ctx.model, s, joint, hung(ctx, s, joint), between, reads_link=at_link)
+    if at_link:
+        return Columns([], fixed=np.zeros(len(s.t)) if found is None else found)
     return felt(ctx, s, joint, between, np.zeros(len(s.t)) if found is None else found)
 
 

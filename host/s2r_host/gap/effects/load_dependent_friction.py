@@ -7,6 +7,8 @@ import numpy as np
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.motion.session import Session
 
+ALL, WEIGHT, BEHIND_ROTOR, BEHIND_BEARINGS = 0.0, 1.0, 2.0, 3.0  # the load that counts
+
 
 class LoadDependentFriction(Effect):
     """tau = mu |load| sgn(dq)."""
@@ -26,13 +28,17 @@ class LoadDependentFriction(Effect):
         return None if np.std(load) > 0.1 * np.mean(load) else "the load hardly changes"
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
-        """Which load counts: all of it, or only the weight."""
-        return [{"weight_only": 0.0}, {"weight_only": 1.0}]
+        """Which load counts: all of it, the weight alone, or what passes the gear behind rotor and bearings."""
+        inertia, damping = _takes(ctx, joint, BEHIND_BEARINGS)
+        loads = [ALL, WEIGHT, *([BEHIND_ROTOR] if inertia else []), *([BEHIND_BEARINGS] if damping else [])]
+        return [{"load": load} for load in loads]
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Load times direction."""
-        load = static_load(ctx, s)[:, joint] if shape["weight_only"] else s.load[:, joint]
-        return Columns([np.abs(load) * s.sign(joint)], (True,))
+        load = static_load(ctx, s) if shape["load"] == WEIGHT else s.load
+        inertia, damping = _takes(ctx, joint, shape["load"])
+        carried = load[:, joint] - inertia * s.a[:, joint] - damping * s.v[:, joint]
+        return Columns([np.abs(carried) * s.sign(joint)], (True,))
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Friction coefficient."""
@@ -41,11 +47,15 @@ class LoadDependentFriction(Effect):
     def runtime(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray, dt: float) -> Runtime | None:
         """Friction loss written each step."""
         mu = float(theta[0])
-        if shape["weight_only"]:
+        if shape["load"] == WEIGHT:
             return _weight_friction(ctx, joint, mu)
+        inertia, damping = _takes(ctx, joint, shape["load"])
 
         def step(state: StepState) -> tuple[float, float]:
-            return 0.0, mu * abs(float(state.load[joint]))
+            carried = (
+                float(state.load[joint]) - inertia * float(state.a[joint]) - damping * float(state.v[joint])
+            )
+            return 0.0, mu * abs(carried)
 
         return step
 
@@ -56,6 +66,13 @@ def static_load(ctx: Context, s: Session) -> np.ndarray:
         still = np.zeros_like(s.q)
         s.cache["static"] = ctx.model.inverse(s.q, still, still)
     return s.cache["static"]
+
+
+def _takes(ctx: Context, joint: int, load: float) -> tuple[float, float]:
+    """What rotor and bearings take for themselves before the load that counts: by acceleration and by speed."""
+    m = ctx.model.model
+    inertia = float(m.dof_armature[joint]) if load in (BEHIND_ROTOR, BEHIND_BEARINGS) else 0.0
+    return inertia, float(m.dof_damping[joint]) if load == BEHIND_BEARINGS else 0.0
 
 
 def _weight_friction(ctx: Context, joint: int, mu: float) -> Runtime:

@@ -1,6 +1,7 @@
 """A motor and the link it drives through a spring or through play, along a recorded motion.
 
-The motor moves as recorded, or its servo holds it in the simulation. Where a link bounces between stiff flanks the
+The motor moves as recorded, or its servo holds it in the simulation; or the link does, whose encoder is then behind
+the gear. Where a link bounces between stiff flanks the
 servo is what calms it: the motor gives way and takes the energy up, by less than the noise of an encoder. Behind the
 recorded motion of a motor, which is no longer one that gives way, the same link bounces on.
 """
@@ -16,6 +17,7 @@ from s2r_host._native import behind_recorded_motor, hanging_link, under_servo
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.servo import Servo, servo_of, ticks_of
 from s2r_host.gap.motion.session import Session, lowpass
+from s2r_host.gap.motion.states import filtered
 
 PHASE = 0.1  # of the fastest motion, per step
 LIGHTEST_MOTOR = 0.02  # of the inertia
@@ -70,11 +72,29 @@ def behind_motor(s: Session, joint: int, hung: Hung, gear: Gear) -> np.ndarray:
     return deflection(s.dt, link_inertia(s, joint, gear.motor), load, hung.slope, hung.bend, gear) - load
 
 
-def with_servo(model: RigidModel, s: Session, joint: int, hung: Hung, gear: Gear) -> np.ndarray | None:
+def before_spring(s: Session, joint: int, hung: Hung, gear: Gear) -> np.ndarray:
+    """What a motor takes beyond a rigid gear where the link moves as recorded behind a spring, shape (time,).
+
+    The spring is wound up by what the link is known to ask for, T = k δ + d δ̇; motor, bearings and dry friction move
+    with the link and the windup.
+    """
+    passed = hung.load - gear.motor * s.a[:, joint]
+    windup = (
+        filtered([1.0], [gear.damping, gear.stiffness], passed - passed[0], s.dt) + passed[0] / gear.stiffness
+    )
+    rate = np.gradient(windup, s.dt)
+    turned = np.tanh((s.slip(joint) + rate) / s.v_eps[joint]) - s.sign(joint)
+    return gear.motor * np.gradient(rate, s.dt) + hung.bearings * rate + hung.friction * turned
+
+
+def with_servo(
+    model: RigidModel, s: Session, joint: int, hung: Hung, gear: Gear, *, reads_link: bool = False
+) -> np.ndarray | None:
     """The same, seen as the recording is, with the motor under its declared law; None where that is not known.
 
-    The law is told the recorded commands. What else acts on the motor is found from the distance to where it was, by
-    an integral that is slow beside the gear.
+    The law is told the recorded commands. What else acts on the motor is found from the distance to where the encoder
+    was, by an integral that is slow beside the gear. Where the encoder ``reads_link`` friction moves otherwise than
+    what was recorded.
     """
     if not s.has_drive[joint]:
         return None
@@ -88,20 +108,27 @@ def with_servo(model: RigidModel, s: Session, joint: int, hung: Hung, gear: Gear
     motor = max(gear.motor, LIGHTEST_MOTOR * float(np.mean(M)))
     weight = hung.load - M * a - s.pushed[:, joint]
     low, high = model.effort_limits()
-    at, effort = under_servo(
+    at, effort, friction = under_servo(
         dt=s.dt, inertia=link_inertia(s, joint, motor), load=weight, slope=hung.slope, bend=hung.bend,
         stiffness=gear.stiffness, damping=gear.damping, gap=gear.gap, q=np.ascontiguousarray(q),
         speed=float(s.v[0, joint]), motor_inertia=motor, motor_damping=hung.bearings, friction=hung.friction,
         kp=servo.kp, kd=servo.kd, ki=servo.ki, low=float(low[joint]), high=float(high[joint]), ticks=servo.ticks,
         q_cmd=servo.q_cmd, dq_cmd=servo.dq_cmd, ahead=servo.ahead, integral=servo.integral(s, joint, 0),
-        follow=min(FOLLOW, CALM * servo.kd / float(np.mean(M))), phase=PHASE,
+        follow=min(FOLLOW, CALM * servo.kd / float(np.mean(M))), reads_link=reads_link, phase=PHASE,
     )  # fmt: skip
     if not np.all(np.isfinite(at)):
         return None
     seen = lowpass(at, float(s.motion_cut[joint]), s.dt)  # as the position of the recording
     behind = seen - q
-    rigid = M * CubicSpline(s.t, seen)(s.t, 2) + weight + (hung.slope + 0.5 * hung.bend * behind) * behind
-    return effort - rigid
+    motion = CubicSpline(s.t, seen)
+    rigid = M * motion(s.t, 2) + weight + (hung.slope + 0.5 * hung.bend * behind) * behind
+    if not reads_link:
+        return effort - rigid
+    v = motion(s.t, 1)
+    nominal = hung.bearings * v + hung.friction * np.tanh(
+        (v + s.lead[joint] * motion(s.t, 2)) / s.v_eps[joint]
+    )
+    return effort + friction - rigid - nominal
 
 
 def deflection(

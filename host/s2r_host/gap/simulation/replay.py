@@ -39,6 +39,7 @@ class Twin:
     Attributes:
         spec: Source with every stock attribute written; ``model`` its compilation.
         live: Effects that need a callback.
+        at_link: Joints whose encoder is behind their gear: it sees the joint and what an effect put behind it together.
         lag: Sensor lag per joint [s].
         friction_factor: All friction of a session over that of the fitted ones, by its label, shape (joint,).
     """
@@ -50,6 +51,7 @@ class Twin:
     native: list[Live] = field(default_factory=list)
     live: list[Live] = field(default_factory=list)
     sensors: dict[int, Callable[[float], float]] = field(default_factory=dict)
+    at_link: set[int] = field(default_factory=set)
     lag: dict[int, float] = field(default_factory=dict)
     offset: np.ndarray = field(default_factory=lambda: np.zeros(0))
     generic: Callable[[StepState], np.ndarray] | None = None
@@ -80,6 +82,8 @@ def build_twin(
             twin.lag[term.joint] = term.shape["lag"]
         elif effect.patch(ctx, spec, term.joint, term.shape, term.theta):
             twin.native.append(term)
+            if "at_link" in term.shape:
+                twin.at_link.add(term.joint)
         else:
             twin.live.append(term)
     twin.model = spec.compile()
@@ -163,6 +167,11 @@ class _Plan:
         m.dof_frictionloss[self.dof] = np.maximum(self.friction, 0.0)
         own = set(self.dof.tolist())
         self.flex = [(dof, j) for j, d in enumerate(self.dof) for dof in _behind(m, int(d)) if dof not in own]
+        self.behind = [
+            (joint, dof, int(m.jnt_qposadr[m.dof_jntid[dof]]))
+            for dof, joint in self.flex
+            if joint in twin.at_link
+        ]
         self.laws = [
             servo_of(twin.rigid, s, j, self.ticks) if closed else None for j in range(len(twin.rigid.joints))
         ]
@@ -206,6 +215,8 @@ class _Plan:
 
     def measure(self) -> np.ndarray:
         q = self.qpos[self.adr]
+        for joint, _, adr in self.behind:
+            q[joint] += self.qpos[adr]
         for joint, sense in self.twin.sensors.items():
             q[joint] = sense(float(q[joint]))
         return q
@@ -220,6 +231,8 @@ class _Plan:
 
     def control(self, i: int) -> np.ndarray:
         q, v = self.measure(), self.qvel[self.dof]
+        for joint, dof, _ in self.behind:
+            v[joint] += self.qvel[dof]
         if self.twin.sensors:
             v = v * self.slopes(self.qpos[self.adr])
         for j, law in enumerate(self.laws):
