@@ -381,7 +381,7 @@ def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
         if t.joint not in geared or t.effect not in BEHIND_THE_SENSOR
     ]
     if a.decision is not None:
-        terms += [Live(f.name, f.joint, f.shape, np.zeros(0)) for f in a.decision.law]
+        terms += [Live(f.name, f.joint, f.shape, np.zeros(0)) for f in a.decision.law if not f.of_effort]
     base = [(p, x) for p, x in problem.moved(solution.base) if abs(x) * p.size > 0]
     assert a.search is not None
     for t in list(terms):

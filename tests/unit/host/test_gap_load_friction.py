@@ -57,6 +57,7 @@ def test_a_rotor_is_no_load_of_its_gear(tmp_path, bearings_behind):
     ]
     quick = GapConfig(simulate=False, baselines=False, report=False, next_experiment=False)
     found = analyse(tmp_path / "model.xml", files[:1], files[2:], files[1:2], quick, lambda _: None)
+    assert found.decision is not None
     assert [e.name for e in found.decision.effects] == ["load_dependent_friction"]
     low, high = found.decision.effects[0].parameters["coefficient"]["interval90"]
     assert low < COEFFICIENT < high

@@ -68,7 +68,7 @@ class JointElasticity(Effect):
         if "servo" in shape:
             return beside_servo(ctx, s, joint, between, at_link="at_link" in shape)
         if "at_link" in shape:
-            return Columns([], fixed=before_spring(s, joint, hung(ctx, s, joint), between))
+            return Columns([], fixed=before_spring(ctx.model, s, joint, hung(ctx, s, joint), between))
         motor, stiffness = between.motor, between.stiffness
         load = link_load(ctx, s, joint, motor)
         w = 2 * np.pi * shape["f"]

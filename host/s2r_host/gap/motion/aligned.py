@@ -17,35 +17,42 @@ from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session, make_session
 from s2r_host.gap.recordings.recording import Recording
 
-MOVED = ("q", "dq")  # channels of the sensor whose stamps are late
+MOTION, EFFORT = ("q", "dq"), ("tau",)  # channels of the sensors whose stamps may be late
+
+Lags = dict[tuple[str, int], float]  # channel and joint -> how late it is stamped [s]
 
 
-def lags_of(law: list[LawFinding]) -> dict[int, float]:
-    """How late the control law says that positions are stamped [s], by joint."""
-    return {f.joint: f.shape["lag"] for f in law if f.name == "clock_skew"}
+def lags_of(law: list[LawFinding]) -> Lags:
+    """How late the control law says that channels are stamped."""
+    return {
+        (kind, f.joint): -f.shape["lag"] if f.of_effort else f.shape["lag"]
+        for f in law
+        if f.name == "clock_skew"
+        for kind in (EFFORT if f.of_effort else MOTION)
+    }
 
 
-def aligned(model: RigidModel, sessions: list[Session], lags: dict[int, float]) -> list[Session]:
-    """The recordings with position and speed of some joints moved to where they belong, as sessions of their own.
+def aligned(model: RigidModel, sessions: list[Session], lags: Lags) -> list[Session]:
+    """The recordings with channels of some joints moved to where they belong, as sessions of their own.
 
     Args:
         model: The nominal model.
         sessions: Recordings as read.
-        lags: Joint index -> how late its position and speed are stamped [s].
+        lags: Channels that are stamped late.
     """
-    by_name = {model.joints[j]: lag for j, lag in lags.items()}
+    by_name = {(kind, model.joints[j]): lag for (kind, j), lag in lags.items()}
     return [make_session(model, _moved(s.rec, by_name), s.index) for s in sessions]
 
 
-def _moved(rec: Recording, lags: dict[str, float]) -> Recording:
-    """A recording whose motion is read ``lags`` later than stamped, as far as it was recorded."""
+def _moved(rec: Recording, lags: dict[tuple[str, str], float]) -> Recording:
+    """A recording of which some channels are read later than stamped, as far as they were recorded."""
     first, last = rec.t[0] - min([0.0, *lags.values()]), rec.t[-1] - max([0.0, *lags.values()])
     kept = (rec.t >= first) & (rec.t <= last)
     channels = {kind: {name: x[kept] for name, x in table.items()} for kind, table in rec.channels.items()}
-    for kind in MOVED:
-        for joint, x in rec.channels.get(kind, {}).items():
-            if joint in lags:
-                channels[kind][joint] = np.asarray(CubicSpline(rec.t, x)(rec.t[kept] + lags[joint]))
+    for (kind, joint), lag in lags.items():
+        raw = rec.channels.get(kind, {}).get(joint)
+        if raw is not None:
+            channels[kind][joint] = np.asarray(CubicSpline(rec.t, raw)(rec.t[kept] + lag))
     t = rec.t[kept]
     doubt = {name: x[kept] for name, x in rec.effort_doubt.items()}
     return replace(

@@ -21,6 +21,7 @@ from s2r_host.gap.recordings.recording import Recording
 _MIDDLE, _UPPER = 0.33, 0.66  # of the band: above the second a recording holds little but noise
 _FLAT = 2.0  # power of the middle third over that of the upper one, up to which it is noise for sure
 _HEARD = 1.5  # times the noise of its channel, from which on an acceleration is more than that
+_CLEAR = 10.0  # times the power of that noise, from which on a frequency of the motion is none
 _LOAD_SHARE = 0.005  # filters and rounding of the model's own effort
 # Integrals of x⁰, x² and x⁴ over the squared gain 1 / (1 + x⁴)² of a second-order Butterworth filter run both ways.
 _GAIN, _GAIN_SLOPE, _GAIN_BEND = (
@@ -72,20 +73,32 @@ def accelerates(model: RigidModel, s: Session, j: int) -> bool:
     return s.cache[key]
 
 
-def motion_density(model: RigidModel, s: Session, j: int, f: np.ndarray) -> np.ndarray:
-    """Power density of a joint's inertial effort by the noise of its position or speed, of flat spectra alone.
+def clear_up_to(model: RigidModel, s: Session, j: int) -> float:
+    """Highest frequency at which a joint's acceleration stands clear of the noise of its channel [Hz]."""
+    key = ("clear up to", j, float(s.cut[j]))
+    if key not in s.cache:
+        moved = lowpass(s.a[:, j], float(s.cut[j]), s.dt) * float(np.median(np.abs(s.mass[:, j])))
+        f, power = welch(moved, 1.0 / s.dt, nperseg=min(512, len(moved)))
+        clear = f[(power > _CLEAR * motion_density(model, s, j, f, flat=False)) & (f <= s.cut[j])]
+        s.cache[key] = float(max(clear, default=f[1]))
+    return s.cache[key]
+
+
+def motion_density(model: RigidModel, s: Session, j: int, f: np.ndarray, *, flat: bool = True) -> np.ndarray:
+    """Power density of a joint's inertial effort by the noise of its position or speed.
 
     Args:
         model: The nominal model.
         s: The recording.
         j: The joint.
         f: Frequencies [Hz], shape (frequency,).
+        flat: Of flat spectra alone: what still falls above the motion may be motion.
 
     Returns:
         One-sided density below the cut [N²·m²/Hz or N²/Hz], shape (frequency,); zero where no channel shows noise.
     """
     w, cut = 2.0 * np.pi * f, float(s.cut[j])
-    white = _motion_white(model, s, j, flat=True)
+    white = _motion_white(model, s, j, flat=flat)
     density = white * w ** (2 if s.by_speed[j] else 4) / (1.0 + (f / cut) ** 4) ** 2
     return density * float(np.median(np.abs(s.mass[:, j]))) ** 2
 

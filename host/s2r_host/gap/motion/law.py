@@ -20,7 +20,7 @@ from s2r_host.gap.motion.states import filtered
 
 TEMPER = 3.0
 FINE_S = 0.002
-SMALLEST_S = 5e-5
+SMALLEST_S, LARGEST_S = 5e-5, 0.06
 MAX_MISFIT = 0.3
 LEAST_MISFIT = 2e-6
 LEAST_GAIN = 15.0
@@ -42,6 +42,11 @@ TICK_SHARE = (
 # A drive that is read before it is written to reports the effort of the tick before: a delay of one period of the
 # controller is what its order of reading makes, and a short lag fits the same record. Log and period agree that well.
 OLD, TICK_DOUBT = ("actuator_delay", "bandwidth"), 0.1
+EFFORT_CLOCK = "effort_clock"  # stamps of the effort that are late, or early, beside those of all else
+PARTED, EDGE_S = 0.5, 0.2  # power left over by an effort that is moved to where it belongs; ends of a record
+LATER = np.geomspace(SMALLEST_S, LARGEST_S, 18)
+EARLIER = -LATER
+BOTH_WAYS = np.concatenate([EARLIER[::-1], LATER])
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,7 @@ class LawFinding:
         parameters: As in the answer: value, unit, 90 % interval.
         shape: Shape for the forward simulation.
         rivals: Name -> log odds of everything else that was tried.
+        of_effort: The stamps that are off are those of the effort; position and command have the same.
     """
 
     name: str
@@ -65,6 +71,7 @@ class LawFinding:
     parameters: dict[str, dict]
     shape: dict[str, float] = field(default_factory=dict)
     rivals: dict[str, float] = field(default_factory=dict)
+    of_effort: bool = False
 
 
 @dataclass
@@ -105,15 +112,26 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
     if test.relative < 1.5 * LEAST_MISFIT:
         return None
     effort = model.effort_unit(model.joints[joint])
-    found = [_gain(test, "kp"), _gain(test, "kd"), _shift(test, "clock_skew", lambda r, x: r.late(x))]
+    found = [
+        _gain(test, "kp"),
+        _gain(test, "kd"),
+        _shift(test, "clock_skew", lambda r, x: r.late(x), BOTH_WAYS),
+    ]
     if usable[0].s.rec.effort == "measured":
         found += [
-            _shift(test, "actuator_delay", _delayed),
-            _shift(test, "bandwidth", _lagged),
+            _shift(test, "actuator_delay", _delayed, LATER),
+            _shift(test, "bandwidth", _lagged, LATER),
+            _shift(test, EFFORT_CLOCK, _delayed, EARLIER),
             _clip(test, effort),
         ]
+    else:  # what was asked for can be delayed by stamps alone
+        found.append(_shift(test, EFFORT_CLOCK, _delayed, BOTH_WAYS))
     found.sort(key=lambda f: -f[0])
     gain, name, share, parameters, shape = found[0]
+    if name in OLD:
+        delay = next(f for f in found if f[1] == "actuator_delay")
+        if moved_before(model, fit, joint, delay[4]["delay"]):
+            gain, name, share, parameters, shape = _as_clock(delay)
     if gain < LEAST_GAIN or share < 0.3 or test.relative * (1.0 - share) > MAX_MISFIT:
         return None
     if name == "clock_skew" and -_held_for(usable[0].s) < shape["lag"] < 0.0:
@@ -127,7 +145,56 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
         abs(p["value"] - p["from"]) < LEAST_CHANGE * p["from"] for p in parameters.values()
     ):
         return None
-    return LawFinding(name, joint, gain, share, parameters, shape, {f[1]: f[0] for f in found[1:]})
+    if name == EFFORT_CLOCK:
+        if 0.0 < shape["lag"] < _held_for(usable[0].s):
+            return None
+        rivals = {f[1]: f[0] for f in found if f[1] not in (*OLD, "clock_skew", EFFORT_CLOCK)}
+        return _late_effort(joint, gain, share, parameters, shape, rivals)
+    rivals = {f[1]: f[0] for f in found[1:] if f[1] != EFFORT_CLOCK}
+    return LawFinding(name, joint, gain, share, parameters, shape, rivals)
+
+
+def moved_before(model: RigidModel, fit: list[Session], joint: int, delay: float) -> bool:
+    """Had the joint moved as the effort made it move before that effort was stamped?
+
+    A drive that answers late moves its joint late as well: effort and motion then belong together as they are. Stamps
+    of the effort that are late by ``delay`` [s] part them: the model fits far better with the effort read later.
+    """
+    here, later = (
+        sum(_plant_misfit(s, joint, shift) for s in fit if s.has_u[joint]) for shift in (0.0, delay)
+    )
+    return later < PARTED * here
+
+
+def _plant_misfit(s: Session, joint: int, shift: float) -> float:
+    """Sum of squares that load, inertia and friction of free size leave over of an effort read ``shift`` later."""
+    later = np.interp(s.t + shift, s.t, s.u[:, joint])
+    needed = [s.load[:, joint], s.a[:, joint], s.v[:, joint], s.sign(joint), np.ones(len(s.t))]
+    edge = max(1, round(EDGE_S / s.dt))
+    rows = lowpass(np.stack([later, *needed], axis=1), float(s.cut[joint]), s.dt)[edge:-edge]
+    left = rows[:, 0] - rows[:, 1:] @ np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0]
+    return float(left @ left)
+
+
+def _late_effort(
+    joint: int,
+    gain: float,
+    share: float,
+    parameters: dict[str, dict],
+    shape: dict[str, float],
+    rivals: dict[str, float],
+) -> LawFinding:
+    """Stamps of the effort that are late, as the lag of the position behind the effort that the catalogue knows."""
+    said = parameters["lag"]
+    low, high = said["interval90"]
+    lag = said | {"value": -said["value"], "interval90": [-high, -low]}
+    shape = {"lag": -shape["lag"]}
+    return LawFinding("clock_skew", joint, gain, share, {"lag": lag}, shape, rivals, of_effort=True)
+
+
+def _as_clock(delay: Found) -> Found:
+    gain, _, share, parameters, shape = delay
+    return gain, EFFORT_CLOCK, share, {"lag": parameters["delay"]}, {"lag": shape["delay"]}
 
 
 def _held_for(s: Session) -> float:
@@ -265,7 +332,7 @@ def _smoother_speed(test: _Test) -> float:
 
 
 def _delayed(r: _Rows, delay: float) -> np.ndarray:
-    return CubicSpline(r.s.t, r.asked)(np.maximum(r.s.t - delay, 0.0)) - r.asked
+    return CubicSpline(r.s.t, r.asked)(np.clip(r.s.t - delay, 0.0, r.s.t[-1])) - r.asked
 
 
 def _lagged(r: _Rows, time_constant: float) -> np.ndarray:
@@ -274,23 +341,18 @@ def _lagged(r: _Rows, time_constant: float) -> np.ndarray:
     return np.interp(r.s.t, r.fine, late) - r.asked
 
 
-def _shift(test: _Test, name: str, change: Callable[[_Rows, float], np.ndarray]) -> Found:
+def _shift(test: _Test, name: str, change: Callable[[_Rows, float], np.ndarray], tried: np.ndarray) -> Found:
     def cost(x: float) -> float:
         return -test.likelihood(test.misfit(lambda r: change(r, x)))
 
-    low = -0.06 if name == "clock_skew" else 2.0 * SMALLEST_S
-    grid = np.unique(
-        np.concatenate([np.geomspace(SMALLEST_S, 0.06, 18), -np.geomspace(SMALLEST_S, 0.06, 18)])
-    )
-    grid = grid[grid >= low]
-    values = [cost(float(x)) for x in grid]
-    best = float(grid[int(np.argmin(values))])
+    values = [cost(float(x)) for x in tried]
+    best = float(tried[int(np.argmin(values))])
     around = sorted((0.6 * best, 1.6 * best))
     x = float(minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-6}).x)
     misfit = test.misfit(lambda r: change(r, x))
-    key = {"clock_skew": "lag", "actuator_delay": "delay", "bandwidth": "time_constant"}[name]
+    key = {"actuator_delay": "delay", "bandwidth": "time_constant"}.get(name, "lag")
     rate = test.rows[0].s.rec.controller.rate_hz
-    tick = TICK_SHARE / rate if rate and name != "clock_skew" else 0.0
+    tick = TICK_SHARE / rate if rate and name in OLD else 0.0
     table = {
         key: {
             "value": x,

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from s2r_host._native import behind_recorded_motor, hanging_link, under_servo
+from s2r_host.gap.motion.known_noise import clear_up_to
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.servo import Servo, servo_of, ticks_of
 from s2r_host.gap.motion.session import Session, lowpass
@@ -72,13 +73,14 @@ def behind_motor(s: Session, joint: int, hung: Hung, gear: Gear) -> np.ndarray:
     return deflection(s.dt, link_inertia(s, joint, gear.motor), load, hung.slope, hung.bend, gear) - load
 
 
-def before_spring(s: Session, joint: int, hung: Hung, gear: Gear) -> np.ndarray:
+def before_spring(model: RigidModel, s: Session, joint: int, hung: Hung, gear: Gear) -> np.ndarray:
     """What a motor takes beyond a rigid gear where the link moves as recorded behind a spring, shape (time,).
 
     The spring is wound up by what the link is known to ask for, T = k δ + d δ̇; motor, bearings and dry friction move
-    with the link and the windup.
+    with the link and the windup. Only as fast as that link's acceleration is heard: beyond it T is the noise which the
+    residual effort holds as well, and its second derivative would take that noise away.
     """
-    passed = hung.load - gear.motor * s.a[:, joint]
+    passed = lowpass(hung.load - gear.motor * s.a[:, joint], clear_up_to(model, s, joint), s.dt)
     windup = (
         filtered([1.0], [gear.damping, gear.stiffness], passed - passed[0], s.dt) + passed[0] / gear.stiffness
     )
