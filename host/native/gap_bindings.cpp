@@ -61,7 +61,7 @@ std::tuple<Result, Result, Result> servoed(double dt, const Rows& inertia, const
                     ahead.data(), low, high, integral, follow,       reads_link};
   Driven found = under_servo(static_cast<int>(rows), dt, link, gear, motor, servo, phase);
   return {to_array(std::move(found.q), {rows}), to_array(std::move(found.effort), {rows}),
-          to_array(std::move(found.friction), {rows})};
+          to_array(std::move(found.speed), {rows})};
 }
 
 Result hanging(double dt, const Doubles<2>& steps, const Rows& load, const Rows& bend, double stiffness,
@@ -120,7 +120,7 @@ void bind_gap(nb::module_& m) {
         "damping"_a, "gap"_a, "q"_a, "speed"_a, "motor_inertia"_a, "motor_damping"_a, "friction"_a, "kp"_a, "kd"_a,
         "ki"_a, "low"_a, "high"_a, "ticks"_a, "q_cmd"_a, "dq_cmd"_a, "ahead"_a, "integral"_a, "follow"_a,
         "reads_link"_a, "phase"_a,
-        "Position at the encoder of a motor under its servo, the effort that moves it and its link, and its friction,\n"
+        "Position at the encoder of a motor under its servo, the effort that moves it and its link, and its speed,\n"
         "(rows,) each; see s2r_host.gap.motion.two_masses.");
 }
 

@@ -101,7 +101,7 @@ Driven under_servo(int rows, double dt, const Link& link, const Gear& gear, cons
           const std::size_t here = static_cast<std::size_t>(i);
           found.q[here] = seen;
           found.effort[here] = drive - dry * motor.inertia / h;
-          found.friction[here] = motor.damping * v + dry * motor.inertia / h;
+          found.speed[here] = v;
         }
         v = free - dry;
         v_link += h * (through - pull) / at(link.inertia, i, rows, within);

@@ -53,10 +53,10 @@ struct Motor {
   const double* q = nullptr;  // recorded by the encoder, wherever it is, a number per row
 };
 
-// Position at the encoder, the effort that moves motor and link, and the friction that the drive overcomes besides, at
-// every row.
+// Position at the encoder, the effort that moves motor and link, friction taken off, and the motor's speed, at every
+// row.
 struct Driven {
-  std::vector<double> q, effort, friction;
+  std::vector<double> q, effort, speed;
 };
 
 // The same with the motor under its servo; `link.load` is then without what the link's acceleration takes.

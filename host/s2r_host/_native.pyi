@@ -219,6 +219,6 @@ def under_servo(
     phase: float,
 ) -> tuple[NDArray[numpy.float64], NDArray[numpy.float64], NDArray[numpy.float64]]:
     """
-    Position at the encoder of a motor under its servo, the effort that moves it and its link, and its friction,
+    Position at the encoder of a motor under its servo, the effort that moves it and its link, and its speed,
     (rows,) each; see s2r_host.gap.motion.two_masses.
     """

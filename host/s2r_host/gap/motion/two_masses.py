@@ -85,8 +85,8 @@ def before_spring(model: RigidModel, s: Session, joint: int, hung: Hung, gear: G
         filtered([1.0], [gear.damping, gear.stiffness], passed - passed[0], s.dt) + passed[0] / gear.stiffness
     )
     rate = np.gradient(windup, s.dt)
-    turned = np.tanh((s.slip(joint) + rate) / s.v_eps[joint]) - s.sign(joint)
-    return gear.motor * np.gradient(rate, s.dt) + hung.bearings * rate + hung.friction * turned
+    turned = _friction(s, joint, hung, s.slip(joint) + rate) - _friction(s, joint, hung, s.slip(joint))
+    return gear.motor * np.gradient(rate, s.dt) + turned
 
 
 def with_servo(
@@ -110,7 +110,7 @@ def with_servo(
     motor = max(gear.motor, LIGHTEST_MOTOR * float(np.mean(M)))
     weight = hung.load - M * a - s.pushed[:, joint]
     low, high = model.effort_limits()
-    at, effort, friction = under_servo(
+    at, effort, speed = under_servo(
         dt=s.dt, inertia=link_inertia(s, joint, motor), load=weight, slope=hung.slope, bend=hung.bend,
         stiffness=gear.stiffness, damping=gear.damping, gap=gear.gap, q=np.ascontiguousarray(q),
         speed=float(s.v[0, joint]), motor_inertia=motor, motor_damping=hung.bearings, friction=hung.friction,
@@ -126,11 +126,14 @@ def with_servo(
     rigid = M * motion(s.t, 2) + weight + (hung.slope + 0.5 * hung.bend * behind) * behind
     if not reads_link:
         return effort - rigid
-    v = motion(s.t, 1)
-    nominal = hung.bearings * v + hung.friction * np.tanh(
-        (v + s.lead[joint] * motion(s.t, 2)) / s.v_eps[joint]
-    )
-    return effort + friction - rigid - nominal
+    moves = lowpass(speed, float(s.motion_cut[joint]), s.dt)
+    turned = _friction(s, joint, hung, moves) - _friction(s, joint, hung, motion(s.t, 1))
+    return effort - rigid + turned
+
+
+def _friction(s: Session, joint: int, hung: Hung, v: np.ndarray) -> np.ndarray:
+    """Friction of the motor's side at speeds ``v`` as the recording is compared with it, shape (time,)."""
+    return hung.bearings * v + hung.friction * np.tanh(v / s.v_eps[joint])
 
 
 def deflection(
