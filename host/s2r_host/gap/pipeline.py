@@ -20,7 +20,7 @@ from s2r_host.gap.motion.law import stamps_within
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.registration import registered
 from s2r_host.gap.motion.servo_law import with_speeds_used
-from s2r_host.gap.motion.session import Session, make_session, work_grid
+from s2r_host.gap.motion.session import Session, make_session, work_grid, wrench_bodies
 from s2r_host.gap.motion.slow_log import filled
 from s2r_host.gap.output.generic import fit_generic
 from s2r_host.gap.recordings.files import read_recording
@@ -102,6 +102,20 @@ def load_sessions(model: RigidModel, paths: list[Path], first: int, notes: list[
     return sessions
 
 
+def _untie_what_is_pulled(model: RigidModel, paths: list[Path]) -> list[str]:
+    """A recorded wrench on what a tied joint moves is what ties it: that joint is then one of its own."""
+    if not model.ties:
+        return []
+    pulled = {body for path in paths for body in wrench_bodies(model, read_recording(path))}
+    free = [t for t in model.ties if pulled & set(model.subtree_bodies(model.joints[t.follower]))]
+    model.ties = tuple(t for t in model.ties if t not in free)
+    return [
+        f"'{model.joints[t.follower]}' is pulled by a recorded wrench: that it is tied to '{model.joints[t.leader]}' "
+        "in the model is not used"
+        for t in free
+    ]
+
+
 def analyse(
     model_path: Path,
     fit_paths: list[Path],
@@ -120,6 +134,7 @@ def analyse(
     model = RigidModel(model_path)
     notes = [*model.left_out, *model.inertia_replaced()]
     log(f"model {model.path.name}: joints {', '.join(model.joints)}")
+    notes += _untie_what_is_pulled(model, [*fit_paths, *hold_paths, *repeat_paths])
     fit = load_sessions(model, fit_paths, 0, notes)
     hold = load_sessions(model, hold_paths, len(fit), notes)
     repeats = load_sessions(model, repeat_paths, len(fit) + len(hold), notes)

@@ -60,10 +60,15 @@ def check_joints(model: RigidModel, rec: Recording) -> list[str]:
     for joint in rec.joints:
         _check_range(model, rec, joint)
         _check_command(rec, joint)
+    led = {model.joints[t.follower]: model.joints[t.leader] for t in model.ties}
     missing = [j for j in model.joints if j not in rec.joints]
     if len(missing) == len(model.joints):
         raise GapRecordingError(f"{rec.name}: none of the model's joints ({known}) is recorded")
-    return [f"{rec.name}: joint '{j}' is not recorded and is held at its reference" for j in missing]
+    return [
+        f"{rec.name}: joint '{j}' is not recorded and "
+        + (f"taken to follow '{led[j]}' as the model says" if j in led else "is held at its reference")
+        for j in missing
+    ]
 
 
 def _check_dimensions(model: RigidModel, rec: Recording) -> None:

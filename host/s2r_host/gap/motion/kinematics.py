@@ -16,6 +16,7 @@ from s2r_host.gap.motion.filters import zero_phase
 from s2r_host.gap.motion.law import LawFinding
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session, resolution
+from s2r_host.gap.motion.ties import parting
 from s2r_host.gap.motion.time_spans import time_spans
 from s2r_host.gap.recordings.frozen import frozen, late_rows
 
@@ -90,6 +91,22 @@ def contradiction(model: RigidModel, fit: list[Session], joint: int) -> Contradi
         joint, size, noise, finding, _above(tracks[0].t + fit[0].rec.start_s, left[0], max(3.0 * noise, size)),
         f"position and speed of '{name}' contradict each other by {size:.2g} {unit} (noise {noise:.2g} {unit})",
     )  # fmt: skip
+
+
+def parted_ties(model: RigidModel, fit: list[Session]) -> list[Contradiction]:
+    """Ties of the model that the recorded positions of both joints contradict in every fit recording."""
+    found = []
+    for tie in model.ties:
+        seen = [p for s in fit if (p := parting(tie, s.rec, model.joints)) is not None]
+        if not seen or len(seen) < len(fit) or any(p.size < p.noise for p in seen):
+            continue
+        follower, leader = (model.joints[j] for j in (tie.follower, tie.leader))
+        words = (
+            f"the model ties '{follower}' to '{leader}', and their positions part by {seen[0].size:.2g} "
+            f"{model.unit(follower)}: something slips or gives between them"
+        )
+        found.append(Contradiction(tie.leader, seen[0].size, seen[0].noise, None, seen[0].intervals, words))
+    return found
 
 
 def _stops(name: str, count: int) -> str:

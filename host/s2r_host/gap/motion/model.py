@@ -11,6 +11,7 @@ import numpy as np
 
 from s2r_host.gap.errors import GapModelError
 from s2r_host.gap.motion.model_files import find_files
+from s2r_host.gap.motion.ties import Tie, ties_of
 
 FEW_JOINTS = 2  # more make an arm, whose links and frictions are weighed together (search/complete.py)
 
@@ -31,6 +32,7 @@ class RigidModel:
         spec: The editable source, kept for patching.
         model: The compiled model; never modified (``variant`` makes copies).
         left_out: Sentences about what the file names and is not there.
+        ties: Joints that others lead; :meth:`inverse` adds what they need to their leaders.
     """
 
     def __init__(self, path: Path) -> None:
@@ -58,6 +60,7 @@ class RigidModel:
                     "fix the floating base or remove the free body first"
                 )
         self.joints = tuple(m.joint(i).name for i in range(m.njnt))
+        self.ties: tuple[Tie, ...] = ties_of(m)
         self._inverse_model = self.variant(lambda _: None)
         self._data = mujoco.MjData(self._inverse_model)
 
@@ -156,7 +159,7 @@ class RigidModel:
     def inverse(
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, variant: mujoco.MjModel | None = None
     ) -> np.ndarray:
-        """Effort the model needs for a motion, without dry friction and contacts.
+        """Effort the model needs for a motion, without dry friction and contacts; of a leader also for its followers.
 
         Args:
             q: Positions, shape (time, joint); ``dq`` and ``ddq`` alike.
@@ -175,6 +178,8 @@ class RigidModel:
             qacc[:] = ddq[i]
             inverse(m, d)
             out[i] = result
+        for tie in self.ties:
+            out[:, tie.leader] += tie.slope(q[:, tie.leader]) * out[:, tie.follower]
         return out
 
     def mass_diagonal(self, q: np.ndarray) -> np.ndarray:
@@ -187,6 +192,10 @@ class RigidModel:
             d.qpos[:] = q[i]
             mujoco.mj_fwdPosition(m, d)
             mujoco.mj_fullM(m, d, full)
+            for tie in self.ties:
+                slope = tie.slope(q[i, tie.leader])
+                full[tie.leader] += slope * full[tie.follower]
+                full[:, tie.leader] += slope * full[:, tie.follower]
             rows[k] = np.diag(full)
         grid = np.arange(len(q))
         return np.stack([np.interp(grid, picks, rows[:, j]) for j in range(m.nv)], axis=1)

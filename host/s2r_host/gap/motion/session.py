@@ -141,11 +141,23 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
         )
         cut[i] = min(cut[i], motion_cut[i])
         v_eps[i] = _speed_noise(v[:, i], dt, float(motion_cut[i]))
+    for tie in reversed(model.ties):
+        if rec.get("q", model.joints[tie.follower]) is None:
+            own = slice(None), tie.leader
+            q[:, tie.follower], v[:, tie.follower], a[:, tie.follower] = tie.moves(q[own], v[own], a[own])
+            q_raw[:, tie.follower] = tie.position(q_raw[own])
+            v_eps[tie.follower] = max(np.median(np.abs(tie.slope(q[own]))) * v_eps[tie.leader], 1e-6)
     if rec.effort == "commanded":
         u = np.clip(u, *model.effort_limits())  # what the model says the drive can do is no news
     has_drive = np.asarray(np.isfinite(u).all(0))
     pushed, touched = _pushed(model, rec, t, q)
     u[:, touched] = np.nan_to_num(u[:, touched]) + pushed[:, touched]
+    for tie in model.ties:  # what drives or pushes a follower drives its leader
+        if np.isfinite(u[:, tie.follower]).all():
+            passed = tie.slope(q[:, tie.leader]) * u[:, tie.follower]
+            u[:, tie.leader] = np.nan_to_num(u[:, tie.leader]) + passed
+            pushed[:, tie.leader] += passed
+            u[:, tie.follower] = np.nan
     return Session(
         rec=rec, index=index, t=t, dt=dt, q=q, v=v, a=a, u=u, pushed=pushed,
         has_u=np.asarray(np.isfinite(u).all(0)), has_drive=has_drive,
@@ -243,7 +255,10 @@ def _speed_noise(v: np.ndarray, dt: float, cut: float) -> float:
 def nominal_friction(model: RigidModel, s: Session) -> np.ndarray:
     """Dry friction the nominal model holds, as required effort, shape (time, joint)."""
     loss = model.model.dof_frictionloss
-    return np.stack([loss[j] * s.sign(j) for j in range(len(model.joints))], axis=1)
+    found = np.stack([loss[j] * s.sign(j) for j in range(len(model.joints))], axis=1)
+    for tie in model.ties:
+        found[:, tie.leader] += tie.slope(s.q[:, tie.leader]) * found[:, tie.follower]
+    return found
 
 
 def _pushed(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context
-from s2r_host.gap.motion.kinematics import Contradiction, contradiction
+from s2r_host.gap.motion.kinematics import Contradiction, contradiction, parted_ties
 from s2r_host.gap.motion.law import LawFinding, check_law, stamps_agree
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session
@@ -248,6 +248,7 @@ def build_problem(
         problem.wanders = [w for j in joints if (w := wandering(model, j, fit, repeats)) is not None]
     problem.law = [f for j in joints if (f := check_law(model, fit, hold, j)) is not None]
     problem.contradictions = [c for j in joints if (c := contradiction(model, fit, j)) is not None]
+    problem.contradictions += [c for c in parted_ties(model, fit) if c.joint in joints]
     return problem
 
 
