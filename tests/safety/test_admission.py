@@ -469,6 +469,25 @@ def test_boxes_corner_to_corner_keep_the_same_distance_as_face_to_face(apart_m, 
     assert _touches(CollisionModel(arm, AdmissionConfig(table_z_m=None)), pin, np.zeros(7)) is touches
 
 
+def test_a_pedestal_on_the_base_may_reach_below_the_table():
+    """It stands, as the base does; of what moves nothing else may, and it does not count as the hand."""
+    source = ARM.source
+    mount = source.mounts[0].model_copy(
+        update={"parent": "base", "child": "pedestal", "origin": (0.0, 0.0, -0.9)}
+    )
+    link = source.link_named("base").model_copy(update={"name": "pedestal"})
+    box = Box(link="pedestal", name="pedestal", type="box", center=(0.0, 0.0, 0.4), half=(0.1, 0.1, 0.4))
+    update = {
+        "links": (*source.links, link),
+        "mounts": (*source.mounts, mount),
+        "shapes": (*source.shapes, box),
+    }
+    arm = ArmDescription(source.model_copy(update=update), ARM.directory)
+    admission = Admission(arm, AdmissionConfig(), path_tolerance_rad=0.05, goal_tolerance_rad=0.02)
+    admission.admit(move(one_joint(0, 0.1), 1.0), Q)
+    assert "table" in refused(move(one_joint(1, 1.2), 3.0), Q, admission).quantity
+
+
 def test_a_thin_keep_out_wall_is_not_jumped_over():
     """A fast swing through a wall thinner than the distance between two time samples."""
     wall = BoxZone(name="wall", lower_m=(0.3, 0.0, 0.5), upper_m=(0.9, 0.001, 1.0))

@@ -34,7 +34,6 @@ class CollisionModel:
         self._geometry = pin.GeometryModel()
         self._link_of: list[str] = []
         self._shape_names: list[str] = []
-        self._gripper_links = {m.child for m in arm.source.mounts}
         for shape in arm.source.shapes:
             self._add_shape(shape)
         arm_shapes = len(self._link_of)
@@ -75,10 +74,11 @@ class CollisionModel:
 
     def _add_surroundings(self, arm_shapes: int, config: AdmissionConfig) -> None:
         """The base stands on the table and the keep-out boxes do not move: only moving links are paired with them."""
-        moving = [i for i in range(arm_shapes) if self._link_of[i] != self._arm.source.base]
+        source = self._arm.source
+        moving = [i for i in range(arm_shapes) if self._link_of[i] not in source.standing]
         up = np.array([0.0, 0.0, 1.0])
         if config.table_z_m is not None:
-            hand = [i for i in moving if self._link_of[i] in self._gripper_links]
+            hand = [i for i in moving if self._link_of[i] in source.hand]
             rest = [i for i in moving if i not in hand]
             for name, group, z in (
                 (_TABLE, rest, config.table_z_m),

@@ -69,7 +69,7 @@ class CollisionChecker:
         self._home[obstacle.name] = pose
         is_table = obstacle.name == "table"
         source = self.arm.arm.source
-        never_against_table = (source.base, source.joints[0].child)
+        never_against_table = source.standing | {source.joints[0].child}
         for i in range(self.arm.shapes.ngeoms):
             if is_table and self._names[i] in never_against_table:
                 continue

@@ -23,7 +23,7 @@ def lowest_shape(arm: ArmDescription, q: np.ndarray) -> tuple[str, float]:
     pin.framesForwardKinematics(model, data, q)
     heights = {}
     for shape in arm.source.shapes:
-        if shape.link == arm.source.base:
+        if shape.link in arm.source.standing:
             continue
         link = data.oMf[model.getFrameId(shape.link, pin.FrameType.BODY)]
         heights[shape.name] = _along_z(shape, link, flat=False)[

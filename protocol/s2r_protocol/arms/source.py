@@ -214,6 +214,22 @@ class ArmSource(_Strict):
         """Joints and mounts that hang directly off a link, in file order."""
         return [c for c in (*self.joints, *self.mounts) if c.parent == link]
 
+    def carried_by(self, link: str) -> frozenset[str]:
+        """A link and all that is mounted on it: what moves as one body."""
+        mounted = (self.carried_by(m.child) for m in self.mounts if m.parent == link)
+        return frozenset({link}).union(*mounted)
+
+    @property
+    def standing(self) -> frozenset[str]:
+        """Links that never move: the base and what is mounted on it, a pedestal or a second arm."""
+        return self.carried_by(self.base)
+
+    @property
+    def hand(self) -> frozenset[str]:
+        """Links of the gripper: what is mounted on the last link."""
+        last = self.joints[-1].child
+        return self.carried_by(last) - {last}
+
     def shapes_of(self, link: str) -> list[Rod | Box]:
         """Shapes of one link, in file order."""
         return [s for s in self.shapes if s.link == link]

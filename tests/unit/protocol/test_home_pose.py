@@ -83,3 +83,26 @@ def test_links_nearer_than_admission_allows_at_home_are_told(tmp_path):
     assert close == {}  # 29 mm are enough
     thick = edited(tmp_path, "b: [0.0, 0.0, 0.1451], radius: 0.055}", "b: [0.0, 0.0, 0.1451], radius: 0.155}")
     assert "'link5'" in problems(thick)["links"]
+
+
+PEDESTAL = """  - {parent: base, child: pedestal, origin: [0.0, 0.0, -0.9], rpy: [0.0, 0.0, 0.0]}
+"""
+
+
+def with_pedestal(tmp_path):
+    """The shipped arm on a pedestal that is mounted on its base and reaches 0.9 m below the table."""
+    text = (ARM.directory / "arm.yaml").read_text()
+    text = text.replace("mounts:\n", f"mounts:\n{PEDESTAL}")
+    link = "  - {name: pedestal, mass: 20.0, com: [0.0, 0.0, 0.4], inertia: [1.0, 1.0, 1.0]}\n"
+    shape = "  - {link: pedestal, name: pedestal, type: box, center: [0.0, 0.0, 0.4], half: [0.1, 0.1, 0.4]}\n"
+    text = text.replace("\njoints:\n", f"{link}\njoints:\n").replace("\nshapes:\n", f"\nshapes:\n{shape}")
+    (tmp_path / "arm.yaml").write_text(text)
+    return load_arm(tmp_path)
+
+
+def test_what_is_mounted_on_the_base_stands_and_is_no_hand(tmp_path):
+    arm = with_pedestal(tmp_path)
+    assert arm.source.standing == {"base", "pedestal"}
+    assert arm.source.hand == {"gripper"}
+    assert not problems(arm)
+    assert lowest_shape(arm, arm.q_home) == lowest_shape(ARM, ARM.q_home)
