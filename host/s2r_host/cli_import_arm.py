@@ -27,6 +27,20 @@ _POSITIVE = FiniteRange(min=0.0, min_open=True)
     default="",
     help="Link whose frame is at the fingertip, z out of the gripper [default: the only one at the end].",
 )
+@click.option(
+    "--tip-axis",
+    type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
+    default="z",
+    show_default=True,
+    help="Axis of the tip's frame that points out of the gripper.",
+)
+@click.option(
+    "--leave-out",
+    "left_out",
+    multiple=True,
+    metavar="LINK",
+    help="Link that is left out with all that hangs off it, a second arm or a pedestal; repeatable.",
+)
 @click.option("--name", default="", help="Name of the arm in keys [default: the robot's].")
 @click.option(
     "--hold",
@@ -42,7 +56,19 @@ _POSITIVE = FiniteRange(min=0.0, min_open=True)
     metavar="LINK",
     help="Link that may touch the object; repeatable [default: those with 'finger' in their name].",
 )
-@click.option("--home", default="", help="Home pose, comma-separated [rad] [default: zeros].")
+@click.option(
+    "--exclude",
+    multiple=True,
+    metavar="LINK,LINK",
+    help="Two links that cannot hurt each other and are not to be checked; repeatable. Those that touch in every pose "
+    "are not anyway.",
+)
+@click.option(
+    "--home",
+    default="",
+    help="Home pose, comma-separated [rad] [default: 'ready' or 'home' of an SRDF beside URDF if that is fit, else one "
+    "that is looked for].",
+)
 @click.option(
     "--packages",
     multiple=True,
@@ -56,9 +82,12 @@ def import_arm(
     out: Path,
     base: str,
     tip: str,
+    tip_axis: str,
+    left_out: Sequence[str],
     name: str,
     hold: Sequence[str],
     fingers: Sequence[str],
+    exclude: Sequence[str],
     home: str,
     packages: Sequence[Path],
     ddq_max: float,
@@ -66,11 +95,12 @@ def import_arm(
 ) -> int:
     """Write a first arm.yaml from the URDF of an arm, and say what is left to decide.
 
-    Masses, joints and their limits are taken over; shapes become boxes, cylinders and capsules; what the URDF does not
-    say (acceleration, jerk, home pose) is a default to be looked at. Ends with what 's2r doctor --arm' says of it.
+    Masses, joints and their limits are taken over; shapes become boxes, cylinders and capsules; a home pose is looked
+    for; what the URDF does not say (acceleration, jerk) is a default to be looked at. Ends with what 's2r doctor
+    --arm' says of it.
     Exit 2: the URDF cannot be read or holds what an arm.yaml cannot say; nothing is written then.
     """
-    from s2r_host.arm_import import Wishes, to_yaml
+    from s2r_host.arm_import import Wishes, to_yaml, with_home
     from s2r_host.arm_import import import_arm as convert
     from s2r_protocol.arms import load_arm
     from s2r_protocol.cli.doctor import check_arm
@@ -80,15 +110,18 @@ def import_arm(
     wishes = Wishes(
         base=base,
         tip=tip,
+        tip_axis=tip_axis,
         name=name,
+        left_out=tuple(left_out),
         held=dict(_held(text) for text in hold),
         fingers=tuple(fingers),
+        exclude=tuple(_pair(text) for text in exclude),
         home=_numbers("--home", home.split(",")) if home else (),
         packages=tuple(packages),
         ddq_max=ddq_max,
         dddq_max=dddq_max,
     )
-    found = convert(urdf, wishes)
+    found = with_home(convert(urdf, wishes), urdf, wishes)
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / "arm.yaml", to_yaml(found.source, urdf.name, found.told))
     for line in found.told:
@@ -103,6 +136,13 @@ def _held(text: str) -> tuple[str, float]:
     if not joint or not equals:
         raise UsageError(f"--hold {text}: expected JOINT=VALUE, e.g. finger_joint=0.7 [rad, m]")
     return joint, _numbers(f"--hold {joint}", [value])[0]
+
+
+def _pair(text: str) -> tuple[str, str]:
+    first, comma, second = (word.strip() for word in text.partition(","))
+    if not first or not comma or not second or first == second:
+        raise UsageError(f"--exclude {text}: expected LINK,LINK, two links")
+    return first, second
 
 
 def _numbers(option: str, words: Sequence[str]) -> tuple[float, ...]:

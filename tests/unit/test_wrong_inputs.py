@@ -69,6 +69,8 @@ CASES = [
     ("import-arm {junk} --out {tmp}/arm --hold grip", USAGE, "--hold grip: expected JOINT=VALUE"),
     ("import-arm {junk} --out {tmp}/arm --hold grip=shut", USAGE, "--hold grip: could not convert.*'shut'"),
     ("import-arm {junk} --out {tmp}/arm --home 0,nan", USAGE, "--home: the numbers must be finite"),
+    ("import-arm {junk} --out {tmp}/arm --exclude a", USAGE, "--exclude a: expected LINK,LINK"),
+    ("import-arm {junk} --out {tmp}/arm --tip-axis w", USAGE, "'w' is not one of"),
     ("import-arm {junk} --out {tmp}/arm --ddq-max 0", USAGE, "0.0 is not in the range x>0"),
     ("completion powershell", USAGE, "'powershell' is not one of"),
     ("sim-arm", USAGE, "either --world FILE or --seed N"),

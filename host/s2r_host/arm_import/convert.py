@@ -22,9 +22,20 @@ from s2r_protocol.arms.source import FINGER_PREFIX, WORLD, ArmSource, problems_i
 
 _UPRIGHT_RAD = 0.01
 _PARALLEL_RAD = 2e-3  # 1.57 for a right angle is off by 0.8e-3
+_OUTWARDS = 0.5  # least cosine between the tool's z axis and the way to it
 _NO_PRODUCT = 1e-6  # of a moment of inertia, what frames turned to and fro leave
 _DIGITS = 9
 _BASE_INERTIAL = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))  # it never moves
+
+AXES = {
+    "z": np.eye(3),
+    "-z": np.diag([1.0, -1.0, -1.0]),
+    "x": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
+    "-x": np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
+    "-y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+}
+"""Rotations whose z axis is the named axis."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +46,12 @@ class Wishes:
         base: Link that stands on the table; empty: of those that carry the tip the first with a mass or a shape.
         tip: Link whose frame is the fingertip's; empty: the only one that nothing hangs off.
         name: Name of the arm; empty: the robot's.
+        left_out: Links that are left out with all that hangs off them, a second arm or a pedestal.
         held: Joints that are not the arm's own, with the value [rad, m] at which they stay.
         fingers: Links that may touch the object; empty: those with "finger" in their name.
-        home: Home pose [rad]; empty: zeros, or the middle of a range without zero.
+        home: Home pose [rad]; empty: zeros, or the middle of a range without zero, until one is looked for.
+        tip_axis: Axis of the tip's frame that points out of the gripper, a key of :data:`AXES`.
+        exclude: Pairs of links that are not checked against each other.
         packages: Folders in which ``package://`` is looked for.
         ddq_max: Of all joints [rad/s²].
         dddq_max: Of all joints [rad/s³].
@@ -45,10 +59,13 @@ class Wishes:
 
     base: str = ""
     tip: str = ""
+    tip_axis: str = "z"
     name: str = ""
+    left_out: tuple[str, ...] = ()
     held: dict[str, float] = field(default_factory=dict)
     fingers: tuple[str, ...] = ()
     home: tuple[float, ...] = ()
+    exclude: tuple[tuple[str, str], ...] = ()
     packages: tuple[Path, ...] = ()
     ddq_max: float = 6.0
     dddq_max: float = 300.0
@@ -71,6 +88,7 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
     tree = read_urdf(urdf)
     told: list[str] = []
     _refuse_unknown(tree, wishes)
+    tree = _without(tree, wishes)
     tip = wishes.tip or _only_tip(tree, wishes.base or tree.root, wishes)
     base = wishes.base or _first_body(tree, tip)
     chain = _chain(tree, base, tip, wishes)
@@ -86,9 +104,10 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
         "links": bodies.links(told),
         "joints": joints,
         "mounts": bodies.mounts(),
-        "tool": bodies.tool(tip, told),
+        "tool": bodies.tool(tip, wishes.tip_axis, told),
         "shapes": _shapes(tree, bodies, urdf, wishes, told),
-        "q_home": _home(joints, wishes, told),
+        "q_home": _home(joints, wishes),
+        "collision_exclude": wishes.exclude,
     }
     raw["joints"] = [
         {**joint, "parent": names[k], "child": names[k + 1], "origin": bodies.step(names[k], names[k + 1])}
@@ -106,7 +125,7 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
         for a, b in pairs
         if bodies.carrier(a) != bodies.carrier(b)
     ]
-    return Imported(source.model_copy(update={"collision_exclude": tuple(pairs)}), tuple(told))
+    return Imported(source.model_copy(update={"collision_exclude": (*wishes.exclude, *pairs)}), tuple(told))
 
 
 def _rename(raw: dict[str, Any], old: str, new: str, told: list[str]) -> None:
@@ -124,6 +143,8 @@ def _refuse_unknown(tree: UrdfTree, wishes: Wishes) -> None:
         ("--base", [wishes.base], tree.links),
         ("--tip", [wishes.tip], tree.links),
         ("--finger", wishes.fingers, tree.links),
+        ("--leave-out", wishes.left_out, tree.links),
+        ("--exclude", [link for pair in wishes.exclude for link in pair], tree.links),
         ("--hold", wishes.held, tree.joints),
     ):
         for name in names:
@@ -132,6 +153,18 @@ def _refuse_unknown(tree: UrdfTree, wishes: Wishes) -> None:
                 raise ArmDescriptionError(
                     f"{option}: there is no {what} {name!r}; there are {', '.join(known)}"
                 )
+
+
+def _without(tree: UrdfTree, wishes: Wishes) -> UrdfTree:
+    """The tree without the links that are to be left out, and what hangs off them."""
+    gone = {link for name in wishes.left_out for link in tree.below(name)}
+    for option, link in (("--base", wishes.base or tree.root), ("--tip", wishes.tip)):
+        if link in gone:
+            raise ArmDescriptionError(
+                f"--leave-out {', '.join(wishes.left_out)} takes {option} {link!r} away"
+            )
+    links = {name: link for name, link in tree.links.items() if name not in gone}
+    return UrdfTree(tree.name, links, {name: j for name, j in tree.joints.items() if j.child not in gone})
 
 
 def _first_body(tree: UrdfTree, tip: str) -> str:
@@ -380,12 +413,21 @@ class _Bodies:
             if self.is_mount(link)
         ]
 
-    def tool(self, tip: str, told: list[str]) -> dict[str, Any]:
-        """The tool frame: that of the tip."""
+    def tool(self, tip: str, outwards: str, told: list[str]) -> dict[str, Any]:
+        """The tool frame: that of the tip, turned so that its z axis is the given axis."""
         body, X = self.place(tip)
-        told.append(
-            f"tool_tip is the frame of '{tip}'; it must be the centre of the fingertip's end face, z outwards"
+        X[:3, :3] = X[:3, :3] @ AXES[outwards]
+        where = f"the frame of '{tip}'" + (
+            "" if outwards == "z" else f", turned so that its {outwards} axis is z"
         )
+        told.append(f"tool_tip is {where}; it must be the centre of the fingertip's end face, z outwards")
+        way = (self._poses[tip] - self._poses[self.carrier(tip)])[:3, 3]  # from the last joint, all at zero
+        z = self._poses[tip][:3, :3] @ AXES[outwards][:, 2]
+        if way @ z < _OUTWARDS * np.linalg.norm(way):
+            told.append(
+                f"the z axis of tool_tip does not point the way in which '{tip}' lies from the last joint; name with "
+                "--tip-axis the axis that does"
+            )
         taken = [*self.names, *(m["child"] for m in self.mounts())]
         name = "tool_tip" if "tool_tip" not in taken else "tool_tip_frame"
         return {"name": name, "parent": body, "origin": _rounded(X[:3, 3]), "rpy": _rpy(X[:3, :3])}
@@ -449,7 +491,7 @@ def _shapes(
     return with_round_ends(shapes)
 
 
-def _home(joints: Sequence[dict[str, Any]], wishes: Wishes, told: list[str]) -> list[float]:
+def _home(joints: Sequence[dict[str, Any]], wishes: Wishes) -> list[float]:
     if wishes.home:
         if len(wishes.home) != len(joints):
             raise ArmDescriptionError(
@@ -457,9 +499,7 @@ def _home(joints: Sequence[dict[str, Any]], wishes: Wishes, told: list[str]) -> 
                 + ", ".join(j["name"] for j in joints)
             )
         return list(wishes.home)
-    home = [0.0 if low < 0.0 < high else _short(0.5 * (low + high)) for low, high in (j["q"] for j in joints)]
-    told.append(f"home is {home}; choose with --home one from which the hand reaches the object")
-    return home
+    return [0.0 if low < 0.0 < high else _short(0.5 * (low + high)) for low, high in (j["q"] for j in joints)]
 
 
 def _arm_name(name: str) -> str:

@@ -216,6 +216,27 @@ def test_the_base_is_what_carries_the_tip(turned):
     assert import_arm(turned, FINGERS_CLOSED).source.base == "foot"
 
 
+def test_what_is_left_out_is_gone_with_all_that_hangs_off_it(turned):
+    found = import_arm(turned, Wishes(tip="hand", left_out=("left_finger", "right_finger")))
+    assert not [s for s in found.source.shapes if "finger" in s.name]
+    with pytest.raises(ArmDescriptionError, match="--leave-out l3 takes --tip 'tcp' away"):
+        import_arm(turned, Wishes(tip="tcp", left_out=("l3",)))
+    with pytest.raises(ArmDescriptionError, match="--leave-out: there is no link 'arm'"):
+        import_arm(turned, Wishes(tip="tcp", left_out=("arm",)))
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "-x", "-y", "-z", "z"])
+def test_another_axis_of_the_tip_may_point_out_of_the_gripper(turned, axis):
+    found = import_arm(turned, Wishes(tip="tcp", tip_axis=axis))
+    own, turned_tool = import_arm(turned, FINGERS_CLOSED).source.tool, found.source.tool
+    R, R_turned = (pin.rpy.rpyToMatrix(*tool.rpy) for tool in (own, turned_tool))
+    sign = -1.0 if axis.startswith("-") else 1.0
+    np.testing.assert_allclose(R_turned[:, 2], sign * R[:, "xyz".index(axis[-1])], atol=1e-9)
+    assert np.linalg.det(R_turned) == pytest.approx(1.0)
+    says = "the z axis of tool_tip does not point the way in which 'tcp' lies from the last joint"
+    assert (says in "\n".join(found.told)) == (axis != "z")
+
+
 def test_an_arm_that_hangs_from_the_ceiling_hangs(turned):
     turned.write_text(TURNED.replace('xyz="0 0 0.7"', 'xyz="0 0 0.7" rpy="3.14159265 0 0"'))
     found = import_arm(turned, FINGERS_CLOSED)
