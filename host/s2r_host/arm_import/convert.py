@@ -18,6 +18,7 @@ from s2r_host.arm_import.touching import always_touching
 from s2r_host.arm_import.urdf_tree import Inertial, UrdfJoint, UrdfTree, read_urdf, turn
 from s2r_protocol.arms import ArmDescription, ArmDescriptionError
 from s2r_protocol.arms.clearance import LINKS_APART_M
+from s2r_protocol.arms.inertias import gyration_m, placeholders
 from s2r_protocol.arms.source import FINGER_PREFIX, WORLD, ArmSource, problems_in
 
 _UPRIGHT_RAD = 0.01
@@ -119,6 +120,7 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
         source = ArmSource.model_validate(raw)
     except ValidationError as error:
         raise ArmDescriptionError(f"{urdf} makes no arm description:\n{problems_in(error, raw)}") from error
+    source = _without_placeholders(source, told)
     pairs = always_touching(ArmDescription(source, urdf.parent), LINKS_APART_M)
     told += [
         f"links '{a}' and '{b}' touch in every pose and are not checked"
@@ -126,6 +128,22 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
         if bodies.carrier(a) != bodies.carrier(b)
     ]
     return Imported(source.model_copy(update={"collision_exclude": (*wishes.exclude, *pairs)}), tuple(told))
+
+
+def _without_placeholders(source: ArmSource, told: list[str]) -> ArmSource:
+    """The arm with inertias no wider than its shapes, where they were far wider: simulated so, an arm falls."""
+    for link, reach_m in placeholders(source):
+        told.append(
+            f"link '{link.name}' has the inertia of a body {gyration_m(link):.3g} m around, its shapes reach "
+            f"{reach_m:.3g} m from its centre of mass: made as small as these; correct it"
+        )
+        smaller = (reach_m / gyration_m(link)) ** 2
+        update = {
+            key: tuple(_short(smaller * v) for v in getattr(link, key)) for key in ("inertia", "products")
+        }
+        links = (link.model_copy(update=update) if other is link else other for other in source.links)
+        source = source.model_copy(update={"links": tuple(links)})
+    return source
 
 
 def _rename(raw: dict[str, Any], old: str, new: str, told: list[str]) -> None:

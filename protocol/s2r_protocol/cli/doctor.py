@@ -12,6 +12,7 @@ import numpy as np
 from s2r_protocol.arms import ArmDescription, load_arm
 from s2r_protocol.arms.bus_range import off_bus
 from s2r_protocol.arms.clearance import LINKS_APART_M
+from s2r_protocol.arms.inertias import gyration_m, placeholders
 from s2r_protocol.arms.source import FINGER_PREFIX
 from s2r_protocol.cli.findings import print_findings
 from s2r_protocol.exits import ExitCode, UsageError
@@ -120,7 +121,7 @@ def check_arm(arm: ArmDescription) -> list[Finding]:
         *findings,
         *_fingertip(arm),
         _offsets(arm),
-        _inertias(arm),
+        *_inertias(arm),
         _angles(arm),
         *_bus(arm),
         *_home_pose(arm),
@@ -168,13 +169,28 @@ def _offsets(arm: ArmDescription) -> Finding:
     return Finding("lengths", Level.PROBLEM, text, "lengths are metres, not millimetres")
 
 
-def _inertias(arm: ArmDescription) -> Finding:
-    radii_m = {link.name: float(np.sqrt(max(link.inertia) / link.mass)) for link in arm.source.links}
+def _inertias(arm: ArmDescription) -> list[Finding]:
+    radii_m = {link.name: gyration_m(link) for link in arm.source.links}
     name = max(radii_m, key=radii_m.__getitem__)
     text = f"'{name}' has the largest inertia for its mass, as if {radii_m[name]:.3g} m around its centre of mass"
     if radii_m[name] <= _WIDEST_M:
-        return Finding("inertias", Level.OK, text)
-    return Finding("inertias", Level.PROBLEM, text, "masses are kg and inertias kg m², not kg mm² or g mm²")
+        widest = Finding("inertias", Level.OK, text)
+    else:
+        fix = "masses are kg and inertias kg m², not kg mm² or g mm²"
+        return [Finding("inertias", Level.PROBLEM, text, fix)]
+    return [
+        widest,
+        *(
+            Finding(
+                "inertias",
+                Level.PROBLEM,
+                f"'{link.name}' has the inertia of a body {gyration_m(link):.3g} m around its centre of mass; its "
+                f"shapes reach {reach_m:.3g} m",
+                "no body is so: correct its inertia",
+            )
+            for link, reach_m in placeholders(arm.source)
+        ),
+    ]
 
 
 def _home_pose(arm: ArmDescription) -> list[Finding]:

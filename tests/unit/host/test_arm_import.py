@@ -202,6 +202,14 @@ def test_moments_of_inertia_that_are_off_by_little_are_raised_and_told(turned):
     )
 
 
+def test_an_inertia_far_wider_than_the_shapes_is_made_as_small_and_told(turned):
+    turned.write_text(TURNED.replace('ixx="0.001" iyy="0.001" izz="0.001"', 'ixx="1" iyy="1" izz="1"'))
+    found = import_arm(turned, FINGERS_CLOSED)
+    hand = found.source.link_named("hand")
+    assert max(hand.inertia) < 0.5 * 0.2**2
+    assert "link 'hand' has the inertia of a body 1.41 m around, its shapes reach 0." in "\n".join(found.told)
+
+
 def test_what_cannot_move_may_have_any_inertia(turned):
     odd = '<link name="foot"><inertial><mass value="1"/><inertia ixx="1" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
     turned.write_text(TURNED.replace('<link name="foot">', odd + "</inertial>"))

@@ -85,6 +85,12 @@ def test_links_nearer_than_admission_allows_at_home_are_told(tmp_path):
     assert "'link5'" in problems(thick)["links"]
 
 
+def test_an_inertia_far_wider_than_the_shapes_is_a_problem(tmp_path):
+    arm = edited(tmp_path, "inertia: [0.0029, 0.0026, 0.0015]", "inertia: [3.0, 3.0, 3.0]")
+    assert problems(arm)["inertias"].startswith("'gripper' has the inertia of a body 1.59 m around")
+    assert "inertias" not in problems(ARM)
+
+
 PEDESTAL = """  - {parent: base, child: pedestal, origin: [0.0, 0.0, -0.9], rpy: [0.0, 0.0, 0.0]}
 """
 
@@ -94,7 +100,9 @@ def with_pedestal(tmp_path):
     text = (ARM.directory / "arm.yaml").read_text()
     text = text.replace("mounts:\n", f"mounts:\n{PEDESTAL}")
     link = "  - {name: pedestal, mass: 20.0, com: [0.0, 0.0, 0.4], inertia: [1.0, 1.0, 1.0]}\n"
-    shape = "  - {link: pedestal, name: pedestal, type: box, center: [0.0, 0.0, 0.4], half: [0.1, 0.1, 0.4]}\n"
+    shape = (
+        "  - {link: pedestal, name: pedestal, type: box, center: [0.0, 0.0, 0.4], half: [0.1, 0.1, 0.4]}\n"
+    )
     text = text.replace("\njoints:\n", f"{link}\njoints:\n").replace("\nshapes:\n", f"\nshapes:\n{shape}")
     (tmp_path / "arm.yaml").write_text(text)
     return load_arm(tmp_path)
