@@ -26,7 +26,11 @@ def to_mjcf(source: ArmSource) -> str:
     world = ET.SubElement(root, "worldbody")
     _add_body(world, source, source.base, None)
     contact = ET.SubElement(root, "contact")
-    for a, b in source.collision_exclude:
+    excluded = list(source.collision_exclude)
+    first = (source.joints[0].parent, source.joints[0].child)
+    if set(first) not in map(set, excluded):  # MuJoCo leaves neighbours out, but not those of a body that stands
+        excluded.append(first)
+    for a, b in excluded:
         ET.SubElement(contact, "exclude", body1=a, body2=b)
     keyframe = ET.SubElement(root, "keyframe")
     ET.SubElement(keyframe, "key", name="home", qpos=numbers(source.q_home))

@@ -114,3 +114,13 @@ def test_what_is_mounted_on_the_base_stands_and_is_no_hand(tmp_path):
     assert arm.source.hand == {"gripper"}
     assert not problems(arm)
     assert lowest_shape(arm, arm.q_home) == lowest_shape(ARM, ARM.q_home)
+
+
+def test_the_first_link_may_reach_into_the_base_in_mujoco_as_in_admission(tmp_path):
+    """Neighbours are not checked; MuJoCo pushed the first link of such an arm out of its base."""
+    arm = edited(tmp_path, "b: [0.0, 0.0, 0.13],   radius: 0.085", "b: [0.0, 0.0, 0.26],   radius: 0.085")
+    data = mujoco.MjData(mujoco.MjModel.from_xml_string(arm.mjcf))
+    data.qpos = arm.q_home
+    mujoco.mj_forward(data.model, data)
+    assert data.ncon == 0
+    assert not problems(arm)
