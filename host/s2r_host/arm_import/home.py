@@ -42,7 +42,7 @@ def _warned(home: Home) -> list[str]:
     if home.in_the_way is not None:
         first, second = home.in_the_way
         told.append(
-            f"home: most other poses fell out only as '{first}' and '{second}' are too near to each other there: if "
+            f"home: most poses fell out only as '{first}' and '{second}' are too near to each other there: if "
             f"these two cannot hurt each other, give --exclude {first},{second}"
         )
     return told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from itertools import product
 
@@ -22,12 +23,16 @@ _ROLLS_RAD = (0.0, 0.5 * np.pi)
 
 @dataclass(frozen=True)
 class Reached:
-    """How many of ``asked`` poses at objects are reached: at all, on the straight way, and with room between links."""
+    """How many of ``asked`` poses at objects are reached: at all, on the straight way, and with room between links.
+
+    ``blocked`` are two links that are too near to each other in more of the others than are reached.
+    """
 
     asked: int
     reached: int
     straight: int
     roomy: int
+    blocked: tuple[str, str] | None = None
 
 
 class Reach:
@@ -44,17 +49,33 @@ class Reach:
 
     def from_pose(self, q: np.ndarray) -> Reached:
         """What is reached from a pose (dof,) [rad]."""
-        goals = [goal for p, tilt in self._goals if (goal := self._posture(p, tilt, q)) is not None]
-        straight = sum(self._free.line_is_free(q, goal) for goal in goals)
-        return Reached(len(self._goals), len(goals), straight, sum(map(self._roomy.is_free, goals)))
+        found = [self._posture(p, tilt, q) for p, tilt in self._goals]
+        goals = [goal for goal in found if isinstance(goal, np.ndarray)]
+        touching = Counter(goal for goal in found if isinstance(goal, str) and "table" not in goal)
+        text, count = max(touching.items(), key=lambda item: item[1], default=("", 0))
+        first, _, second = text.partition(" against ")
+        return Reached(
+            asked=len(found),
+            reached=len(goals),
+            straight=sum(self._free.line_is_free(q, goal) for goal in goals),
+            roomy=sum(map(self._roomy.is_free, goals)),
+            blocked=(first, second) if count > len(goals) else None,
+        )
 
-    def _posture(self, p: np.ndarray, tilt: float, q: np.ndarray) -> np.ndarray | None:
-        """A free posture near ``q`` with the fingertip at ``p`` (3,) [m], tilted down from the way there."""
-        X = np.eye(4)
+    def _posture(self, p: np.ndarray, tilt: float, q: np.ndarray) -> np.ndarray | str | None:
+        """A free posture near ``q`` with the fingertip at ``p`` (3,) [m], tilted down from the way there.
+
+        What touches what where none is free, None where there is no posture.
+        """
+        X, touching = np.eye(4), None
         X[:3, 3] = p
         for roll in _ROLLS_RAD:
             X[:3, :3] = tool_orientation(np.array([1.0, 0.0, 0.0]), tilt, float(np.arctan2(p[1], p[0])), roll)
             goal = self._ik.solve(X, q)
-            if goal is not None and self._free.is_free(goal):
+            if goal is None:
+                continue
+            pair = self._free.touching(goal)
+            if pair is None:
                 return goal
-        return None
+            touching = touching or pair
+        return touching

@@ -31,7 +31,8 @@ _WEIGHTS = np.array([20.0, 20.0, 20.0, 2.0, 2.0, 2.0])  # of the place [1/m], of
 class Home:
     """A home pose, how it was found to be, what is reached from it, and what of the asked it fails.
 
-    ``in_the_way`` are the two links that alone, too near to each other, spoil more poses than were left.
+    ``in_the_way`` are the two links that alone, too near to each other, spoil more poses than were left, of those
+    looked through or of those at objects.
     """
 
     measured: Measured
@@ -87,7 +88,8 @@ class HomeSearch:
             home = self._with_reach(measured)
             judged.append((cost + _unreached(home), home))
         home = min(judged, key=lambda pair: pair[0])[1]
-        return replace(home, in_the_way=self._in_the_way([measured for _, measured in found]))
+        alone = self._in_the_way([measured for _, measured in found])
+        return replace(home, in_the_way=alone or home.reached.blocked)
 
     def _in_the_way(self, found: list[Measured]) -> tuple[str, str] | None:
         alone = Counter(m.links[:2] for m in found if m.links is not None and m.links_alone(self.place))

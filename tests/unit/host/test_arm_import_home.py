@@ -156,7 +156,7 @@ def test_links_that_spoil_most_poses_are_named_and_may_be_excluded(tmp_path):
     urdf = tmp_path / "wide.urdf"
     urdf.write_text(wide)
     found = with_home(import_arm(urdf, Wishes()), urdf, Wishes())
-    assert "home: most other poses fell out only as 'forearm' and 'wrist_2'" in "\n".join(found.told)
+    assert "home: most poses fell out only as 'forearm' and 'wrist_2'" in "\n".join(found.told)
     wishes = Wishes(exclude=(("forearm", "wrist_2"),))
     assert ("forearm", "wrist_2") in import_arm(urdf, wishes).source.collision_exclude
 
