@@ -28,7 +28,9 @@ def to_mjcf(source: ArmSource) -> str:
     contact = ET.SubElement(root, "contact")
     excluded = list(source.collision_exclude)
     first = (source.joints[0].parent, source.joints[0].child)
-    if set(first) not in map(set, excluded):  # MuJoCo leaves neighbours out, but not those of a body that stands
+    if set(first) not in map(
+        set, excluded
+    ):  # MuJoCo leaves neighbours out, but not those of a body that stands
         excluded.append(first)
     for a, b in excluded:
         ET.SubElement(contact, "exclude", body1=a, body2=b)

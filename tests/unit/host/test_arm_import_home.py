@@ -67,7 +67,9 @@ def test_a_sought_home_keeps_all_that_is_asked(searched):
     arm = ArmDescription(found.source, urdf.parent)
     q, limits = arm.q_home, arm.limits
     assert np.minimum(q - limits.q_min, limits.q_max - q).min() >= LIMIT_RAD
-    assert nearest_links(arm, q)[2] >= LINKS_M
+    nearest = nearest_links(arm, q)
+    assert nearest is not None
+    assert nearest[2] >= LINKS_M
     assert lowest_shape(arm, q)[1] >= TABLE_M
     assert np.all(np.abs(holding_torques(arm, q)) <= TORQUE_SHARE * limits.tau_max)
     X = ArmModel(arm).tool_pose(q)
