@@ -111,6 +111,7 @@ def main() -> None:
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     with tempfile.TemporaryDirectory() as root, sync_playwright() as playwright:
         folder = Path(root)
+        (folder / "runs").mkdir()
         with stand_in_cell(folder, ("--seed", "3"), options.clock, 1.0) as cell:
             arguments = ("console", "--executor", cell.executor, "--port", "0", "--runs", folder / "runs")
             browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)

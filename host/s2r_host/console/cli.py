@@ -10,6 +10,7 @@ from pathlib import Path
 from types import FrameType
 
 import click
+from click.core import ParameterSource
 
 from s2r_protocol.cli.ending import hear, restore
 from s2r_protocol.cli.options import tls_option
@@ -17,6 +18,16 @@ from s2r_protocol.exits import ExitCode, UsageError
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
 DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
+
+
+def _there_if_named(context: click.Context, option: click.Parameter, folder: Path) -> Path:
+    """The folder; only the default one may be missing, as it is before the first run, and is made."""
+    source = context.get_parameter_source(option.name or "")
+    if source != ParameterSource.DEFAULT and not folder.is_dir():
+        raise UsageError(
+            f"--runs {folder}: there is no such folder; correct the path, or make it: mkdir -p {folder}"
+        )
+    return folder
 
 
 @click.command()
@@ -47,9 +58,10 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     "--runs",
     "runs_root",
     type=click.Path(file_okay=False, path_type=Path),
+    callback=_there_if_named,
     default=Path("runs"),
     show_default=True,
-    help="Folder with run folders.",
+    help="Folder with run folders; the default one is made where it is missing.",
 )
 @click.option("--arm", default="xmate3pro", show_default=True, help="Shipped arm, or a folder with arm.yaml.")
 @click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
