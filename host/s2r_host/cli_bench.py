@@ -114,8 +114,11 @@ def planning(
     from s2r_host.planning.bench.planners import planner_named
     from s2r_host.planning.bench.summary import by_task, ratios, summary
     from s2r_host.planning.bench.tasks import TASKS
+    from s2r_protocol.cli.outputs import check_place
     from s2r_protocol.exits import UsageError
 
+    if curve is not None:
+        check_place(curve)
     if pieces and decomposed:
         raise UsageError("--pieces and --coacd exclude each other: give one of them")
     wanted = names.split(",")

@@ -164,6 +164,22 @@ def test_results_of_which_nobody_knows_the_conditions_are_not_continued(tmp_path
         run(todo, results, Conditions(collection=0, threads=1), str)
 
 
+@pytest.mark.parametrize("words", ["--arm nope", "--tool nope", "--curve {}/nowhere/curve.png"])
+def test_a_call_that_is_refused_leaves_nothing_in_its_folder(tmp_path, words):
+    words = [
+        *words.format(tmp_path).split(),
+        "--planners",
+        "ours",
+        "--tasks",
+        "drawer_open",
+        "--placements",
+        "1",
+    ]
+    ended = CliRunner().invoke(planning, [*words, "--out", str(tmp_path / "out")])
+    assert isinstance(ended.exception, UsageError)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_plan_that_is_given_up_counts_with_what_it_took(tmp_path):
     todo = list(jobs(["ours"], ["drawer_open"], 1, 1))
     conditions = Conditions(collection=0, threads=1, plan_only=True, patience_s=1e-6)

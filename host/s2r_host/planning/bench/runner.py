@@ -95,13 +95,14 @@ def run(todo: list[Job], results: Path, conditions: Conditions, tell: Callable[[
     """Run the jobs that ``results`` does not hold yet and append each as one line; returns all asked for.
 
     Raises:
-        UsageError: The results that are there were made with other conditions.
+        UsageError: There is no such arm or tool, or the results that are there were made with other conditions.
     """
+    arm = load_arm(conditions.arm)
+    tool = tool_named(conditions.tool) if conditions.tool else None
     done = {row["key"]: row for row in read(results)}
     keep_to(conditions.named(), results, begun=bool(done))
-    arm = load_arm(conditions.arm)
-    if conditions.tool:
-        arm = write_arm_with_tool(arm, tool_named(conditions.tool), results.parent / f"arm-{conditions.tool}")
+    if tool is not None:
+        arm = write_arm_with_tool(arm, tool, results.parent / f"arm-{tool.name}")
     for job in todo:
         if job.key in done:
             continue
