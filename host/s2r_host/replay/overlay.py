@@ -68,7 +68,8 @@ def write_overlay(
     slower = "" if speed == 1.0 else f", at {speed:g} of its speed and shown over its own time"
     head = (
         f"<h1>Replay of '{escape(plan.label)}'</h1><p class='lead'>plan {plan.number} of {escape(run.name)}, "
-        f"{plan.trajectory.duration_s:.2f} s, sent again through the same admission as plan {replayed.seq}{slower}</p>"
+        f"{plan.trajectory.duration_s:.2f} s, sent again through the same admission as the executor's plan "
+        f"{replayed.seq}{slower}</p>"
     )
     parts = [
         head,

@@ -308,14 +308,16 @@ def _verdicts(record: RunRecord) -> str:
         return ""
     rows = [
         (
-            str(v["plan_seq"]),
+            str(number),
             str(v["label"]),
             "accepted" if v["accepted"] else "refused",
             f"{v['duration_s']:.2f} s",
+            str(v["plan_seq"]),
         )
-        for v in record.journal.verdicts
+        for number, v in enumerate(record.journal.verdicts, start=1)  # as `s2r replay --plan` counts them
     ]
-    return section("The executor's verdicts", table(("plan", "label", "verdict", "duration"), rows))
+    header = ("plan", "label", "verdict", "duration", "number at the executor")
+    return section("The executor's verdicts", table(header, rows))
 
 
 def _inputs(record: RunRecord) -> str:

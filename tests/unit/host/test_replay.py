@@ -133,7 +133,7 @@ def test_the_page_of_a_slowed_replay_says_so(run, trajectory):
         write_overlay(replayed, NAMES, run, run / "replay", speed=speed).read_text() for speed in (1.0, 0.5)
     )
     assert "of its speed" not in full
-    assert "sent again through the same admission as plan 12, at 0.5 of its speed" in slow
+    assert "sent again through the same admission as the executor's plan 12, at 0.5 of its speed" in slow
 
 
 def test_a_slowed_plan_takes_longer_on_the_same_path(trajectory):

@@ -43,6 +43,13 @@ def test_failed_run_still_gets_a_report_with_the_reason(record, tmp_path):
     assert "push 1" in text
 
 
+def test_plans_are_numbered_as_a_replay_numbers_them(record, tmp_path):
+    record.journal.verdict("manipulation 1", 14, 3.0)
+    text = write_report(record, tmp_path / "report.html").read_text()
+    for number, label, seq in ((1, "push 1", 3), (2, "manipulation 1", 14)):
+        assert re.search(rf"<td>{number}</td><td>{label}</td>.*<td>{seq}</td>", text)
+
+
 def test_only_folders_that_the_run_wrote_are_listed(record, tmp_path):
     (record.settings.out / "object-log").mkdir(parents=True)
     text = write_report(record, tmp_path / "report.html").read_text()
