@@ -468,7 +468,7 @@ ANSWER = {
             "joint": "elbow",
             "probability": 0.97,
             "could_also_be": ["cogging"],
-            "evidence": "removes 94% of the held-out misfit",
+            "evidence": "removes 94% of the squared misfit in effort",
             "parameters": {
                 "peak": {"value": 0.29976, "unit": "N·m", "interval90": [0.2933, 0.3062], "identifiable": True},
                 "width": {"value": 1.0, "unit": "rad", "interval90": [0.0, 9.0], "identifiable": False},

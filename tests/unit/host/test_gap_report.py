@@ -11,10 +11,10 @@ from s2r_host.gap.output.answer import fit_json, make_answer, write_predictions
 from s2r_host.gap.output.figures import _overlay_motion, _shown_block
 from s2r_host.gap.output.report import _numbers, _parameters_off, _per_joint, _rejected, _verdict
 from s2r_host.gap.pipeline import Analysis
-from s2r_host.gap.regression.solution import Term
+from s2r_host.gap.regression.solution import Scored, Term
 from s2r_host.gap.simulation.forward import Trace
 from s2r_host.gap.verdict.decision import Decision
-from s2r_host.gap.verdict.naming import Named
+from s2r_host.gap.verdict.naming import Named, evidence_told
 
 
 def test_what_is_named_is_not_among_the_rejected():
@@ -27,6 +27,25 @@ def test_what_is_named_is_not_among_the_rejected():
     answer = make_answer(analysis, 0)
     assert [r["joint"] for r in answer["rejected"]] == ["joint2"]
     assert "clock_skew on joint2<" in _rejected(answer)
+
+
+def test_the_evidence_says_which_misfit_its_share_is_of():
+    """Not of the table of root mean square errors, which compares the model as given with all that is named."""
+    detent, cogging = (
+        Scored(Term(name, 0), 0.0, 30.0, share, np.zeros(0))
+        for name, share in (("detent", 0.22), ("cogging", 0.1))
+    )
+    told = evidence_told(detent.term, [detent, cogging])
+    assert told == (
+        "removes 22% of the squared misfit in effort, on held-out motion, that shifted numbers and the other names "
+        "leave; the next best, cogging, removes 10%"
+    )
+    assert evidence_told(detent.term, [detent]).endswith("the other names leave")
+
+
+def test_a_cause_that_takes_nothing_of_the_held_out_misfit_is_told_by_its_evidence():
+    instead = Scored(Term("detent", 0), 0.0, 30.0, 0.0, np.zeros(0))
+    assert evidence_told(instead.term, [instead]).startswith("30 nats of evidence for this cause instead of")
 
 
 def test_effects_that_were_not_tried_share_a_row_without_a_gain():

@@ -162,7 +162,8 @@ def _numbers(answer: dict) -> str:
     return (
         "<h2>Root mean square errors</h2><table>"
         f"<tr><th>what<th class=num>before<th class=num>after</tr>{body}</table>"
-        f"<p class=muted>Noise floor ({floor['source']}): position {cell(floor['q_rmse'])} {unit},"
+        f"<p class=muted>Before: the model as given; after: with all that is named above."
+        f" Noise floor ({floor['source']}): position {cell(floor['q_rmse'])} {unit},"
         f" effort {cell(floor['tau_rmse'])} {effort_unit}.</p>"
     )
 
@@ -201,7 +202,8 @@ def _rejected(answer: dict) -> str:
     tail = f"<p class=muted>{more} more in gap.json.</p>" if more > 0 else ""
     return (
         "<h2>Looked at and rejected</h2><table><tr><th>effect<th class=num>held-out gain<th>why not</tr>"
-        f"{rows}</table>{tail}"
+        f"{rows}</table><p class=muted>Gain: the share of the squared misfit in effort, on held-out motion, that the "
+        f"effect would remove beside shifted numbers and the other names.</p>{tail}"
     )
 
 

@@ -70,25 +70,35 @@ def named_effect(problem: Problem, search: Search, solution: Solution, i: int, s
         if term.effect in group:
             margin = BEHIND_MARGIN if group == BEHIND else 0.0
             also += [n for n in group if n != term.effect and n not in also and _close(slot, n, margin)]
-    gain = next((s.holdout_gain for s in slot if s.term.key == term.key), 0.0)
-    runner = next((s for s in slot if s.term.key != term.key), None)
-    text = f"removes {gain:.0%} of the held-out misfit in this place"
-    own_gain = next((s.gain for s in slot if s.term.key == term.key), 0.0)
-    if gain < LEAST_TOLD:
-        text = f"{own_gain:.0f} nats of evidence for this cause instead of several numbers that moved a little each"
-    elif runner is not None:
-        text += (
-            f"; the next best, {runner.term.effect.removeprefix(PREFIX)}, removes {runner.holdout_gain:.0%}"
-        )
     joint = "" if term.joint < 0 else problem.ctx.model.joints[term.joint]
     if term.effect == "payload":
         joint = problem.ctx.model.joint_that_moves(int(dict(term.shape)["body"]))
     elif term.joint < 0 and not term.effect.startswith(PREFIX):
         joint = problem.ctx.model.joints[0]
     return Named(
-        term, term.effect, joint, own, also[:1], text, parameter_table(problem, search, solution, i), solution.theta[i],
-        rival_odds(slot),
+        term, term.effect, joint, own, also[:1], evidence_told(term, slot),
+        parameter_table(problem, search, solution, i), solution.theta[i], rival_odds(slot),
     )  # fmt: skip
+
+
+def evidence_told(term: Term, slot: list[Scored]) -> str:
+    """What speaks for a term in its place: what it takes of the held-out misfit, and what the next best would."""
+    own = next((s for s in slot if s.term.key == term.key), None)
+    if own is None or own.holdout_gain < LEAST_TOLD:
+        nats = 0.0 if own is None else own.gain
+        return (
+            f"{nats:.0f} nats of evidence for this cause instead of several numbers that moved a little each"
+        )
+    text = (
+        f"removes {own.holdout_gain:.0%} of the squared misfit in effort, on held-out motion, that shifted numbers and "
+        "the other names leave"
+    )
+    runner = next((s for s in slot if s.term.key != term.key), None)
+    if runner is None:
+        return text
+    return (
+        f"{text}; the next best, {runner.term.effect.removeprefix(PREFIX)}, removes {runner.holdout_gain:.0%}"
+    )
 
 
 def brought(problem: Problem, search: Search, solution: Solution, i: int, named: Named) -> list[Named]:
