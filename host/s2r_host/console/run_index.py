@@ -104,19 +104,26 @@ class RunIndex:
 
     def find(self, words: str = "", limit: int = 200) -> list[RunEntry]:
         """Runs in which every word occurs (folder, task, arm, outcome or reason), newest first."""
-        query, values = "SELECT * FROM runs", []
-        clauses = []
-        for word in words.split():
-            clauses.append("(folder || ' ' || task || ' ' || arm || ' ' || outcome || ' ' || reason) LIKE ?")
-            values.append(f"%{word}%")
-        if clauses:
-            query += " WHERE " + " AND ".join(clauses)
-        rows = self._database.execute(f"{query} ORDER BY ended DESC LIMIT ?", [*values, limit]).fetchall()
-        return [_entry(row, self.root) for row in rows]
+        clause, values = _matching(words)
+        query = f"SELECT * FROM runs{clause} ORDER BY ended DESC LIMIT ?"
+        return [_entry(row, self.root) for row in self._database.execute(query, [*values, limit]).fetchall()]
+
+    def count(self, words: str = "") -> int:
+        """How many runs :meth:`find` would find without a limit."""
+        clause, values = _matching(words)
+        (number,) = self._database.execute(f"SELECT COUNT(*) FROM runs{clause}", values).fetchone()
+        return int(number)
 
     def close(self) -> None:
         """Close the database."""
         self._database.close()
+
+
+def _matching(words: str) -> tuple[str, list[str]]:
+    """The clause of a query for runs in which every word occurs, and its values."""
+    one = "(folder || ' ' || task || ' ' || arm || ' ' || outcome || ' ' || reason) LIKE ?"
+    values = [f"%{word}%" for word in words.split()]
+    return (" WHERE " + " AND ".join([one] * len(values)) if values else ""), values
 
 
 def _opened(place: Path | str) -> sqlite3.Connection:

@@ -64,6 +64,32 @@ def test_a_gap_answer_of_another_release_is_told_and_the_page_lives(opened, tmp_
     page._slow()
 
 
+def write_runs(root, number):
+    run = {
+        "task": "drawer", "arm": {"name": ARM.name}, "s_target": 0.1, "delta": 0.0, "verdicts": [], "wall_s": 1.0,
+        "exit": {"code": 0, "name": "OK", "reason": "there"}, "inputs": {"settings": {"seed": 0}, "arguments": []},
+    }  # fmt: skip
+    for k in range(number):
+        (root / f"run-{k:03d}").mkdir(exist_ok=True)
+        (root / f"run-{k:03d}/run.json").write_text(json.dumps(run))
+
+
+def test_runs_that_have_no_row_are_told(opened, tmp_path):
+    write_runs(tmp_path, 12)
+    page = opened()
+    screen = page._runs_screen
+    assert "the newest 12" not in screen._list.content
+    write_runs(tmp_path, 13)
+    screen.refresh_list()
+    assert "the newest 12 of 13; choose any below" in screen._list.content
+    write_runs(tmp_path, 205)
+    screen.refresh_list()
+    assert "the newest 12 of 205; the newest 200 are below, the filter finds any" in screen._list.content
+    screen._filter.value = "run-00"
+    screen.refresh_list()
+    assert "the newest" not in screen._list.content
+
+
 @pytest.mark.parametrize(
     ("loop", "fails", "last"),
     [

@@ -81,11 +81,24 @@ class RunsScreen:
         ]
         header = ("ended", "run", "target", "δ", "outcome")
         content = ui.block(
-            ui.table(header, rows, "56px 1fr 82px 72px 84px") if rows else ui.line(self._nothing())
+            ui.table(header, rows, "56px 1fr 82px 72px 84px") if rows else ui.line(self._nothing()),
+            *self._more(len(found)),
         )
         if self._list.content != content:
             self._list.content = content
             self._show_details()
+
+    def _more(self, offered: int) -> list[str]:
+        """That there are more runs than rows, and where the others are."""
+        if offered <= _SHOWN:
+            return []
+        total = self._context.runs.count(str(self._filter.value))
+        others = (
+            "choose any below"
+            if total == offered
+            else f"the newest {offered} are below, the filter finds any"
+        )
+        return [ui.line(f"the newest {_SHOWN} of {total}; {others}")]
 
     def _nothing(self) -> str:
         words = str(self._filter.value).strip()
