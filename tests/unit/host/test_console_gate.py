@@ -460,8 +460,8 @@ def test_a_depth_image_becomes_points_in_the_base_frame():
 
 ANSWER = {
     "verdict": "physics_missing",
-    "where": [{"joint": "wrist", "share": 0.1, "regime": {"words": "at rest"}},
-              {"joint": "elbow", "share": 0.9, "regime": {"words": "around position 0.338"}}],
+    "where": [{"joint": "wrist", "share": 0.3, "regime": {"words": "at rest"}},
+              {"joint": "elbow", "share": 0.7, "regime": {"words": "around position 0.338"}}],
     "effects": [
         {
             "name": "detent",
@@ -504,7 +504,18 @@ def test_a_gap_answer_is_shown_with_units_intervals_and_what_was_rejected(tmp_pa
     ):
         assert words in text, words
     assert "<no gain>" not in text
-    assert text.index("on elbow (90% of it)") < text.index("on wrist (10% of it)")
+    assert text.index("on elbow (70% of it)") < text.index("on wrist (30% of it)")
+
+
+def test_places_and_units_of_an_answer_are_those_of_its_report(tmp_path):
+    """What is left once most of the gap is told is not told on either; joints that turn and slide have both units."""
+    shares = {"named first": 0.08, "a": 0.34, "b": 0.56, "c": 0.02}
+    where = [{"joint": j, "share": s, "regime": {"words": f"words {j}"}} for j, s in shares.items()]
+    fit = {"unit": "rad or m, per joint", "effort_holdout_before": 0.2, "effort_holdout_after": 0.1}
+    text = gap_markup({"verdict": "physics_missing", "where": where, "effects": [], "fit": fit}, tmp_path)
+    assert text.index("on b (56% of it), words b") < text.index("on a (34% of it), words a")
+    assert "named first" not in text
+    assert "effort [N·m or N, per joint]" in text
 
 
 def test_numbers_that_are_off_are_told_with_their_place_and_without_a_unit_of_one(tmp_path):

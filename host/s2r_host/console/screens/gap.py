@@ -9,8 +9,8 @@ from typing import Any
 from s2r_host.console import markup as ui
 from s2r_host.console.context import Context
 from s2r_host.errors import RecordingError
+from s2r_host.gap.output.told import effort_unit, largest_places
 
-SHOWN_PLACES = 3
 _NONE = "no gap answer"
 _VERDICTS = {
     "nothing_missing": ("nothing is missing", ui.GOOD),
@@ -92,8 +92,7 @@ def gap_markup(answer: dict[str, Any], folder: Path) -> str:
     parts = [f'<div style="margin:6px 0">{ui.chip(title, colour)}</div>']
     why = [str(n) for n in answer.get("notes", []) if answer["verdict"] == "insufficient"][:1]
     parts += [ui.line(text, ui.INK, 13.5) for text in why]
-    # By share: the place that is named first may have little of the gap.
-    for place in [] if why else sorted(answer["where"], key=lambda p: -p["share"])[:SHOWN_PLACES]:
+    for place in [] if why else largest_places(answer["where"]):
         words = place.get("regime", {}).get("words", "")
         parts.append(ui.line(f"on {place['joint']} ({place['share']:.0%} of it), {words}", ui.INK, 13.5))
     parts += _before_after(answer.get("fit", {}))
@@ -130,7 +129,7 @@ def _before_after(fit: dict[str, Any]) -> list[str]:
             continue
         unit, scale = str(fit.get("unit", "")), 1.0
         if key == "effort_holdout":
-            unit = {"rad": "N·m", "m": "N"}.get(unit, "")
+            unit = effort_unit(unit)
         elif unit in _MILLI:
             unit, scale = _MILLI[unit], 1e3
         rows.append(

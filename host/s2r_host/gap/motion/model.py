@@ -12,6 +12,7 @@ import numpy as np
 from s2r_host.gap.errors import GapModelError
 from s2r_host.gap.motion.model_files import find_files
 from s2r_host.gap.motion.ties import Tie, ties_of
+from s2r_host.gap.recordings.units import EFFORT_OF
 
 FEW_JOINTS = 2  # more make an arm, whose links and frictions are weighed together (search/complete.py)
 
@@ -111,7 +112,7 @@ class RigidModel:
 
     def effort_unit(self, joint: str) -> str:
         """``N·m`` or ``N``."""
-        return "N·m" if self.unit(joint) == "rad" else "N"
+        return EFFORT_OF[self.unit(joint)]
 
     def inertia_unit(self, joint: str, other: str | None = None) -> str:
         """Of what a joint feels of its own acceleration, or of that of another joint: ``kg·m²``, ``kg·m`` or ``kg``."""

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.output.figures import figures
+from s2r_host.gap.output.told import effort_unit, largest_places
 from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.verdict.rejected import was_weighed
 from s2r_protocol.whole_file import write_whole
 
 SHOWN_REJECTED = 30
-SHOWN_PLACES, MOST = 3, 0.8  # places in the verdict, and the share of the gap that is enough
 STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:#1d2433;max-width:1000px;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.5rem;margin:0}h2{font-size:1.1rem;margin:2rem 0 .4rem;border-bottom:1px solid #e4e7ec}
@@ -68,19 +68,10 @@ def _verdict(answer: dict) -> str:
         return f"<div class='{css}'>The data cannot tell{f': {html.escape(why)}' if why else ''}.</div>"
     places = "; ".join(
         f"<b>{html.escape(p['joint'])}</b> ({p['share']:.0%}), {html.escape(p['regime']['words'])}"
-        for p in _largest(answer["where"])
+        for p in largest_places(answer["where"])
     )
     place = f" The gap lives on {places}." if places else ""
     return f"<div class='{css}'>{VERDICTS[answer['verdict']]}{place}</div>"
-
-
-def _largest(places: list[dict]) -> list[dict]:
-    """The places that hold most of the gap, the largest first: the one that is named first may have little of it."""
-    found: list[dict] = []
-    for place in sorted(places, key=lambda p: -p["share"])[:SHOWN_PLACES]:
-        if sum(p["share"] for p in found) < MOST:
-            found.append(place)
-    return found
 
 
 def _effects(answer: dict) -> str:
@@ -141,12 +132,11 @@ def _numbers(answer: dict) -> str:
 
     loop = "closed loop" if fit.get("closed_loop") else "open-loop windows"
     unit = fit["unit"]
-    effort_unit = {"rad": "N·m", "m": "N"}.get(unit, "N·m or N, per joint")
     rows = [
         (f"position [{unit}], fitted, {loop}", fit["train_before"], fit["train_after"]),
         (f"position [{unit}], held out, {loop}", fit["holdout_before"], fit["holdout_after"]),
         (
-            f"effort [{effort_unit}], held out",
+            f"effort [{effort_unit(unit)}], held out",
             fit.get("effort_holdout_before"),
             fit.get("effort_holdout_after"),
         ),
@@ -164,7 +154,7 @@ def _numbers(answer: dict) -> str:
         f"<tr><th>what<th class=num>before<th class=num>after</tr>{body}</table>"
         f"<p class=muted>Before: the model as given; after: with all that is named above."
         f" Noise floor ({floor['source']}): position {cell(floor['q_rmse'])} {unit},"
-        f" effort {cell(floor['tau_rmse'])} {effort_unit}.</p>"
+        f" effort {cell(floor['tau_rmse'])} {effort_unit(unit)}.</p>"
     )
 
 

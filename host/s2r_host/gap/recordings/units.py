@@ -13,6 +13,8 @@ EFFORT = {
     "Nm": 1.0, "N.m": 1.0, "N*m": 1.0, "N·m": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2,
     "N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kip": 4448.2216152605,
 }  # fmt: skip
+EFFORT_OF = {"rad": "N·m", "m": "N"}
+"""Unit of a joint's effort, by the unit of its position."""
 SPEED = {
     **{f"{u}/s": f for u, f in (ANGLE | LENGTH).items()},
     "rpm": 2.0 * math.pi / 60.0,
