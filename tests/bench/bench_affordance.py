@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 from bench_perception import weights_hash
+from refusals import told_by
 
 from s2r_host.errors import SceneError
 from s2r_host.motion.fingertip import CLOSED_GRIPPER
@@ -40,7 +41,6 @@ from s2r_host.perception.object_cloud import ObjectCloud, object_cloud
 from s2r_host.run.first_push import pushables
 from s2r_host.run.settings import RunSettings
 from s2r_host.run.task import DRAWER, FAUCET, LAPTOP, Task
-from s2r_protocol.exits import UsageError
 from s2r_sim.batch import run_jobs
 from s2r_sim.camera.camera import DepthCamera
 from s2r_sim.objects.catalogue import KINDS
@@ -253,10 +253,8 @@ def main() -> None:
     split, pictures = int(Split[args.split.upper()]), str(args.pictures or "")
     jobs = [(kind, split, seed, str(args.weights), pictures, args.could) for seed in seeds for kind in kinds]
     conditions, rows_file = {"--weights": weights_hash(args.weights)}, args.out / "rows.jsonl"
-    try:
+    with told_by(parser):
         rows = run_jobs(first_pushes, jobs, rows_file, args.jobs, "first pushes", conditions=conditions)
-    except UsageError as error:
-        parser.error(str(error))
     print(
         f"| kind | objects | out of sight | {' | '.join(METHODS)} | could, random | could, network | on part |"
     )

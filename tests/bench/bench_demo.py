@@ -11,8 +11,9 @@ import sys
 import time
 from pathlib import Path
 
+from refusals import told_by
+
 from s2r_protocol.cli.conditions import keep_to
-from s2r_protocol.exits import UsageError
 
 
 def _seeds(text):
@@ -64,10 +65,8 @@ def main():
     parser.add_argument("--out", type=Path, default=Path("runs/bench-demo"))
     options = parser.parse_args()
     conditions = {name: getattr(options, name) for name in ("target", "reactive", "pace")}
-    try:
+    with told_by(parser):
         keep_to(conditions, options.out / "seeds", begun=any(options.out.glob("seed-*/demo.json")))
-    except UsageError as error:
-        parser.error(str(error))
     print(
         "| seed | exit | δ first attempt, mm | δ true, mm | δ_r true, % | δ by camera, mm | attempts | wall, s |"
     )

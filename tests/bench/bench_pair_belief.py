@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from bench_perception import frames, runtime, transport_mm, true_motion, weights_hash
+from refusals import told_by
 from scipy.optimize import minimize
 
 from s2r_host.perception import AbstainError, BadViewError
@@ -28,7 +29,6 @@ from s2r_host.perception.evidence import Scene
 from s2r_host.perception.network_belief import Trust
 from s2r_host.perception.pair_network import ABOUT, PairNetworkRuntime
 from s2r_host.perception.ranking import EVIDENCE_SCALE
-from s2r_protocol.exits import UsageError
 from s2r_sim.batch import run_jobs
 from s2r_sim.objects.pairs import Pair, draw_pair
 from s2r_sim.objects.splits import Split
@@ -121,10 +121,8 @@ def main() -> None:
         (kind, seed) for seed in range(args.first, args.first + args.count) for kind in args.kinds.split(",")
     ]
     work, conditions = partial(measure, str(args.weights)), {"--weights": weights_hash(args.weights)}
-    try:
+    with told_by(parser):
         rows = run_jobs(work, jobs, args.out / "rows.jsonl", args.jobs, "pairs", conditions=conditions)
-    except UsageError as error:
-        parser.error(str(error))
     trust, without, with_it = fit(rows)
     about = json.loads((args.weights / ABOUT).read_text())
     about["trust"] = vars(trust)

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from bench_perception import frames, runtime, weights_hash
+from refusals import told_by
 from scipy.spatial import cKDTree
 
 from s2r_host.learn.solids import drawn_around, inside
@@ -29,7 +30,6 @@ from s2r_host.perception.pair_cloud import pool
 from s2r_host.perception.pair_network import PairNetworkRuntime
 from s2r_host.perception.segment import segment
 from s2r_host.perception.view import Seen
-from s2r_protocol.exits import UsageError
 from s2r_sim.batch import run_jobs
 from s2r_sim.objects.pair_data import part_solids
 from s2r_sim.objects.pairs import draw_pair
@@ -151,10 +151,8 @@ def main() -> None:
     split, seeds = int(Split[args.split.upper()]), range(args.first, args.first + args.count)
     jobs = [(kind, split, seed) for seed in seeds for kind in args.kinds.split(",")]
     work, conditions = partial(measure, str(args.weights)), {"--weights": weights_hash(args.weights)}
-    try:
+    with told_by(parser):
         rows = run_jobs(work, jobs, args.out / "rows.jsonl", args.jobs, "pairs", conditions=conditions)
-    except UsageError as error:
-        parser.error(str(error))
     print_table(rows)
 
 

@@ -34,6 +34,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from refusals import told_by
 
 from s2r_host.perception import (
     AbstainError,
@@ -57,7 +58,6 @@ from s2r_host.perception.motion import line_distance
 from s2r_host.perception.pair_network import WEIGHTS, PairNetworkRuntime
 from s2r_host.perception.verdict import KNOWN_TO, VAGUELY
 from s2r_host.perception.view import DepthView
-from s2r_protocol.exits import UsageError
 from s2r_sim.batch import run_jobs
 from s2r_sim.objects.pairs import Pair, draw_pair
 from s2r_sim.objects.splits import Split
@@ -358,10 +358,8 @@ def main() -> None:
     conditions: dict[str, Any] = {"--sight": args.sight}
     if args.route is not None:
         conditions |= {"--route": args.route, "--weights": weights_hash(args.weights or WEIGHTS)}
-    try:
+    with told_by(parser):
         rows = run_jobs(work, jobs, args.out / file, args.jobs, "pairs", conditions=conditions)
-    except UsageError as error:
-        parser.error(str(error))
     if args.json:
         print(json.dumps(rows, indent=1))
     else:

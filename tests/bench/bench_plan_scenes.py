@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from refusals import told_by
 
 from s2r_host.planning import PlanRequest, PlanSettings
 from s2r_host.planning.bench.verifier import verify
@@ -23,7 +24,7 @@ from s2r_host.trajectory import Trajectory
 from s2r_host.trajectory.plan_scene import PlanTask, plan_scene
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.conditions import keep_to
-from s2r_protocol.exits import S2RError, UsageError
+from s2r_protocol.exits import S2RError
 
 ARM = load_arm("xmate3pro")
 SCENES = Path(__file__).parent / "scenes"
@@ -107,10 +108,8 @@ def kept(parser: argparse.ArgumentParser, results: Path, conditions: dict[str, A
             rows.append(json.loads(line_))
         except ValueError:
             continue
-    try:
+    with told_by(parser):
         keep_to(conditions, results, begun=bool(rows))
-    except UsageError as error:
-        parser.error(str(error))
     if text and not text.endswith("\n"):
         results.write_text(text + "\n")
     return rows

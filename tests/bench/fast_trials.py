@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from click.core import ParameterSource
+from refusals import told_by
 from rich.console import Console
 from scipy.interpolate import BPoly
 
@@ -48,7 +49,7 @@ from s2r_host.run.task import TASKS
 from s2r_host.trajectory import Trajectory
 from s2r_protocol.arms import load_arm
 from s2r_protocol.can.drive import DriveCommand
-from s2r_protocol.exits import ExitCode, S2RError
+from s2r_protocol.exits import ExitCode
 from s2r_protocol.faults import Cause, ExecutorState
 from s2r_sim.batch import run_jobs
 from s2r_sim.camera.camera import DepthCamera
@@ -293,10 +294,8 @@ def main() -> None:
     work = partial(run_trial, options.out, settings_of(options.run_options))
     todo = [(options.kind, number, options.attempts) for number in numbers]
     conditions = {"--run-options": options.run_options}  # under the name that `s2r bench paper` gives it
-    try:
+    with told_by(parser):
         run_jobs(work, todo, options.out / "results.jsonl", 1, options.kind, conditions=conditions)
-    except S2RError as error:
-        parser.error(str(error))
 
 
 def _told(row: Row) -> str:
