@@ -69,18 +69,23 @@ void wait_for_answers(Core& core, Bus& bus, const Config& config, QuitGuard& gua
 }
 
 // Nobody waits for the arm's time: it stands until the next command comes.
-bool waits_for_commands(State state) noexcept { return state == State::kDisarmed || state == State::kHold; }
+bool waits_for_commands(State state) noexcept {
+  return state == State::kDisarmed || state == State::kHold || state == State::kPaused;
+}
 
-// The arm's time advances with the setpoints; `pace` only keeps it from running ahead of the wall clock. One that waits
-// never runs ahead of it: ticks of nothing as fast as possible would take the processor from the host that is planning.
+// The arm's time advances with the setpoints; a busy one takes at most `pace` times as many as the wall clock, or as
+// many as it can at 0. One that waits never runs ahead of the wall clock, whatever the pace: ticks of nothing would
+// take the processor from the host that is planning.
 void run_lockstep(Core& core, Bus& bus, const Config& config, QuitGuard& guard) noexcept {
-  const bool paced = config.pace > 0.0;
-  const auto period = static_cast<std::int64_t>(static_cast<double>(config.tick_ns) / (paced ? config.pace : 1.0));
+  const double tick_ns = static_cast<double>(config.tick_ns);
+  const auto busy_ns = config.pace > 0.0 ? static_cast<std::int64_t>(tick_ns / config.pace) : std::int64_t{0};
+  const std::int64_t waiting_ns = std::max(busy_ns, config.tick_ns);
   std::int64_t deadline = monotonic_ns();
   while (!core.finished() && !guard.expired()) {
     core.tick(monotonic_ns(), 0);
     wait_for_answers(core, bus, config, guard);
-    if (!paced && !waits_for_commands(core.state())) continue;
+    const std::int64_t period = waits_for_commands(core.state()) ? waiting_ns : busy_ns;
+    if (period == 0) continue;
     deadline = std::max(deadline + period, monotonic_ns() - kPaceSlack_ns);
     sleep_until(deadline);
   }

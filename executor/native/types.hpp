@@ -63,7 +63,7 @@ struct Config {
   std::int64_t tick_ns = 0;
   PackingKind packing = PackingKind::kFd;
   ClockKind clock = ClockKind::kLockstep;
-  double pace = 1.0;  // lock-step only: at most this many times the wall clock, 0 = as fast as possible while busy
+  double pace = 1.0;  // lock-step only: at most this many times the wall clock while busy, 0 = as fast as possible
   std::array<char, 256> bus{};
   Limits limits{};
   double gate_margin = 1.02;          // factor on the velocity, acceleration and jerk limits

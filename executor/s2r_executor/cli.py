@@ -50,7 +50,7 @@ def _default(key: str) -> str:
     "--pace",
     type=float,
     show_default=_default("pace"),
-    help="lockstep: at most this many times the wall clock; 0 = as fast as possible while the arm is busy.",
+    help="lockstep: at most this many times the wall clock while the arm is busy; 0 = as fast as possible.",
 )
 @click.option(
     "--listen",

@@ -23,6 +23,7 @@ _native = pytest.importorskip("s2r_executor._native", reason="the native core is
 RT = Path(_native.__file__).with_name("s2r-rt")
 FRAME = struct.Struct("<IBBBB")
 CANFD_BRS = 0x01
+PAUSE = 4  # the core's number
 TIMEOUT_S = 20.0
 
 
@@ -231,11 +232,33 @@ def test_quit_command_ends_the_process(start):
     assert bus.drives.state == [1] * 7
 
 
-def test_pace_keeps_the_arm_from_outrunning_the_wall_clock(start):
+def pace_of(process: Process, ticks: int) -> float:
+    """Simulated over real seconds of the next ticks, less the lag that may be made up for at once."""
+    first = process.until(lambda s: True)
+    last = process.until(lambda s: s.tick >= first.tick + ticks)
+    return (last.tick - first.tick) * 1e-3 / ((last.stamp_ns - first.stamp_ns) * 1e-9 + 0.021)
+
+
+def test_pace_keeps_a_moving_arm_from_outrunning_the_wall_clock(start, plan_from):
     process, _ = start(pace=2.0)
-    first = process.until(lambda s: s.tick > 100)
-    last = process.until(lambda s: s.tick > 1100)
-    assert (last.tick - first.tick) * 1e-3 <= 2.0 * ((last.stamp_ns - first.stamp_ns) * 1e-9 + 0.021)
+    submit(process, plan_from(arm(process).q_ref))
+    process.until(lambda s: s.plan_t > 0.05)
+    assert pace_of(process, 500) <= 2.0
+    assert not process.shared.snapshot().plan_done
+
+
+@pytest.mark.parametrize("pace", [0.0, 2.0])
+def test_an_arm_that_waits_never_outruns_the_wall_clock(start, plan_from, pace):
+    process, _ = start(pace=pace)
+    process.until(lambda s: s.state == ExecutorState.DISARMED and max(s.feedback_age) == 0)
+    assert pace_of(process, 300) <= 1.0
+    held = arm(process)
+    assert pace_of(process, 300) <= 1.0
+    submit(process, plan_from(held.q_ref, duration_s=20.0))
+    process.until(lambda s: s.state == ExecutorState.RUN)
+    process.shared.command(PAUSE, process.shared.snapshot().epoch)
+    process.until(lambda s: s.state == ExecutorState.PAUSED)
+    assert pace_of(process, 300) <= 1.0
 
 
 @pytest.mark.realtime
