@@ -134,13 +134,14 @@ class Drive:
         return self._q_set - self.q_meas
 
     @property
+    def braked(self) -> bool:
+        """Brake on and not about to open; the joint may still give way in it a little."""
+        return not self.brake_released and self.state != DriveState.OPERATION_ENABLED
+
+    @property
     def stopped(self) -> bool:
         """Brake on and at rest: nothing will change without a command."""
-        return (
-            not self.brake_released
-            and self.state != DriveState.OPERATION_ENABLED
-            and abs(self.dq_meas) < AT_REST
-        )
+        return self.braked and abs(self.dq_meas) < AT_REST
 
     def command(self, command: DriveCommand, fault_reset: bool = False) -> None:
         """Take a command, and the level of the fault-reset bit (it acts on its rising edge)."""

@@ -207,11 +207,12 @@ class Bus:
     def _master_left(self, client: Client) -> None:
         """Lock-step time would stand still for ever: let the drives' own watchdogs bring the arm to rest."""
         self._forget(client)
-        if not client.is_master or self.plant.at_rest:
+        if not client.is_master:
             return
-        logger.warning(
-            "%r, the bus master, left before all brakes were on: the drives stop by themselves", client
-        )
+        if not all(drive.braked for drive in self.plant.drives):
+            logger.warning(
+                "%r, the bus master, left before all brakes were on: the drives stop by themselves", client
+            )
         end_ns = self.plant.t_ns + RUN_OUT_NS
         while not self.plant.at_rest and self.plant.t_ns < end_ns:
             self.tick()

@@ -157,6 +157,22 @@ def test_dead_master_brings_the_arm_to_rest_by_itself(stand_in, fd_master):
         assert {d.error for d in bus.plant.drives} == {DriveError.COMMUNICATION}
 
 
+def test_a_master_that_leaves_is_warned_of_only_while_a_brake_is_open(stand_in, fd_master, caplog):
+    """The joints give way in the closed brakes for some ticks more: that is no rest, and no open brake either."""
+    for braked in (True, False):
+        caplog.clear()
+        with stand_in() as bus:
+            master = fd_master(bus.address)
+            master.enable()
+            if braked:
+                while not all(drive.braked for drive in bus.plant.drives):
+                    master.cycle(DriveCommand.DISABLE_VOLTAGE)
+                assert not bus.plant.at_rest
+            master.socket.close()
+            wait_until(lambda bus=bus: bus.plant.at_rest)
+        assert ("left before all brakes were on" not in caplog.text) is braked
+
+
 def test_new_master_may_enable_again_after_the_old_one_died(stand_in, fd_master):
     with stand_in() as bus:
         for _ in range(2):
