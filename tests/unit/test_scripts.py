@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,28 @@ def test_lint_of_the_native_parts_is_done_again_for_either_of_them(proven):
         assert _run(proven, "scripts/prove", "tidy").returncode == 0
         states.append((proven / "build/prove/tidy.passed").read_text())
     assert states[0] != states[1]
+
+
+def test_wrong_types_end_clang_tidy_too(tmp_path):
+    _script(tmp_path, "check")
+    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+    for name in ("ruff", "lint-imports", "clang-format"):
+        _program(tmp_path / ".venv/bin" / name, "exit 0")
+    _program(tmp_path / "scripts/lint-cpp", "sleep 90 & echo $! >begun; mv begun tidy\nwait")
+    _program(tmp_path / ".venv/bin/basedpyright", "while [ ! -e tidy ]; do sleep 0.05; done; exit 1")
+    ended = _run(tmp_path, "scripts/check", "quick")
+    assert ended.returncode == 1, ended.stderr
+    assert not _runs(int((tmp_path / "tidy").read_text()))
+
+
+def _runs(pid):
+    """Whether a process still runs, a second after it was told to end."""
+    for _ in range(20):
+        state = Path(f"/proc/{pid}/stat")
+        if not state.exists() or ") Z " in state.read_text():
+            return False
+        time.sleep(0.05)
+    return True
 
 
 def test_fault_tests_are_run_again_when_any_package_they_use_changes():
