@@ -112,7 +112,8 @@ def _volume(geom: mujoco.MjsGeom) -> float:
     a, b, c = geom.size
     if geom.type == mujoco.mjtGeom.mjGEOM_BOX:
         return 8 * a * b * c
-    return 2 * np.pi * a * a * b
+    caps = 4 / 3 * np.pi * a**3 if geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+    return 2 * np.pi * a * a * b + caps
 
 
 def hinge(part: mujoco.MjsBody, spec: Standing, anchor: Point, axis: Point) -> None:

@@ -12,6 +12,7 @@ from s2r_sim.objects.catalogue import KINDS
 from s2r_sim.objects.naming import JOINT, PART_BODY
 from s2r_sim.objects.pairs import draw_pair, part_points
 from s2r_sim.objects.scene import joint_truth, qpos_at, table_scene, write_object
+from s2r_sim.objects.solids import Finish, box, rod, share_mass
 from s2r_sim.objects.splits import Split, draw_object
 from s2r_sim.physics import Physics
 from s2r_sim.world import draw_world, load_world
@@ -79,6 +80,19 @@ def test_lids_and_screens_rise_as_they_open():
         spec = draw_object(kind, Split.TRAIN, 1)
         model = table_scene(spec).compile()
         assert part_points(model, 1.2)[:, 2].max() > part_points(model, 0.0)[:, 2].max() + 0.1
+
+
+def test_a_mass_is_shared_as_one_density_would():
+    """The caps of a capsule have their share, too; by MuJoCo's own volumes, with a body for each solid."""
+    metal, end = Finish((0.5, 0.5, 0.5), 0.5), (0.1, 0.02, 0.03)
+    world = mujoco.MjSpec()
+    bodies = [world.worldbody.add_body() for _ in range(3)]
+    geoms = [box(bodies[0], "box", (0.0, 0.0, 0.0), end, metal)]
+    geoms.append(rod(bodies[1], "cylinder", (0.0, 0.0, 0.0), end, 0.02, metal))
+    geoms.append(rod(bodies[2], "capsule", (0.0, 0.0, 0.0), end, 0.02, metal, round_ends=True))
+    of_one_density = world.compile().body_mass.copy()
+    share_mass(geoms, float(of_one_density.sum()))
+    assert world.compile().body_mass == pytest.approx(of_one_density)
 
 
 def test_splits_never_share_an_object():
