@@ -10,6 +10,7 @@ import pytest
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context
+from s2r_host.gap.motion.flat_bodies import thickened
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.output.answer import write_model
@@ -122,6 +123,20 @@ def test_a_flat_body_of_another_size_is_still_a_body(name):
         parameter.write(copied, float(change))
         moments = copied.compile().body_inertia[1]
         assert moments == pytest.approx(np.array([0.03, 0.06, 0.09]) * (1.0 + change), rel=1e-7)
+
+
+@pytest.mark.parametrize("moments", [(0.03, 0.06, 0.09), (0.02, 0.02, 0.0), (0.1, 0.2, 0.1)])
+def test_a_flat_or_thin_body_is_thickened_in_its_smallest_moments_alone(moments):
+    flat = np.array(moments)
+    thick = thickened(flat, 1e-3)
+    assert thick.sum() > 2.0 * thick.max()
+    assert np.all((thick != flat) == (flat == flat.min()))
+    assert thick == pytest.approx(flat, abs=1.001e-3 * flat.max())
+
+
+@pytest.mark.parametrize("moments", [(0.05, 0.06, 0.09), (0.0, 0.0, 0.0)])
+def test_another_body_keeps_its_moments(moments):
+    assert np.array_equal(thickened(np.array(moments), 1e-3), moments)
 
 
 def test_what_has_a_stock_form_leaves_no_callback(ctx, tmp_path):

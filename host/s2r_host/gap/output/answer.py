@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.effects import catalogue
+from s2r_host.gap.motion.flat_bodies import WRITTEN, thickened
 from s2r_host.gap.pipeline import Analysis, floor_json
 from s2r_host.gap.simulation.forward import Errors, first_held
 from s2r_host.gap.simulation.replay import HARD_SOLIMP, HARD_SOLREF, Twin
@@ -26,7 +27,6 @@ ANSWER_FILES = (
     "next_experiment.mcap",
 )
 RUNNING = "gap.json.part"  # from when files of a run are written until its answer is whole
-ROUNDED = 2e-5  # twice what six digits of three moments of inertia may add up to, of the largest
 PATCH_TEXT = '''"""Effects found by `s2r gap` that stock MuJoCo has no attribute for.
 
     import mujoco, patch
@@ -197,16 +197,12 @@ def harden_friction(twin: Twin) -> None:
 
 
 def survive_rounding(twin: Twin) -> None:
-    """Compile the patched model and thicken what is flat or thin in it by next to nothing.
-
-    MuJoCo writes six digits, and refuses moments of inertia of which one is more than the sum of the others: of a disc
-    or a rod they are equal, and rounding decides.
-    """
+    """Compile the patched model and thicken what is flat or thin in it, as MuJoCo writes six digits."""
     compiled = twin.spec.compile()
     for i in range(1, compiled.nbody):
         moments = compiled.body_inertia[i]
-        largest = float(moments.max())
-        if largest <= 0.0 or float(moments.sum()) - 2.0 * largest > ROUNDED * largest:
+        thick = thickened(moments, WRITTEN)
+        if np.array_equal(thick, moments):
             continue
         body = twin.spec.body(compiled.body(i).name)
         body.mass, body.ipos, body.iquat = (
@@ -214,7 +210,7 @@ def survive_rounding(twin: Twin) -> None:
             compiled.body_ipos[i],
             compiled.body_iquat[i],
         )
-        body.inertia = moments + ROUNDED * largest * (moments == moments.min())
+        body.inertia = thick
         body.explicitinertial, body.fullinertia = 1, np.full(6, np.nan)
     twin.spec.compile()
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from s2r_host.gap.motion.flat_bodies import EXACT, thickened
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.regression.rows import effort_slope
@@ -15,7 +16,6 @@ from s2r_host.gap.regression.rows import effort_slope
 WEAK = 0.03
 TIMING = 0.5
 STEP = 1e-2
-FLAT = 1e-9  # of the largest moment of inertia, added to the smallest
 COMPARISON = ("timing", "edge", "gain")  # of how efforts are compared, not of the machine
 
 
@@ -127,12 +127,8 @@ def body_parameters(model: RigidModel, body: int) -> list[BaseParameter]:
 
 
 def _scaled(moments: np.ndarray, factor: float) -> np.ndarray:
-    """Moments of inertia times a factor, shape (3,), that MuJoCo takes.
-
-    Of a flat body the largest is the sum of the others, and what the last digit is rounded to decides.
-    """
-    scaled = np.maximum(moments * factor, 1e-9)
-    return scaled + FLAT * float(scaled.max()) * (scaled == scaled.min())
+    """Moments of inertia times a factor, shape (3,), that MuJoCo takes."""
+    return thickened(np.maximum(moments * factor, 1e-9), EXACT)
 
 
 def make_explicit(spec: mujoco.MjSpec, model: RigidModel, body: int) -> None:
