@@ -153,10 +153,7 @@ def planning(
     for entry in lines:
         click.echo(f"{'all':<14} {_line(entry)}")
     for entry in compared:
-        click.echo(
-            f"CPU per held success, {entry['planner']} over {wanted[0]}: {entry['ratio']:.1f} "
-            f"[{entry['low']:.1f}, {entry['high']:.1f}] over {entry['jobs']} tasks"
-        )
+        click.echo(f"CPU per held success, {entry['planner']} over {wanted[0]}: {_ratio(entry)}")
     for row in rows:
         problem = _problem(row, plan_only)
         if problem is not None:
@@ -171,6 +168,12 @@ def _problem(row: dict[str, Any], plan_only: bool) -> str | None:
         return None
     held = "held" if row["held"] else f"not held ({row['worst_hold']:.4f} off)"
     return "; ".join([held, *row["contacts"], *row["violations"]])
+
+
+def _ratio(entry: dict[str, Any]) -> str:
+    if entry["ratio"] is None:
+        return f"one of the two holds none of {entry['jobs']} tasks"
+    return f"{entry['ratio']:.1f} [{entry['low']:.1f}, {entry['high']:.1f}] over {entry['jobs']} tasks"
 
 
 def _line(entry: dict[str, Any]) -> str:

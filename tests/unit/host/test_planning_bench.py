@@ -53,6 +53,19 @@ def test_a_ratio_uses_only_the_tasks_that_both_sides_did():
     assert ratio["low"] == pytest.approx(3.0)
 
 
+def test_planners_of_which_one_holds_nothing_have_no_ratio(tmp_path, monkeypatch):
+    """NaN would be no JSON."""
+    rows = [row("a", k, 1.0) for k in range(3)] + [row("b", k, 1.0, planned=False) for k in range(3)]
+    monkeypatch.setattr(runner, "run", lambda todo, results, conditions, tell: rows)
+    words = ["--planners", "ours,paper", "--tasks", "drawer_far", "--out", str(tmp_path)]
+    assert ratios(rows, "a") == [{"planner": "b", "jobs": 3, "ratio": None, "low": None, "high": None}]
+    monkeypatch.setattr("s2r_host.planning.bench.summary.ratios", lambda rows, reference: ratios(rows, "a"))
+    ended = CliRunner().invoke(planning, [*words, "--json"])
+    assert json.loads(ended.stdout, parse_constant=pytest.fail)["ratios"][0]["ratio"] is None
+    ended = CliRunner().invoke(planning, words)
+    assert "CPU per held success, b over ours: one of the two holds none of 3 tasks" in ended.stdout
+
+
 def test_a_name_with_a_number_is_one_stage_with_so_many_samples():
     planner = planner_named("ours@24")
     assert [stage.population for stage in planner.settings.cascade] == [24]

@@ -66,7 +66,8 @@ def _interval(cpu: np.ndarray, planned: np.ndarray) -> tuple[float, float] | Non
 def ratios(rows: list[Row], reference: str) -> list[Row]:
     """CPU per held success of every other planner over the reference's, on the jobs that both did.
 
-    The interval draws jobs, not rows: task, placement and seed are the same on both sides.
+    The interval draws jobs, not rows: task, placement and seed are the same on both sides. Where a side has no success
+    there is no ratio, and no interval where no draw has one: None.
     """
     named = {name: {_job(row): row for row in rows if row["planner"] == name} for name in _names(rows)}
     lines = []
@@ -83,16 +84,9 @@ def ratios(rows: list[Row], reference: str) -> list[Row]:
             per[side] = cpu / np.where(good > 0, good, np.nan)
         ratio = per[name] / per[reference]
         finite = ratio[np.isfinite(ratio)]
-        low, high = np.quantile(finite, _LEVELS) if len(finite) else (np.nan, np.nan)
-        lines.append(
-            {
-                "planner": name,
-                "jobs": len(both),
-                "ratio": float(ratio[0]),
-                "low": float(low),
-                "high": float(high),
-            }
-        )
+        low, high = np.quantile(finite, _LEVELS).tolist() if len(finite) else (None, None)
+        told = float(ratio[0]) if np.isfinite(ratio[0]) else None
+        lines.append({"planner": name, "jobs": len(both), "ratio": told, "low": low, "high": high})
     return lines
 
 
