@@ -52,9 +52,10 @@ class CanLine:
 
                 self._bus = StandInBus(address)
         except (can.CanError, OSError) as error:
-            raise UnreachableError(
-                f"bus {address} cannot be opened: {error}; {_next_step(address)}"
-            ) from error
+            more = (
+                f"; see 's2r doctor --bus {address}'" if kind == "can" else ""
+            )  # the stand-in's says it itself
+            raise UnreachableError(f"bus {address} cannot be opened: {error}{more}") from error
 
     def send(self, frame: CanFrame) -> None:
         """Put a frame on the bus."""
@@ -158,7 +159,3 @@ class SdoClient:
             if sdo.answers(frame.data, answer, index, subindex):
                 return frame.data
         raise SdoTimeoutError(f"node {node} did not answer an SDO within {self._timeout_s:g} s")
-
-
-def _next_step(address: str) -> str:
-    return f"see 's2r doctor --bus {address}'" if address.startswith("can:") else "is 's2r sim-arm' running?"

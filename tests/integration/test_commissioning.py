@@ -219,7 +219,7 @@ def test_the_client_reads_numbers_and_text_and_names_what_is_missing(stand_in):
 
 
 def test_a_bus_that_is_not_there_is_unreachable(tmp_path):
-    with pytest.raises(UnreachableError, match="cannot be opened"):
+    with pytest.raises(UnreachableError, match=r"cannot be opened: [^;]*; is 's2r sim-arm' running\?$"):
         CanLine(f"unix:{tmp_path}/nobody.sock")
     with pytest.raises(UnreachableError, match="can:nosuch0 cannot be opened"):
         CanLine("can:nosuch0")
