@@ -16,6 +16,7 @@ from s2r_host.gap.recordings.leading_position import lead_of_position
 from s2r_host.gap.recordings.recording import Recording, resolution
 
 MAX_RATE_HZ = 500.0
+ALIAS_SHARE, ALIAS_ORDER = 0.45, 8  # of the work grid's rate: what faster logs hold above it is filtered out
 MOTION_CUT_HZ = 50.0
 COMPARE_CUT_HZ = 30.0
 LEAST_MOTION_CUT_HZ = 8.0
@@ -131,7 +132,7 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
         q_lsb[i] = resolution(rec.as_read.channels["q"][joint])
         effort = rec.get("tau", joint)
         if effort is not None:
-            u[:, i] = np.interp(t, full.t, full.channels["tau"][joint])
+            u[:, i] = on_grid(full, full.channels["tau"][joint], t, dt)
             line = line_hz(effort, rec.dt) if rec.rows is None else 0.0
             cut[i] = max(cut[i], min(LINE_MARGIN * line, rec.band_hz, 0.4 / dt))
             motion_cut[i] = max(motion_cut[i], cut[i])
@@ -173,6 +174,19 @@ def work_grid(rec: Recording) -> tuple[np.ndarray, float]:
         dt *= np.ceil(1.0 / (dt * MAX_RATE_HZ) - 1e-6)
     t = np.arange(0.0, rec.t[-1] + 0.5 * dt, dt)
     return t[t <= rec.t[-1] + 1e-9], float(dt)
+
+
+def on_grid(rec: Recording, x: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
+    """A recorded signal at the times of the work grid, shape (time,).
+
+    What a faster log holds above the grid's band is filtered out first: sampled as it is, a hum of 492 Hz would come
+    back as 8 Hz, in the middle of the motion.
+    """
+    if dt < 1.5 * rec.dt:
+        return np.interp(t, rec.t, x)
+    fine_t = np.arange(0.0, rec.t[-1] + 1e-9, rec.dt)
+    quiet = lowpass(np.interp(fine_t, rec.t, x), ALIAS_SHARE / dt, rec.dt, ALIAS_ORDER)
+    return np.interp(t, fine_t, quiet)
 
 
 def line_hz(effort: np.ndarray, dt: float) -> float:
@@ -273,36 +287,34 @@ def _pushed(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarray) -> 
     return np.where(touched, efforts, 0.0), touched
 
 
-def wrench_bodies(model: RigidModel, rec: Recording) -> dict[int, np.ndarray]:
-    """Recorded wrenches by body index: (fx, fy, fz, mx, my, mz), shape (time, 6)."""
+def wrench_bodies(model: RigidModel, rec: Recording, t: np.ndarray) -> dict[int, np.ndarray]:
+    """Recorded wrenches at the times ``t`` by body index: (fx, fy, fz, mx, my, mz), shape (time, 6)."""
     table = rec.channels.get("wrench", {})
     found: dict[int, np.ndarray] = {}
+    dt = float(t[1] - t[0])
     for body in range(model.model.nbody):
         name = model.body_name(body)
         parts = [table.get(f"{name}.{axis}") for axis in WRENCH_AXES]
         if any(p is not None for p in parts):
-            zero = np.zeros(len(rec.t))
-            found[body] = np.stack([zero if p is None else p for p in parts], axis=1)
+            zero = np.zeros(len(t))
+            found[body] = np.stack([zero if p is None else on_grid(rec, p, t, dt) for p in parts], axis=1)
     return found
 
 
 def wrench_efforts(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarray) -> np.ndarray | None:
     """Joint efforts of all recorded wrenches, shape (time, joint), or None when there are none."""
-    wrenches = wrench_bodies(model, rec)
+    wrenches = wrench_bodies(model, rec, t)
     if not wrenches:
         return None
     m = model.model
     d = mujoco.MjData(m)
     out = np.zeros((len(t), m.nv))
     jacp, jacr = np.zeros((3, m.nv)), np.zeros((3, m.nv))
-    sampled = {
-        b: np.stack([np.interp(t, rec.t, w[:, k]) for k in range(6)], axis=1) for b, w in wrenches.items()
-    }
     for i in range(len(t)):
         d.qpos[:] = q[i]
         mujoco.mj_kinematics(m, d)
         mujoco.mj_comPos(m, d)
-        for body, w in sampled.items():
+        for body, w in wrenches.items():
             mujoco.mj_jacBody(m, d, jacp, jacr, body)
             out[i] += jacp.T @ w[i, :3] + jacr.T @ w[i, 3:]
     return out
@@ -328,7 +340,7 @@ def wrench_parts(model: RigidModel, s: Session, joint: int) -> WrenchParts | Non
     key = ("wrench", joint)
     if key not in s.cache:
         moved = set(model.subtree_bodies(model.joints[joint]))
-        bodies = {b: w for b, w in wrench_bodies(model, s.rec).items() if b in moved}
+        bodies = {b: w for b, w in wrench_bodies(model, s.rec, s.t).items() if b in moved}
         efforts = wrench_efforts(model, s.rec, s.t, s.q) if bodies else None
         s.cache[key] = None if efforts is None else _parts(model, s, joint, efforts[:, joint], bodies)
     return s.cache[key]
@@ -339,9 +351,7 @@ def _parts(
 ) -> WrenchParts:
     """The bearing of a slide takes every moment, that of a hinge every force, and the rest what is not along it."""
     total = np.sum(list(bodies.values()), axis=0)
-    force, moment = (
-        np.interp(s.t, s.rec.t, np.linalg.norm(total[:, part], axis=1)) for part in (slice(3), slice(3, 6))
-    )
+    force, moment = (np.linalg.norm(total[:, part], axis=1) for part in (slice(3), slice(3, 6)))
     beside = force if model.unit(model.joints[joint]) == "m" else moment
     beside[:] = np.sqrt(np.maximum(beside**2 - along**2, 0.0))
     return WrenchParts(along, force, moment)
