@@ -106,7 +106,8 @@ def _untie_what_is_pulled(model: RigidModel, paths: list[Path]) -> list[str]:
     """A recorded wrench on what a tied joint moves is what ties it: that joint is then one of its own."""
     if not model.ties:
         return []
-    pulled = {body for path in paths for body in wrench_bodies(model, read_recording(path))}
+    recorded = [read_recording(path) for path in paths]
+    pulled = {body for rec in recorded for body in wrench_bodies(model, rec, rec.t)}
     free = [t for t in model.ties if pulled & set(model.subtree_bodies(model.joints[t.follower]))]
     model.ties = tuple(t for t in model.ties if t not in free)
     return [

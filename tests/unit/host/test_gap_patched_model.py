@@ -45,8 +45,8 @@ def ctx(tmp_path_factory):
     return Context(model, [make_session(model, rec, 0)], control_lag={0: (0.0, 0.01), 1: (0.0, 0.01)})
 
 
-def stock(folder, start):
-    """Motion of the patched model under the recorded efforts, with its callback where there is one."""
+def stock(folder, start, at_link):
+    """What encoders see of the patched model under the recorded efforts, with its callback where there is one."""
     model = mujoco.MjModel.from_xml_path(str(folder / "model_patched.xml"))
     off = None
     if (folder / "patch.py").exists():
@@ -58,13 +58,13 @@ def stock(folder, start):
         assert patch.TERMS
         off = patch.install(model)
     try:
-        return _moved(model, start)
+        return _moved(model, start, at_link)
     finally:
         if off is not None:
             off()
 
 
-def _moved(model, s):
+def _moved(model, s, at_link):
     data = mujoco.MjData(model)
     adr = [int(model.jnt_qposadr[model.joint(j).id]) for j in JOINTS]
     dof = [int(model.jnt_dofadr[model.joint(j).id]) for j in JOINTS]
@@ -73,6 +73,8 @@ def _moved(model, s):
     found = []
     for i in range(ROWS.start, ROWS.stop):
         found.append(data.qpos[adr].copy())
+        for joint in at_link:  # the notes of an answer say so
+            found[-1][joint] += data.joint(f"{JOINTS[joint]}_gap_flex").qpos[0]
         data.qfrc_applied[dof] = s.u[i] - s.pushed[i]
         # Moments about the bodies' own axes that push the joints as the recorded wrench did.
         data.body("arm").xfrc_applied[4] = s.pushed[i, 1]
@@ -104,7 +106,7 @@ def test_it_moves_as_the_simulation_of_the_answer(ctx, name, tmp_path):
         folder = tmp_path / str(shape)
         folder.mkdir()
         write_model(twin, folder)
-        off_by = np.max(np.abs(stock(folder, ctx.sessions[0]) - wanted))
+        off_by = np.max(np.abs(stock(folder, ctx.sessions[0], twin.at_link) - wanted))
         assert off_by < 1e-4 + 0.05 * np.max(np.abs(wanted - plain)), (name, term.shape)
 
 

@@ -12,7 +12,7 @@ from s2r_host.gap.config import GapConfig
 
 def test_late_stamps_count_beside_a_compliant_gear(monkeypatch):
     session: Any = SimpleNamespace(lead=np.zeros(1), v_eps=np.zeros(1))
-    late = SimpleNamespace(name="clock_skew", joint=0, shape={"lag": 0.01})
+    late = SimpleNamespace(name="clock_skew", joint=0, shape={"lag": 0.01}, of_effort=False)
     geared = SimpleNamespace(joint=0, finding=SimpleNamespace(name="joint_elasticity"))
 
     def problem(size, law, contradictions):
