@@ -26,13 +26,9 @@ def to_mjcf(source: ArmSource) -> str:
     world = ET.SubElement(root, "worldbody")
     _add_body(world, source, source.base, None)
     contact = ET.SubElement(root, "contact")
-    excluded = list(source.collision_exclude)
+    # MuJoCo leaves neighbours out by itself, but not those of a body that stands.
     first = (source.joints[0].parent, source.joints[0].child)
-    if set(first) not in map(
-        set, excluded
-    ):  # MuJoCo leaves neighbours out, but not those of a body that stands
-        excluded.append(first)
-    for a, b in excluded:
+    for a, b in dict.fromkeys((*source.collision_exclude, first)):
         ET.SubElement(contact, "exclude", body1=a, body2=b)
     keyframe = ET.SubElement(root, "keyframe")
     ET.SubElement(keyframe, "key", name="home", qpos=numbers(source.q_home))
