@@ -24,9 +24,9 @@ from s2r_host.gap.effects.base import (
 )
 from s2r_host.gap.effects.joint_elasticity import (
     AT_LINK,
-    AT_LINK_ODDS,
     SERVO,
     beside_servo,
+    encoder_odds,
     felt,
     gear,
     hung,
@@ -104,7 +104,7 @@ class Backlash(Effect):
         """Friction alone behind the gap is rarer than an inertia; a motor's is known where the model states one."""
         if "loose" in shape:
             return LOOSE_ODDS
-        return motor_odds(ctx, joint, shape["motor"]) + (AT_LINK_ODDS if "at_link" in shape else 0.0)
+        return motor_odds(ctx, joint, shape["motor"]) + encoder_odds(shape)
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Motor inertia plus transmitted effort, minus the rigid load; or friction behind the gap."""

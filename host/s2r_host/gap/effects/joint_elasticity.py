@@ -14,7 +14,8 @@ from s2r_host.gap.motion.two_masses import Gear, Hung, before_spring, deflection
 
 SERVO = {"servo": 1.0}  # the motor is held by its declared law, inside the simulation
 AT_LINK = {"at_link": 1.0}  # the encoder is behind the gear
-AT_LINK_ODDS = -2.0
+# Log odds. Rare machines; without the law, what friction does around a rest passes for one by up to 25.
+AT_LINK_ODDS, UNTOLD_ODDS = -2.0, -30.0
 FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
 DAMPING = (0.02, 0.08, 0.25)
 MOTOR_SHARES = (0.0, 0.15, 0.4)
@@ -60,7 +61,7 @@ class JointElasticity(Effect):
 
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
         """A motor's inertia is known where the model states one; slow motions tell it from the spring in no way."""
-        return motor_odds(ctx, joint, shape["motor"]) + (AT_LINK_ODDS if "at_link" in shape else 0.0)
+        return motor_odds(ctx, joint, shape["motor"]) + encoder_odds(shape)
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Motor inertia plus transmitted effort, minus the rigid load."""
@@ -193,6 +194,13 @@ def motor_odds(ctx: Context, joint: int, share: float) -> float:
         return 0.0
     off = share * mean_inertia(ctx, joint) / armature - 1.0
     return -min(FAR_MOTOR, 0.5 * (off / STATED) ** 2)
+
+
+def encoder_odds(shape: Shape) -> float:
+    """Log odds of where the encoder of a gear sits: at its motor, mostly."""
+    if "at_link" not in shape:
+        return 0.0
+    return AT_LINK_ODDS if "servo" in shape else UNTOLD_ODDS
 
 
 def mean_inertia(ctx: Context, joint: int) -> float:

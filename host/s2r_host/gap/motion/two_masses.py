@@ -25,6 +25,7 @@ LIGHTEST_MOTOR = 0.02  # of the inertia
 # 1/s: effects beside the gear keep the motor from where the model has it, and change slowly.
 FOLLOW = 2.0 * np.pi
 CALM = 0.2  # of the rate at which following makes the loop swing: damping over inertia (Routh)
+SHARP = 6  # order of a filter that leaves what it keeps as it is
 TINY = 1e-9  # 1/s, 1/s²: where a linear motion changes its form
 
 
@@ -80,7 +81,8 @@ def before_spring(model: RigidModel, s: Session, joint: int, hung: Hung, gear: G
     with the link and the windup. Only as fast as that link's acceleration is heard: beyond it T is the noise which the
     residual effort holds as well, and its second derivative would take that noise away.
     """
-    passed = lowpass(hung.load - gear.motor * s.a[:, joint], clear_up_to(model, s, joint), s.dt)
+    rigid = hung.load - gear.motor * s.a[:, joint]
+    passed = lowpass(rigid, clear_up_to(model, s, joint), s.dt, SHARP)
     windup = (
         filtered([1.0], [gear.damping, gear.stiffness], passed - passed[0], s.dt) + passed[0] / gear.stiffness
     )
