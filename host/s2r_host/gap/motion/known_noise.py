@@ -80,7 +80,7 @@ def clear_up_to(model: RigidModel, s: Session, j: int) -> float:
         moved = lowpass(s.a[:, j], float(s.cut[j]), s.dt) * float(np.median(np.abs(s.mass[:, j])))
         f, power = welch(moved, 1.0 / s.dt, nperseg=min(512, len(moved)))
         clear = f[(power > _CLEAR * motion_density(model, s, j, f, flat=False)) & (f <= s.cut[j])]
-        s.cache[key] = float(max(clear, default=f[1]))
+        s.cache[key] = float(max([f[1], *clear]))
     return s.cache[key]
 
 
