@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, free_name
+from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Shape, Value, free_name
 from s2r_host.gap.effects.encoder_offset import load_bend, load_slope
 from s2r_host.gap.motion.servo import servo_of
 from s2r_host.gap.motion.session import Session
@@ -16,6 +16,7 @@ SERVO = {"servo": 1.0}  # the motor is held by its declared law, inside the simu
 AT_LINK = {"at_link": 1.0}  # the encoder is behind the gear
 # Log odds. Rare machines; without the law, what friction does around a rest passes for one by up to 25.
 AT_LINK_ODDS, UNTOLD_ODDS = -2.0, -30.0
+UNHEARD_HZ = 20.0  # of such a link at a held motor: stiffer, all that is seen of it are turns of the friction
 FREQUENCIES_HZ = (1.5, 2.2, 3.2, 4.6, 6.5, 9.0, 12.5, 17.0, 24.0)
 DAMPING = (0.02, 0.08, 0.25)
 MOTOR_SHARES = (0.0, 0.15, 0.4)
@@ -200,6 +201,8 @@ def encoder_odds(shape: Shape) -> float:
     """Log odds of where the encoder of a gear sits: at its motor, mostly."""
     if "at_link" not in shape:
         return 0.0
+    if "w" not in shape and shape["f"] > UNHEARD_HZ:
+        return IMPOSSIBLE
     return AT_LINK_ODDS if "servo" in shape else UNTOLD_ODDS
 
 

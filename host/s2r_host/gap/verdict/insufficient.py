@@ -12,6 +12,7 @@ from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.rows import LEAST_ROWS, picks_of
 
 ONE_WAY = 0.02
+LEAST_MOVING_S = 0.3  # in all recordings: less is an arm that settles where its law begins to hold it
 WIDE = 0.02  # of the spread of the effort: a guess of the floor from which on a second run is asked for
 # The same, and times the noise that the channels show: a guess that says nothing about what is missing.
 FAR_TOO_WIDE, UNHEARD = 0.05, 2.0
@@ -49,9 +50,16 @@ def at_rest(model: RigidModel, fit: list[Session]) -> str | None:
 def no_motion(model: RigidModel, fit: list[Session], problem: Problem) -> str | None:
     """A sentence when no joint moves enough to show anything, whatever the residual looks like."""
     still = [j for j in problem.joints if _span(fit, j) < _least_span(model, fit, j)]
-    if len(still) < len(problem.joints):
+    if still and len(still) == len(problem.joints):
+        return _still(model, fit, still[0])
+    moving_s = {j: _moving_s(fit, j) for j in problem.joints}
+    if any(x >= LEAST_MOVING_S for x in moving_s.values()):
         return None
-    return _still(model, fit, still[0]) if still else None
+    j = max(moving_s, key=moving_s.__getitem__)
+    return (
+        f"cannot tell: joint '{model.joints[j]}' moves for {moving_s[j]:.2g} s only, and none moves longer; move it "
+        "through its range for several seconds"
+    )
 
 
 def poor_excitation(model: RigidModel, fit: list[Session], problem: Problem) -> str | None:
@@ -122,6 +130,10 @@ def _still(model: RigidModel, fit: list[Session], j: int) -> str:
 
 def _span(fit: list[Session], j: int) -> float:
     return max(float(np.ptp(s.q[:, j])) for s in fit)
+
+
+def _moving_s(fit: list[Session], j: int) -> float:
+    return sum(float(np.sum(np.abs(s.v[:, j]) > 3.0 * s.v_eps[j]) * s.dt) for s in fit)
 
 
 def _least_span(model: RigidModel, fit: list[Session], j: int) -> float:
