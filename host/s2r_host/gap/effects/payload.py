@@ -23,6 +23,9 @@ FAR_REACH = (3.0, 5.0)  # what an arm holds may hang well beyond its last body
 LEAST_REACH = 0.3
 MOST_REACH = 1.5  # of the farthest reach tried: grams at the end of a long stick are an inertia, not a load
 LEAST_ARM_M = 0.05
+ASIDE_ODDS = (
+    -200.0
+)  # log odds of a free place, which also passes for what is wrong with the links' own masses
 AXES = ("x", "y", "z")
 SIDE_M, PAIRS = 0.1, ((0, 1), (0, 2), (1, 2))
 CORNERS = (
@@ -74,9 +77,13 @@ class Payload(Effect):
 
     def size_prior(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> float:
         """Against a wrong number of the nominal model, and against grams so far away that they are none."""
-        if "x" in shape and np.linalg.norm(hangs_at(ctx, shape, theta)) > self._farthest(ctx, shape):
-            return IMPOSSIBLE
-        return small_is_odd(float(theta[0]) / max(float(ctx.model.model.body_mass[int(shape["body"])]), 1e-9))
+        odds = 0.0
+        if "x" in shape:
+            near = np.linalg.norm(hangs_at(ctx, shape, theta)) < self._farthest(ctx, shape)
+            odds = ASIDE_ODDS if near else IMPOSSIBLE
+        return odds + small_is_odd(
+            float(theta[0]) / max(float(ctx.model.model.body_mass[int(shape["body"])]), 1e-9)
+        )
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
         """Mass and distance along the body's centre of mass."""

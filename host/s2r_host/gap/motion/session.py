@@ -16,7 +16,11 @@ from s2r_host.gap.recordings.leading_position import lead_of_position
 from s2r_host.gap.recordings.recording import Recording, resolution
 
 MAX_RATE_HZ = 500.0
-ALIAS_SHARE, ALIAS_ORDER = 0.45, 8  # of the work grid's rate: what faster logs hold above it is filtered out
+ALIAS_SHARE, ALIAS_ORDER = (
+    0.45,
+    8,
+)  # of the work grid's rate: lines that faster logs hold above it are filtered out
+HUM = 30.0  # times the median of the power there, from which on something is a line
 MOTION_CUT_HZ = 50.0
 COMPARE_CUT_HZ = 30.0
 LEAST_MOTION_CUT_HZ = 8.0
@@ -179,14 +183,22 @@ def work_grid(rec: Recording) -> tuple[np.ndarray, float]:
 def on_grid(rec: Recording, x: np.ndarray, t: np.ndarray, dt: float) -> np.ndarray:
     """A recorded signal at the times of the work grid, shape (time,).
 
-    What a faster log holds above the grid's band is filtered out first: sampled as it is, a hum of 492 Hz would come
-    back as 8 Hz, in the middle of the motion.
+    A hum above the band of the grid is filtered out of a faster log first: sampled as it is, one of 492 Hz would come
+    back as 8 Hz, in the middle of the motion. Noise comes back as noise.
     """
     if dt < 1.5 * rec.dt:
         return np.interp(t, rec.t, x)
     fine_t = np.arange(0.0, rec.t[-1] + 1e-9, rec.dt)
-    quiet = lowpass(np.interp(fine_t, rec.t, x), ALIAS_SHARE / dt, rec.dt, ALIAS_ORDER)
-    return np.interp(t, fine_t, quiet)
+    fine = np.interp(fine_t, rec.t, x)
+    top = ALIAS_SHARE / dt
+    return np.interp(t, fine_t, lowpass(fine, top, rec.dt, ALIAS_ORDER) if _hums(fine, rec.dt, top) else fine)
+
+
+def _hums(x: np.ndarray, dt: float, above_hz: float) -> bool:
+    """Does a line stand out of the noise of a signal above a frequency?"""
+    f, power = welch(x, 1.0 / dt, nperseg=min(1024, max(8, len(x) // 4)))
+    high = power[f > above_hz]
+    return high.size > 0 and float(high.max()) > HUM * float(np.median(high))
 
 
 def line_hz(effort: np.ndarray, dt: float) -> float:
