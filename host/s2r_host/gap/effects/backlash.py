@@ -50,7 +50,7 @@ LOOSE_ODDS = -3.0  # a joint whose load is friction alone is the rarer machine
 
 
 class Backlash(Effect):
-    """T = -k dz(δ, w): nothing is transmitted while |q_link - q_motor| < w; q is read at the motor."""
+    """T = -k dz(δ, w): nothing is transmitted while |q_link - q_motor| < w; q is read at the motor, or at the link."""
 
     name = "backlash"
     model_error = {"half_width": 0.1}  # noqa: RUF012

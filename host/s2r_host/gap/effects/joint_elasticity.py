@@ -28,7 +28,7 @@ SOFT = 0.2  # change of gravity with the windup, at resonance, from which passes
 
 
 class JointElasticity(Effect):
-    """M d(dδ)/dt = T - L, T = -k δ - d dδ, effort = Jm ddq + T; q is read at the motor."""
+    """M d(dδ)/dt = T - L, T = -k δ - d dδ, effort = Jm ddq_motor + T; q is read at the motor, or at the link."""
 
     name = "joint_elasticity"
     model_error = {"stiffness": 0.12, "damping": 1.0}  # noqa: RUF012

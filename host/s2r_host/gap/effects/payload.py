@@ -23,9 +23,8 @@ FAR_REACH = (3.0, 5.0)  # what an arm holds may hang well beyond its last body
 LEAST_REACH = 0.3
 MOST_REACH = 1.5  # of the farthest reach tried: grams at the end of a long stick are an inertia, not a load
 LEAST_ARM_M = 0.05
-ASIDE_ODDS = (
-    -200.0
-)  # log odds of a free place, which also passes for what is wrong with the links' own masses
+# Log odds of a free place, which also passes for what is wrong with the links' own masses.
+ASIDE_ODDS = -200.0
 AXES = ("x", "y", "z")
 SIDE_M, PAIRS = 0.1, ((0, 1), (0, 2), (1, 2))
 CORNERS = (
@@ -49,7 +48,7 @@ class Payload(Effect):
         return bool(leaves(ctx.model))
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
-        """Every last body, at several distances along its centre of mass; on arms also beside that line."""
+        """Every last body, at several distances along its centre of mass; on arms also at places beside that line."""
         reach = _reaches(ctx)
         on_line = [{"body": float(b), "reach": x} for b in leaves(ctx.model) for x in reach]
         return on_line if len(ctx.model.joints) <= FEW_JOINTS else on_line + _places(ctx)
@@ -65,7 +64,7 @@ class Payload(Effect):
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Load per added kilogram: weight and centre of mass go with the reach, inertia with its square.
 
-        Beside that line, also per kilogram and metre along the body's axes, to first order from the place on the line.
+        Beside that line, also per kilogram and metre along the body's axes, to first order from the place of the shape.
         """
         if "x" in shape:
             around = _around(ctx, s, int(shape["body"]), place_of(ctx, shape))
@@ -86,7 +85,7 @@ class Payload(Effect):
         )
 
     def parameters(self, ctx: Context, joint: int, shape: Shape, theta: np.ndarray) -> dict[str, Value]:
-        """Mass and distance along the body's centre of mass."""
+        """Mass, and distance along the body's centre of mass or place in the body's frame."""
         distance = float(np.linalg.norm(arm(ctx.model, int(shape["body"]))))
         if "x" in shape:
             at, per_kg = hangs_at(ctx, shape, theta), 1.0 / max(float(theta[0]), 1e-9)
