@@ -67,16 +67,21 @@ def asked(folder, gear, *, simulate, law=LAW):
     return analyse(folder / "model.xml", [fit], [held], [again], quick, lambda _: None)
 
 
+def assert_only(found, effect, parameter, true):
+    """The one name, its parameter in the interval, and the encoder behind the gear."""
+    assert found.decision is not None
+    assert found.twin is not None
+    assert [e.name for e in found.decision.effects] == [effect]
+    low, high = found.decision.effects[0].parameters[parameter]["interval90"]
+    assert low < true < high
+    assert found.twin.at_link == {0}
+
+
 @pytest.mark.parametrize("law", [LAW, "{type: none}"])
 def test_a_spring_before_the_encoder_is_named(tmp_path, law):
     """The link is known to ask for; its motor, wound up by that, moves otherwise."""
     found = asked(tmp_path, Gear(MOTOR, 90.0, 1.2), simulate=law == LAW, law=law)
-    assert found.decision is not None
-    assert found.twin is not None
-    assert [e.name for e in found.decision.effects] == ["joint_elasticity"]
-    spring = found.decision.effects[0].parameters["stiffness"]
-    assert spring["interval90"][0] < 90.0 < spring["interval90"][1]
-    assert found.twin.at_link == {0}
+    assert_only(found, "joint_elasticity", "stiffness", 90.0)
     assert any("behind its gear" in note for note in found.notes)
     if law == LAW:  # the law in the simulation reads the link, too
         assert found.before is not None
@@ -86,12 +91,7 @@ def test_a_spring_before_the_encoder_is_named(tmp_path, law):
 
 def test_play_before_the_encoder_is_named(tmp_path):
     found = asked(tmp_path, Gear(MOTOR, 3000.0, 8.0, 0.006), simulate=False)
-    assert found.decision is not None
-    assert found.twin is not None
-    assert [e.name for e in found.decision.effects] == ["backlash"]
-    width = found.decision.effects[0].parameters["half_width"]
-    assert width["interval90"][0] < 0.006 < width["interval90"][1]
-    assert found.twin.at_link == {0}
+    assert_only(found, "backlash", "half_width", 0.006)
 
 
 def test_nothing_is_named_where_the_gear_is_rigid(tmp_path):

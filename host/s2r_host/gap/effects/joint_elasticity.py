@@ -129,9 +129,8 @@ def beside_servo(ctx: Context, s: Session, joint: int, between: Gear, *, at_link
     Where the encoder is ``at_link`` the other joints feel what they would feel of a rigid gear.
     """
     found = with_servo(ctx.model, s, joint, hung(ctx, s, joint), between, reads_link=at_link)
-    if at_link:
-        return Columns([], fixed=np.zeros(len(s.t)) if found is None else found)
-    return felt(ctx, s, joint, between, np.zeros(len(s.t)) if found is None else found)
+    missing = np.zeros(len(s.t)) if found is None else found
+    return Columns([], fixed=missing) if at_link else felt(ctx, s, joint, between, missing)
 
 
 def felt(ctx: Context, s: Session, joint: int, between: Gear, missing: np.ndarray) -> Columns:

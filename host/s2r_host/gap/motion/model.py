@@ -11,7 +11,7 @@ import numpy as np
 
 from s2r_host.gap.errors import GapModelError
 from s2r_host.gap.motion.model_files import find_files
-from s2r_host.gap.motion.ties import Tie, ties_of
+from s2r_host.gap.motion.ties import Tie, led, ties_of
 from s2r_host.gap.recordings.units import EFFORT_OF
 
 FEW_JOINTS = 2  # more make an arm, whose links and frictions are weighed together (search/complete.py)
@@ -179,9 +179,7 @@ class RigidModel:
             qacc[:] = ddq[i]
             inverse(m, d)
             out[i] = result
-        for tie in self.ties:
-            out[:, tie.leader] += tie.slope(q[:, tie.leader]) * out[:, tie.follower]
-        return out
+        return led(self.ties, q, out)
 
     def mass_diagonal(self, q: np.ndarray) -> np.ndarray:
         """Diagonal of the joint-space inertia, shape (time, joint), evaluated on at most 200 poses."""

@@ -12,14 +12,13 @@ from scipy.signal import welch
 from s2r_host.gap.motion.filters import zero_phase
 from s2r_host.gap.motion.lost_rows import bridged
 from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.ties import led
 from s2r_host.gap.recordings.leading_position import lead_of_position
 from s2r_host.gap.recordings.recording import Recording, resolution
 
 MAX_RATE_HZ = 500.0
-ALIAS_SHARE, ALIAS_ORDER = (
-    0.45,
-    8,
-)  # of the work grid's rate: lines that faster logs hold above it are filtered out
+# Share of the work grid's rate above which lines of faster logs are filtered out, and the order of that filter.
+ALIAS_SHARE, ALIAS_ORDER = 0.45, 8
 HUM = 30.0  # times the median of the power there, from which on something is a line
 MOTION_CUT_HZ = 50.0
 COMPARE_CUT_HZ = 30.0
@@ -281,10 +280,8 @@ def _speed_noise(v: np.ndarray, dt: float, cut: float) -> float:
 def nominal_friction(model: RigidModel, s: Session) -> np.ndarray:
     """Dry friction the nominal model holds, as required effort, shape (time, joint)."""
     loss = model.model.dof_frictionloss
-    found = np.stack([loss[j] * s.sign(j) for j in range(len(model.joints))], axis=1)
-    for tie in model.ties:
-        found[:, tie.leader] += tie.slope(s.q[:, tie.leader]) * found[:, tie.follower]
-    return found
+    own = np.stack([loss[j] * s.sign(j) for j in range(len(model.joints))], axis=1)
+    return led(model.ties, s.q, own)
 
 
 def _pushed(model: RigidModel, rec: Recording, t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

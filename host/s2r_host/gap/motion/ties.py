@@ -16,12 +16,8 @@ from s2r_host.gap.motion.time_spans import time_spans
 from s2r_host.gap.recordings.recording import Recording, resolution
 
 JOINTS = int(mujoco.mjtEq.mjEQ_JOINT)
-PARTED, STEPS, NOISES, SMOOTH_S = (
-    0.01,
-    5.0,
-    3.0,
-    0.05,
-)  # share of the follower's way; encoder steps; noises; mean over
+# What does not part yet: share of the follower's way, encoder steps, noises; and the time over which the mean is taken.
+PARTED, STEPS, NOISES, SMOOTH_S = 0.01, 5.0, 3.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -69,6 +65,13 @@ def ties_of(model: mujoco.MjModel) -> tuple[Tie, ...]:
         return seen if joint not in leads or seen > len(leads) else depth(leads[joint], seen + 1)
 
     return tuple(sorted(found, key=lambda t: -depth(t.follower)))
+
+
+def led(ties: tuple[Tie, ...], q: np.ndarray, effort: np.ndarray) -> np.ndarray:
+    """Efforts with those of followers added to their leaders, in place, shape (time, joint) as the positions ``q``."""
+    for tie in ties:
+        effort[:, tie.leader] += tie.slope(q[:, tie.leader]) * effort[:, tie.follower]
+    return effort
 
 
 @dataclass(frozen=True)
