@@ -47,6 +47,7 @@ PARTED, EDGE_S = 0.5, 0.2  # power left over by an effort that is moved to where
 LATER = np.geomspace(SMALLEST_S, LARGEST_S, 18)
 EARLIER = -LATER
 BOTH_WAYS = np.concatenate([EARLIER[::-1], LATER])
+BEHIND = LATER[LATER >= 2.0 * SMALLEST_S]  # of a drive
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,8 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
     ]
     if usable[0].s.rec.effort == "measured":
         found += [
-            _shift(test, "actuator_delay", _delayed, LATER),
-            _shift(test, "bandwidth", _lagged, LATER),
+            _shift(test, "actuator_delay", _delayed, BEHIND),
+            _shift(test, "bandwidth", _lagged, BEHIND),
             _shift(test, EFFORT_CLOCK, _delayed, EARLIER),
             _clip(test, effort),
         ]
@@ -130,7 +131,7 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
     gain, name, share, parameters, shape = found[0]
     if name in OLD:
         delay = next(f for f in found if f[1] == "actuator_delay")
-        if moved_before(model, fit, joint, delay[4]["delay"]):
+        if moved_before(fit, joint, delay[4]["delay"]):
             gain, name, share, parameters, shape = _as_clock(delay)
     if gain < LEAST_GAIN or share < 0.3 or test.relative * (1.0 - share) > MAX_MISFIT:
         return None
@@ -154,7 +155,7 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
     return LawFinding(name, joint, gain, share, parameters, shape, rivals)
 
 
-def moved_before(model: RigidModel, fit: list[Session], joint: int, delay: float) -> bool:
+def moved_before(fit: list[Session], joint: int, delay: float) -> bool:
     """Had the joint moved as the effort made it move before that effort was stamped?
 
     A drive that answers late moves its joint late as well: effort and motion then belong together as they are. Stamps
