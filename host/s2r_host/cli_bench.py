@@ -178,8 +178,10 @@ def _ratio(entry: dict[str, Any]) -> str:
 
 def _line(entry: dict[str, Any]) -> str:
     per, interval = entry["cpu_per_success_s"], entry["cpu_per_success_90"]
+    low, high = (100 * bound for bound in entry["planned_90"])
     text = (
-        f"{entry['planner']:<18} {entry['planned']:>3}/{entry['plans']} planned  {entry['delivered']:>3} delivered  "
+        f"{entry['planner']:<18} {entry['planned']:>3}/{entry['plans']} planned ({low:.0f} to {high:.0f} %)  "
+        f"{entry['delivered']:>3} delivered  "
         f"{entry['verified']:>3} verified  CPU p50 {entry['cpu_p50_s']:.2f} p95 {entry['cpu_p95_s']:.2f} s  "
         f"wall p50 {entry['wall_p50_s']:.2f} p95 {entry['wall_p95_s']:.2f} s  CPU per success "
     )

@@ -36,6 +36,7 @@ def test_cpu_per_success_counts_what_failures_took():
     (line,) = summary([row("a", 0, 1.0), row("a", 1, 3.0, planned=False)])
     assert line["cpu_per_success_s"] == pytest.approx(4.0)
     assert (line["planned"], line["plans"]) == (1, 2)
+    assert line["planned_90"] == pytest.approx((0.121, 0.879), abs=1e-3)  # Wilson 1927
     assert (line["replays_good"], line["replays"]) == (2, 3)
 
 

@@ -98,8 +98,9 @@ def _judo(ours: PlanSettings) -> dict[str, Planner]:
 def _ablations(ours: PlanSettings) -> dict[str, PlanSettings]:
     one = replace(ours, cascade=ours.cascade[:1])
     icem, weights = ours.icem, ours.weights
-    # Alone: no sequences along a route that was found without the reward; the reward has to do all the work.
-    alone = replace(one, proposal_speeds=(), weights=weights)
+    # Alone: no sequences along a route that was found without the reward; the reward has to do all the work, in as many
+    # control steps as the paper's planner has.
+    alone = replace(one, proposal_speeds=(), max_steps=paper_settings().max_steps)
 
     # From the arm's home the reward has to find the way to the part as well.
     home = replace(alone, lead_in=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 Row = dict[str, Any]
 
@@ -37,6 +38,7 @@ def _line(name: str, mine: list[Row]) -> Row:
         "planner": name,
         "plans": len(mine),
         "planned": int(planned.sum()),
+        "planned_90": _share(int(planned.sum()), len(mine)),
         "delivered": sum(row["delivered"] for row in mine),
         "verified": sum(row["verified"] for row in mine),
         "cpu_p50_s": float(np.median(cpu)),
@@ -51,6 +53,12 @@ def _line(name: str, mine: list[Row]) -> Row:
         "replays": len(replays),
         "replays_good": sum(abs(value) < _FAR for value in replays),
     }
+
+
+def _share(count: int, of: int) -> tuple[float, float]:
+    """90 % Wilson interval of a share."""
+    interval = binomtest(count, of).proportion_ci(0.9, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def _interval(cpu: np.ndarray, planned: np.ndarray) -> tuple[float, float] | None:
