@@ -90,6 +90,22 @@ def test_wrong_types_end_clang_tidy_too(tmp_path):
     assert not _runs(int((tmp_path / "tidy").read_text()))
 
 
+def test_wrong_types_fail_the_check_though_the_tests_pass(tmp_path):
+    _script(tmp_path, "check")
+    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+    for name in ("ruff", "lint-imports", "clang-format"):
+        _program(tmp_path / ".venv/bin" / name, "exit 0")
+    _program(tmp_path / ".venv/bin/python", "echo all passed")
+    _program(tmp_path / ".venv/bin/basedpyright", "echo a wrong type; exit 1")
+    _program(tmp_path / "scripts/lint-cpp", "exit 0")
+    ended = _run(tmp_path, "scripts/check")
+    assert (ended.returncode, "all passed" in ended.stdout, "a wrong type" in ended.stdout) == (1, True, True)
+    _program(tmp_path / ".venv/bin/basedpyright", "exit 0")
+    assert _run(tmp_path, "scripts/check").returncode == 0
+    _program(tmp_path / ".venv/bin/python", "exit 1")
+    assert _run(tmp_path, "scripts/check").returncode == 1
+
+
 def _runs(pid):
     """Whether a process still runs, a second after it was told to end."""
     for _ in range(20):
