@@ -53,7 +53,8 @@ from s2r_protocol.exits import ExitCode
 from s2r_protocol.faults import Cause, ExecutorState
 from s2r_sim.batch import run_jobs
 from s2r_sim.camera.camera import DepthCamera
-from s2r_sim.paper.score import Row, score_trial, sense
+from s2r_sim.paper.score import Row, score_trial
+from s2r_sim.paper.trial import amount_to_ask_for
 from s2r_sim.paper.trials import Trial, draw_trial
 from s2r_sim.physics import build_world
 from s2r_sim.plant import Plant
@@ -257,7 +258,7 @@ def run_trial(out: Path, chosen: dict[str, Any], kind: str, number: int, attempt
 
     def answer(record: RunRecord) -> float:
         nonlocal change
-        change = trial.asked(plant.physics.object_value, sense(trial.world, as_json(record)))
+        change = amount_to_ask_for(trial, as_json(record))
         return change
 
     usual = {"seed": number, "attempts": attempts, "acknowledge_contact": True, "settle_s": 0.0}

@@ -56,9 +56,12 @@ def _lines(
         "Place, size, state as found, direction and amount of the motion are random."
         " Hidden are friction, damping, mass, rail play, stiction, friction that changes along the way, detents,"
         " camera noise, hand-eye error and arm friction.",
-        "The host sees depth frames and joint states; the sealed truth is opened after each run.",
-        "The amount is told once the host has built the object: as drawn, or as far the other way where the pushes have"
-        " left less room than that before a stop.",
+        "The host sees depth frames and joint states. World and truth log lie in a folder of their own that it is not"
+        " told of; they are opened when all processes of the trial have ended. " + _seals(rows),
+        "The amount is told once the host has built the object: as drawn before the run, or as far the other way where"
+        " the pushes have left less room than that before a stop. Where they have left the part is taken from what the"
+        " host itself says of them: what it misjudges there can put the target nearer to a stop, or beyond it, and is"
+        " to its own disadvantage.",
         "",
         f"Written by `{command}`.",
         *([note] if note else []),
@@ -103,6 +106,14 @@ def _counted(rows: Sequence[Row]) -> str:
     text = f"{len(rows)} manipulations."
     were = "was" if again == 1 else "were"
     return f"{text} {again} of them {were} begun anew because a process fell silent." if again else text
+
+
+def _seals(rows: Sequence[Row]) -> str:
+    """How many sealed worlds were, at the end, the ones that had been drawn and published before the run."""
+    opened = [bool(row["commitment_holds"]) for row in rows if row.get("commitment_holds") is not None]
+    return (
+        f"{sum(opened)} of {len(opened)} seals hold: the world opened is the one whose hash was told before."
+    )
 
 
 def _table(rows: Sequence[Row], kinds: Sequence[str], key: str) -> list[str]:

@@ -51,7 +51,7 @@ def score_trial(trial: Trial, folder: Path, change: float) -> Row:
         "delta": None,
         "delta_first": None,
         "delta_measured": run["delta"],
-        "commitment_holds": load_world(folder / "world.json").commitment == trial.world.commitment,
+        "commitment_holds": _seal_holds(trial, folder, run),
         **_joint_error(trial, run, begun[0] - float(truth.s[0]) if begun else None),
     }
     if begun:
@@ -60,6 +60,13 @@ def score_trial(trial: Trial, folder: Path, change: float) -> Row:
         row["delta"] = target - float(truth.s[-1])
         row["delta_first"] = target - (begun[1] if len(begun) > 1 else float(truth.s[-1]))
     return row
+
+
+def _seal_holds(trial: Trial, folder: Path, run: Row) -> bool:
+    """Whether the world is the one that was drawn, and the one whose hash the host was told with its first picture."""
+    drawn = trial.world.commitment
+    told = run["world_commitment"] or drawn  # a run that saw no picture was told of none
+    return load_world(folder / "world.json").commitment == drawn == told
 
 
 def _moving_s(truth: Truth) -> float:

@@ -1,4 +1,7 @@
-"""One trial: sealed world, stand-in, executor and host as separate processes, then the truth opened."""
+"""One trial: sealed world, stand-in, executor and host as separate processes, then the truth opened.
+
+While they run, world and truth log lie in a folder of their own that the host is not told of and nobody reads.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,10 @@ import json
 import resource
 import shutil
 import subprocess
+import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
@@ -16,11 +22,12 @@ from s2r_protocol.exits import ExitCode, UsageError
 from s2r_sim.errors import TruthFileError
 from s2r_sim.paper.score import Row, score_trial
 from s2r_sim.paper.trials import Trial, draw_trial
-from s2r_sim.score import read_truth, sense
+from s2r_sim.score import sense
 
 TIMEOUT_S = 1200.0
 MOST_TRIES = 3
 POLL_S = 0.2
+WORLD, TRUTH = "world.json", "truth.csv"
 
 
 def run_trial(
@@ -66,15 +73,14 @@ def _children_cpu_s() -> float:
 def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, arm: str, folder: Path) -> Row:
     shutil.rmtree(folder, ignore_errors=True)  # of an interrupted try
     folder.mkdir(parents=True)
-    world = folder / "world.json"
-    trial.world.save(world)
     try:
         with (
+            sealed(trial, folder) as hidden,
             stand_in_cell(
                 folder,
-                ("--world", world),
+                ("--world", hidden / WORLD),
                 pace=pace,
-                stand_in=("--truth", folder / "truth.csv", "--arm", arm),
+                stand_in=("--truth", hidden / TRUTH, "--arm", arm),
                 executor=("--arm", arm),
             ) as cell,
             (folder / "host.log").open("w") as log,
@@ -99,8 +105,25 @@ def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, arm
         return _no_result(trial.change, f"{type(error).__name__}: {error}", ExitCode.BUG)
 
 
+@contextmanager
+def sealed(trial: Trial, folder: Path) -> Iterator[Path]:
+    """A folder with the world, for it and the truth log, away from the trial's own while the block goes on.
+
+    At its end, when no process of the trial is left, both are put into the trial's folder: they are opened there.
+    """
+    with tempfile.TemporaryDirectory(prefix="s2r-sealed-") as name:
+        hidden = Path(name)
+        trial.world.save(hidden / WORLD)
+        try:
+            yield hidden
+        finally:
+            for file in (WORLD, TRUTH):
+                if (hidden / file).exists():  # no truth log of a stand-in that did not start
+                    shutil.move(hidden / file, folder / file)
+
+
 def _run_and_answer(command: list[str], log: TextIO, trial: Trial, folder: Path) -> tuple[float, int]:
-    """Run the host and tell it the target when it asks, as an operator would who sees where the part stands.
+    """Run the host and tell it the target when it asks; see :func:`amount_to_ask_for`.
 
     Returns:
         What was asked for, counted as the host's joint [m or rad], as drawn if the host never asked; exit status.
@@ -117,13 +140,29 @@ def _run_and_answer(command: list[str], log: TextIO, trial: Trial, folder: Path)
                     raise subprocess.TimeoutExpired(command, TIMEOUT_S)
                 time.sleep(POLL_S)
             if believed.exists() and (run := json.loads(believed.read_text()))["joint"] is not None:
-                s = float(read_truth(folder / "truth.csv").s[-1])
-                change = trial.asked(s, sense(trial.world, run))
+                change = amount_to_ask_for(trial, run)
             host.communicate(f"{change!r}\n".encode(), timeout=max(0.0, until_s - time.monotonic()))
         except BaseException:
             host.kill()
             raise
     return change, host.returncode
+
+
+def amount_to_ask_for(trial: Trial, run: Row) -> float:
+    """The change to ask for, by what was drawn before the run and what the host itself says of its pushes.
+
+    The truth log is not read for it. What the host misjudges of its pushes is to its own disadvantage: the target may
+    then lie nearer to a stop than the margin, or beyond it.
+
+    Args:
+        trial: Whose part was drawn to stand at ``q_start``.
+        run: ``run.json`` as written before the host asks.
+
+    Returns:
+        Counted as the host's joint [m or rad].
+    """
+    way = sense(trial.world, run)
+    return trial.asked(trial.world.object.q_start + way * float(run["s_origin"]), way)
 
 
 def _no_result(change: float, reason: str, code: ExitCode) -> Row:

@@ -47,7 +47,7 @@ class Trial:
         fit either, to the stop that is further away. Margins are kept from both.
 
         Args:
-            s: The true joint as the pushes left it [m or rad].
+            s: The true joint as the pushes are said to have left it [m or rad].
             sense: 1 if the host's joint grows as the true one, -1 if it is the other way round.
 
         Returns:

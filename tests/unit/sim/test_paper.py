@@ -2,21 +2,28 @@
 
 import json
 import math
+import sys
 import warnings
+from contextlib import contextmanager
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from s2r_protocol.exits import UsageError
+from s2r_sim.paper import trial as trial_module
 from s2r_sim.paper.ablations import ablations, interval, uncorrected
 from s2r_sim.paper.cli import paper
 from s2r_sim.paper.cli_ablations import ablations as ablation_command
 from s2r_sim.paper.page import write_page
 from s2r_sim.paper.projection import projection
-from s2r_sim.paper.score import failed_stage
+from s2r_sim.paper.score import failed_stage, score_trial
 from s2r_sim.paper.summary import merit, wilson
+from s2r_sim.paper.trial import amount_to_ask_for, run_trial
 from s2r_sim.paper.trials import KINDS, draw_trial
+from s2r_sim.score import true_joint
+from s2r_sim.truth import CONTACT_COLUMNS
 
 PUSH = {"drawer": (-0.045, 0.0), "laptop": (-math.radians(25), math.radians(25))}
 PUSH["faucet"] = PUSH["laptop"]
@@ -56,6 +63,63 @@ def test_both_directions_are_asked_for_and_the_same_number_is_the_same_trial(kin
     assert draw_trial(kind, 3, salt="a").world != draw_trial(kind, 4, salt="a").world
 
 
+def pushed(trial, s, along=1.0):
+    """``run.json`` before the host asks: by it the pushes took the part to ``s``, on an axis ``along`` the true one."""
+    axis = (along * true_joint(trial.world)[1]).tolist()
+    return {"joint": {"axis_direction": axis}, "s_origin": along * (s - trial.world.object.q_start)}
+
+
+@pytest.mark.parametrize("along", [1.0, -1.0])
+def test_the_amount_asked_for_goes_by_what_the_host_says_of_its_pushes(along):
+    trial = draw_trial("faucet", 5350)
+    q_max = trial.world.object.q_max
+    for share in (0.05, 0.5, 0.95):
+        change = amount_to_ask_for(trial, pushed(trial, share * q_max, along))
+        assert change == pytest.approx(trial.asked(share * q_max, along))
+    near_the_end = amount_to_ask_for(trial, pushed(trial, 0.95 * q_max, along))
+    assert along * near_the_end < 0.0
+
+
+HOST = """
+import json, pathlib, sys
+run = pathlib.Path(sys.argv[1])
+run.mkdir()
+(run / "run.json").write_text(json.dumps({"joint": None}))
+there = sorted(path.name for path in run.parent.rglob("*"))
+(run / "run.json").write_text(json.dumps({"joint": None, "there": there, "told": float(input())}))
+"""
+
+
+def test_world_and_truth_are_out_of_the_trials_folder_until_its_processes_have_ended(tmp_path, monkeypatch):
+    running = {}
+
+    @contextmanager
+    def cell(folder, world, pace, stand_in, executor):
+        running.update(world=world[1], truth=stand_in[1], folder=folder)
+        assert world[1].exists()
+        stand_in[1].write_text("of the stand-in")
+        yield SimpleNamespace(executor="e", camera="c")
+        assert not (folder / "world.json").exists()
+
+    def scored(trial, folder, change):
+        assert (folder / "truth.csv").read_text() == "of the stand-in"
+        assert (folder / "world.json").read_text() == trial.world.to_json()
+        return {"exit": 0, "change": change, **json.loads((folder / "run/run.json").read_text())}
+
+    def host(*arguments):
+        return [sys.executable, "-c", HOST, str(arguments[arguments.index("--out") + 1])]
+
+    monkeypatch.setattr(trial_module, "stand_in_cell", cell)
+    monkeypatch.setattr(trial_module, "s2r_command", host)
+    monkeypatch.setattr(trial_module, "score_trial", scored)
+    row = run_trial(tmp_path, (), 0.0, "xmate3pro", "drawer", 5350, 1)
+    assert row["told"] == draw_trial("drawer", 5350).change
+    assert row["there"] == ["host.log", "run", "run.json"]
+    for hidden in (running["world"], running["truth"]):
+        assert running["folder"] not in hidden.parents
+        assert not hidden.exists()
+
+
 def test_trials_hide_effects_that_no_belief_has():
     for kind in KINDS:
         assert any(not draw_trial(kind, number).world.effects.none for number in range(3))
@@ -67,6 +131,39 @@ def _row(kind, number, change, delta, stage=None):
         "reason": "why | so", "pushes": 1, "manipulations": 0 if delta is None else 1, "axis_error_rad": 0.01,
         "axis_offset_m": 0.002, "push_error": -0.001,
     }  # fmt: skip
+
+
+def write_trial(folder, trial, s, run):
+    """Files of a trial that has ended, its true joint values one row each, a tick apart; ``run`` adds to run.json."""
+    trial.world.save(folder / "world.json")
+    header = ",".join(["t_s", "master_tick", "object", "joint1", *CONTACT_COLUMNS])
+    lines = [f"{0.01 * k:.2f},{k},{value:.9g},0,0,0,0,0" for k, value in enumerate(s)]
+    (folder / "truth.csv").write_text("\n".join([header, *lines]) + "\n")
+    (folder / "run").mkdir()
+    usual = {
+        "exit": {"code": 4, "reason": "no joint"}, "attempts": [], "stages": [], "views": [], "wall_s": 1.0,
+        "delta": None, "joint_by_push": None, "joint": None, "push_seen_from": None, "world_commitment": None,
+    }  # fmt: skip
+    (folder / "run/run.json").write_text(json.dumps(usual | run))
+
+
+@pytest.mark.parametrize(("published", "holds"), [("own", True), (None, True), ("another's", False)])
+def test_a_seal_holds_where_the_host_was_told_the_hash_of_the_world_that_was_drawn(
+    tmp_path, published, holds
+):
+    trial = draw_trial("laptop", 5350)
+    told = trial.world.commitment if published == "own" else published
+    write_trial(tmp_path, trial, [1.0, 1.1], {"world_commitment": told})
+    assert score_trial(trial, tmp_path, 0.3)["commitment_holds"] is holds
+
+
+def test_a_world_that_was_exchanged_breaks_its_seal_and_the_page_tells(tmp_path):
+    write_trial(tmp_path, draw_trial("laptop", 5350, salt="another"), [1.0, 1.1], {})
+    row = score_trial(draw_trial("laptop", 5350), tmp_path, 0.3)
+    assert row["commitment_holds"] is False
+    rows = [{**_row("laptop", n, 0.3, 0.01), "commitment_holds": n > 0} for n in range(3)]
+    write_page(rows, tmp_path / "results.md", "s2r bench paper", attempts=3)
+    assert "2 of 3 seals hold" in (tmp_path / "results.md").read_text()
 
 
 ROWS = [
