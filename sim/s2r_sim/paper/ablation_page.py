@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_sim.paper.ablations import FIRST, LAST, LEAST, Pairs, interval, tables
+from s2r_sim.paper.ablations import FIRST, LAST, LEAST, Pairs, tables
 from s2r_sim.paper.picture import picture_link, picture_of
+from s2r_sim.paper.summary import interval
 
 _COLOURS = {"drawer": "#20639b", "laptop": "#e08e45", "faucet": "#3a8f5c", "all": "#222222"}
 _LINEAR = 3.0  # percent up to which the picture's scale is linear, logarithmic beyond

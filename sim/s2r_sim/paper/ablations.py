@@ -12,10 +12,10 @@ import numpy as np
 from s2r_protocol.exits import UsageError
 from s2r_sim.batch import jobs_in, results_in
 from s2r_sim.paper.score import Row
+from s2r_sim.paper.summary import interval
 
 LIMITS = (0.10, 0.30)
 MISSED = 1.0  # |δ_r| of a trial without a manipulation: the part stays where it was
-RESAMPLES = 5000
 LEAST = 4  # trials for an interval
 FIRST, LAST = "delta_first", "delta"
 WITHOUT_CORRECTION = "without correction"
@@ -123,14 +123,6 @@ def tables(comparisons: Sequence[Sequence[Pairs]]) -> list[str]:
 def relative(rows: Sequence[Row], key: str) -> np.ndarray:
     """|δ_r| after the first or the last manipulation, (n,); ``MISSED`` where there was none."""
     return np.array([MISSED if row.get(key) is None else abs(row[key] / row["change"]) for row in rows])
-
-
-def interval(values: np.ndarray, statistic: str) -> tuple[float, float, float]:
-    """Mean or median of paired differences and its 90 % bootstrap interval."""
-    take = {"mean": np.mean, "median": np.median}[statistic]
-    drawn = take(np.random.default_rng(0).choice(values, (RESAMPLES, len(values))), axis=1)
-    low, high = np.percentile(drawn, [5, 95])
-    return float(take(values)), float(low), float(high)
 
 
 def _by_number(rows: Sequence[Row], kind: str) -> dict[int, Row]:

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from s2r_sim.paper.ablations import ablations
+from s2r_sim.paper.miss import STAGES, stage_of_miss
 from s2r_sim.paper.picture import picture_link, picture_of
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import Row
-from s2r_sim.paper.summary import LIMITS, PAPER, UNITS, Merit, merit, relative_errors, wilson
+from s2r_sim.paper.summary import LIMITS, PAPER, UNITS, UNTOLD, Merit, merit, relative_errors, wilson
 from s2r_sim.paper.trials import KINDS
 
 
@@ -67,6 +68,7 @@ def _lines(
         *([note] if note else []),
         "",
         "δ is what was asked for minus what was done, δ_r its share of what was asked for, both from the sealed truth.",
+        "Intervals are of 90 %: Wilson's of shares, by bootstrap of means.",
         "A trial that ended before a planned manipulation counts as a miss in the shares and is left out of the means.",
         "What parts of the system are worth: [ablations](ablations.md).",
         "",
@@ -90,6 +92,7 @@ def _lines(
     for kind in kinds:
         for stage, count in merit(rows, kind).failures.items():
             lines.append(f"| {kind} | {stage} | {count} |")
+    lines += ["", "## Misses by cause", "", *_misses(rows, kinds)]
     if others:
         lines += ["", "## What the parts are worth", "", *ablations(rows, kinds, others)]
     lines += ["", "## Perception in these trials", "", *_perception(rows, kinds)]
@@ -135,13 +138,19 @@ def _line(m: Merit) -> str:
         shares.append(
             f"{count} ({100 * count / max(m.n, 1):.0f} %, 90 % in {100 * low:.0f} to {100 * high:.0f})"
         )
-    mean = "–" if m.delta is None else f"{factor * m.delta:.2f} {unit}"
-    relative = (
-        ("–", "–")
-        if m.delta_r is None or m.median_r is None
-        else (f"{100 * m.delta_r:.1f} %", f"{100 * m.median_r:.1f} %")
-    )
-    return f"| {m.kind} | {m.n} | {m.done} | {' | '.join(shares)} | {mean} | {relative[0]} | {relative[1]} |"
+    mean = _with_interval(m.delta, m.delta_90, factor, 2, unit)
+    relative = _with_interval(m.delta_r, m.delta_r_90, 100.0, 1, "%")
+    median = "–" if m.median_r is None else f"{100 * m.median_r:.1f} %"
+    return f"| {m.kind} | {m.n} | {m.done} | {' | '.join(shares)} | {mean} | {relative} | {median} |"
+
+
+def _with_interval(
+    mean: float | None, interval: tuple[float, float] | None, factor: float, digits: int, unit: str
+) -> str:
+    if mean is None or interval is None:
+        return "–"
+    low, high = (f"{factor * value:.{digits}f}" for value in interval)
+    return f"{factor * mean:.{digits}f} {unit} ({low} to {high})"
 
 
 def _paper_line(kind: str) -> str:
@@ -152,6 +161,30 @@ def _paper_line(kind: str) -> str:
         f"{thirty} ({100 * thirty / n:.0f} %) | – | "
         f"{delta:.2f} {unit} | {100 * relative:.1f} % | – |"
     )
+
+
+def _misses(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:
+    """To which stage every trial is owed that ended a tenth or more of what was asked for off."""
+    merits = [merit(rows, kind) for kind in kinds]
+    causes = [*STAGES, *([UNTOLD] if any(UNTOLD in m.misses for m in merits) else [])]
+    lines = [
+        "Trials that ended 10 % or more off, or without a manipulation, by the first of these that holds:",
+        "",
+        "- The stage that ended the trial: looks, pushes and the joint are *perceive*.",
+        "- *perceive*: the joint as told, by itself, hides half of the miss or more: even a look without noise at the"
+        " point that was pushed would misread the way by that.",
+        "- *measure*: the last look hid half of the miss or more, and a correction was left.",
+        "- *plan*: a plan for a correction was looked for and not found.",
+        "- The largest part of the last manipulation's δ: target minus end foreseen (*plan*), state seen minus true"
+        " state before it (*perceive*), motion foreseen minus true motion (*execute*).",
+        "",
+        f"| object | misses | {' | '.join(causes)} |",
+        f"|---|---|{'---|' * len(causes)}",
+    ]
+    for m in merits:
+        counts = " | ".join(str(m.misses.get(cause, 0)) for cause in causes)
+        lines.append(f"| {m.kind} | {sum(m.misses.values())} | {counts} |")
+    return lines
 
 
 def _costs(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:
@@ -214,11 +247,10 @@ def _trials(rows: Sequence[Row]) -> list[str]:
             return "–" if value is None else f"{factor * value:+.2f} {unit}"
 
         relative = "–" if row["delta"] is None else f"{100 * row['delta'] / row['change']:+.1f} %"
-        ending = (
-            "went through"
-            if row["stage"] is None
-            else str(row["reason"]).replace("|", "/").split("\n")[0][:160]
-        )
+        ending = str(row["reason"]).replace("|", "/").split("\n")[0][:160]
+        if row["stage"] is None:
+            cause = stage_of_miss(row)
+            ending = "went through" if cause is None else f"went through; the miss: {cause}"
         lines.append(
             f"| {row['kind']} | {row['number']} | {shown(row['change'])} | {shown(row.get('delta_first'))} | "
             f"{shown(row['delta'])} | {relative} | {row.get('manipulations', 0)} | {ending} |"

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from s2r_sim.paper.miss import terms_of_error
 from s2r_sim.paper.trials import Trial
 from s2r_sim.score import Truth, read_truth, sense, true_joint
 from s2r_sim.world import load_world
@@ -22,7 +23,8 @@ def score_trial(trial: Trial, folder: Path, change: float) -> Row:
     """The row of one trial whose processes have ended.
 
     Joint values are the sealed ones [m or rad]; ``delta`` is what was asked for minus what was done after the last
-    planned manipulation, ``delta_first`` after the first, both None if none was begun.
+    planned manipulation, ``delta_first`` after the first, both None if none was begun. ``terms`` are those of
+    ``delta``, see :mod:`s2r_sim.paper.miss`.
 
     Args:
         trial: With the world.
@@ -59,6 +61,7 @@ def score_trial(trial: Trial, folder: Path, change: float) -> Row:
         row["s_pushed"] = begun[0]
         row["delta"] = target - float(truth.s[-1])
         row["delta_first"] = target - (begun[1] if len(begun) > 1 else float(truth.s[-1]))
+        row["terms"] = terms_of_error(trial.world, run, begun, float(truth.s[-1]), change)
     return row
 
 

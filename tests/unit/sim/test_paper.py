@@ -13,13 +13,13 @@ from click.testing import CliRunner
 
 from s2r_protocol.exits import UsageError
 from s2r_sim.paper import trial as trial_module
-from s2r_sim.paper.ablations import ablations, interval, uncorrected
+from s2r_sim.paper.ablations import ablations, uncorrected
 from s2r_sim.paper.cli import paper
 from s2r_sim.paper.cli_ablations import ablations as ablation_command
 from s2r_sim.paper.page import write_page
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import failed_stage, score_trial
-from s2r_sim.paper.summary import merit, wilson
+from s2r_sim.paper.summary import interval, merit, wilson
 from s2r_sim.paper.trial import amount_to_ask_for, run_trial
 from s2r_sim.paper.trials import KINDS, draw_trial
 from s2r_sim.score import true_joint
