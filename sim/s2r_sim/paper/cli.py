@@ -7,12 +7,15 @@ import shlex
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from s2r_protocol.cli.options import FiniteRange
 from s2r_protocol.exits import UsageError
+
+if TYPE_CHECKING:
+    from s2r_sim.paper.calls import Campaign
 
 
 @click.command()
@@ -52,6 +55,12 @@ from s2r_protocol.exits import UsageError
     "--page", type=click.Path(path_type=Path, dir_okay=False), help="Where to write the results page."
 )
 @click.option("--page-only", is_flag=True, help="Run nothing; write the page from the results there are.")
+@click.option(
+    "--also",
+    multiple=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="With --page-only: another campaign's --out, joined with this one on the page; may be given again.",
+)
 @click.option("--note", default="", help="A remark for the page, e.g. under which conditions it was run.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def paper(
@@ -68,6 +77,7 @@ def paper(
     out: Path,
     page: Path | None,
     page_only: bool,
+    also: tuple[Path, ...],
     note: str,
     as_json: bool,
 ) -> None:
@@ -76,7 +86,8 @@ def paper(
     Each trial runs stand-in, executor and host in lock-step: look, push, model, plan, execute, measure. An interrupted
     campaign goes on where it was.
     """
-    from s2r_sim.batch import results_for_page, run_jobs
+    from s2r_sim.batch import run_jobs
+    from s2r_sim.paper.calls import campaign_of, noted, told
     from s2r_sim.paper.page import write_page
     from s2r_sim.paper.summary import merit
     from s2r_sim.paper.trial import run_trial
@@ -86,34 +97,31 @@ def paper(
     for name in names:
         if name not in KINDS:
             raise UsageError(f"unknown kind {name!r}; there are {', '.join(KINDS)}")
+    if also and not page_only:
+        raise UsageError("--also joins campaigns that were run: give --page-only, too")
     others = _others(compare)  # refused before the hours of work
     words = _words(run_options)
     conditions = {"--run-options": run_options, "--pace": pace, "--arm": arm}
-    todo = [(name, number, attempts) for number in range(first, first + trials) for name in names]
-    if page_only:
-        # The same trial with more or fewer manipulations is another one.
-        rows = results_for_page(
-            out / "results.jsonl",
-            lambda job, row: row["kind"] in names and job[2] == attempts,
-            f"kinds with --attempts {attempts}",
-            conditions,
-        )
-    else:
-        rows = run_jobs(
-            partial(run_trial, out, words, pace, arm),
-            todo,
-            out / "results.jsonl",
-            jobs,
-            "manipulations",
-            ray,
-            conditions,
-        )
-    options = f"--kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
-    options += f" --arm {arm}" if arm != "xmate3pro" else ""
+    options = f" --arm {arm}" if arm != "xmate3pro" else ""
     options += f" --run-options '{run_options}'" if run_options else ""
     options += f" --pace {pace:g}" if pace else ""
-    command = f"s2r bench paper {options} --out DIR"
-    write_page(rows, page or out / "results.md", command, attempts, note, others)
+    results = out / "results.jsonl"
+    if page_only:
+        campaigns = _campaigns((out, *also), names, attempts, conditions)
+        command = (
+            f"s2r bench paper --page-only --kinds {','.join(names)} --attempts {attempts}{options} --out DIR"
+        )
+        command += " --also DIR" * len(also)
+    else:
+        todo = [(name, number, attempts) for number in range(first, first + trials) for name in names]
+        command = f"s2r bench paper --kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
+        command += f" --jobs {jobs}{f' --ray {ray}' if ray else ''}{options} --out DIR"
+        work = partial(run_trial, out, words, pace, arm)
+        with noted(results, command, jobs):
+            rows = run_jobs(work, todo, results, jobs, "manipulations", ray, conditions)
+        campaigns = [campaign_of(rows, attempts, results)]
+    rows = [row for campaign in campaigns for row in campaign.rows]
+    write_page(rows, page or out / "results.md", command, attempts, note, others, told(campaigns))
     merits = {key: [asdict(merit(rows, name, key)) for name in names] for key in ("delta", "delta_first")}
     if as_json:
         click.echo(json.dumps({"last": merits["delta"], "first": merits["delta_first"]}, indent=1))
@@ -125,6 +133,38 @@ def paper(
             f"below 10 / 30 / 50 %: {ten} / {thirty} / {fifty}  failures {entry['failures'] or '-'}"
         )
     click.echo(f"page: {page or out / 'results.md'}")
+
+
+def _campaigns(
+    folders: tuple[Path, ...], kinds: list[str], attempts: int, conditions: dict[str, Any]
+) -> list[Campaign]:
+    """What a page from results alone is to show of each folder.
+
+    Raises:
+        UsageError: A folder holds none of them, or was run with other conditions, or two hold the same trial.
+    """
+    from s2r_sim.batch import results_for_page
+    from s2r_sim.paper.calls import campaign_of
+
+    found: list[Campaign] = []
+    holder: dict[tuple[str, int], Path] = {}
+    for folder in folders:
+        results = folder / "results.jsonl"
+        # The same trial with more or fewer manipulations is another one.
+        rows = results_for_page(
+            results,
+            lambda job, row: row["kind"] in kinds and job[2] == attempts,
+            f"kinds with --attempts {attempts}",
+            conditions,
+        )
+        for row in rows:
+            if (other := holder.setdefault((row["kind"], row["number"]), folder)) is not folder:
+                raise UsageError(
+                    f"--also {folder}: {row['kind']} {row['number']} is in {other} as well and would count twice; "
+                    "join campaigns of other trials (--first) or kinds (--kinds)"
+                )
+        found.append(campaign_of(rows, attempts, results))
+    return found
 
 
 def _words(run_options: str) -> tuple[str, ...]:

@@ -81,7 +81,7 @@ def _misread(world: WorldSpec, run: Row, s_from: float, s_to: float) -> float:
     if run["joint"]["joint_type"] == "prismatic":
         return float((s_to - s_from) * (direction @ along)) - moved
     before, after = (
-        origin + rotation_from_vector(direction * (s - world.object.q_start)) @ (touched - origin)
+        origin + rotation_from_vector((direction * (s - world.object.q_start)).tolist()) @ (touched - origin)
         for s in (s_from, s_to)
     )
     a, b = (p - said - ((p - said) @ along) * along for p in (before, after))

@@ -21,6 +21,7 @@ def write_page(
     attempts: int,
     note: str = "",
     others: Mapping[str, Sequence[Row]] | None = None,
+    ran: Sequence[str] = (),
 ) -> None:
     """Write the page and, beside it, its picture.
 
@@ -31,11 +32,12 @@ def write_page(
         attempts: Planned manipulations at most.
         note: A remark for the reader.
         others: Campaigns of the same trials with other options, by label.
+        ran: Markdown lines: which commands ran the trials, see :func:`s2r_sim.paper.calls.told`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     kinds = [kind for kind in KINDS if any(row["kind"] == kind for row in rows)]
     draw_distribution(rows, kinds, picture_of(path))
-    path.write_text("\n".join(_lines(rows, kinds, command, attempts, note, others or {}, path)) + "\n")
+    path.write_text("\n".join(_lines(rows, kinds, command, attempts, note, others or {}, path, ran)) + "\n")
 
 
 def _lines(
@@ -46,6 +48,7 @@ def _lines(
     note: str,
     others: Mapping[str, Sequence[Row]],
     path: Path,
+    ran: Sequence[str],
 ) -> list[str]:
     lines = [
         "# Results",
@@ -64,6 +67,7 @@ def _lines(
         " host itself says of them: what it misjudges there can put the target nearer to a stop, or beyond it, and is"
         " to its own disadvantage.",
         "",
+        *([*ran, ""] if ran else []),
         f"Written by `{command}`.",
         *([note] if note else []),
         "",

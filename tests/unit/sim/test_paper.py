@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from s2r_protocol.exits import UsageError
 from s2r_sim.paper import trial as trial_module
 from s2r_sim.paper.ablations import ablations, uncorrected
+from s2r_sim.paper.calls import calls_of, commit, noted
 from s2r_sim.paper.cli import paper
 from s2r_sim.paper.cli_ablations import ablations as ablation_command
 from s2r_sim.paper.page import write_page
@@ -383,3 +384,89 @@ def test_friction_is_highest_at_rest_and_detents_pull_to_their_notch():
     quarter = 0.25 * effects.detent_pitch
     assert effects.detent_force(quarter) <= 0.0 <= effects.detent_force(-quarter)
     assert np.isclose(effects.detent_force(effects.detent_pitch), 0.0, atol=1e-9)
+
+
+def joined(folder, kind, numbers, attempts=3, **conditions):
+    """A folder of results with the conditions they were made with, as a campaign leaves it."""
+    folder.mkdir()
+    made_with = {"--run-options": "", "--pace": 0.0, "--arm": "xmate3pro"} | conditions
+    (folder / "results.conditions.json").write_text(json.dumps(made_with))
+    costs = {"wall_s": 1800.0, "cpu_s": 3600.0, "stored_bytes": 10, "moving_s": 1.0}
+    results, rows = folder / "results.jsonl", [_row(kind, number, 0.3, 0.01) | costs for number in numbers]
+    lines = [json.dumps({"job": [kind, row["number"], attempts], "result": row}) for row in rows]
+    with noted(results, f"s2r bench paper --kinds {kind} --out DIR", jobs=2):
+        results.write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def page_of(*folders, options=()):
+    words = ["--page-only", "--out", str(folders[0]), *options]
+    words += [word for folder in folders[1:] for word in ("--also", str(folder))]
+    result = CliRunner().invoke(paper, words)
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return (folders[0] / "results.md").read_text()
+
+
+def test_a_page_of_several_campaigns_names_the_command_and_the_commit_of_each_and_what_all_of_them_take(
+    tmp_path,
+):
+    lids = joined(tmp_path / "lids", "laptop", range(876, 880))
+    levers = joined(tmp_path / "levers", "faucet", range(2298, 2300))
+    text = page_of(lids, levers)
+    code = commit() or "not known"  # outside of git
+    assert f"- `s2r bench paper --kinds laptop --out DIR`, commit {code}: 4 trials, 2 at a time" in text
+    assert f"- `s2r bench paper --kinds faucet --out DIR`, commit {code}: 2 trials, 2 at a time" in text
+    assert "6 manipulations." in text
+    assert "| laptop | 879 |" in text
+    assert "| faucet | 2299 |" in text
+    assert "3.00 h of wall time and 6.00 h of processor time" in text
+    assert "two at a time on 2 cores they take 3.00 h" in text
+    assert (
+        "`s2r bench paper --page-only --kinds drawer,laptop,faucet --attempts 3 --out DIR --also DIR`" in text
+    )
+
+
+def test_a_campaign_that_was_continued_is_one_line_and_what_nobody_noted_is_told(tmp_path):
+    folder = joined(tmp_path / "lids", "laptop", range(2))
+    (tmp_path / "lids/results.calls.jsonl").unlink()
+    results = folder / "results.jsonl"
+    for number in (2, 3):
+        with noted(results, "s2r bench paper --kinds laptop --out DIR", jobs=2), results.open("a") as file:
+            file.write(json.dumps({"job": ["laptop", number, 3], "result": _row("laptop", number, 0.3, 0.0)}))
+            file.write("\n")
+    text = page_of(folder)
+    assert (
+        f"`s2r bench paper --kinds laptop --out DIR`, commit {commit() or 'not known'}: 2 trials in 2 calls"
+        in text
+    )
+    assert "- 2 trials (laptop 0 to 3): their command was not noted" in text
+
+
+def test_what_an_interrupted_call_added_is_noted_and_a_call_that_added_nothing_is_not(tmp_path):
+    results = tmp_path / "results.jsonl"
+    with noted(results, "nothing to do", jobs=1):
+        pass
+    assert not calls_of(results).exists()
+
+    def interrupted():
+        with noted(results, "interrupted", jobs=2):
+            results.write_text(json.dumps({"job": ["drawer", 7, 3], "result": ROWS[0]}) + "\n")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    (line,) = calls_of(results).read_text().splitlines()
+    call = json.loads(line)
+    assert (call["command"], call["jobs"], call["added"]) == ("interrupted", 2, [["drawer", 7, 3]])
+
+
+def test_campaigns_that_share_a_trial_or_were_run_otherwise_are_not_joined(tmp_path):
+    one, same = (joined(tmp_path / name, "laptop", [1, 2]) for name in ("one", "same"))
+    reactive = joined(tmp_path / "reactive", "faucet", [1], **{"--run-options": "--reactive"})
+    with pytest.raises(UsageError, match=r"laptop 1 is in .*one as well and would count twice"):
+        page_of(one, same)
+    with pytest.raises(UsageError, match="holds results with --run-options '--reactive'"):
+        page_of(one, reactive)
+    result = CliRunner().invoke(paper, ["--out", str(one), "--also", str(same)])
+    assert "give --page-only, too" in str(result.exception)

@@ -16,7 +16,7 @@ from s2r_sim.score import true_joint
 ASKED = 0.10
 
 
-def row(delta=0.03, stage=None, number=0, **terms):
+def row(delta: float | None = 0.03, stage: str | None = None, number: int = 0, **terms: float):
     """A drawer that ended ``delta`` short of the 10 cm asked for, by a motion that fell short unless terms say else."""
     usual = {
         "plan": 0.0,
@@ -83,7 +83,10 @@ def test_misses_of_rows_without_terms_are_counted_as_not_told(tmp_path):
 def test_means_have_intervals_that_hold_them_and_shrink_with_the_trials(tmp_path):
     rows = [row(delta, number=k) for k, delta in enumerate((0.001, 0.002, 0.003, 0.006))]
     one, many = merit(rows, "drawer"), merit(rows * 20, "drawer")
-    assert one.delta_90[0] < one.delta < one.delta_90[1]
+    assert one.delta_90 is not None
+    assert many.delta_90 is not None
+    assert one.delta == pytest.approx(0.003)
+    assert one.delta_90[0] < 0.003 < one.delta_90[1]
     assert one.delta_r_90 == pytest.approx(np.divide(one.delta_90, ASKED))
     assert many.delta_90[1] - many.delta_90[0] < 0.5 * (one.delta_90[1] - one.delta_90[0])
     write_page(rows, tmp_path / "page.md", "s2r bench paper", attempts=3)
