@@ -17,6 +17,7 @@ from s2r_sim.paper.ablations import ablations, uncorrected
 from s2r_sim.paper.calls import calls_of, commit, noted
 from s2r_sim.paper.cli import paper
 from s2r_sim.paper.cli_ablations import ablations as ablation_command
+from s2r_sim.paper.distribution import shares_below
 from s2r_sim.paper.page import write_page
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import failed_stage, score_trial
@@ -330,6 +331,13 @@ def test_the_page_has_every_trial_the_failures_and_a_picture(tmp_path):
     assert "why / so" in text
     assert "paper (real arm)" in text
     assert (tmp_path / "results.png").stat().st_size > 5000
+
+
+def test_the_distribution_counts_trials_without_a_manipulation_in_its_shares():
+    errors, below = shares_below(ROWS, "delta")
+    assert errors == pytest.approx([5.0, 20.0, 45.0, 200.0])
+    assert below == pytest.approx([20.0, 40.0, 60.0, 80.0])
+    assert [len(part) for part in shares_below(ROWS[4:], "delta")] == [0, 0]
 
 
 def test_two_pages_in_one_folder_have_two_pictures(tmp_path):
