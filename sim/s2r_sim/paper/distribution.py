@@ -12,7 +12,7 @@ from s2r_sim.paper.summary import LIMITS, PAPER, relative_errors
 
 
 def shares_below(rows: Sequence[Row], key: str) -> tuple[np.ndarray, np.ndarray]:
-    """|δ_r| [%], sorted, and the share [%] of all trials, also those without a manipulation, that ended no further off."""
+    """Sorted |δ_r| [%], and the share [%] of all trials that ended no further off; the rest had no manipulation."""
     errors = np.sort(100.0 * relative_errors(rows, key))
     return errors, 100.0 / max(len(rows), 1) * np.arange(1, len(errors) + 1)
 
