@@ -113,7 +113,7 @@ def told(campaigns: Sequence[Campaign]) -> list[str]:
             several = f" in {len(calls)} calls" if len(calls) > 1 else ""
             at_a_time = f"{jobs} at a time" if jobs > 1 else "one at a time"
             added, shown = sum(len(call.added) for call in calls), sum(map(campaign.shown, calls))
-            trials = f"{shown} trials" if shown == added else f"{shown} of {added} trials"
+            trials = f"{shown} trial{'s' * (shown != 1)}" if shown == added else f"{shown} of {added} trials"
             lines.append(
                 f"- `{command}`, commit {code or 'not known'}: {trials}{several}, {at_a_time}, {took_s / 3600:.2f} h"
             )
