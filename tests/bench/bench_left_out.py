@@ -5,6 +5,11 @@ nothing else differs, neither perception nor the arm. The shift of the end is th
 gain. A fingertip is position control: what only asks for more force changes little.
 
     python tests/bench/bench_left_out.py --out left-out.json
+
+``s2r bench missing`` plays the sealed effect of each of its objects in the same way, along what the arm really did. Of
+a campaign of earlier code whose runs are still there that is told by
+
+    python tests/bench/bench_left_out.py --runs DIR --out shifts.json
 """
 
 from __future__ import annotations
@@ -13,12 +18,13 @@ import argparse
 import json
 import math
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from s2r_host.object_names import JOINT
 from s2r_host.planning import PlanRequest, PlanSettings, plan_manipulation
 from s2r_host.planning.planner import scene_of
 from s2r_host.planning.sample_objects import DrawerShape, drawer_mjcf, faucet_mjcf, lid_mjcf
@@ -27,11 +33,11 @@ from s2r_host.planning.task import PlanRefusedError
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
 from s2r_host.trajectory.verify import servo_targets
 from s2r_protocol.arms import load_arm
+from s2r_sim.missing.cases import LATER, LEARNING, draw_case
+from s2r_sim.missing.play import Force, no_effect, played
+from s2r_sim.missing.shift import largest, shifts
+from s2r_sim.missing.trial import run_folder
 
-Force = Callable[[float, float, float], tuple[float, float]]
-"""(joint value, its speed, dry friction believed) -> (force on the joint, dry friction)."""
-
-RELEASE_S = 1.0  # how long the part may move on by itself afterwards
 STRIBECK = {"drawer": 0.02, "lid": 0.1, "faucet": 0.1}
 PITCH = {"drawer": 0.03, "lid": 0.2, "faucet": 0.17}
 
@@ -44,7 +50,7 @@ def effects(kind: str) -> dict[str, Force]:
         return lambda s, v, f: (-size * f * math.sin(2.0 * math.pi * s / pitch), f)
 
     return {
-        "nothing": lambda s, v, f: (0.0, f),
+        "nothing": no_effect,
         "friction x 0.4": lambda s, v, f: (0.0, 0.4 * f),
         "friction x 2.5": lambda s, v, f: (0.0, 2.5 * f),
         "stiction + 100 %": lambda s, v, f: (0.0, f * (1.0 + math.exp(-((v / slow) ** 2)))),
@@ -79,36 +85,45 @@ def cases() -> list[tuple[str, str, str, float, float]]:
     return found
 
 
-def played(delivery: Delivery, request: PlanRequest, scene: Scene, force: Force) -> float:
+def ends(delivery: Delivery, request: PlanRequest, scene: Scene, force: Force) -> float:
     """Where the part ends with an effect on its joint."""
-    model = scene.fine
-    data = mujoco.MjData(model)
+    data = mujoco.MjData(scene.fine)
     data.qpos[: scene.dof] = request.q_initial
     data.qpos[scene.s_qpos] = request.s_initial
-    believed = float(model.dof_frictionloss[scene.s_dof])
     _, control, _ = servo_targets(delivery.trajectory, request)
-    released = round(RELEASE_S / model.opt.timestep)
-    robot = scene.geom_kind >= GeomKind.ROBOT
-    contacts = model.geom_contype[robot].copy(), model.geom_conaffinity[robot].copy()
-    try:
-        for k, row in enumerate(np.concatenate([control, np.repeat(control[-1:], released, axis=0)])):
-            if k == len(control):  # the fingertip lets go
-                model.geom_contype[robot] = model.geom_conaffinity[robot] = 0
-            s, v = float(data.qpos[scene.s_qpos]), float(data.qvel[scene.s_dof])
-            pushed, dry = force(s, v, believed)
-            data.qfrc_applied[scene.s_dof], model.dof_frictionloss[scene.s_dof] = pushed, dry
-            data.ctrl[:] = row
-            mujoco.mj_step(model, data)
-    finally:
-        model.dof_frictionloss[scene.s_dof] = believed
-        model.geom_contype[robot], model.geom_conaffinity[robot] = contacts
-    return float(data.qpos[scene.s_qpos])
+
+    def servo(data: mujoco.MjData, row: np.ndarray) -> None:
+        data.ctrl[:] = row
+
+    return played(scene.fine, data, JOINT, scene.geom_kind >= GeomKind.ROBOT, control, servo, force)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--runs", type=Path, help="the folder of a campaign: play its objects' own effects")
     args = parser.parse_args()
+    rows = planned_ones() if args.runs is None else sealed_ones(args.runs)
+    args.out.write_text(json.dumps(rows, indent=1) + "\n")
+
+
+def sealed_ones(campaign: Path) -> list[dict[str, Any]]:
+    """The shifts of every object of a campaign that was run without learning, by its own sealed effect."""
+    rows = []
+    for line in (campaign / "results.jsonl").read_text().splitlines():
+        label, number, way, later = json.loads(line)["job"]
+        if way != "as it is":
+            continue
+        folder = run_folder(campaign, label, number, way)
+        found = shifts(draw_case(label, number), folder, (*LEARNING, *LATER[:later]))
+        rows.append({"case": label, "number": number, "shifts": found, "shift_r": largest(found)})
+        told = "nothing acts along the joint" if found is None else ", ".join(f"{x:+.2%}" for x in found)
+        print(f"{label:<38} {number:>4}  {told}", flush=True)
+    return rows
+
+
+def planned_ones() -> list[dict[str, Any]]:
+    """The shifts of motions planned here, by each of the effects."""
     arm, rows = load_arm("xmate3pro"), []
     with tempfile.TemporaryDirectory() as folder:
         for label, kind, text, start, target in cases():
@@ -129,7 +144,7 @@ def main() -> None:
             scene = scene_of(request)
             plain = None
             for name, force in effects(kind).items():
-                end = played(delivery, request, scene, force)
+                end = ends(delivery, request, scene, force)
                 plain = end if plain is None else plain
                 row = {"case": label, "effect": name, "end": end, "shift_r": (end - plain) / (target - start)}
                 rows.append(row)
@@ -137,7 +152,7 @@ def main() -> None:
                     f"{label:<18} {name:<18} ends {end:+.4f}, shifted {100 * row['shift_r']:+6.1f} %",
                     flush=True,
                 )
-    args.out.write_text(json.dumps(rows, indent=1) + "\n")
+    return rows
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,38 @@ import numpy as np
 from s2r_sim.errors import RunFileError
 from s2r_sim.missing.cases import HIDDEN, LEARNING
 from s2r_sim.paper.trials import Trial
-from s2r_sim.score import read_truth, sense
+from s2r_sim.score import Truth, read_truth, sense
 from s2r_sim.world import load_world
 
 Row = dict[str, Any]
 SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class Manipulation:
+    """One manipulation as it really was.
+
+    Attributes:
+        target: Its number.
+        plan: Number of the executor's plan that pushed the part.
+        s_from, s_to, s_target: True joint [m or rad].
+    """
+
+    target: int
+    plan: int
+    s_from: float
+    s_to: float
+    s_target: float
+
+    @property
+    def asked(self) -> float:
+        """Change asked for [m or rad]."""
+        return self.s_target - self.s_from
+
+    @property
+    def delta(self) -> float:
+        """What is left of it [m or rad]."""
+        return self.s_target - self.s_to
 
 
 def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
@@ -27,31 +55,45 @@ def score_run(trial: Trial, folder: Path, shares: Sequence[float]) -> Row:
 
     Raises:
         TruthFileError, WorldFileError, FileNotFoundError: A file is missing or damaged.
-        RunFileError: The run has a target that it was not given, or not in this order.
+        RunFileError: As :func:`manipulations`.
     """
     truth = read_truth(folder / "truth.csv")
     run = json.loads((folder / "run/run.json").read_text())
-    attempts = [entry for entry in run["attempts"] if entry["tick_start"] is not None]
-    begun = [truth.s_at_tick(entry["tick_start"]) for entry in attempts]
-    # A run may end before it has manipulated anything.
-    left_at = [*begun[1:], float(truth.s[-1])] if begun else []
-    moves, at = [], 0
-    for entry, s_from, s_to in zip(attempts, begun, left_at, strict=True):
-        asked = entry["s_target"] - attempts[0]["s_initial"]
-        at = _which(asked, shares, trial.change, at, folder / "run/run.json")
-        target = begun[0] + sense(trial.world, run) * asked
-        moves.append({"target": at, "delta": target - s_to, "delta_r": (target - s_to) / (target - s_from)})
-        at += 1
     return {
         "exit": run["exit"]["code"],
         "reason": run["exit"]["reason"],
         "wall_s": run["wall_s"],
-        "moves": moves,
+        "moves": [
+            {"target": one.target, "delta": one.delta, "delta_r": one.delta / one.asked}
+            for one in manipulations(trial, folder, run, truth, shares)
+        ],
         "answers": [told(lesson) | {"carried": lesson["carried"]} for lesson in run["physics"]],
         "lost_motion": _total_lost(run["lost_motion"]),
         "hidden": trial.world.effects.model_dump(),
         "commitment_holds": load_world(folder / "world.json").commitment == trial.world.commitment,
     }
+
+
+def manipulations(
+    trial: Trial, folder: Path, run: dict[str, Any], truth: Truth, shares: Sequence[float]
+) -> list[Manipulation]:
+    """What a run did towards its targets, in order.
+
+    Raises:
+        RunFileError: The run has a target that it was not given, or not in this order.
+    """
+    attempts = [entry for entry in run["attempts"] if entry["tick_start"] is not None]
+    at_ticks = [truth.s_at_tick(entry["tick_start"]) for entry in attempts]
+    # A run may end before it has manipulated anything.
+    left_at = [*at_ticks[1:], float(truth.s[-1])] if attempts else []
+    found, at = [], 0
+    for entry, s_from, s_to in zip(attempts, at_ticks, left_at, strict=True):
+        asked = entry["s_target"] - attempts[0]["s_initial"]
+        at = _which(asked, shares, trial.change, at, folder / "run/run.json")
+        target = at_ticks[0] + sense(trial.world, run) * asked
+        found.append(Manipulation(at, entry["plan_seqs"][0], s_from, s_to, target))
+        at += 1
+    return found
 
 
 def _which(asked: float, shares: Sequence[float], change: float, first: int, file: Path) -> int:

@@ -11,6 +11,7 @@ from s2r_protocol.exits import ExitCode
 from s2r_sim.errors import RunFileError, TruthFileError
 from s2r_sim.missing.cases import LATER, LEARNING, draw_case
 from s2r_sim.missing.score import Row, score_run
+from s2r_sim.missing.shift import largest, shifts
 from s2r_sim.paper.trials import Trial
 
 TIMEOUT_S = 2400.0
@@ -23,7 +24,7 @@ ARMS = {
 
 
 def run_case(out: Path, label: str, number: int, arm: str, later: int) -> Row:
-    """Run and score one object.
+    """Run and score one object. The run in which nothing is learnt also tells what its effect could change.
 
     Args:
         out: Folder; files go to ``runs/`` in it.
@@ -32,20 +33,29 @@ def run_case(out: Path, label: str, number: int, arm: str, later: int) -> Row:
         later: Targets after the three from which the physics is learnt.
     """
     trial = draw_case(label, number)
-    folder = out / "runs" / f"{label}-{number}-{arm}".replace(": ", "-").replace(" ", "-")
+    folder = run_folder(out, label, number, arm)
     shutil.rmtree(folder, ignore_errors=True)  # of an interrupted try
     folder.mkdir(parents=True)
     shares = (*LEARNING, *LATER[:later])
     row: Row = {"case": label, "number": number, "arm": arm, "change": trial.change}
     try:
         _play(trial, folder, [share * trial.change for share in shares], ARMS[arm])
-        return {**row, **score_run(trial, folder, shares)}
+        row |= score_run(trial, folder, shares)
+        if not ARMS[arm]:
+            found = shifts(trial, folder, shares)
+            row |= {"shifts": found, "shift_r": largest(found)}
+        return row
     except subprocess.TimeoutExpired:
         return {**row, "exit": int(ExitCode.UNREACHABLE), "reason": f"no end within {TIMEOUT_S:.0f} s"}
     except PeerFailedError as error:
         return {**row, "exit": int(ExitCode.UNREACHABLE), "reason": str(error)}
     except (TruthFileError, RunFileError, FileNotFoundError) as error:
         return {**row, "exit": int(ExitCode.BUG), "reason": f"{type(error).__name__}: {error}"}
+
+
+def run_folder(out: Path, label: str, number: int, arm: str) -> Path:
+    """Where the files of a run are."""
+    return out / "runs" / f"{label}-{number}-{arm}".replace(": ", "-").replace(" ", "-")
 
 
 def _play(trial: Trial, folder: Path, targets: list[float], options: tuple[str, ...]) -> None:

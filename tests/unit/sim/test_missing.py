@@ -3,17 +3,26 @@
 import json
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from mcap.writer import Writer
 
 from s2r_protocol.exits import ExitCode
+from s2r_protocol.ros2.cdr import pack
 from s2r_sim.errors import RunFileError
 from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
 from s2r_sim.missing.cli import missing
-from s2r_sim.missing.page import compared, matters, summaries, write_page
+from s2r_sim.missing.page import compared, likened, own_shifts, summaries, write_page
+from s2r_sim.missing.play import force_of, no_effect, played
 from s2r_sim.missing.score import named, paired, relative, score_run
+from s2r_sim.missing.shift import largest, shifts
 from s2r_sim.missing.trial import run_case
+from s2r_sim.objects.effects import JointEffects
+from s2r_sim.paper.trials import Trial
+from s2r_sim.physics import build_world
+from s2r_sim.score import true_joint
 from s2r_sim.truth import CONTACT_COLUMNS
 
 GAUGE = {"drawer": 0.3, "laptop": 0.1, "faucet": 0.1}  # what the arm feels, N or N·m
@@ -53,7 +62,7 @@ def write_run(folder, trial, *targets):
     (folder / "run").mkdir()
     run = {
         "attempts": [
-            {"tick_start": 50 * k, "s_initial": 0.2, "s_target": 0.2 + change}
+            {"tick_start": 50 * k, "plan_seqs": [7, 8], "s_initial": 0.2, "s_target": 0.2 + change}
             for k, change in enumerate(targets)
         ],
         "physics": [],
@@ -168,29 +177,162 @@ def test_what_the_gap_tool_adds_is_told_from_objects_run_all_three_ways(tmp_path
     write_page([*ROWS, third, other], tmp_path / "page.md", "the command")
     text = (tmp_path / "page.md").read_text()
     assert "| all | 1 | 5.0 % | 2.5 % | 1.5 % |" in text
-    assert "| drawer: stiction | 7 | lost motion |" in text
+    assert "| drawer: stiction | 7 | – | lost motion |" in text
     write_page(ROWS, tmp_path / "page.md", "the command")
     assert "lost motion alone" not in (tmp_path / "page.md").read_text()
 
 
-def test_what_matters_is_told_by_the_bench_and_not_by_the_results(tmp_path):
-    shifts = [
-        {"case": "heavy drawer out", "effect": "stiction + 100 %", "shift_r": 0.004},
-        {"case": "light drawer in", "effect": "stiction + 100 %", "shift_r": -0.012},
-        {"case": "heavy drawer out", "effect": "profile 1 to 3", "shift_r": 0.009},
-        {"case": "lever +", "effect": "profile 1 to 3", "shift_r": 0.5},
+SHIFTS = [
+    {"case": "heavy drawer out", "effect": "stiction + 100 %", "shift_r": 0.004},
+    {"case": "light drawer in", "effect": "stiction + 100 %", "shift_r": -0.012},
+    {"case": "heavy drawer out", "effect": "profile 1 to 3", "shift_r": 0.009},
+    {"case": "lever +", "effect": "profile 1 to 3", "shift_r": 0.5},
+]
+
+
+def test_a_case_is_likened_to_the_bench_as_before():
+    assert likened("drawer: stiction", SHIFTS) is True
+    assert likened("drawer: friction profile", SHIFTS) is False
+    assert likened("drawer: nothing", SHIFTS) is None
+    assert likened("faucet: stiction", SHIFTS) is None
+
+
+def test_what_matters_is_told_object_by_object_by_its_own_shift_and_not_by_the_results(tmp_path):
+    weak = [
+        _row("drawer: stiction", arm, (0.5, 0.5, 0.5, 0.9, 0.9), number=1) for arm in ("as it is", "learnt")
     ]
-    assert matters("drawer: stiction", shifts) is True
-    assert matters("drawer: friction profile", shifts) is False
-    assert matters("drawer: nothing", shifts) is None
-    assert matters("faucet: stiction", shifts) is None
-    write_page(ROWS, tmp_path / "page.md", "the command", shifts=shifts)
+    rows = [ROWS[0] | {"shift_r": 0.02}, ROWS[1], weak[0] | {"shift_r": 0.004}, weak[1]]
+    assert own_shifts(rows) == {("drawer: stiction", 0): 0.02, ("drawer: stiction", 1): 0.004}
+    write_page(rows, tmp_path / "page.md", "the command", shifts=SHIFTS)
     text = (tmp_path / "page.md").read_text()
-    assert "| drawer: stiction | yes | 1 |" in text
+    assert "| drawer: stiction | 1 of 2 (1.2 %) | 2 |" in text
     assert "| **what matters** |  | 1 | 5.0 % | 5.0 % | 1.5 % |" in text
-    assert "| **what does not** |" not in text
+    assert "| **what does not** |  | 1 | 50.0 % | 90.0 % | 90.0 % |" in text
+    assert "| **what matters, as likened before** |  | 2 |" in text
+    assert "| **what does not, as likened before** |" not in text
     assert "| of what matters, the median falls to half | 5.0 % | 1.5 % | 1 |" in text
-    assert "| named as sealed in 90 % |  | 1 of 1 answers, 100 % | 1 |" in text
+    assert "| the same, as it was told before: likened to a row of the bench |" in text
+    assert "| drawer: stiction | 1 | 0.4 % | yes |" in text
+    assert "| named as sealed in 90 % |  | 2 of 2 answers, 100 % | 2 |" in text
+
+
+def test_an_effect_is_played_in_a_model_and_leaves_it_as_it_was():
+    model = mujoco.MjModel.from_xml_string(SLED)
+    data, robot = mujoco.MjData(model), np.array([True, False])
+    targets = np.linspace(0.0, 0.2, 400)[:, None]
+
+    def end(force):
+        mujoco.mj_resetData(model, data)
+        return played(
+            model, data, "sled", robot, targets, lambda data, row: data.ctrl.__setitem__(0, row[0]), force
+        )
+
+    plain = end(no_effect)
+    assert 0.19 < plain < 0.25  # pushed to the end, and let go
+    assert end(force_of(JointEffects(profile=2.0))) < plain - 1e-4  # held earlier once it is let go
+    assert end(lambda s, v, dry: (-3.0 * dry, dry)) < 0.1  # pulled back, past where the arm was
+    assert model.dof_frictionloss[model.joint("sled").dofadr[0]] == 1.0
+    assert model.geom_contype.tolist() == [1, 1]
+
+
+SLED = """
+<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
+  <body name="finger"><joint name="finger" type="slide" axis="1 0 0" damping="1"/><geom size="0.02" mass="1"/></body>
+  <body name="sled" pos="0.05 0 0"><joint name="sled" type="slide" axis="1 0 0" frictionloss="1"/>
+    <geom type="box" size="0.02 0.05 0.05" mass="0.5"/></body></worldbody>
+  <actuator><position joint="finger" kp="5000" kv="200"/></actuator></mujoco>
+"""
+
+
+def pushing(arm, world, depth_m):
+    """Arm joints (rows, 7), one row per millisecond, that push a drawer's front inwards."""
+    model = build_world(arm, world)
+    data, found = mujoco.MjData(model), []
+    data.joint("object_joint").qpos[0] = world.object.q_start
+    mujoco.mj_forward(model, data)
+    part = data.body("object_part")
+    out, front = part.xmat.reshape(3, 3)[:, 0].copy(), part.xpos.copy()
+    z = -np.cos(0.35) * out - np.sin(0.35) * np.array([0.0, 0.0, 1.0])
+    y = np.cross(z, np.cross(out, z))
+    y /= np.linalg.norm(y)
+    R = np.column_stack([np.cross(y, z), y, z])
+    columns = [model.joint(name).dofadr[0] for name in arm.joint_names]
+    q, J = np.array(arm.q_home), np.zeros((6, model.nv))
+    begin = (
+        front
+        + (world.object.front_thickness_m + 0.03) * out
+        + np.array([0.0, 0.0, 0.3 * world.object.height_m])
+    )
+    for k, way in enumerate(np.linspace(0.0, 0.03 + depth_m, 40)):
+        for _ in range(300 if k == 0 else 30):
+            data.qpos[:7] = q
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            tip = data.site("tool_tip")
+            mujoco.mj_jacSite(model, data, J[:3], J[3:], tip.id)
+            turn = R @ tip.xmat.reshape(3, 3).T
+            skew = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+            error = np.concatenate([begin - way * out - tip.xpos, skew])
+            A = J[:, columns]
+            q = q + np.clip(A.T @ np.linalg.solve(A @ A.T + 1e-4 * np.eye(6), error), -0.1, 0.1)
+        assert np.linalg.norm(error) < 2e-3
+        found.append(q)
+    x = np.linspace(0.0, 1.0, 1200)
+    return np.array([np.interp(x, np.linspace(0.0, 1.0, 40), joint) for joint in np.array(found).T]).T
+
+
+def test_an_objects_own_effect_is_played_with_and_without(arm, tmp_path):
+    drawn = draw_case("drawer: closing spring below friction", 0)
+    effects = JointEffects(
+        pull=2.0 * drawn.world.object.coulomb_N
+    )  # it closes the drawer once that is let go
+    world = drawn.world.model_copy(update={"effects": effects})
+    trial, s = Trial(drawn.kind, 0, world, -0.05), world.object.q_start
+    write_run(tmp_path, trial, -0.05)
+    run = json.loads((tmp_path / "run/run.json").read_text())
+    (tmp_path / "run/run.json").write_text(
+        json.dumps(run | {"joint": {"axis_direction": true_joint(world)[1].tolist()}})
+    )
+    header = ",".join(["t_s", "master_tick", "object", *CONTACT_COLUMNS])
+
+    def left_at(s_to):
+        (tmp_path / "truth.csv").write_text(f"{header}\n0.0,0,{s},0,0,0,0\n0.1,100,{s_to},0,0,0,0\n")
+
+    left_at(s - 0.05)
+    with pytest.raises(RunFileError, match="has 0 recordings of plan 7, not one"):
+        shifts(trial, tmp_path, LEARNING)
+    write_recording(tmp_path, arm, pushing(arm, world, 0.05))
+    (share,) = shifts(trial, tmp_path, LEARNING)
+    assert 0.3 < share < (s - 0.05) / 0.05  # on towards closed, of 50 mm asked for
+    (weak,) = shifts(
+        Trial(drawn.kind, 0, drawn.world, -0.05), tmp_path, LEARNING
+    )  # a pull that friction holds
+    assert 0.0 < weak < 0.5 * share  # it coasts on a little
+    assert largest([0.01, -0.03]) == 0.03
+    left_at(s - 0.01)  # stopped on the way: says nothing
+    assert shifts(trial, tmp_path, LEARNING) == []
+    assert largest([]) is None
+    play = draw_case("drawer: rail play", 0)
+    assert shifts(play, tmp_path, LEARNING) is None  # not along the joint
+    assert largest(None) is None
+
+
+def write_recording(folder, arm, q):
+    """Set-points (n, 7) as the executor records a plan's, one per millisecond."""
+    (folder / "recordings").mkdir()
+    name, dq = "sensor_msgs/msg/JointState", np.gradient(q, 1e-3, axis=0)
+    with (folder / "recordings/plan-1-7.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema(name, "ros2msg", b"")
+        told, meant = (
+            writer.register_channel(f"/a/joint_{what}", "cdr", schema) for what in ("states", "commands")
+        )
+        for k, row in enumerate(q):
+            values = {"name": arm.joint_names, "position": row, "velocity": dq[k]}
+            writer.add_message(meant, k, pack(name, values), k)
+            writer.add_message(told, k, pack(name, values | {"position": 0.0 * row}), k)
+        writer.finish()
 
 
 def test_every_case_is_likened_to_an_effect_that_the_bench_has():
