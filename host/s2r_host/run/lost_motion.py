@@ -22,7 +22,7 @@ from s2r_host.planning.doubt import Z90
 from s2r_host.run.belief import Belief
 from s2r_host.run.contact import corrected, side_moved, touch_at
 from s2r_host.run.manipulate import DoneManipulation
-from s2r_host.run.physics import braked, newest_law
+from s2r_host.run.physics import JointLaw, braked, newest_law
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
 from s2r_host.run.side import Touch, hinge_columns, hinge_doubts, none_slipped, transform, where
@@ -103,16 +103,17 @@ def learn_lost_motion(session: Session, record: RunRecord) -> None:
 def tells(done: DoneManipulation, task: Task) -> bool:
     """Whether where a motion left the part says where its surface is.
 
-    Not one that was corrected on its way or stopped, nor one that ended far off: there the fingertip slipped or the
-    part went on by itself; nor the short ones that correct another. Hinges coast, but not where they are moved slowly,
-    so that a slow motion tells nothing of the usual ones unless the fingertip pushed to the end; slides never do.
+    Not one that was corrected on its way or stopped, nor one that ended far off or astray: there the part stayed, the
+    fingertip slipped or the part went on by itself; nor the short ones that correct another. Hinges coast, but not
+    where they are moved slowly, so that a slow motion tells nothing of the usual ones unless the fingertip pushed to
+    the end; slides never do.
     """
     planned = done.planned
     if planned.corrected or planned.stopped or abs(done.s_target - done.s_initial) < task.far_off:
         return False
     if planned.pace < 1.0 and task.joint_type == "revolute" and not planned.end.touching:
         return False
-    return abs(done.measured.s - done.foreseen) < task.far_off
+    return not done.astray and abs(done.measured.s - done.foreseen) < task.far_off
 
 
 def _ways(record: RunRecord) -> dict[tuple[bool, str], list[DoneManipulation]]:
@@ -140,7 +141,7 @@ def _touches(
     touches = (
         _touch(one, one.measured.s - s, belief, record.settings.task.beside)
         for one in like
-        if (s := _foreseen(one, session, belief, record, folder)) is not None
+        if (s := foreseen(one, session, belief, newest_law(record.lessons), folder)) is not None
     )
     return [touch for touch in touches if abs(touch.offset) < record.settings.task.far_off]
 
@@ -193,19 +194,27 @@ def _median(touches: Sequence[Touch], step: np.ndarray | None = None) -> float:
     return float(np.median(values)) if values else 0.0
 
 
-def _foreseen(
-    done: DoneManipulation, session: Session, belief: Belief, record: RunRecord, folder: Path
+def foreseen(
+    done: DoneManipulation, session: Session, belief: Belief, law: JointLaw | None, folder: Path
 ) -> float | None:
     """Where the object as believed would have been left by a motion that was made [m or rad].
 
-    None: it would have been left nowhere near where the fingertip stopped.
+    Args:
+        done: The motion.
+        session: Of the run.
+        belief: In the object.
+        law: Its joint as the gap tool has it; None: as the object file has it.
+        folder: For the files of objects that are braked by the law.
+
+    Returns:
+        None: it would have been left nowhere near where the fingertip stopped.
     """
     planned, positive = done.planned, _grew(done)
     if planned.end.touching:
-        q_end, far_off = planned.delivery.trajectory.q[-1], record.settings.task.far_off
+        q_end, far_off = planned.delivery.trajectory.q[-1], session.settings.task.far_off
         touched = touch_at(belief.path(positive), session.arm, q_end, done.measured.s, positive, far_off)
         return None if touched is None else touched.s
-    path, law = belief.path(positive), newest_law(record.lessons)
+    path = belief.path(positive)
     if law is not None:
         path = braked(
             belief,

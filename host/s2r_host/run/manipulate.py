@@ -11,6 +11,8 @@ from s2r_host.run.observe import Observation
 from s2r_host.run.planned import PlannedManipulation
 from s2r_host.run.session import Executed, Session
 
+ASTRAY = 0.25  # of the way that was foreseen
+
 
 @dataclass(frozen=True, eq=False)
 class DoneManipulation:
@@ -38,6 +40,17 @@ class DoneManipulation:
     def foreseen(self) -> float:
         """Where the plan meant to leave the part [m or rad]."""
         return self.planned.foreseen + self.shift
+
+    @property
+    def astray(self) -> bool:
+        """The part went another way than was planned: it stayed, slipped off, or went on by itself.
+
+        Of 172 motions that no protection stopped, of the kept runs of objects 164 to 167, the part went within 4 % of
+        the way it should in three quarters, within 17 % in 95 and within 23 % in 97 of 100; the others fell into a
+        notch or slipped by 24 % to twice the way. Of eleven that were stopped eight left it 26 % short or more.
+        """
+        way = self.foreseen - self.s_initial
+        return abs(self.measured.s - self.foreseen) > ASTRAY * abs(way)
 
     @property
     def delta(self) -> float:

@@ -164,7 +164,7 @@ class PhysicsLesson:
         }
 
 
-def after_target(session: Session, record: RunRecord, number: int) -> None:
+def after_target(session: Session, record: RunRecord, number: int) -> bool:
     """After every third target: what the gap tool says to all recordings so far is learnt.
 
     Also where the part was not moved for that target, from what there is; where it was not moved at all since the
@@ -174,10 +174,13 @@ def after_target(session: Session, record: RunRecord, number: int) -> None:
         session: Of the run.
         record: Gets the lesson.
         number: Of the target, from 1.
+
+    Returns:
+        Whether there is a new lesson.
     """
     done, before = len(record.attempts), record.lessons[-1].after if record.lessons else 0
     if number % EVERY or record.belief is None or done == before:
-        return
+        return False
     folder = session.settings.out / f"physics-{done}"
     with session.journal.stage(f"physics after {done}") as stage:
         lesson = replace(_asked(session, record, folder), after=done)
@@ -185,6 +188,7 @@ def after_target(session: Session, record: RunRecord, number: int) -> None:
         stage.note = _told(lesson)
     for note in lesson.notes:
         session.journal.say(note)
+    return True
 
 
 def pace(number: int, lessons: Sequence[PhysicsLesson], hurry: float = 0.0) -> float:

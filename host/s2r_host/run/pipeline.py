@@ -182,9 +182,10 @@ def _learn_between(session: Session, record: RunRecord, number: int, last: int) 
         return
     from s2r_host.run.lost_motion import learn_lost_motion
     from s2r_host.run.physics import after_target
+    from s2r_host.run.weighed import weigh_newest
 
-    if "gap" not in settings.without:
-        after_target(session, record, number)
+    if "gap" not in settings.without and after_target(session, record, number):
+        weigh_newest(session, record)
     if record.goals[-1].attempts:
         learn_lost_motion(session, record)
 

@@ -84,7 +84,8 @@ def reach(
             feeling.forget_part()
             goal = record.goals[-1]
             done = goal.last
-        if not planned.corrected:  # else the first motion was not all of it
+        # Of a corrected one the first motion was not all of it; what is felt of a part that stays is something else.
+        if not planned.corrected and not _in_vain(done, task):
             record.belief = belief_with_felt(
                 session, feeling, record.belief, executed[0], done.s_initial, done.measured.s, folder
             )

@@ -5,6 +5,7 @@ fingertip pushed 110 mm from a hinge, one degree where it pushed at 60, and by o
 side stands askew. A small rigid motion of the side (a shift and a turn about the part's middle) explains all of them
 at once. Its mean under a Gaussian prior is linear regression (Bishop, Pattern Recognition and Machine Learning, 3.3),
 with errors that all looks of one kind share and one of each motion; motions that went another way are weighed down.
+What one motion tells is believed by half until another one agrees.
 """
 
 from __future__ import annotations
@@ -79,6 +80,8 @@ def where(touches: Sequence[Touch], beside: float, prior: np.ndarray) -> np.ndar
     told_apart = len(seen) > 2
     shared = SHARED * np.outer(sigma, sigma) + np.outer(joint, joint)
     own = np.sqrt((1.0 - SHARED) * sigma**2 + (SCATTER * beside) ** 2)
+    if len(seen) == 1:  # one motion alone may have gone another way: it teaches half
+        own = np.hypot(own, np.sqrt(A @ prior @ A.T)[0])
     left = offset - np.median(offset)
     found = np.zeros(len(prior))
     for _ in range(ROUNDS):

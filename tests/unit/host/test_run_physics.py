@@ -313,6 +313,38 @@ def test_a_correction_is_braked_as_the_lesson_says_too(learnt, tmp_path, monkeyp
     assert friction == [pytest.approx(learnt.law.braking(0.0125, True, slides=True), rel=1e-4)] * 2
 
 
+def test_what_is_felt_of_a_part_that_stayed_is_not_believed_of_it(learnt, tmp_path, monkeypatch):
+    """The fingertip pressed on something that does not give way."""
+    settings, learns = RunSettings(0.1, tmp_path / "run", learn_physics=True, attempts=1), []
+    nothing: Any = None
+
+    def left_at(s: float) -> int:
+        session: Any = SimpleNamespace(
+            settings=settings,
+            target=0.1,
+            journal=Journal(),
+            recorder=SimpleNamespace(add_note=lambda *_: None),
+        )
+        record = RunRecord(settings, Journal())
+        record.belief = _believed(learnt.model)
+        record.goals.append(Goal(0.1, s_before=0.0))
+        planned = SimpleNamespace(
+            result=SimpleNamespace(control_steps=1, p_part=np.zeros(3)), foreseen=0.1, corrected=False,
+            stopped=True, delivery=SimpleNamespace(trajectory=SimpleNamespace(duration_s=1.0)),
+        )  # fmt: skip
+        done = DoneManipulation(planned, (None,), None, SimpleNamespace(s=s, sigma=1e-4), 0.0, 0.1)  # pyright: ignore[reportArgumentType]
+        monkeypatch.setattr(reach, "prepare_manipulation", lambda *_: planned)
+        monkeypatch.setattr(reach, "carry_out_manipulation", lambda *_: (planned, (None,)))
+        monkeypatch.setattr(reach, "_measured", lambda *_: (done, False))
+        monkeypatch.setattr(reach, "belief_with_felt", lambda _s, _f, belief, *_: learns.append(s) or belief)
+        monkeypatch.setattr(reach, "tell_again", lambda *_: False)
+        reach.reach(session, record, nothing, nothing, 0.0)
+        return len(learns)
+
+    assert left_at(0.002) == 0
+    assert left_at(0.05) == 1  # half the way is a way: it resisted more than was believed
+
+
 def test_a_part_that_something_pulls_away_is_warned_of_unless_it_stayed_there_before(learnt, tmp_path):
     spec = mujoco.MjSpec.from_file(str(learnt.model))
     spec.joint("object_joint").stiffness, spec.joint("object_joint").springref = [60.0, 0, 0], 0.0
