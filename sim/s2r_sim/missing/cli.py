@@ -114,7 +114,8 @@ def missing(
     for one in found:
         click.echo(
             f"{one.case:<38} objects {one.objects}  first {_percent(one.first)}  as it is {_percent(one.plain)}  "
-            f"learnt {_percent(one.learnt)}  named {one.right} of {one.right + one.wrong}, open {one.open}"
+            f"learnt {_percent(one.learnt)}  named {one.right} of {one.right + one.wrong}, alone {one.alone}, "
+            f"open {one.open}"
         )
     click.echo(f"page: {page or out / 'physics-left-out.md'}")
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from s2r_sim.missing.cases import HIDDEN, LEARNING, MATTERS, PART
-from s2r_sim.missing.score import Row, named, paired, relative
+from s2r_sim.missing.score import NOT_ASKED, Row, answer_of, named, named_alone, paired, relative
 from s2r_sim.missing.what_if import largest_shift, what_if
 from s2r_sim.paper.picture import picture_link, picture_of
 
@@ -30,8 +30,9 @@ class Summary:
         plain, learnt: Of the later targets, without and with what was learnt.
         moves: Later targets that both runs manipulated towards.
         difference: Median of learnt minus plain over those, with a 90 % bootstrap interval.
-        said: What the gap tool said after the first three, per object.
-        right, wrong, open: How often that names what is hidden, does not, or says that the data cannot tell.
+        said: The answer of the gap tool that counts, per object.
+        right, wrong, open: How often that names what is hidden, does not, or is open.
+        alone: How often it names what is hidden and no effect besides.
     """
 
     case: str
@@ -45,6 +46,12 @@ class Summary:
     right: int
     wrong: int
     open: int
+    alone: int
+
+    @property
+    def asked(self) -> bool:
+        """Whether its name can be asked for at all."""
+        return self.case not in NOT_ASKED
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -76,7 +83,7 @@ def _summary(label: str, rows: Sequence[Row]) -> Summary:
     learnt = [row for (arm, _), row in by.items() if arm == "learnt"]
     pairs = [(row, by["as it is", row["number"]]) for row in learnt if ("as it is", row["number"]) in by]
     differences = np.concatenate([np.zeros(0), *(paired(one, other) for one, other in pairs)])
-    answers = [row["answers"][0] for row in learnt if row.get("answers")]
+    answers = [one for row in learnt if (one := answer_of(label, row.get("answers", []))) is not None]
     right = [named(label, answer) for answer in answers]
     return Summary(
         case=label,
@@ -90,6 +97,7 @@ def _summary(label: str, rows: Sequence[Row]) -> Summary:
         right=right.count(True),
         wrong=right.count(False),
         open=right.count(None),
+        alone=sum(named_alone(label, answer) for answer in answers),
     )
 
 
@@ -142,7 +150,9 @@ def _lines(
     shifts: Sequence[Row],
     path: Path,
 ) -> list[str]:
-    told = sum(one.right + one.wrong for one in found)
+    asked = [one for one in found if one.asked]
+    right, alone = sum(one.right for one in asked), sum(one.alone for one in asked)
+    told = sum(one.right + one.wrong for one in asked)
     return [
         "# Physics left out",
         "",
@@ -176,15 +186,17 @@ def _lines(
         "",
         "## What was said",
         "",
-        "After three targets. *Open* is the answer that the data cannot tell, with what to record.",
+        "After three targets; where that answer is open, the next one that is not. *Open* is the answer that the data"
+        " cannot tell, with what to record, and every answer after fewer than three motions.",
         "",
-        f"Named as sealed: {sum(one.right for one in found)} of {told} answers,"
-        f" and {sum(one.open for one in found)} open. Where nothing is hidden, to say so is right.",
+        f"Named as sealed, whatever is named beside: {right} of {told} answers. As sealed and no effect besides:"
+        f" {alone} of {told}. Open: {sum(one.open for one in asked)}. Where nothing is hidden, to say so is right.",
         "",
-        "| hidden | names that count | as sealed | otherwise | open | answers |",
-        "|---|---|---|---|---|---|",
-        *(_said_row(one) for one in found),
+        "| hidden | names that count | as sealed | and no wrong name beside | otherwise | open | answers |",
+        "|---|---|---|---|---|---|---|",
+        *(_said_row(one) for one in asked),
         "",
+        *_not_asked(found),
         *([*what_if(shifts), ""] if shifts else []),
         "## Every run",
         "",
@@ -202,6 +214,17 @@ def own_shifts(rows: Sequence[Row]) -> dict[tuple[str, int], float]:
     return {(row["case"], row["number"]): row["shift_r"] for row in rows if row.get("shift_r") is not None}
 
 
+def _not_asked(found: Sequence[Summary]) -> list[str]:
+    """What was said where the effect cannot be told from what the host has."""
+    lines = [
+        f"- **{one.case}**: {NOT_ASKED[one.case]}. Named {one.right} times of {one.right + one.wrong + one.open}; said:"
+        f" {'; '.join(one.said) or '–'}"
+        for one in found
+        if not one.asked
+    ]
+    return ["Not asked for, and not counted above:", "", *lines, ""] if lines else []
+
+
 def likened(label: str, shifts: Sequence[Row]) -> bool | None:
     """Whether the effect of the bench that is nearest to one shifts the end; None: the bench has none.
 
@@ -214,7 +237,8 @@ def likened(label: str, shifts: Sequence[Row]) -> bool | None:
 
 def _asked_for(rows: Sequence[Row], found: Sequence[Summary], shifts: Sequence[Row]) -> list[str]:
     """The three demands on learning, each with what came of it."""
-    named, told = sum(one.right for one in found), sum(one.right + one.wrong + one.open for one in found)
+    asked = [one for one in found if one.asked]
+    told = sum(one.right + one.wrong + one.open for one in asked)
     own = own_shifts(rows)
     demands = (
         ("of what matters, the median falls to half", [row for row in rows if _strong(row, own)]),
@@ -230,8 +254,13 @@ def _asked_for(rows: Sequence[Row], found: Sequence[Summary], shifts: Sequence[R
         before, after = (_shares(some, later=True, arm=arm) for arm in ("as it is", "learnt"))
         objects = len({(row["case"], row["number"]) for row in some})
         lines.append(f"| {text} | {_percent(before)} | {_percent(after)} | {objects} |")
-    share = f"{100 * named / told:.0f} %" if told else "–"
-    return [*lines, f"| named as sealed in 90 % |  | {named} of {told} answers, {share} | {told} |", ""]
+    for text, count in (
+        ("", sum(one.right for one in asked)),
+        (", no wrong name beside", sum(one.alone for one in asked)),
+    ):
+        share = f"{100 * count / told:.0f} %" if told else "–"
+        lines.append(f"| named as sealed in 90 %{text} |  | {count} of {told} answers, {share} | {told} |")
+    return [*lines, ""]
 
 
 def _strong(row: Row, own: dict[tuple[str, int], float]) -> bool:
@@ -344,7 +373,7 @@ def _percent(value: float | None) -> str:
 def _said_row(one: Summary) -> str:
     names = ", ".join(HIDDEN[one.case].names) or "nothing, or a number that is off"
     said = "; ".join(one.said) or "–"
-    return f"| {one.case} | {names} | {one.right} | {one.wrong} | {one.open} | {said} |"
+    return f"| {one.case} | {names} | {one.right} | {one.alone} | {one.wrong} | {one.open} | {said} |"
 
 
 def _run(row: Row, own: dict[tuple[str, int], float]) -> str:

@@ -18,6 +18,12 @@ from s2r_sim.world import load_world
 
 Row = dict[str, Any]
 SAME = 1e-6
+LEAST_MOTIONS = len(LEARNING)  # of an answer that counts
+NOT_ASKED = {
+    "drawer: rail play": "the joint's effort has nothing of it, and a rail that is let go is back in its middle when"
+    " the camera looks",
+}
+"""Cases whose effect no recording or look of the host has in it, with the reason; their names are counted apart."""
 
 
 @dataclass(frozen=True)
@@ -122,22 +128,44 @@ def _total_lost(lessons: Sequence[Row]) -> dict[str, float]:
 
 
 def told(answer: Row) -> Row:
-    """What counts of the gap tool's answer: verdict, effects (name, what else it could be, probability), numbers."""
+    """What counts of the gap tool's answer: verdict, effects (name, what else it could be, probability), numbers, and
+    after how many motions it was given."""
     return {
         "verdict": answer["verdict"],
         "effects": [[e["name"], e["could_also_be"], e["probability"]] for e in answer["effects"]],
         "parameters_off": [entry["name"] for entry in answer["parameters_off"]],
+        "after": answer["after_manipulations"],
     }
 
 
+def answer_of(label: str, answers: Sequence[Row]) -> Row | None:
+    """The answer that counts of those of a run, in order: the first that is not open; the first where all are."""
+    return next((one for one in answers if named(label, one) is not None), answers[0] if answers else None)
+
+
 def named(label: str, answer: Row) -> bool | None:
-    """Whether an answer names what is hidden; None when the tool said that the data cannot tell."""
-    if answer["verdict"] in ("insufficient", "refused"):
+    """Whether an answer names what is hidden, whatever it names beside.
+
+    None: it is open. The tool said that the data cannot tell, or it had fewer motions than learning takes.
+    """
+    # Results of earlier code do not say after how many.
+    if answer["verdict"] in ("insufficient", "refused") or answer.get("after", LEAST_MOTIONS) < LEAST_MOTIONS:
         return None
     names = HIDDEN[label].names
     if not names:
         return answer["verdict"] in ("nothing_missing", "parameter_off")
-    return any(name in names or set(also) & set(names) for name, also, _ in answer["effects"])
+    return any(_names_it(effect, names) for effect in answer["effects"])
+
+
+def named_alone(label: str, answer: Row) -> bool:
+    """Whether an answer names what is hidden and no effect besides."""
+    names = HIDDEN[label].names
+    return named(label, answer) is True and all(_names_it(effect, names) for effect in answer["effects"])
+
+
+def _names_it(effect: Sequence[Any], names: Sequence[str]) -> bool:
+    name, also, _ = effect
+    return name in names or bool(set(also) & set(names))
 
 
 def relative(row: Row, later: bool) -> np.ndarray:

@@ -16,7 +16,7 @@ from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
 from s2r_sim.missing.cli import missing
 from s2r_sim.missing.page import compared, likened, own_shifts, summaries, write_page
 from s2r_sim.missing.play import force_of, no_effect, played
-from s2r_sim.missing.score import named, paired, relative, score_run
+from s2r_sim.missing.score import answer_of, named, named_alone, paired, relative, score_run, told
 from s2r_sim.missing.shift import largest, shifts
 from s2r_sim.missing.trial import run_case
 from s2r_sim.objects.effects import JointEffects
@@ -115,6 +115,59 @@ def test_a_name_counts_as_sealed_a_set_that_holds_it_does_and_no_answer_is_open(
     assert named("drawer: stiction", _answer("insufficient")) is None
     assert named("drawer: nothing", _answer("parameter_off", numbers=("frictionloss",)))
     assert named("drawer: nothing", _answer("physics_missing", "stribeck")) is False
+
+
+def test_a_wrong_name_beside_the_right_one_is_counted_apart():
+    both = _answer("physics_missing", "stribeck", "cogging")
+    assert named("drawer: stiction", both)
+    assert not named_alone("drawer: stiction", both)
+    assert named_alone("drawer: stiction", _answer("physics_missing", "stribeck", numbers=("frictionloss",)))
+    assert not named_alone("drawer: stiction", _answer("physics_missing", "cogging"))
+    assert named_alone("drawer: nothing", _answer("nothing_missing"))
+
+
+def test_an_answer_of_fewer_than_three_motions_is_open_and_the_next_takes_its_place():
+    early = _answer("unknown") | {"after": 1}
+    later = _answer("physics_missing", "stribeck") | {"after": 4}
+    assert named("drawer: stiction", early) is None
+    assert answer_of("drawer: stiction", [early, later]) is later
+    assert answer_of("drawer: stiction", [_answer("insufficient"), later]) is later
+    assert answer_of("drawer: stiction", [later, _answer("nothing_missing")]) is later
+    assert answer_of("drawer: stiction", [_answer("unknown") | {"after": 3}, later])["verdict"] == "unknown"
+    assert answer_of("drawer: stiction", [early]) is early
+    assert answer_of("drawer: stiction", []) is None
+    lesson = {"verdict": "unknown", "effects": [], "parameters_off": [], "after_manipulations": 2}
+    assert told(lesson)["after"] == 2
+
+
+def test_what_no_look_or_effort_has_in_it_is_not_asked_for(tmp_path):
+    play = [
+        _row("drawer: rail play", arm, (0.05, -0.05, 0.05, 0.01, -0.02)) for arm in ("as it is", "learnt")
+    ]
+    write_page([*ROWS, *play], tmp_path / "page.md", "the command")
+    text = (tmp_path / "page.md").read_text()
+    assert "| named as sealed in 90 % |  | 1 of 1 answers, 100 % | 1 |" in text
+    assert "| named as sealed in 90 %, no wrong name beside |  | 1 of 1 answers, 100 % | 1 |" in text
+    assert "- **drawer: rail play**: the joint's effort has nothing of it" in text
+    assert "Named 0 times of 1; said: physics missing: stribeck" in text
+
+
+def test_a_rail_that_is_let_go_is_back_in_its_middle(arm):
+    """Pushed 80 mm beside its middle it turns by half a degree: no look at rest has that in it."""
+    world = draw_case("drawer: rail play", 0).world
+    assert world.object.play_rad > np.radians(0.6)
+    model = build_world(arm, world)
+    data, v = mujoco.MjData(model), [model.joint(name).dofadr[0] for name in arm.joint_names]
+    data.joint("object_joint").qpos[0] = world.object.q_start
+    turned = []
+    for k in range(1200):
+        data.qfrc_applied[v] = data.qfrc_bias[v]  # the arm stays aside
+        data.body("object_part").xfrc_applied[:] = [8.0, 0, 0, 0, 0, 0.8] if k < 200 else 0.0
+        mujoco.mj_step(model, data)
+        turned.append(float(data.joint("object_play_yaw").qpos[0]))
+    assert np.abs(turned).max() > np.radians(0.4)
+    assert abs(turned[-1]) < np.radians(0.02)
+    assert abs(data.joint("object_play_y").qpos[0]) < 2e-5
 
 
 def _row(label, arm, shares, number=0):
