@@ -6,7 +6,7 @@ With these, every push is a recording of the object's joint. The more pushes, th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -35,6 +35,18 @@ class _Push:
     s_from: float
     s_to: float
     most: float
+
+
+def _push(belief: Belief, samples: Samples, s_from: float, s_to: float) -> _Push:
+    positive = s_to > s_from
+    part = PushedPart(
+        part_obstacles(belief.path(positive))(0.0),
+        belief.template.pose,
+        belief.template.velocity,
+        positive,
+    )
+    most = SEARCH_M if belief.template.slides else SEARCH_RAD
+    return _Push(samples, part, s_from, s_to, abs(s_to - s_from) + most)
 
 
 @dataclass
@@ -76,16 +88,9 @@ class Feeling:
         samples = samples_in(pushed.recording) if pushed.recording is not None else None
         if samples is None:
             return []
-        positive = s_to > s_from
-        part = PushedPart(
-            part_obstacles(belief.path(positive))(0.0),
-            belief.template.pose,
-            belief.template.velocity,
-            positive,
-        )
-        most = SEARCH_M if belief.template.slides else SEARCH_RAD
-        self._free.append(samples.part(slice(0, free_rows(self.arm, samples, part, s_from))))
-        self._pushes[pushed.label] = _Push(samples, part, s_from, s_to, abs(s_to - s_from) + most)
+        push = _push(belief, samples, s_from, s_to)
+        self._free.append(samples.part(slice(0, free_rows(self.arm, samples, push.part, s_from))))
+        self._pushes[pushed.label] = push
         own = learn_own_torques(self.arm.arm, self._free)
         if own is None:
             return []
@@ -100,15 +105,23 @@ class Feeling:
         """All that was felt of the part so far."""
         return [touch for felt in self.by_motion.values() for touch in felt]
 
-    def forget_part(self) -> None:
-        """What was felt of a part that turned out to be hinged elsewhere; what the arm taught of itself stays.
+    def tell_anew(self, belief: Belief, moved: Mapping[str, tuple[float, float]]) -> None:
+        """The part turned out to be hinged elsewhere: pushes are felt anew in that joint, by the next motion.
 
-        Its recordings go as well: they are of another joint than those that follow.
+        Those that nothing tells in it are forgotten; what the arm taught of itself stays. Recordings go until then:
+        they are of another joint than those that follow.
+
+        Args:
+            belief: In the other joint.
+            moved: By the label of a motion, where the part was before and after it, by that joint [m or rad].
         """
-        for label in self._pushes:
+        pushes = dict(self._pushes)
+        for label in pushes:
             self._write(label, (), hinged=True)
         self._pushes.clear()
         self.by_motion.clear()
+        for label in pushes.keys() & moved.keys():
+            self._pushes[label] = _push(belief, pushes[label].samples, *moved[label])
 
     def _write(self, label: str, felt: Sequence[Touch], *, hinged: bool) -> None:
         """Put the recordings of a motion in the place of earlier ones of it."""

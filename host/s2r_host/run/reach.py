@@ -81,7 +81,7 @@ def reach(
         folder, offset = settings.out / f"model-{number + 1}", measured.s - done.foreseen
         anew = lost or tell_again(session, record, view)
         if anew:
-            feeling.forget_part()
+            feeling.tell_anew(record.belief, _moved_so_far(record))
             goal = record.goals[-1]
             done = goal.last
         # Of a corrected one the first motion was not all of it; what is felt of a part that stays is something else.
@@ -115,6 +115,12 @@ def reach(
 
             brake_at_target(session, record, s_now)
     return view
+
+
+def _moved_so_far(record: RunRecord) -> dict[str, tuple[float, float]]:
+    """Where the manipulations before the newest one began and ended, by the label of the motion that pushed."""
+    earlier = [done for done in record.attempts[:-1] if done.executed and not done.planned.corrected]
+    return {done.executed[0].label: (done.s_initial, done.measured.s) for done in earlier}
 
 
 def _keep(session: Session, record: RunRecord, done: DoneManipulation) -> None:

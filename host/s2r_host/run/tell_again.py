@@ -31,7 +31,8 @@ def tell_again(session: Session, record: RunRecord, view: Observation) -> bool:
     """Whether the newest view tells another joint. If it does, belief, goals and target are of that joint.
 
     The target stays as far as before from the state that it is counted from. What the arm felt and touched so far went
-    into the belief given up; it is not carried over.
+    into the belief given up; it is not carried over. So are the laws that the gap tool found: they are of the other
+    joint, until the next lesson.
 
     Args:
         session: Links and the target.
@@ -47,7 +48,7 @@ def tell_again(session: Session, record: RunRecord, view: Observation) -> bool:
     moved = s_now - known[name]
     further = abs(moved) > FURTHER * abs(belief.estimate.delta)
     outlined = belief.estimate.knob is not None or belief.estimate.lever is not None
-    if belief.template.slides or outlined or settings.learn_physics or not further:
+    if belief.template.slides or outlined or not further:
         return False
     with journal.stage(f"tell joint again {number}") as stage:
         try:
@@ -85,7 +86,7 @@ def tell_lost(
     """
     belief, settings, journal = record.belief, session.settings, session.journal
     assert belief is not None
-    if belief.template.slides or belief.estimate.knob is not None or settings.learn_physics:
+    if belief.template.slides or belief.estimate.knob is not None:
         return None
     number = len(record.attempts) + 1
     journal.warn("the part is not where the joint believed lets it be; looking for another joint")
@@ -135,5 +136,6 @@ def _count_anew(
             s = measured.s
         goals.append(replace(goal, target=target, attempts=attempts, s_before=s_before))
     record.belief, record.origin, record.s_found, record.goals = belief, origin, s_found, goals
+    record.lessons = [replace(lesson, law=None) for lesson in record.lessons]
     record.zero_view, record.told_view = zero.name, told.name
     session.target = goals[-1].target

@@ -123,6 +123,37 @@ def test_earlier_pushes_are_felt_anew_with_the_arm_known_by_then(tmp_path, monke
     assert len(feeling.touched) == 2
 
 
+def test_pushes_that_the_other_joint_tells_are_felt_anew_in_it(tmp_path, monkeypatch):
+    calls, x = [], np.linspace(0.0, 0.1, 200)
+
+    def found(own, arm, samples, part, s_start, s_end, most):
+        calls.append((samples.name, s_start, s_end))
+        return [touch(np.full(200, 3.0), x)]
+
+    monkeypatch.setattr(
+        feeling_module,
+        "samples_in",
+        lambda recording: SimpleNamespace(name=recording, part=lambda rows: recording),
+    )
+    monkeypatch.setattr(feeling_module, "learn_own_torques", lambda arm, free: "arm")
+    monkeypatch.setattr(feeling_module, "touches", found)
+    monkeypatch.setattr(feeling_module, "free_rows", lambda arm, samples, part, s: 1)
+    lid = belief(tmp_path, LID, "revolute", (0.0, 1.0, 0.0))
+    feeling = Feeling(SimpleNamespace(arm=None), tmp_path / "object-log")
+    push, one, two = (
+        SimpleNamespace(free_from=1.0, recording=name, seq=k, label=f"{name} 1")
+        for k, name in enumerate(("push", "one", "two"))
+    )
+    feeling.feel(lid, [push], push, 0.0, 0.2)
+    feeling.feel(lid, [push, one], one, 0.2, 0.5)
+    calls.clear()
+    feeling.tell_anew(lid, {"one 1": (0.1, 0.4)})
+    assert not list((tmp_path / "object-log").glob("*.csv"))
+    feeling.feel(lid, [push, one, two], two, 0.4, 0.1)
+    assert calls == [("one", 0.1, 0.4), ("two", 0.4, 0.1)]
+    assert sorted(feeling.by_motion) == ["one 1", "two 1"]
+
+
 def test_recordings_of_a_joint_that_was_told_anew_are_gone(tmp_path):
     """They count from another place about another hinge: with those that follow they are no recordings of one joint."""
     push = SimpleNamespace()
@@ -130,7 +161,7 @@ def test_recordings_of_a_joint_that_was_told_anew_are_gone(tmp_path):
     x = np.linspace(0.0, 0.1, 200)
     for name in ("push-1", "push-12"):
         write_log([touch(np.full(200, 3.0), x)], "object_joint", feeling.folder, name, "run", hinged=True)
-    feeling.forget_part()
+    feeling.tell_anew(belief(tmp_path, LID, "revolute", (0.0, 1.0, 0.0)), {})
     assert sorted(path.name for path in feeling.folder.iterdir()) == ["push-12-1.csv", "push-12-1.yaml"]
     assert not feeling.touched
 

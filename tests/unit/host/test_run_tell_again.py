@@ -16,6 +16,7 @@ from s2r_host.perception.synthetic import Box, beam, look_at
 from s2r_host.run.belief import Belief
 from s2r_host.run.manipulate import DoneManipulation
 from s2r_host.run.measure import Measurement, part_template
+from s2r_host.run.physics import PhysicsLesson, newest_law
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.task import TASKS
 from s2r_host.run.tell_again import tell_again, tell_lost
@@ -64,7 +65,7 @@ def begun(views, estimate, s_now: float, tmp_path) -> tuple[Any, RunRecord]:
     """A run after its first planned manipulation, which believes that joint and measured with it."""
     model: Any = SimpleNamespace(range=(-1.5, 1.5))
     belief = Belief(estimate, model, part_template(estimate), NOT_USED, NOT_USED, {})
-    settings: Any = SimpleNamespace(task=TASKS["faucet"], seed=0, out=tmp_path, learn_physics=False)
+    settings: Any = SimpleNamespace(task=TASKS["faucet"], seed=0, out=tmp_path, learn_physics=True)
     journal: Any = SimpleNamespace(stage=Stage, warn=lambda text: None)
     target = estimate.delta + ASKED_RAD
     measured = Measurement(s_now, 0.01, 0.001, 0.9)
@@ -102,7 +103,10 @@ def test_a_hinge_told_wrongly_is_told_anew_and_everything_counts_in_its_values(v
         intervals90=Intervals(0.15, 0.04, (0.5 * estimate.delta, 1.5 * estimate.delta)),
     )
     session, record = begun(views, wrong, 0.7 * NOW_RAD, tmp_path)
+    record.lessons.append(PhysicsLesson(1, tmp_path, "physics_missing", law=NOT_USED))
     assert tell_again(session, record, views[-1])
+    assert newest_law(record.lessons) is None  # it was of the other joint
+    assert record.lessons[0].verdict == "physics_missing"
     assert off_m(record.belief) < 0.006
     assert record.s_found == record.origin == pytest.approx(PUSHED_RAD, abs=0.03)
     done = record.goals[-1].last
