@@ -240,14 +240,12 @@ def _asked_for(rows: Sequence[Row], found: Sequence[Summary], shifts: Sequence[R
     asked = [one for one in found if one.asked]
     told = sum(one.right + one.wrong + one.open for one in asked)
     own = own_shifts(rows)
-    demands = (
-        ("of what matters, the median falls to half", [row for row in rows if _strong(row, own)]),
-        (
-            "the same, as it was told before: likened to a row of the bench",
-            [row for row in rows if likened(row["case"], shifts)],
-        ),
-        ("where nothing is hidden, it does not grow", [row for row in rows if not HIDDEN[row["case"]].names]),
-    )
+    demands = [("of what matters, the median falls to half", [row for row in rows if _strong(row, own)])]
+    if shifts:
+        before = [row for row in rows if likened(row["case"], shifts)]
+        demands.append(("the same, as it was told before: likened to a row of the bench", before))
+    unhidden = [row for row in rows if not HIDDEN[row["case"]].names]
+    demands.append(("where nothing is hidden, it does not grow", unhidden))
     lines = ["| asked for | as it is | learnt | objects |", "|---|---|---|---|"]
     for text, chosen in demands:
         some = compared(chosen)
