@@ -17,6 +17,7 @@ Several routes on the same pairs, one line each (weights from `s2r train model`)
 
 geometry: what `estimate_joint` does by itself. vague: the same, also where a turn is known to half of itself only.
 network: the pair network's votes alone. combined, vague-combined: the hypotheses of geometry weighed by them.
+baseline: a network in the manner of Ditto (`s2r train baseline`, its folder with --baseline; needs PyTorch).
 no-interaction: the network given the first view twice, as in the ablation of Sim2Real² without interaction.
 """
 
@@ -25,6 +26,7 @@ from __future__ import annotations
 import argparse
 import copy
 import hashlib
+import importlib.util
 import json
 import time
 from collections.abc import Callable
@@ -73,7 +75,7 @@ CATEGORIES = {
 COMMANDED = {"prismatic": 0.10, "revolute": np.radians(45)}
 SEEN_PX = 150
 SEARCHING = ("geometry", "vague", "combined", "vague-combined")
-ROUTES = (*SEARCHING, "network", "no-interaction")
+ROUTES = (*SEARCHING, "network", "baseline", "no-interaction")
 
 
 def true_motion(pair: Pair) -> JointMotion:
@@ -100,7 +102,13 @@ def measure(sight: str, kind: str, split: int, seed: int) -> dict[str, Any]:
 
 
 def measure_routes(
-    sight: str, weights: str | None, routes: tuple[str, ...], kind: str, split: int, seed: int
+    sight: str,
+    weights: str | None,
+    baseline: str | None,
+    routes: tuple[str, ...],
+    kind: str,
+    split: int,
+    seed: int,
 ) -> dict[str, Any]:
     """Draw one pair and judge the answer of each route; a row per route."""
     pair = draw_pair(kind, Split(split), seed, noise=sight != "exact")
@@ -109,7 +117,7 @@ def measure_routes(
     for route in routes:
         start, before_s = time.process_time(), looked.cpu_s
         try:
-            found = answer(route, looked, weights, seed)
+            found = answer(route, looked, weights, baseline, seed)
         except (AbstainError, BadViewError) as error:
             verdict: dict[str, Any] = {"abstained": str(error)}
         else:
@@ -139,7 +147,9 @@ class Looked:
             self.cpu_s += time.process_time() - start
 
 
-def answer(route: str, looked: Looked, weights: str | None, seed: int) -> JointEstimate | JointMotion:
+def answer(
+    route: str, looked: Looked, weights: str | None, baseline: str | None, seed: int
+) -> JointEstimate | JointMotion:
     """What one route says of two views.
 
     Raises:
@@ -156,8 +166,10 @@ def answer(route: str, looked: Looked, weights: str | None, seed: int) -> JointE
                 found = weighed(found, belief, scene, None, np.random.default_rng([0, 2]))
                 known_to = sure_enough(known_to, found, belief)
         return conclude(found, scene, warnings, copy.deepcopy(after), known_to=known_to)
-    if route == "network":
+    if route in ("network", "baseline"):
         scene, _ = prepare(looked.before, looked.after, None, None, None, rng)
+        if route == "baseline":
+            return baseline_runtime(str(baseline)).motion(scene, rng)
     else:
         # Not by `prepare`, which refuses the same view twice: what would the network make of it?
         view = DepthView(looked.before)
@@ -175,10 +187,28 @@ def runtime(weights: str | None) -> PairNetworkRuntime:
     return PairNetworkRuntime() if weights is None else PairNetworkRuntime(Path(weights))
 
 
-def weights_hash(folder: Path) -> str:
+@cache
+def baseline_runtime(folder: str) -> Any:
+    """The baseline, once per process. Its module needs PyTorch, which the other routes do without."""
+    from s2r_host.learn.baseline import BaselineRuntime
+
+    return BaselineRuntime(Path(folder))
+
+
+def check_baseline(folder: Path | None, parser: argparse.ArgumentParser) -> None:
+    """End the program if the route of that name cannot be gone, before pairs are drawn for it."""
+    if folder is None:
+        parser.error("the route baseline needs --baseline FOLDER; train one: s2r train baseline --out FOLDER")
+    if importlib.util.find_spec("torch") is None:
+        parser.error("the route baseline needs PyTorch: install the extra 'learn' (make test-learn does)")
+    with told_by(parser):
+        baseline_runtime(str(folder))
+
+
+def weights_hash(folder: Path, files: str = "*.onnx") -> str:
     """Of a network's graphs: rows of one network are none of another. What is read off it later does not count."""
     digest = hashlib.sha256()
-    for path in sorted(folder.glob("*.onnx")):
+    for path in sorted(folder.glob(files)):
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -340,6 +370,9 @@ def main() -> None:
         help=f"{', '.join(ROUTES)}: some of them, comma-separated, on the same pairs",
     )
     parser.add_argument("--weights", type=Path, help="folder of a trained pair network")
+    parser.add_argument(
+        "--baseline", type=Path, help="folder of a trained baseline, for the route of that name"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--json", action="store_true", help="print the rows instead of tables")
@@ -347,17 +380,23 @@ def main() -> None:
     split = Split[args.split.upper()]
     seeds = range(args.first, args.first + args.count)
     jobs = [(kind, int(split), seed) for seed in seeds for kind in args.kinds.split(",")]
+    baseline: str | None = None
     if args.route is None:
         work, file = partial(measure, args.sight), "rows.jsonl"
     else:
         routes = tuple(args.route.split(","))
         if unknown := set(routes) - set(ROUTES):
             parser.error(f"unknown route {', '.join(sorted(unknown))}; known are {', '.join(ROUTES)}")
+        if "baseline" in routes:
+            check_baseline(args.baseline, parser)
+            baseline = str(args.baseline)
         weights = None if args.weights is None else str(args.weights)
-        work, file = partial(measure_routes, args.sight, weights, routes), "routes.jsonl"
+        work, file = partial(measure_routes, args.sight, weights, baseline, routes), "routes.jsonl"
     conditions: dict[str, Any] = {"--sight": args.sight}
     if args.route is not None:
         conditions |= {"--route": args.route, "--weights": weights_hash(args.weights or WEIGHTS)}
+        if baseline is not None:
+            conditions["--baseline"] = weights_hash(args.baseline, "weights.safetensors")
     with told_by(parser):
         rows = run_jobs(work, jobs, args.out / file, args.jobs, "pairs", conditions=conditions)
     if args.json:

@@ -160,6 +160,15 @@ def test_rows_of_another_sight_are_not_mixed_in(bench, monkeypatch, tmp_path, ca
     assert "--sight 'stereo', not 'depth'" in capsys.readouterr().err
 
 
+def test_route_of_a_baseline_that_was_not_named_is_refused(bench, monkeypatch, tmp_path, capsys):
+    perception = bench("bench_perception")
+    with pytest.raises(SystemExit) as ended:
+        _main(perception, monkeypatch, "--count", 0, "--route", "geometry,baseline", "--out", tmp_path)
+    assert ended.value.code == 2
+    assert "needs --baseline FOLDER; train one: s2r train baseline" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_objects_of_another_seed_are_not_judged_by_this_ones_truth(bench, tmp_path):
     one, hidden = bench("gap_objects.one"), bench("gap_objects.hidden")
     effect = next(iter(hidden.HIDDEN))

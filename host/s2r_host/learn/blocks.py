@@ -20,6 +20,11 @@ def mlp(*sizes: int) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
+def plain(inputs: int, outputs: int) -> nn.Sequential:
+    """Two linear layers without norms, for what is done to every neighbour."""
+    return nn.Sequential(nn.Linear(inputs, outputs), nn.ReLU(), nn.Linear(outputs, outputs))
+
+
 def take(f: Tensor, index: Tensor) -> Tensor:
     """Rows of f (B, N, C) at index (B, M, K): (B, M, K, C)."""
     b, m, k = index.shape

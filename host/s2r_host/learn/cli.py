@@ -103,6 +103,46 @@ def model(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> 
     )
 
 
+@train.command()
+@click.option(
+    "--data", type=click.Path(path_type=Path, exists=True), required=True, help="From 's2r data pairs'."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
+)
+@click.option(
+    "--size",
+    type=click.Choice(["small", "ditto"]),
+    default="small",
+    show_default=True,
+    help="'ditto': as published, for a GPU; 'small': what a CPU trains.",
+)
+@click.option("--epochs", type=int, help="Passes over the data [default: 12].")
+@click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
+@click.option("--seed", type=SEED, default=0, show_default=True)
+def baseline(data: Path, out: Path, size: str, epochs: int | None, device: str, seed: int) -> None:
+    """A network in the manner of Ditto, to be measured beside the others: nothing else uses it."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from s2r_host.learn.plot import plot_pair_metrics
+    from s2r_host.learn.train_baseline import BaselineSettings, train_baseline
+
+    settings = BaselineSettings(device=_device(device), seed=seed, size=size)
+    if epochs is not None:
+        settings = replace(settings, epochs=_at_least_one(epochs))
+    with Progress(console=Console(stderr=True)) as progress:
+        state = train_baseline(data, out, settings, progress)
+    plot_pair_metrics(state["metrics"], out / "metrics.png")
+    last = state["metrics"][-1]
+    axis = last.get("validation_axis_deg", float("nan"))
+    click.echo(
+        f"{state['epoch']} epochs on {state['pairs']} pairs of {state['objects']} objects, {state['parameters']}"
+        f" parameters; unseen objects: type right {100 * last['validation_type_right']:.0f} %, axis {axis:.1f} degrees"
+        f" off (median), part's IoU {last['validation_iou']:.2f}; in {out}"
+    )
+
+
 def _device(name: str) -> str:
     import torch
 

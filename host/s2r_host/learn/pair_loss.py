@@ -52,7 +52,7 @@ def batch(drawn: Sequence[Drawn], rng: np.random.Generator, vary: bool) -> dict[
     """
     parts: dict[str, list[NDArray[np.generic]]] = {name: [] for name in _NAMES}
     for one in drawn:
-        turn, mirror, size = _pose(rng) if vary else (0.0, False, 1.0)
+        turn, mirror, size = random_pose_of_pair(rng) if vary else (0.0, False, 1.0)
         cloud, motions, R = varied(one.cloud, one.motions, turn, mirror, size)
         near = one.beside.turned(R, size)
         values = (
@@ -74,7 +74,7 @@ def _votes(cloud: PairCloud, motion: JointMotion) -> NDArray[np.float32]:
     return np.stack([true_votes(p, motion, back=bool(k)) for k, p in enumerate(cloud.points)])
 
 
-def _pose(rng: np.random.Generator) -> tuple[float, bool, float]:
+def random_pose_of_pair(rng: np.random.Generator) -> tuple[float, bool, float]:
     """Turn [rad], mirror image, size: things know none of them."""
     return (
         rng.uniform(-TURNED_RAD, TURNED_RAD),

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from s2r_host.learn.blocks import mlp, pool, spread
+from s2r_host.learn.blocks import mlp, plain, pool, spread
 from s2r_host.perception.pair_cloud import COARSE, FEATURES
 from s2r_host.perception.pair_space import BESIDES
 from s2r_host.perception.pair_votes import VOTES
@@ -30,9 +30,9 @@ class PairNetwork(nn.Module):
         super().__init__()
         half, twice = width // 2, 2 * width
         self.lift = nn.Sequential(nn.Linear(FEATURES, half), nn.ReLU(), nn.Linear(half, half), nn.ReLU())
-        self.down1 = _plain(half + 3, width)
+        self.down1 = plain(half + 3, width)
         self.norm1 = nn.LayerNorm(width)
-        self.down2 = _plain(width + 3, twice)
+        self.down2 = plain(width + 3, twice)
         self.place2 = nn.Linear(PLACE, twice)
         self.between2 = nn.ModuleList([_Attention(twice) for _ in range(2)])
         self.up1 = mlp(twice + width, width)
@@ -107,10 +107,6 @@ class _Attention(nn.Module):
         seen = functional.scaled_dot_product_attention(q, k, v)
         f = f + self.join(seen.transpose(1, 2).reshape(b, n, c))
         return f + self.think(self.between(f))
-
-
-def _plain(inputs: int, outputs: int) -> nn.Sequential:
-    return nn.Sequential(nn.Linear(inputs, outputs), nn.ReLU(), nn.Linear(outputs, outputs))
 
 
 def _places(p: Tensor, b: int) -> Tensor:

@@ -1,10 +1,14 @@
-"""Fit the pair network: CPU or CUDA, resumable at every epoch, metrics kept and plotted."""
+"""Fit the pair network: CPU or CUDA, resumable at every epoch, metrics kept and plotted.
+
+The baseline is fitted by the same loop on the same pairs (`s2r_host.learn.train_baseline`).
+"""
 
 from __future__ import annotations
 
 import copy
 import logging
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +16,10 @@ from typing import Any
 import numpy as np
 import torch
 from rich.progress import Progress
+from torch import Tensor, nn
 
 from s2r_host.learn import checkpoint
-from s2r_host.learn.pair_draws import Drawn, draw
+from s2r_host.learn.pair_draws import draw
 from s2r_host.learn.pair_files import PairSample, load_pairs, pair_files
 from s2r_host.learn.pair_loss import batch, losses
 from s2r_host.learn.pair_network import PairNetwork
@@ -52,7 +57,33 @@ class ModelSettings:
     seed: int = 0
 
 
+@dataclass(frozen=True)
+class Taught:
+    """What is fitted.
+
+    Attributes:
+        network: Makes it, with random weights.
+        draw: One sample of a pair's points, the other way round if the last argument is true.
+        batch: Such samples as tensors; varied at random if the last argument is true.
+        losses: Total loss, its parts by name, and what the network said.
+        evaluate: Figures on unseen objects.
+    """
+
+    network: Callable[[], nn.Module]
+    draw: Callable[[PairSample, np.random.Generator, bool], Any]
+    batch: Callable[[Sequence[Any], np.random.Generator, bool], dict[str, Tensor]]
+    losses: Callable[[Any, dict[str, Tensor]], tuple[Tensor, dict[str, float], Tensor]]
+    evaluate: Callable[[Any, list[PairSample], Any], dict[str, float]]
+
+
 def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progress) -> dict[str, Any]:
+    """Fit the pair network, see `fit_pairs`."""
+    return fit_pairs(Taught(PairNetwork, draw, batch, losses, evaluate), data, out, settings, progress)
+
+
+def fit_pairs(
+    taught: Taught, data: Path, out: Path, settings: ModelSettings, progress: Progress
+) -> dict[str, Any]:
     """Fit or go on fitting; the final state with its metrics per epoch.
 
     Raises:
@@ -66,7 +97,7 @@ def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progre
     check_files = pair_files(data, "validation")
     check_digest = data_hash(check_files)
     check = _load(check_files, progress, "reading validation pairs")
-    network = PairNetwork().to(settings.device)
+    network = taught.network().to(settings.device)
     average = copy.deepcopy(network).requires_grad_(False)
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=settings.weight_decay)
     state = checkpoint.resume(out, network, average, optimiser, asdict(settings), digest, check_digest)
@@ -81,7 +112,10 @@ def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progre
         state |= {"data_sha256": digest, "parameters": sum(p.numel() for p in network.parameters())}
         state["kinds"] = {kind: sum(s.kind == kind for s in fit) for kind in sorted({s.kind for s in fit})}
     draws = [
-        [draw(one, np.random.default_rng([settings.seed, k, turn]), back=turn == 1) for turn in range(DRAWS)]
+        [
+            taught.draw(one, np.random.default_rng([settings.seed, k, turn]), turn == 1)
+            for turn in range(DRAWS)
+        ]
         for k, one in enumerate(progress.track(fit, description="drawing points"))
     ]
     task = progress.add_task("training", total=settings.epochs, completed=state["epoch"])
@@ -89,8 +123,10 @@ def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progre
         start = time.perf_counter()
         for group in optimiser.param_groups:
             group["lr"] = cosine_rate(settings.rate, epoch, settings.epochs)
-        row = {"epoch": epoch + 1} | _epoch(network, average, optimiser, draws, settings, epoch)
-        row |= {f"validation_{name}": value for name, value in evaluate(average, check, settings).items()}
+        row = {"epoch": epoch + 1} | _epoch(taught, network, average, optimiser, draws, settings, epoch)
+        row |= {
+            f"validation_{name}": value for name, value in taught.evaluate(average, check, settings).items()
+        }
         row["seconds"] = round(time.perf_counter() - start, 2)
         state["metrics"].append(row)
         state["epoch"], state["validation_sha256"] = epoch + 1, check_digest
@@ -101,10 +137,11 @@ def train_model(data: Path, out: Path, settings: ModelSettings, progress: Progre
 
 
 def _epoch(
-    network: PairNetwork,
-    average: PairNetwork,
+    taught: Taught,
+    network: nn.Module,
+    average: nn.Module,
     optimiser: torch.optim.Optimizer,
-    fit: list[list[Drawn]],
+    fit: list[list[Any]],
     settings: ModelSettings,
     epoch: int,
 ) -> dict[str, float]:
@@ -115,7 +152,7 @@ def _epoch(
     steps, sums = 0, dict[str, float]()
     for first in range(0, len(order), settings.batch):
         chosen = [fit[i][(epoch + i) % DRAWS] for i in order[first : first + settings.batch]]
-        total, parts, _ = losses(network, on_device(settings.device, batch(chosen, rng, vary=True)))
+        total, parts, _ = taught.losses(network, on_device(settings.device, taught.batch(chosen, rng, True)))
         optimiser.zero_grad()
         total.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
