@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,6 +37,7 @@ from s2r_host.perception.pair_votes import errors  # noqa: E402
 from s2r_sim.objects.pair_data import pair_object  # noqa: E402
 from s2r_sim.objects.splits import Split  # noqa: E402
 
+BENCH = Path(__file__).parents[2] / "bench"
 TINY = Size(96, (32, 16), 8, 16, 16, 16, 2, 16, 8, 2, 8, 8, 2)
 
 
@@ -134,28 +137,50 @@ def test_a_few_steps_on_one_batch_lower_the_loss(data):
         assert parts[-1][name] < parts[0][name], name
 
 
-def test_command_trains_goes_on_and_its_weights_give_a_joint(pair_folder, tmp_path, monkeypatch):
+@pytest.fixture
+def tiny(monkeypatch):
+    """Small is smaller still."""
+    monkeypatch.setitem(SIZES, "small", TINY)
+
+
+def test_command_trains_goes_on_and_its_weights_give_a_joint(
+    pair_folder, tmp_path, tiny, monkeypatch, capsys
+):
     from click.testing import CliRunner
 
-    from s2r_host.learn import baseline_network
     from s2r_host.learn.cli import train
 
-    monkeypatch.setitem(baseline_network.SIZES, "small", TINY)
-    args = ["baseline", "--data", str(pair_folder), "--out", str(tmp_path), "--epochs", "2"]
+    run, out = tmp_path / "run", tmp_path / "out"
+    args = ["baseline", "--data", str(pair_folder), "--out", str(run), "--epochs", "2"]
     done = CliRunner().invoke(train, args)
     assert done.exit_code == 0, done.output
-    state = json.loads((tmp_path / "state.json").read_text())
+    state = json.loads((run / "state.json").read_text())
     assert [row["epoch"] for row in state["metrics"]] == [1, 2]
     assert state["settings"]["size"] == "small"
     assert len(state["data_sha256"]) == 64
-    assert (tmp_path / "metrics.png").stat().st_size > 1000
+    assert (run / "metrics.png").stat().st_size > 1000
     again = CliRunner().invoke(train, args)
     assert again.exit_code == 0, again.output
-    assert len(json.loads((tmp_path / "state.json").read_text())["metrics"]) == 2
+    assert len(json.loads((run / "state.json").read_text())["metrics"]) == 2
     other = CliRunner().invoke(train, [*args, "--size", "ditto"])
     assert isinstance(other.exception, InputError)
     assert "size small, here ditto" in str(other.exception)
-    assert BaselineRuntime(tmp_path).network.size == TINY
+
+    monkeypatch.syspath_prepend(str(BENCH))
+    bench = importlib.import_module("bench_perception")
+    options = ["--kinds", "laptop", "--split", "validation", "--first", "1", "--count", "1", "--json"]
+    options += ["--route", "baseline", "--baseline", str(run), "--out", str(out)]
+    monkeypatch.setattr("sys.argv", ["bench", *options])
+    bench.main()
+    (row,) = json.loads(capsys.readouterr().out)
+    found = row["routes"]["baseline"]
+    assert "abstained" in found or found["type"] in ("revolute", "prismatic")
+    conditions = json.loads((out / "routes.conditions.json").read_text())
+    assert conditions["--baseline"] == bench.weights_hash(run, "weights.safetensors")
+    (out / "routes.conditions.json").write_text(json.dumps(conditions | {"--baseline": "another"}))
+    with pytest.raises(SystemExit):
+        bench.main()
+    assert "--baseline 'another', not" in capsys.readouterr().err
 
 
 def test_missing_weights_name_the_command_that_makes_them(tmp_path):
