@@ -6,8 +6,8 @@ those of the second, features of the first view's points on three planes and a g
 decoders that answer for any point in the pose of the first view: occupancy from the grid; from the planes part, kind of
 joint, hinge (8 numbers) and slide (4 numbers). Points come without normals and without labels of what changed.
 
-The size is given by name: "ditto" has the numbers of the published configuration (but fewer points, no more are kept of
-a pair), "small" is what a CPU can train.
+The size is given by name: "ditto" has the numbers of the published configuration (but a quarter of the points: hardly
+more are kept of a view), "small" is what a CPU can train.
 """
 
 from __future__ import annotations

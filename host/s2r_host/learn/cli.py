@@ -117,7 +117,7 @@ def model(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> 
     show_default=True,
     help="'ditto': as published, for a GPU; 'small': what a CPU trains.",
 )
-@click.option("--epochs", type=int, help="Passes over the data [default: 12].")
+@click.option("--epochs", type=int, help="Passes over the data [default: 40].")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
 @click.option("--seed", type=SEED, default=0, show_default=True)
 def baseline(data: Path, out: Path, size: str, epochs: int | None, device: str, seed: int) -> None:

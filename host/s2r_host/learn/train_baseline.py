@@ -26,7 +26,7 @@ from s2r_host.perception.pair_votes import errors
 class BaselineSettings(ModelSettings):
     """How to fit, and how large a network: a name of `baseline_network.SIZES`."""
 
-    epochs: int = 12
+    epochs: int = 40
     rate: float = 1e-3
     size: str = "small"
 
