@@ -11,7 +11,7 @@ from s2r_protocol.arms import ArmDescription
 from s2r_sim.errors import WorldFileError
 from s2r_sim.objects.catalogue import add_object, states_as_found
 from s2r_sim.objects.effects import JointEffects
-from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
+from s2r_sim.objects.naming import BASE_BODY, FAR_BODY, JOINT, PART_BODY
 from s2r_sim.objects.scene import add_table
 from s2r_sim.world import ArmTruth, WorldSpec
 
@@ -114,7 +114,7 @@ class Physics:
 
     def _geom_sides(self) -> np.ndarray:
         """Per geom: 1 arm, 2 moving part, 3 object base, 4 anything else (the table)."""
-        roots = {PART_BODY: 2, BASE_BODY: 3}
+        roots = {PART_BODY: 2, FAR_BODY: 2, BASE_BODY: 3}
         sides = np.full(self.model.ngeom, 4)
         arm_bodies = {self.arm.source.base, *(joint.child for joint in self.arm.source.joints)}
         arm_bodies |= {mount.child for mount in self.arm.source.mounts}

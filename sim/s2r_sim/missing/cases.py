@@ -11,7 +11,7 @@ import numpy as np
 
 from s2r_sim.objects.effects import JointEffects
 from s2r_sim.objects.parameters import uniform
-from s2r_sim.paper.trials import Trial, draw_trial
+from s2r_sim.paper.trials import Trial, draw_simple_trial
 
 FIRST_TRIAL = 5_000  # far from the numbers of the accuracy table
 _SALT = 68
@@ -127,7 +127,7 @@ def draw_case(label: str, number: int, salt: str | None = None) -> Trial:
     first = FIRST_TRIAL + 1000 * place + _PLACES * number
     trial = next(
         one
-        for one in (draw_trial(hidden.kind, k, salt) for k in range(first, first + _PLACES))
+        for one in (draw_simple_trial(hidden.kind, k, salt) for k in range(first, first + _PLACES))
         if abs(one.change) >= _LEAST_CHANGE[hidden.kind]
     )
     rng = np.random.default_rng([_SALT, place, number])

@@ -5,6 +5,8 @@ from __future__ import annotations
 BASE_BODY = "object_base"
 PART_BODY = "object_part"
 JOINT = "object_joint"
+FAR_BODY = "object_far"  # of a part that bends: what lies beyond the bend, seen from the joint
+BEND_JOINT = "object_bend"
 
 
 def other_part(place: str) -> tuple[str, str]:

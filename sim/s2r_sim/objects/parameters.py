@@ -16,6 +16,11 @@ class Parameters(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+def absent(value: object) -> bool:
+    """Leaves a field out of a world file where it is None: files written before the field keep their commitment."""
+    return value is None
+
+
 class Standing(Parameters):
     """An object on the table.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from s2r_protocol.arms import ArmDescription
 from s2r_sim.objects.effects import draw_effects
 from s2r_sim.objects.parameters import uniform
+from s2r_sim.paper.concealed import conceal
 from s2r_sim.world import WorldSpec, draw_world
 
 KINDS = ("drawer", "laptop", "faucet")
@@ -65,8 +66,17 @@ def draw_trial(kind: str, number: int, salt: str | None = None, arm: ArmDescript
     """The trial of that number: place, size, physics, state as found and direction are random.
 
     The change keeps within the joint's limits wherever a usual first push (45 mm in, 25° either way) leaves the part;
-    for other pushes there is :meth:`Trial.asked`. Object, camera and change are the same for every arm.
+    for other pushes there is :meth:`Trial.asked`. Object, camera and change are the same for every arm. What
+    :mod:`s2r_sim.paper.concealed` adds is drawn apart: all else is as in :func:`draw_simple_trial`.
     """
+    trial = draw_simple_trial(kind, number, salt, arm)
+    return replace(trial, world=conceal(trial.world, KINDS.index(kind), number))
+
+
+def draw_simple_trial(
+    kind: str, number: int, salt: str | None = None, arm: ArmDescription | None = None
+) -> Trial:
+    """The same without what is beyond friction, rail play, notches and errors of arm and camera."""
     rng = np.random.default_rng([_SALT, KINDS.index(kind), number])
     world = draw_world(FIRST_WORLD + number, kind, salt, arm)
     change = 0.0

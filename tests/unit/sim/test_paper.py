@@ -23,7 +23,7 @@ from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import failed_stage, score_trial
 from s2r_sim.paper.summary import interval, merit, wilson
 from s2r_sim.paper.trial import amount_to_ask_for, run_trial
-from s2r_sim.paper.trials import KINDS, draw_trial
+from s2r_sim.paper.trials import KINDS, draw_simple_trial, draw_trial
 from s2r_sim.score import true_joint
 from s2r_sim.truth import CONTACT_COLUMNS
 
@@ -125,6 +125,26 @@ def test_world_and_truth_are_out_of_the_trials_folder_until_its_processes_have_e
 def test_trials_hide_effects_that_no_belief_has():
     for kind in KINDS:
         assert any(not draw_trial(kind, number).world.effects.none for number in range(3))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_gives_way_is_drawn_apart_and_leaves_the_rest_of_a_trial_as_it_is(kind):
+    for number in range(4):
+        simple, trial = draw_simple_trial(kind, number, "a"), draw_trial(kind, number, "a")
+        assert _rigid(trial.world) == simple.world
+        assert (trial.kind, trial.number, trial.change) == (simple.kind, simple.number, simple.change)
+        assert draw_trial(kind, number, "a") == trial
+
+
+def _rigid(world):
+    gives = {name: None for name in ("bend",) if hasattr(world.object, name)}
+    return world.model_copy(update={"object": world.object.model_copy(update=gives)})
+
+
+def test_every_concealed_lid_bends_and_no_two_alike():
+    bends = [draw_trial("laptop", number).world.object.bend for number in range(4)]
+    assert None not in bends
+    assert len({bend.stiffness_Nm_rad for bend in bends}) == 4
 
 
 def _row(kind, number, change, delta, stage=None):
