@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
-from s2r_sim.objects.parameters import Parameters, uniform
+from s2r_sim.objects.parameters import Parameters, absent, uniform
 from s2r_sim.objects.solids import HARD, STIFF
 
 WALL_M = 0.012
@@ -21,6 +21,25 @@ SIDE_CLEARANCE_M = 0.012  # rail space on each side
 BOTTOM_CLEARANCE_M = 0.012
 PLAY_STIFFNESS = 4000.0  # N/m: 4 N of side load move the drawer 1 mm in its rail
 PLAY_STIFFNESS_ROT = 60.0  # N·m/rad
+RUNNER_M = 0.1  # lever of the friction on runners 0.2 m long
+
+
+class Slop(Parameters):
+    """Free clearance of a rail: within it nothing leads the drawer back, it only rubs; beyond it is a stiff stop.
+
+    The drawer pitches about the rail's end at the cabinet's front, so that it leans on one stop or the other by its own
+    weight, as it is further in or out.
+
+    Attributes:
+        sideways_m, yaw_rad, pitch_rad: Half of it.
+        friction_N, friction_Nm: What the drawer rubs with sideways, and about both axes.
+    """
+
+    sideways_m: float = Field(gt=0.0)
+    yaw_rad: float = Field(gt=0.0)
+    pitch_rad: float = Field(gt=0.0)
+    friction_N: float = Field(ge=0.0)
+    friction_Nm: float = Field(ge=0.0)
 
 
 class DrawerSpec(Parameters):
@@ -37,7 +56,8 @@ class DrawerSpec(Parameters):
         mass_kg: All that slides.
         coulomb_N, damping_Ns_m: Rail friction.
         axis_tilt_rad: Pitch and yaw of the rail away from the front's normal.
-        play_m, play_rad: Half play of the rail, sideways and about the vertical.
+        play_m, play_rad: Half play of the rail, sideways and about the vertical; springs lead back to its middle.
+        slop: Free clearance that takes the place of that play; None: there is none.
         range_m: Largest opening.
         opening_m: Opening at the start.
         friction: Sliding friction of the visible surfaces.
@@ -69,6 +89,7 @@ class DrawerSpec(Parameters):
     front_rgb: tuple[float, float, float]
     body_rgb: tuple[float, float, float]
     handle_rgb: tuple[float, float, float]
+    slop: Slop | None = Field(default=None, exclude_if=absent)
 
     @model_validator(mode="after")
     def _found_between_its_stops(self) -> DrawerSpec:
@@ -127,6 +148,18 @@ def draw_drawer(rng: np.random.Generator) -> DrawerSpec:
     )
 
 
+def draw_slop(rng: np.random.Generator) -> Slop:
+    """Draw a worn rail: 0.6 to 3 mm and 0.2 to 1.2° from stop to stop. Chosen; no drawer was measured."""
+    friction = uniform(rng, 0.2, 1.0)
+    return Slop(
+        sideways_m=uniform(rng, 0.0003, 0.0015),
+        yaw_rad=uniform(rng, np.deg2rad(0.1), np.deg2rad(0.6)),
+        pitch_rad=uniform(rng, np.deg2rad(0.05), np.deg2rad(0.3)),
+        friction_N=friction,
+        friction_Nm=round(friction * RUNNER_M, 6),
+    )
+
+
 def add_drawer(world: mujoco.MjSpec, spec: DrawerSpec) -> None:
     """Add cabinet and drawer to a world.
 
@@ -178,7 +211,27 @@ def _add_cabinet(base: mujoco.MjsBody, spec: DrawerSpec) -> None:
 
 
 def _add_rail(part: mujoco.MjsBody, spec: DrawerSpec) -> None:
-    """Play first, then the slide: the play carries the rail with it."""
+    """Play or slop first, then the slide: the play carries the rail with it."""
+    if spec.slop is None:
+        _add_play(part, spec)
+    else:
+        _add_slop(part, spec.slop, spec.height_m - spec.front_height_m / 2)
+    pitch, yaw = spec.axis_tilt_rad
+    part.add_joint(
+        name=JOINT,
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=[np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)],
+        range=[0.0, spec.range_m],
+        limited=True,
+        damping=[spec.damping_Ns_m, 0, 0],
+        frictionloss=spec.coulomb_N,
+        armature=0.02,
+        solref_friction=STIFF,  # below Coulomb friction the drawer must not creep
+        solimp_friction=HARD,
+    )
+
+
+def _add_play(part: mujoco.MjsBody, spec: DrawerSpec) -> None:
     part.add_joint(
         name="object_play_y",
         type=mujoco.mjtJoint.mjJNT_SLIDE,
@@ -201,19 +254,28 @@ def _add_rail(part: mujoco.MjsBody, spec: DrawerSpec) -> None:
         armature=0.01,
         solref_limit=STIFF,
     )
-    pitch, yaw = spec.axis_tilt_rad
-    part.add_joint(
-        name=JOINT,
-        type=mujoco.mjtJoint.mjJNT_SLIDE,
-        axis=[np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)],
-        range=[0.0, spec.range_m],
-        limited=True,
-        damping=[spec.damping_Ns_m, 0, 0],
-        frictionloss=spec.coulomb_N,
-        armature=0.02,
-        solref_friction=STIFF,  # below Coulomb friction the drawer must not creep
-        solimp_friction=HARD,
-    )
+
+
+def _add_slop(part: mujoco.MjsBody, slop: Slop, height_m: float) -> None:
+    slide, turn = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    for name, kind, axis, half, friction, armature in (
+        ("object_play_y", slide, [0, 1, 0], slop.sideways_m, slop.friction_N, 0.05),
+        ("object_play_yaw", turn, [0, 0, 1], slop.yaw_rad, slop.friction_Nm, 0.01),
+        ("object_play_pitch", turn, [0, 1, 0], slop.pitch_rad, slop.friction_Nm, 0.01),
+    ):
+        part.add_joint(
+            name=name,
+            type=kind,
+            pos=[0.0, 0.0, height_m],
+            axis=axis,
+            range=[-half, half],
+            limited=True,
+            frictionloss=friction,
+            armature=armature,
+            solref_limit=STIFF,
+            solref_friction=STIFF,
+            solimp_friction=HARD,
+        )
 
 
 def _add_part_shapes(part: mujoco.MjsBody, spec: DrawerSpec) -> None:

@@ -4,8 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from s2r_sim.objects.drawer import draw_slop
 from s2r_sim.physics import Physics, build_world
-from s2r_sim.world import draw_world
+from s2r_sim.world import draw_world, load_world
 
 
 @pytest.fixture
@@ -86,6 +87,67 @@ def test_play_joints_spring_back_and_stay_small(physics, world):
     for _ in range(500):
         physics.step(hold_arm(physics))
     assert abs(physics.data.qpos[play.qposadr[0]]) < 2e-5
+
+
+@pytest.fixture
+def loose(arm, world):
+    """A drawer whose rail has clearance."""
+    slop = draw_slop(np.random.default_rng(3))
+    return Physics(arm, world.model_copy(update={"object": world.object.model_copy(update={"slop": slop})}))
+
+
+def press(physics, joint, effort, steps):
+    """Press on the drawer along one of its joints, then let go; returns that joint's value at the end of each."""
+    address = int(physics.model.joint(joint).dofadr[0])
+    values = []
+    for applied in (effort, 0.0):
+        for _ in range(steps):
+            physics.data.qfrc_applied[address] = applied
+            physics.step(hold_arm(physics))
+        values.append(float(physics.data.joint(joint).qpos[0]))
+    return values
+
+
+@pytest.mark.parametrize(("joint", "lever_m"), [("object_play_y", 1.0), ("object_play_yaw", 0.3)])
+def test_within_its_clearance_a_loose_drawer_stays_where_it_is_pressed_to(loose, joint, lever_m):
+    half = float(loose.model.joint(joint).range[1])
+    rubs = float(loose.model.dof_frictionloss[loose.model.joint(joint).dofadr[0]])
+    held, left = press(loose, joint, 0.7 * rubs, 100)
+    assert abs(held) < 0.02 * half  # friction alone holds it
+    pressed, left = press(loose, joint, rubs + 4.0 * lever_m, 300)
+    assert half < pressed < 1.1 * half + 1e-4  # the stop is stiff
+    assert left == pytest.approx(half, rel=0.05)  # nothing leads it back
+
+
+def test_a_loose_drawer_drops_its_front_as_it_is_drawn_out(loose):
+    pitch, slide = loose.data.joint("object_play_pitch"), loose.data.joint("object_joint")
+    half = float(loose.model.joint("object_play_pitch").range[1])
+    leans = []
+    for opening in (0.05, 0.30):
+        slide.qpos[0] = opening
+        for _ in range(400):
+            loose.step(hold_arm(loose))
+        leans.append(float(pitch.qpos[0]))
+    assert leans[0] == pytest.approx(-half, rel=0.1)
+    assert leans[1] == pytest.approx(half, rel=0.1)
+
+
+def test_a_loose_drawer_stays_where_it_was_left_and_ends_at_its_range(loose, world):
+    push_part(loose, 0.0, 300)
+    assert abs(push_part(loose, 0.0, 700)) < 2e-5
+    assert abs(push_part(loose, 0.8 * world.object.coulomb_N, 300)) < 2e-4
+    push_part(loose, 60.0, 1500)
+    assert loose.object_value == pytest.approx(world.object.range_m, abs=2e-3)
+
+
+def test_a_tight_rail_is_written_and_sealed_as_before_rails_could_be_loose(tmp_path, world):
+    assert "slop" not in world.to_json()
+    hidden = world.model_copy(
+        update={"object": world.object.model_copy(update={"slop": draw_slop(np.random.default_rng(0))})}
+    )
+    hidden.save(tmp_path / "world.json")
+    assert load_world(tmp_path / "world.json") == hidden
+    assert load_world(tmp_path / "world.json").commitment == hidden.commitment != world.commitment
 
 
 def test_outwards_is_towards_the_arm(physics):

@@ -137,14 +137,15 @@ def test_what_gives_way_is_drawn_apart_and_leaves_the_rest_of_a_trial_as_it_is(k
 
 
 def _rigid(world):
-    gives = {name: None for name in ("bend",) if hasattr(world.object, name)}
+    gives = {name: None for name in ("bend", "slop") if hasattr(world.object, name)}
     return world.model_copy(update={"object": world.object.model_copy(update=gives)})
 
 
-def test_every_concealed_lid_bends_and_no_two_alike():
-    bends = [draw_trial("laptop", number).world.object.bend for number in range(4)]
-    assert None not in bends
-    assert len({bend.stiffness_Nm_rad for bend in bends}) == 4
+@pytest.mark.parametrize(("kind", "name"), [("laptop", "bend"), ("drawer", "slop")])
+def test_every_concealed_lid_bends_every_drawer_has_clearance_and_no_two_alike(kind, name):
+    drawn = [getattr(draw_trial(kind, number).world.object, name) for number in range(4)]
+    assert None not in drawn
+    assert len(set(drawn)) == 4
 
 
 def _row(kind, number, change, delta, stage=None):
