@@ -20,6 +20,8 @@ FINGER_FRICTION = 0.6
 # Rotor inertia times gear ratio squared [kg·m²]: large with harmonic gears; it keeps a stiff drive loop calm.
 ROTOR_INERTIA_BIG = 0.6
 ROTOR_INERTIA_WRIST = 0.15
+# Of the gear's own, output side [kg·m²]: one of 1e4 N·m/rad then swings slowly enough for the step whatever is on it.
+GEAR_INERTIA = 0.003
 WRIST_TORQUE_Nm = 50.0  # joints with a lower torque limit count as wrist joints
 
 
@@ -57,8 +59,11 @@ def build_world(arm: ArmDescription, world: WorldSpec) -> mujoco.MjModel:
 
 
 def _make_true(spec: mujoco.MjSpec, arm: ArmDescription, truth: ArmTruth) -> None:
-    dof = arm.dof
-    for name, values in truth.model_dump().items():
+    dof, gears = arm.dof, truth.gears
+    entries = truth.model_dump(exclude={"gears"})
+    if gears is not None:
+        entries["gears.stiffness_Nm_rad"] = gears.stiffness_Nm_rad
+    for name, values in entries.items():
         if len(values) != dof:
             raise WorldFileError(f"arm.{name} has {len(values)} entries, arm {arm.name} has {dof} joints")
     inertia = rotor_inertia(arm)
@@ -68,11 +73,33 @@ def _make_true(spec: mujoco.MjSpec, arm: ArmDescription, truth: ArmTruth) -> Non
         mj_joint.damping = [truth.viscous_Nms_rad[i], 0, 0]
         mj_joint.armature = float(inertia[i])
         link = spec.body(joint.child)
+        if gears is not None:
+            _add_gear(link, mj_joint, gears.stiffness_Nm_rad[i], gears.relaxation_s)
         link.mass *= truth.link_mass_scale[i]
         link.inertia = np.asarray(link.inertia) * truth.link_mass_scale[i]
     for geom in spec.geoms:
         if geom.name.startswith("finger"):
             geom.friction = [FINGER_FRICTION, 0.005, 0.0001]
+
+
+def _gear(joint: str) -> str:
+    """Name of the spring between motor and link of a joint."""
+    return f"{joint}_gear"
+
+
+def _add_gear(
+    link: mujoco.MjsBody, motor: mujoco.MjsJoint, stiffness_Nm_rad: float, relaxation_s: float
+) -> None:
+    """A second joint along the motor's: rotor, friction and drive stay with the motor, the link turns by both."""
+    link.add_joint(
+        name=_gear(motor.name),
+        type=motor.type,
+        pos=motor.pos,
+        axis=motor.axis,
+        stiffness=[stiffness_Nm_rad, 0, 0],
+        damping=[relaxation_s * stiffness_Nm_rad, 0, 0],
+        armature=GEAR_INERTIA,
+    )
 
 
 @dataclass(frozen=True)
@@ -95,6 +122,9 @@ class Physics:
         self.dof = arm.dof
         self._q_index = np.array([self.model.joint(name).qposadr[0] for name in arm.joint_names])
         self._v_index = np.array([self.model.joint(name).dofadr[0] for name in arm.joint_names])
+        elastic = world.arm.gears is not None
+        gears = [self.model.joint(_gear(name)).qposadr[0] for name in arm.joint_names] if elastic else []
+        self._gear_index = np.array(gears, dtype=int)
         self._object_q = int(self.model.joint(JOINT).qposadr[0])
         self._object_v = int(self.model.joint(JOINT).dofadr[0])
         self._effects = None if world.effects.none else world.effects
@@ -134,12 +164,19 @@ class Physics:
 
     @property
     def q(self) -> list[float]:
-        """Joint positions [rad]."""
+        """Joint positions at the motors, where the encoders are [rad]."""
         return self.data.qpos[self._q_index].tolist()
 
     @property
+    def q_link(self) -> list[float]:
+        """Joint positions of the links [rad]: those of the motors, and what the gears give."""
+        if not self._gear_index.size:
+            return self.q
+        return (self.data.qpos[self._q_index] + self.data.qpos[self._gear_index]).tolist()
+
+    @property
     def dq(self) -> list[float]:
-        """Joint velocities [rad/s]."""
+        """Joint velocities at the motors [rad/s]."""
         return self.data.qvel[self._v_index].tolist()
 
     @property

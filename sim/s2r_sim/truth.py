@@ -1,8 +1,9 @@
 """The truth log: what really happened, written by the stand-in only, read by the scorer only.
 
 CSV, one row per 10 ms of simulated time, the state at t = 0 first. ``object`` is the true joint coordinate (m or rad; a
-drawer is closed at 0), ``master_tick`` the executor's tick of the newest set-point. Further columns, where there are
-any, are the joints of other parts that move.
+drawer is closed at 0), ``master_tick`` the executor's tick of the newest set-point. Arm joints are those of the links,
+from which encoders behind gears that give differ. Further columns, where there are any, are the joints of other parts
+that move.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class TruthLog:
         self._next_ns += ROW_NS
         physics = plant.physics
         touch = physics.contacts()
-        q = ",".join(f"{value:.9g}" for value in physics.q)
+        q = ",".join(f"{value:.9g}" for value in physics.q_link)
         self._file.write(
             f"{plant.t_ns * 1e-9:.3f},{plant.master_tick},{physics.object_value:.9g},{q},"
             f"{touch.part:d},{touch.base:d},{touch.table:d},{touch.part_force_N:.4g}"

@@ -12,7 +12,14 @@ import secrets
 from pathlib import Path
 
 import numpy as np
-from pydantic import NonNegativeFloat, NonNegativeInt, PositiveFloat, ValidationError, model_validator
+from pydantic import (
+    Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    ValidationError,
+    model_validator,
+)
 
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.whole_file import write_whole
@@ -20,7 +27,7 @@ from s2r_sim.errors import WorldFileError
 from s2r_sim.geometry import rotation_from_vector
 from s2r_sim.objects.catalogue import ObjectSpec, kind_named
 from s2r_sim.objects.effects import JointEffects
-from s2r_sim.objects.parameters import Parameters, uniform
+from s2r_sim.objects.parameters import Parameters, absent, uniform
 
 SCHEMA = 1
 LEAST_TILT = 1e-6  # of a camera's axis off the vertical [rad]
@@ -32,6 +39,23 @@ _VISCOUS = (0.47, 0.35, 0.05, 0.45, 0.05, 0.05, 0.05)
 # Of other arms, in shares of the torque limit [1 and s/rad]: what those values are of the xMate's.
 _COULOMB_SHARE = (0.005, 0.022)
 _VISCOUS_SHARE = (0.0005, 0.0046)
+# What a gear winds up by under the joint's torque limit [rad]: the xMate's joints of 102 and 29 N·m then have 11,300 to
+# 30,000 and 3,200 to 8,500 N·m/rad: harmonic drives of sizes 20 to 25 and 14 to 17 (Harmonic Drive LLC, CSF/CSG
+# catalogue, torsional stiffness K1 at ratio 50).
+_WIND_UP = (0.0034, 0.009)
+_RELAXATION_S = (0.0003, 0.001)
+
+
+class Gears(Parameters):
+    """Springs between the motors, where encoders and brakes sit, and the links.
+
+    Attributes:
+        stiffness_Nm_rad: Of each joint's gear.
+        relaxation_s: Damping over stiffness, the same for all.
+    """
+
+    stiffness_Nm_rad: tuple[PositiveFloat, ...]
+    relaxation_s: NonNegativeFloat
 
 
 class ArmTruth(Parameters):
@@ -40,11 +64,13 @@ class ArmTruth(Parameters):
     Attributes:
         coulomb_Nm, viscous_Nms_rad: Joint friction.
         link_mass_scale: True over nominal mass of link i+1.
+        gears: That give way; None: they are rigid.
     """
 
     coulomb_Nm: tuple[NonNegativeFloat, ...]
     viscous_Nms_rad: tuple[NonNegativeFloat, ...]
     link_mass_scale: tuple[PositiveFloat, ...]
+    gears: Gears | None = Field(default=None, exclude_if=absent)
 
 
 class CameraTruth(Parameters):
@@ -191,6 +217,14 @@ def _draw_measured_arm(rng: np.random.Generator) -> ArmTruth:
         coulomb_Nm=tuple(round(c * uniform(rng, 0.8, 1.2), 6) for c in _COULOMB),
         viscous_Nms_rad=tuple(round(c * uniform(rng, 0.5, 1.5), 6) for c in _VISCOUS),
         link_mass_scale=tuple(uniform(rng, 0.98, 1.15) for _ in _COULOMB),
+    )
+
+
+def draw_gears(rng: np.random.Generator, arm: ArmDescription) -> Gears:
+    """Draw gears that give way as harmonic drives do: a class of figures, for no log tells those of the xMate."""
+    return Gears(
+        stiffness_Nm_rad=tuple(round(t / rng.uniform(*_WIND_UP), 1) for t in arm.limits.tau_max.tolist()),
+        relaxation_s=uniform(rng, *_RELAXATION_S),
     )
 
 

@@ -70,7 +70,7 @@ def draw_trial(kind: str, number: int, salt: str | None = None, arm: ArmDescript
     :mod:`s2r_sim.paper.concealed` adds is drawn apart: all else is as in :func:`draw_simple_trial`.
     """
     trial = draw_simple_trial(kind, number, salt, arm)
-    return replace(trial, world=conceal(trial.world, KINDS.index(kind), number))
+    return replace(trial, world=conceal(trial.world, KINDS.index(kind), number, arm))
 
 
 def draw_simple_trial(

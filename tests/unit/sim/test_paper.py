@@ -138,7 +138,8 @@ def test_what_gives_way_is_drawn_apart_and_leaves_the_rest_of_a_trial_as_it_is(k
 
 def _rigid(world):
     gives = {name: None for name in ("bend", "slop") if hasattr(world.object, name)}
-    return world.model_copy(update={"object": world.object.model_copy(update=gives)})
+    arm = world.arm.model_copy(update={"gears": None})
+    return world.model_copy(update={"object": world.object.model_copy(update=gives), "arm": arm})
 
 
 @pytest.mark.parametrize(("kind", "name"), [("laptop", "bend"), ("drawer", "slop")])
@@ -146,6 +147,14 @@ def test_every_concealed_lid_bends_every_drawer_has_clearance_and_no_two_alike(k
     drawn = [getattr(draw_trial(kind, number).world.object, name) for number in range(4)]
     assert None not in drawn
     assert len(set(drawn)) == 4
+
+
+def test_every_concealed_arm_has_gears_of_its_own_as_stiff_as_its_joints_are_strong():
+    gears = [draw_trial("faucet", number).world.arm.gears for number in range(4)]
+    assert len(set(gears)) == 4
+    for one in gears:
+        assert all(1e4 < k < 3.2e4 for k in one.stiffness_Nm_rad[:4])
+        assert all(3e3 < k < 1e4 for k in one.stiffness_Nm_rad[4:])
 
 
 def _row(kind, number, change, delta, stage=None):

@@ -8,13 +8,16 @@ from s2r_protocol.can.drive import DriveCommand
 from s2r_sim.errors import WorldFileError
 from s2r_sim.physics import Physics
 from s2r_sim.plant import Plant
+from s2r_sim.score import read_truth
+from s2r_sim.truth import TruthLog
+from s2r_sim.world import Gears, load_world
 
 
 class Cell:
     """Drives the plant without a bus: joint moves on a smooth law, and straight lines of the tool tip."""
 
     def __init__(self, arm, world):
-        self.plant = Plant(arm, world)
+        self.world, self.plant = world, Plant(arm, world)
         self.model = mujoco.MjSpec.from_string(arm.mjcf).compile()
         self.limits = arm.limits
         self.q = np.array(self.plant.physics.q)
@@ -103,6 +106,70 @@ def test_hooked_finger_pulls_the_drawer_out_and_it_stays(cell, world):
     for _ in range(500):
         cell.tick(DriveCommand.ENABLE_OPERATION, cell.q, np.zeros(7))
     assert physics.object_value == pytest.approx(pulled, abs=2e-3)
+
+
+def elastic(arm, world, wind_up):
+    """The world with gears that give this much under the joints' torque limits [rad]."""
+    gears = Gears(stiffness_Nm_rad=tuple((arm.limits.tau_max / wind_up).tolist()), relaxation_s=0.0003)
+    return world.model_copy(update={"arm": world.arm.model_copy(update={"gears": gears})})
+
+
+@pytest.fixture(params=[0.0034, 0.009], ids=["stiff", "soft"])
+def elastic_cell(request, arm, world):
+    return Cell(arm, elastic(arm, world, request.param))
+
+
+def test_behind_elastic_gears_motors_hold_their_places_and_links_hang_by_what_they_carry(elastic_cell):
+    plant = elastic_cell.plant
+    for _ in range(1000):
+        elastic_cell.tick(DriveCommand.ENABLE_OPERATION, elastic_cell.q, np.zeros(7))
+    motors, links = np.array(plant.physics.q), np.array(plant.physics.q_link)
+    assert np.max(np.abs(motors - elastic_cell.q)) < 2e-5
+    carried = np.array(elastic_cell.world.arm.gears.stiffness_Nm_rad) * (motors - links)
+    effort = np.array([drive.tau_meas for drive in plant.drives])
+    assert np.max(np.abs(carried)) > 5.0
+    np.testing.assert_allclose(carried, effort, atol=max(elastic_cell.world.arm.coulomb_Nm) + 0.1)
+
+
+def test_elastic_gears_swing_out_after_a_quick_motion(elastic_cell):
+    physics = elastic_cell.plant.physics
+    away = elastic_cell.q + 0.3
+    elastic_cell.move(np.clip(away, elastic_cell.limits.q_min, elastic_cell.limits.q_max), 0.5)
+    swung = np.zeros(14)  # motors and gears
+    for tick in range(800):
+        elastic_cell.tick(DriveCommand.ENABLE_OPERATION, elastic_cell.q, np.zeros(7))
+        if tick >= 600:
+            swung = np.maximum(
+                swung, np.abs(physics.data.qvel[: physics.model.joint("object_play_y").dofadr[0]])
+            )
+    assert np.max(np.abs(np.array(physics.q) - elastic_cell.q)) < 1e-4
+    assert np.max(swung) < 2e-3
+
+
+def test_the_truth_log_tells_where_the_links_are(arm, world, tmp_path):
+    plant = Plant(arm, elastic(arm, world, 0.009))
+    log = TruthLog(tmp_path / "truth.csv", plant)
+    plant.observers.append(log)
+    plant.advance(200_000_000)
+    log.close()
+    motors, links = np.array(plant.physics.q), np.array(plant.physics.q_link)
+    assert np.max(np.abs(motors - links)) > 5e-4
+    assert read_truth(tmp_path / "truth.csv").q[-1] == pytest.approx(links, abs=1e-6)
+
+
+def test_gears_of_another_joint_count_are_refused(arm, world):
+    gears = Gears(stiffness_Nm_rad=(1e4,) * 6, relaxation_s=0.0003)
+    short = world.model_copy(update={"arm": world.arm.model_copy(update={"gears": gears})})
+    with pytest.raises(WorldFileError, match=r"arm\.gears\.stiffness_Nm_rad has 6 entries, .* has 7 joints"):
+        Physics(arm, short)
+
+
+def test_rigid_gears_are_written_and_sealed_as_before_gears_could_give(arm, world, tmp_path):
+    assert "gears" not in world.to_json()
+    hidden = elastic(arm, world, 0.005)
+    hidden.save(tmp_path / "world.json")
+    assert load_world(tmp_path / "world.json") == hidden
+    assert load_world(tmp_path / "world.json").commitment == hidden.commitment != world.commitment
 
 
 def test_object_in_the_arms_place_is_refused(arm, world):
