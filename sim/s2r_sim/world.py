@@ -33,9 +33,10 @@ SCHEMA = 1
 LEAST_TILT = 1e-6  # of a camera's axis off the vertical [rad]
 
 # Coulomb and viscous friction per joint [N·m, N·m·s/rad], fitted on a public 20 s, 1 kHz log of a real xMate arm with
-# joint torque sensors (YanjunLIU-ac/Dynamic_Parameter_Identification_for_Rokae_xMate).
-_COULOMB = (0.59, 0.68, 0.48, 0.59, 0.43, 0.41, 0.63)
-_VISCOUS = (0.47, 0.35, 0.05, 0.45, 0.05, 0.05, 0.05)
+# joint torque sensors (YanjunLIU-ac/Dynamic_Parameter_Identification_for_Rokae_xMate). bench_arm_friction.py holds them
+# against the log, which hardly tells viscous friction: 0.05 stands where it has none, and joint 2 may have none.
+MEASURED_COULOMB_Nm = (0.59, 0.68, 0.48, 0.59, 0.43, 0.41, 0.63)
+MEASURED_VISCOUS_Nms_rad = (0.47, 0.35, 0.05, 0.45, 0.05, 0.05, 0.05)
 # Of other arms, in shares of the torque limit [1 and s/rad]: what those values are of the xMate's.
 _COULOMB_SHARE = (0.005, 0.022)
 _VISCOUS_SHARE = (0.0005, 0.0046)
@@ -214,9 +215,9 @@ def _draw_arm(rng: np.random.Generator, arm: ArmDescription) -> ArmTruth:
 
 def _draw_measured_arm(rng: np.random.Generator) -> ArmTruth:
     return ArmTruth(
-        coulomb_Nm=tuple(round(c * uniform(rng, 0.8, 1.2), 6) for c in _COULOMB),
-        viscous_Nms_rad=tuple(round(c * uniform(rng, 0.5, 1.5), 6) for c in _VISCOUS),
-        link_mass_scale=tuple(uniform(rng, 0.98, 1.15) for _ in _COULOMB),
+        coulomb_Nm=tuple(round(c * uniform(rng, 0.8, 1.2), 6) for c in MEASURED_COULOMB_Nm),
+        viscous_Nms_rad=tuple(round(c * uniform(rng, 0.5, 1.5), 6) for c in MEASURED_VISCOUS_Nms_rad),
+        link_mass_scale=tuple(uniform(rng, 0.98, 1.15) for _ in MEASURED_COULOMB_Nm),
     )
 
 

@@ -6,6 +6,7 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 BENCH = Path(__file__).parents[1] / "bench"
@@ -199,3 +200,31 @@ def test_fast_trials_of_other_run_options_are_not_mixed_in(bench, monkeypatch, t
     with pytest.raises(SystemExit):
         _main(trials, monkeypatch, "drawer", "1-1", "--out", tmp_path, "--run-options=--without torque")
     assert "--run-options '', not '--without torque'" in capsys.readouterr().err
+
+
+def test_the_friction_of_an_arm_is_read_from_a_log_of_its_torques(bench):
+    friction = bench("bench_arm_friction")
+    t, k = np.arange(0.0, 12.0, 0.02)[:, None], np.arange(7)
+    w = 0.6 + 0.13 * k
+    q, dq, ddq = 0.5 * np.sin(w * t), 0.5 * w * np.cos(w * t), -0.5 * w**2 * np.sin(w * t)
+    still = friction.Motion(q, dq, ddq, np.zeros_like(q))
+    links, coulomb, viscous = friction.link_torques(still), 0.4 + 0.05 * k, 0.1 + 0.1 * k
+    scale = np.array([1.0, 1.0, 1.2, 1.1, 0.9, 1.3, 0.8])
+    tau = links @ scale + coulomb * np.tanh(dq / friction.REVERSAL_RAD_S) + viscous * dq + 0.3
+    noise = np.random.default_rng(1).normal(0.0, 0.02, tau.shape)
+    found = friction.fit(friction.Motion(q, dq, ddq, tau + noise), links)
+    np.testing.assert_allclose(found.coulomb_Nm, coulomb, atol=0.02)
+    np.testing.assert_allclose(found.viscous_Nms_rad, viscous, atol=0.05)
+    np.testing.assert_allclose(found.mass_scale, scale[2:], atol=0.02)
+    np.testing.assert_allclose(found.offset_Nm, 0.3, atol=0.03)
+
+
+def test_the_arm_friction_of_the_stand_in_is_what_the_real_log_tells(bench):
+    friction = bench("bench_arm_friction")
+    if not friction.log_file().exists():
+        pytest.skip(f"no recording: {friction.log_file()} is absent (S2R_SHARED_DATA)")
+    motion = friction.read_motion(friction.log_file())
+    links = friction.link_torques(motion)
+    bounds = friction.intervals(motion, links)[1]
+    for near in friction.supported(friction.fit(motion, links), bounds):
+        assert near.all()
