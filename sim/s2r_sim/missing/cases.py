@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from s2r_sim.objects.drawer import RUNNER_M, Slop
 from s2r_sim.objects.effects import JointEffects
+from s2r_sim.objects.laptop import draw_bend
 from s2r_sim.objects.parameters import uniform
 from s2r_sim.paper.trials import Trial, draw_simple_trial
 
@@ -37,6 +39,7 @@ class Hidden:
         kind: Of object.
         effect: What is hidden.
         names: Answers of the gap tool that count as its name; empty: nothing is hidden.
+        place: Decides the numbers of its objects; never given twice, whatever cases come or go.
         change: What an object gets: object parameters and joint effects.
         like: The row of ``tests/bench/bench_left_out.py`` that is nearest to it; None: that bench has none.
     """
@@ -44,6 +47,7 @@ class Hidden:
     kind: str
     effect: str
     names: tuple[str, ...]
+    place: int
     change: Callable[[np.random.Generator, Any], tuple[dict[str, Any], JointEffects]]
     like: str | None = None
 
@@ -86,6 +90,25 @@ def _rail_play(rng: np.random.Generator, spec: Any) -> tuple[dict[str, Any], Joi
     return {**_drawer_friction(rng, spec), **play}, JointEffects()
 
 
+def _slop(rng: np.random.Generator, spec: Any) -> tuple[dict[str, Any], JointEffects]:
+    """As much as the springy play of its own case, with nothing that leads back."""
+    friction = uniform(rng, 0.2, 0.6)
+    slop = Slop(
+        sideways_m=uniform(rng, 0.002, 0.004),
+        yaw_rad=uniform(rng, math.radians(0.6), math.radians(1.2)),
+        pitch_rad=uniform(rng, math.radians(0.3), math.radians(0.6)),
+        friction_N=friction,
+        friction_Nm=round(friction * RUNNER_M, 6),
+    )
+    return {**_drawer_friction(rng, spec), "slop": slop}, JointEffects()
+
+
+def _flexible(rng: np.random.Generator, spec: Any) -> tuple[dict[str, Any], JointEffects]:
+    """A lid softer than those of the accuracy table: 5 N at its far edge bend it by 3 to 9°."""
+    bend = draw_bend(rng, spec, (6.0, 9.0))
+    return {"bend": bend}, JointEffects()
+
+
 def _detent(rng: np.random.Generator, spec: Any) -> tuple[dict[str, Any], JointEffects]:
     coulomb = uniform(rng, 0.35, 0.6)
     return {"coulomb": coulomb}, JointEffects(
@@ -103,16 +126,18 @@ _CONSTANT = ("gravity_tilt", "asymmetric_friction", "spring_return", "cable_spri
 HIDDEN = {
     hidden.label: hidden
     for hidden in (
-        Hidden("drawer", "nothing", (), _nothing),
-        Hidden("drawer", "friction profile", ("cogging",), _profile, "profile 1 to 3"),
-        Hidden("drawer", "stiction", ("stribeck",), _stiction, "stiction + 100 %"),
-        Hidden("drawer", "closing spring below friction", _CONSTANT, _pull, "pull back 0.6"),
-        Hidden("drawer", "rail play", ("joint_play", "backlash"), _rail_play),
-        Hidden("laptop", "nothing", (), _nothing),
-        Hidden("laptop", "friction profile", ("cogging",), _profile, "profile 1 to 3"),
-        Hidden("faucet", "nothing", (), _nothing),
-        Hidden("faucet", "detent", ("cogging", "detent"), _detent, "detent 0.7"),
-        Hidden("faucet", "stiction", ("stribeck",), _stiction, "stiction + 100 %"),
+        Hidden("drawer", "nothing", (), 2, _nothing),
+        Hidden("drawer", "friction profile", ("cogging",), 1, _profile, "profile 1 to 3"),
+        Hidden("drawer", "stiction", ("stribeck",), 4, _stiction, "stiction + 100 %"),
+        Hidden("drawer", "closing spring below friction", _CONSTANT, 0, _pull, "pull back 0.6"),
+        Hidden("drawer", "rail play", ("joint_play", "backlash"), 3, _rail_play),
+        Hidden("laptop", "nothing", (), 9, _nothing),
+        Hidden("laptop", "friction profile", ("cogging",), 8, _profile, "profile 1 to 3"),
+        Hidden("faucet", "nothing", (), 6, _nothing),
+        Hidden("faucet", "detent", ("cogging", "detent"), 5, _detent, "detent 0.7"),
+        Hidden("faucet", "stiction", ("stribeck",), 7, _stiction, "stiction + 100 %"),
+        Hidden("drawer", "slop", ("joint_play", "backlash"), 10, _slop),
+        Hidden("laptop", "flexible lid", ("flexible_part", "joint_elasticity"), 11, _flexible),
     )
 }
 
@@ -123,14 +148,13 @@ def draw_case(label: str, number: int, salt: str | None = None) -> Trial:
     The same label and number give the same object; the salt of its seal is fresh unless given.
     """
     hidden = HIDDEN[label]
-    place = sorted(HIDDEN).index(label)
-    first = FIRST_TRIAL + 1000 * place + _PLACES * number
+    first = FIRST_TRIAL + 1000 * hidden.place + _PLACES * number
     trial = next(
         one
         for one in (draw_simple_trial(hidden.kind, k, salt) for k in range(first, first + _PLACES))
         if abs(one.change) >= _LEAST_CHANGE[hidden.kind]
     )
-    rng = np.random.default_rng([_SALT, place, number])
+    rng = np.random.default_rng([_SALT, hidden.place, number])
     parameters, effects = hidden.change(rng, trial.world.object)
     world = trial.world.model_copy(
         update={"object": trial.world.object.model_copy(update=parameters), "effects": effects}

@@ -97,12 +97,18 @@ def draw_laptop(rng: np.random.Generator) -> LaptopSpec:
     )
 
 
-def draw_bend(rng: np.random.Generator, spec: LaptopSpec) -> Bend:
+def draw_bend(
+    rng: np.random.Generator, spec: LaptopSpec, stiffness_Nm_rad: tuple[float, float] = (12.0, 45.0)
+) -> Bend:
     """Draw how a thin lid gives: 0.6 to 4° under 5 N at its far edge, rung down to a third within a third of a second.
 
     Chosen by what hands feel; no lid was measured.
     """
-    at, stiffness, damping_ratio = uniform(rng, 0.33, 0.5), uniform(rng, 12.0, 45.0), uniform(rng, 0.07, 0.2)
+    at, stiffness, damping_ratio = (
+        uniform(rng, 0.33, 0.5),
+        uniform(rng, *stiffness_Nm_rad),
+        uniform(rng, 0.07, 0.2),
+    )
     far = 1.0 - at
     inertia = spec.mass_kg * far * (far * spec.depth_m) ** 2 / 3
     damping = round(2.0 * damping_ratio * math.sqrt(stiffness * inertia), 6)
