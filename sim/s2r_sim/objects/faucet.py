@@ -12,32 +12,12 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from s2r_sim.objects.parameters import Parameters, Rgb, Standing, absent, tinted, uniform
+from s2r_sim.objects.parameters import Rgb, Standing, tinted, uniform
 from s2r_sim.objects.solids import Finish, bar, box, hinge, rod, share_mass, stand
 
 STYLES = ("top", "side", "pair")
-LEDGE_LEVER_M, LEDGE_RISE_RAD = 0.11, np.deg2rad(20)  # shortest and steepest lever below a ledge
-LEDGE_THICK_M, LEDGE_POST_M = 0.004, 0.005  # thickness, and radius of the post
-LEDGE_OVER_M = 0.015  # ledge beyond the tip
-
-
-class Ledge(Parameters):
-    """A shelf over the outer part of the lever as found, on a post beyond its tip.
-
-    Camera and fingers get at that part from the side at best: the first touch is near the axis, until the lever has
-    turned out from under it.
-
-    Attributes:
-        begins: Its inner edge, as a share of the lever.
-        gap_m: Above the lever.
-        width_m: Across the lever.
-    """
-
-    begins: float = Field(ge=0.3, le=0.8)
-    gap_m: float = Field(gt=0.0)
-    width_m: float = Field(gt=0.0)
 
 
 class FaucetSpec(Standing):
@@ -57,7 +37,6 @@ class FaucetSpec(Standing):
         round_lever: A rod instead of a flat bar.
         spokes: 1 for a lever, 2 to 4 for a cross handle (pair only).
         tilt_rad: Of the upright axis towards the user.
-        ledge: Over the lever (top, pair); None: there is none.
     """
 
     kind: Literal["faucet"] = "faucet"
@@ -81,15 +60,6 @@ class FaucetSpec(Standing):
     tilt_rad: float
     metal_rgb: Rgb
     deck_rgb: Rgb
-    ledge: Ledge | None = Field(default=None, exclude_if=absent)
-
-    @model_validator(mode="after")
-    def _ledge_over_one_lever(self) -> FaucetSpec:
-        if self.ledge is not None and (self.style == "side" or self.spokes > 1):
-            raise ValueError(
-                "a ledge needs one lever that turns about an upright axis (style top or pair, spokes 1)"
-            )
-        return self
 
 
 def draw_faucet(rng: np.random.Generator) -> FaucetSpec:
@@ -140,21 +110,6 @@ def draw_faucet(rng: np.random.Generator) -> FaucetSpec:
     )
 
 
-def has_room_for_ledge(spec: FaucetSpec) -> bool:
-    """A finger fits between hub and ledge, and the lever stays below the ledge as it turns."""
-    one_lever = spec.style != "side" and spec.spokes == 1
-    return one_lever and spec.lever_m >= LEDGE_LEVER_M and spec.lever_rise_rad <= LEDGE_RISE_RAD
-
-
-def draw_ledge(rng: np.random.Generator, spec: FaucetSpec) -> Ledge:
-    """Draw a ledge for a lever that has room for it."""
-    return Ledge(
-        begins=uniform(rng, 0.45, 0.55),
-        gap_m=uniform(rng, 0.012, 0.018),
-        width_m=round(spec.lever_width_m + uniform(rng, 0.03, 0.05), 6),
-    )
-
-
 def add_faucet(world: mujoco.MjSpec, spec: FaucetSpec) -> None:
     """Add deck, body, spout and handles."""
     base, part = stand(world, spec)
@@ -168,15 +123,12 @@ def add_faucet(world: mujoco.MjSpec, spec: FaucetSpec) -> None:
         _add_side_lever(part, spec, top, metal)
     elif spec.style == "top":
         up = np.array([np.sin(spec.tilt_rad), 0.0, np.cos(spec.tilt_rad)])
-        start = spec.lever_yaw_rad - spec.q_max / 2
-        _add_handle(part, "part", spec, top, up, start, metal)
-        _add_ledge(base, spec, top, up, start + spec.q_start)
+        _add_handle(part, "part", spec, top, up, spec.lever_yaw_rad - spec.q_max / 2, metal)
         hinge(part, spec, top, up)
     else:
         up, side = np.array([0.0, 0.0, 1.0]), np.array([0.0, dy / 2 - 0.03, dz])
         start = spec.lever_yaw_rad - spec.q_max / 2
         _add_handle(part, "part", spec, side, up, start, metal)
-        _add_ledge(base, spec, side, up, start + spec.q_start)
         _add_handle(base, "base_other", spec, side * (1, -1, 1), up, np.pi - start, metal)
         hinge(part, spec, side, up)
 
@@ -204,37 +156,15 @@ def _add_handle(
     """Hub and lever (or spokes) about an upright axis; ``yaw`` is where the first spoke points."""
     head = foot + spec.hub_height_m * up
     geoms = [rod(body, f"{name}_hub", foot + 0.0005 * up, head, spec.hub_radius_m, metal)]
-    for k in range(spec.spokes):
-        root, out = _lever_line(spec, foot, up, yaw + 2 * np.pi * k / spec.spokes)
-        geoms.append(_lever(body, f"{name}_lever_{k}", spec, root, root + spec.lever_m * out, metal))
-    share_mass(geoms, spec.mass_kg)
-
-
-def _lever_line(
-    spec: FaucetSpec, foot: np.ndarray, up: np.ndarray, yaw: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Root of a lever or spoke about an upright axis, and its direction outwards."""
     e1 = np.cross([0.0, 1.0, 0.0], up)
     e2 = np.cross(up, e1)
+    root = head - 0.5 * spec.lever_thick_m * up
     rise = spec.lever_rise_rad if spec.spokes == 1 else 0.0
-    out = np.cos(rise) * (np.cos(yaw) * e1 + np.sin(yaw) * e2) + np.sin(rise) * up
-    return foot + spec.hub_height_m * up - 0.5 * spec.lever_thick_m * up, out
-
-
-def _add_ledge(base: mujoco.MjsBody, spec: FaucetSpec, foot: np.ndarray, up: np.ndarray, yaw: float) -> None:
-    """The ledge, if there is one, over a lever that points along ``yaw``."""
-    ledge = spec.ledge
-    if ledge is None:
-        return
-    root, out = _lever_line(spec, foot, up, yaw)
-    normal = up - (up @ out) * out
-    half = 0.5 * (spec.lever_width_m if spec.round_lever else spec.lever_thick_m)
-    above = (half + ledge.gap_m + LEDGE_THICK_M / 2) * normal / np.linalg.norm(normal)
-    inner = root + ledge.begins * spec.lever_m * out + above
-    outer = root + (spec.lever_m + LEDGE_OVER_M) * out + above
-    finish = Finish(spec.deck_rgb, spec.friction)
-    bar(base, "base_ledge", inner, outer, ledge.width_m, LEDGE_THICK_M, finish)
-    rod(base, "base_ledge_post", outer * (1.0, 1.0, 0.0), outer, LEDGE_POST_M, finish)
+    for k in range(spec.spokes):
+        angle = yaw + 2 * np.pi * k / spec.spokes
+        out = np.cos(rise) * (np.cos(angle) * e1 + np.sin(angle) * e2) + np.sin(rise) * up
+        geoms.append(_lever(body, f"{name}_lever_{k}", spec, root, root + spec.lever_m * out, metal))
+    share_mass(geoms, spec.mass_kg)
 
 
 def _add_side_lever(part: mujoco.MjsBody, spec: FaucetSpec, top: np.ndarray, metal: Finish) -> None:

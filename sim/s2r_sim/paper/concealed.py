@@ -1,8 +1,7 @@
 """What concealed worlds hide beyond friction and joints: bodies that give way where the host believes them rigid.
 
-Every concealed lid bends a little, every drawer has clearance in its rail, every arm elastic gears; half of the levers
-that have room for it lie below a ledge. Drawn from streams of their own, so that the object of a number keeps its
-place, its size and its friction whatever is added here.
+Every concealed lid bends a little, every drawer has clearance in its rail, every arm elastic gears. Drawn from streams
+of their own, so that the object of a number keeps its place, its size and its friction whatever is added here.
 """
 
 from __future__ import annotations
@@ -13,12 +12,10 @@ import numpy as np
 
 from s2r_protocol.arms import ArmDescription, load_arm
 from s2r_sim.objects.drawer import DrawerSpec, draw_slop
-from s2r_sim.objects.faucet import FaucetSpec, draw_ledge, has_room_for_ledge
 from s2r_sim.objects.laptop import LaptopSpec, draw_bend
 from s2r_sim.world import WorldSpec, draw_gears
 
 _SALT = 81
-LEDGES = 0.5  # of the levers that have room for one
 
 
 def conceal(world: WorldSpec, kind: int, number: int, arm: ArmDescription | None = None) -> WorldSpec:
@@ -35,8 +32,6 @@ def conceal(world: WorldSpec, kind: int, number: int, arm: ArmDescription | None
         spec = spec.model_copy(update={"bend": draw_bend(rng_object, spec)})
     elif isinstance(spec, DrawerSpec):
         spec = spec.model_copy(update={"slop": draw_slop(rng_object)})
-    elif isinstance(spec, FaucetSpec) and has_room_for_ledge(spec) and rng_object.uniform() < LEDGES:
-        spec = spec.model_copy(update={"ledge": draw_ledge(rng_object, spec)})
     return world.model_copy(update={"object": spec, "arm": world.arm.model_copy(update={"gears": gears})})
 
 

@@ -12,7 +12,6 @@ import pytest
 from click.testing import CliRunner
 
 from s2r_protocol.exits import UsageError
-from s2r_sim.objects.faucet import has_room_for_ledge
 from s2r_sim.paper import trial as trial_module
 from s2r_sim.paper.ablations import ablations, uncorrected
 from s2r_sim.paper.calls import calls_of, commit, noted
@@ -138,7 +137,7 @@ def test_what_gives_way_is_drawn_apart_and_leaves_the_rest_of_a_trial_as_it_is(k
 
 
 def _rigid(world):
-    gives = {name: None for name in ("bend", "slop", "ledge") if hasattr(world.object, name)}
+    gives = {name: None for name in ("bend", "slop") if hasattr(world.object, name)}
     arm = world.arm.model_copy(update={"gears": None})
     return world.model_copy(update={"object": world.object.model_copy(update=gives), "arm": arm})
 
@@ -148,14 +147,6 @@ def test_every_concealed_lid_bends_every_drawer_has_clearance_and_no_two_alike(k
     drawn = [getattr(draw_trial(kind, number).world.object, name) for number in range(4)]
     assert None not in drawn
     assert len(set(drawn)) == 4
-
-
-def test_half_of_the_levers_that_have_room_lie_below_a_ledge():
-    faucets = [draw_trial("faucet", number).world.object for number in range(120)]
-    below = [spec.ledge is not None for spec in faucets if has_room_for_ledge(spec)]
-    assert len(below) > 10
-    assert 0.2 < np.mean(below) < 0.8
-    assert all(spec.ledge is None for spec in faucets if not has_room_for_ledge(spec))
 
 
 def test_every_concealed_arm_has_gears_of_its_own_as_stiff_as_its_joints_are_strong():
