@@ -44,6 +44,11 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     help="Of several drawers or levers the one at this point [m, base frame, good to 8 cm]; else the host chooses.",
 )
 @click.option(
+    "--push-near-axis",
+    is_flag=True,
+    help="Make the first push on a lever in its inner third, as if the rest were out of reach: an experiment.",
+)
+@click.option(
     "--executor", default=DEFAULT_EXECUTOR, show_default=True, help="Zenoh endpoint of the executor."
 )
 @click.option("--camera", default=DEFAULT_CAMERA, show_default=True, help="Zenoh endpoint of the camera.")
@@ -98,6 +103,7 @@ def run(
     further: tuple[str, ...],
     origin: str,
     at: str | None,
+    push_near_axis: bool,
     executor: str,
     camera: str,
     out: Path | None,
@@ -131,12 +137,16 @@ def run(
             f"--learn-physics learns after every third target, and there are only {1 + len(then)}: add some with --then"
         )
 
+    if push_near_axis and object_kind != "faucet":
+        raise UsageError(f"--push-near-axis is about levers, and a {object_kind} has none; leave it out")
+
     from s2r_protocol.arms import load_arm
     from s2r_protocol.keys import ArmKeys
 
     ArmKeys(cell, load_arm(arm).name)
 
     # A slip of the hand above is told at once; what follows takes seconds to load.
+    from s2r_host.motion.lever_proposals import LeverPushSettings
     from s2r_host.report.page import write_report
     from s2r_host.run.journal import Journal
     from s2r_host.run.pipeline import run_task
@@ -164,6 +174,7 @@ def run(
         without=without,
         acknowledge_contact=acknowledge_contact,
         dry_run=dry_run,
+        lever_push=LeverPushSettings(near_axis=push_near_axis),
     )
     folder.mkdir(parents=True, exist_ok=True)  # before anything moves: a run that cannot be kept is none
     journal = Journal()

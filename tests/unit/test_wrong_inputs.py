@@ -26,6 +26,7 @@ CASES = [
     ("run drawer --target 0.1 --then 5", USAGE, r"--then \+5000.00 mm is outside"),
     ("run drawer --target 0.1 --arm panda --out {tmp}/r --executor " + NOBODY, USAGE, "no arm 'panda'.*xmate3pro"),
     ("run drawer --target 0.1 --then 0.2 --learn-physics", USAGE, "third target, and there are only 2: add"),
+    ("run laptop --target 20deg --push-near-axis", USAGE, "about levers, and a laptop has none; leave it out"),
     ("run drawer --target 0.1 --cell lab/one", USAGE, "cell name 'lab/one' may only hold"),
     ("run drawer --target 0.1 --out {empty}/r", USAGE, "empty/r: Not a directory"),
     ("run drawer --target 0.1 --executor 7447 --out {tmp}/r", USAGE, "address '7447'.*PROTOCOL/ADDRESS"),

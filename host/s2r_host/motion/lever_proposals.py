@@ -14,6 +14,7 @@ from s2r_host.motion.levers import LeverCandidate
 from s2r_host.motion.push_proposals import PushProposal
 
 DOWN = np.array([0.0, 0.0, -1.0])
+NEAR_AXIS = (0.3, 0.2)  # places along a lever whose outer part is out of reach
 SHORTEST = 0.3  # of a finger's axis before it is made a unit vector
 LEAST_ACROSS = 0.2  # sine between a finger's axis and what its wide side is turned to
 SIDEWAYS = 0.7  # cosine between finger and push, below which it pushes with its side
@@ -34,6 +35,8 @@ class LeverPushSettings:
         leans: Share of "down" in the finger's axis; the rest points along the push, from outside to the body, or
             outwards: the only way to reach what leads away from the arm.
         highest: Sine by which the finger may point upwards.
+        near_axis: Push at :data:`NEAR_AXIS` and nowhere else: an experiment, for there a lever turns furthest for an
+            error of a millimetre.
         tip: Of the finger that pushes.
     """
 
@@ -45,6 +48,7 @@ class LeverPushSettings:
     below_m: float = 0.012
     leans: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)
     highest: float = -0.1
+    near_axis: bool = False
     tip: Fingertip = CLOSED_GRIPPER
 
 
@@ -67,7 +71,8 @@ def lever_proposals(
     settings = settings or LeverPushSettings()
     line = axis.way(lever.p_tip)
     for one in (settings, replace(SHORT, tip=settings.tip)):
-        for place, lean, direction in product(one.places, one.leans, (line, -line)):
+        places = NEAR_AXIS if settings.near_axis else one.places
+        for place, lean, direction in product(places, one.leans, (line, -line)):
             for level in (direction, -lever.outward, lever.outward):
                 z = lean * DOWN + (1.0 - abs(lean)) * level
                 length = float(np.linalg.norm(z))

@@ -89,6 +89,22 @@ def test_short_pushes_come_last_and_some_of_them_from_below():
     assert up[first:].max() > 0.2
 
 
+def test_near_its_axis_a_lever_is_pushed_in_its_inner_third_and_nowhere_else():
+    scene, _ = faucet(np.pi / 2)
+    lever = find_levers(scene)[0]
+    line = (lever.p_tip - lever.p_root) / ((lever.p_tip - lever.p_root) @ (lever.p_tip - lever.p_root))
+
+    def shares(near):
+        some = lever_proposals(lever, upright_axis(lever), LeverPushSettings(near_axis=near))
+        across = [p.p_contact + 0.5 * lever.width_m * p.direction for p in some]
+        return np.array([(p - lever.p_root) @ line for p in across])
+
+    assert np.median(shares(near=False)) > 0.5
+    assert len(shares(near=True)) > 20
+    assert np.median(shares(near=True)) < 0.35
+    assert shares(near=True).max() < 0.5
+
+
 def test_a_lever_that_swings_upright_is_pushed_square_to_its_line_in_that_plane():
     scene, out = faucet(np.pi / 2)
     lever = find_levers(scene)[0]
