@@ -61,8 +61,9 @@ def _lines(
         f"{_counted(rows)} "
         "**These are simulated stand-in objects with concealed physics; the paper's figures are from a real arm.**",
         "Place, size, state as found, direction and amount of the motion are random."
-        " Hidden are friction, damping, mass, rail play, stiction, friction that changes along the way, detents,"
-        " camera noise, hand-eye error and arm friction.",
+        " Hidden are friction, damping, mass, slop of rails, lids that bend, stiction, friction that changes along the"
+        " way, detents, camera noise, hand-eye error, friction and elastic gears of the arm ([what the stand-in"
+        " hides](stand-in.md)).",
         "The host sees depth frames and joint states. World and truth log lie in a folder of their own that it is not"
         " told of; they are opened when all processes of the trial have ended. " + _seals(rows),
         "The amount is told once the host has built the object: as drawn before the run, or as far the other way where"
