@@ -13,6 +13,7 @@ from s2r_sim.missing.cases import LATER, LEARNING, draw_case
 from s2r_sim.missing.score import Row, score_run
 from s2r_sim.missing.shift import largest, shifts
 from s2r_sim.paper.trials import Trial
+from s2r_sim.sealed import TRUTH, WORLD, sealed
 
 TIMEOUT_S = 2400.0
 ARMS = {
@@ -59,11 +60,10 @@ def run_folder(out: Path, label: str, number: int, arm: str) -> Path:
 
 
 def _play(trial: Trial, folder: Path, targets: list[float], options: tuple[str, ...]) -> None:
-    world = folder / "world.json"
-    trial.world.save(world)
     first, *further = targets
     with (
-        stand_in_cell(folder, ("--world", world), stand_in=("--truth", folder / "truth.csv")) as cell,
+        sealed(trial.world, folder) as hidden,
+        stand_in_cell(folder, ("--world", hidden / WORLD), stand_in=("--truth", hidden / TRUTH)) as cell,
         (folder / "host.log").open("w") as log,
     ):
         command = s2r_command(

@@ -1,7 +1,4 @@
-"""One trial: sealed world, stand-in, executor and host as separate processes, then the truth opened.
-
-While they run, world and truth log lie in a folder of their own that the host is not told of and nobody reads.
-"""
+"""One trial: sealed world, stand-in, executor and host as separate processes, then the truth opened."""
 
 from __future__ import annotations
 
@@ -9,10 +6,7 @@ import json
 import resource
 import shutil
 import subprocess
-import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TextIO
 
@@ -23,11 +17,11 @@ from s2r_sim.errors import TruthFileError
 from s2r_sim.paper.score import Row, score_trial
 from s2r_sim.paper.trials import Trial, draw_trial
 from s2r_sim.score import sense
+from s2r_sim.sealed import TRUTH, WORLD, sealed
 
 TIMEOUT_S = 1200.0
 MOST_TRIES = 3
 POLL_S = 0.2
-WORLD, TRUTH = "world.json", "truth.csv"
 
 
 def run_trial(
@@ -75,7 +69,7 @@ def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, arm
     folder.mkdir(parents=True)
     try:
         with (
-            sealed(trial, folder) as hidden,
+            sealed(trial.world, folder) as hidden,
             stand_in_cell(
                 folder,
                 ("--world", hidden / WORLD),
@@ -103,23 +97,6 @@ def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, arm
         return _no_result(trial.change, str(error), ExitCode.UNREACHABLE)
     except (TruthFileError, FileNotFoundError) as error:
         return _no_result(trial.change, f"{type(error).__name__}: {error}", ExitCode.BUG)
-
-
-@contextmanager
-def sealed(trial: Trial, folder: Path) -> Iterator[Path]:
-    """A folder with the world, for it and the truth log, away from the trial's own while the block goes on.
-
-    At its end, when no process of the trial is left, both are put into the trial's folder: they are opened there.
-    """
-    with tempfile.TemporaryDirectory(prefix="s2r-sealed-") as name:
-        hidden = Path(name)
-        trial.world.save(hidden / WORLD)
-        try:
-            yield hidden
-        finally:
-            for file in (WORLD, TRUTH):
-                if (hidden / file).exists():  # no truth log of a stand-in that did not start
-                    shutil.move(hidden / file, folder / file)
 
 
 def _run_and_answer(command: list[str], log: TextIO, trial: Trial, folder: Path) -> tuple[float, int]:

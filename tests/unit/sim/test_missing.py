@@ -1,7 +1,9 @@
 """Physics left out: sealed objects with one effect each, figures per effect, a page of them."""
 
 import json
+from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -24,6 +26,7 @@ from s2r_sim.paper.trials import Trial
 from s2r_sim.physics import build_world
 from s2r_sim.score import true_joint
 from s2r_sim.truth import CONTACT_COLUMNS
+from s2r_sim.world import load_world
 
 GAUGE = {"drawer": 0.3, "laptop": 0.1, "faucet": 0.1}  # what the arm feels, N or N·m
 
@@ -124,6 +127,24 @@ def test_a_run_with_a_target_that_it_was_not_given_is_told_by_file_and_numbers(t
         RunFileError, match=r"run\.json has a manipulation towards \+9\.000000 .* another trial"
     ):
         score_run(trial, tmp_path, (*LEARNING, *LATER))
+
+
+def test_the_world_is_out_of_the_runs_folder_while_the_host_is_at_work(tmp_path, monkeypatch):
+    seen = []
+
+    @contextmanager
+    def cell(folder, world, stand_in):
+        assert folder not in world[1].parents
+        assert folder not in stand_in[1].parents
+        yield SimpleNamespace(executor="e", camera="c")
+        seen.extend(path.name for path in folder.rglob("*"))
+
+    monkeypatch.setattr("s2r_sim.missing.trial.stand_in_cell", cell)
+    monkeypatch.setattr("s2r_sim.missing.trial.s2r_command", lambda *_: ["true"])
+    run_case(tmp_path, "faucet: nothing", 0, "learnt", 1)
+    assert seen == ["host.log"]
+    (world,) = tmp_path.rglob("world.json")
+    assert load_world(world) == draw_case("faucet: nothing", 0, load_world(world).salt).world
 
 
 def test_one_run_that_cannot_be_scored_is_a_row_of_the_campaign(tmp_path, monkeypatch):
