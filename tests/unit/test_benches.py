@@ -228,3 +228,47 @@ def test_the_arm_friction_of_the_stand_in_is_what_the_real_log_tells(bench):
     bounds = friction.intervals(motion, links)[1]
     for near in friction.supported(friction.fit(motion, links), bounds):
         assert near.all()
+
+
+def test_noise_of_a_plane_is_told_from_its_waves_and_its_wrong_matches(bench):
+    camera = bench("bench_camera")
+    rig, rng = camera.StereoRig(), np.random.default_rng(3)
+    fb = rig.f_px * rig.baseline_m
+    u = np.arange(rig.width) / rig.width
+    exact = np.broadcast_to(fb / (40.0 + 5.0 * u), (rig.height, rig.width))
+    waves = 0.1 * np.sin(2 * np.pi * 6 * u)
+    d = fb / exact + waves + rng.normal(0.0, 0.07, (6, *exact.shape))
+    depth = fb / d
+    depth[:, 200:215, 300:400] = 0.0
+    depth[:, 230:240, 300:400] = 0.5
+    found = camera.noise(depth, exact, rig)
+    assert found["temporal_px"] == pytest.approx(0.07, rel=0.1)
+    assert found["spatial_px"] == pytest.approx(np.hypot(0.07, 0.1 / np.sqrt(2)), rel=0.1)
+    assert found["spatial_mm"] == pytest.approx(
+        1e3 * found["spatial_px"] * np.median(exact) ** 2 / fb, rel=0.05
+    )
+    assert 0.05 < found["waves_px"] < 0.15
+    assert found["holes"] == pytest.approx(1500 / 120_000)
+    assert found["wrong"] == pytest.approx(1000 / 120_000)
+
+
+def test_a_board_that_is_seen_too_large_is_too_fat_on_that_side(bench):
+    exact = np.full((480, 848), 1.3)
+    exact[160:320, 300:540] = 1.0
+    depth = exact.copy()
+    depth[160:320, 280:300] = 0.0  # shadow on the left
+    depth[160:320, 540:543] = 1.0  # three too many on the right
+    depth[160:162, 300:540] = 1.3  # two too few at the top
+    found = bench("bench_camera").edges(depth, exact, 1.15)
+    assert {side: one["fat"] for side, one in found.items()} == {
+        "left": 0,
+        "right": 3,
+        "top": -2,
+        "bottom": 0,
+    }
+    assert {side: one["shadow"] for side, one in found.items()} == {
+        "left": 20,
+        "right": 0,
+        "top": 0,
+        "bottom": 0,
+    }

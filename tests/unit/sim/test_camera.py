@@ -1,12 +1,15 @@
 """The depth camera: what it sees, how noisy it is, how it travels."""
 
+import mujoco
 import numpy as np
 import pytest
 
 from s2r_sim.camera.camera import DepthCamera
 from s2r_sim.camera.frame import DEPTH_UNIT_M, to_message
+from s2r_sim.camera.intrinsics import StereoRig
 from s2r_sim.camera.matching import Matching, disparity
 from s2r_sim.physics import Physics
+from s2r_sim.world import CameraTruth
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +55,23 @@ def test_plane_noise_at_80_cm_is_that_of_a_d415(shot, physics):
     error, share = errors(shot, pixels(shot, physics, "table") & (np.abs(exact - 0.8) < 0.05))
     assert share > 0.9
     assert 1e-3 < np.sqrt(np.mean(error[np.abs(error) < 0.01] ** 2)) < 3e-3
+
+
+def test_a_plane_is_seen_from_the_least_distance_of_a_d415_on():
+    def seen(distance_m):
+        spec = mujoco.MjSpec()
+        body = spec.worldbody.add_body(pos=[distance_m + 0.005, 0, 0])
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.005, 1, 1], rgba=[0.8, 0.8, 0.8, 1])
+        zero = (0.0, 0.0, 0.0)
+        truth = CameraTruth(
+            position_m=zero, target_m=(1, 0, 0), roll_rad=0, hand_eye_m=zero, hand_eye_rad=zero, seed=0
+        )
+        middle = DepthCamera(spec.compile(), truth).capture(np.zeros(0)).depth_m[90:390, 224:624]
+        return np.mean(np.abs(middle - distance_m) < 0.02 * distance_m), np.mean(middle > 0)
+
+    nearest = StereoRig().f_px * StereoRig().baseline_m / 126
+    assert seen(1.02 * nearest)[0] > 0.99
+    assert seen(0.96 * nearest)[1] < 0.01  # nothing, and nothing wrong either
 
 
 def test_handle_stands_out_from_the_front(shot, physics):
