@@ -3,6 +3,7 @@
 import argparse
 import importlib
 import json
+import subprocess
 import sys
 from pathlib import Path
 
@@ -272,3 +273,23 @@ def test_a_board_that_is_seen_too_large_is_too_fat_on_that_side(bench):
         "top": 0,
         "bottom": 0,
     }
+
+
+def test_time_of_a_command_is_that_of_what_it_starts_too(bench, tmp_path):
+    timed = bench("bench_build_time")
+    burn = "import time\nwhile time.process_time() < 0.3: pass\n"
+    before = timed.children_cpu_s()
+    outer = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {burn!r}])"
+    subprocess.run([sys.executable, "-c", outer], check=True)
+    assert timed.children_cpu_s() - before >= 0.3
+
+
+def test_times_are_those_of_models_and_abstentions_stand_apart(bench, capsys):
+    about = {"kind": "lid", "wall_s": 9.0, "pair_s": 0.4, "push_s": None}
+    built = [about | {"cpu_s": cpu_s, "loads": True} for cpu_s in (5.0, 7.0, 21.0)]
+    bench("bench_build_time").print_table([*built, about | {"cpu_s": 3.0, "reason": "no motion"}])
+    line = capsys.readouterr().out.splitlines()[2]
+    assert line.startswith(
+        "| lid | 4 | 3 of 3 | 1 | 7.0 / 18.2 / 21.0 | 2 of 3 | 9.0 / 9.0 / 9.0 | 3.0 / 3.0 / 3.0 |"
+    )
+    assert line.endswith("| 0.4 / 0.4 / 0.4 | – |")
