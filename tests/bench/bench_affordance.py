@@ -12,6 +12,10 @@ object, any direction within 70 degrees of straight in. Rule: the points that st
 camera, pushed straight in, those in the middle first. Run: what `s2r run` would push first at a drawer, laptop or
 faucet if nothing were out of the arm's reach: its own proposals in its own order, with its own way past the touch
 and its finger's tilt. It means to move a part only a little, hence also "run, 8 cm" with the way of the others.
+The meant way: every push means the place it touches to go along with the fingertip, and so do the run's, whose
+directions are those of its believed joints (a drawer's front into its cabinet, a lid's face about its lower edge, a
+lever about its believed axis). A useful motion went the meant way where the joint's true motion takes that place
+within 90 degrees of the push, and against it otherwise. Joints grow as drawers and lids open.
 "Could": objects with at least one useful push among all 100 random ones and among all 100 of the network's; no choice
 among them can do better (--could 0 leaves it out). Intervals are Wilson's, 95 %. Results are kept as JSON lines; an
 interrupted run goes on. --pictures draws the objects on which the network's push failed.
@@ -22,7 +26,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import islice, pairwise
+from itertools import islice, pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -48,12 +52,13 @@ from s2r_sim.objects.naming import BASE_BODY, PART_BODY
 from s2r_sim.objects.pairs import place_camera
 from s2r_sim.objects.push_data import PART, pixel_labels, with_room
 from s2r_sim.objects.pushes import TRAVEL_M, PushScene, useful
-from s2r_sim.objects.scene import qpos_at, table_scene
+from s2r_sim.objects.scene import JointTruth, joint_truth, qpos_at, table_scene
 from s2r_sim.objects.splits import Split, split_rng
 
 CONE_RAD = np.deg2rad(70)
 STANDING_OUT = 0.98
 TRIES = 100
+RIGHT_WAY_DEG = 90.0
 METHODS = ("random", "rule", "network", "run", "run, 8 cm")
 TASKS = {"drawer": DRAWER, "chest": DRAWER, "laptop": LAPTOP, "faucet": FAUCET}  # kinds that `s2r run` knows
 
@@ -98,7 +103,7 @@ def first_pushes(
     if kind in TASKS:
         pushes["run"] = pushes_of_run(TASKS[kind], frame, rng)
         pushes["run, 8 cm"] = [replace(one, travel_m=TRAVEL_M) for one in pushes["run"]]
-    scene = PushScene(spec)
+    scene, joint = PushScene(spec), joint_truth(model, spec)
     label = pixel_labels(camera.exact_sight(qpos), model.body(BASE_BODY).id, model.body(PART_BODY).id)
     row: dict[str, Any] = {"kind": kind, "seed": seed, "part_px": int((label == PART).sum())}
     row["style"] = getattr(spec, "style", None)
@@ -106,6 +111,8 @@ def first_pushes(
         row[method] = tried(scene, kind, candidates, could if method in ("random", "network") else 0)
         first = row[method]["blocked"]
         row[method]["on_part"] = first is not None and shows(label, frame, candidates[first].point) == PART
+        if first is not None:
+            row[method]["way_deg"] = way_deg(joint, candidates[first], row[method]["delta"])
     first = row["network"]["blocked"] or 0
     row["likelihood"] = found.proposals[first].likelihood
     if pictures and not row["network"]["useful"]:
@@ -125,6 +132,16 @@ def tried(scene: PushScene, kind: str, candidates: list[Push], could: int) -> di
             row |= {"delta": result.delta, "blocked": k, "useful": useful(kind, result.delta)}
         row["any"] = row["any"] or useful(kind, result.delta)
     return row
+
+
+def way_deg(joint: JointTruth, push: Push, delta: float) -> float | None:
+    """Angle [deg] between a push and the way on which its place sets out with the joint; None where neither moved."""
+    axis, origin = np.array(joint.direction), np.array(joint.origin_m)
+    way = axis if joint.joint_type == "prismatic" else np.cross(axis, push.point - origin)
+    length = float(np.linalg.norm(way))
+    if delta == 0.0 or length == 0.0:
+        return None
+    return float(np.degrees(np.arccos(np.clip(np.sign(delta) * (way @ push.direction) / length, -1.0, 1.0))))
 
 
 def pushes_of_run(task: Task, frame: DepthFrame, rng: np.random.Generator) -> list[Push]:
@@ -274,7 +291,27 @@ def main() -> None:
             cells += ["–", "–"]
         cells.append(str(sum(row["network"]["on_part"] for row in seen)))
         print(f"| {name} | {len(mine)} | {len(mine) - len(seen)} | {' | '.join(cells)} |")
+    directions(groups)
     calibration([row for row in rows if "network" in row])
+
+
+def directions(groups: list[tuple[str, list[dict[str, Any]]]]) -> None:
+    """Which way the useful first pushes went; rows of earlier code do not tell."""
+    head = "kind | by | objects | useful | the meant way | against it | grew / shrank | push to motion [°]"
+    print(f"\n| {head} |\n{'|---' * 8}|")
+    for (name, mine), method in product(groups, METHODS):
+        results = [row[method] for row in mine if method in row]
+        good = [one for one in results if one["useful"] and one.get("way_deg") is not None]
+        if not results or len(good) < sum(one["useful"] for one in results):
+            continue
+        angles = [one["way_deg"] for one in good]
+        meant, grew = sum(angle < RIGHT_WAY_DEG for angle in angles), sum(one["delta"] > 0 for one in good)
+        spread = f"{np.median(angles):.0f} / {np.percentile(angles, 90):.0f}" if good else "–"
+        cells = (wilson95(len(good), len(results)), wilson95(meant, len(results)), len(good) - meant)
+        print(
+            f"| {name} | {method} | {len(results)} | {cells[0]} | {cells[1]} | {cells[2]} |"
+            f" {grew} / {len(good) - grew} | {spread} |"
+        )
 
 
 def calibration(rows: list[dict[str, Any]]) -> None:

@@ -275,6 +275,29 @@ def test_a_board_that_is_seen_too_large_is_too_fat_on_that_side(bench):
     }
 
 
+def test_a_push_is_meant_to_take_the_place_it_touches_along(bench):
+    affordance = bench("bench_affordance")
+    push = affordance.Push(np.array([0.1, 0.0, 0.3]), np.array([0.0, 1.0, 0.0]))
+    lever = affordance.JointTruth("revolute", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0, 1.0)
+    drawer = affordance.JointTruth("prismatic", (0.0, 0.0, 0.0), (0.0, -np.sqrt(0.5), np.sqrt(0.5)), 0.0, 0.3)
+    assert affordance.way_deg(lever, push, 0.3) == pytest.approx(0.0, abs=1e-6)
+    assert affordance.way_deg(lever, push, -0.3) == pytest.approx(180.0)
+    assert affordance.way_deg(drawer, push, -0.05) == pytest.approx(45.0)
+    assert affordance.way_deg(lever, push, 0.0) is None
+
+
+def test_a_useful_push_against_the_meant_way_is_counted_as_that(bench, capsys):
+    one = {"useful": True, "delta": -0.3, "way_deg": 20.0}
+    results = [one, one | {"way_deg": 170.0, "delta": 0.3}, one | {"useful": False, "way_deg": None}]
+    rows = [{"kind": "faucet", "run": result} for result in results]
+    directions = bench("bench_affordance").directions
+    directions([("faucet", rows)])
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == "| faucet | run | 3 | 67 % (21 to 94) | 33 % (6 to 79) | 1 | 1 / 1 | 95 / 155 |"
+    directions([("faucet", [{"kind": "faucet", "run": {"useful": True, "delta": 0.3}}])])  # of earlier code
+    assert capsys.readouterr().out.splitlines()[-1].startswith("|---")
+
+
 def test_time_of_a_command_is_that_of_what_it_starts_too(bench, tmp_path):
     timed = bench("bench_build_time")
     burn = "import time\nwhile time.process_time() < 0.3: pass\n"
