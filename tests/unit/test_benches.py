@@ -316,3 +316,53 @@ def test_times_are_those_of_models_and_abstentions_stand_apart(bench, capsys):
         "| lid | 4 | 3 of 3 | 1 | 7.0 / 18.2 / 21.0 | 2 of 3 | 9.0 / 9.0 / 9.0 | 3.0 / 3.0 / 3.0 |"
     )
     assert line.endswith("| 0.4 / 0.4 / 0.4 | – |")
+
+
+@pytest.fixture
+def opened():
+    """Points of a box with its door open by 60 degrees, base frame, the camera in front; and which are the door's."""
+    rng = np.random.default_rng(0)
+    eye, n = np.array([-0.9, 0.1, 0.4]), 1500
+    a, b = rng.uniform(size=(2, n, 1))
+    s, c = np.sin(np.radians(40)), np.cos(np.radians(40))
+    side = np.array([0.0, 0.2, 0.02]) + a * [0.3 * s, 0.3 * c, 0] + b * [0, 0, 0.25]
+    door = np.array([0.0, 0.2, 0.02]) + a * [0.02, -0.35, 0] + b * [0, 0, 0.25]
+    top = np.array([0.0, 0.2, 0.27]) + a * [0.3 * s, 0.3 * c, 0] + b * [0.35 * c, -0.35 * s, 0]
+    points = np.vstack([top, top, door, side]) + rng.normal(0.0, 0.001, (4 * n, 3))
+    return points, np.arange(4 * n) // n == 2, eye
+
+
+def test_an_open_door_is_found_with_the_edge_it_hangs_at(bench, opened):
+    points, on_door, eye = opened
+    door = bench("bench_affordance_real").find_door(points, eye)
+    assert np.mean(door.holds(points)[on_door]) > 0.9
+    assert np.mean(door.holds(points)[~on_door]) < 0.08  # next to the hinge
+    assert door.reach(np.array([[0.0, 0.2, 0.1], [0.02, -0.15, 0.1]])) == pytest.approx([0.0, 1.0], abs=0.05)
+    assert door.normal @ [-1.0, 0.0, 0.0] > 0.99
+
+
+def test_two_upright_planes_are_needed_for_a_door(bench, opened):
+    points, _, eye = opened
+    with pytest.raises(ValueError, match="1 upright planes"):
+        bench("bench_affordance_real").find_door(points[: 2 * 1500 + 1500], eye)
+
+
+def test_scores_that_tell_nothing_are_a_half(bench):
+    told_apart = bench("bench_affordance_real").told_apart
+    mask = np.array([True, True, False, False])
+    assert told_apart(np.array([0.9, 0.8, 0.2, 0.1]), mask) == 1.0
+    assert told_apart(np.array([0.1, 0.2, 0.8, 0.9]), mask) == 0.0
+    assert told_apart(np.array([0.5, 0.5, 0.5, 0.5]), mask) == 0.5
+
+
+def test_a_cloud_that_is_not_there_is_named(bench, monkeypatch, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        _main(
+            bench("bench_affordance_real"),
+            monkeypatch,
+            "--cloud",
+            tmp_path / "no.ply",
+            "--out",
+            tmp_path / "out",
+        )
+    assert f"--cloud {tmp_path / 'no.ply'}: no such file" in capsys.readouterr().err
