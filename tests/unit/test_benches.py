@@ -318,6 +318,28 @@ def test_times_are_those_of_models_and_abstentions_stand_apart(bench, capsys):
     assert line.endswith("| 0.4 / 0.4 / 0.4 | – |")
 
 
+def test_a_hinge_out_of_its_deck_is_told_by_the_deck_s_plane(bench):
+    model, rng = bench("bench_build_model"), np.random.default_rng(0)
+    p = rng.uniform([0.5, -0.2, 0.0], [0.9, 0.1, 0.0], (4000, 3))
+    tilt = np.radians(0.8)
+    p[:, 2] = 0.718 - np.tan(tilt) * (p[:, 1] + 0.05) + rng.normal(0.0, 0.001, len(p))
+    p[:150, 2] += 0.004  # keys
+    normal, spread_m = model.level_plane(
+        np.vstack([p, p + np.array([0.0, 0.0, 0.1])]), 0.718
+    )  # and the lid above it
+    assert normal == pytest.approx([0.0, np.sin(tilt), np.cos(tilt)], abs=0.001)
+    assert spread_m == pytest.approx(0.001, rel=0.1)
+    assert model.out_of(np.array([0.0, 1.0, 0.0]), normal) == pytest.approx(0.8, abs=0.05)
+
+
+def test_the_reference_of_a_clip_that_is_not_there_is_named(bench, monkeypatch, tmp_path, capsys):
+    model = bench("bench_build_model")
+    monkeypatch.setattr(model, "CLIP", tmp_path / "clip")
+    with pytest.raises(SystemExit):
+        _main(model, monkeypatch, "--real", "--reference")
+    assert f"not at {tmp_path / 'clip'}" in capsys.readouterr().err
+
+
 @pytest.fixture
 def opened():
     """Points of a box with its door open by 60 degrees, base frame, the camera in front; and which are the door's."""
