@@ -275,6 +275,33 @@ def test_a_board_that_is_seen_too_large_is_too_fat_on_that_side(bench):
     }
 
 
+def test_abstentions_and_wrong_types_are_infinitely_far_off_of_all_pairs(bench, capsys):
+    perception = bench("bench_perception")
+    about = {"kind": "faucet", "type_true": "revolute", "part_px": [500, 500], "cpu_s": 1.0}
+    good = {"type": "revolute", "axis_deg": 1.0, "line_mm": 2.0, "delta_error": np.radians(-0.5)}
+    good |= {"transport_mm": 1.0, "covered": {}}
+    rows = [about | good for _ in range(16)]
+    rows += [about | good | {"line_mm": 9.0} for _ in range(2)]
+    rows += [about | {"abstained": "no motion"}, about | {"type": "prismatic"}]
+    perception.print_tables(rows)
+    lines = capsys.readouterr().out.splitlines()
+    assert "| faucet | 20 | 0 | 1 | 18/19 | 1.00 / 1.00 | 2.00 / 4.10 |" in lines[2]
+    assert lines[-1] == "| faucet | 20 | 90 % | 80 % | 90 % | 80 % | 1.00 | 9.00 | 0.50 |"
+    perception.print_tables([*rows, about | {"abstained": "no motion"}])
+    assert capsys.readouterr().out.splitlines()[-1].endswith("| 86 % | 76 % | 86 % | 76 % | ∞ | ∞ | ∞ |")
+
+
+def test_a_slide_has_no_line_and_each_route_a_line_of_its_own(bench, capsys):
+    about = {"type_true": "prismatic", "part_px": [500, 500], "cpu_s": 1.0}
+    good = {"type": "prismatic", "axis_deg": 0.5, "line_mm": 3.0, "delta_error": 0.006, "transport_mm": 1.0}
+    routes = {"geometry": about | good | {"covered": {}}, "network": about | {"abstained": "hardly a point"}}
+    bench("bench_perception").print_tables([{"kind": "chest", "seed": 1, "routes": routes}])
+    assert capsys.readouterr().out.splitlines()[-2:] == [
+        "| drawer, geometry | 1 | 100 % | – | 0 % | 0 % | 0.50 | – | 6.00 |",
+        "| drawer, network | 1 | 0 % | – | 0 % | 0 % | ∞ | – | ∞ |",
+    ]
+
+
 def test_a_push_is_meant_to_take_the_place_it_touches_along(bench):
     affordance = bench("bench_affordance")
     push = affordance.Push(np.array([0.1, 0.0, 0.3]), np.array([0.0, 1.0, 0.0]))
