@@ -135,4 +135,8 @@ def import_(folder: Path, part: str | None, height: float, out: Path) -> None:
         click.echo(
             f"flat, made {1e3 * THICKNESS_M:g} mm thick: {', '.join(made.thickened)} (link_number of its shape)"
         )
+    if made.hulled:
+        click.echo(
+            f"bounding no solid, weighed as their convex hulls: {', '.join(made.hulled)} (link_number of its shape)"
+        )
     click.echo(f"{truth.joint_type} joint, found at {truth.q_start:.3f} of {truth.q_max:.3f}; in {out}")

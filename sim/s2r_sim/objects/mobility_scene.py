@@ -1,7 +1,8 @@
 """One moving part of a PartNet-Mobility, Shape2Motion or own object, in real size on the stand-in's table.
 
 The chosen joint moves, all others stay at 0. Rays see the meshes as they are; contacts use the convex hull of
-every mesh file, as MuJoCo does. A mesh that is flat becomes a thin solid.
+every mesh file, as MuJoCo does. A mesh that is flat becomes a thin solid. What moves weighs what the solids within its
+meshes weigh; a mesh that bounds none weighs as its convex hull.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
 from s2r_sim.objects.scene import JointTruth, add_table
 from s2r_sim.objects.sheets import is_flat, thickened
 from s2r_sim.objects.wavefront import triangles_of, vertices_of
+from s2r_sim.objects.weight import weigh
 
 GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -53,10 +55,17 @@ class MobilityPlace:
 
 @dataclass(frozen=True)
 class Imported:
-    """What was written: the true joint, and the shapes that were flat and are thin solids now, by link and number."""
+    """What was written.
+
+    Attributes:
+        joint: The true joint.
+        thickened: Shapes that were flat and are thin solids now, by link and number.
+        hulled: Shapes of the moving part that bound no solid and weigh as their convex hull, by link and number.
+    """
 
     joint: JointTruth
     thickened: tuple[str, ...]
+    hulled: tuple[str, ...]
 
 
 def movable(links: tuple[MobileLink, ...]) -> list[MobileLink]:
@@ -67,12 +76,22 @@ def movable(links: tuple[MobileLink, ...]) -> list[MobileLink]:
 def mobility_scene(
     folder: Path, part: str | None = None, place: MobilityPlace | None = None
 ) -> mujoco.MjSpec:
+    """A table with the object, see :func:`weighed_scene`."""
+    return weighed_scene(folder, part, place)[0]
+
+
+def weighed_scene(
+    folder: Path, part: str | None = None, place: MobilityPlace | None = None
+) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
     """A table with the object; bodies and joint carry the names all objects of the stand-in have.
 
     Args:
         folder: Of one object.
         part: Name or meaning of the link that moves; may be left out if there is one only.
         place: Size, place and physics.
+
+    Returns:
+        The scene, and the shapes of the moving part that weigh as their convex hull.
 
     Raises:
         WorldFileError: No such part, several of them, or a folder that cannot be used.
@@ -113,7 +132,7 @@ def mobility_scene(
         armature=0.001,
     )
     scene.add_exclude(bodyname1=BASE_BODY, bodyname2=PART_BODY)
-    return scene
+    return scene, weigh(scene, body)
 
 
 def mobility_truth(model: mujoco.MjModel, place: MobilityPlace | None = None) -> JointTruth:
@@ -138,7 +157,7 @@ def write_mobility(folder: Path, out: Path, part: str | None, place: MobilityPla
         WorldFileError: A folder, or a shape of it, that cannot be used.
         ShapelessError: What moves has no shape.
     """
-    scene = mobility_scene(folder, part, place)
+    scene, hulled = weighed_scene(folder, part, place)
     scene.worldbody.add_site(name="arm_base")  # so that `s2r plan` knows where the arm stands
     try:
         model = scene.compile()
@@ -151,9 +170,11 @@ def write_mobility(folder: Path, out: Path, part: str | None, place: MobilityPla
     flat = [mesh.name for mesh in scene.meshes if not mesh.file]
     out.mkdir(parents=True, exist_ok=True)
     (out / "scene.xml").write_text(scene.to_xml())
-    content = {"source": str(folder), "place": asdict(place), "joint": asdict(truth), "thickened": flat}
+    content = {
+        "source": str(folder), "place": asdict(place), "joint": asdict(truth), "thickened": flat, "hulled": hulled
+    }  # fmt: skip
     (out / "object.json").write_text(json.dumps(content, indent=1, sort_keys=True) + "\n")
-    return Imported(truth, tuple(flat))
+    return Imported(truth, tuple(flat), hulled)
 
 
 def _choose(links: tuple[MobileLink, ...], part: str | None, folder: Path) -> MobileLink:
@@ -255,7 +276,7 @@ def _add_mesh(scene: mujoco.MjSpec, name: str, shape: MeshPlace, scale: float) -
     """By its file, or, where it is flat, as the thin solid that is made of it."""
     mesh = scene.add_mesh(
         name=name,
-        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,  # the data sets' meshes are not closed
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,  # not closed; what moves is weighed apart
     )
     points = vertices_of(shape.file) * scale * shape.scale
     if not is_flat(points):

@@ -403,3 +403,36 @@ def test_import_command_writes_a_scene_that_loads(partnet, tmp_path):
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "o" / "scene.xml"))
     assert model.site("arm_base").pos.tolist() == [0.0, 0.0, 0.0]  # s2r plan puts the arm there
     assert json.loads((tmp_path / "o" / "object.json").read_text())["joint"]["joint_type"] == "prismatic"
+
+
+def mass_of_part(out: Path) -> float:
+    """Of what moves in a written scene [kg]."""
+    return float(mujoco.MjModel.from_xml_path(str(out / "scene.xml")).body(PART_BODY).mass[0])
+
+
+L_SHAPE = (
+    "v 0 0 0\nv 1 0 0\nv 1 0.2 0\nv 0.2 0.2 0\nv 0.2 1 0\nv 0 1 0\n"
+    "v 0 0 1\nv 1 0 1\nv 1 0.2 1\nv 0.2 0.2 1\nv 0.2 1 1\nv 0 1 1\n"
+    "f 1 2 8 7\nf 2 3 9 8\nf 3 4 10 9\nf 4 5 11 10\nf 5 6 12 11\nf 6 1 7 12\n"
+)
+
+
+def test_an_open_mesh_weighs_what_the_solid_within_it_weighs(own, tmp_path):
+    """A bracket of 0.1 m without its two ends: 0.36 of the cube around it, where its hull has 0.68."""
+    with_knob(own, L_SHAPE)
+    written = CliRunner().invoke(data, ["import", str(own), "--height", "0.2", "--out", str(tmp_path / "o")])
+    assert written.exit_code == 0, written.output
+    rest = 1000 * (0.02 * 0.3 * 0.1 + np.pi * 0.01**2 * 0.02)  # its box and its cylinder [kg]
+    assert mass_of_part(tmp_path / "o") - rest == pytest.approx(0.36, rel=1e-3)
+    assert json.loads((tmp_path / "o" / "object.json").read_text())["hulled"] == []
+
+
+def test_a_mesh_that_bounds_no_solid_weighs_as_its_hull_and_is_named(own, tmp_path):
+    """A tetrahedron of 0.1 m with a fin: three faces at one edge."""
+    with_knob(
+        own, "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 1 1 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\nf 2 3 5\n"
+    )
+    ended = CliRunner().invoke(data, ["import", str(own), "--height", "0.2", "--out", str(tmp_path / "o")])
+    assert ended.exit_code == 0, ended.output
+    assert "bounding no solid, weighed as their convex hulls: drawer_2" in ended.output
+    assert json.loads((tmp_path / "o" / "object.json").read_text())["hulled"] == ["drawer_2"]
