@@ -142,6 +142,23 @@ def place_camera(
     return truth, azimuth, elevation, distance
 
 
+def camera_of(pair: Pair, model: mujoco.MjModel, seed: int = 0) -> DepthCamera:
+    """The camera of a pair at the same place, for more views of its object; ``seed`` is that of their noise."""
+    p, z = pair.X_base_camera[:3, 3], pair.X_base_camera[:3, 2]
+    level = np.cross(z, [0.0, 0.0, 1.0])
+    level /= np.linalg.norm(level)
+    x = pair.X_base_camera[:3, 0]
+    truth = CameraTruth(
+        position_m=_triple(p),
+        target_m=_triple(p + z),
+        roll_rad=float(np.arctan2(x @ np.cross(z, level), x @ level)),
+        hand_eye_m=(0.0, 0.0, 0.0),
+        hand_eye_rad=(0.0, 0.0, 0.0),
+        seed=seed,
+    )
+    return DepthCamera(model, truth)
+
+
 def part_points(model: mujoco.MjModel, q: float) -> np.ndarray:
     """Corners of the boxes around the part's solids [m], arm base frame, shape (8 * solids, 3)."""
     data = mujoco.MjData(model)

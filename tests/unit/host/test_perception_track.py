@@ -6,7 +6,13 @@ import pytest
 from s2r_host.perception import estimate_joint, synthetic
 from s2r_host.perception.errors import BadViewError
 from s2r_host.perception.frames import DepthFrame
+from s2r_host.perception.intervals import Intervals
+from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.track import JointTracker
+from s2r_host.perception.track_still import StillSurface
+from s2r_sim.objects.pairs import camera_of, draw_pair
+from s2r_sim.objects.scene import qpos_at, table_scene
+from s2r_sim.objects.splits import Split
 
 
 @pytest.fixture(scope="module", params=["drawer", "laptop"])
@@ -69,3 +75,87 @@ def test_part_without_surface_is_refused(case):
     _, estimate, _ = case
     with pytest.raises(BadViewError, match="the part has 3 points"):
         JointTracker(np.zeros((3, 3)), np.zeros((3, 3)), estimate.motion, (0.0, 1.0))
+
+
+def test_a_range_without_values_is_refused(case):
+    _, estimate, _ = case
+    with pytest.raises(BadViewError, match=r"value_range goes from 0\.3 to 0\.1"):
+        JointTracker.of(estimate, (0.3, 0.1))
+
+
+def test_a_joint_with_the_opposite_sense_is_followed_too(case):
+    pair, estimate, tolerance = case
+    tracker = JointTracker.of(estimate.reversed())
+    assert tracker.update(pair.after).value == pytest.approx(-estimate.delta, abs=tolerance)
+    assert tracker.update(pair.before).value == pytest.approx(0.0, abs=tolerance)
+
+
+def test_a_lid_whose_edge_alone_is_in_sight_is_not_taken_for_a_shut_one():
+    pair = draw_pair("laptop", Split.TEST, 500)
+    before, after = (DepthFrame(d, pair.K, pair.X_base_camera) for d in (pair.depth_before, pair.depth_after))
+    tracker = JointTracker.of(estimate_joint(before, after))
+    model = table_scene(pair.spec).compile()
+    camera = camera_of(pair, model)
+    for degrees in (41, 33, 24, -1):  # seen from the one side, on its edge, from the other side
+        q = pair.joint.q_start + np.sign(pair.delta) * np.radians(degrees)
+        state = tracker.update(
+            DepthFrame(camera.capture(qpos_at(model, q)).depth_m, pair.K, pair.X_base_camera)
+        )
+        assert state.value is not None
+        assert abs(state.value - np.radians(degrees)) < np.radians(2)
+        assert state.interval90[0] < np.radians(degrees) < state.interval90[1]
+
+
+K_SMALL = np.array([[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1]])
+TOWARDS = JointMotion("prismatic", np.zeros(3), np.array([0.0, 0.0, -1.0]), 0.1)
+
+
+def wall(depth_m: float) -> DepthFrame:
+    """A camera at the origin that looks along z at a wall."""
+    return DepthFrame(np.full((120, 160), depth_m, np.float32), K_SMALL, np.eye(4))
+
+
+def plate(**more) -> JointTracker:
+    """A plate at 0.8 m that slides towards the camera."""
+    x, y = np.meshgrid(np.linspace(-0.1, 0.1, 15), np.linspace(-0.1, 0.1, 15))
+    points = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.8)], axis=1)
+    return JointTracker(points, np.tile([0.0, 0.0, -1.0], (len(points), 1)), TOWARDS, (-0.1, 0.3), **more)
+
+
+def test_what_stands_still_is_not_the_part():
+    v, u = np.mgrid[:120, :160]
+    known = np.stack([0.8 * (u - 80) / 200, 0.8 * (v - 60) / 200, np.full(u.shape, 0.8)], axis=-1).reshape(
+        -1, 3
+    )
+    assert plate().update(wall(0.8)).value == pytest.approx(0.0, abs=1e-4)
+    tracker = plate(still=StillSurface(known))
+    assert tracker.update(wall(0.8)).value is None  # the part would hide the wall, and the wall is seen
+    assert tracker.update(wall(0.7)).value == pytest.approx(0.1, abs=1e-4)
+
+
+def test_a_part_that_is_looked_through_is_lost():
+    tracker = plate(start=0.25)
+    state = tracker.update(wall(1.2))
+    assert state.value is None
+    half = wall(1.2).depth_m
+    half[:, :80] = 0.55  # one half of the picture fits, through the other the camera looks
+    assert plate(start=0.25).update(DepthFrame(half, K_SMALL, np.eye(4))).value is None
+
+
+def test_the_interval_holds_what_the_axis_is_known_to():
+    """A lid of 0.2 m whose axis is known to 10 mm: where it was seen exact, turned on up to 10 mm aside."""
+    x, y = np.meshgrid(np.linspace(-0.2, 0.0, 15), np.linspace(-0.1, 0.1, 15))
+    points = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.8)], axis=1)
+    hinge = JointMotion("revolute", np.array([0.0, 0.0, 0.8]), np.array([0.0, 1.0, 0.0]), 0.1)
+    ends = {}
+    for value in (0.0, -1.0):
+        tracker = JointTracker(
+            points, np.tile([0.0, 0.0, -1.0], (len(points), 1)), hinge, (-1.5, 0.5), value,
+            Intervals(0.01, 0.010, (0.09, 0.11)),
+        )  # fmt: skip
+        u = np.arange(160) - 80
+        turned = 0.8 / (1.0 + np.tan(value) * u / 200.0)  # the plane z = 0.8 - x tan(value)
+        state = tracker.update(DepthFrame(np.tile(turned, (120, 1)).astype(np.float32), K_SMALL, np.eye(4)))
+        assert state.value == pytest.approx(value, abs=0.02)
+        ends[value] = state.interval90[1] - state.interval90[0]
+    assert ends[-1.0] > 4 * ends[0.0]
