@@ -189,27 +189,6 @@ def box_world() -> tuple[list[scenes.Box], list[scenes.Box], JointMotion]:
     return [table, cabinet], [drawer], JointMotion("prismatic", np.zeros(3), np.array([1.0, 0, 0]), 0.04)
 
 
-def test_two_parts_that_move_differently_are_noticed():
-    rng = np.random.default_rng(6)
-    static, part, motion = box_world()
-    K = np.array([[460.0, 0, 320], [0, 460.0, 180], [0, 0, 1]])
-    p_target = np.array([0.68, 0.0, 0.1])
-    X = scenes.look_at(p_target + np.array([-0.6, -0.2, 0.45]), p_target)
-    lid = scenes.Box(np.eye(4), np.array([0.02, 0.22, 0.2]))
-    lid.X_base_box[:3, 3] = 0.6, -0.35, 0.1
-    away = scenes.Box(lid.X_base_box.copy(), lid.size)
-    away.X_base_box[:3, 3] += [0.12, -0.03, 0.0]
-    exact, _ = scenes.render([*static, *part, lid], K, (360, 640), X)
-    carried = [scenes.Box(motion.transform() @ box.X_base_box, box.size) for box in part]
-    exact_after, _ = scenes.render([*static, *carried, away], K, (360, 640), X)
-    before = DepthFrame(scenes.stereo_like(exact, rng), K, X)
-    after = DepthFrame(scenes.stereo_like(exact_after, rng), K, X)
-    with pytest.raises(AbstainError, match=r"two parts moved|no single"):
-        estimate_joint(before, after)
-    inside = (0.4, 1.2, -0.2, 0.4, 0.01, 0.4)
-    assert estimate_joint(before, after, region=inside).delta == pytest.approx(0.04, abs=0.002)
-
-
 def test_a_region_that_holds_nothing_is_refused_with_what_the_views_span():
     pair = scenes.drawer_pair(np.random.default_rng(11))
     with pytest.raises(
