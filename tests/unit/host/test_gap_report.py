@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from s2r_host.gap.output.answer import fit_json, make_answer, write_predictions
-from s2r_host.gap.output.figures import _overlay_motion, _shown_block
+from s2r_host.gap.output.overlays import _motion, shown_block
 from s2r_host.gap.output.report import _numbers, _parameters_off, _per_joint, _rejected, _verdict
 from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.regression.solution import Scored, Term
@@ -103,26 +103,35 @@ def test_the_simulated_motion_is_shown_where_late_stamps_gave_its_recording_anot
     """The rows belong to the aligned recording then, the simulation to the one as read."""
     t = np.arange(0.0, 2.0, 0.1)
     read, aligned = (SimpleNamespace(index=3, t=t, q=np.sin(t)[:, None]) for _ in range(2))
-    trace = SimpleNamespace(session=read, start=0, closed=False, held=True, q=read.q + 0.1)
+    trace = SimpleNamespace(session=read, start=0, closed=False, held=True, q=read.q + 0.1, u=read.q)
     model = SimpleNamespace(joints=["joint1"], unit=lambda joint: "rad")
-    analysis = SimpleNamespace(model=model, before=SimpleNamespace(traces=[trace]), after=None)
+    analysis = SimpleNamespace(model=model, before=SimpleNamespace(traces=[trace]), after=None, hold=[])
     block = SimpleNamespace(session=aligned, picks=np.arange(len(t)), held=np.ones(len(t), dtype=bool))
     motion, error = Figure().subplots(2, 1)
-    _overlay_motion(analysis, 0, block, motion, error)  # pyright: ignore[reportArgumentType]
+    _motion(analysis, 0, block, False, [motion, error])  # pyright: ignore[reportArgumentType]
     assert [line.get_label() for line in motion.lines] == ["before", "recorded"]
     assert np.allclose(error.lines[0].get_ydata(), 0.1)
 
 
-@pytest.mark.parametrize(("traced", "shown"), [([1], (1, True)), ([0, 1], (0, True)), ([], (0, False))])
-def test_the_held_out_part_that_was_simulated_is_shown_rather_than_an_empty_frame(traced, shown):
+@pytest.mark.parametrize(
+    ("windows", "loops", "shown"),
+    [
+        ([1], [0, 1], (1, [True, False])),
+        ([0, 1], [], (0, [False])),
+        ([], [1], (1, [True])),
+        ([], [], (0, [])),
+    ],
+)
+def test_the_held_out_part_that_was_simulated_is_shown_rather_than_an_empty_frame(windows, loops, shown):
     """A stroke can be too short for an open-loop window."""
     sessions = [SimpleNamespace(index=k) for k in range(2)]
     blocks = [SimpleNamespace(session=s, joint=0, held=np.ones(3, dtype=bool)) for s in sessions]
-    traces = [SimpleNamespace(session=sessions[k], closed=False, held=True) for k in traced]
-    traces += [SimpleNamespace(session=sessions[0], closed=True, held=True)]
+    traces = [SimpleNamespace(session=sessions[k], closed=False, held=True) for k in windows]
+    traces += [SimpleNamespace(session=sessions[k], closed=True, held=True) for k in loops]
     errors = SimpleNamespace(traces=traces)
-    analysis: Any = SimpleNamespace(problem=SimpleNamespace(blocks=blocks), before=errors, after=None)
-    block, simulated = _shown_block(analysis, 0)
+    problem = SimpleNamespace(blocks=blocks)
+    analysis: Any = SimpleNamespace(problem=problem, before=errors, after=None, hold=sessions)
+    block, simulated = shown_block(analysis, 0)
     assert block is not None
     assert (block.session.index, simulated) == shown
 

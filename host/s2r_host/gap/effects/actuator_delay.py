@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import EFFORT_SLOPE
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import delayed
 
@@ -21,6 +22,7 @@ class ActuatorDelay(Effect):
     signature = "residual like the slope of the effort, phase linear in frequency"
     separating_motion = "a chirp and a step of the commanded effort"
     confusable = ("bandwidth", "clock_skew", "joint_elasticity")
+    shows_over = EFFORT_SLOPE
     side = "actuator"
 
     def applies(self, ctx: Context, joint: int) -> bool:

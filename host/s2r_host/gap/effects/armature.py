@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Shape, Value, small_is_odd
+from s2r_host.gap.motion.quantities import ACCELERATION
 from s2r_host.gap.motion.session import Session
 
 
@@ -17,6 +18,7 @@ class Armature(Effect):
     signature = "residual proportional to the joint's own acceleration, in all poses"
     separating_motion = "fast sines in two poses of the other joints"
     confusable = ("payload", "effort_scale")
+    shows_over = ACCELERATION
     foreign_is = "an inertia that changes with the joint's position"
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:

@@ -36,6 +36,7 @@ from s2r_host.gap.effects.joint_elasticity import (
     second_joint,
     servo_known,
 )
+from s2r_host.gap.motion.quantities import SINCE_TURN, TRANSMITTED, Quantity
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import stop_operator
 from s2r_host.gap.motion.two_masses import behind_motor
@@ -58,6 +59,7 @@ class Backlash(Effect):
     signature = "after each reversal of the load the effort vanishes for a constant travel, then an impact"
     separating_motion = "reversals with and without preload"
     confusable = ("presliding", "hysteresis", "joint_elasticity")
+    shows_over = TRANSMITTED
     costly = True
     explained_least = 0.5  # impacts are chaotic: no model follows each of them
 
@@ -66,6 +68,10 @@ class Backlash(Effect):
         load = np.concatenate([s.load[:, joint] for s in ctx.sessions])
         both = min(np.mean(load > 0), np.mean(load < 0))
         return None if both > 0.005 else "the load never changes sign: the gap is never crossed"
+
+    def shown_over(self, shape: Shape) -> Quantity:
+        """Play that holds friction shows behind each reversal, other play where the load changes its sign."""
+        return SINCE_TURN if "loose" in shape else self.shows_over
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Half widths up to 5 % of the travel, from 0.01 % of it, or from 0.06 % where nothing tells such small ones.

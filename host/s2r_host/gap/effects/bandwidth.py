@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 from s2r_host.gap.effects.actuator_delay import skew_seen
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import EFFORT_SLOPE
 from s2r_host.gap.motion.session import Session
 
 
@@ -19,6 +20,7 @@ class Bandwidth(Effect):
     signature = "lag of the effort with amplitude roll-off"
     separating_motion = "a chirp of the commanded effort beyond 1/(2 pi T)"
     confusable = ("actuator_delay", "clock_skew", "joint_elasticity")
+    shows_over = EFFORT_SLOPE
     side = "actuator"
 
     def applies(self, ctx: Context, joint: int) -> bool:

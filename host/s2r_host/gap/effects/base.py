@@ -12,6 +12,7 @@ import numpy as np
 
 from s2r_host.gap.motion.known_noise import accelerates
 from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.quantities import SPEED, Quantity
 from s2r_host.gap.motion.session import Session
 
 Shape = Mapping[str, float]
@@ -147,6 +148,7 @@ class Effect:
     part_is: ClassVar[str] = ""
     foreign_is: ClassVar[str] = ""
     contains: ClassVar[tuple[str, ...]] = ()
+    shows_over: ClassVar[Quantity] = SPEED  # over which the report draws the residual that it explains
     explained_least: ClassVar[float] = 1.0
     # Relative error (one deviation) of a parameter beyond its noise where the equation is known to be coarse; read from
     # tuning sets. From 0.5 on the parameter is not identifiable.
@@ -161,6 +163,10 @@ class Effect:
     def blocked(self, ctx: Context, joint: int) -> str | None:
         """Why the excitation cannot show this effect, or None."""
         return None
+
+    def shown_over(self, shape: Shape) -> Quantity:
+        """Over which quantity an effect of this shape shows."""
+        return self.shows_over
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Seeds for the nonlinear parameters; one empty map when there are none."""

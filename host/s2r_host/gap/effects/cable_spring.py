@@ -7,6 +7,7 @@ import numpy as np
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.effects.presliding import bristle_force
 from s2r_host.gap.effects.spring_return import spring_values
+from s2r_host.gap.motion.quantities import POSITION
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import bristle
 
@@ -24,6 +25,7 @@ class CableSpring(Effect):
     signature = "slow function of position, steeper towards its ends, with a loop at reversals"
     separating_motion = "unplug the cable, or repeat at another wrist angle"
     confusable = ("spring_return", "payload", "hysteresis")
+    shows_over = POSITION
     contains = ("spring_return",)
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.motion.quantities import EFFORT_SLOPE
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import delayed
 
@@ -20,6 +21,7 @@ class ClockSkew(Effect):
     signature = "a lag between channels that does not change the damping of the loop"
     separating_motion = "a step; compare the controller's own equation with the record"
     confusable = ("actuator_delay", "bandwidth")
+    shows_over = EFFORT_SLOPE
     side = "sensor"
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import PHASE, RUBBING_PHASE, Quantity
 from s2r_host.gap.motion.session import Session
 
 MIN_PERIODS = 1.2
@@ -24,6 +25,11 @@ class Cogging(Effect):
     signature = "a sine in position at a fixed order, at any speed and in both directions"
     separating_motion = "two constant speeds, both directions, over several periods"
     confusable = ("detent", "encoder_eccentricity")
+    shows_over = PHASE
+
+    def shown_over(self, shape: Shape) -> Quantity:
+        """A friction that changes along the travel turns with the direction."""
+        return RUBBING_PHASE if shape["rub"] else self.shows_over
 
     def blocked(self, ctx: Context, joint: int) -> str | None:
         """Needs some travel above the encoder step."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import PULL
 from s2r_host.gap.motion.session import Session, wrench_parts
 
 
@@ -16,6 +17,7 @@ class ContactSlip(Effect):
     signature = "a jump when the contact regime changes, in arm and part together"
     separating_motion = "pull the part without the arm; a series of normal forces"
     confusable = ("saturation", "stribeck", "joint_play")
+    shows_over = PULL
 
     def applies(self, ctx: Context, joint: int) -> bool:
         """Needs a wrench on the moved part."""

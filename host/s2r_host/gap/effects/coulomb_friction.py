@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.motion.quantities import DIRECTION
 from s2r_host.gap.motion.session import Session
 
 
@@ -17,6 +18,7 @@ class CoulombFriction(Effect):
     signature = "a step in the residual at every reversal, equal at all speeds"
     separating_motion = "constant speeds in both directions"
     confusable = ("asymmetric_friction", "stribeck")
+    shows_over = DIRECTION
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Direction of motion."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import POSITION
 from s2r_host.gap.motion.session import Session
 
 
@@ -16,6 +17,7 @@ class Detent(Effect):
     signature = "a narrow pull with a sign change, a break-away peak beside it"
     separating_motion = "slow approach from both sides"
     confusable = ("soft_end_stop", "cogging", "stribeck")
+    shows_over = POSITION
     foreign_is = "a force that stays on beyond its place"
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:

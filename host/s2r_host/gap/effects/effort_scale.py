@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import EFFORT
 from s2r_host.gap.motion.session import Session
 
 FARTHEST = 2.0  # factor
@@ -18,6 +19,7 @@ class EffortScale(Effect):
     signature = "residual proportional to the effort itself on one joint"
     separating_motion = "the same motion with a known added mass"
     confusable = ("payload", "armature", "viscous_friction")
+    shows_over = EFFORT
     side = "actuator"
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Shape, Value
+from s2r_host.gap.motion.quantities import POSITION
 from s2r_host.gap.motion.session import Session
 
 STEP = 1e-3
@@ -22,6 +23,7 @@ class EncoderEccentricity(Effect):
     signature = "load evaluated at an angle that errs once or twice per turn"
     separating_motion = "two whole turns with an absolute reference"
     confusable = ("cogging", "encoder_offset")
+    shows_over = POSITION
     part_is = "what the weight shows"
     side = "sensor"
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, turned
+from s2r_host.gap.motion.quantities import POSITION
 from s2r_host.gap.motion.session import Session
 
 STEP, BEND_STEP = 1e-3, 1e-2
@@ -21,6 +22,7 @@ class EncoderOffset(Effect):
     signature = "phase error of the gravity torque"
     separating_motion = "an absolute reference, or a second joint moved by 90 degrees"
     confusable = ("gravity_tilt",)
+    shows_over = POSITION
     side = "sensor"
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:

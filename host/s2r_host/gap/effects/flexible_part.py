@@ -6,6 +6,7 @@ import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
 from s2r_host.gap.effects.joint_elasticity import mean_inertia
+from s2r_host.gap.motion.quantities import ACCELERATION
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import filtered
 
@@ -20,6 +21,7 @@ class FlexiblePart(Effect):
     signature = "ringing after every stop, at one frequency in all poses"
     separating_motion = "pull near and far from the hinge, then stop abruptly"
     confusable = ("joint_elasticity", "backlash")
+    shows_over = ACCELERATION
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Frequency and damping ratio."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, turned
 from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.quantities import POSITION
 from s2r_host.gap.motion.session import Session
 
 STEP = 1e-2
@@ -21,6 +22,7 @@ class GravityTilt(Effect):
     signature = "sine and cosine of the absolute pose on the first joints"
     separating_motion = "first joint at 0 and at 90 degrees"
     confusable = ("encoder_offset", "payload", "cable_spring")
+    shows_over = POSITION
     scope = "model"
 
     def applies(self, ctx: Context, joint: int) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, Value
 from s2r_host.gap.effects.presliding import bristle_force
+from s2r_host.gap.motion.quantities import SINCE_TURN
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import bristle
 
@@ -21,6 +22,7 @@ class Hysteresis(Effect):
     signature = "a loop of residual against position as wide as the motion, the same at all speeds"
     separating_motion = "sine motions of several amplitudes"
     confusable = ("presliding", "cable_spring", "backlash")
+    shows_over = SINCE_TURN
 
     def blocked(self, ctx: Context, joint: int) -> str | None:
         """Needs reversals."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Shape, Value, free_name
 from s2r_host.gap.effects.encoder_offset import load_bend, load_slope
+from s2r_host.gap.motion.quantities import TRANSMITTED
 from s2r_host.gap.motion.servo import servo_of
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import filtered
@@ -36,6 +37,7 @@ class JointElasticity(Effect):
     signature = "phase lag that grows with frequency, an antiresonance"
     separating_motion = "a chirp through the resonance; a static load at a held motor"
     confusable = ("actuator_delay", "backlash", "bandwidth")
+    shows_over = TRANSMITTED
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Link frequency at a held motor, damping ratio, share of the inertia that is motor."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import ACROSS, RACKING, Quantity
 from s2r_host.gap.motion.session import Session, wrench_parts
 
 
@@ -19,11 +20,16 @@ class JointPlay(Effect):
     signature = "resistance grows when the pull is off centre"
     separating_motion = "pull left, centre and right of the handle"
     confusable = ("load_dependent_friction", "contact_slip")
+    shows_over = ACROSS
     simulated_by_mean = True
 
     def applies(self, ctx: Context, joint: int) -> bool:
         """Needs a wrench on the moved part."""
         return any(wrench_parts(ctx.model, s, joint) is not None for s in ctx.sessions)
+
+    def shown_over(self, shape: Shape) -> Quantity:
+        """The moment, where that is what jams."""
+        return RACKING if shape.get("racked") else self.shows_over
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Friction that follows the force, or the moment."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import LOAD_SIZE
 from s2r_host.gap.motion.session import Session
 
 ALL, WEIGHT, BEHIND_ROTOR, BEHIND_BEARINGS = 0.0, 1.0, 2.0, 3.0  # the load that counts
@@ -19,6 +20,7 @@ class LoadDependentFriction(Effect):
     signature = "the step at a reversal grows with gravity and acceleration torque"
     separating_motion = "the same speed at several poses or payloads"
     confusable = ("effort_scale", "coulomb_friction", "payload")
+    shows_over = LOAD_SIZE
 
     def blocked(self, ctx: Context, joint: int) -> str | None:
         """The load has to vary, and to be moved both ways: one way, friction that follows a load is more of it."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import OTHER_ACCELERATION
 from s2r_host.gap.motion.session import Session
 
 
@@ -20,6 +21,7 @@ class MotorCoupling(Effect):
     signature = "residual of one joint follows speed and acceleration of another"
     separating_motion = "move one motor at a time"
     confusable = ("payload", "armature")
+    shows_over = OTHER_ACCELERATION
 
     def applies(self, ctx: Context, joint: int) -> bool:
         """Needs a second joint."""

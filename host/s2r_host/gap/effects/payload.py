@@ -16,6 +16,7 @@ from s2r_host.gap.effects.base import (
     small_is_odd,
 )
 from s2r_host.gap.motion.model import FEW_JOINTS, RigidModel
+from s2r_host.gap.motion.quantities import LOAD
 from s2r_host.gap.motion.session import Session
 
 REACH = (0.5, 1.0, 1.5, 2.0)
@@ -41,6 +42,7 @@ class Payload(Effect):
     signature = "gravity and inertia residual on all distal joints together"
     separating_motion = "the same motion in two wrist orientations"
     confusable = ("effort_scale", "spring_return", "cable_spring", "armature")
+    shows_over = LOAD
     scope = "model"
 
     def applies(self, ctx: Context, joint: int) -> bool:

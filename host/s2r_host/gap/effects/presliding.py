@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import SINCE_TURN
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.motion.states import bristle
 
@@ -21,6 +22,7 @@ class Presliding(Effect):
     signature = "a loop of residual against position at each reversal, narrower than the motion"
     separating_motion = "reversals of small and smaller amplitude at two loads"
     confusable = ("hysteresis", "backlash")
+    shows_over = SINCE_TURN
     contains = ("coulomb_friction",)
 
     def blocked(self, ctx: Context, joint: int) -> str | None:

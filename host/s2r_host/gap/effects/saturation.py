@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import EFFORT
 from s2r_host.gap.motion.session import Session, nominal_friction
 
 # Quantiles of the effort that the motion needs: it ends at the limit, however much is asked for.
@@ -22,6 +23,7 @@ class Saturation(Effect):
     signature = "residual only while the effort is high, on one side of a limit"
     separating_motion = "the same motion at growing amplitude"
     confusable = ("armature", "bandwidth", "effort_scale")
+    shows_over = EFFORT
     side = "actuator"
 
     def applies(self, ctx: Context, joint: int) -> bool:

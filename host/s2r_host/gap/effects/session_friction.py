@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value
+from s2r_host.gap.motion.quantities import RECORDING
 from s2r_host.gap.motion.session import Session
 
 
@@ -17,6 +18,7 @@ class SessionFriction(Effect):
     signature = "the same regressor with another coefficient in each recording"
     separating_motion = "the same motion at the start of each session"
     confusable = ("effort_scale", "thermal_drift")
+    shows_over = RECORDING
 
     def applies(self, ctx: Context, joint: int) -> bool:
         """Needs two sessions among the fitted recordings."""

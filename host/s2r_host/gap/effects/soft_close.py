@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import POSITION
 from s2r_host.gap.motion.session import Session
 
 BOTH_WAYS = -1.0  # log odds
@@ -23,6 +24,7 @@ class SoftClose(Effect):
     signature = "proportional to speed, near one end, in most fittings in one direction"
     separating_motion = "open and close at two speeds"
     confusable = ("soft_end_stop", "viscous_friction", "asymmetric_friction")
+    shows_over = POSITION
     part_is = "the brake of the deeper half"
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:

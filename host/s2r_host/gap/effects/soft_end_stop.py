@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import POSITION
 from s2r_host.gap.motion.session import Session
 
 OUTER_SHARE, DEEP = 0.25, -100.0  # share of the travel a stop usually takes, log odds per share beyond it
@@ -18,6 +19,7 @@ class SoftEndStop(Effect):
     signature = "residual only beyond one position"
     separating_motion = "push in slowly, then at speed"
     confusable = ("detent", "saturation", "soft_close")
+    shows_over = POSITION
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Edges in the outer 40 % of the travel, both sides."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Shape, Value, as_written
 from s2r_host.gap.effects.viscous_friction import add_first
+from s2r_host.gap.motion.quantities import POSITION
 from s2r_host.gap.motion.session import Session
 
 EDGE, AMID = 0.1, -8.0  # share of the travel, log odds
@@ -21,6 +22,7 @@ class SpringReturn(Effect):
     signature = "monotone in position, the same in both directions"
     separating_motion = "slow motion both ways in another pose of the other joints"
     confusable = ("cable_spring", "payload", "gravity_tilt")
+    shows_over = POSITION
 
     def columns(self, ctx: Context, s: Session, joint: int, shape: Shape) -> Columns:
         """Position and a constant."""

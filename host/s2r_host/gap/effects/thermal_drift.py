@@ -6,6 +6,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Runtime, Shape, StepState, Value
+from s2r_host.gap.motion.quantities import TIME, WARMING_UP, Quantity
 from s2r_host.gap.motion.session import Session
 
 FRICTION, DAMPING, GAIN, ALL = 0.0, 1.0, 2.0, 3.0
@@ -31,6 +32,7 @@ class ThermalDrift(Effect):
     signature = "one regressor whose coefficient drifts over the recording"
     separating_motion = "repeat the first motion at the end"
     confusable = ("session_friction", "payload")
+    shows_over = WARMING_UP
     contains = ("coulomb_friction", "viscous_friction")
 
     def blocked(self, ctx: Context, joint: int) -> str | None:
@@ -39,6 +41,10 @@ class ThermalDrift(Effect):
             return "fewer than two reversals: warming and place cannot be told apart"
         longest = max(float(s.t[-1]) for s in ctx.sessions)
         return None if longest > 5.0 else f"the longest recording lasts {longest:.1f} s"
+
+    def shown_over(self, shape: Shape) -> Quantity:
+        """A gain that drifts has no direction."""
+        return TIME if shape.get("target") == GAIN else self.shows_over
 
     def shapes(self, ctx: Context, joint: int) -> list[dict[str, float]]:
         """Three targets; time constants as shares of the longest recording."""
