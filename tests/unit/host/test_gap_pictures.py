@@ -69,6 +69,7 @@ def test_what_turns_with_the_shape_of_an_effect_is_drawn_over_something_else():
 
     assert label("joint_play", {"racked": 0.0}) == "force across the joint [N]"
     assert label("joint_play", {"racked": 1.0}) == "moment of the pull beside the centre [N·m]"
+    assert label("load_dependent_friction", {"load": 1.0}) == "size of the weight at rest [N]"
     assert label("backlash", {"w": 0.1}).startswith("effort in the transmission")
     assert label("backlash", {"loose": 0.1}) == "way since the last reversal [m]"
     assert not catalogue()["cogging"].shown_over({"order": 3.0, "rub": 0.0}).turned

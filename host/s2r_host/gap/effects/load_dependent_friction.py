@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_host.gap.effects.base import Columns, Context, Effect, Runtime, Shape, StepState, Value
-from s2r_host.gap.motion.quantities import LOAD_SIZE
+from s2r_host.gap.motion.quantities import LOAD_SIZE, WEIGHT_SIZE, Quantity
 from s2r_host.gap.motion.session import Session
 
 ALL, WEIGHT, BEHIND_ROTOR, BEHIND_BEARINGS = 0.0, 1.0, 2.0, 3.0  # the load that counts
@@ -21,6 +21,10 @@ class LoadDependentFriction(Effect):
     separating_motion = "the same speed at several poses or payloads"
     confusable = ("effort_scale", "coulomb_friction", "payload")
     shows_over = LOAD_SIZE
+
+    def shown_over(self, shape: Shape) -> Quantity:
+        """The weight alone, where the motion's own load does not count."""
+        return WEIGHT_SIZE if shape.get("load") == WEIGHT else self.shows_over
 
     def blocked(self, ctx: Context, joint: int) -> str | None:
         """The load has to vary, and to be moved both ways: one way, friction that follows a load is more of it."""

@@ -63,6 +63,11 @@ def _pull(s: Session, joint: int, model: RigidModel, which: str) -> np.ndarray:
     return np.zeros(len(s.t)) if parts is None else np.asarray(getattr(parts, which))
 
 
+def _at_rest(model: RigidModel, s: Session, joint: int) -> np.ndarray:
+    still = np.zeros_like(s.q)
+    return model.inverse(s.q, still, still)[:, joint]
+
+
 def _effort_slope(s: Session, joint: int) -> np.ndarray:
     return np.gradient(lowpass(s.drive(joint), float(s.cut[joint]), s.dt), s.dt)
 
@@ -82,6 +87,12 @@ ACCELERATION = Quantity("acceleration", "{q}/s²", lambda model, s, j, shape: s.
 LOAD = Quantity("load that the model needs", "{tau}", lambda model, s, j, shape: s.load[:, j])
 LOAD_SIZE = Quantity(
     "size of the load", "{tau}", lambda model, s, j, shape: np.abs(s.load[:, j]), turned=True
+)
+WEIGHT_SIZE = Quantity(
+    "size of the weight at rest",
+    "{tau}",
+    lambda model, s, j, shape: np.abs(_at_rest(model, s, j)),
+    turned=True,
 )
 EFFORT = Quantity("effort of the drive", "{tau}", lambda model, s, j, shape: s.drive(j))
 EFFORT_SLOPE = Quantity("change of the effort", "{tau}/s", lambda model, s, j, shape: _effort_slope(s, j))

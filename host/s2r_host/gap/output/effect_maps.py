@@ -17,6 +17,8 @@ from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.regression.rows import compare, picks_of, residual
 from s2r_host.gap.verdict.naming import Named
 
+MEAN = {"marker": "o", "ms": 2.5}  # of a bin: all rows of one direction may be in a single one
+
 
 @dataclass(frozen=True)
 class EffectMap:
@@ -132,7 +134,7 @@ def effect_figure(a: Analysis, m: EffectMap) -> Figure:
     _before_and_after(panels[0], m, a.problem.floor[m.joint])
     if alone:
         _alone(panels[1], m, a.problem.floor[m.joint])
-    turned = ", counted against the motion" if m.quantity.turned else ""
+    turned = ",\ncounted against the motion" if m.quantity.turned else ""
     panels[0].set_ylabel(f"residual effort{turned} [{a.model.effort_unit(a.model.joints[m.joint])}]")
     for axes in panels:
         plain(axes)
@@ -145,7 +147,7 @@ def _before_and_after(axes: Axes, m: EffectMap, floor: float) -> None:
     dots(axes, m.x, m.before, BEFORE)
     dots(axes, m.x_after, m.after, AFTER)
     _by_direction(axes, m, m.before, BEFORE, "before")
-    axes.plot(*binned(m.x_after, m.after), color=AFTER, lw=1.8, label="after everything named")
+    axes.plot(*binned(m.x_after, m.after), color=AFTER, lw=1.8, label="after everything named", **MEAN)
     if m.alone is None and m.effect is not None:
         _by_direction(axes, m, m.effect, MEASURED, "the fitted effect")
     axes.axhspan(-floor, floor, color=MUTED, alpha=0.15, lw=0)
@@ -155,7 +157,7 @@ def _alone(axes: Axes, m: EffectMap, floor: float) -> None:
     assert m.alone is not None
     assert m.effect is not None
     dots(axes, m.x, m.alone, BEFORE)
-    axes.plot(*binned(m.x, m.alone), color=BEFORE, lw=1.4, label="without this effect alone")
+    axes.plot(*binned(m.x, m.alone), color=BEFORE, lw=1.4, label="without this effect alone", **MEAN)
     _by_direction(axes, m, m.effect, MEASURED, "the fitted effect")
     axes.axhspan(-floor, floor, color=MUTED, alpha=0.15, lw=0)
 
@@ -163,8 +165,10 @@ def _alone(axes: Axes, m: EffectMap, floor: float) -> None:
 def _by_direction(axes: Axes, m: EffectMap, y: np.ndarray, colour: str, name: str) -> None:
     """Means over bins, forward and backward apart where the quantity does not tell them from each other."""
     if m.quantity.turned:
-        axes.plot(*binned(m.x, y), color=colour, lw=1.8, label=name)
+        axes.plot(*binned(m.x, y), color=colour, lw=1.8, label=name, **MEAN)
         return
     for mask, style, way in ((m.forward, "-", "forward"), (~m.forward, "--", "backward")):
         if mask.any():
-            axes.plot(*binned(m.x[mask], y[mask]), style, color=colour, lw=1.6, label=f"{name}, {way}")
+            axes.plot(
+                *binned(m.x[mask], y[mask]), style, color=colour, lw=1.6, label=f"{name}, {way}", **MEAN
+            )
