@@ -15,7 +15,7 @@ from s2r_host.gap.simulation.forward import Errors, Trace, first_held
 
 MOMENTS = 3
 WIDTH_PX, HEIGHT_PX = 240, 200
-FOV_RAD = 0.4
+FOV_RAD, MARGIN = 0.4, 1.06  # of the picture's height; distance over the one at which everything is just seen
 SEEN = 0.08  # of the picture: a smaller difference of poses is drawn larger
 STEPS = (1, 2, 5)  # factors are these times a power of ten
 VIEWS = 16  # directions tried around the vertical
@@ -198,7 +198,6 @@ def _camera(stage: Stage, poses: list[np.ndarray]) -> tuple[np.ndarray, np.ndarr
     """Eye (3,) and ray directions (pixels, 3): from where the poses differ most on the picture."""
     corners = np.array([stage.corners(q) for q in poses])
     centre = 0.5 * (corners.min((0, 1)) + corners.max((0, 1)))
-    radius = 0.5 * float(np.linalg.norm(np.ptp(corners, axis=(0, 1)))) + 1e-9
     up = np.array([0.0, 0.0, 1.0])
     best, score = None, -1.0
     spread = (corners - corners.mean(0)).reshape(-1, 3)
@@ -213,13 +212,15 @@ def _camera(stage: Stage, poses: list[np.ndarray]) -> tuple[np.ndarray, np.ndarr
             if seen[0] + 0.3 * seen[1] > score + 1e-6:
                 best, score = out, float(seen[0] + 0.3 * seen[1])
     assert best is not None
-    origin = centre + best * radius / np.sin(0.5 * FOV_RAD)
     right = np.cross(-best, up)
     right /= np.linalg.norm(right)
     down = np.cross(-best, right)
-    span = np.tan(0.5 * FOV_RAD)
-    x, y = np.linspace(-span, span, WIDTH_PX), np.linspace(-span, span, HEIGHT_PX) * HEIGHT_PX / WIDTH_PX
-    x, y = x * WIDTH_PX / HEIGHT_PX, y * WIDTH_PX / HEIGHT_PX
+    across, along = shape @ right, shape @ down
+    centre = centre + 0.5 * (across.min() + across.max()) * right + 0.5 * (along.min() + along.max()) * down
+    wide, high = np.tan(0.5 * FOV_RAD) * WIDTH_PX / HEIGHT_PX, np.tan(0.5 * FOV_RAD)
+    back = MARGIN * max(0.5 * float(np.ptp(across)) / wide, 0.5 * float(np.ptp(along)) / high)
+    origin = centre + best * (back + float((shape @ best).max()) + 1e-9)
+    x, y = np.linspace(-wide, wide, WIDTH_PX), np.linspace(-high, high, HEIGHT_PX)
     rays = -best + x[None, :, None] * right + y[:, None, None] * down
     rays /= np.linalg.norm(rays, axis=2, keepdims=True)
     return origin, np.ascontiguousarray(rays.reshape(-1, 3))
