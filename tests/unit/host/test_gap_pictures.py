@@ -182,6 +182,16 @@ def test_poses_that_differ_visibly_are_drawn_as_they_are(analysis):
         assert exaggeration(stage, [Moment("r", 0.0, still, still + off, still)]) in factors
 
 
+def test_a_slide_that_ran_away_is_drawn_nearer(tmp_path):
+    path = tmp_path / "slide.xml"
+    path.write_text(BARE.format(bodies=SLIDE))
+    rigid: Any = SimpleNamespace(model=RigidModel(path))
+    still = np.zeros(1)
+    shown = [Moment("r", float(q), still + q, still + 50.0, still + q) for q in (0.0, 0.1)]
+    factor = exaggeration(Stage(rigid, np.array([m.recorded for m in shown])), shown)
+    assert 0.05 < 50.0 * factor < 0.5
+
+
 BARE = """<mujoco><worldbody>{bodies}</worldbody></mujoco>"""
 SLIDE = """<body name="b"><joint name="x" type="slide" axis="1 0 0"/>
 <inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/></body>"""

@@ -16,7 +16,8 @@ from s2r_host.gap.simulation.forward import Errors, Trace, first_held
 MOMENTS = 3
 WIDTH_PX, HEIGHT_PX = 240, 200
 FOV_RAD, MARGIN = 0.4, 1.06  # of the picture's height; distance over the one at which everything is just seen
-SEEN = 0.08  # of the picture: a smaller difference of poses is drawn larger
+SEEN = 0.08  # of the machine: a smaller difference of poses is drawn larger
+FARTHEST = 2.0  # times where it moves: a larger one is drawn smaller
 STEPS = (1, 2, 5)  # factors are these times a power of ten
 VIEWS = 16  # directions tried around the vertical
 HEIGHTS = (0.35, 0.9)  # rad above the horizon
@@ -115,21 +116,31 @@ class Stage:
         )
 
 
-def exaggeration(stage: Stage, shown: list[Moment]) -> int:
-    """Factor by which differences are drawn larger, so that the largest one before can be seen; 1 where it can."""
-    size, off = 0.0, 0.0
-    for m in shown:
-        corners = stage.corners(m.recorded)
-        size = max(size, float(np.linalg.norm(np.ptp(corners, axis=0))))
-        off = max(off, float(np.linalg.norm(stage.corners(m.before) - corners, axis=1).max()))
-    if off <= 0.0 or off > SEEN * size:
-        return 1
-    wanted, factor = SEEN * size / off, 1
-    for k in range(7):
-        for step in STEPS:
-            if step * 10**k <= wanted:
-                factor = step * 10**k
-    return factor
+def exaggeration(stage: Stage, shown: list[Moment]) -> float:
+    """Factor by which differences are drawn larger, so that the largest one before can be seen; 1 where it can.
+
+    Below 1 where a slide ran away farther than the machine is large: nothing else would be seen of it.
+    """
+    recorded = np.array([stage.corners(m.recorded) for m in shown])
+    size = float(np.linalg.norm(np.ptp(recorded, axis=1), axis=1).max())
+    reach = float(np.linalg.norm(np.ptp(recorded, axis=(0, 1))))
+    off = max(
+        float(np.linalg.norm(stage.corners(x) - corners, axis=1).max())
+        for m, corners in zip(shown, recorded, strict=True)
+        for x in (m.before, m.after)
+    )
+    if off > FARTHEST * reach:
+        return 1.0 / _round_up(off / reach)
+    return 1.0 if off <= 0.0 or off > SEEN * size else _round_down(SEEN * size / off)
+
+
+def _round_down(x: float) -> float:
+    """The largest of 1, 2, 5, 10, 20 … up to a million that is no larger."""
+    return float(max(step * 10**k for k in range(7) for step in STEPS if step * 10**k <= x))
+
+
+def _round_up(x: float) -> float:
+    return float(min((step * 10**k for k in range(7) for step in STEPS if step * 10**k >= x), default=1e6))
 
 
 def poses_figure(a: Analysis) -> tuple[Figure, str] | None:
@@ -165,13 +176,14 @@ def poses_figure(a: Analysis) -> tuple[Figure, str] | None:
     return figure, _told(factor, closed)
 
 
-def _told(factor: int, closed: bool) -> str:
+def _told(factor: float, closed: bool) -> str:
     loop = "with the controller in the loop" if closed else "driven by the recorded effort"
-    drawn = (
-        f"Differences are smaller than can be seen and drawn {factor} times as large; the numbers are the true ones."
-        if factor > 1
-        else "Drawn as they are."
-    )
+    drawn = "Drawn as they are."
+    if factor > 1.0:
+        drawn = f"Differences are smaller than can be seen and drawn {factor:.0f} times as large"
+    elif factor < 1.0:
+        drawn = f"Differences are larger than the machine and drawn {1.0 / factor:.0f} times as small"
+    drawn += "; the numbers are the true ones." if factor != 1.0 else ""
     return (
         f"The recorded pose, the twin's before and after, {loop}, where the nominal model is farthest off in each "
         f"third of the held-out motion. The red outline is the recorded pose. {drawn}"
@@ -185,13 +197,17 @@ def _titles(a: Analysis, stage: Stage, m: Moment) -> list[str]:
         off = np.abs(x - m.recorded)
         units = [a.model.unit(j) for j in a.model.joints]
         parts = [
-            f"{1e3 * max(off[k] for k, u in enumerate(units) if u == unit):.3g} m{unit}"
+            f"{_number(1e3 * max(off[k] for k, u in enumerate(units) if u == unit))} m{unit}"
             for unit in dict.fromkeys(units)
         ]
         way = 1e3 * float(np.linalg.norm(stage.corners(x) - corners, axis=1).max())
-        parts += [] if units == ["m"] else [f"{way:.2g} mm"]
+        parts += [] if units == ["m"] else [f"{_number(way)} mm"]
         titles.append(f"twin {when}: off by {', '.join(parts)}")
     return titles
+
+
+def _number(x: float) -> str:
+    return f"{x:.3g}" if x < 1000.0 else f"{x:.0f}"
 
 
 def _camera(stage: Stage, poses: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
