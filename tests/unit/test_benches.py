@@ -1,12 +1,14 @@
 """Benches count what they say: nothing of other options, of earlier code or of another case is taken for an answer."""
 
 import argparse
+import base64
 import importlib
 import json
 import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -108,6 +110,60 @@ def test_a_real_recording_that_is_declared_otherwise_is_asked_again(bench, monke
     answer, remark = real.run_case(case, tmp_path / "out", "tool")
     assert remark != "unchanged"
     assert answer == {"verdict": "unknown"}
+    asked_before = real.run_case(case, tmp_path / "out", "another tool", answered=True)
+    assert asked_before == ({"verdict": "unknown"}, "as answered before")
+
+
+def test_a_machine_s_page_has_its_answer_its_table_and_the_picture_that_betrays_the_effect(bench, tmp_path):
+    page, shapes = bench("gap_real.page"), bench("gap_real.case")
+    content = [
+        base64.b64encode(cv2.imencode(".png", np.full((9, 9, 3), grey, np.uint8))[1].tobytes()).decode()
+        for grey in (40, 200)
+    ]
+    texts = ("residual of each joint over time", "residual effort of j over position [rad], before and after")
+    report = tmp_path / "answers" / "one" / "report.html"
+    report.parent.mkdir(parents=True)
+    report.write_text(
+        "".join(
+            f"<img alt='{t}' src='data:image/png;base64,{c}'>" for t, c in zip(texts, content, strict=True)
+        )
+    )
+    number = {"value": 72.0, "unit": "1/rev"}
+    effect = {
+        "name": "cogging",
+        "joint": "j",
+        "probability": 0.98,
+        "could_also_be": [],
+        "parameters": {"order": number},
+    }
+    fit = {"unit": "rad", "effort_holdout_before": 0.2, "effort_holdout_after": 0.1}
+    answer = {
+        "verdict": "physics_missing", "wall_s": 4.0, "effects": [effect], "parameters_off": [], "fit": fit, "notes": [],
+    }  # fmt: skip
+    about = page.Page("Motor", "Source.", "BSD.", "Known.", "Given.", "Nothing.")
+    one = page.Answered(argparse.Namespace(name="one"), answer, [shapes.Check("order 72", "72.0", True)])
+    none = page.Answered(
+        argparse.Namespace(name="two"), None, [shapes.Check("an answer", "exit code 4", False)]
+    )
+    made = page.write_page(about, "motor", [one, none], tmp_path / "answers", tmp_path / "docs").read_text()
+    assert "cogging p 0.98: order 72 1/rev on `j`" in made
+    assert "| order 72 | 72.0 | yes |" in made
+    assert "No answer: exit code 4." in made
+    assert "effort [N·m or N] 0.2 → 0.1" in made
+    assert f"![{texts[1]}](pictures/one.png)" in made
+    shown = cv2.imread(str(tmp_path / "docs" / "pictures" / "one.png"))
+    assert shown is not None
+    assert shown.mean() == 200.0
+
+
+@pytest.mark.parametrize("machine", ["emps", "brfd", "dfki", "laas", "pr2", "rokae", "ur10e"])
+def test_every_real_machine_has_a_page_that_says_where_its_recordings_come_from(bench, machine):
+    real = bench("bench_gap_real")
+    about = bench(f"gap_real.{machine}").PAGE
+    assert set(real.FOLDERS) <= set(real.MACHINES)
+    assert machine in real.MACHINES
+    assert "http" in about.source
+    assert about.licence.endswith(".")
 
 
 def test_demos_of_another_target_are_not_counted(bench, monkeypatch, tmp_path, capsys):

@@ -82,7 +82,9 @@ def effects_text(answer: dict) -> str:
 
 def describe(e: dict) -> str:
     """One effect with its numbers."""
-    values = ", ".join(f"{k} {v['value']:.4g} {v['unit']}" for k, v in e["parameters"].items())
+    values = ", ".join(
+        f"{k} {v['value']:.4g} {v['unit']}".removesuffix(" 1") for k, v in e["parameters"].items()
+    )
     also = f" (or {', '.join(e['could_also_be'])})" if e["could_also_be"] else ""
     return f"{e['name']}{also} p {e['probability']:.2f}: {values}"
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .case import Case, Check, named, shared_data, within, write_recording
+from .page import Page
 
 XML = """<mujoco model="cabinet">
   <option gravity="0 0 0"/>
@@ -18,6 +19,23 @@ XML = """<mujoco model="cabinet">
   </body></worldbody>
 </mujoco>
 """
+PAGE = Page(
+    title="PR2 opens a cabinet",
+    source=(
+        'Jain and Kemp, "Pulling open doors and drawers" (ICRA 2010); a log of '
+        "[gt-ros-pkg/hrl](https://github.com/gt-ros-pkg/hrl)."
+    ),
+    licence="New BSD.",
+    known=(
+        "A robot pulls a door open with a hook, once; the force comes from its joint torques, without time stamps.\n"
+        "The pull climbs to some 25 N near 8° and falls: a latch."
+    ),
+    given="A door of 3 kg without friction as model; one pull, whose last 30 % is held out.",
+    missed=(
+        "The place of the strongest pull: about the circle through the whole track it is a plateau from 6° to 13°, and "
+        "the reference of 8° is the publisher's running estimate of a hinge that had not settled there."
+    ),
+)
 
 
 def cases(folder: Path) -> list[Case]:
