@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import time
 
 import mujoco
 import numpy as np
@@ -12,6 +13,51 @@ from s2r_host.gap.rig import Drive, Secret, write_case
 from s2r_protocol.cli.root import main
 
 DRIVE = Drive(duration_s=8.0)
+
+
+NUMBER = (int, float)
+MAYBE = (int, float, type(None))  # where nothing was simulated, or nothing could be compared
+FORM = {
+    "schema": int, "seed": int, "wall_s": NUMBER, "verdict": str, "where": list, "effects": list,
+    "parameters_off": list, "rejected": list,
+    "floor": {"q_rmse": NUMBER, "tau_rmse": NUMBER, "source": str},
+    "fit": {"unit": str, "per_joint": dict}
+    | {
+        f"{kind}_{when}": MAYBE
+        for kind in ("train", "holdout", "open_loop_holdout")
+        for when in ("before", "after")
+    },
+    "baselines": {"sysid": {"holdout": MAYBE}, "residual_network": {"holdout": MAYBE}},
+    "next_experiment": {"separates": list, "trajectory": (str, type(None)), "why": str},
+}  # fmt: skip
+ENTRIES = {
+    "where": {"joint": str, "share": NUMBER, "regime": {"t": list, "q": list, "dq": list, "words": str}},
+    "effects": {
+        "name": str, "joint": str, "probability": NUMBER, "could_also_be": list, "evidence": str,
+        "parameters": dict,
+    },
+    "parameters_off": {"name": str, "from": NUMBER, "to": NUMBER, "unit": str, "interval90": list},
+    "rejected": {"name": str, "joint": str, "holdout_gain": NUMBER, "why": str},
+}  # fmt: skip
+
+
+def differences(form, found, place=""):
+    """Keys that are not there, or hold another type than the contract's."""
+    if not isinstance(form, dict):
+        return [] if isinstance(found, form) else [f"{place}: {found!r}"]
+    lacking = [f"{place}/{key} is not there" for key in form if key not in found]
+    wrong = [differences(form[key], found[key], f"{place}/{key}") for key in form if key in found]
+    return lacking + [x for each in wrong for x in each]
+
+
+def contract_of(answer):
+    """All in which an answer differs from the contract's form, and what it both names and rejects."""
+    found = differences(FORM, answer)
+    for key, form in ENTRIES.items():
+        found += [x for i, entry in enumerate(answer[key]) for x in differences(form, entry, f"{key}[{i}]")]
+    told = [e for key in ("effects", "parameters_off") for e in answer[key]]
+    names = {name for e in told for name in (e["name"], *e.get("could_also_be", ()))}
+    return found + [f"{r['name']} is named and rejected" for r in answer["rejected"] if r["name"] in names]
 
 
 def gap(case, out, *more, holdout=True):
@@ -48,6 +94,8 @@ def test_clean_recordings_miss_nothing(clean, tmp_path):
     assert answer["verdict"] == "nothing_missing"
     assert answer["effects"] == []
     assert answer["floor"]["source"] == "repeat"
+    assert contract_of(answer) == []
+    assert answer["baselines"]["residual_network"]["holdout"] < 2.0 * answer["fit"]["holdout_before"]
 
 
 @pytest.fixture(scope="module")
@@ -76,20 +124,7 @@ def test_the_patched_model_loads_and_predicts_better(named):
 
 def test_the_answer_follows_the_contract(named):
     _, answer, out = named
-    for key in (
-        "schema",
-        "seed",
-        "wall_s",
-        "floor",
-        "where",
-        "rejected",
-        "fit",
-        "baselines",
-        "next_experiment",
-    ):
-        assert key in answer
-    assert {"q_rmse", "tau_rmse", "source"} <= set(answer["floor"])
-    assert {"t", "q", "dq", "words"} <= set(answer["where"][0]["regime"])
+    assert contract_of(answer) == []
     effect = answer["effects"][0]
     low, high = effect["parameters"]["level"]["interval90"]
     assert low < effect["parameters"]["level"]["value"] < high
@@ -116,6 +151,7 @@ def test_a_wrong_mass_is_a_parameter_and_no_physics(tmp_path):
     assert answer["effects"] == []
     assert answer["parameters_off"][0]["name"] == "mass"
     assert answer["parameters_off"][0]["to"] == pytest.approx(1.26, rel=0.02)
+    assert contract_of(answer) == []
 
 
 @pytest.mark.timeout(1800)  # a minute alone; baselines and next experiment on a loaded machine take long
@@ -125,6 +161,7 @@ def test_a_taken_out_effect_is_not_named_after_its_neighbour(tmp_path):
     assert answer["verdict"] == "unknown"
     assert answer["effects"] == []
     assert answer["where"][0]["joint"] == "elbow"
+    assert contract_of(answer) == []
 
 
 def without_effort(recording, path):
@@ -142,6 +179,22 @@ def test_without_effort_it_asks_for_effort(clean, tmp_path):
     assert code == 0
     assert answer["verdict"] == "insufficient"
     assert any("record effort" in note for note in answer["notes"])
+    assert contract_of(answer) == []
+
+
+def test_the_seconds_told_are_those_of_the_whole_run(clean, tmp_path, monkeypatch):
+    def report(*_):
+        time.sleep(0.5)
+
+    monkeypatch.setattr("s2r_host.gap.output.report.write_report", report)
+    config = tmp_path / "gap.yaml"
+    config.write_text("{simulate: false, baselines: false, next_experiment: false}", encoding="utf-8")
+    began = time.monotonic()
+    _, answer = gap(clean, tmp_path / "out", "--config", str(config))
+    took = time.monotonic() - began
+    assert took - 0.4 < answer["wall_s"] <= took + 0.01
+    assert answer["fit"]["holdout_before"] is None
+    assert contract_of(answer) == []
 
 
 def test_a_joint_of_another_robot_is_refused(clean, tmp_path, capsys):

@@ -132,6 +132,7 @@ def run_gap(
     from s2r_host.gap.output.extras import add_extras
     from s2r_host.gap.pipeline import analyse
 
+        stamped,
     if not fit:
         raise GapUsageError("no recording given: use --fit REC [REC ...]")
     _refuse_twice([*fit, *holdout, *repeat])
@@ -167,6 +168,7 @@ def run_gap(
     log(summary(answer))
     return ExitCode.OK if answer["verdict"] in ("nothing_missing", "insufficient") else ExitCode.DIFFERENCE
 
+    answer = stamped(answer, analysis)
 
 def _refuse_twice(recordings: list[Path]) -> None:
     """Raises GapUsageError where one recording is given twice: it would be held against itself."""

@@ -72,8 +72,10 @@ class Analysis:
     verdict: str
     notes: list[str] = field(default_factory=list)
     baselines: dict = field(default_factory=dict)
-    next_experiment: dict = field(default_factory=dict)
-    wall_s: float = 0.0
+    next_experiment: dict = field(
+        default_factory=lambda: {"separates": [], "trajectory": None, "why": ""}  # nothing is left to split
+    )
+    started: float = field(default_factory=time.monotonic)
 
 
 def load_sessions(model: RigidModel, paths: list[Path], first: int, notes: list[str]) -> list[Session]:
@@ -152,6 +154,7 @@ def analyse(
             "three of ten stretches"
         )
     a = Analysis(model, fit, hold, repeats, None, None, None, [], None, None, None, "insufficient", notes)
+    a.started = started
     reason = (
         insufficient.no_effort(model, fit)
         or insufficient.too_short(model, fit)
@@ -162,7 +165,6 @@ def analyse(
         _without_effort(a, log)
     else:
         _with_effort(a, config, log)
-    a.wall_s = time.monotonic() - started
     return a
 
 

@@ -19,6 +19,7 @@ from s2r_host.gap.verdict.decision import Decision
 from s2r_host.gap.verdict.naming import CEILING, Named, slot_probabilities
 from s2r_host.gap.verdict.other_equations import add_law
 from s2r_host.gap.verdict.parameters_off import off_entries
+from s2r_host.gap.verdict.rejected import without_answered
 
 ROTARY = SimpleNamespace(model=SimpleNamespace(joints=["elbow"], unit=lambda joint: "rad"))
 
@@ -148,3 +149,33 @@ def test_flanks_are_damped_no_further_than_to_where_they_stop_rebounding():
     start = Term("backlash", 0, (("f", 24.0), ("motor", 0.4), ("w", 0.01), ("zeta", 0.4)))
     found = Shapes._refine(search, (0.0, start), lambda term: dict(term.shape)["zeta"])  # pyright: ignore[reportArgumentType]
     assert dict(found[1].shape)["zeta"] == pytest.approx(2.0)
+
+
+REJECTED = [
+    {"name": name, "joint": joint, "holdout_gain": 0.0, "why": "no evidence"}
+    for name in ("armature", "spring_return", "payload", "coulomb_friction", "cogging")
+    for joint in ("shoulder", "elbow")
+]
+
+
+def _left(effects, off):
+    return {(r["name"], r["joint"]) for r in without_answered(REJECTED, effects, off)}
+
+
+def test_what_the_answer_names_or_holds_possible_is_not_rejected_beside_it():
+    effects = [{"name": "cable_spring", "joint": "elbow", "could_also_be": ["spring_return"]}]
+    off = [
+        {"name": "armature", "joint": "shoulder"},
+        {"name": "frictionloss", "joint": "elbow", "could_also_be": ["cogging"]},
+    ]
+    left = _left(effects, off)
+    gone = {(r["name"], r["joint"]) for r in REJECTED} - left
+    assert gone == {
+        ("spring_return", "elbow"), ("armature", "shoulder"), ("coulomb_friction", "elbow"), ("cogging", "elbow"),
+    }  # fmt: skip
+
+
+def test_a_load_that_is_listed_as_a_number_is_rejected_at_no_joint():
+    left = _left([], [{"name": "payload_mass", "body": "hand", "joint": "elbow"}])
+    assert not {("payload", "shoulder"), ("payload", "elbow")} & left
+    assert len(left) == len(REJECTED) - 2

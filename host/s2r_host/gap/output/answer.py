@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from pathlib import Path
 
 import mujoco
@@ -11,9 +12,11 @@ import numpy as np
 
 from s2r_host.gap.effects import catalogue
 from s2r_host.gap.motion.flat_bodies import WRITTEN, thickened
+from s2r_host.gap.output.baselines import BASELINES, not_fitted
 from s2r_host.gap.pipeline import Analysis, floor_json
 from s2r_host.gap.simulation.forward import Errors, first_held
 from s2r_host.gap.simulation.replay import HARD_SOLIMP, HARD_SOLREF, Twin
+from s2r_host.gap.verdict.rejected import without_answered
 from s2r_protocol.whole_file import write_whole
 
 SCHEMA = 1
@@ -26,6 +29,7 @@ ANSWER_FILES = (
     "next_experiment.csv",
     "next_experiment.mcap",
 )
+FITS = ("train", "holdout", "open_loop_holdout")
 RUNNING = "gap.json.part"  # from when files of a run are written until its answer is whole
 PATCH_TEXT = '''"""Effects found by `s2r gap` that stock MuJoCo has no attribute for.
 
@@ -60,14 +64,12 @@ def make_answer(a: Analysis, seed: int) -> dict:
     off = a.decision.parameters_off if a.decision else []
     if a.verdict in ("insufficient", "nothing_missing"):  # whoever reads a number there takes it over
         effects, off = [], []
-    named = {(e["name"], e["joint"]) for e in effects}
-    # What one search rejects another may name, e.g. once the recorded effort was held against the control law.
-    rejected = [r for r in a.decision.rejected if (r["name"], r["joint"]) not in named] if a.decision else []
+    rejected = without_answered(a.decision.rejected, effects, _with_joints(off, a)) if a.decision else []
     answer = clean(
         {
             "schema": SCHEMA,
             "seed": seed,
-            "wall_s": round(a.wall_s, 2),
+            "wall_s": round(time.monotonic() - a.started, 2),
             "verdict": a.verdict,
             "floor": floor_json(a),
             "where": [p.as_json() for p in a.places],
@@ -75,7 +77,8 @@ def make_answer(a: Analysis, seed: int) -> dict:
             "parameters_off": off,
             "rejected": rejected,
             "fit": fit_json(a),
-            "baselines": a.baselines,
+            "baselines": {name: a.baselines.get(name, not_fitted("not asked for")) for name in BASELINES}
+            | a.baselines,
             "next_experiment": a.next_experiment,
             "notes": a.notes + (a.decision.reasons if a.decision else []),
         }
@@ -84,10 +87,31 @@ def make_answer(a: Analysis, seed: int) -> dict:
     return answer
 
 
+def _with_joints(off: list[dict], a: Analysis) -> list[dict]:
+    """Numbers that are off, those of bodies with the joint that moves them."""
+
+    def joint(body: str) -> str:
+        bodies = range(1, a.model.model.nbody)
+        return a.model.joint_that_moves(next(b for b in bodies if a.model.body_name(b) == body))
+
+    return [p if "joint" in p else p | {"joint": joint(p["body"])} for p in off]
+
+
+def stamped(answer: dict, a: Analysis) -> dict:
+    """The answer with the seconds that the run took up to here, baselines, next experiment and report included."""
+    return answer | {"wall_s": round(time.monotonic() - a.started, 2)}
+
+
 def fit_json(a: Analysis) -> dict:
-    """Position errors before and after; the closed loop when the law is known, else open-loop windows."""
+    """Position errors before and after; the closed loop when the law is known, else open-loop windows.
+
+    The keys are always there: None where nothing was simulated, or nothing could be compared.
+    """
     units = sorted({a.model.unit(j) for j in a.model.joints})
     found: dict = {"unit": units[0] if len(units) == 1 else "rad or m, per joint"}
+    found |= dict.fromkeys(f"{kind}_{when}" for kind in FITS for when in ("before", "after")) | {
+        "per_joint": {}
+    }
     if a.before is None or a.after is None:
         return found
     closed = bool(np.any(np.isfinite(a.before.held)))

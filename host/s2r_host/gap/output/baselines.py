@@ -12,9 +12,15 @@ from s2r_host.gap.regression.rows import compare
 from s2r_host.gap.search.search import Search
 from s2r_host.gap.simulation.replay import Twin, build_twin
 
+BASELINES = ("sysid", "residual_network")
 LOOSE = 30.0
 HIDDEN = 24
 STEPS = 1500
+
+
+def not_fitted(why: str) -> dict:
+    """The entry of a baseline that there is none of."""
+    return {"holdout": None, "open_loop_holdout": None, "how": f"not fitted: {why}"}
 
 
 def refitted_parameters(problem: Problem, search: Search) -> Twin:

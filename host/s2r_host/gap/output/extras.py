@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.gap.config import GapConfig
-from s2r_host.gap.output.baselines import refitted_parameters, residual_network
+from s2r_host.gap.output.baselines import BASELINES, not_fitted, refitted_parameters, residual_network
 from s2r_host.gap.output.next_experiment import propose
 from s2r_host.gap.pipeline import Analysis
 from s2r_host.gap.simulation.forward import Errors, evaluate
@@ -17,11 +17,12 @@ from s2r_host.gap.simulation.replay import build_twin
 
 def add_extras(a: Analysis, config: GapConfig, seed: int, folder: Path, log: Callable[[str], None]) -> None:
     """Fill ``baselines`` and ``next_experiment`` of an analysis in place."""
-    if a.problem is None or a.search is None or a.decision is None:
-        # Without a regression the first note says what the recordings lack: effort, length or motion.
+    if a.verdict == "insufficient" or a.problem is None or a.search is None or a.decision is None:
+        # The first note says what the recordings lack: effort, length or motion.
         a.next_experiment = {"separates": [], "trajectory": None, "why": a.notes[0]}
+        a.baselines |= {name: not_fitted("the recordings cannot tell") for name in BASELINES}
         return
-    if config.baselines and config.simulate and a.verdict not in ("nothing_missing", "insufficient"):
+    if config.baselines and config.simulate:
         log("baselines")
         joints = list(a.problem.joints)
         window = config.open_loop_window_s
@@ -35,7 +36,7 @@ def add_extras(a: Analysis, config: GapConfig, seed: int, folder: Path, log: Cal
         a.baselines["residual_network"] = _held(evaluate(twin, a.fit, a.hold, joints, window), joints)
     if config.next_experiment and a.verdict in ("physics_missing", "unknown"):
         log("next experiment")
-        a.next_experiment = propose(a, a.decision, folder)
+        a.next_experiment |= propose(a, a.decision, folder)
 
 
 def _held(e: Errors, joints: list[int]) -> dict:

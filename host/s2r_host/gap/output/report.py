@@ -124,7 +124,7 @@ def _parameters_off(answer: dict) -> str:
 
 def _numbers(answer: dict) -> str:
     fit = answer["fit"]
-    if "holdout_before" not in fit:
+    if all(fit.get(f"{part}_before") is None for part in ("train", "holdout", "effort_holdout")):
         return ""
 
     def cell(x: float | None) -> str:
@@ -219,7 +219,7 @@ def _of_joints(rejected: list[dict]) -> str:
 
 def _next(answer: dict) -> str:
     n = answer["next_experiment"]
-    if not n:
+    if not n["why"]:
         return ""
     file = ""
     if n.get("trajectory"):

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from s2r_host.gap.effects import catalogue
 from s2r_host.gap.regression.base_terms import PREFIX
 from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.solution import Scored, Solution
 from s2r_host.gap.search.search import MIN_GAIN, Search
 
 LEAST_HELD = 0.01  # of the held-out misfit: less is no improvement
+# What a wrong number of the model is called among the effects, where that is another name.
+AS_EFFECT = {"payload_mass": "payload", "frictionloss": "coulomb_friction", "damping": "viscous_friction"}
 _AT_FLOOR = "the model, its numbers moved a little, already reaches the noise floor"
 
 
@@ -27,6 +30,27 @@ def rejected_list(problem: Problem, search: Search, solution: Solution) -> list[
     for key, s in sorted(seen.items(), key=lambda x: -x[1].holdout_gain):
         found.append(_entry(problem, key, s.holdout_gain, _why(s, won[key])))
     return found + _blocked(problem, search)
+
+
+def without_answered(rejected: list[dict], effects: list[dict], off: list[dict]) -> list[dict]:
+    """Rejected entries without what the answer names, or holds possible, at the same joint.
+
+    What one search rejects another may name, e.g. once the recorded effort was held against the control law; and a
+    number that is off (a motor's inertia) may be an effect of the catalogue as well.
+
+    Args:
+        rejected: Entries with ``name`` and ``joint``.
+        effects: As answered, with ``name``, ``joint`` and ``could_also_be``.
+        off: Entries of ``parameters_off`` with ``name``, ``joint`` (beside a ``body`` the one that moves it) and maybe
+            ``could_also_be``.
+    """
+    named = {
+        (AS_EFFECT.get(name, name), e["joint"])
+        for e in [*effects, *off]
+        for name in (e["name"], *e.get("could_also_be", ()))
+    }
+    whole = {name for name, _ in named if name in catalogue() and catalogue()[name].scope == "model"}
+    return [r for r in rejected if r["name"] not in whole and (r["name"], r["joint"]) not in named]
 
 
 def _why(s: Scored, won: float) -> str:
