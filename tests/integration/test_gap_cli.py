@@ -129,7 +129,13 @@ def test_the_answer_follows_the_contract(named):
     low, high = effect["parameters"]["level"]["interval90"]
     assert low < effect["parameters"]["level"]["value"] < high
     assert 0.0 <= effect["probability"] <= 1.0
+    assert answer["baselines"]["sysid"]["how"].startswith("mujoco.sysid: ")
+    assert answer["baselines"]["sysid"]["holdout"] > answer["fit"]["holdout_after"]
+    assert answer["baselines"]["refitted_parameters"]["holdout"] > answer["fit"]["holdout_after"]
+    assert answer["baselines"]["residual_network"]["named_within_10_percent"]
     report = (out / "report.html").read_text(encoding="utf-8")
+    assert "baseline mujoco.sysid" in report
+    assert "What is named is within 10 % of the residual network." in report
     assert "coulomb_friction" in report
     assert "https://" not in report
     assert (out / "predictions.parquet").exists()

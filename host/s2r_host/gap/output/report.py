@@ -13,6 +13,9 @@ from s2r_host.gap.verdict.rejected import was_weighed
 from s2r_protocol.whole_file import write_whole
 
 SHOWN_REJECTED = 30
+TITLES = {
+    "sysid": "mujoco.sysid", "refitted_parameters": "refitted parameters", "residual_network": "residual network",
+}  # fmt: skip
 STYLE = """
 body{font:15px/1.5 system-ui,sans-serif;color:#1d2433;max-width:1000px;margin:2rem auto;padding:0 1rem}
 h1{font-size:1.5rem;margin:0}h2{font-size:1.1rem;margin:2rem 0 .4rem;border-bottom:1px solid #e4e7ec}
@@ -146,13 +149,22 @@ def _numbers(answer: dict) -> str:
         rows.insert(2, (f"position [{unit}], held out, open-loop windows", *open_loop))
     body = "".join(f"<tr><td>{n}<td class=num>{cell(b)}<td class=num>{cell(c)}</tr>" for n, b, c in rows)
     for name, b in answer["baselines"].items():
-        body += f"<tr><td>baseline {name.replace('_', ' ')} [{unit}], held out<td><td class=num>{cell(b['holdout'])}"
+        said = f"<br><span class=muted>{html.escape(b['how'])}</span>"
+        body += (
+            f"<tr><td>baseline {TITLES[name]} [{unit}], held out{said}<td><td class=num>{cell(b['holdout'])}"
+        )
         body += f" (open loop {cell(b['open_loop_holdout'])})</tr>"
+    within = answer["baselines"].get("residual_network", {}).get("named_within_10_percent")
+    near = (
+        ""
+        if within is None
+        else f" What is named is {'' if within else 'not '}within 10 % of the residual network."
+    )
     floor = answer["floor"]
     return (
         "<h2>Root mean square errors</h2><table>"
         f"<tr><th>what<th class=num>before<th class=num>after</tr>{body}</table>"
-        f"<p class=muted>Before: the model as given; after: with all that is named above."
+        f"<p class=muted>Before: the model as given; after: with all that is named above.{near}"
         f" Noise floor ({floor['source']}): position {cell(floor['q_rmse'])} {unit},"
         f" effort {cell(floor['tau_rmse'])} {effort_unit(unit)}.</p>"
     )
