@@ -34,7 +34,7 @@ def add_extras(a: Analysis, config: GapConfig, seed: int, folder: Path, log: Cal
                 "the small residual network predicts held-out motion by more than 10 % better than what is named: the "
                 "names do not explain all that can be learned"
             )
-    if config.next_experiment and a.verdict in ("physics_missing", "unknown"):
+    if config.next_experiment and a.verdict in ("physics_missing", "unknown", "parameter_off"):
         log("next experiment")
         a.next_experiment |= propose(a, a.decision, folder)
 

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.gap.effects import catalogue
+from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session, make_session
-from s2r_host.gap.pipeline import Analysis
+from s2r_host.gap.pipeline import Analysis, patched_twin
 from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.base_terms import PREFIX
 from s2r_host.gap.regression.rows import compare
 from s2r_host.gap.regression.solution import Term
-from s2r_host.gap.simulation.replay import Live, Twin, build_twin, run
+from s2r_host.gap.simulation.replay import Twin, run
 from s2r_host.gap.verdict.decision import Decision
 from s2r_host.recording import RunRecorder
 from s2r_protocol.whole_file import write_whole
@@ -25,11 +26,16 @@ DURATION_S = 8.0
 RATE_HZ = 500.0
 KNOT_STEP = 10  # 50 knots a second
 ROUNDING_S = 0.1
-_TELLS_FLOORS = 0.1  # a smaller difference (rms) is lost even in thousands of rows
+SPLITS_FLOORS = (
+    0.3  # rms: over the 300 independent rows of such a motion 14 nats, and less is absorbed by a refit
+)
+RANGE_MARGIN = 0.05  # of the model's joint range, kept at both ends
+FARTHER = 1.1  # times the range seen: a joint range that is no larger offers no other motions
+OF_LIMIT = 0.9  # of a declared effort limit
 
 
 def motions(low: float, high: float, speed: float, acceleration: float) -> dict[str, np.ndarray]:
-    """Candidate motions inside the travel, speed and acceleration already seen, each shape (time,)."""
+    """Candidate motions between two positions, inside the speed and acceleration given, each shape (time,)."""
     t = np.arange(0, DURATION_S, 1 / RATE_HZ)
     mid, half = 0.5 * (low + high), 0.5 * (high - low)
     ease = np.clip(t / 1.0, 0, 1) * np.clip((DURATION_S - t) / 1.0, 0, 1)
@@ -82,6 +88,10 @@ def _smooth(x: np.ndarray, speed: float) -> np.ndarray:
 def propose(a: Analysis, decision: Decision, folder: Path) -> dict:
     """Simulate the two best candidates on each motion; write the motion on which their efforts differ most.
 
+    Motions inside the range already seen come first. Where none of them splits the candidates, the joint range of the
+    model is used, less a margin; speed and acceleration stay what was seen, efforts below what the model declares. A
+    motion that splits nothing is not handed out.
+
     Returns:
         The contract's entry, empty when nothing is left to split.
     """
@@ -89,38 +99,78 @@ def propose(a: Analysis, decision: Decision, folder: Path) -> dict:
     if pair is None or a.problem is None or a.search is None:
         return {}
     j = max(pair[0].joint, 0)
-    twins = [_twin_of(a, t, decision) for t in pair]
-    low, high = a.problem.ctx.span(j)
+    twins = (_twin_of(a, pair[0], decision), _twin_of(a, pair[1], decision))
+    names = [t.effect.removeprefix(PREFIX) for t in pair]
+    most = 0.0
+    for low, high, beyond in ranges(a.model, j, a.problem.ctx.span(j)):
+        found = _most_different(a, j, twins, motions(low, high, *_seen(a, j)))
+        if found is None:
+            continue
+        label, q, floors = found
+        most = max(most, floors)
+        if floors < SPLITS_FLOORS:
+            continue
+        path = folder / "next_experiment.csv"
+        folder.mkdir(parents=True, exist_ok=True)
+        _write(path, a, j, q)
+        hints = [catalogue()[t.effect].separating_motion for t in pair if t.effect in catalogue()]
+        return {
+            "separates": names,
+            "trajectory": path.name,
+            "predicted_floors": round(floors, 3),
+            "why": f"{label}: the two candidates' efforts differ by {floors:.1f} noise floors (rms){beyond}; "
+            + "; ".join(hints),
+        }
+    return {
+        "separates": [],
+        "trajectory": None,
+        "predicted_floors": round(most, 3),
+        "why": f"no motion within the limits splits {names[0]} from {names[1]}: they are the same equation here (their "
+        f"efforts differ by at most {most:.2g} noise floors); tell them apart by looking at the machine",
+    }
+
+
+def ranges(model: RigidModel, j: int, seen: tuple[float, float]) -> list[tuple[float, float, str]]:
+    """Positions to move between, the range seen first, each with what the reader has to know about it."""
+    found = [(*seen, "")]
+    m, k = model.model, int(model.model.joint(model.joints[j]).id)
+    if not m.jnt_limited[k]:
+        return found
+    low, high = (float(x) for x in m.jnt_range[k])
+    margin = RANGE_MARGIN * (high - low)
+    low, high = low + margin, high - margin
+    if high - low > FARTHER * (seen[1] - seen[0]):
+        unit = model.unit(model.joints[j])
+        told = (
+            f"; it leaves the range seen and moves '{model.joints[j]}' between {low:.3g} and {high:.3g} {unit}, the "
+            f"model's joint range less {RANGE_MARGIN:.0%} at each end: see that the way is free"
+        )
+        found.append((low, high, told))
+    return found
+
+
+def _most_different(
+    a: Analysis, j: int, twins: tuple[Twin, Twin], tried: dict[str, np.ndarray]
+) -> tuple[str, np.ndarray, float] | None:
+    """The motion on which the efforts of two twins differ most, and by how many noise floors (rms), if any runs."""
+    assert a.problem is not None
     floor = a.problem.floor.get(j, 1e-09)
-    best, best_gap, name = None, -1.0, ""
-    for label, q in motions(low, high, *_seen(a, j)).items():
+    low, high = (OF_LIMIT * float(x[j]) for x in a.model.effort_limits())
+    best = None
+    for label, q in tried.items():
         s = _session(a, j, q)
         efforts = []
         for twin in twins:
             result = run(twin, s, 0, len(s.t), closed=True)
-            efforts.append(compare(np.nan_to_num(result.u[:, j]), s, j, True) if result.finite else None)
-        if efforts[0] is None or efforts[1] is None:
-            continue
-        gap = float(np.sqrt(np.mean((efforts[0] - efforts[1])[50:-50] ** 2))) / floor
-        if gap > best_gap:
-            best, best_gap, name = q, gap, label
-    if best is None:
-        return {}
-    path = folder / "next_experiment.csv"
-    folder.mkdir(parents=True, exist_ok=True)
-    _write(path, a, j, best)
-    separates = [t.effect.removeprefix(PREFIX) for t in pair]
-    hints = [catalogue()[t.effect].separating_motion for t in pair if t.effect in catalogue()]
-    differ = f"differ by {best_gap:.1f} noise floors (rms)"
-    if best_gap < _TELLS_FLOORS:
-        differ = (
-            f"differ by less than {_TELLS_FLOORS:g} noise floors, so look where no recording has been yet"
-        )
-    return {
-        "separates": separates,
-        "trajectory": path.name,
-        "why": f"{name}: the two candidates' efforts {differ}; " + "; ".join(hints),
-    }
+            u = result.u[:, j]
+            if not result.finite or u.min() < low or u.max() > high:
+                break
+            efforts.append(compare(u, s, j, True))
+        else:
+            gap = float(np.sqrt(np.mean((efforts[0] - efforts[1])[50:-50] ** 2))) / floor
+            if best is None or gap > best[2]:
+                best = (label, q, gap)
+    return best
 
 
 def _seen(a: Analysis, j: int) -> tuple[float, float]:
@@ -131,27 +181,30 @@ def _seen(a: Analysis, j: int) -> tuple[float, float]:
 
 
 def _pair(decision: Decision) -> tuple[Term, Term] | None:
+    """The first name of a place and its rival: one that the answer holds possible, else the next best.
+
+    Where only numbers are off, a rival that the answer does not hold possible is no rival.
+    """
+    possible = {n for e in decision.effects for n in e.could_also_be}
+    possible |= {n for p in decision.parameters_off for n in p.get("could_also_be", ())}
     for slot in decision.solution.slots:
-        distinct = []
+        distinct: list[Term] = []
         for s in slot:
             if s.term.effect not in [t.effect for t in distinct] and np.isfinite(s.score):
                 distinct.append(s.term)
-        if len(distinct) >= 2:
-            return distinct[0], distinct[1]
+        rivals = [t for t in distinct[1:] if t.effect.removeprefix(PREFIX) in possible]
+        if not rivals and decision.verdict != "parameter_off":
+            rivals = distinct[1:2]
+        if rivals:
+            return distinct[0], rivals[0]
     return None
 
 
 def _twin_of(a: Analysis, term: Term, decision: Decision) -> Twin:
-    assert a.problem is not None
+    """The machine if this candidate stands in its place, with what else was found."""
     assert a.search is not None
     others = [t for t in decision.solution.terms if t.key not in (term.key, decision.solution.terms[0].key)]
-    solution = a.search.finish([term, *others], [], [])
-    terms = [
-        Live(t.effect, t.joint, dict(t.shape), th)
-        for t, th in zip(solution.terms, solution.theta, strict=True)
-        if not t.effect.startswith(PREFIX)
-    ]
-    return build_twin(a.model, a.problem.ctx, terms, a.problem.moved(solution.base))
+    return patched_twin(a, a.search.finish([term, *others], [], []), "physics_missing")
 
 
 def _session(a: Analysis, j: int, q: np.ndarray) -> Session:
