@@ -20,9 +20,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from s2r_protocol.cli.conditions import conditions_of, keep_to
 from s2r_protocol.exits import NotReadyError, UsageError
+from s2r_protocol.ray_cluster import on_ray
 from s2r_sim import batch_worker
 from s2r_sim.errors import WorkerLostError
-from s2r_sim.ray_cluster import on_ray
 
 Job = tuple[Any, ...]
 Work = Callable[..., dict[str, Any]]

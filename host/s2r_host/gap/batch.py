@@ -1,4 +1,4 @@
-"""Many runs of the tool: a spawn pool that keeps its workers, resumable, with a summary over robots and dates.
+"""Many runs of the tool: a spawn pool or a Ray cluster, resumable, with a summary over robots and dates.
 
 A job is one line of the batch file. Its answer stands in its own folder; a job whose ``gap.json`` exists is not
 run again, so a stopped batch goes on where it was. One that was refused or failed is: its file may be mended by then.
@@ -10,7 +10,7 @@ import html
 import json
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -20,6 +20,7 @@ from s2r_host.gap.workers import each_done
 from s2r_host.gap.yaml_files import read_yaml
 from s2r_protocol.cli.outputs import has_key
 from s2r_protocol.exits import ExitCode, S2RError
+from s2r_protocol.ray_cluster import on_ray
 from s2r_protocol.whole_file import NO_ROOM, write_whole
 
 SUMMARIES = ("summary.json", "summary.html")
@@ -90,7 +91,12 @@ def _job(path: Path, entry: Any, number: int) -> Job:
 
 
 def run_batch(
-    jobs: list[Job], out: Path, workers: int, seed: int, told: Callable[[int], None] = lambda _: None
+    jobs: list[Job],
+    out: Path,
+    workers: int,
+    seed: int,
+    told: Callable[[int], None] = lambda _: None,
+    ray: str | None = None,
 ) -> list[dict]:
     """Run every job that has no answer yet; returns one summary row per job, in the order given.
 
@@ -100,9 +106,12 @@ def run_batch(
         workers: Processes at a time.
         seed: Given to every run.
         told: Called with the number of jobs just finished; first with those already there.
+        ray: Address of a Ray cluster to run on instead, "local" for one of ``workers`` processors on this machine. Its
+            machines read the files and write the answers under the same paths.
 
     Raises:
         GapUsageError: A file stands where the folder of a job goes.
+        NotReadyError: Ray is asked for and not installed, or nothing answers there.
         OSError: There is no room left on the disk.
     """
     for job in jobs:
@@ -113,12 +122,25 @@ def run_batch(
     out.mkdir(parents=True, exist_ok=True)
     todo = [j for j in jobs if not answered(out / j.name)]
     told(len(jobs) - len(todo))
-    for _ in each_done(run_job, [(job, out / job.name, seed) for job in todo], workers, _died):
+    calls = [(_absolute(job), (out / job.name).absolute(), seed) for job in todo]
+    done = (
+        each_done(run_job, calls, workers, _died)
+        if ray is None
+        else on_ray(run_job, calls, workers, ray, _died)
+    )
+    for _ in done:
         told(1)
     rows = [_row(j, out / j.name) for j in jobs]
     write_whole(out / SUMMARIES[0], json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
     write_whole(out / SUMMARIES[1], _page(rows))
     return rows
+
+
+def _absolute(job: Job) -> Job:
+    """The same job for a worker that stands in another folder."""
+    lists = {role: tuple(p.absolute() for p in getattr(job, role)) for role in ("fit", "holdout", "repeat")}
+    config = None if job.config is None else job.config.absolute()
+    return replace(job, model=job.model.absolute(), config=config, **lists)
 
 
 def answered(folder: Path) -> bool:
@@ -184,17 +206,22 @@ def _row(job: Job, folder: Path) -> dict:
 
 
 def since_when(rows: list[dict]) -> list[dict]:
-    """Per robot, joint and effect: the first date it was named and in how many runs since."""
-    found: dict[tuple[str, str, str], dict] = {}
+    """Per robot, place and name: the first date it was told and in how many runs since.
+
+    An effect is at a joint, a number that is off (a load, a motor's inertia) of a joint or body; ``kind`` tells which.
+    """
+    found: dict[tuple[str, str, str, str], dict] = {}
     for row in sorted(rows, key=lambda r: (r["robot"], r["date"], r["name"])):
-        for e in row["effects"]:
-            key = (row["robot"], e["joint"], e["name"])
+        told = [("effect", e["joint"], e["name"]) for e in row["effects"]]
+        told += [("number", p["place"], p["name"]) for p in row.get("parameters_off", [])]
+        for kind, place, name in dict.fromkeys(told):
             entry = found.setdefault(
-                key,
+                (row["robot"], place, kind, name),
                 {
-                    "robot": key[0],
-                    "joint": key[1],
-                    "effect": key[2],
+                    "robot": row["robot"],
+                    "place": place,
+                    "kind": kind,
+                    "name": name,
                     "since": row["date"] or row["name"],
                     "runs": 0,
                 },
@@ -214,16 +241,17 @@ def _page(rows: list[dict]) -> str:
     counts = {v: sum(r["verdict"] == v for r in rows) for v in sorted({r["verdict"] for r in rows})}
     head = " · ".join(f"{n} {v.replace('_', ' ')}" for v, n in counts.items())
     since = "".join(
-        f"<tr><td>{html.escape(e['robot'])}<td>{html.escape(e['joint'])}<td>{html.escape(e['effect'])}"
-        f"<td>{html.escape(e['since'])}<td>{e['runs']}"
+        f"<tr><td>{html.escape(e['robot'])}<td>{html.escape(e['place'])}<td>{html.escape(e['name'])}"
+        f"{'' if e['kind'] == 'effect' else ' (a number that is off)'}<td>{html.escape(e['since'])}<td>{e['runs']}"
         for e in since_when(rows)
     )
     return "\n".join([
         "<!doctype html><html lang=en><meta charset=utf-8><title>s2r gap: summary</title>",
         '<meta name=viewport content="width=device-width, initial-scale=1">',
         f"<style>{STYLE}</style><h1>{len(rows)} runs: {html.escape(head)}</h1>",
-        "<h2>Which effect in which robot since when</h2>",
-        f"<table><tr><th>robot<th>joint<th>effect<th>since<th>runs{since}</table>" if since else "<p>None named.</p>",
+        "<h2>What is off in which robot since when</h2>",
+        f"<table><tr><th>robot<th>joint or body<th>what<th>since<th>runs{since}</table>"
+        if since else "<p>None named.</p>",
         "<h2>Runs</h2><table><tr><th>run<th>robot<th>date<th>verdict<th>what",
         *(_line(r) for r in rows), "</table></html>",
     ])  # fmt: skip

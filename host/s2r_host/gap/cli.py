@@ -54,11 +54,15 @@ class _ListCommand(click.Command):
     help="Many runs: a list of jobs (YAML).",
 )
 @click.option("--workers", default=1, show_default=True, type=click.IntRange(1), help="Processes of a batch.")
+@click.option(
+    "--ray", metavar="ADDRESS", help="Run a batch on this Ray cluster, 'local' for one on this machine."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print gap.json on stdout.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of everything drawn at random.")
 def gap(
     model_path: Path | None, fit: tuple[Path, ...], holdout: tuple[Path, ...], repeat: tuple[Path, ...],
-    config_path: Path | None, out: Path, batch_path: Path | None, workers: int, as_json: bool, seed: int,
+    config_path: Path | None, out: Path, batch_path: Path | None, workers: int, ray: str | None, as_json: bool,
+    seed: int,
 ) -> int:  # fmt: skip
     """Find where simulation and recordings part, and name the physics left out.
 
@@ -72,20 +76,22 @@ def gap(
             raise GapUsageError(
                 "--batch names every file in the batch itself; drop --model, --fit and the others"
             )
-        return int(_batch(batch_path, out, workers, as_json, seed))
+        return int(_batch(batch_path, out, workers, as_json, seed, ray))
+    if ray is not None:
+        raise GapUsageError("--ray goes with --batch: one run is one job")
     if model_path is None:
         raise GapUsageError("no model given: use --model MODEL, or --batch JOBS.yaml for many runs")
     return int(run_gap(model_path, list(fit), list(holdout), list(repeat), config_path, out, as_json, seed))
 
 
-def _batch(path: Path, out: Path, workers: int, as_json: bool, seed: int) -> ExitCode:
+def _batch(path: Path, out: Path, workers: int, as_json: bool, seed: int, ray: str | None = None) -> ExitCode:
     from s2r_host.gap.batch import answered, read_jobs, run_batch
     from s2r_protocol.cli.progress import counted
 
     jobs = read_jobs(path)
     try:
         with counted("runs", len(jobs)) as bar:
-            rows = run_batch(jobs, out, workers, seed, bar.update)
+            rows = run_batch(jobs, out, workers, seed, bar.update, ray)
     except KeyboardInterrupt:
         done = sum(answered(out / job.name) for job in jobs)
         click.echo(
@@ -126,13 +132,13 @@ def run_gap(
         RUNNING,
         forget_answer,
         make_answer,
+        stamped,
         write_answer,
         write_outputs,
     )
     from s2r_host.gap.output.extras import add_extras
     from s2r_host.gap.pipeline import analyse
 
-        stamped,
     if not fit:
         raise GapUsageError("no recording given: use --fit REC [REC ...]")
     _refuse_twice([*fit, *holdout, *repeat])
@@ -162,13 +168,13 @@ def run_gap(
         from s2r_host.gap.output.report import write_report
 
         write_report(analysis, answer, out / "report.html")
+    answer = stamped(answer, analysis)
     write_answer(answer, out)
     if as_json:
         click.echo(json.dumps(answer, ensure_ascii=False))
     log(summary(answer))
     return ExitCode.OK if answer["verdict"] in ("nothing_missing", "insufficient") else ExitCode.DIFFERENCE
 
-    answer = stamped(answer, analysis)
 
 def _refuse_twice(recordings: list[Path]) -> None:
     """Raises GapUsageError where one recording is given twice: it would be held against itself."""

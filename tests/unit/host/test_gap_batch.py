@@ -12,6 +12,7 @@ from s2r_host.gap.cli import _batch, batch_code, run_gap
 from s2r_host.gap.config import read_config
 from s2r_host.gap.errors import GapRecordingError, GapUsageError
 from s2r_host.gap.output.answer import forget_answer, write_answer
+from s2r_protocol.cli.root import main
 from s2r_protocol.exits import S2RError, UsageError
 
 
@@ -105,9 +106,58 @@ def test_finished_jobs_are_not_run_again_and_the_summary_says_since_when(tmp_pat
     rows = run_batch(jobs, tmp_path / "out", 1, 0, told.append)
     assert told == [2]
     assert [r["verdict"] for r in rows] == ["physics_missing", "nothing_missing"]
-    since = {"robot": "r1", "joint": "j1", "effect": "cogging", "since": "2026-02", "runs": 1}
+    since = {"robot": "r1", "place": "j1", "kind": "effect", "name": "cogging", "since": "2026-02", "runs": 1}
     assert since_when(rows) == [since]
     assert "2026-02" in (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
+
+
+def test_numbers_that_are_off_are_told_with_since_when():
+    load = {"name": "payload_mass", "place": "hand"}
+    rows = [
+        {
+            "name": n,
+            "robot": "r1",
+            "date": d,
+            "verdict": "parameter_off",
+            "effects": [],
+            "parameters_off": off,
+        }
+        for n, d, off in (("a", "2026-03", [load]), ("b", "2026-01", []), ("c", "2026-02", [load, load]))
+    ]
+    (entry,) = since_when(rows)
+    since = {"place": "hand", "kind": "number", "name": "payload_mass", "since": "2026-02", "runs": 2}
+    assert entry == {"robot": "r1"} | since
+    assert "<td>hand<td>payload_mass (a number that is off)<td>2026-02<td>2" in batch._page(rows)
+
+
+def test_a_batch_on_ray_hands_out_what_any_worker_can_find(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    handed = []
+
+    def cluster(work, calls, workers, address, lost):
+        handed.append((work, workers, address, lost))
+        for call in calls:
+            handed.append(call)
+            yield call, lost(*call)
+
+    monkeypatch.setattr(batch, "on_ray", cluster)
+    told = []
+    jobs = [Job("a", Path("m.xml"), (Path("r.csv"),), repeat=(Path("again.csv"),), config=Path("gap.yaml"))]
+    (row,) = run_batch(jobs, Path("out"), 2, 0, told.append, ray="local")
+    (_, workers, address, _), (job, folder, _) = handed
+    assert (workers, address) == (2, "local")
+    assert folder == tmp_path / "out/a"
+    files = [job.model, *job.fit, *job.repeat, job.config]
+    assert files == [tmp_path / n for n in ("m.xml", "r.csv", "again.csv", "gap.yaml")]
+    assert row["verdict"] == "failed"
+    assert told == [0, 1]
+
+
+def test_ray_goes_with_a_batch(tmp_path, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["gap", "--model", "m.xml", "--fit", "r.csv", "--ray", "local", "--out", str(tmp_path / "out")])
+    assert ended.value.code == 2
+    assert "--ray goes with --batch" in capsys.readouterr().err
 
 
 def test_the_summary_names_parameters_beside_effects_and_links_any_folder():

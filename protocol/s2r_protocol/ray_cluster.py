@@ -15,8 +15,12 @@ AHEAD = 2  # jobs handed out per processor: workers never wait, and an interrupt
 
 
 def on_ray(
-    work: Callable[..., dict[str, Any]], jobs: list[tuple[Any, ...]], workers: int, address: str
-) -> Iterator[tuple[tuple[Any, ...], dict[str, Any]]]:
+    work: Callable[..., Any],
+    jobs: list[tuple[Any, ...]],
+    workers: int,
+    address: str,
+    lost: Callable[..., Any] | None = None,
+) -> Iterator[tuple[tuple[Any, ...], Any]]:
     """Jobs with their results, in the order in which they end.
 
     Args:
@@ -24,6 +28,8 @@ def on_ray(
         jobs: Arguments of its calls.
         workers: Processors of a local cluster.
         address: Of the cluster, or "local".
+        lost: Called here with a job whose workers died again and again, as for want of memory; its result stands for
+            the job's. None: that ends everything.
 
     Raises:
         NotReadyError: Ray is not installed, or nothing answers there.
@@ -47,7 +53,7 @@ def on_ray(
         raise NotReadyError(f"no Ray cluster answers at {address}: {error}") from error
     try:
 
-        def call(*job: Any) -> dict[str, Any]:
+        def call(*job: Any) -> Any:  # whatever the caller's function returns
             return work(*job)
 
         remote = ray.remote(max_retries=RETRIES, num_cpus=1)(call)
@@ -59,6 +65,13 @@ def on_ray(
                 waiting[remote.remote(*job)] = job
             finished, _ = ray.wait(list(waiting), num_returns=1)
             for one in finished:
-                yield waiting.pop(one), ray.get(one)
+                job = waiting.pop(one)
+                try:
+                    result = ray.get(one)
+                except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError):
+                    if lost is None:
+                        raise
+                    result = lost(*job)
+                yield job, result
     finally:
         ray.shutdown()
