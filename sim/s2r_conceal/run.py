@@ -1,7 +1,7 @@
 """Running a tool over all cases of a set: several at a time, resumable, each case in a folder of its own.
 
 The tool sees a temporary folder with ``model.xml`` and the three recordings and nothing else; sealed answers,
-manifest and other cases are not beside it.
+manifest and other cases are not beside it, and this package cannot be imported.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 
 from s2r_conceal import verdicts
 from s2r_conceal.errors import ConcealError
+from s2r_conceal.kept_away import without_concealment
 from s2r_conceal.seal import check_files, check_hashed, publish_verdicts, read_manifest, sha256
 from s2r_protocol.cli.progress import Count
 
@@ -116,8 +117,10 @@ def run_batched(
     (work / QUESTION).write_text(json.dumps(question) + "\n")
     arguments = ["--batch", "jobs.json", "--out", "out", "--seed", "0", "--workers", str(workers)]
     shown = 0
-    with (work / "stderr.txt").open("w") as said:
-        running = subprocess.Popen([*words, *arguments], cwd=work, stdout=subprocess.DEVNULL, stderr=said)
+    with (work / "stderr.txt").open("w") as said, without_concealment() as surroundings:
+        running = subprocess.Popen(
+            [*words, *arguments], cwd=work, stdout=subprocess.DEVNULL, stderr=said, env=surroundings
+        )
         deadline = time.monotonic() + timeout_s * len(cases)
         try:
             while running.poll() is None and time.monotonic() < deadline:
@@ -183,9 +186,11 @@ def run_case(folder: Path, case: str, words: list[str], timeout_s: float, questi
 def _run(place: Path, words: list[str], timeout_s: float) -> dict[str, Any]:
     begin = time.monotonic()
     try:
-        ended = subprocess.run(
-            words, cwd=place, capture_output=True, text=True, timeout=timeout_s, check=False
-        )
+        with without_concealment() as surroundings:
+            ended = subprocess.run(
+                words, cwd=place, capture_output=True, text=True, timeout=timeout_s, check=False,
+                env=surroundings,
+            )  # fmt: skip
         code, said = ended.returncode, ended.stderr
         if code in INTERRUPTED:
             raise ConcealError(
