@@ -139,7 +139,11 @@ def test_the_answer_follows_the_contract(named):
     assert "coulomb_friction" in report
     assert "https://" not in report
     assert (out / "predictions.parquet").exists()
-    assert (out / answer["next_experiment"]["trajectory"]).exists()
+    following = answer["next_experiment"]
+    # Friction that changes along the travel is dry friction where it does not change.
+    assert "no motion within the limits splits coulomb_friction from cogging" in following["why"]
+    assert following["trajectory"] is None
+    assert not list(out.glob("next_experiment*"))
 
 
 def test_the_answer_does_not_depend_on_the_run(rubbed, named, tmp_path):
