@@ -107,7 +107,9 @@ def pairs(
         partial(pair_object, folder=str(out), quick=quick),
         partial(file_of_result_is_whole, folder=out),
     )
-    rows = run_jobs(work, todo, out / f"{split}.jsonl", jobs, "objects", ray, {"--quick": quick}, whole)
+    # Quick views and others may lie in one folder, each with a list of its own: training mixes them.
+    results = out / f"{split}{'-quick' if quick else ''}.jsonl"
+    rows = run_jobs(work, todo, results, jobs, "objects", ray, {"--quick": quick}, whole)
     click.echo(f"{len(rows)} objects, {sum(row['pairs'] for row in rows)} pairs, in {out}")
 
 

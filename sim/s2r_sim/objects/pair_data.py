@@ -66,7 +66,7 @@ def pair_object(kind: str, split: int, seed: int, folder: str, quick: bool = Fal
     else:
         depth = np.stack([camera.capture(pose).depth_m for pose in poses])
     joint = joint_truth(model, spec)
-    path = Path(folder) / f"{kind}-{Split(split).name.lower()}-{seed:05d}.npz"
+    path = Path(folder) / f"{kind}-{Split(split).name.lower()}-{seed:05d}{'-quick' if quick else ''}.npz"
     np.savez_compressed(
         path,
         depth=np.clip(np.rint(depth / UNIT_M), 0, np.iinfo(np.uint16).max).astype(np.uint16),

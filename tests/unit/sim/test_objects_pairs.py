@@ -102,3 +102,15 @@ def test_command_makes_files_and_does_nothing_twice(tmp_path):
     again = CliRunner().invoke(data, args)
     assert again.output.splitlines()[-1] == first.output.splitlines()[-1]
     assert [file.stat().st_mtime_ns for file in files] == written
+
+
+def test_quick_views_and_others_of_one_object_lie_in_one_folder_side_by_side(tmp_path):
+    words = ["pairs", "--kinds", "laptop", "--objects", "1", "--first", "4", "--out", str(tmp_path)]
+    for more in (["--quick"], []):
+        done = CliRunner().invoke(data, [*words, *more], catch_exceptions=False)
+        assert "1 objects" in done.output
+    shapes = []
+    for name in ("laptop-train-00004-quick.npz", "laptop-train-00004.npz"):
+        with np.load(tmp_path / name) as archive:
+            shapes.append(archive["depth"].shape[1:])
+    assert shapes[0] < shapes[1]
