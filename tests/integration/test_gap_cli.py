@@ -164,10 +164,12 @@ def test_a_wrong_mass_is_a_parameter_and_no_physics(tmp_path):
     assert contract_of(answer) == []
 
 
-@pytest.mark.timeout(1800)  # a minute alone; baselines and next experiment on a loaded machine take long
+@pytest.mark.timeout(1800)
 def test_a_taken_out_effect_is_not_named_after_its_neighbour(tmp_path):
     case = write_case(tmp_path / "case", Secret(extra={"unknown_time": 0.15}), DRIVE)
-    _, answer = gap(case, tmp_path / "out")
+    config = tmp_path / "gap.yaml"
+    config.write_text("{baselines: false, next_experiment: false}", encoding="utf-8")
+    _, answer = gap(case, tmp_path / "out", "--config", str(config))
     assert answer["verdict"] == "unknown"
     assert answer["effects"] == []
     assert answer["where"][0]["joint"] == "elbow"
