@@ -78,11 +78,16 @@ def test_lint_of_the_native_parts_is_done_again_for_either_of_them(proven):
     assert states[0] != states[1]
 
 
-def test_wrong_types_end_clang_tidy_too(tmp_path):
-    _script(tmp_path, "check")
-    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+def _checked(tree):
+    """A tree with `scripts/check` whose style is as it should be."""
+    _script(tree, "check")
+    subprocess.run(["git", "init", "-q"], cwd=tree, check=True)
     for name in ("ruff", "lint-imports", "clang-format"):
-        _program(tmp_path / ".venv/bin" / name, "exit 0")
+        _program(tree / ".venv/bin" / name, "exit 0")
+
+
+def test_wrong_types_end_clang_tidy_too(tmp_path):
+    _checked(tmp_path)
     _program(tmp_path / "scripts/lint-cpp", "sleep 90 & echo $! >begun; mv begun tidy\nwait")
     _program(tmp_path / ".venv/bin/basedpyright", "while [ ! -e tidy ]; do sleep 0.05; done; exit 1")
     ended = _run(tmp_path, "scripts/check", "quick")
@@ -91,10 +96,7 @@ def test_wrong_types_end_clang_tidy_too(tmp_path):
 
 
 def test_wrong_types_fail_the_check_though_the_tests_pass(tmp_path):
-    _script(tmp_path, "check")
-    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
-    for name in ("ruff", "lint-imports", "clang-format"):
-        _program(tmp_path / ".venv/bin" / name, "exit 0")
+    _checked(tmp_path)
     _program(tmp_path / ".venv/bin/python", "echo all passed")
     _program(tmp_path / ".venv/bin/basedpyright", "echo a wrong type; exit 1")
     _program(tmp_path / "scripts/lint-cpp", "exit 0")

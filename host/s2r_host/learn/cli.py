@@ -10,6 +10,17 @@ import click
 from s2r_protocol.cli.options import SEED
 from s2r_protocol.exits import UsageError
 
+_PAIRS = click.option(
+    "--data", type=click.Path(path_type=Path, exists=True), required=True, help="From 's2r data pairs'."
+)
+_OUT = click.option(
+    "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
+)
+_DEVICE = click.option(
+    "--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True
+)
+_SEED = click.option("--seed", type=SEED, default=0, show_default=True)
+
 
 @click.group()
 def train() -> None:
@@ -20,12 +31,10 @@ def train() -> None:
 @click.option(
     "--data", type=click.Path(path_type=Path, exists=True), required=True, help="From 's2r data pushes'."
 )
-@click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
-)
+@_OUT
 @click.option("--epochs", type=int, help="Passes over the data [default: 30].")
-@click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
-@click.option("--seed", type=SEED, default=0, show_default=True)
+@_DEVICE
+@_SEED
 def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> None:
     """Where to push: actionability, proposals and likelihood of a useful push."""
     from rich.console import Console
@@ -61,15 +70,11 @@ def affordance(data: Path, out: Path, epochs: int | None, device: str, seed: int
 
 
 @train.command()
-@click.option(
-    "--data", type=click.Path(path_type=Path, exists=True), required=True, help="From 's2r data pairs'."
-)
-@click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
-)
+@_PAIRS
+@_OUT
 @click.option("--epochs", type=int, help="Passes over the data [default: 24].")
-@click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
-@click.option("--seed", type=SEED, default=0, show_default=True)
+@_DEVICE
+@_SEED
 def model(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> None:
     """What moved, about what and how far: votes of the points of two views."""
     from rich.console import Console
@@ -104,12 +109,8 @@ def model(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> 
 
 
 @train.command()
-@click.option(
-    "--data", type=click.Path(path_type=Path, exists=True), required=True, help="From 's2r data pairs'."
-)
-@click.option(
-    "--out", type=click.Path(path_type=Path), required=True, help="Folder; an interrupted run goes on."
-)
+@_PAIRS
+@_OUT
 @click.option(
     "--size",
     type=click.Choice(["small", "ditto"]),
@@ -118,8 +119,8 @@ def model(data: Path, out: Path, epochs: int | None, device: str, seed: int) -> 
     help="'ditto': as published, for a GPU; 'small': what a CPU trains.",
 )
 @click.option("--epochs", type=int, help="Passes over the data [default: 40].")
-@click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", show_default=True)
-@click.option("--seed", type=SEED, default=0, show_default=True)
+@_DEVICE
+@_SEED
 def baseline(data: Path, out: Path, size: str, epochs: int | None, device: str, seed: int) -> None:
     """A network in the manner of Ditto, to be measured beside the others: nothing else uses it."""
     from rich.console import Console

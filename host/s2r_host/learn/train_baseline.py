@@ -18,7 +18,7 @@ from s2r_host.learn.baseline_network import PART, SIZES, BaselineNetwork
 from s2r_host.learn.pair_files import PairSample
 from s2r_host.learn.pair_loss import varied
 from s2r_host.learn.train import on_device
-from s2r_host.learn.train_model import ModelSettings, Taught, fit_pairs
+from s2r_host.learn.train_model import ModelSettings, Taught, figures_of, fit_pairs
 from s2r_host.perception.pair_votes import errors
 
 
@@ -80,10 +80,5 @@ def evaluate_baseline(
                 turn.append(np.degrees(abs(delta)))
             else:
                 slide.append(1e3 * abs(delta))
-    medians = {"axis_deg": axis, "line_mm": line, "turn_deg": turn, "slide_mm": slide}
-    figures = {name: float(np.median(values)) for name, values in medians.items() if values}
-    if axis:
-        figures["axis_p90_deg"] = float(np.percentile(axis, 90))
-    means = {"type_right": right, "iou": iou}
-    figures |= {name: float(np.mean(values)) if values else 0.0 for name, values in means.items()}
-    return figures | {"silent": silent / len(samples)} | sums
+    errors_of = {"axis_deg": axis, "line_mm": line, "turn_deg": turn, "slide_mm": slide}
+    return figures_of(errors_of, right, iou) | {"silent": silent / len(samples)} | sums

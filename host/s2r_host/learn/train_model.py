@@ -206,13 +206,19 @@ def evaluate(network: PairNetwork, samples: list[PairSample], settings: ModelSet
                 turn.append(np.degrees(abs(delta)))
             else:
                 slide.append(1e3 * abs(delta))
-    medians = {"axis_deg": axis, "line_mm": line, "turn_deg": turn, "slide_mm": slide, "flow_mm": flows}
+    errors_of = {"axis_deg": axis, "line_mm": line, "turn_deg": turn, "slide_mm": slide, "flow_mm": flows}
+    return figures_of(errors_of, right, iou) | {"silent": silent / len(samples)} | sums
+
+
+def figures_of(
+    medians: dict[str, list[float]], right: Sequence[bool], iou: Sequence[float]
+) -> dict[str, float]:
+    """Medians of errors where there are any, the axis' 90th percentile, and the means of ``right`` and ``iou``."""
     figures = {name: float(np.median(values)) for name, values in medians.items() if values}
-    if axis:
-        figures["axis_p90_deg"] = float(np.percentile(axis, 90))
+    if medians["axis_deg"]:
+        figures["axis_p90_deg"] = float(np.percentile(medians["axis_deg"], 90))
     means = {"type_right": right, "iou": iou}
-    figures |= {name: float(np.mean(values)) if values else 0.0 for name, values in means.items()}
-    return figures | {"silent": silent / len(samples)} | sums
+    return figures | {name: float(np.mean(values)) if values else 0.0 for name, values in means.items()}
 
 
 def _load(files: list[Path], progress: Progress, label: str) -> list[PairSample]:

@@ -95,14 +95,8 @@ def test_without_recordings_nothing_is_felt(tmp_path):
     assert not (tmp_path / "object-log").exists()
 
 
-def test_earlier_pushes_are_felt_anew_with_the_arm_known_by_then(tmp_path, monkeypatch):
-    """Two touches at first, one when the arm is known better: the second recording of it is gone, too."""
-    x, calls = np.linspace(0.0, 0.1, 200), []
-
-    def found(own, arm, samples, part, s_start, s_end, most):
-        calls.append((samples.name, s_end))
-        return [touch(np.full(200, 3.0), x)] * (2 if len(calls) == 1 else 1)
-
+def felt_by(monkeypatch, found):
+    """Recordings are their names, an arm is known from them, and ``found`` stands for the search for touches."""
     monkeypatch.setattr(
         feeling_module,
         "samples_in",
@@ -111,6 +105,17 @@ def test_earlier_pushes_are_felt_anew_with_the_arm_known_by_then(tmp_path, monke
     monkeypatch.setattr(feeling_module, "learn_own_torques", lambda arm, free: "arm")
     monkeypatch.setattr(feeling_module, "touches", found)
     monkeypatch.setattr(feeling_module, "free_rows", lambda arm, samples, part, s: 1)
+
+
+def test_earlier_pushes_are_felt_anew_with_the_arm_known_by_then(tmp_path, monkeypatch):
+    """Two touches at first, one when the arm is known better: the second recording of it is gone, too."""
+    x, calls = np.linspace(0.0, 0.1, 200), []
+
+    def found(own, arm, samples, part, s_start, s_end, most):
+        calls.append((samples.name, s_end))
+        return [touch(np.full(200, 3.0), x)] * (2 if len(calls) == 1 else 1)
+
+    felt_by(monkeypatch, found)
     before = belief(tmp_path, DRAWER, "prismatic", (1.0, 0.0, 0.0))
     feeling = Feeling(SimpleNamespace(arm=None), tmp_path / "object-log")
     first = SimpleNamespace(free_from=1.0, recording="one", seq=1, label="push 1")
@@ -130,14 +135,7 @@ def test_pushes_that_the_other_joint_tells_are_felt_anew_in_it(tmp_path, monkeyp
         calls.append((samples.name, s_start, s_end))
         return [touch(np.full(200, 3.0), x)]
 
-    monkeypatch.setattr(
-        feeling_module,
-        "samples_in",
-        lambda recording: SimpleNamespace(name=recording, part=lambda rows: recording),
-    )
-    monkeypatch.setattr(feeling_module, "learn_own_torques", lambda arm, free: "arm")
-    monkeypatch.setattr(feeling_module, "touches", found)
-    monkeypatch.setattr(feeling_module, "free_rows", lambda arm, samples, part, s: 1)
+    felt_by(monkeypatch, found)
     lid = belief(tmp_path, LID, "revolute", (0.0, 1.0, 0.0))
     feeling = Feeling(SimpleNamespace(arm=None), tmp_path / "object-log")
     push, one, two = (
