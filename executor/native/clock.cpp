@@ -12,6 +12,8 @@ constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::int64_t kQuitTimeout_ns = 10 * kSecond_ns;
 constexpr int kPollSlice_ms = 20;                   // how soon a signal is noticed while a drive is silent
 constexpr std::int64_t kPaceSlack_ns = 20'000'000;  // lag that lock-step makes up for; beyond it time stretches
+constexpr int kSettled_ticks = 1000;                // of waiting: whatever was moved has come to rest by then
+constexpr std::int64_t kSettledPeriods = 10;        // wall clock periods a tick of further waiting takes at pace 0
 
 void sleep_until(std::int64_t deadline_ns) noexcept {
   const timespec deadline{.tv_sec = deadline_ns / kSecond_ns, .tv_nsec = deadline_ns % kSecond_ns};
@@ -75,16 +77,20 @@ bool waits_for_commands(State state) noexcept {
 
 // The arm's time advances with the setpoints; a busy one takes at most `pace` times as many as the wall clock, or as
 // many as it can at 0. One that waits never runs ahead of the wall clock, whatever the pace: ticks of nothing would
-// take the processor from the host that is planning.
+// take the processor from the host that is planning. At pace 0, where simulated time means no wall time, an arm that
+// has waited for long gives up most of the rest as well.
 void run_lockstep(Core& core, Bus& bus, const Config& config, QuitGuard& guard) noexcept {
   const double tick_ns = static_cast<double>(config.tick_ns);
   const auto busy_ns = config.pace > 0.0 ? static_cast<std::int64_t>(tick_ns / config.pace) : std::int64_t{0};
   const std::int64_t waiting_ns = std::max(busy_ns, config.tick_ns);
+  const std::int64_t settled_ns = config.pace > 0.0 ? waiting_ns : kSettledPeriods * config.tick_ns;
   std::int64_t deadline = monotonic_ns();
+  int waited_ticks = 0;
   while (!core.finished() && !guard.expired()) {
     core.tick(monotonic_ns(), 0);
     wait_for_answers(core, bus, config, guard);
-    const std::int64_t period = waits_for_commands(core.state()) ? waiting_ns : busy_ns;
+    waited_ticks = waits_for_commands(core.state()) ? std::min(waited_ticks + 1, kSettled_ticks) : 0;
+    const std::int64_t period = waited_ticks == 0 ? busy_ns : waited_ticks < kSettled_ticks ? waiting_ns : settled_ns;
     if (period == 0) continue;
     deadline = std::max(deadline + period, monotonic_ns() - kPaceSlack_ns);
     sleep_until(deadline);

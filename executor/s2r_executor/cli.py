@@ -50,7 +50,8 @@ def _default(key: str) -> str:
     "--pace",
     type=float,
     show_default=_default("pace"),
-    help="lockstep: at most this many times the wall clock while the arm is busy; 0 = as fast as possible.",
+    help="lockstep: at most this many times the wall clock while the arm is busy; 0 = as fast as possible, and a tenth "
+    "of the wall clock once the arm has waited for a simulated second.",
 )
 @click.option(
     "--listen",

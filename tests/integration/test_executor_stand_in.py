@@ -118,6 +118,25 @@ def saved(tmp_path, data):
     return path
 
 
+def test_an_arm_that_waits_for_long_takes_little_of_the_processor_at_pace_0_and_obeys_at_once(tmp_path):
+    with rig(tmp_path) as plant, link.ExecutorLink(plant.endpoint, ARM) as connection:
+        connection.status()
+        deadline = time.monotonic() + 60.0
+        begin = connection.status().tick
+        while connection.status().tick < begin + 1000:  # disarmed and waiting: it settles
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        began, ticks = time.monotonic(), connection.status().tick
+        time.sleep(2.0)
+        later = connection.status().tick
+        passed_s = time.monotonic() - began
+        # Ticks of the wall clock would be 1000 a second; a busy machine can only make them fewer.
+        assert later > ticks
+        assert later - ticks < 1.2 * 100 * passed_s + 100
+        with connection.leased():
+            assert connection.arm_drives().state == ExecutorState.HOLD
+
+
 def test_a_killed_host_ends_in_hold_and_the_next_host_goes_on(tmp_path):
     with rig(tmp_path, pace="1", **{"host-timeout": "0.5"}) as started:
         host_process = subprocess.Popen(
