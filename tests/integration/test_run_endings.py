@@ -38,7 +38,7 @@ def arm():
 
 
 @contextmanager
-def running_plant(folder, packing="fd"):
+def running_plant(folder, packing="fd", pace="0"):
     """Stand-in and executor, as fast as they go; their endpoints, the truth log and a place for the run."""
     folder.mkdir(exist_ok=True)
     bus, truth = f"unix:{folder}/bus", folder / "truth.csv"
@@ -54,7 +54,7 @@ def running_plant(folder, packing="fd"):
         "--clock",
         "lockstep",
         "--pace",
-        "2",
+        pace,
         "--listen",
         executor,
     ]
@@ -66,6 +66,13 @@ def running_plant(folder, packing="fd"):
 @pytest.fixture
 def plant(tmp_path):
     with running_plant(tmp_path) as plant:
+        yield plant
+
+
+@pytest.fixture
+def paced_plant(tmp_path):
+    """One whose motions take wall time, in which something can happen to them."""
+    with running_plant(tmp_path, pace="2") as plant:
         yield plant
 
 
@@ -127,64 +134,64 @@ def test_a_target_at_which_the_push_left_the_drawer_needs_no_plan(plant):
     assert (plant["out"] / "report.html").exists()
 
 
-def test_interrupt_during_a_motion_stops_the_arm_and_keeps_the_recording(plant, arm):
-    process = subprocess.Popen(run_arguments(plant), stderr=subprocess.PIPE, text=True)
-    wait_for_motion(plant, arm, "push 1: approach")
+def test_interrupt_during_a_motion_stops_the_arm_and_keeps_the_recording(paced_plant, arm):
+    process = subprocess.Popen(run_arguments(paced_plant), stderr=subprocess.PIPE, text=True)
+    wait_for_motion(paced_plant, arm, "push 1: approach")
     process.send_signal(signal.SIGINT)
     stderr = process.communicate(timeout=600)[1]
     assert process.returncode == ExitCode.INTERRUPTED, stderr
-    now = status(plant, arm)
+    now = status(paced_plant, arm)
     assert now.state == ExecutorState.HOLD
     assert now.cause == Cause.STOP_REQUESTED
     assert np.abs(now.dq_ref).max() == 0.0
     assert now.lease_holder == ""
-    assert "interrupted" in ending(plant)["exit"]["reason"]
-    track = joint_track(plant["out"] / "run.mcap", "joint_commands")
+    assert "interrupted" in ending(paced_plant)["exit"]["reason"]
+    track = joint_track(paced_plant["out"] / "run.mcap", "joint_commands")
     speed = np.abs(np.diff(track.q, axis=0)).max(axis=0) / 1e-3
     assert np.all(speed <= 1.02 * arm.limits.dq_max)
     assert "Traceback" not in stderr
 
 
-def test_a_terminal_that_is_closed_during_a_motion_stops_the_arm_and_keeps_the_recording(plant, arm):
+def test_a_terminal_that_is_closed_during_a_motion_stops_the_arm_and_keeps_the_recording(paced_plant, arm):
     ours, theirs = os.openpty()
     heard = ["env", "--default-signal=HUP"]  # also where the tests run under nohup
     process = subprocess.Popen(
-        [*heard, "setsid", "--ctty", *run_arguments(plant)], stdin=theirs, stdout=theirs, stderr=theirs
+        [*heard, "setsid", "--ctty", *run_arguments(paced_plant)], stdin=theirs, stdout=theirs, stderr=theirs
     )
     os.close(theirs)
-    wait_for_motion(plant, arm, "push 1: approach")
+    wait_for_motion(paced_plant, arm, "push 1: approach")
     os.close(ours)  # the window is closed: SIGHUP, and whatever is printed from now on fails
     assert process.wait(timeout=600) == ExitCode.INTERRUPTED
-    now = status(plant, arm)
+    now = status(paced_plant, arm)
     assert (now.state, now.cause, now.lease_holder) == (ExecutorState.HOLD, Cause.STOP_REQUESTED, "")
-    assert "interrupted" in ending(plant)["exit"]["reason"]
-    assert joint_track(plant["out"] / "run.mcap", "joint_commands").q.size
+    assert "interrupted" in ending(paced_plant)["exit"]["reason"]
+    assert joint_track(paced_plant["out"] / "run.mcap", "joint_commands").q.size
 
 
-def test_stop_from_another_terminal_ends_the_run_with_six(plant, arm):
-    process = subprocess.Popen(run_arguments(plant), stderr=subprocess.PIPE, text=True)
-    wait_for_motion(plant, arm, "push 1: approach")
-    send_stop(plant["executor"], ArmKeys(), timeout_s=5.0)
+def test_stop_from_another_terminal_ends_the_run_with_six(paced_plant, arm):
+    process = subprocess.Popen(run_arguments(paced_plant), stderr=subprocess.PIPE, text=True)
+    wait_for_motion(paced_plant, arm, "push 1: approach")
+    send_stop(paced_plant["executor"], ArmKeys(), timeout_s=5.0)
     stderr = process.communicate(timeout=600)[1]
     assert process.returncode == ExitCode.PROTECTION, stderr
-    assert "STOP_REQUESTED" in ending(plant)["exit"]["reason"]
-    assert status(plant, arm).state == ExecutorState.HOLD
-    assert "view" in [note["kind"] for note in read_notes(plant["out"] / "run.mcap")]
+    assert "STOP_REQUESTED" in ending(paced_plant)["exit"]["reason"]
+    assert status(paced_plant, arm).state == ExecutorState.HOLD
+    assert "view" in [note["kind"] for note in read_notes(paced_plant["out"] / "run.mcap")]
 
 
-def test_a_stop_while_the_host_plans_ends_the_run_before_its_next_motion(plant, arm):
-    process = subprocess.Popen(run_arguments(plant), stderr=subprocess.PIPE, text=True)
-    wait_for_motion(plant, arm, "push 1: approach")
-    with ExecutorLink(plant["executor"], arm) as link:
+def test_a_stop_while_the_host_plans_ends_the_run_before_its_next_motion(paced_plant, arm):
+    process = subprocess.Popen(run_arguments(paced_plant), stderr=subprocess.PIPE, text=True)
+    wait_for_motion(paced_plant, arm, "push 1: approach")
+    with ExecutorLink(paced_plant["executor"], arm) as link:
         deadline = time.monotonic() + 600
         while (now := link.status()).state != ExecutorState.HOLD or now.lease_holder:
             assert time.monotonic() < deadline
             time.sleep(0.01)
-        send_stop(plant["executor"], ArmKeys(), timeout_s=5.0)
+        send_stop(paced_plant["executor"], ArmKeys(), timeout_s=5.0)
     stderr = process.communicate(timeout=600)[1]
     assert process.returncode == ExitCode.PROTECTION, stderr
-    assert "by somebody else since" in ending(plant)["exit"]["reason"]
-    after = status(plant, arm)
+    assert "by somebody else since" in ending(paced_plant)["exit"]["reason"]
+    after = status(paced_plant, arm)
     assert (after.state, after.plan_seq) == (ExecutorState.HOLD, now.plan_seq)
 
 
