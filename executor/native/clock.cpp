@@ -12,7 +12,7 @@ constexpr std::int64_t kSecond_ns = 1'000'000'000;
 constexpr std::int64_t kQuitTimeout_ns = 10 * kSecond_ns;
 constexpr int kPollSlice_ms = 20;                   // how soon a signal is noticed while a drive is silent
 constexpr std::int64_t kPaceSlack_ns = 20'000'000;  // lag that lock-step makes up for; beyond it time stretches
-constexpr int kSettled_ticks = 1000;                // of waiting: whatever was moved has come to rest by then
+constexpr std::int64_t kSettles_ns = kSecond_ns;    // simulated time of waiting by which what was moved is at rest
 constexpr std::int64_t kSettledPeriods = 10;        // wall clock periods a tick of further waiting takes at pace 0
 
 void sleep_until(std::int64_t deadline_ns) noexcept {
@@ -85,12 +85,12 @@ void run_lockstep(Core& core, Bus& bus, const Config& config, QuitGuard& guard) 
   const std::int64_t waiting_ns = std::max(busy_ns, config.tick_ns);
   const std::int64_t settled_ns = config.pace > 0.0 ? waiting_ns : kSettledPeriods * config.tick_ns;
   std::int64_t deadline = monotonic_ns();
-  int waited_ticks = 0;
+  std::int64_t waited_ns = 0;  // simulated
   while (!core.finished() && !guard.expired()) {
     core.tick(monotonic_ns(), 0);
     wait_for_answers(core, bus, config, guard);
-    waited_ticks = waits_for_commands(core.state()) ? std::min(waited_ticks + 1, kSettled_ticks) : 0;
-    const std::int64_t period = waited_ticks == 0 ? busy_ns : waited_ticks < kSettled_ticks ? waiting_ns : settled_ns;
+    waited_ns = waits_for_commands(core.state()) ? std::min(waited_ns + config.tick_ns, kSettles_ns) : 0;
+    const std::int64_t period = waited_ns == 0 ? busy_ns : waited_ns < kSettles_ns ? waiting_ns : settled_ns;
     if (period == 0) continue;
     deadline = std::max(deadline + period, monotonic_ns() - kPaceSlack_ns);
     sleep_until(deadline);

@@ -120,7 +120,6 @@ def saved(tmp_path, data):
 
 def test_an_arm_that_waits_for_long_takes_little_of_the_processor_at_pace_0_and_obeys_at_once(tmp_path):
     with rig(tmp_path) as plant, link.ExecutorLink(plant.endpoint, ARM) as connection:
-        connection.status()
         deadline = time.monotonic() + 60.0
         begin = connection.status().tick
         while connection.status().tick < begin + 1000:  # disarmed and waiting: it settles
