@@ -100,6 +100,7 @@ void Core::receive() noexcept {
 
 bool Core::all_answered() const noexcept {
   if (!command_complete_ || !sent_any_ || period_over_) return true;
+  if (periods_announced_) return false;  // a drive's second frame (classical torque) may still be on its way
   for (int joint = 0; joint < config_.dof; ++joint)
     if (!drives_[joint].seen || drives_[joint].answered_tick != sent_.tick) return false;
   return true;

@@ -35,7 +35,8 @@ class Core {
 
   // Takes in what has arrived; tick() does it as well.
   void receive() noexcept;
-  // Every drive has answered the newest command, or the stand-in has said that no more will come: lock-step may go on.
+  // Lock-step may go on: the stand-in has said that no more answers to the newest command will come or, on a bus that
+  // never says so, every drive has answered.
   bool all_answered() const noexcept;
   // The loop is alive although tick() is not called (lock-step waits for a drive).
   void show_alive() noexcept { shared_.core_beats.fetch_add(1, std::memory_order_relaxed); }

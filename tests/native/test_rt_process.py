@@ -52,6 +52,11 @@ class BusOfOne:
         except OSError:
             pass  # the other side is gone: the tests look at it, not at this
 
+    def drain(self) -> None:
+        """Until the drives have taken what the process had sent before it ended."""
+        self.thread.join(TIMEOUT_S)
+        assert not self.thread.is_alive()
+
     def close(self) -> None:
         if self.connection:
             self.connection.shutdown(socket.SHUT_RDWR)
@@ -170,6 +175,7 @@ def test_plan_runs_over_the_socket_and_sigterm_ends_with_the_drives_off(start, p
     assert snapshot.late_answers == 0
     assert not snapshot.realtime  # lock-step does not ask for it
     assert process.end() == 0
+    bus.drain()
     assert bus.drives.state == [1] * 7
     assert not process.shared.snapshot().alive
 
@@ -180,6 +186,7 @@ def test_lockstep_emits_the_same_setpoints_as_the_stepped_core(start, make_cell,
     submit(process, plan)
     process.until(lambda s: s.plan_done)
     process.end()
+    bus.drain()
     stepped = make_cell()
     stepped.arm()
     stepped.run_plan(plan)
@@ -197,6 +204,7 @@ def test_interrupt_in_the_middle_of_a_plan_stops_on_the_path(start, plan_from, u
     submit(process, plan_from(arm(process).q_ref))
     process.until(lambda s: s.plan_t > 0.4)
     assert process.end(signal.SIGINT) == 0
+    bus.drain()
     emitted = np.array([p for _, ctrl, p in bus.drives.setpoints if ctrl == 2], dtype=np.int64)
     assert use_of_limits(emitted) <= 1.0
     records = process.shared.records(65536)
@@ -229,6 +237,7 @@ def test_quit_command_ends_the_process(start):
     arm(process)
     process.shared.command(_native.QUIT, 0)
     assert process.child.wait(TIMEOUT_S) == 0
+    bus.drain()
     assert bus.drives.state == [1] * 7
 
 
