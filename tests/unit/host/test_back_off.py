@@ -22,10 +22,14 @@ NOT_USED: Any = None
 
 
 class Cell:
-    """Just enough of a session; ``did`` is what was asked of it, in order."""
+    """Just enough of a session; ``did`` is what was asked of it, in order.
+
+    ``jams`` motions are stopped, each after ``gain``; while ``hooked`` all are but one further in, which sets free.
+    """
 
     def __init__(self, q_now, jams=0, gain=0.0):
         self.did, self.moved, self._q, self.jams, self.gain = [], [], q_now, jams, gain
+        self.hooked = False
         self.arm = ArmModel(load_arm("xmate3pro"))
         self.settings = SimpleNamespace(push_speed=0.25, acknowledge_contact=True)
         self.journal = SimpleNamespace(warn=lambda text: self.did.append("warn"))
@@ -53,14 +57,19 @@ class Cell:
     def move(self, motions):
         self.did.append("move")
         self.moved += motions
-        if self.jams:
-            self.jams -= 1
+        end = motions[0].trajectory.q[-1]
+        if self.hooked and np.abs(end - WAY[-1]).max() < np.abs(self._q - WAY[-1]).max():
+            self.hooked, self._q = False, end
+            return
+        if self.jams or self.hooked:
+            self.jams = max(self.jams - 1, 0)
             self._q = self._q - self.gain
             raise ArmStoppedError("met something again", Cause.COLLISION)
 
 
 HOME = load_arm("xmate3pro").q_home
 SAG = 5e-4
+LABELS = ("back", "back, giving way first")
 WAY = HOME + np.linspace(0.0, 0.4, 21)[:, None] * np.array([1.0, 0.5, 0, 0, 0, 0, 0])
 
 
@@ -129,7 +138,45 @@ def test_a_fingertip_that_stays_jammed_is_left_to_an_operator():
     cell = Cell(WAY[12], jams=9)
     with pytest.raises(ArmStoppedError, match="again"):
         back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
-    assert cell.did.count("move") == 3
+    back, further = (
+        np.array([m.trajectory.q[-1] for m in cell.moved if m.label == label]) for label in LABELS
+    )
+    assert len(back) == 6
+    assert np.allclose(back, WAY[0], atol=1e-6)
+    assert len(further) == 1
+
+
+def test_a_fingertip_held_from_behind_gives_way_once_before_it_goes_back():
+    cell = Cell(WAY[12])
+    cell.hooked = True
+    back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
+    assert [motion.label for motion in cell.moved] == ["back"] * 3 + [LABELS[1], "back"]
+    further, back = cell.moved[-2].trajectory.q, cell.moved[-1].trajectory.q
+    assert 0.03 < np.abs(further[-1] - further[0]).max() < 0.06
+    assert np.abs(further[-1] - WAY).max(axis=1).min() < 1e-6
+    assert np.allclose(back[0], further[-1])
+    assert np.allclose(back[-1], WAY[0], atol=1e-6)
+
+
+def test_a_stop_of_another_cause_while_giving_way_is_left_to_an_operator():
+    cell = Cell(WAY[12], jams=3)
+    move = cell.move
+
+    def stopped_by_hand(motions):
+        if motions[0].label == LABELS[1]:
+            raise ArmStoppedError("stopped by hand", Cause.STOP_REQUESTED)
+        move(motions)
+
+    cell.move = stopped_by_hand
+    with pytest.raises(ArmStoppedError, match="by hand"):
+        back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
+
+
+def test_at_the_end_of_the_way_in_there_is_nowhere_to_give_way_to():
+    cell = Cell(WAY[-1], jams=9)
+    with pytest.raises(ArmStoppedError, match="again"):
+        back_off(cell, ArmStoppedError("met something", Cause.COLLISION), WAY, "back")
+    assert [motion.label for motion in cell.moved] == ["back"] * 3
 
 
 def test_a_fingertip_that_comes_free_by_and_by_gets_more_tries():
