@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hil_bench import ARM_, DISARM, LIMITS, REJECTED, RESET, STOP_BEGUN, WATCHDOG, move
@@ -221,6 +223,24 @@ def test_t45_two_lost_torques_of_a_classical_drive_are_no_reason_to_stop(make_be
     without_health(bench, 3, 16)
     bench.until(lambda s: s.plan_done)
     assert bench.events(STOP_BEGUN) == []
+
+
+def test_a_torque_that_dawdles_on_its_way_is_waited_for(make_bench, monkeypatch):
+    """A loaded machine may hand over the TPDO2 well after all TPDO1: the period is not over before."""
+    bench = make_bench(packing="classic")
+    bench.step(20)
+    send, ticks = bench.hub.send, []
+
+    def dawdling(client, packet):
+        if int.from_bytes(packet[:4], "little") == 0x283:
+            before = bench.tick
+            time.sleep(0.02)
+            ticks.append(bench.tick - before)
+        return send(client, packet)
+
+    monkeypatch.setattr(bench.hub, "send", dawdling)
+    bench.step(40)
+    assert ticks == [0] * 5
 
 
 def test_t45_a_classical_drive_that_never_told_its_torque_is_not_armed(make_bench):
