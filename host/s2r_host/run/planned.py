@@ -29,6 +29,8 @@ from s2r_host.trajectory.perturb import PERTURBATIONS
 from s2r_protocol.arms.clearance import LINKS_APART_M
 
 BESIDE = 0.1  # of what is good enough: motions that leave the part further beside are timed once more
+# How far the servos of a plan's end are believed to give way at first: at the fingertip, and as a share of the way.
+YIELDS_M, YIELDS_SHARE = 0.002, 0.25
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
 _LOOKED_AT = 400  # postures of a motion, some centimetres apart at most
 _APART_MORE_M = 1e-4  # between two of these
@@ -92,7 +94,7 @@ def planned_once(
         raise (TargetError if result.contact is None else MotionHitsError)(result.reason)
     pushed_at = session.arm.tool_pose(result.q_meas[-1])[:3, 3]
     doubts = tuple(_doubt(change, one.doubt, belief, request, pushed_at) for change in PERTURBATIONS)
-    yields = _yields(session, belief, result)
+    yields = servos_yield(session, belief, request, result)
     touching = session.pace * TimeLawSettings.contact_speed_m_s
     pace = TimeLawSettings(speed=settings.plan_speed, contact_speed_m_s=touching)
 
@@ -155,15 +157,20 @@ def request_for(session: Session, belief: Belief, number: int, s_initial: float,
     return apart(request) if one.apart else request
 
 
-def _yields(session: Session, belief: Belief, result: PlanResult) -> float:
-    """How much further the part goes with an arm that gets to where it is sent than in the model [m or rad].
+def servos_yield(session: Session, belief: Belief, request: PlanRequest, result: PlanResult) -> float:
+    """How much further the part goes with an arm that gets to where it is sent than in the model [m or rad], roughly.
 
     The model's servos are springs: pushing with 10 N they stay a milliradian behind, and the fingertip one or two
-    millimetres. A drive with an integral part does not.
+    millimetres. A drive with an integral part does not. This is what a timed motion begins with; its own end tells it
+    better (:func:`end_of`). A plan may end pressing harder, or pulled along by the part: what its servos lack then is
+    no word about the timed motion, and a target so far off would be refused.
     """
     sent, reached = (session.arm.tool_pose(q[-1])[:3, 3] for q in (result.q_cmd, result.q_meas))
     velocity = belief.template.velocity(reached[None])[0]
-    return float((sent - reached) @ velocity / (velocity @ velocity))
+    way = request.s_target - request.s_initial
+    behind = float((sent - reached) @ velocity / (velocity @ velocity)) * np.sign(way)
+    most = min(YIELDS_M / np.linalg.norm(velocity), YIELDS_SHARE * abs(way))
+    return float(np.clip(behind, 0.0, most) * np.sign(way))
 
 
 @dataclass(frozen=True, eq=False)
