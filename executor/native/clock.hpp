@@ -1,4 +1,5 @@
-// When the next tick happens: at absolute deadlines (real), or as soon as the answers to the last one are in (lock-step).
+// When the next tick happens: at absolute deadlines (real), or as soon as the answers to the last one are in
+// (lock-step).
 #pragma once
 
 #include <atomic>
