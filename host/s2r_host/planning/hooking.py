@@ -93,6 +93,7 @@ def _hooks_apart(
         "is there a gap behind the handle?"
     )
     ways: list[Hook] = []
+    missed: list[tuple[Postures, Places, str]] = []  # what each search looked at, and why that led nowhere
     for points, coming, listed in _SEARCHES:
         if coming != "usual" and ways:
             break
@@ -113,7 +114,10 @@ def _hooks_apart(
             np.linalg.norm(way.push_part) >= _ROOMY * settings.room_m for way in ways
         ):
             break
-        why = not_reached(scene, places, solver.failure(len(places), len(hooks), s_target))
+        missed.append((solver, places, solver.failure(len(places), len(hooks), s_target)))
+    if missed and not ways:
+        nearer = [step for solver, places, _ in missed if (step := solver.nearer_m(places)) is not None]
+        why = not_reached(scene, *missed[-1][1:], min(nearer, default=None))
     if not ways:
         raise OutOfReachError(f"object {name}: {why}{hull_hint(scene)}")
     return ways

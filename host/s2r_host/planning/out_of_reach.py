@@ -24,16 +24,25 @@ class NeverInReachError(OutOfReachError):
     """It will not from any place of the part, nor at any state of it."""
 
 
-def not_reached(scene: Scene, places: Places, failure: str) -> str:
+def not_reached(scene: Scene, places: Places, failure: str, nearer_m: float | None) -> str:
     """Why the arm gets at none of the places and what would help, for the middle of a sentence.
 
     Of places as near as those of a part that can be moved it is not the distance that keeps the arm away, but how the
     hand would have to come: a plain front can be pulled from behind or over its edges only.
+
+    Args:
+        scene: The models.
+        places: Those behind the part.
+        failure: What the arm does not manage there.
+        nearer_m: With the object so much nearer to the base it reaches one of them; None: not known.
     """
     nearest_m = float(np.linalg.norm(places.p, axis=1).min())
     if nearest_m > _NEAR * arm_reach_m(scene):
         near = f"nearest place {nearest_m:.2f} m from the base"
-        return f"out of reach: the arm {scene.arm.name!r} {failure} ({near}); move the object"
+        move = (
+            "move the object" if nearer_m is None else f"move the object {nearer_m:.2f} m nearer to the base"
+        )
+        return f"out of reach: the arm {scene.arm.name!r} {failure} ({near}); {move}"
     comes = places.R[:, :, 2]
     behind = np.einsum("ni,ni->n", comes, places.way) > _ALONG
     above = ~behind & (comes[:, 2] < -_ALONG)

@@ -22,6 +22,8 @@ _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the part's way, where the arm has to
 _FOLLOW = (1.0, 0.0, 0.5)  # shares of a hinge's turn that the tool makes with it, tried in turn
 _STEPS_NEAR = 6  # iterations from a neighbouring posture
 _LARGEST_TURN_RAD = 1.5  # of one joint between them; more is a flip
+_NEARER_M = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3)  # how much nearer an object out of reach is thought to stand
+_LEAST_M = 1e-6  # what stands on the base's own axis is not nearer anywhere
 _EASY, _EFFORT = (
     0.15,
     10.0,
@@ -248,6 +250,22 @@ class Postures:
         if not self._free:
             return f"touches something at each of {count} places behind the part that it reaches"
         return f"can be at places behind the part, but cannot follow it from there to s = {s_target:.3f}"
+
+    def nearer_m(self, places: Places) -> float | None:
+        """How much nearer to the base the places would have to be for the arm to reach one of them, in steps [m].
+
+        None: it reaches one where they are, or none of these steps helps.
+        """
+        if self._reached or not len(places):
+            return None
+        level = places.p * (1.0, 1.0, 0.0)
+        towards = -level / np.maximum(np.linalg.norm(level, axis=1, keepdims=True), _LEAST_M)
+        for step in _NEARER_M:
+            p = places.p + step * towards
+            for q in [*near_seeds(self._scene, self._q, p), *far_seeds(self._scene, p)]:
+                if self._tool.solve_many(p, places.R, q)[1].any():
+                    return step
+        return None
 
 
 def near_seeds(scene: Scene, q: np.ndarray, p: np.ndarray) -> list[np.ndarray]:

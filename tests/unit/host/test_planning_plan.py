@@ -1,5 +1,6 @@
 """Whole plans on small drawers: success, repetition, refusals."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -253,6 +254,17 @@ def test_object_out_of_reach_is_refused(request_, tmp_path):
     far = tmp_path / "far.xml"
     far.write_text(drawer_mjcf(DrawerShape(x=1.6)))
     assert "out of reach" in refusal(request_, object_mjcf=far)
+
+
+@pytest.mark.slow
+def test_moving_an_object_as_much_nearer_as_the_refusal_says_brings_it_into_reach(request_, tmp_path):
+    path = tmp_path / "drawer.xml"
+    path.write_text(drawer_mjcf(DrawerShape(x=1.25)))
+    text = refusal(request_, object_mjcf=path)
+    nearer = re.search(r"move the object (0\.\d\d) m nearer to the base", text)
+    assert nearer is not None, text
+    path.write_text(drawer_mjcf(DrawerShape(x=1.25 - float(nearer[1]))))
+    assert plan_manipulation(replace(request_, object_mjcf=path)).success
 
 
 def test_a_drawer_without_a_gap_to_push_in_is_refused(request_, tmp_path):
