@@ -325,9 +325,10 @@ class Bridge:
             return [pb.RecordingReply(plan_seq=plan_seq, complete=answer.complete, reason=answer.reason)]
         data = answer.path.read_bytes()
         size = self._config.recorder.reply_chunk_bytes
+        begins = range(0, max(len(data), 1), size)
         return [
-            pb.RecordingReply(plan_seq=plan_seq, complete=True, mcap=data[i : i + size])
-            for i in range(0, len(data), size)
+            pb.RecordingReply(plan_seq=plan_seq, complete=True, mcap=data[i : i + size], pieces=len(begins))
+            for i in begins
         ]
 
     def _on_heartbeat(self, sample: zenoh.Sample) -> None:

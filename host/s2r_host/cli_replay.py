@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -143,13 +144,22 @@ def replay(
     folder = out or _unused((source if source.is_dir() else source.parent) / f"replay-{plan.number}")
     keys = ArmKeys(cell, description.name)
     model = ArmModel(description)
+    done: list[Replayed] = []
+    where = "real" if real else "stand-in"
+    report = partial(_report, done, description, source, folder, as_json, where, speed)
     if real:
         endpoint = executor or DEFAULT_EXECUTOR
         with _linked(endpoint, description, keys, tls) as link:
             link.check_records()  # the comparison needs one; told before the arm moves
             _confirm(plan, sent, description, endpoint, yes)
-            obstacles = _seen(camera, keys, tls, model, link.status().q_meas)
-            done = _replays(loops, lambda _: replay_plan(link, model, plan, settings, obstacles, plans))
+
+            def on_the_arm(_: int) -> Replayed:
+                """Looking anew each time: the one before has moved the object."""
+                obstacles = _seen(camera, keys, tls, model, link.status().q_meas)
+                return replay_plan(link, model, plan, settings, obstacles, plans)
+
+            with _reported_if_cut_short(done, loops, report):
+                _replays(loops, on_the_arm, done, folder)
     else:
         from s2r_protocol.cli.peers import stand_in_cell
 
@@ -160,20 +170,21 @@ def replay(
                 "made for another, draw that with 's2r world draw --seed N --out FILE' and give --world FILE",
                 err=True,
             )
-        where = ("--world", drawn) if drawn else ("--seed", "1")
+        shown = ("--world", drawn) if drawn else ("--seed", "1")
         cell_options = ("--cell", cell, "--arm", arm)
 
-        def once(number: int) -> Replayed:
+        def on_a_stand_in(number: int) -> Replayed:
             """On a stand-in of its own: the one before has moved the object, and may still hold it."""
             place = folder / ("stand-in" if loops == 1 else f"stand-in-{number}")
             with (
-                stand_in_cell(place, where, stand_in=cell_options, executor=cell_options) as started,
+                stand_in_cell(place, shown, stand_in=cell_options, executor=cell_options) as started,
                 _linked(started.executor, description, keys, None) as link,
             ):
                 return replay_plan(link, model, plan, settings, (), plans, as_found=True)
 
-        done = _replays(loops, once)
-    return _report(done, description, source, folder, as_json, "real" if real else "stand-in", speed)
+        with _reported_if_cut_short(done, loops, report):
+            _replays(loops, on_a_stand_in, done, folder)
+    return report()
 
 
 def _unused(folder: Path) -> Path:
@@ -184,14 +195,27 @@ def _unused(folder: Path) -> Path:
     return next(one for one in candidates if not one.exists())
 
 
-def _replays(loops: int, once: Callable[[int], Replayed]) -> list[Replayed]:
-    """``once`` for the numbers from 1 on."""
-    done: list[Replayed] = []
+def _replays(loops: int, once: Callable[[int], Replayed], done: list[Replayed], folder: Path) -> None:
+    """``once`` for the numbers from 1 on, appended to ``done``; each one's recording is written at once."""
     with click.progressbar(length=loops, label="replays", file=sys.stderr, hidden=loops == 1) as bar:
         for number in range(1, loops + 1):
             done.append(once(number))
+            folder.mkdir(parents=True, exist_ok=True)
+            name = "replay.mcap" if loops == 1 else f"replay-{number}.mcap"
+            (folder / name).write_bytes(done[-1].recording)
             bar.update(1)
-    return done
+
+
+@contextmanager
+def _reported_if_cut_short(done: Sequence[Replayed], loops: int, report: Callable[[], int]) -> Iterator[None]:
+    """Whatever ends a row of replays, those that were made are reported."""
+    try:
+        yield
+    except BaseException:
+        if done:
+            click.echo(f"s2r replay: {len(done)} of {loops} replays were made before it ended:", err=True)
+            report()
+        raise
 
 
 def _report(
@@ -209,8 +233,6 @@ def _report(
     last = done[-1]
     spread = repeatability(done, arm.joint_names) if len(done) > 1 else None
     page = write_overlay(last, arm.joint_names, source, folder, spread, speed)
-    for k, one in enumerate(done, start=1):
-        (folder / ("replay.mcap" if len(done) == 1 else f"replay-{k}.mcap")).write_bytes(one.recording)
     rms = dict(zip(arm.joint_names, last.comparison.rms_rad.tolist(), strict=True))
     values: dict[str, Any] = {
         "plan": last.plan.number,
@@ -222,6 +244,14 @@ def _report(
         "rms_rad": rms,
         "page": str(page),
     }
+    if last.left_out:
+        values["left_out"] = [one.number for one in last.left_out]
+        named = ", ".join(f"{one.number} '{one.label}'" for one in last.left_out)
+        click.echo(
+            f"s2r replay: not sent before it: plans {named}; they do not form one row with it (one was stopped or "
+            "changed on its way), so the object need not stand where the plan met it",
+            err=True,
+        )
     if spread is not None:
         values["loops"] = len(done)
         values["sigma_rad"] = dict(zip(arm.joint_names, spread.sigma_rad.tolist(), strict=True))

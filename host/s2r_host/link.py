@@ -193,11 +193,17 @@ class ExecutorLink:
                 raise CommandRefusedError(
                     f"executor at {self._endpoint} has no recording of plan {plan_seq}: {reason}"
                 )
-            if all(reply.complete for reply in replies):
+            complete = all(reply.complete for reply in replies)
+            if complete and len(replies) == replies[0].pieces:
                 return b"".join(reply.mcap for reply in replies)
             if time.monotonic() > deadline:
+                why = (
+                    f"{len(replies)} of {replies[0].pieces} pieces came"
+                    if complete
+                    else "is the plan still running?"
+                )
                 raise CommandRefusedError(
-                    f"recording of plan {plan_seq} is incomplete after {timeout_s:g} s; is the plan still running?"
+                    f"recording of plan {plan_seq} is incomplete after {timeout_s:g} s; {why}"
                 )
             time.sleep(0.1)
 

@@ -16,7 +16,6 @@ from types import TracebackType
 from typing import IO, Any, NamedTuple
 
 import numpy as np
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
@@ -24,6 +23,7 @@ from mcap.writer import CompressionType, Writer
 from s2r_host.errors import RecordingError
 from s2r_host.link_camera import Capture
 from s2r_host.link_types import TimedPath
+from s2r_host.mcap_damage import DAMAGED
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.ros2 import pack, unpack
 from s2r_protocol.ros2.definitions import schema_text
@@ -215,7 +215,7 @@ class RunRecorder:
                     message.sequence,
                 )
                 count += 1
-        except (McapError, EOFError) as error:
+        except DAMAGED as error:
             raise RecordingError(
                 f"the executor's recording ({len(mcap)} bytes) cannot be read: {error}"
             ) from error
@@ -396,7 +396,7 @@ def _read(recording: Path | bytes, *type_names: str) -> list[_Found]:
                 _Found(schema.name, channel.topic, message.data)
                 for schema, channel, message in _in_time(stream, type_names)
             ]
-        except (McapError, EOFError) as error:
+        except DAMAGED as error:
             name = "recording" if isinstance(recording, bytes) else str(recording)
             raise RecordingError(f"{name} is damaged: {error}; mend it with 's2r log recover'") from error
 
@@ -408,7 +408,9 @@ def _in_time(stream: IO[bytes], type_names: Sequence[str] = ()) -> list[tuple[Sc
     """
     found = [
         (schema, channel, message)
-        for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False)
+        for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages(
+            log_time_order=False
+        )
         if schema is not None and (not type_names or schema.name in type_names)
     ]
     return sorted(found, key=lambda one: one[2].log_time)

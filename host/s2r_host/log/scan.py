@@ -6,12 +6,10 @@ The file's own index is not used, so it need not be there. Format: https://mcap.
 from __future__ import annotations
 
 import os
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.exceptions import McapError
 from mcap.records import (
     Attachment,
     Channel,
@@ -28,11 +26,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from s2r_host.errors import RecordingError
-
-try:
-    from zstandard import ZstdError
-except ImportError as error:  # mcap depends on it
-    raise ImportError("zstandard is missing; it comes with the package mcap") from error
+from s2r_host.mcap_damage import DAMAGED
 
 
 @dataclass
@@ -99,7 +93,7 @@ class Scan:
                     self._has_footer = self._has_footer or isinstance(record, Footer)
                     self._has_data_end = self._has_data_end or isinstance(record, (DataEnd, Footer))
                     yield from self._content(record)
-            except (McapError, EOFError, ValueError, OverflowError, struct.error) as error:
+            except DAMAGED as error:
                 if self.read_to == 0:
                     raise RecordingError(_nothing_readable(self.path, size)) from error
                 tail = f"the record at byte {self.read_to} is cut off or damaged"
@@ -117,8 +111,7 @@ class Scan:
         if isinstance(record, Chunk):
             try:
                 inner = breakup_chunk(record, validate_crc=True)
-            # LZ4's errors are bare RuntimeErrors.
-            except (McapError, ZstdError, RuntimeError, EOFError, ValueError, struct.error) as error:
+            except DAMAGED as error:
                 self.damage.chunks += 1
                 self._bad_chunk = self._bad_chunk or f"chunk: {error}"
                 return

@@ -178,10 +178,14 @@ def _build(
         network=asked,
         seed=seed,
     )
-    parts = [
-        _build_one(estimate, out / f"part_{k}", frame, seed, step)
-        for k, estimate in enumerate(found, start=1)
-    ]
+    try:
+        parts = [
+            _build_one(estimate, out / f"part_{k}", frame, seed, step)
+            for k, estimate in enumerate(found, start=1)
+        ]
+    except RefusedError:
+        _forget_answer(out)  # models of the parts before it are no answer
+        raise
     result: dict[str, Any] = {"parts_found": parts}
     (out / "model.json").write_text(json.dumps(result, indent=1) + "\n")
     return result

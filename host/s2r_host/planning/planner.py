@@ -52,8 +52,8 @@ def plan_manipulation(
 
     Every action is chosen by rollouts in the coarse model and executed in the fine model, whose state the next
     rollouts start from. The plan is delivered only after the fine model has held the target for ``hold_s`` and a
-    replay has found no unexpected contact at any substep and no torque beyond its limit; else the next stage of
-    the cascade tries, and after the last one the result says why there is no plan.
+    replay has found no unexpected contact at any substep; else the next stage of the cascade tries, and after the last
+    one the result says why there is no plan. Torques are judged once it is timed.
 
     Args:
         request: The task.

@@ -60,7 +60,6 @@ class Scene:
         rims: Of the part, which nothing touches and the real part may reach to (``rim_*``), bool (ngeom,).
         on_table: The world frame's plane z = 0 is a table that the planner has added.
         gravity: In the arm's base frame [m/s²], (3,).
-        bystanders: Something besides the arm and the task's joint can move.
         X_scene_base: Pose of the arm's base in the file's frame, (4, 4).
         fine_contacts: Address of the fine model's contact sensors: the robot's contacts, then 7 numbers per finger
             shape: contacts with the part, their net force [N] and its point [m] in the world frame.
@@ -81,7 +80,6 @@ class Scene:
     rims: np.ndarray
     on_table: bool
     gravity: np.ndarray
-    bystanders: bool
     X_scene_base: np.ndarray
     fine_contacts: int
 
@@ -193,7 +191,6 @@ def build_scene(
         rims=_rims(fine, part),
         on_table=given is None,
         gravity=fine.opt.gravity.copy(),
-        bystanders=fine.nv > arm.dof + 1,
         X_scene_base=given.X_scene_base if given else np.eye(4),
         fine_contacts=int(fine.sensor(ROBOT_CONTACTS).adr[0]),
     )

@@ -42,13 +42,11 @@ class SceneFile:
         spec: The scene; looks, keyframes and an arm that was in it are gone.
         X_scene_base: Pose of the arm's base in the scene, (4, 4).
         gravity: In the scene's frame [m/s²], (3,).
-        bystanders: Something besides the task's joint can move.
     """
 
     spec: mujoco.MjSpec
     X_scene_base: np.ndarray
     gravity: np.ndarray
-    bystanders: bool
 
     @property
     def X_base_scene(self) -> np.ndarray:
@@ -118,9 +116,8 @@ def read_scene(path: str | Path, joint: str, arm: ArmDescription) -> SceneFile:
         _take_out_arm(spec, model, arm, names, path, joint)
     else:
         X = _pose_of_base(model, data, arm, path)
-    moving = model.nv - (arm.dof if had_arm else 0)
     logger.info("scene %s: arm %s at %s", path, "replaced" if had_arm else "placed", np.round(X[:3, 3], 3))
-    return SceneFile(spec, X, gravity, moving > 1)
+    return SceneFile(spec, X, gravity)
 
 
 def _names_in_scene(spec: mujoco.MjSpec, arm: ArmDescription, path: str | Path) -> tuple[str, ...]:

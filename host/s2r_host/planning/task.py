@@ -81,7 +81,8 @@ class PlanResult:
     """A plan that the fine model has executed and held, or the reason why there is none.
 
     Attributes:
-        success: The plan may be delivered: on target, held, nothing unexpected touched, torques within limits.
+        success: The plan may be delivered: on target, held, nothing unexpected touched. How much of
+            the torque limits it takes is judged where it is timed (:func:`s2r_host.trajectory.deliver`).
         q_cmd: Joint targets at the control rate, from the start pose to the end of the hold, (T, dof) [rad].
         q_meas: Where the fine model's arm was at those times, (T, dof) [rad].
         s: The object's joint at those times, (T,).

@@ -18,7 +18,7 @@ from s2r_host.motion.obstacles import Obstacle, table_obstacle
 from s2r_host.recording import JointTrack, plan_track
 from s2r_host.replay.pace import from_time, path_time, slowed
 from s2r_host.replay.sources import Replayable
-from s2r_host.replay.way import recorded_way
+from s2r_host.replay.way import missing_of, recorded_way
 from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
 from s2r_protocol.faults import ExecutorState
 
@@ -72,12 +72,22 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Replayed:
-    """A plan that was sent again, once."""
+    """A plan that was sent again, once.
+
+    Attributes:
+        plan: Which.
+        seq: Its number at the executor.
+        recording: The executor's (MCAP).
+        comparison: With its first execution.
+        left_out: Plans that ran before it and were not sent again, though the world was as the recording found it: what
+            they did to the object is missing.
+    """
 
     plan: Replayable
     seq: int
     recording: bytes
     comparison: Comparison
+    left_out: tuple[Replayable, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +152,8 @@ def replay_plan(
         settings: How.
         obstacles: Besides the table, for the way to the start.
         plans: All of the source: where the arm stands at the start of an earlier one, it goes the recorded way.
-        as_found: The world is as the recording found it: everything recorded before the plan is sent first.
+        as_found: The world is as the recording found it: everything recorded before the plan is sent first, as far as
+            it forms one unbroken row.
 
     Raises:
         NoMotionError: No free way to the start.
@@ -153,7 +164,8 @@ def replay_plan(
     trajectory = as_sent(plan, settings)
     with link.leased():
         link.arm_drives()
-        for earlier in recorded_way(plans, plan, link.status().q_ref, whole=as_found):
+        way = recorded_way(plans, plan, link.status().q_ref, whole=as_found)
+        for earlier in way:
             _check_whole(earlier)
             _go_to(link, arm, earlier.trajectory.q[0], obstacles, earlier.label)
             again = slowed(earlier.trajectory, settings.speed)
@@ -165,7 +177,7 @@ def replay_plan(
         link.wait_done(verdict)
     recording = link.recording(verdict.seq)
     compared = _against_first(plan, settings, trajectory, recording, verdict.seq)
-    return Replayed(plan, verdict.seq, recording, compared)
+    return Replayed(plan, verdict.seq, recording, compared, missing_of(plans, plan, way) if as_found else ())
 
 
 def _step(link: ExecutorLink, seq: int, settings: ReplaySettings) -> None:

@@ -46,5 +46,13 @@ def recorded_way(
     return found
 
 
+def missing_of(
+    plans: Sequence[Replayable], plan: Replayable, way: Sequence[Replayable]
+) -> tuple[Replayable, ...]:
+    """The plans that ran before ``plan`` and are no part of the way to it: a stop or a spliced motion broke the row."""
+    sent = {one.number for one in way}
+    return tuple(p for p in plans if p.number < plan.number and p.first is not None and p.number not in sent)
+
+
 def _near(q: np.ndarray, other: np.ndarray) -> bool:
     return bool(np.abs(np.asarray(q) - other).max() < JOINED_RAD)

@@ -30,7 +30,8 @@ def doubt_about(belief: Belief, *, growing: bool) -> Doubt:
     usual = Doubt()
     doubt = doubt_from_estimate(belief.estimate.intervals90, belief.model.physics, usual)
     if belief.felt is not None:
-        doubt = replace(doubt, joint_friction=belief.braking or usual.joint_friction)
+        braking = belief.braking or usual.joint_friction
+        doubt = replace(doubt, damping=usual.damping, joint_friction=braking)
     if not belief.template.slides:
         low, high = doubt.joint_friction
         doubt = replace(doubt, joint_friction=(max(low, 1.0), high))

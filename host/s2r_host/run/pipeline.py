@@ -20,7 +20,6 @@ from s2r_host.run.measure_view import state_in
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.push_until_told import Told, push_until_told
 from s2r_host.run.reach import reach
-from s2r_host.run.reactive import StrandedError
 from s2r_host.run.record import Goal, RunRecord
 from s2r_host.run.run_json import write_run_json
 from s2r_host.run.session import Session, open_session
@@ -158,10 +157,11 @@ def _to_targets(
             from s2r_host.run.physics import before_target  # loads the gap tool
 
             before_target(session, record)
+        moved_before = len(session.executed)
         try:
             view = reach(session, record, feeling, view, s_now)
         except RefusedError as error:
-            if not settings.go_on or record.goals[-1].attempts or isinstance(error, StrandedError):
+            if not settings.go_on or len(session.executed) > moved_before:  # where the part is was not seen
                 raise
             record.goals[-1] = replace(record.goals[-1], refused=str(error))
             _judge(record)

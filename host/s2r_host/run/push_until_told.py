@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from s2r_host.errors import NoMotionError, SceneError
+from s2r_host.errors import SceneError
 from s2r_host.perception.errors import AbstainError, NothingMovedError
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.motion import Push
@@ -18,6 +18,7 @@ from s2r_host.run.observe import Observation, observe, seen_to_move
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
 from s2r_host.run.task import DRAWER, FAUCET, Task
+from s2r_protocol.exits import RefusedError
 
 ELSEWHERE_M = 0.08  # from one push to another: perhaps on another drawer
 
@@ -69,7 +70,7 @@ def push_until_told(session: Session, record: RunRecord, first: Observation) -> 
                 planned = prepare_push(
                     session, views[-1], number, skip, pushes, () if knobs is None else knobs.now
                 )
-            except NoMotionError as error:
+            except RefusedError as error:
                 if vague is None:
                     raise
                 stage.note = f"the joint stays as vague as it was told: {error}"

@@ -191,6 +191,7 @@ class Session:
             recording = self.link.recording(sent.seq)
             self.recorder.add_recording(recording)
         except (CommandRefusedError, PeerUnreachableError, RecordingError) as error:
+            recording = None  # half of one is none: what is felt would be learnt from half a motion
             self.journal.warn(f"no executor recording of '{motion.label}': {error}")
         except OSError as error:  # no room on the disk
             if through:

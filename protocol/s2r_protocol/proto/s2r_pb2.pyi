@@ -211,16 +211,18 @@ class RecordingRequest(_message.Message):
     def __init__(self, plan_seq: _Optional[int] = ...) -> None: ...
 
 class RecordingReply(_message.Message):
-    __slots__ = ("plan_seq", "complete", "reason", "mcap")
+    __slots__ = ("plan_seq", "complete", "reason", "mcap", "pieces")
     PLAN_SEQ_FIELD_NUMBER: _ClassVar[int]
     COMPLETE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
     MCAP_FIELD_NUMBER: _ClassVar[int]
+    PIECES_FIELD_NUMBER: _ClassVar[int]
     plan_seq: int
     complete: bool
     reason: str
     mcap: bytes
-    def __init__(self, plan_seq: _Optional[int] = ..., complete: _Optional[bool] = ..., reason: _Optional[str] = ..., mcap: _Optional[bytes] = ...) -> None: ...
+    pieces: int
+    def __init__(self, plan_seq: _Optional[int] = ..., complete: _Optional[bool] = ..., reason: _Optional[str] = ..., mcap: _Optional[bytes] = ..., pieces: _Optional[int] = ...) -> None: ...
 
 class CaptureRequest(_message.Message):
     __slots__ = ("camera",)

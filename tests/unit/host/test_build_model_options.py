@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+
 import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from s2r_host.model import cli
 from s2r_host.model.cli import build_model, parse_region
+from s2r_host.model.errors import ModelError
 from s2r_host.perception import AbstainError, estimate, several
-from s2r_protocol.exits import UsageError
+from s2r_protocol.exits import ExitCode, UsageError
 
 
 @pytest.mark.parametrize("text", ["nan,1,0,1,0,1", "0,1,0,nan,0,1", "0,1,1,0,0,1", "0,1,0,1,0"])
@@ -82,6 +86,37 @@ def test_in_a_cameras_frame_nothing_tells_what_is_up(tmp_path, monkeypatch, fram
     CliRunner().invoke(build_model, [*views, "--frame", frame, "--out", str(tmp_path / "o"), *more])
     assert len(given) == 1
     assert (None if given[0] is None else given[0].tolist()) == told
+
+
+def test_a_part_that_cannot_be_built_takes_the_models_of_those_before_it_along(tmp_path, monkeypatch):
+    K = np.array([[70.0, 0, 40], [0, 70.0, 30], [0, 0, 1]])
+    for name, z_m in (("a", 0.8), ("b", 0.7)):
+        np.savez(
+            tmp_path / f"{name}.npz", depth=np.full((60, 80), z_m, np.float32), K=K, T_base_camera=np.eye(4)
+        )
+
+    def built(estimate, out, *_):
+        if estimate == "second":
+            raise ModelError("shows only 12 points, 200 are needed")
+        out.mkdir(parents=True)
+        (out / "object.xml").write_text("a model")
+        (out / "model.json").write_text("{}")
+        return {}
+
+    monkeypatch.setattr(several, "estimate_joints", lambda *_, **__: ["first", "second"])
+    monkeypatch.setattr(cli, "_build_one", built)
+    views = [
+        "--before",
+        str(tmp_path / "a.npz"),
+        "--after",
+        str(tmp_path / "b.npz"),
+        "--no-network",
+        "--several",
+    ]
+    said = CliRunner().invoke(build_model, [*views, "--out", str(tmp_path / "o")])
+    assert said.exit_code == ExitCode.REFUSED
+    assert json.loads((tmp_path / "o/model.json").read_text())["abstain"]
+    assert sorted(path.name for path in (tmp_path / "o").rglob("*") if path.is_file()) == ["model.json"]
 
 
 def test_a_view_is_not_replaced_by_the_picture_of_its_name(tmp_path):

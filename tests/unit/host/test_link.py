@@ -625,10 +625,16 @@ def test_published_joints_reach_the_host(executor, link):
 
 def test_recording_is_put_together_from_its_chunks(executor, link):
     executor.recording_parts = [
-        pb.RecordingReply(plan_seq=1, complete=True, mcap=b"one"),
-        pb.RecordingReply(plan_seq=1, complete=True, mcap=b"two"),
+        pb.RecordingReply(plan_seq=1, complete=True, mcap=b"one", pieces=2),
+        pb.RecordingReply(plan_seq=1, complete=True, mcap=b"two", pieces=2),
     ]
     assert link.recording(1) == b"onetwo"
+
+
+def test_a_recording_that_lost_a_chunk_on_its_way_is_not_taken_for_whole(executor, link):
+    executor.recording_parts = [pb.RecordingReply(plan_seq=1, complete=True, mcap=b"one", pieces=2)]
+    with pytest.raises(CommandRefusedError, match=r"incomplete after 0\.3 s; 1 of 2 pieces came"):
+        link.recording(1, timeout_s=0.3)
 
 
 def test_an_executor_that_records_nothing_is_told_before_anything_moves(executor, link):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from s2r_host.errors import NoMotionError
+from s2r_host.errors import NoMotionError, SceneError
 from s2r_host.perception.errors import AbstainError, NothingMovedError
 from s2r_host.run import push_until_told
 from s2r_host.run.push_until_told import _compared, _earlier
@@ -112,6 +112,8 @@ class Pushed:
             self.next = next(outcomes)
             if self.next is None:
                 raise NoMotionError("no proposal is reachable")
+            if isinstance(self.next, NothingInViewError):
+                raise self.next
             return SimpleNamespace(motion=SimpleNamespace(tried=1), positive=None)
 
         def compare(_: Any, views: Any, *__: Any) -> Any:
@@ -137,6 +139,11 @@ class Pushed:
         return push_until_told.push_until_told(self.session, self.record, first)
 
 
+class NothingInViewError(SceneError):
+    """No further push can be prepared, for another reason than reach."""
+
+
+UNSEEN = NothingInViewError("nothing in this view that looks like a lever gives way")
 VAGUE, TOLD, NOTHING, ASTRAY = 0.3, 0.05, NothingMovedError("no motion"), AbstainError("not rigid")
 
 
@@ -160,6 +167,7 @@ def test_what_was_told_vaguely_counts_where_no_further_push_is_reachable(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert Pushed(monkeypatch, VAGUE, None).go().after.name == "B"
+    assert Pushed(monkeypatch, VAGUE, UNSEEN).go().after.name == "B"
     assert Pushed(monkeypatch, ASTRAY, VAGUE, NOTHING, None).go().after.name == "B2"
     with pytest.raises(NoMotionError):
         Pushed(monkeypatch, ASTRAY, None).go()

@@ -86,6 +86,17 @@ def test_executor_recording_is_merged_without_change(tmp_path):
     assert track.t[-1] == pytest.approx(0.049)
 
 
+@pytest.mark.parametrize("left", [0, 8, 0.6, 0.99])
+def test_an_executor_recording_that_is_cut_off_is_refused_by_name(tmp_path, left):
+    whole = executor_recording(tmp_path, np.random.default_rng(0).normal(size=(50, 7)))
+    cut = whole[: left if isinstance(left, int) else int(left * len(whole))]
+    with (
+        RunRecorder(tmp_path / "run.mcap", "/lab/xmate3pro", NAMES) as recorder,
+        pytest.raises(RecordingError, match=rf"the executor's recording \({len(cut)} bytes\) cannot be read"),
+    ):
+        recorder.add_recording(cut)
+
+
 def test_notes_keep_their_order_and_values(tmp_path):
     with RunRecorder(tmp_path / "run.mcap", "/lab/xmate3pro", NAMES) as recorder:
         recorder.add_note("estimate", {"delta": -0.0451})

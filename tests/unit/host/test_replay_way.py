@@ -5,7 +5,7 @@ import pytest
 
 from s2r_host.recording import JointTrack
 from s2r_host.replay.sources import Replayable
-from s2r_host.replay.way import JOINED_RAD, recorded_way
+from s2r_host.replay.way import JOINED_RAD, missing_of, recorded_way
 from s2r_host.trajectory import Trajectory
 
 HOME, BEFORE, PUSHED, AWAY = (np.full(7, value) for value in (0.0, 0.3, 0.4, 0.9))
@@ -68,3 +68,12 @@ def test_a_world_as_found_gets_everything_that_was_recorded_before(plans):
     assert numbers(recorded_way(plans, plans[4], HOME, whole=True)) == [1, 2, 3, 4]
     assert numbers(recorded_way(plans, plans[1], HOME, whole=True)) == [1]
     assert recorded_way(plans, plans[0], HOME, whole=True) == []
+
+
+def test_what_a_broken_row_leaves_out_is_told(plans):
+    whole = recorded_way(plans, plans[3], HOME, whole=True)
+    assert missing_of(plans, plans[3], whole) == ()
+    stopped = [plans[0], plan(2, BEFORE, AWAY), *plans[2:]]
+    way = recorded_way(stopped, stopped[3], HOME, whole=True)
+    assert numbers(missing_of(stopped, stopped[3], way)) == [1, 2, 3]
+    assert missing_of([plan(1, HOME, AWAY, ran=False), *plans[1:]], plans[1], ()) == ()

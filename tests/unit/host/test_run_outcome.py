@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from s2r_host.errors import SceneError
 from s2r_host.run import lost_motion, physics, pipeline
 from s2r_host.run.journal import Journal
 from s2r_host.run.physics import PhysicsLesson
@@ -50,8 +51,9 @@ def looped(monkeypatch, settings, reached) -> tuple[Any, RunRecord]:
     )  # fmt: skip
     belief = SimpleNamespace(model=SimpleNamespace(range=(0.0, 0.3), pieces=(), warnings=()))
     session: Any = SimpleNamespace(
-        settings=settings, journal=Journal(), arm=None, recorder=SimpleNamespace(add_note=lambda *_: None)
-    )
+        settings=settings, journal=Journal(), arm=None, executed=[],
+        recorder=SimpleNamespace(add_note=lambda *_: None),
+    )  # fmt: skip
     record = RunRecord(settings, session.journal)
     monkeypatch.setattr(pipeline, "_home", lambda *_: None)
     monkeypatch.setattr(pipeline, "observe", lambda *_: told.before)
@@ -82,14 +84,23 @@ def test_targets_keep_their_numbers_where_one_is_left_out(tmp_path, monkeypatch)
     assert f"going on without this target: {SAID}" in session.journal.warnings
 
 
-def test_a_run_does_not_go_on_from_where_there_is_no_way_home(tmp_path, monkeypatch):
-    """No target can be left out there: the arm stands beside the part."""
+@pytest.mark.parametrize(
+    "error",
+    [
+        StrandedError("no way out of contact", NOT_USED, ()),
+        SceneError("only 12 % of the moving part is seen"),
+    ],
+    ids=["no way home", "not seen afterwards"],
+)
+def test_a_run_does_not_go_on_once_the_arm_has_moved_for_a_target(tmp_path, monkeypatch, error):
+    """It cannot be left out then: where the part stands now was not seen, or the arm stands beside it."""
 
-    def reached(*_):
-        raise StrandedError("no way out of contact", NOT_USED, ())
+    def reached(session, *_):
+        session.executed.append("manipulation 1")
+        raise error
 
     settings = RunSettings(0.1, tmp_path / "run", then=(0.05,), from_pushed=True, go_on=True)
-    with pytest.raises(StrandedError):
+    with pytest.raises(type(error)):
         looped(monkeypatch, settings, reached)
 
 

@@ -14,6 +14,7 @@ import yaml
 from s2r_host.gap.config import GapConfig
 from s2r_host.gap.pipeline import analyse
 from s2r_host.model.belief import prior
+from s2r_host.planning.doubt import Doubt
 from s2r_host.proprioception.following import _unbroken
 from s2r_host.proprioception.object_numbers import ObjectNumbers
 from s2r_host.report.page import write_report
@@ -263,8 +264,10 @@ def test_the_next_plans_and_their_ensemble_know_what_was_learnt(learnt, tmp_path
         assert model.dof_frictionloss[0] == pytest.approx(
             learnt.law.braking(0.0125, positive, slides=True), rel=1e-4
         )
-    low, high = doubt_about(record.belief, growing=True).joint_friction
+    doubt = doubt_about(record.belief, growing=True)
+    low, high = doubt.joint_friction
     assert 0.8 < low < 1.0 < high < 1.2
+    assert doubt.damping == Doubt().damping  # it was felt: the builder's guess counts no more
     assert not session.journal.warnings
 
 

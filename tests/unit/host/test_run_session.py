@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import errno
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from s2r_host.errors import ArmStoppedError, PeerUnreachableError
+from s2r_host.errors import ArmStoppedError, PeerUnreachableError, RecordingError
 from s2r_host.run import pipeline
 from s2r_host.run import session as module
 from s2r_host.run.journal import Journal
@@ -211,6 +211,27 @@ def test_a_stage_that_failed_ends_with_its_own_error_where_nobody_can_be_told():
     assert "the end of 'manipulation 1' is not recorded" in journal.warnings[0]
     with pytest.raises(OSError, match="No space"):
         staged(Journal())  # nothing else went wrong
+
+
+@pytest.mark.parametrize("stopped", [True, False])
+def test_a_recording_that_cannot_be_read_is_none_and_hides_no_stop(tmp_path, stopped):
+    """What is felt would be learnt from half a motion."""
+    session = session_of(tmp_path, [])
+    session.link.recording = lambda seq: b"half of one"
+
+    def damaged(mcap):
+        raise RecordingError("cut off")
+
+    def move(sent):
+        sent.append(module.Sent(module.Motion(None, "push 1"), 1, 0, 0.0))
+        if stopped:
+            raise ArmStoppedError("met something", Cause.COLLISION)
+
+    session.recorder.add_recording = damaged
+    with pytest.raises(ArmStoppedError) if stopped else nullcontext():
+        session.play(move)
+    assert [one.recording for one in session.executed] == [None]
+    assert "no executor recording of 'push 1': cut off" in session.journal.warnings
 
 
 @pytest.mark.parametrize("stopped", [True, False])
