@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, attempts_option, tls_option
+from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, FiniteRange, attempts_option, tls_option
 from s2r_protocol.exits import UsageError
 
 DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
@@ -60,6 +60,13 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
 @tls_option
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of all chance on the host.")
 @attempts_option
+@click.option(
+    "--plan-time",
+    type=FiniteRange(1.0),
+    default=300.0,
+    show_default=True,
+    help="Begin no further try at a plan after so many seconds, nor at the next best after as many more.",
+)
 @click.option(
     "--ensemble",
     type=click.IntRange(min=1),
@@ -112,6 +119,7 @@ def run(
     tls: Path | None,
     seed: int,
     attempts: int,
+    plan_time: float,
     ensemble: int,
     reactive: bool,
     learn_physics: bool,
@@ -167,6 +175,7 @@ def run(
         arm=arm,
         seed=seed,
         attempts=attempts,
+        plan_time_s=plan_time,
         ensemble=ensemble,
         reactive=reactive,
         learn_physics=learn_physics,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from rich.console import Console
 from rich.markup import escape
+from rich.status import Status
 
 from s2r_host.run.tries import FailedTry
 
@@ -38,6 +39,7 @@ class Journal:
         self.warnings: list[str] = []
         self.verdicts: list[dict[str, object]] = []
         self.failed_tries: list[FailedTry] = []  # to plan a manipulation
+        self._spinner: Status | None = None  # of the stage that is under way, on a terminal
         self.on_stage: Callable[[str, str, str], None] = lambda name, phase, note: (
             None
         )  # for who follows the run
@@ -59,7 +61,7 @@ class Journal:
         cpu = time.process_time()
         try:
             if self._console.is_terminal:
-                with self._console.status(name, spinner="dots"):
+                with self._console.status(name, spinner="dots") as self._spinner:
                     yield stage
             else:
                 yield stage
@@ -67,6 +69,7 @@ class Journal:
             stage.failed = True
             raise
         finally:
+            self._spinner = None
             stage.wall_s = self.elapsed_s - stage.start_s
             stage.cpu_s = time.process_time() - cpu
             self._tell_end(stage)
@@ -75,6 +78,11 @@ class Journal:
                 f"{mark} {stage.start_s:6.1f} s  {name:<28s} {stage.wall_s:6.2f} s  {escape(stage.note)}",
                 soft_wrap=True,
             )
+
+    def doing(self, text: str) -> None:
+        """Show what the stage under way is at, as long as it is; kept nowhere."""
+        if self._spinner is not None:
+            self._spinner.update(f"{escape(self.stages[-1].name)}: {escape(text)}")
 
     def _tell_end(self, stage: Stage) -> None:
         try:

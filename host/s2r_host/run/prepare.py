@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import product
@@ -49,7 +50,8 @@ def prepare_manipulation(
 ) -> PlannedManipulation:
     """A plan that ends on target and that every believable object survives; where there is none, the next best.
 
-    On failure it is planned again with other chance, then with less doubt about the object.
+    On failure it is planned again with other chance, then with less doubt about the object, until the tries or the
+    time for them are used up.
     Where no place behind the part carries it all the way, a plan to a state on the way is better than none: the next
     manipulation goes on from there, from another place. So is one that ends beside the target, in the end; and one
     that not every believable object survives, as long as it leaves none of them farther from the target than the part
@@ -77,6 +79,7 @@ def prepare_manipulation(
     tried, why = len(plans.failed), grouped([one.reason for one in plans.failed])
     planned = plans.least_fragile(SURELY_NEARER * to_go, session.target)
     if planned is None and to_go > task.far_off:  # else a correction is worth less than what it may spoil
+        plans.allow_time()
         planned = plans.first(_second_best(session, belief, s_initial))
     planned = planned or plans.least_fragile(NO_FARTHER * to_go, session.target)
     if planned is None:
@@ -111,6 +114,12 @@ class _Plans:
         self._hits = False
         self._out_of_reach: set[tuple[float, float, bool]] = set()
         self._plan, self._number, self._journal = plan, number, session.journal
+        self._time_s, self._until_s = session.settings.plan_time_s, 0.0
+        self.allow_time()
+
+    def allow_time(self) -> None:
+        """From now on tries may be begun for as long as the settings say."""
+        self._until_s = time.monotonic() + self._time_s
 
     def first(self, tries: Iterable[Try], *, off_edges: bool = False) -> PlannedManipulation | None:
         """Plan one try after the other until every believable object survives; what fails is kept.
@@ -124,6 +133,10 @@ class _Plans:
             places = (one.s_target, one.doubt, one.apart)
             if places in self._out_of_reach:
                 continue
+            if self.failed and time.monotonic() > self._until_s:
+                logger.info("no further try is begun after %g s", self._time_s)
+                return None
+            self._journal.doing(f"try {len(self.failed) + 1}")
             try:
                 planned = self._plan(one)
             except RefusedError as error:

@@ -41,6 +41,8 @@ class RunSettings:
         seed: Of all chance on the host.
         pushes: First pushes at most: a further one only where the views so far do not tell the joint.
         attempts: Planned manipulations at most: the first and its corrections.
+        plan_time_s: No further try at a plan that ends on target is begun after so much wall time, and none at the next
+            best after as much again.
         ensemble: Believable objects that the planner scores every sequence with, drawn from the estimate's intervals.
         reactive: Watch the part while it is moved, and correct the motion on its way.
         learn_physics: After every third target, let the gap tool read what the arm felt of the joint, and plan on with
@@ -73,6 +75,7 @@ class RunSettings:
     seed: int = 0
     pushes: int = 9
     attempts: int = 3
+    plan_time_s: float = 300.0
     ensemble: int = 1
     reactive: bool = False
     learn_physics: bool = False

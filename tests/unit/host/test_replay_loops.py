@@ -1,6 +1,7 @@
 """Several replays of one plan: what was made is kept and told, however the row of them ends."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -10,9 +11,10 @@ from s2r_protocol.faults import Cause
 
 
 def test_a_stop_in_the_third_replay_loses_neither_of_the_two_before_it(tmp_path, capsys):
-    done, told = [], []
+    done: list[Any] = []
+    told: list[int] = []
 
-    def once(number):
+    def once(number: int) -> Any:
         if number == 3:
             raise ArmStoppedError("met something", Cause.COLLISION)
         return SimpleNamespace(recording=f"replay {number}".encode())

@@ -49,8 +49,10 @@ class Trial:
     def prepare(self, s_initial=0.0, number=1):
         session: Any = SimpleNamespace(
             target=TARGET,
-            settings=SimpleNamespace(task=FAUCET),
-            journal=SimpleNamespace(warn=self.warnings.append, failed_tries=self.failed_tries),
+            settings=SimpleNamespace(task=FAUCET, plan_time_s=300.0),
+            journal=SimpleNamespace(
+                warn=self.warnings.append, failed_tries=self.failed_tries, doing=lambda _: None
+            ),
         )
         belief: Any = None
         return prepare.prepare_manipulation(session, belief, number, s_initial, VIEW, "{:.2f}".format)
@@ -100,6 +102,21 @@ def test_when_nothing_is_found_the_reasons_of_all_tries_are_told_and_kept(monkey
     assert [(one["s_target"], one["doubt"], one["tolerance"]) for one in kept] == trial.asked
     assert kept[-1]["reason"] == "no way to 0.4"
     assert {one["manipulation"] for one in kept} == {1}
+
+
+def test_no_further_try_is_begun_once_the_time_for_them_is_up(monkeypatch):
+    """Each takes 120 s here, of 300: three on target, then as long for the next best, which is found."""
+    now = [0.0]
+
+    def finds(target, tolerance):
+        now[0] += 120.0
+        return tolerance is not None
+
+    monkeypatch.setattr(prepare, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    trial = Trial(monkeypatch, finds)
+    monkeypatch.setattr(prepare, "_stops", lambda *_: [])
+    assert trial.prepare().foreseen == pytest.approx(TARGET - 0.01)
+    assert [tolerance is None for _, _, tolerance in trial.asked] == [True, True, True, False]
 
 
 def test_where_a_fingertip_fits_nowhere_it_is_not_tried_again_with_the_same_doubt(monkeypatch):

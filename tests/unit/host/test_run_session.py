@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import errno
+import time
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from io import StringIO
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from s2r_host.errors import ArmStoppedError, PeerUnreachableError, RecordingError
 from s2r_host.run import pipeline
@@ -259,3 +262,16 @@ def test_a_stop_on_a_full_disk_ends_the_run_as_a_stop(tmp_path, monkeypatch, sto
     assert record.code == (ExitCode.PROTECTION if stopped else ExitCode.NOT_READY)
     assert record.reason.startswith("met something" if stopped else f"{tmp_path}: No space left on device")
     assert record.reason.endswith("no run.json is left: No space left on device")
+
+
+def test_a_long_stage_tells_on_a_terminal_what_it_is_at():
+    shown = StringIO()
+    journal = Journal(Console(file=shown, force_terminal=True, width=100))
+    journal.doing("nothing is under way")
+    with journal.stage("plan 1"):
+        journal.doing("try 3")
+        deadline = time.monotonic() + 5.0
+        while "plan 1: try 3" not in shown.getvalue() and time.monotonic() < deadline:
+            time.sleep(0.02)
+    assert "plan 1: try 3" in shown.getvalue()
+    assert "nothing is under way" not in shown.getvalue()
