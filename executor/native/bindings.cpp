@@ -183,6 +183,7 @@ Config to_config(const nb::dict& values) {
   fields.read("front_end_timeout_s", c.front_end_timeout_s);
   fields.read("answer_timeout_s", c.answer_timeout_s);
   fields.read("arming_timeout_s", c.arming_timeout_s);
+  fields.read("quit_timeout_s", c.quit_timeout_s);
   fields.read("realtime_priority", c.realtime_priority);
   fields.read("allow_not_realtime", c.allow_not_realtime);
   fields.read("record_capacity", c.record_capacity);

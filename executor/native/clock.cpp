@@ -9,7 +9,6 @@ namespace s2r {
 namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
-constexpr std::int64_t kQuitTimeout_ns = 10 * kSecond_ns;
 constexpr int kPollSlice_ms = 20;                   // how soon a signal is noticed while a drive is silent
 constexpr std::int64_t kPaceSlack_ns = 20'000'000;  // lag that lock-step makes up for; beyond it time stretches
 constexpr std::int64_t kSettles_ns = kSecond_ns;    // simulated time of waiting by which what was moved is at rest
@@ -24,17 +23,19 @@ void sleep_until(std::int64_t deadline_ns) noexcept {
 // Passes a stop request on to the core; true when waiting for its end has taken too long.
 class QuitGuard {
  public:
-  QuitGuard(Core& core, const std::atomic<bool>& stop_requested) noexcept : core_(core), requested_(stop_requested) {}
+  QuitGuard(Core& core, const Config& config, const std::atomic<bool>& stop_requested) noexcept
+      : core_(core), requested_(stop_requested), timeout_ns_(static_cast<std::int64_t>(1e9 * config.quit_timeout_s)) {}
   bool expired() noexcept {
     if (!requested_.load(std::memory_order_relaxed)) return false;
     core_.request_quit();
     if (since_ns_ == 0) since_ns_ = monotonic_ns();
-    return monotonic_ns() - since_ns_ > kQuitTimeout_ns;
+    return monotonic_ns() - since_ns_ > timeout_ns_;
   }
 
  private:
   Core& core_;
   const std::atomic<bool>& requested_;
+  const std::int64_t timeout_ns_;
   std::int64_t since_ns_ = 0;
 };
 
@@ -106,7 +107,7 @@ std::int64_t monotonic_ns() noexcept {
 }
 
 void run(Core& core, Bus& bus, const Config& config, const std::atomic<bool>& stop_requested) noexcept {
-  QuitGuard guard(core, stop_requested);
+  QuitGuard guard(core, config, stop_requested);
   if (config.clock == ClockKind::kReal)
     run_real(core, config, guard);
   else

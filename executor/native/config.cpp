@@ -62,6 +62,7 @@ std::string find_fault(const Config& config) {
       {"front_end_timeout_s", config.front_end_timeout_s, 1e-3, 60},
       {"answer_timeout_s", config.answer_timeout_s, 1e-4, 60},
       {"arming_timeout_s", config.arming_timeout_s, 1e-3, 60},
+      {"quit_timeout_s", config.quit_timeout_s, 1e-3, 300},
       {"realtime_priority", double(config.realtime_priority), 0, 98},
       {"record_capacity", double(config.record_capacity), 16, 1 << 22},
       {"drive_extrapolation_ticks", double(config.drive_extrapolation_ticks), 0, 3},

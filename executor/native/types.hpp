@@ -76,6 +76,7 @@ struct Config {
   double front_end_timeout_s = 0.1;   // silence of the front end: stop on the path
   double answer_timeout_s = 1.0;      // lock-step only, wall time, if the bus does not say when a period is over
   double arming_timeout_s = 2.0;      // for all drives to reach operation enabled
+  double quit_timeout_s = 10.0;       // after SIGTERM or SIGINT, wall time: to come to rest and switch off
   int realtime_priority = 80;         // SCHED_FIFO; 0 = do not ask
   bool allow_not_realtime = false;    // on a can: bus
   int record_capacity = 65536;        // ticks kept for the front end

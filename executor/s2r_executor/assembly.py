@@ -143,6 +143,7 @@ class Executor:
         """Look after the parts; say once if the drives are silent.
 
         Raises:
+            CoreEndedError: The core ended in order because a signal told it to.
             CoreDiedError: The core ended by itself.
             NotReadyError: The watch loop or the publishing thread failed.
         """

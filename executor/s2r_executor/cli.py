@@ -24,6 +24,7 @@ logger = logging.getLogger(__name__)
 
 _CHECK_PERIOD_S = 0.1
 _WATCH_STUCK_S = 1.0
+_SAME_SIGNAL_S = 1.0  # for a signal to a whole group of processes to reach the last of them
 
 
 def _default(key: str) -> str:
@@ -162,6 +163,7 @@ def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:
     _check_record(config.record)
     # Heavy imports stay here: `s2r executor --help` needs none of them.
     from s2r_executor.assembly import Executor
+    from s2r_executor.core_process import CoreEndedError
 
     asked_to_end = threading.Event()
     manager = ServiceManager(os.environ)
@@ -176,7 +178,12 @@ def run(config: ExecutorConfig, ready_file: Path | None = None) -> ExitCode:
             manager.ready(line)
             period_s = min(_CHECK_PERIOD_S, (manager.watchdog_s or 1.0) / 4)
             while not asked_to_end.wait(period_s):
-                executor_.check()
+                try:
+                    executor_.check()
+                except CoreEndedError:
+                    if not asked_to_end.wait(_SAME_SIGNAL_S):
+                        raise
+                    break
                 if executor_.watch_age_s < _WATCH_STUCK_S:  # a stuck watch loop is no life
                     manager.alive(executor_.status_line())
             manager.stopping()

@@ -32,6 +32,10 @@ class CoreDiedError(S2RError, RuntimeError):
     exit_code = ExitCode.PROTECTION
 
 
+class CoreEndedError(CoreDiedError):
+    """It was told to end by somebody else than its front end and did so in order."""
+
+
 class BusUnreachableError(UnreachableError):
     """The core could not open the bus."""
 
@@ -84,6 +88,7 @@ def core_settings(config: ExecutorConfig, arm: ArmDescription) -> dict[str, Any]
         "front_end_timeout_s": config.effective_front_end_timeout_s,
         "answer_timeout_s": core.answer_timeout_s,
         "arming_timeout_s": core.arming_timeout_s,
+        "quit_timeout_s": config.longest_stop_s + _END_S,
         "realtime_priority": core.realtime_priority,
         "allow_not_realtime": config.allow_not_realtime or config.is_stand_in,
         "record_capacity": core.record_capacity,
@@ -204,9 +209,15 @@ class CoreProcess:
         """Look after the process.
 
         Raises:
+            CoreEndedError: A signal told it to end, and it has brought the arm to rest and switched the drives off.
             CoreDiedError: It ended by itself.
         """
         code = self._process.poll()
+        if code == ExitCode.OK:
+            raise CoreEndedError(
+                f"the real-time core ended in order ({told_exit(code)}), but not for this executor: somebody sent it a "
+                "signal. Start the executor again"
+            )
         if code is not None:
             raise self._ended(code, "by itself; the drives stop by their own watchdogs")
 

@@ -39,6 +39,7 @@ from s2r_protocol.proto import s2r_pb2 as pb
 
 logger = logging.getLogger(__name__)
 
+_WITHOUT_POWER = {ExecutorState.BOOT, ExecutorState.DISARMED, ExecutorState.FAULT, ExecutorState.ESTOP}
 _MOVING = {ExecutorState.RUN, ExecutorState.PAUSED, ExecutorState.STOPPING, ExecutorState.STOP1}
 # Where the core answers a STOP with a new epoch. In STOPPING and STOP1 one is under way, which has made its own.
 _STOP_HAS_EPOCH = {
@@ -645,26 +646,31 @@ class FrontEnd:
     def shut_down(self, timeout_s: float | None = None) -> bool:
         """Stop on the path, then switch the drives off; True if it came to rest and off in time.
 
+        A core that was told to end by the same signal does both by itself and may be gone before it is asked.
+
         Args:
             timeout_s: For each of the two [s]; None: what the configuration allows a stop to take.
         """
         core = self._core.snapshot()
-        if not core.alive:
-            return False
         self._ending = True
         limit_s = self.config.longest_stop_s if timeout_s is None else timeout_s
-        if ExecutorState(core.state) in _MOVING:
+        if core.alive and ExecutorState(core.state) in _MOVING:
             self._stop_if_moving(Cause.STOP_REQUESTED)
             self._wait(lambda c: not c.alive or ExecutorState(c.state) not in _MOVING, limit_s)
         core = self._core.snapshot()
-        if ExecutorState(core.state) in (ExecutorState.HOLD, ExecutorState.ARMING):
+        if core.alive and ExecutorState(core.state) in (ExecutorState.HOLD, ExecutorState.ARMING):
             try:
                 self._order(
                     pb.DISARM, core.epoch, lambda c: c.state == ExecutorState.DISARMED, within_s=limit_s
                 )
             except CommandRefusedError as error:
-                logger.error("the drives were not switched off: %s", error)
-        return ExecutorState(self._core.snapshot().state) not in _MOVING | {ExecutorState.HOLD}
+                if not self._is_without_power():
+                    logger.error("the drives were not switched off: %s", error)
+        return self._is_without_power()
+
+    def _is_without_power(self) -> bool:
+        """As the core said last, dead or alive."""
+        return ExecutorState(self._core.snapshot().state) in _WITHOUT_POWER
 
 
 def _core_is_dead() -> CommandRefusedError:

@@ -299,6 +299,10 @@ def in_motion(rig):
     return rig
 
 
+def has_ended(pid: int) -> bool:
+    return not Path(f"/proc/{pid}").exists() or "Z" in Path(f"/proc/{pid}/stat").read_text()
+
+
 def test_t05_a_front_end_process_that_is_killed_leaves_the_core_holding(own):
     rig = in_motion(own())
     core = rig.core_pid()
@@ -318,9 +322,52 @@ def test_t05_a_front_end_process_that_is_killed_leaves_the_core_holding(own):
         rig.check_limits()
     finally:
         os.kill(core, signal.SIGTERM)
-    wait_for(
-        lambda: not Path(f"/proc/{core}").exists() or "Z" in Path(f"/proc/{core}/stat").read_text(), "its end"
-    )
+    wait_for(lambda: has_ended(core), "its end")
+
+
+def test_t05_a_core_that_is_told_to_end_after_its_front_end_was_killed_stops_on_its_path_and_switches_off(
+    own,
+):
+    """What systemd does with a crashed front end under the shipped unit: its KillSignal goes to all that is left."""
+    rig = in_motion(own())
+    core = rig.core_pid()
+    rig.beating.clear()
+    rig.process.kill()
+    rig.process.wait()
+    os.kill(core, signal.SIGINT)
+    wait_for(lambda: has_ended(core), "its end")
+    wait_for(lambda: rig.plant.at_rest, "brakes")
+    rig.check_limits()
+    trace = rig.trace()
+    steps = np.abs(np.diff(trace.counts[trace.control == 2], axis=0)).max(axis=1)
+    assert steps[-1] < 0.01 * steps.max()  # at rest before the power went
+    assert list(dict.fromkeys(trace.control[np.flatnonzero(trace.control == 2)[0] :])) == [2, 1, 0]
+
+
+@pytest.mark.parametrize("moves", [True, False])
+@pytest.mark.parametrize("core_first_s", [None, 0.0, 0.3])
+def test_an_end_that_reaches_the_core_as_well_is_an_orderly_one(own, moves, core_first_s):
+    """A service manager, or whoever else signals all processes at once, in whatever order they are reached."""
+    rig = in_motion(own()) if moves else own()
+    core = rig.core_pid()
+    if core_first_s is None:
+        rig.process.send_signal(signal.SIGINT)
+    os.kill(core, signal.SIGINT)
+    if core_first_s is not None:
+        time.sleep(core_first_s)
+        rig.process.send_signal(signal.SIGINT)
+    assert rig.process.wait(DEADLINE_S) == 0, rig.log_file.read_text()
+    said = rig.log_file.read_text()
+    assert "real-time core ended (exit 0)" in said
+    assert "ERROR" not in said
+    rig.check_limits()
+
+
+def test_a_core_that_somebody_else_ends_is_reported(own):
+    rig = own()
+    os.kill(rig.core_pid(), signal.SIGTERM)
+    assert rig.process.wait(DEADLINE_S) == 6
+    assert "core ended in order (exit 0), but not for this executor" in rig.log_file.read_text()
 
 
 def test_t06_a_killed_core_is_reported_and_the_drives_brake(own):

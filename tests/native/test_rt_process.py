@@ -224,6 +224,19 @@ def test_front_end_that_falls_silent_leaves_a_holding_arm(start, plan_from):
     assert process.end() == 0
 
 
+def test_a_signal_waits_for_a_brake_that_does_not_close_as_long_as_it_is_told(start):
+    process, bus = start(quit_timeout_s=0.5)
+    arm(process)
+    bus.drives.brake_stuck = {0: True}
+    began = time.monotonic()
+    assert process.end(signal.SIGINT) == 0
+    assert 0.5 <= time.monotonic() - began < 5.0
+    bus.drain()
+    assert 0 not in [
+        ctrl for _, ctrl, _ in bus.drives.setpoints[-100:]
+    ]  # the power goes by their own watchdogs
+
+
 def test_closed_bus_ends_the_process(start):
     process, bus = start()
     arm(process)

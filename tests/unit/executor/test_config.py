@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 from s2r_executor.config import ConfigError, load_config, parse_override
+from s2r_executor.core_process import core_settings
+from s2r_protocol.arms import load_arm
 
 
 def test_defaults_are_strict_on_hardware_and_relaxed_on_the_stand_in():
@@ -14,6 +16,11 @@ def test_defaults_are_strict_on_hardware_and_relaxed_on_the_stand_in():
     assert lockstep.effective_host_timeout_s == lockstep.effective_front_end_timeout_s == 5.0
     assert load_config(overrides={"bus": "can:can0"}).effective_front_end_timeout_s == 0.1
     assert load_config(overrides={"host_timeout_s": 0.2}).effective_host_timeout_s == 0.2
+
+
+def test_a_core_that_a_signal_ends_has_the_time_that_the_longest_stop_takes():
+    config = load_config(overrides={"admission.stop_duration_max_s": 10.0})
+    assert core_settings(config, load_arm("xmate3pro"))["quit_timeout_s"] > config.longest_stop_s > 20.0
 
 
 def test_packing_chooses_the_tick():

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from s2r_executor.config import load_config
+from s2r_executor.core_process import core_settings
+from s2r_protocol.arms import load_arm
 
 DEPLOY = Path(__file__).parents[3] / "executor" / "deploy"
 
@@ -32,6 +34,17 @@ def test_the_executor_unit_grants_what_the_core_asks_for_and_no_more():
     assert service["CapabilityBoundingSet"] == "CAP_SYS_NICE CAP_IPC_LOCK"
     assert (service["Type"], service["KillSignal"]) == ("notify", "SIGINT")
     assert float(service["WatchdogSec"]) >= 1.0  # the front end reports every 0.1 s
+
+
+def test_whatever_ends_the_service_ends_the_core_in_order():
+    service = unit("s2r-executor.service")["Service"]
+    # With "mixed" a crashed front end leaves nobody to signal, and systemd kills the core at once.
+    assert service["KillMode"] == "control-group"
+    assert (service["KillSignal"], service["WatchdogSignal"]) == ("SIGINT", "SIGINT")
+    config = load_config(DEPLOY / "executor.yaml")
+    core_takes_s = core_settings(config, load_arm(config.arm))["quit_timeout_s"]
+    assert float(service["TimeoutAbortSec"]) > core_takes_s
+    assert float(service["TimeoutStopSec"]) > core_takes_s
 
 
 def test_the_interface_comes_up_with_the_rates_the_core_assumes():

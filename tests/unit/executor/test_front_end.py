@@ -443,6 +443,35 @@ def test_shut_down_with_a_brake_that_does_not_close_says_so_and_keeps_the_power(
     assert rig.core.state == ExecutorState.HOLD
 
 
+@pytest.mark.parametrize(
+    ("state", "in_order"),
+    [(ExecutorState.DISARMED, True), (ExecutorState.HOLD, False), (ExecutorState.RUN, False)],
+)
+def test_shut_down_of_a_core_that_has_ended_is_good_if_its_drives_were_off(rig, smooth_plan, state, in_order):
+    bring_to(armed(rig), state, smooth_plan)
+    rig.core.die()
+    assert rig.front_end.shut_down() is in_order
+
+
+@pytest.mark.parametrize("in_order", [True, False])
+def test_a_core_that_ends_while_it_is_shut_down_is_good_if_its_drives_are_off(
+    rig, monkeypatch, caplog, in_order
+):
+    armed(rig)
+    command = rig.core.command
+
+    def ends(*order):
+        taken = command(*order)
+        if in_order:
+            rig.core.until(ExecutorState.DISARMED)
+        rig.core.die()
+        return taken
+
+    monkeypatch.setattr(rig.core, "command", ends)
+    assert rig.front_end.shut_down() is in_order
+    assert ("not switched off" in caplog.text) is not in_order
+
+
 def test_addresses_for_another_arm_are_refused_before_anything_else(rig, smooth_plan):
     armed(rig)
     wrong = replace(address(rig), model_hash=b"x" * 32)
