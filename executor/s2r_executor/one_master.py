@@ -24,7 +24,8 @@ class OneMaster:
             bus: ``unix:PATH`` or ``can:IFACE``.
 
         Raises:
-            NotReadyError: A process of this machine drives that bus already, or the lock is another user's alone.
+            NotReadyError: A process of this machine drives that bus already, the lock is another user's alone, or the
+                folder that all users share takes no lock of an interface.
         """
         self._path = _lock_of(bus)
         self._file = _locked(self._path, bus)
@@ -42,14 +43,24 @@ class OneMaster:
 def _lock_of(bus: str) -> Path:
     """Beside a stand-in's socket, whatever path leads to it; of an interface, apart by its network name space.
 
-    Where the socket's folder takes no files, or is not there at all, opening the bus is what tells so.
+    Where the socket's folder takes no files, or is not there at all, opening the bus is what tells so. An interface has
+    one place for its lock: in a folder of its own (a service's private /tmp), a process would never meet another's.
+
+    Raises:
+        NotReadyError: That place takes no files.
     """
     kind, _, name = bus.partition(":")
     if kind == "unix":
         name = os.path.realpath(name)
         if _takes_files(Path(name).parent):
             return Path(f"{name}.lock")
-    folder = _FOLDER if _takes_files(_FOLDER) else Path(tempfile.gettempdir())
+    shared = _takes_files(_FOLDER)
+    if kind == "can" and not shared:
+        raise NotReadyError(
+            f"{_FOLDER} takes no files of this user, so nothing keeps a second executor off {bus}: "
+            f"'sudo install -d -m 1777 {_FOLDER}', and ReadWritePaths={_FOLDER} in a unit with ProtectSystem=strict"
+        )
+    folder = _FOLDER if shared else Path(tempfile.gettempdir())
     return folder / f"s2r-{kind}-{quote(name, safe='')}-{os.stat('/proc/self/ns/net').st_ino}.lock"
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from s2r_executor import one_master
 from s2r_executor.config import load_config
 from s2r_executor.core_process import core_settings
 from s2r_protocol.arms import load_arm
@@ -45,6 +46,11 @@ def test_whatever_ends_the_service_ends_the_core_in_order():
     core_takes_s = core_settings(config, load_arm(config.arm))["quit_timeout_s"]
     assert float(service["TimeoutAbortSec"]) > core_takes_s
     assert float(service["TimeoutStopSec"]) > core_takes_s
+
+
+def test_the_service_and_whoever_starts_an_executor_by_hand_see_the_same_lock_of_the_bus():
+    service = unit("s2r-executor.service")["Service"]
+    assert service["ReadWritePaths"] == str(one_master._FOLDER)
 
 
 def test_the_interface_comes_up_with_the_rates_the_core_assumes():

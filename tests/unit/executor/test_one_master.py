@@ -5,6 +5,7 @@ from contextlib import closing
 
 import pytest
 
+from s2r_executor import one_master
 from s2r_executor.one_master import OneMaster
 from s2r_protocol.exits import NotReadyError
 
@@ -36,6 +37,15 @@ def test_a_socket_in_a_folder_that_is_not_there_is_left_to_whoever_opens_it(tmp_
     with closing(OneMaster(bus)), pytest.raises(NotReadyError, match="has a master"):
         OneMaster(bus)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_interface_whose_lock_others_would_not_see_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(one_master, "_FOLDER", tmp_path / "missing")
+    with pytest.raises(NotReadyError, match=r"missing takes no files of this user.*ReadWritePaths="):
+        OneMaster("can:can0")
+    monkeypatch.setattr(one_master, "_FOLDER", tmp_path)
+    with closing(OneMaster("can:can0")), pytest.raises(NotReadyError, match="has a master"):
+        OneMaster("can:can0")
 
 
 def of_another_user(monkeypatch, readable):
