@@ -185,6 +185,7 @@ Config to_config(const nb::dict& values) {
   fields.read("arming_timeout_s", c.arming_timeout_s);
   fields.read("quit_timeout_s", c.quit_timeout_s);
   fields.read("realtime_priority", c.realtime_priority);
+  fields.read("cpu", c.cpu);
   fields.read("allow_not_realtime", c.allow_not_realtime);
   fields.read("record_capacity", c.record_capacity);
   fields.read("drive_extrapolation_ticks", c.drive_extrapolation_ticks);
@@ -281,6 +282,7 @@ nb::object drain(Ring<T> ring, std::size_t max_items, const nb::object& dtype) {
 struct PySnapshot {
   Snapshot s{};
   bool alive = false;
+  int cpu = -1;
   int dof = 0;
 };
 
@@ -369,6 +371,7 @@ class PyShared {
       core_beats_ = beats;
       core_seen_ns_ = now;
     }
+    out.cpu = block().pinned_cpu.load(std::memory_order_relaxed);
     const bool stepped = block().config.clock == ClockKind::kLockstep;
     out.alive = block().core_running.load(std::memory_order_acquire) != 0 &&
                 now - core_seen_ns_ < (stepped ? kSteppedAliveTimeout_ns : kAliveTimeout_ns);
@@ -818,7 +821,9 @@ NB_MODULE(_native, m) {
           "crc_errors", [](const PySnapshot& p) { return p.s.crc_errors; },
           "Frames with a wrong checksum, length or counter.")
       .def_prop_ro(
-          "realtime", [](const PySnapshot& p) { return p.s.realtime != 0; }, "SCHED_FIFO and memory lock obtained.")
+          "realtime", [](const PySnapshot& p) { return p.s.realtime != 0; },
+          "SCHED_FIFO, memory lock and the CPU of the configuration obtained.")
+      .def_ro("cpu", &PySnapshot::cpu, "The only CPU that the core runs on; -1: wherever the kernel puts it.")
       .def_prop_ro(
           "next_plan_id", [](const PySnapshot& p) { return p.s.next_plan_id; },
           "Plan that waits for its splice point; 0: none.")

@@ -10,6 +10,8 @@
 namespace s2r {
 namespace {
 
+constexpr int kMaxCpus = 1024;  // CPU_SETSIZE
+
 std::string number(double value) {
   std::array<char, 32> text{};
   std::snprintf(text.data(), text.size(), "%.9g", value);
@@ -64,6 +66,7 @@ std::string find_fault(const Config& config) {
       {"arming_timeout_s", config.arming_timeout_s, 1e-3, 60},
       {"quit_timeout_s", config.quit_timeout_s, 1e-3, 300},
       {"realtime_priority", double(config.realtime_priority), 0, 98},
+      {"cpu", double(config.cpu), -1, kMaxCpus - 1},
       {"record_capacity", double(config.record_capacity), 16, 1 << 22},
       {"drive_extrapolation_ticks", double(config.drive_extrapolation_ticks), 0, 3},
       {"following_rest_share", config.following_rest_share, 0.05, 1.0},

@@ -44,14 +44,32 @@ void install_signal_handlers() {
   sigaction(SIGHUP, &ignore, nullptr);  // a lost terminal must not drop the arm
 }
 
+// On an isolated CPU nothing runs that was not put there. Asked for by number; the kernel refuses one that is not
+// online or outside this process's cpuset.
+bool pin_to_cpu(int cpu, s2r::SharedBlock& block) {
+  if (cpu < 0) return true;
+  cpu_set_t only;
+  CPU_ZERO(&only);
+  CPU_SET(static_cast<std::size_t>(cpu), &only);
+  if (sched_setaffinity(0, sizeof only, &only) != 0) {
+    std::fprintf(stderr, "s2r-rt: not real-time: CPU %d refused (%s); core.cpu must be one that this machine has\n",
+                 cpu, std::strerror(errno));
+    return false;
+  }
+  block.pinned_cpu.store(cpu, std::memory_order_relaxed);
+  return true;
+}
+
 // Only the real clock wants it: in lock-step the arm waits for us. MCL_CURRENT after everything is mapped.
-bool become_realtime(const s2r::Config& config) {
-  if (config.clock != s2r::ClockKind::kReal || config.realtime_priority == 0) return false;
+bool become_realtime(const s2r::Config& config, s2r::SharedBlock& block) {
+  if (config.clock != s2r::ClockKind::kReal) return false;
+  const bool pinned = pin_to_cpu(config.cpu, block);
+  if (config.realtime_priority == 0) return false;
   sched_param parameters{};
   parameters.sched_priority = config.realtime_priority;
   const bool scheduled = sched_setscheduler(0, SCHED_FIFO, &parameters) == 0;
   const bool locked = mlockall(MCL_CURRENT) == 0;
-  if (scheduled && locked) return true;
+  if (scheduled && locked) return pinned;
   std::fprintf(stderr, "s2r-rt: not real-time: %s%s%s; give the process CAP_SYS_NICE and CAP_IPC_LOCK\n",
                scheduled ? "" : "SCHED_FIFO refused", !scheduled && !locked ? ", " : "",
                locked ? "" : "memory lock refused");
@@ -90,7 +108,7 @@ int serve(int fd) {
     std::fprintf(stderr, "s2r-rt: %s\n", error.what());
     return kUnreachable;
   }
-  const bool realtime = become_realtime(config);
+  const bool realtime = become_realtime(config, block);
   if (address.starts_with("can:") && !realtime && !config.allow_not_realtime) {
     std::fprintf(stderr, "s2r-rt: refusing bus '%s' without real-time scheduling; set allow_not_realtime to insist\n",
                  config.bus.data());

@@ -110,6 +110,7 @@ struct SharedBlock {
   alignas(64) std::atomic<std::uint64_t> beats{0};
   alignas(64) std::atomic<std::uint64_t> core_beats{0};
   std::atomic<std::uint32_t> core_running{0};
+  std::atomic<std::int32_t> pinned_cpu{-1};  // the process s2r-rt runs on this CPU alone; -1: wherever it is put
 
   std::array<PlanSlot, kPlanSlots> plans{};
   std::atomic<std::uint64_t> plans_submitted{0};

@@ -78,6 +78,7 @@ struct Config {
   double arming_timeout_s = 2.0;      // for all drives to reach operation enabled
   double quit_timeout_s = 10.0;       // after SIGTERM or SIGINT, wall time: to come to rest and switch off
   int realtime_priority = 80;         // SCHED_FIFO; 0 = do not ask
+  int cpu = -1;                       // the only one that the process runs on; -1 = wherever the kernel puts it
   bool allow_not_realtime = false;    // on a can: bus
   int record_capacity = 65536;        // ticks kept for the front end
   int drive_extrapolation_ticks = 3;  // missing setpoints that a drive bridges at constant velocity

@@ -158,7 +158,11 @@ class Snapshot:
 
     @property
     def realtime(self) -> bool:
-        """SCHED_FIFO and memory lock obtained."""
+        """SCHED_FIFO, memory lock and the CPU of the configuration obtained."""
+
+    @property
+    def cpu(self) -> int:
+        """The only CPU that the core runs on; -1: wherever the kernel puts it."""
 
     @property
     def next_plan_id(self) -> int:

@@ -15,7 +15,7 @@ from s2r_executor.core_process import CoreProcess, told_exit
 from s2r_executor.front_end import FrontEnd
 from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.one_master import OneMaster
-from s2r_executor.preflight import run_preflight
+from s2r_executor.preflight import after_start, run_preflight
 from s2r_executor.recorder import Recorder
 from s2r_executor.status import describe_silence, silent_joints
 from s2r_protocol.arms import load_arm
@@ -61,6 +61,7 @@ class Executor:
             undo.callback(self._master.close)
             self.process = CoreProcess(config, self.arm)
             undo.callback(self.process.kill)
+            self.preflight = after_start(self.preflight, config, self.process.core.snapshot().realtime)
             self._assemble()
             undo.pop_all()
 
@@ -124,9 +125,12 @@ class Executor:
         """What holds the clock, and what this machine is good for: a cap on the speed holds in lock-step, too."""
         if self.config.clock == "lockstep":
             return f"time kept by the drives' answers, {self.preflight.line}"
-        if self.process.core.snapshot().realtime:
-            return f"real-time, {self.preflight.line}"
-        return f"not real-time (no FIFO priority or memory lock; see 's2r doctor'), {self.preflight.line}"
+        core = self.process.core.snapshot()
+        lacks = "no FIFO priority, no memory lock or not the CPU that was asked for"
+        on_cpu = f" on CPU {core.cpu}" if core.cpu >= 0 else ""
+        if core.realtime:
+            return f"real-time{on_cpu}, {self.preflight.line}"
+        return f"not real-time{on_cpu} ({lacks}; see 's2r doctor'), {self.preflight.line}"
 
     def summary(self) -> str:
         """One line: arm, hashes, bus, state, real-time or not."""

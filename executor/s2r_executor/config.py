@@ -97,6 +97,9 @@ class CoreConfig(_Strict):
     answer_timeout_s: Seconds = 5.0  # lock-step, wall clock; on a bus that does not say when a period is over
     arming_timeout_s: Seconds = 2.0
     realtime_priority: Annotated[int, Field(ge=0, le=98)] = 80
+    cpu: Annotated[int, Field(ge=0, le=1023)] | None = (
+        None  # of the core alone, in real time; None: the first isolated one (isolcpus), if there is one
+    )
     record_capacity: Annotated[int, Field(ge=1024, le=1 << 22)] = 16_384
     following_rest_share: Annotated[float, Field(ge=0.05, le=1)] = (
         0.5  # of the path tolerance, for a joint at rest

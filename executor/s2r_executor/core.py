@@ -91,6 +91,8 @@ class CoreSnapshot(Protocol):
     @property
     def realtime(self) -> bool: ...  # noqa: D102
     @property
+    def cpu(self) -> int: ...  # noqa: D102
+    @property
     def bus_load_computed(self) -> float: ...  # noqa: D102
 
 

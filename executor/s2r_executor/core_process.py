@@ -17,6 +17,7 @@ from s2r_protocol.arms import ArmDescription
 from s2r_protocol.arms.bus_range import off_bus
 from s2r_protocol.exits import ExitCode, NotReadyError, S2RError, UnreachableError, UsageError
 from s2r_protocol.faults import ExecutorState
+from s2r_protocol.machine.cpus import first_isolated
 
 logger = logging.getLogger(__name__)
 
@@ -69,6 +70,7 @@ def told_exit(code: int) -> str:
 def core_settings(config: ExecutorConfig, arm: ArmDescription) -> dict[str, Any]:
     """The native core's configuration; every key is checked again there."""
     core = config.core
+    cpu = first_isolated() if core.cpu is None else core.cpu
     limits = arm.limits
     return {
         "dof": arm.dof,
@@ -90,6 +92,7 @@ def core_settings(config: ExecutorConfig, arm: ArmDescription) -> dict[str, Any]
         "arming_timeout_s": core.arming_timeout_s,
         "quit_timeout_s": config.longest_stop_s + _END_S,
         "realtime_priority": core.realtime_priority,
+        "cpu": -1 if cpu is None else cpu,
         "allow_not_realtime": config.allow_not_realtime or config.is_stand_in,
         "record_capacity": core.record_capacity,
         "following_rest_share": core.following_rest_share,

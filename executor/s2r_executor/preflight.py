@@ -50,7 +50,7 @@ def run_preflight(config: ExecutorConfig) -> Preflight:
     """
     kind, _, interface = config.bus.partition(":")
     name = interface if kind == "can" else None
-    facts = read_facts(name, config.core.realtime_priority or 1)
+    facts = read_facts(name, config.core.realtime_priority or 1, cpu=config.core.cpu)
     return decide(config, facts, _interface_checks(name, config.packing) if name else ())
 
 
@@ -76,6 +76,26 @@ def decide(config: ExecutorConfig, facts: RealtimeFacts, more: Sequence[Check] =
         raise NotReadyError(f"this machine must not drive {config.bus}:\n{reasons}")
     cap = 1.0 if verdict == Verdict.RT_OK else config.preflight.degraded_speed
     return Preflight(verdict, checks, cap)
+
+
+def after_start(before: Preflight, config: ExecutorConfig, realtime: bool) -> Preflight:
+    """The same once the core runs. What was tried in this process is not yet what that one got.
+
+    Args:
+        before: Of :func:`run_preflight`.
+        config: Of the executor.
+        realtime: The core has FIFO priority, its memory locked, and the CPU that was asked for.
+    """
+    if realtime or config.is_stand_in:
+        return before
+    text = "s2r-rt does not run in real time, whatever was permitted before it started"
+    fix = "clock: real, and FIFO priority, its CPU and all of its memory for s2r-rt (LimitMEMLOCK=infinity)"
+    logger.warning("preflight: real-time core: %s. Fix: %s", text, fix)
+    return Preflight(
+        max(before.verdict, Verdict.DEGRADED),
+        (*before.checks, Check("real-time core", Verdict.DEGRADED, text, fix)),
+        min(before.speed_cap, config.preflight.degraded_speed),
+    )
 
 
 def _accepted(check: Check, config: ExecutorConfig) -> Check:

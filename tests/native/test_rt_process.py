@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import struct
@@ -295,6 +296,32 @@ def test_real_clock_plays_a_plan_too(start, plan_from):
         pytest.skip(f"this machine stalled: {snapshot.missed} ticks lost in {snapshot.overruns} wake-ups")
     assert snapshot.plan_done
     assert np.abs(snapshot.q_ref - plan.q[-1]).max() < 1e-12
+
+
+def allowed_cpus(process: Process) -> str:
+    status = Path(f"/proc/{process.child.pid}/status").read_text()
+    return next(line.split()[1] for line in status.splitlines() if line.startswith("Cpus_allowed_list"))
+
+
+@pytest.mark.parametrize("cpu", [min(os.sched_getaffinity(0)), max(os.sched_getaffinity(0))])
+def test_on_the_real_clock_the_process_runs_on_its_cpu_alone_and_says_so(start, cpu):
+    process, _ = start(clock="real", cpu=cpu, realtime_priority=0)
+    assert process.until(lambda s: s.alive).cpu == cpu
+    assert allowed_cpus(process) == str(cpu)
+
+
+def test_without_a_cpu_of_its_own_and_in_lockstep_the_kernel_places_the_process(start):
+    process, _ = start(cpu=max(os.sched_getaffinity(0)))
+    assert process.until(lambda s: s.alive).cpu == -1
+    assert allowed_cpus(process) != str(max(os.sched_getaffinity(0)))
+
+
+def test_a_cpu_that_is_refused_makes_the_process_not_real_time(start):
+    process, _ = start(clock="real", cpu=1023)
+    snapshot = process.until(lambda s: s.alive)
+    assert (snapshot.realtime, snapshot.cpu) == (False, -1)
+    process.end()
+    assert "not real-time: CPU 1023 refused (Invalid argument)" in process.child.stderr.read()
 
 
 @pytest.mark.parametrize("arguments", [[], ["--shm-fd"], ["--shm-fd", "x"], ["--shm-fd", "-1"], ["--help"]])

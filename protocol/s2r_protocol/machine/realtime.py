@@ -16,6 +16,8 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
+from s2r_protocol.machine import cpus
+
 PRIORITY = 80
 MIN_TX_QUEUE = 64  # frames; SocketCAN's default of 10 holds one classical cycle of eight
 _LOCK_BYTES = 32 * 1024 * 1024  # more than the core's rings and code
@@ -47,8 +49,10 @@ class RealtimeFacts:
         fifo, memory_lock: Empty if obtained when tried, else the kernel's reason.
         preemption: "rt", "full", "lazy", "voluntary", "none" or "unknown".
         governors: Of all CPUs; empty without frequency scaling.
-        cpus: Usable by this process.
-        isolated: CPUs kept free of other work, as the kernel lists them.
+        cpus: Those that run, by number.
+        isolated: Those of them that are kept free of other work.
+        cpu: The one that the core is to run on alone; None: wherever the kernel puts it.
+        cpu_refused: Empty if this process may run there, else the kernel's reason.
         rt_runtime_share: Of the time that real-time threads may use; 1 = all.
         hypervisor: Runs in a virtual machine.
         tx_queue: Of the CAN interface, in frames; None without one.
@@ -58,15 +62,20 @@ class RealtimeFacts:
     memory_lock: str
     preemption: str
     governors: tuple[str, ...]
-    cpus: int
-    isolated: str
+    cpus: tuple[int, ...]
+    isolated: tuple[int, ...]
     rt_runtime_share: float | None
     hypervisor: bool
     tx_queue: int | None = None
+    cpu: int | None = None
+    cpu_refused: str = ""
 
 
 def read_facts(
-    interface: str | None = None, priority: int = PRIORITY, root: Path = Path("/")
+    interface: str | None = None,
+    priority: int = PRIORITY,
+    root: Path = Path("/"),
+    cpu: int | None = None,
 ) -> RealtimeFacts:
     """Read this machine; nothing stays changed.
 
@@ -74,9 +83,11 @@ def read_facts(
         interface: CAN interface, or None.
         priority: Of the real-time thread.
         root: Where /proc and /sys are; tests pass their own.
+        cpu: That the core is to run on; None: the first isolated one, if there is one.
     """
-    cpu = root / "sys/devices/system/cpu"
-    governors = sorted(p.read_text().strip() for p in cpu.glob("cpu[0-9]*/cpufreq/scaling_governor"))
+    folder = root / "sys/devices/system/cpu"
+    governors = sorted(p.read_text().strip() for p in folder.glob("cpu[0-9]*/cpufreq/scaling_governor"))
+    cpu = cpus.first_isolated(root) if cpu is None else cpu
     queue = _read(root / f"sys/class/net/{interface}/tx_queue_len") if interface else None
     runtime = _read(root / "proc/sys/kernel/sched_rt_runtime_us")
     period = _read(root / "proc/sys/kernel/sched_rt_period_us")
@@ -88,11 +99,13 @@ def read_facts(
         memory_lock=_try_lock(),
         preemption=_preemption(root),
         governors=tuple(governors),
-        cpus=len(os.sched_getaffinity(0)),
-        isolated=_read(cpu / "isolated") or "",
+        cpus=cpus.online(root),
+        isolated=cpus.isolated(root),
         rt_runtime_share=share,
         hypervisor="hypervisor" in (_read(root / "proc/cpuinfo") or ""),
         tx_queue=int(queue) if queue else None,
+        cpu=cpu,
+        cpu_refused="" if cpu is None else cpus.refusal(cpu),
     )
 
 
@@ -100,6 +113,8 @@ def judge(facts: RealtimeFacts, priority: int = PRIORITY, interface: str = "can0
     """Every fact with its verdict, in a fixed order."""
     checks = [_judge_fifo(facts, priority), _judge_lock(facts), _judge_kernel(facts), _judge_governor(facts)]
     checks += [_judge_isolation(facts), _judge_throttling(facts), _judge_hypervisor(facts)]
+    if facts.cpu_refused:
+        checks.append(_judge_refused_cpu(facts))
     if facts.tx_queue is not None:
         checks.append(_judge_queue(facts.tx_queue, interface))
     return checks
@@ -117,6 +132,9 @@ _LIMITS_FIX = (
 
 
 def _judge_fifo(facts: RealtimeFacts, priority: int) -> Check:
+    if priority == 0:
+        text = "SCHED_FIFO is not asked for: core.realtime_priority is 0"
+        return Check("FIFO priority", Verdict.REFUSED, text, f"set core.realtime_priority to {PRIORITY}")
     if facts.fifo:
         return Check("FIFO priority", Verdict.REFUSED, f"SCHED_FIFO {priority}: {facts.fifo}", _LIMITS_FIX)
     return Check("FIFO priority", Verdict.RT_OK, f"SCHED_FIFO {priority} is permitted")
@@ -150,16 +168,22 @@ def _judge_governor(facts: RealtimeFacts) -> Check:
 
 
 def _judge_isolation(facts: RealtimeFacts) -> Check:
-    if facts.cpus < 2:
+    if len(facts.cpus) < 2:
         return Check("CPUs", Verdict.DEGRADED, "one CPU for everything", "give the machine a second CPU")
-    if not facts.isolated:
-        last = facts.cpus - 1
-        fix = (
-            f"boot with isolcpus={last} nohz_full={last} rcu_nocbs={last} and pin s2r-rt there: "
-            f"CPUAffinity={last} in the unit"
-        )
-        return Check("CPUs", Verdict.DEGRADED, f"none of {facts.cpus} CPUs is isolated", fix)
-    return Check("CPUs", Verdict.RT_OK, f"isolated: {facts.isolated}")
+    if facts.cpu in facts.isolated:
+        return Check("CPUs", Verdict.RT_OK, f"s2r-rt runs on CPU {facts.cpu}, which is isolated")
+    if facts.isolated:
+        text = f"core.cpu puts s2r-rt on CPU {facts.cpu}, which is not isolated"
+        fix = f"leave core.cpu out: s2r-rt then runs on CPU {facts.isolated[0]}, which is"
+        return Check("CPUs", Verdict.DEGRADED, text, fix)
+    own = facts.cpus[-1] if facts.cpu is None else facts.cpu
+    fix = f"boot with isolcpus={own} nohz_full={own} rcu_nocbs={own}: s2r-rt then runs there, and nothing else does"
+    return Check("CPUs", Verdict.DEGRADED, f"none of {len(facts.cpus)} CPUs is isolated", fix)
+
+
+def _judge_refused_cpu(facts: RealtimeFacts) -> Check:
+    fix = "let core.cpu name a CPU that this process may use, or let the cpuset of its control group have that one"
+    return Check("CPU of the core", Verdict.REFUSED, f"CPU {facts.cpu}: {facts.cpu_refused}", fix)
 
 
 def _judge_throttling(facts: RealtimeFacts) -> Check:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from s2r_executor import core_process
 from s2r_executor.config import ConfigError, load_config, parse_override
 from s2r_executor.core_process import core_settings
 from s2r_protocol.arms import load_arm
@@ -21,6 +22,16 @@ def test_defaults_are_strict_on_hardware_and_relaxed_on_the_stand_in():
 def test_a_core_that_a_signal_ends_has_the_time_that_the_longest_stop_takes():
     config = load_config(overrides={"admission.stop_duration_max_s": 10.0})
     assert core_settings(config, load_arm("xmate3pro"))["quit_timeout_s"] > config.longest_stop_s > 20.0
+
+
+def test_the_core_gets_the_cpu_that_is_configured_or_the_first_isolated_one(monkeypatch):
+    def cpu(overrides):
+        return core_settings(load_config(overrides=overrides), load_arm("xmate3pro"))["cpu"]
+
+    monkeypatch.setattr(core_process, "first_isolated", lambda: 3)
+    assert (cpu({}), cpu({"core.cpu": 1}), cpu({"core.cpu": 0})) == (3, 1, 0)
+    monkeypatch.setattr(core_process, "first_isolated", lambda: None)
+    assert cpu({}) == -1
 
 
 def test_packing_chooses_the_tick():

@@ -1,10 +1,11 @@
 """May this machine drive this bus, and how fast?"""
 
+from types import SimpleNamespace
 from typing import get_args
 
 import pytest
 
-from s2r_executor import preflight
+from s2r_executor import assembly, preflight
 from s2r_executor.config import Softer, load_config
 from s2r_protocol.exits import NotReadyError, UsageError
 from s2r_protocol.machine.realtime import Check, RealtimeFacts, Verdict
@@ -14,8 +15,9 @@ GOOD = {
     "memory_lock": "",
     "preemption": "rt",
     "governors": ("performance",),
-    "cpus": 4,
-    "isolated": "3",
+    "cpus": (0, 1, 2, 3),
+    "isolated": (3,),
+    "cpu": 3,
     "rt_runtime_share": 0.95,
     "hypervisor": False,
     "tx_queue": 128,
@@ -33,7 +35,7 @@ def test_a_prepared_machine_moves_at_full_speed():
 
 
 def test_a_machine_without_deadlines_is_slow_and_says_why(caplog):
-    answer = decide(preemption="none", isolated="")
+    answer = decide(preemption="none", isolated=(), cpu=None)
     assert (answer.verdict, answer.speed_cap) == (Verdict.DEGRADED, 0.25)
     assert answer.line == ("preflight DEGRADED (kernel, CPUs; see 's2r doctor'), speed capped at 25%")
     assert "linux-image-rt" in caplog.text
@@ -55,6 +57,38 @@ def test_a_machine_without_real_time_rights_does_not_drive_hardware(lack):
 def test_insisting_makes_it_slow_not_fast():
     answer = decide(config={"allow_not_realtime": True}, fifo="Operation not permitted")
     assert (answer.verdict, answer.speed_cap) == (Verdict.DEGRADED, 0.25)
+
+
+def test_a_core_that_does_not_ask_for_real_time_is_slow_not_fast():
+    insisting = {"allow_not_realtime": True, "core.realtime_priority": 0}
+    answer = decide(config=insisting)
+    assert (answer.verdict, answer.speed_cap) == (Verdict.DEGRADED, 0.25)
+    with pytest.raises(NotReadyError, match=r"core.realtime_priority is 0\n +fix: set"):
+        decide(config={"core.realtime_priority": 0})
+
+
+def started(monkeypatch, realtime, bus="can:none"):
+    """An executor without its network and its watch loop, on a machine where everything was permitted."""
+    core = SimpleNamespace(snapshot=lambda: SimpleNamespace(realtime=realtime))
+    process = SimpleNamespace(core=core, kill=lambda: None)
+    monkeypatch.setattr(assembly, "run_preflight", lambda _: preflight.Preflight(Verdict.RT_OK, (), 1.0))
+    monkeypatch.setattr(assembly, "OneMaster", lambda _: SimpleNamespace(close=lambda: None))
+    monkeypatch.setattr(assembly, "CoreProcess", lambda *_: process)
+    monkeypatch.setattr(assembly.Executor, "_assemble", lambda _: None)
+    return assembly.Executor(load_config(overrides={"bus": bus, "listen": []})).preflight
+
+
+def test_the_speed_follows_what_the_core_got_not_what_was_permitted(monkeypatch):
+    answer = started(monkeypatch, realtime=False)
+    assert (answer.verdict, answer.speed_cap) == (Verdict.DEGRADED, 0.25)
+    assert "real-time core" in answer.line
+    assert started(monkeypatch, realtime=True).speed_cap == 1.0
+    assert started(monkeypatch, realtime=False, bus="unix:/tmp/x").speed_cap == 1.0
+
+
+def test_a_cpu_that_the_core_would_not_get_is_refused():
+    with pytest.raises(NotReadyError, match="CPU of the core: CPU 9: Invalid argument"):
+        decide(cpu=9, cpu_refused="Invalid argument")
 
 
 def test_an_interface_in_trouble_cannot_be_insisted_away():
@@ -80,7 +114,7 @@ def test_missing_rights_cannot_be_accepted():
 
 def test_every_topic_that_slows_a_machine_can_be_accepted_by_its_name():
     worst = {
-        "preemption": "none", "governors": ("powersave",), "isolated": "", "rt_runtime_share": 0.1,
+        "preemption": "none", "governors": ("powersave",), "isolated": (), "rt_runtime_share": 0.1,
         "hypervisor": True, "tx_queue": 10,
     }  # fmt: skip
     answer = decide(config={"preflight.accept": list(get_args(Softer))}, **worst)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from s2r_protocol.machine import Level, can_interface, realtime, software, surroundings
+from s2r_protocol.machine import Level, can_interface, cpus, realtime, software, surroundings
 from s2r_protocol.machine.realtime import RealtimeFacts, Verdict, judge, read_facts, worst
 
 GOOD = RealtimeFacts(
@@ -12,8 +12,9 @@ GOOD = RealtimeFacts(
     memory_lock="",
     preemption="rt",
     governors=("performance",) * 4,
-    cpus=4,
-    isolated="3",
+    cpus=(0, 1, 2, 3),
+    isolated=(3,),
+    cpu=3,
     rt_runtime_share=0.95,
     hypervisor=False,
     tx_queue=128,
@@ -33,8 +34,11 @@ def test_a_prepared_machine_is_rt_ok():
         ({"preemption": "full"}, Verdict.DEGRADED, "kernel", "linux-image-rt"),
         ({"preemption": "unknown"}, Verdict.DEGRADED, "kernel", "linux-image-rt"),
         ({"governors": ("performance", "powersave")}, Verdict.DEGRADED, "governor", "cpupower"),
-        ({"isolated": ""}, Verdict.DEGRADED, "CPUs", "isolcpus=3"),
-        ({"cpus": 1}, Verdict.DEGRADED, "CPUs", "second CPU"),
+        ({"isolated": (), "cpu": None}, Verdict.DEGRADED, "CPUs", "isolcpus=3"),
+        ({"isolated": (), "cpu": 2}, Verdict.DEGRADED, "CPUs", "isolcpus=2"),
+        ({"cpu": 2}, Verdict.DEGRADED, "CPUs", "leave core.cpu out: s2r-rt then runs on CPU 3"),
+        ({"cpu_refused": "Invalid argument"}, Verdict.REFUSED, "CPU of the core", "cpuset"),
+        ({"cpus": (0,)}, Verdict.DEGRADED, "CPUs", "second CPU"),
         ({"rt_runtime_share": 0.1}, Verdict.DEGRADED, "RT throttling", "sched_rt_runtime_us"),
         ({"hypervisor": True}, Verdict.DEGRADED, "hypervisor", "bare metal"),
         ({"tx_queue": 10}, Verdict.DEGRADED, "transmit queue", "ip link set can3 txqueuelen 128"),
@@ -46,6 +50,19 @@ def test_each_lack_has_its_verdict_and_its_fix(change, verdict, topic, fix):
     assert [check.topic for check in bad] == [topic]
     assert bad[0].verdict == verdict == worst(checks)
     assert fix in bad[0].fix
+
+
+def test_a_machine_that_follows_the_advice_on_its_cpus_is_rt_ok():
+    advice = next(c.fix for c in judge(replace(GOOD, isolated=(), cpu=None)) if c.topic == "CPUs")
+    assert advice.startswith("boot with isolcpus=3 nohz_full=3 rcu_nocbs=3")
+    assert "Affinity" not in advice  # of the unit, it would put everything else on that CPU, too
+    assert worst(judge(replace(GOOD, isolated=(3,), cpu=3))) == Verdict.RT_OK
+
+
+def test_no_priority_asked_for_is_none_obtained():
+    checks = judge(GOOD, priority=0)
+    assert worst(checks) == Verdict.REFUSED
+    assert checks[0].fix == "set core.realtime_priority to 80"
 
 
 def test_the_worst_finding_wins():
@@ -79,7 +96,8 @@ def test_governors_isolation_queue_and_throttling_are_read(tmp_path):
         tmp_path,
         **{
             "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor": "powersave\n",
-            "sys/devices/system/cpu/isolated": "2-3\n",
+            "sys/devices/system/cpu/online": "0-2,4\n",
+            "sys/devices/system/cpu/isolated": "2-4\n",
             "sys/class/net/can1/tx_queue_len": "10\n",
             "proc/sys/kernel/sched_rt_runtime_us": "-1\n",
             "proc/sys/kernel/sched_rt_period_us": "1000000\n",
@@ -87,7 +105,9 @@ def test_governors_isolation_queue_and_throttling_are_read(tmp_path):
         },
     )
     facts = read_facts("can1", root=root)
-    assert (facts.governors, facts.isolated, facts.tx_queue) == (("powersave",), "2-3", 10)
+    assert (facts.governors, facts.tx_queue) == (("powersave",), 10)
+    assert (facts.cpus, facts.isolated, facts.cpu) == ((0, 1, 2, 4), (2, 4), 2)
+    assert read_facts("can1", root=root, cpu=1).cpu == 1
     assert (facts.rt_runtime_share, facts.hypervisor) == (1.0, True)
 
 
@@ -95,12 +115,17 @@ def test_a_priority_that_the_kernel_refuses_is_told_in_its_words():
     assert realtime._try_fifo(200) == "Invalid argument"
 
 
+def test_a_cpu_that_is_not_there_is_told_in_the_kernels_words():
+    assert cpus.refusal(1023) == "Invalid argument"
+    assert cpus.refusal(cpus.online()[0]) == ""
+
+
 def test_trying_leaves_this_thread_as_it_was():
     import os
 
-    before = os.sched_getscheduler(0)
-    read_facts()
-    assert os.sched_getscheduler(0) == before
+    before = os.sched_getscheduler(0), os.sched_getaffinity(0)
+    read_facts(cpu=min(os.sched_getaffinity(0)))
+    assert (os.sched_getscheduler(0), os.sched_getaffinity(0)) == before
 
 
 def can_interface_folder(tmp_path, flags="0x1", mtu="72", kind="280"):
