@@ -46,7 +46,7 @@ def write_record(
 
     Args:
         path: The record.
-        config: Bus and packing.
+        config: Bus, packing and period.
         arm: What was commissioned.
         found: Findings and identities.
         known: Identities of the record before. They stay: a drive that was exchanged, or did not answer this time,
@@ -57,6 +57,7 @@ def write_record(
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "bus": config.bus,
         "packing": config.packing,
+        "tick_ns": config.tick_ns,
         "arm": arm.name,
         "model_hash": arm.model_hash.hex(),
         "limit_hash": arm.limit_hash.hex(),
@@ -88,7 +89,7 @@ def read_identities(path: Path) -> dict[int, dict[str, int]] | None:
 
 
 def check_record(path: Path, config: ExecutorConfig, arm: ArmDescription) -> None:
-    """Refuse to start on drives that were not commissioned for this arm, these limits and this packing.
+    """Refuse to start on drives that were not commissioned for this arm, these limits, this packing and period.
 
     Raises:
         CommissioningError: Names what differs.
@@ -105,6 +106,7 @@ def check_record(path: Path, config: ExecutorConfig, arm: ArmDescription) -> Non
     for what, expected in (
         ("bus", config.bus),
         ("packing", config.packing),
+        ("tick_ns", config.tick_ns),  # the drives' interpolation period was compared with it
         ("model_hash", arm.model_hash.hex()),
         ("limit_hash", arm.limit_hash.hex()),
     ):

@@ -82,10 +82,17 @@ class AdmissionConfig(_Strict):
     max_goal_tolerance_rad: Tolerance = 0.1
 
 
+class TickConfig(_Strict):
+    """One setpoint per so many nanoseconds, by packing; the core refuses a period in which the bus cannot carry one."""
+
+    fd: int = 1_000_000
+    classic: int = 4_000_000
+
+
 class CoreConfig(_Strict):
     """Passed on to the native core, which checks again; it takes whatever these ranges allow."""
 
-    tick_ns: dict[Literal["fd", "classic"], int] = {"fd": 1_000_000, "classic": 4_000_000}
+    tick_ns: TickConfig = TickConfig()
     gate_margin: Annotated[float, Field(ge=1.0, le=1.1)] = 1.02
     path_tolerance_rad: Tolerance = 0.05
     goal_tolerance_rad: Tolerance = 0.02
@@ -209,7 +216,7 @@ class ExecutorConfig(_Strict):
     @property
     def tick_ns(self) -> int:
         """One setpoint per this many nanoseconds."""
-        return self.core.tick_ns[self.packing]
+        return self.core.tick_ns.fd if self.packing == "fd" else self.core.tick_ns.classic
 
 
 def load_config(path: Path | None = None, overrides: dict[str, Any] | None = None) -> ExecutorConfig:

@@ -354,6 +354,9 @@ def test_the_command_keeps_a_record_that_the_executor_asks_for(stand_in, arm, tm
     check_record(record, config, arm)
     with pytest.raises(CommissioningError, match="commissioned for packing fd, now it is classic"):
         check_record(record, load_config(overrides={"bus": config.bus, "packing": "classic"}), arm)
+    slower = load_config(overrides={"bus": config.bus, "core.tick_ns.fd": 2_000_000})
+    with pytest.raises(CommissioningError, match="commissioned for tick_ns 1000000, now it is 2000000"):
+        check_record(record, slower, arm)
     other = SimpleNamespace(model_hash=arm.model_hash, limit_hash=bytes(32))
     with pytest.raises(CommissioningError, match="commissioned for limit_hash"):
         check_record(record, config, other)

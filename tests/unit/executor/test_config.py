@@ -39,6 +39,17 @@ def test_packing_chooses_the_tick():
     assert load_config(overrides={"packing": "classic"}).tick_ns == 4_000_000
 
 
+def test_the_period_of_one_packing_leaves_the_other_as_it_is():
+    one = {"core.tick_ns.fd": 2_000_000}
+    assert load_config(overrides=one).tick_ns == 2_000_000
+    assert load_config(overrides={**one, "packing": "classic"}).tick_ns == 4_000_000
+    assert load_config(overrides={"core": {"tick_ns": {"classic": 8_000_000}}}).tick_ns == 1_000_000
+    with pytest.raises(
+        ConfigError, match=r"core\.tick_ns\.fdd: there is no such key; did you mean core\.tick_ns\.fd"
+    ):
+        load_config(overrides={"core.tick_ns.fdd": 1})
+
+
 @pytest.mark.parametrize("key", ["hots_timeout_s", "admission.torque_margn", "core.gate"])
 def test_an_unknown_key_is_refused_by_name(key):
     with pytest.raises(ConfigError, match=key.replace(".", r"\.")):
