@@ -19,6 +19,7 @@ from s2r_protocol.proto import s2r_pb2 as pb
 MAGIC = b"S2R1"
 SCHEMA_VERSION = 1
 MAX_MESSAGE_BYTES = 8 * 1024 * 1024
+MAX_SENDER_CHARACTERS = 200  # it goes into log lines, states and recordings
 _HEADER = struct.Struct("<4sI")
 
 M = TypeVar("M", bound=Message)
@@ -42,7 +43,7 @@ class Address:
         seq: Strictly rising per sender; a repeat is answered as before and has no effect.
         model_hash: SHA-256 of the arm model, 32 bytes.
         limit_hash: SHA-256 of the limits, 32 bytes.
-        sender: Shown to the operator.
+        sender: Shown to the operator; at most 200 printable characters.
     """
 
     sender: str
@@ -71,7 +72,7 @@ def seal(body: Message, address: Address) -> bytes:
 
 
 def open_envelope(wire: bytes) -> pb.Envelope:
-    """Check magic, size, checksum and schema version; the body stays unparsed.
+    """Check magic, size, checksum, schema version and the sender's name; the body stays unparsed.
 
     Raises:
         MessageRefusedError: With code MALFORMED.
@@ -104,6 +105,12 @@ def open_envelope(wire: bytes) -> pb.Envelope:
             Refusal.MALFORMED,
             f"message schema version {envelope.schema_version} is not {SCHEMA_VERSION}; "
             "run the same release on both sides",
+        )
+    if len(envelope.sender) > MAX_SENDER_CHARACTERS or not envelope.sender.isprintable():
+        raise MessageRefusedError(
+            Refusal.MALFORMED,
+            f"the sender's name, {envelope.sender[:40]!r} of {len(envelope.sender)} characters, is not one of at most "
+            f"{MAX_SENDER_CHARACTERS} printable ones",
         )
     return envelope
 

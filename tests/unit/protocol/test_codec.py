@@ -49,6 +49,22 @@ def test_another_schema_version_is_refused_before_the_body_is_parsed():
         codec.open_envelope(_reseal(envelope))
 
 
+@pytest.mark.parametrize("sender", ["x" * 201, "host:1\n12:00:00 INFO forged", "host:\x1b[2J", "\x00"])
+def test_a_senders_name_that_is_no_short_printable_line_is_refused(sender):
+    with pytest.raises(
+        codec.MessageRefusedError, match=r"the sender's name.*at most 200 printable"
+    ) as refused:
+        codec.open_envelope(codec.seal(pb.Heartbeat(), codec.Address(sender)))
+    assert refused.value.code is Refusal.MALFORMED
+    assert len(str(refused.value)) < 300
+
+
+@pytest.mark.parametrize("sender", ["", "x" * 200, "Gerät 7: Meßplatz"])
+def test_a_senders_name_may_be_any_short_printable_line(sender):
+    wire = codec.seal(pb.Heartbeat(), codec.Address(sender))
+    assert codec.address_of(codec.open_envelope(wire)).sender == sender
+
+
 def test_a_body_of_another_kind_is_refused():
     envelope = codec.open_envelope(codec.seal(pb.Heartbeat(), ADDRESS))
     with pytest.raises(codec.MessageRefusedError, match=r"expected a s2r.Plan here, got s2r.Heartbeat"):
