@@ -7,7 +7,7 @@ that asks for nothing ("disable") to see that all drives speak this packing. No 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from s2r_executor.commission_checks import CHECKS, Expected
 from s2r_executor.commission_record import Commissioning
@@ -162,7 +162,7 @@ def _probe(line: CanLine, config: ExecutorConfig, arm: ArmDescription) -> list[F
         line.send(fd.set_frame(fd.pack_set(255, Control.DISABLE, 0, [0.0] * arm.dof)))
     else:
         line.send(CanFrame(classic.SYNC_ID, bytes([1])))
-    seen: dict[int, tuple[DriveState, float]] = {}
+    seen: dict[int, tuple[DriveState | str, float]] = {}
     for frame in line.listen(_PROBE_S):
         node = frame.can_id - fd.STAT_ID  # TPDO1's base is the same
         if not 1 <= node <= arm.dof:
@@ -173,15 +173,23 @@ def _probe(line: CanLine, config: ExecutorConfig, arm: ArmDescription) -> list[F
                 seen[node] = (status.state, status.q_meas)
             else:
                 position = classic.unpack_tpdo1(frame.data)
-                seen[node] = (position.state, position.q_meas)
+                seen[node] = (_state_in(position), position.q_meas)
         except FrameRefusedError as error:
             text = f"answers in another packing: {error}"
             return [Finding(f"node {node} packing", Level.PROBLEM, text, "choose the other --packing")]
     return _judge_probe(seen, config, arm)
 
 
+def _state_in(position: classic.Position) -> DriveState | str:
+    """The drive's state, or why its statusword tells none: some are between two states when they are asked."""
+    try:
+        return position.state
+    except ValueError as error:
+        return str(error)
+
+
 def _judge_probe(
-    seen: dict[int, tuple[DriveState, float]], config: ExecutorConfig, arm: ArmDescription
+    seen: Mapping[int, tuple[DriveState | str, float]], config: ExecutorConfig, arm: ArmDescription
 ) -> list[Finding]:
     findings = []
     for node, joint in enumerate(arm.joint_names, start=1):
@@ -194,7 +202,10 @@ def _judge_probe(
             )
             continue
         state, q = seen[node]
-        if state not in (DriveState.SWITCH_ON_DISABLED, DriveState.READY_TO_SWITCH_ON):
+        if isinstance(state, str):
+            fix = "commission again once the drive has started; if it stays so, its manual says what the word means"
+            findings.append(Finding(topic, Level.PROBLEM, state, fix))
+        elif state not in (DriveState.SWITCH_ON_DISABLED, DriveState.READY_TO_SWITCH_ON):
             fix = "switch the drive off; clear a fault with its own tool or with RESET"
             findings.append(Finding(topic, Level.PROBLEM, f"the drive is in {state.name}", fix))
         elif not low <= q <= high:

@@ -12,6 +12,7 @@ import threading
 import time
 import tomllib
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -310,6 +311,19 @@ def test_a_drive_that_is_on_is_a_problem(arm):
     found = {f.topic: f.text for f in module._judge_probe(seen, config, arm)}
     assert found["node 2 answer"] == "the drive is in OPERATION_ENABLED"
     assert found["node 3 answer"].startswith("joint 'joint3' stands at 9.0000 rad, outside")
+
+
+def test_a_statusword_that_no_state_has_is_a_problem_of_its_drive(stand_in, arm, monkeypatch):
+    own = classic.unpack_tpdo1
+    positions = iter(range(10**6))
+
+    def between_two_states(payload):
+        return replace(own(payload), statusword=0x0213) if next(positions) % 7 == 2 else own(payload)
+
+    with stand_in("classic") as bus:
+        monkeypatch.setattr(module.classic, "unpack_tpdo1", between_two_states)
+        found = problems(commission(config_for(bus, "classic"), arm))
+    assert [f.text for f in found.values()] == ["statusword 0x0213 matches no CiA 402 state"]
 
 
 def test_another_master_ends_commissioning_before_anything_is_sent(stand_in, arm):
