@@ -31,21 +31,31 @@ Frame make_frame(std::uint32_t id, std::uint8_t length) noexcept {
 }  // namespace
 
 namespace classic {
+namespace {
 
 // Controlword bits: 0 switch on, 1 enable voltage, 2 quick stop (low active), 3 enable operation, 7 fault reset.
+constexpr std::uint16_t kDisableVoltage = 0x00, kQuickStop = 0x02, kShutdown = 0x06, kSwitchOn = 0x07;
+constexpr std::uint16_t kEnableOperation = 0x0F, kFaultReset = 0x80;
+
+// A drive that has left its state by itself stays where it is. "Enable operation" would take one that has stopped by
+// itself back to a stale target (transition 16), "shutdown" one that is off a step up (transition 2).
+std::uint16_t stay(DriveState state) noexcept {
+  if (state == DriveState::kSwitchOnDisabled) return kDisableVoltage;
+  return state == DriveState::kQuickStopActive ? kQuickStop : kShutdown;
+}
+
+}  // namespace
+
 std::uint16_t controlword(DriveRequest request, DriveState state) noexcept {
-  constexpr std::uint16_t kDisableVoltage = 0x00, kShutdown = 0x06, kSwitchOn = 0x07, kEnableOperation = 0x0F;
-  constexpr std::uint16_t kQuickStop = 0x02, kFaultReset = 0x80;
+  const bool switched_on = state == DriveState::kSwitchedOn || state == DriveState::kOperationEnabled;
   switch (request) {
-    case DriveRequest::kDisable: return kDisableVoltage;
+    case DriveRequest::kSwitchOn: return state <= DriveState::kSwitchOnDisabled ? kShutdown : kSwitchOn;
+    case DriveRequest::kEnable: return switched_on ? kEnableOperation : stay(state);
     case DriveRequest::kQuickStop: return kQuickStop;
     case DriveRequest::kFaultReset: return kFaultReset;
-    case DriveRequest::kSwitchOn:
-    case DriveRequest::kEnable: break;
+    case DriveRequest::kDisable: break;
   }
-  if (state <= DriveState::kSwitchOnDisabled) return kShutdown;
-  if (state == DriveState::kReadyToSwitchOn || request == DriveRequest::kSwitchOn) return kSwitchOn;
-  return kEnableOperation;
+  return kDisableVoltage;
 }
 
 DriveState drive_state(std::uint16_t statusword) noexcept {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hil_bench import ARM_, LIMITS, RESET, STOP_BEGUN, move
+from hil_bench import ARM_, LIMITS, RESET, STOP_BEGUN, WATCHDOG, move
 
 from s2r_protocol.can.drive import DriveError, DriveState
 from s2r_protocol.faults import Cause, ExecutorState
@@ -83,3 +83,37 @@ def test_t52_a_drive_that_loses_its_power_needs_reset_and_arm(bench):
     bench.until(lambda s: s.state == ExecutorState.HOLD, 300)
     assert len(bench.events(STOP_BEGUN)) == 1
     bench.judge()
+
+
+@pytest.mark.parametrize("brake_feedback", [True, False], ids=["brakes told", "brakes not told"])
+@pytest.mark.parametrize("packing", ["fd", "classic"])
+@pytest.mark.parametrize("ticks", [0, 30, 100])
+def test_t52_a_drive_whose_power_returns_during_the_stop_stays_off(
+    make_bench, packing, brake_feedback, ticks
+):
+    """It obeys as before: enabled again, it would step to where the reference has gone meanwhile."""
+    bench = make_bench(packing=packing, brake_feedback=brake_feedback)
+    bench.moving(150 if packing == "classic" else 600)
+    drive = bench.plant.drives[1]
+    drive._enter(DriveState.SWITCH_ON_DISABLED)
+    drive._walk = lambda: None
+    states = []
+
+    def watch():
+        if len(states) == ticks:
+            del drive._walk
+        states.append(drive.state)
+
+    bench.until(lambda s: s.state == ExecutorState.STOP1, 5, watch)
+    bench.until(lambda s: s.state == ExecutorState.FAULT, 1500, watch)
+    assert not bench.now.dq_ref.any()
+    bench.step(200, watch)
+    assert DriveState.OPERATION_ENABLED not in states
+    bench.one_cause(Cause.DRIVE_NOT_ENABLED, 1)
+    assert Cause.BRAKE not in {e["cause"] for e in bench.events(WATCHDOG)}  # the others braked under control
+    bench.command(RESET)
+    bench.until(lambda s: s.state == ExecutorState.DISARMED, 600, watch)
+    assert DriveState.OPERATION_ENABLED not in states
+    bench.command(ARM_)
+    bench.until(lambda s: s.state == ExecutorState.HOLD, 300)
+    assert drive.state == DriveState.OPERATION_ENABLED

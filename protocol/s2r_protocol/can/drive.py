@@ -19,11 +19,15 @@ class DriveState(enum.IntEnum):
 
 
 class Control(enum.IntEnum):
-    """Low nibble of SET's ctrl byte: what all drives are asked to become."""
+    """Low nibble of SET's ctrl byte: what all drives are asked to become.
+
+    Only SWITCH_ON takes a drive up from where its power is off: under ENABLE one that has dropped out stays where it
+    is.
+    """
 
     DISABLE = 0
-    SWITCH_ON = 1
-    ENABLE = 2
+    SWITCH_ON = 1  # one step at a time from where the power is off; down from OPERATION_ENABLED
+    ENABLE = 2  # from SWITCHED_ON alone
     QUICK_STOP = 3
     FAULT_RESET = 4  # acts on its rising edge
 

@@ -21,13 +21,31 @@ from s2r_sim.drives import Drive
 _HEADER = struct.Struct("<IBBBB")
 _TAIL = struct.Struct(f"<H{FD_BYTES - _HEADER.size - fd.STAT.size}x")  # checksum, padding
 _NODE = [bytes((node,)) for node in range(256)]
-_COMMANDS = {
-    Control.DISABLE: DriveCommand.DISABLE_VOLTAGE,
-    Control.SWITCH_ON: DriveCommand.SWITCH_ON,
-    Control.ENABLE: DriveCommand.ENABLE_OPERATION,
-    Control.QUICK_STOP: DriveCommand.QUICK_STOP,
-    Control.FAULT_RESET: DriveCommand.DISABLE_VOLTAGE,
-}
+_CONTROLS = frozenset(Control)
+_SWITCHED_ON = frozenset({DriveState.SWITCHED_ON, DriveState.OPERATION_ENABLED})
+_STAY = {
+    DriveState.READY_TO_SWITCH_ON: DriveCommand.SHUTDOWN,
+    DriveState.QUICK_STOP_ACTIVE: DriveCommand.QUICK_STOP,
+}  # the command that leaves a drive where it is; DISABLE_VOLTAGE in the others
+
+
+def _command(control: Control, state: DriveState) -> DriveCommand:
+    """What a control asks of a drive in this state."""
+    match control:
+        case Control.SWITCH_ON:  # includes the step that the state machine wants first
+            off = state == DriveState.SWITCH_ON_DISABLED
+            return DriveCommand.SHUTDOWN if off else DriveCommand.SWITCH_ON
+        case Control.ENABLE if state in _SWITCHED_ON:
+            return DriveCommand.ENABLE_OPERATION
+        case Control.ENABLE:
+            return _STAY.get(state, DriveCommand.DISABLE_VOLTAGE)
+        case Control.QUICK_STOP:
+            return DriveCommand.QUICK_STOP
+        case Control.DISABLE | Control.FAULT_RESET:
+            return DriveCommand.DISABLE_VOLTAGE
+
+
+_COMMANDS = {(control, state): _command(control, state) for control in Control for state in DriveState}
 
 
 class FdNodes:
@@ -64,7 +82,7 @@ class FdNodes:
             self.refused += 1
             return
         seq, ctrl, tick, crc, *slots = fd.SET.unpack(payload)
-        if crc != fd.set_crc(payload) or ctrl not in _COMMANDS or seq == self._seq:
+        if crc != fd.set_crc(payload) or ctrl not in _CONTROLS or seq == self._seq:
             self.refused += 1
             return
         if self._seq is None:
@@ -72,12 +90,9 @@ class FdNodes:
         self._seq, self._tick = seq, tick
         self.master_tick += (tick - self.master_tick) & 0xFFFF
         self._answer_due = True
-        command, reset = _COMMANDS[Control(ctrl)], ctrl == Control.FAULT_RESET
-        climbs = command in (DriveCommand.SWITCH_ON, DriveCommand.ENABLE_OPERATION)
+        control = Control(ctrl)
         for i, drive in enumerate(self.drives):
-            # "become switched on" includes the step the state machine wants first
-            first = climbs and drive.state == DriveState.SWITCH_ON_DISABLED
-            drive.command(DriveCommand.SHUTDOWN if first else command, reset)
+            drive.command(_COMMANDS[control, drive.state], control == Control.FAULT_RESET)
             drive.set_point(
                 slots[3 * i] / COUNTS_PER_RAD,
                 slots[3 * i + 1] * VELOCITY_UNIT,

@@ -9,7 +9,7 @@ import pytest
 
 from s2r_protocol.arms import load_arm
 from s2r_protocol.can import classic, fd
-from s2r_protocol.can.drive import CW_FAULT_RESET, DriveCommand, DriveState
+from s2r_protocol.can.drive import CW_FAULT_RESET, Control, DriveCommand, DriveState
 from s2r_protocol.can.frames import CanFrame, connect_unix
 from s2r_protocol.can.timing import BitRate
 from s2r_sim.bus.bus import Bus
@@ -64,9 +64,11 @@ class FdMaster:
         return self.receive()
 
     def enable(self):
-        self.q = [s.q_meas for s in self.cycle(0)]
+        self.q = [s.q_meas for s in self.cycle(Control.DISABLE)]
+        for _ in range(3):
+            self.cycle(Control.SWITCH_ON)
         for _ in range(100):
-            answers = self.cycle(2)
+            answers = self.cycle(Control.ENABLE)
             if all(s.state == DriveState.OPERATION_ENABLED and s.brake_released for s in answers):
                 return answers
         raise AssertionError(f"drives did not enable: {answers}")

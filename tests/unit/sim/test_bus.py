@@ -9,10 +9,11 @@ import pytest
 
 from s2r_protocol.arms import load_arm
 from s2r_protocol.can import classic, fd
-from s2r_protocol.can.drive import DriveCommand, DriveError, DriveState
+from s2r_protocol.can.drive import Control, DriveCommand, DriveError, DriveState
 from s2r_protocol.can.frames import CAN_ERR_CRTL, CanFrame, connect_unix
 from s2r_protocol.can.python_can import StandInBus
 from s2r_sim.bus.classic_nodes import ClassicNodes
+from s2r_sim.bus.fd_nodes import FdNodes
 from s2r_sim.bus.hub import Hub
 from s2r_sim.bus.object_dictionary import SdoServers
 from s2r_sim.drives_alone import DrivesAlone
@@ -98,6 +99,17 @@ def test_damaged_or_repeated_set_is_ignored(stand_in, fd_master):
         assert {s.seq for s in master.receive()} == {9}
         wait_until(lambda: bus.ticks == 5)
         assert bus.nodes.refused == 3
+
+
+@pytest.mark.parametrize("state", [s for s in DriveState if s != DriveState.SWITCHED_ON])
+def test_enable_takes_no_drive_up_that_is_not_switched_on(arm, state):
+    drives = DrivesAlone(arm).drives
+    nodes = FdNodes(drives)
+    drives[2].state = state
+    for seq in range(3):
+        nodes.receive(fd.SET_ID, fd.set_frame(fd.pack_set(seq, Control.ENABLE, seq, [0.0] * 7)).pack())
+        drives[2].period(1e-3)
+    assert drives[2].state == state
 
 
 def test_three_lost_sets_are_bridged(stand_in, fd_master):
