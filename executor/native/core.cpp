@@ -231,14 +231,20 @@ void Core::settle() noexcept {
         apply(Trigger::kAtRest);
       }
       return;
-    case State::kStop1:
-      if (motion_.at_rest() || seconds_since(state_since_tick_) > stop1_guard_s_) {
-        emit(EventKind::kStopDone, cause_);
-        apply(Trigger::kAtRest);
-      }
-      return;
+    case State::kStop1: settle_joint_stop(); return;
     default: return;
   }
+}
+
+// At rest, the brakes close before the power goes; a stop that takes too long ends without them.
+void Core::settle_joint_stop() noexcept {
+  const bool too_long = seconds_since(state_since_tick_) > stop1_guard_s_;
+  if (closing_brakes_ || !(motion_.at_rest() || too_long)) return;
+  emit(EventKind::kStopDone, cause_);
+  if (motion_.at_rest() && config_.brake_feedback)
+    close_brakes();
+  else
+    apply(Trigger::kAtRest);
 }
 
 void Core::settle_goal() noexcept {

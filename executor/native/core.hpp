@@ -64,6 +64,7 @@ class Core {
   void build() noexcept;
   bool gate_passes() noexcept;
   void settle() noexcept;
+  void settle_joint_stop() noexcept;
   void settle_goal() noexcept;
 
   // core_requests.cpp: what the front end asks for
@@ -87,7 +88,11 @@ class Core {
   void watch_estop() noexcept;
   void watch_powered() noexcept;
   void watch_warnings() noexcept;
+  void close_brakes() noexcept;
   void watch_brakes() noexcept;
+  void watch_reenabling() noexcept;
+  void brakes_closed() noexcept;
+  void brake_stays_open(int joint) noexcept;
   Trip find_following_error() const noexcept;
   void watch_arming() noexcept;
   void watch_reset() noexcept;
@@ -101,6 +106,8 @@ class Core {
   void emit(EventKind kind, const Trip& trip) noexcept;
   int first_in_fault() const noexcept;     // joint, -1 if none
   int first_not_enabled() const noexcept;  // joint, -1 if none
+  int first_enabled() const noexcept;      // joint, -1 if none
+  int first_unbraked() const noexcept;     // joint that its drive alone holds, -1 if none
   int oldest_answer() const noexcept;      // joint
 
   double allowed_speed() const noexcept { return slowed_ ? std::min(speed_, config_.warning_speed) : speed_; }
@@ -137,7 +144,8 @@ class Core {
   double speed_ = 1.0;
   std::uint64_t state_since_tick_ = 0;
   bool disarm_pending_ = false;
-  // Brakes before power: HOLD asks for "disable operation", and goes back to holding when a brake does not close.
+  // Brakes before power: HOLD and a STOP1 at rest ask for "disable operation". When a brake does not close, HOLD goes
+  // back to holding and STOP1 stays.
   bool closing_brakes_ = false, reenabling_ = false;
   std::uint64_t brakes_since_tick_ = 0;
   std::uint64_t enabled_ticks_ = 0;  // all drives enabled while arming, brakes may still open

@@ -80,8 +80,7 @@ Refused Core::disarm() noexcept {
       if (closing_brakes_) return {};
       if (reenabling_) return {Refusal::kState, first_not_enabled(), double(static_cast<int>(state_)), 3.0};
       if (config_.brake_feedback) {  // power stays on until every brake has closed: watch_brakes()
-        closing_brakes_ = true;
-        brakes_since_tick_ = tick_;
+        close_brakes();
         ++epoch_;
         return {};
       }

@@ -102,32 +102,64 @@ void Core::watch_warnings() noexcept {
   if (state_ == State::kRun && other_speed) motion_.change_rate(allowed_speed());
 }
 
+void Core::close_brakes() noexcept {
+  closing_brakes_ = true;
+  brakes_since_tick_ = tick_;
+}
+
+// Brakes before power. Nobody waits in vain: not for a drive that is off, in fault or in a quick stop of its own, which
+// only "disable" ends, and for none when setpoints do not leave any more, so that the drives stop by themselves.
 void Core::watch_brakes() noexcept {
-  if (state_ != State::kHold || !(closing_brakes_ || reenabling_)) return;
-  int enabled = -1, released = -1;
-  for (int joint = 0; joint < config_.dof; ++joint) {
-    if (drives_[joint].state == DriveState::kOperationEnabled) enabled = joint;
-    if (drives_[joint].brake_released) released = joint;
-  }
-  if (reenabling_) {
-    if (first_not_enabled() < 0 && !check_brakes(config_, drives_))
-      reenabling_ = false;
-    else if (seconds_since(brakes_since_tick_) > config_.arming_timeout_s)
-      stop({Cause::kDriveNotEnabled, first_not_enabled(), 0.0, 0.0});
-    return;
-  }
-  if (enabled < 0 && released < 0) {
-    closing_brakes_ = false;
+  if (reenabling_) watch_reenabling();
+  if (!closing_brakes_) return;
+  const int enabled = first_enabled(), unbraked = first_unbraked();
+  const bool in_vain = tx_failed_in_a_row_ > static_cast<std::uint32_t>(config_.drive_extrapolation_ticks);
+  const bool too_long = seconds_since(brakes_since_tick_) > config_.brake_timeout_s;
+  if (in_vain || (enabled < 0 && unbraked < 0))
+    brakes_closed();
+  else if (too_long && (state_ == State::kHold || unbraked >= 0))
+    brake_stays_open(unbraked >= 0 ? unbraked : enabled);
+  else if (too_long)
+    brakes_closed();  // a drive that stays enabled behind its closed brake
+}
+
+void Core::brakes_closed() noexcept {
+  if (state_ == State::kHold) {
     cause_ = {Cause::kDisarmRequested};
     apply(Trigger::kDisarm);
-  } else if (seconds_since(brakes_since_tick_) > config_.brake_timeout_s) {
-    closing_brakes_ = disarm_pending_ = false;  // without its brake the joint would fall: keep holding
+  } else {
+    apply(Trigger::kAtRest);
+  }
+}
+
+// Without its brake the joint would fall. HOLD enables all drives again. STOP1 enables none: it goes on asking for
+// "disable operation", under which a drive keeps its torque until its brake has closed, and ends when it has. A joint
+// whose position is not to be believed is not held.
+void Core::brake_stays_open(int joint) noexcept {
+  const Trip brake{Cause::kBrake, joint, 1.0, 0.0};
+  if (state_ == State::kHold) {
+    closing_brakes_ = disarm_pending_ = false;
     reenabling_ = true;
     brakes_since_tick_ = tick_;
-    cause_ = {Cause::kBrake, released >= 0 ? released : enabled, 1.0, 0.0};
-    emit(EventKind::kWatchdog, cause_);
-    reject(0, {Refusal::kState, cause_.joint, double(static_cast<int>(state_)), 1.0});
+    cause_ = brake;
+    emit(EventKind::kWatchdog, brake);
+    reject(0, {Refusal::kState, joint, double(static_cast<int>(state_)), 1.0});
+    return;
   }
+  if (cause_.cause == Cause::kBrake) return;  // told
+  const bool believed = cause_.cause != Cause::kPlausibility || cause_.joint != joint;
+  emit(EventKind::kWatchdog, brake);
+  if (believed)
+    cause_ = brake;
+  else
+    apply(Trigger::kAtRest);
+}
+
+void Core::watch_reenabling() noexcept {
+  if (first_not_enabled() < 0 && !check_brakes(config_, drives_))
+    reenabling_ = false;
+  else if (seconds_since(brakes_since_tick_) > config_.arming_timeout_s)
+    stop({Cause::kDriveNotEnabled, first_not_enabled(), 0.0, 0.0});
 }
 
 void Core::warn_late_answers() noexcept {
@@ -183,7 +215,7 @@ void Core::watch_reset() noexcept {
 void Core::choose_request() noexcept {
   request_ = DriveRequest::kDisable;
   if (powered()) {
-    request_ = closing_brakes_ ? DriveRequest::kSwitchOn : DriveRequest::kEnable;
+    request_ = closing_brakes_ ? DriveRequest::kDisableOperation : DriveRequest::kEnable;
   } else if (state_ == State::kArming) {
     bool switched_on = true;
     for (int joint = 0; joint < config_.dof; ++joint) {
@@ -294,6 +326,21 @@ int Core::first_in_fault() const noexcept {
 int Core::first_not_enabled() const noexcept {
   for (int joint = 0; joint < config_.dof; ++joint)
     if (drives_[joint].state != DriveState::kOperationEnabled) return joint;
+  return -1;
+}
+
+int Core::first_enabled() const noexcept {
+  for (int joint = 0; joint < config_.dof; ++joint)
+    if (drives_[joint].state == DriveState::kOperationEnabled) return joint;
+  return -1;
+}
+
+int Core::first_unbraked() const noexcept {
+  for (int joint = 0; joint < config_.dof; ++joint) {
+    const DriveState drive = drives_[joint].state;
+    const bool has_torque = drive == DriveState::kSwitchedOn || drive == DriveState::kOperationEnabled;
+    if (has_torque && drives_[joint].brake_released) return joint;
+  }
   return -1;
 }
 

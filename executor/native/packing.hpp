@@ -47,7 +47,14 @@ enum class DriveState : std::uint8_t {
 
 // What the core asks of all drives; the low nibble of ctrl in the SET frame. Only kSwitchOn takes a drive up from where
 // its power is off: one that has dropped out is not enabled again without a new arming.
-enum class DriveRequest : std::uint8_t { kDisable = 0, kSwitchOn = 1, kEnable = 2, kQuickStop = 3, kFaultReset = 4 };
+enum class DriveRequest : std::uint8_t {
+  kDisable = 0,
+  kSwitchOn = 1,
+  kEnable = 2,
+  kQuickStop = 3,
+  kFaultReset = 4,
+  kDisableOperation = 5,  // brakes first: a drive keeps its torque until its brake has closed
+};
 
 // A setpoint as it stands on the wire. ok = false: the number does not fit or is not a number.
 struct EncodedJoint {

@@ -51,6 +51,7 @@ std::uint16_t controlword(DriveRequest request, DriveState state) noexcept {
   switch (request) {
     case DriveRequest::kSwitchOn: return state <= DriveState::kSwitchOnDisabled ? kShutdown : kSwitchOn;
     case DriveRequest::kEnable: return switched_on ? kEnableOperation : stay(state);
+    case DriveRequest::kDisableOperation: return switched_on ? kSwitchOn : stay(state);
     case DriveRequest::kQuickStop: return kQuickStop;
     case DriveRequest::kFaultReset: return kFaultReset;
     case DriveRequest::kDisable: break;

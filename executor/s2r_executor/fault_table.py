@@ -90,7 +90,11 @@ FAULTS: dict[Cause, Fault] = {
         "Check that all drives are powered and on the bus, then send RESET and ARM.",
     ),
     Cause.PLAUSIBILITY: Fault("a joint's measured position made an impossible jump", _CAT1, _RESET, "rad"),
-    Cause.BRAKE: Fault("a brake and its encoder contradict each other", "Switched off (category 0).", _RESET),
+    Cause.BRAKE: Fault(
+        "a brake is not where its drive wants it",
+        "Switched off (category 0); a brake that does not close keeps the arm under power instead.",
+        "Support the arm before its power is cut, look after the brake, then send RESET and ARM.",
+    ),
     Cause.ESTOP: Fault(
         "the emergency stop chain is open",
         "The hardware removed power (category 0).",

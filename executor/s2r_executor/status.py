@@ -110,6 +110,11 @@ def why_not_moving(core: CoreSnapshot, joint_names: tuple[str, ...], lease_holde
             return f"The arm is moving: {core.plan_t:.2f} s into its plan."
         case ExecutorState.PAUSED:
             return "The plan is paused: send RESUME or STOP."
+        case ExecutorState.STOP1 if core.cause == Cause.BRAKE:
+            return (
+                f"The arm has stopped and stays under power: {describe_cause(core, joint_names)}. Support it, then "
+                "press the emergency stop; a brake that closes after all ends the stop."
+            )
         case ExecutorState.STOPPING | ExecutorState.STOP1:
             return f"The arm is coming to a stop: {describe_cause(core, joint_names)}."
         case ExecutorState.FAULT:

@@ -18,7 +18,7 @@ class ExecutorState(enum.IntEnum):
     RUN = 4  # a plan plays; left to HOLD at its end, to PAUSED, STOPPING or STOP1
     PAUSED = 5  # path time stands still; left to RUN by RESUME, to STOPPING by STOP
     STOPPING = 6  # category 2: on-path ramp to rest; left to HOLD
-    STOP1 = 7  # category 1: joint-space stop, then drives off; left to FAULT (latched)
+    STOP1 = 7  # category 1: joint-space stop, brakes, then drives off; left to FAULT (latched)
     FAULT = 8  # latched, drives off; left to DISARMED by RESET once the cause is gone
     ESTOP = 9  # latched, the hardware chain is open; left to DISARMED by RESET after release
 

@@ -321,6 +321,35 @@ def test_t47_a_brake_that_does_not_close_keeps_the_arm_powered_and_alarms(bench)
     bench.until(lambda s: s.state == ExecutorState.DISARMED, 500)
 
 
+@pytest.mark.parametrize("in_motion", [False, True], ids=["from HOLD", "from RUN"])
+@pytest.mark.parametrize("packing", ["fd", "classic"])
+def test_t47_a_brake_that_does_not_close_after_a_stop_keeps_its_joint_under_power(
+    make_bench, packing, in_motion
+):
+    bench = make_bench(packing=packing)
+    bench.moving(150 if packing == "classic" else 600) if in_motion else bench.arm()
+    stuck, hot = bench.plant.drives[1], bench.plant.drives[5]
+    stuck.brake_stuck = True
+    hot.temp_C = 90
+    bench.until(lambda s: s.cause == Cause.BRAKE, 1500)
+    q = np.array(bench.plant.q)
+    bench.step(500)
+    assert bench.now.state == ExecutorState.STOP1
+    assert [(e["cause"], e["joint"]) for e in bench.events(WATCHDOG) if e["cause"] == Cause.BRAKE] == [
+        (Cause.BRAKE, 1)
+    ]
+    bench.one_cause(Cause.OVER_TEMPERATURE, 5)
+    assert [d.state for d in bench.plant.drives] == [DriveState.SWITCHED_ON] * 7
+    assert [d.brake_released for d in bench.plant.drives] == [j == 1 for j in range(7)]
+    assert stuck.tau_meas != 0.0
+    np.testing.assert_allclose(bench.plant.q, q, atol=1e-3)
+    stuck.brake_stuck = None
+    stuck._close_brake()
+    bench.until(lambda s: s.state == ExecutorState.FAULT, 20)
+    bench.step(5)
+    assert {d.state for d in bench.plant.drives} == {DriveState.SWITCH_ON_DISABLED}
+
+
 def test_t47_a_brake_that_falls_in_during_motion_cuts_the_power(bench):
     bench.moving()
     tick = bench.tick

@@ -84,6 +84,8 @@ class Drives:
             state = 1 if state != 7 else 7
         elif self.ctrl == 1 and state in (1, 2, 4):
             state = 3 if state == 4 else state + 1
+        elif self.ctrl == 5 and state == 4:
+            state = 3
         elif self.ctrl == 2 and state == 3:
             state = 4
         elif self.ctrl == 3 and state == 4:

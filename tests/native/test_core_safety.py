@@ -153,6 +153,8 @@ def test_drive_that_leaves_operation_enabled_is_noticed_in_the_next_tick(armed, 
     armed.step(2)
     events = armed.events(STOP_BEGUN)
     assert [(e["cause"], e["joint"], e["value"]) for e in events] == [(Cause.DRIVE_NOT_ENABLED, 3, state)]
+    assert armed.state.state == ExecutorState.STOP1
+    armed.step(3)
     assert armed.state.state == ExecutorState.FAULT
 
 
@@ -402,7 +404,7 @@ def test_stop_while_arming_disarms(cell):
 
 def test_latch_stays_until_a_reset_after_the_cause_is_gone(armed, plan_from):
     armed.drives.state[0] = armed.drives.stuck[0] = 7
-    armed.step(3)
+    armed.step(5)
     assert armed.state.state == ExecutorState.FAULT
     assert causes(armed, LATCH) == [(Cause.DRIVE_FAULT, 0)]
 
@@ -491,6 +493,149 @@ def test_while_drives_are_enabled_again_after_a_stuck_brake_nothing_takes_the_po
         armed.command(DISARM)
     armed.until(lambda s: s.state == ExecutorState.DISARMED, 100)
     assert armed.events(STOP_BEGUN) == []
+
+
+def controls(cell, since: int = 0) -> list[int]:
+    """What the drives were asked for from a tick on, without repetitions."""
+    asked = [ctrl for tick, ctrl, _ in cell.drives.setpoints if tick >= since]
+    return [ctrl for i, ctrl in enumerate(asked) if i == 0 or ctrl != asked[i - 1]]
+
+
+def overheat(cell, joint: int = 3) -> int:
+    """An ordinary category 1; returns the tick."""
+    cell.drives.temperature[joint] = 90
+    return cell.state.tick
+
+
+@pytest.mark.parametrize("in_motion", [False, True], ids=["from HOLD", "from RUN"])
+def test_a_joint_space_stop_closes_the_brakes_before_it_cuts_the_power(armed, plan_from, in_motion):
+    if in_motion:
+        armed.run_plan(plan_from(armed.state.q_ref))
+        armed.step(600)
+    tick = overheat(armed)
+    armed.until(lambda s: s.state == ExecutorState.FAULT, 700)
+    armed.step(3)
+    assert controls(armed, tick) == [2, 5, 0]
+    assert armed.state.cause == Cause.OVER_TEMPERATURE
+    assert armed.drives.state == [1] * 7
+
+
+def test_a_joint_space_stop_of_drives_that_do_not_tell_their_brakes_just_switches_them_off(make_cell):
+    cell = make_cell(brake_feedback=False)
+    cell.arm()
+    tick = overheat(cell)
+    cell.step(4)
+    assert controls(cell, tick) == [2, 0]
+
+
+@pytest.mark.parametrize("in_motion", [False, True], ids=["from HOLD", "from RUN"])
+def test_a_brake_that_does_not_close_after_a_joint_space_stop_keeps_the_power(armed, plan_from, in_motion):
+    if in_motion:
+        armed.run_plan(plan_from(armed.state.q_ref))
+        armed.step(600)
+    armed.drives.brake_stuck[0] = True
+    tick = overheat(armed)
+    armed.step(3000)
+    assert armed.state.state == ExecutorState.STOP1
+    assert controls(armed, tick) == [2, 5]
+    assert causes(armed, WATCHDOG)[-1] == (Cause.BRAKE, 0)
+    assert causes(armed, WATCHDOG).count((Cause.BRAKE, 0)) == 1
+    assert causes(armed, STOP_BEGUN) == [(Cause.OVER_TEMPERATURE, 3)]
+    assert (armed.state.cause, armed.state.cause_joint) == (Cause.BRAKE, 0)
+    armed.drives.brake_stuck.clear()
+    armed.step(3)
+    assert armed.state.state == ExecutorState.FAULT
+    assert controls(armed, tick) == [2, 5, 0]
+
+
+def test_a_brake_that_closes_late_is_waited_for_without_an_alarm(armed):
+    armed.drives.brake_stuck[0] = True
+    tick = overheat(armed)
+    armed.step(290)
+    assert controls(armed, tick) == [2, 5]
+    armed.drives.brake_stuck.clear()
+    armed.step(3)
+    assert armed.state.state == ExecutorState.FAULT
+    assert Cause.BRAKE not in {cause for cause, _ in causes(armed, WATCHDOG)}
+
+
+def kept_under_power(cell):
+    """After a joint-space stop, a brake has not closed."""
+    cell.drives.brake_stuck[0] = True
+    overheat(cell)
+    cell.step(400)
+    assert (cell.state.state, cell.state.cause) == (ExecutorState.STOP1, Cause.BRAKE)
+    return cell
+
+
+@pytest.mark.parametrize("kind", [ARM, DISARM, STOP, RESUME, RESET, QUIT])
+def test_no_command_takes_the_power_from_a_joint_without_its_brake(armed, kind):
+    kept_under_power(armed)
+    armed.command(kind)
+    armed.step(500)
+    assert armed.drives.ctrl == 5
+    assert not armed.core.finished
+
+
+def test_an_emergency_stop_ends_a_joint_space_stop_that_waits_for_its_brake(armed):
+    kept_under_power(armed)
+    armed.drives.estop = 3
+    armed.step(2)
+    assert armed.state.state == ExecutorState.ESTOP
+    assert armed.drives.ctrl == 0
+
+
+def test_quitting_goes_on_when_the_brake_has_closed(armed):
+    kept_under_power(armed)
+    armed.command(QUIT)
+    armed.step(50)
+    armed.drives.brake_stuck.clear()
+    armed.step(10)
+    assert armed.core.finished
+    assert controls(armed)[-2:] == [5, 0]
+
+
+@pytest.mark.parametrize("state", [0, 1, 2, 5, 6, 7])
+def test_a_drive_that_is_off_in_fault_or_stopping_by_itself_is_not_waited_for(armed, state):
+    """Power for the others would not hold it, and its own quick stop ends with "disable" alone."""
+    armed.drives.state[2] = armed.drives.stuck[2] = state
+    armed.drives.brake_stuck[2] = True
+    armed.step(8)
+    assert armed.state.state == ExecutorState.FAULT
+    assert armed.drives.ctrl == 0
+
+
+def test_a_drive_that_stays_enabled_behind_its_closed_brake_is_switched_off(armed):
+    overheat(armed)
+    armed.step(2)
+    armed.drives.stuck[2], armed.drives.brake_stuck[2] = 4, False
+    armed.step(200)
+    assert armed.state.state == ExecutorState.STOP1
+    armed.step(110)
+    assert armed.state.state == ExecutorState.FAULT
+    assert armed.state.cause == Cause.OVER_TEMPERATURE
+
+
+@pytest.mark.parametrize("how", ["bus-off", "setpoints do not leave"])
+def test_brakes_are_not_waited_for_where_nothing_reaches_the_drives(armed, how):
+    armed.drives.brake_stuck[0] = True
+    if how == "bus-off":
+        armed.step(extra=((0x2000_0040, bytes(8), False),))
+    else:
+        armed.step(7, send_fails=True)
+    assert armed.state.state == ExecutorState.FAULT
+
+
+def test_a_joint_that_is_not_believed_is_not_held_when_its_brake_stays_open(armed):
+    armed.drives.brake_stuck[2] = True
+    armed.drives.offset[2] = round(0.02 / 4e-9)
+    tick = armed.state.tick
+    armed.step(250)
+    assert (armed.state.state, armed.state.cause) == (ExecutorState.STOP1, Cause.PLAUSIBILITY)
+    assert controls(armed, tick) == [2, 5]
+    armed.step(60)
+    assert (armed.state.state, armed.state.cause) == (ExecutorState.FAULT, Cause.PLAUSIBILITY)
+    assert (Cause.BRAKE, 2) in causes(armed, WATCHDOG)
 
 
 def test_state_events_tell_the_whole_story(moving):

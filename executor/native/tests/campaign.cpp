@@ -88,6 +88,9 @@ struct Drive {
           powered = 0;
         }
         break;
+      case DriveRequest::kDisableOperation:
+        if (state == DriveState::kOperationEnabled) off(DriveState::kSwitchedOn);
+        break;
       case DriveRequest::kQuickStop:
         if (state == DriveState::kOperationEnabled) state = DriveState::kQuickStopActive;
         break;
@@ -121,9 +124,11 @@ struct Drive {
       v -= std::clamp(v, -step, step);
       set += v * kDt;
       if (v == 0.0) {
-        released = false;
+        released = brake_stuck && released;
         if (state == DriveState::kFaultReaction) state = DriveState::kFault;
       }
+    } else {
+      released = brake_stuck && released;
     }
     q += 0.6 * (set - q);
     drift += drift_rate;
@@ -371,7 +376,7 @@ bool submit_move(Bench& bench, std::uint64_t id) {
   return true;
 }
 
-constexpr int kFaults = 21;
+constexpr int kFaults = 22;
 
 void inject(Bench& bench, int fault) {
   Random& random = bench.random;
@@ -407,6 +412,7 @@ void inject(Bench& bench, int fault) {
     case 18: bench.command(CommandKind::kStop, double(integer(random, 0, 500))); break;
     case 19: bench.command(integer(random, 0, 1) == 0 ? CommandKind::kPause : CommandKind::kDisarm); break;
     case 20: bench.step(static_cast<std::uint64_t>(integer(random, 1, 20))); break;
+    case 21: drive.brake_stuck = true; break;  // as it is, mostly open
     default: break;
   }
 }

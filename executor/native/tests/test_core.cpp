@@ -68,6 +68,8 @@ class FakeDrives final : public FramePort {
       if (request == DriveRequest::kDisable && state != DriveState::kFault) state = DriveState::kSwitchOnDisabled;
       if (request == DriveRequest::kSwitchOn && state < DriveState::kSwitchedOn) state = DriveState::kSwitchedOn;
       if (request == DriveRequest::kSwitchOn && state == DriveState::kOperationEnabled) state = DriveState::kSwitchedOn;
+      if (request == DriveRequest::kDisableOperation && state == DriveState::kOperationEnabled)
+        state = DriveState::kSwitchedOn;
       if (request == DriveRequest::kEnable && state == DriveState::kSwitchedOn) state = DriveState::kOperationEnabled;
       if (request == DriveRequest::kFaultReset) state = DriveState::kSwitchOnDisabled;
       if (faulty == joint) state = DriveState::kFault;

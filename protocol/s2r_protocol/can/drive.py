@@ -30,6 +30,7 @@ class Control(enum.IntEnum):
     ENABLE = 2  # from SWITCHED_ON alone
     QUICK_STOP = 3
     FAULT_RESET = 4  # acts on its rising edge
+    DISABLE_OPERATION = 5  # down from OPERATION_ENABLED alone; the torque stays until the brake has closed
 
 
 class DriveError(enum.IntEnum):

@@ -37,7 +37,9 @@ def _command(control: Control, state: DriveState) -> DriveCommand:
             return DriveCommand.SHUTDOWN if off else DriveCommand.SWITCH_ON
         case Control.ENABLE if state in _SWITCHED_ON:
             return DriveCommand.ENABLE_OPERATION
-        case Control.ENABLE:
+        case Control.DISABLE_OPERATION if state in _SWITCHED_ON:
+            return DriveCommand.SWITCH_ON
+        case Control.ENABLE | Control.DISABLE_OPERATION:
             return _STAY.get(state, DriveCommand.DISABLE_VOLTAGE)
         case Control.QUICK_STOP:
             return DriveCommand.QUICK_STOP

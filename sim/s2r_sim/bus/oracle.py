@@ -82,7 +82,7 @@ class Trace:
 
     Attributes:
         tick: Unwrapped counter, shape (n,).
-        control: 0 disable, 1 switch on, 2 enable, 3 quick stop, 4 fault reset, shape (n,).
+        control: 0 disable, 1 switch on, 2 enable, 3 quick stop, 4 fault reset, 5 disable operation, shape (n,).
         counts: Commanded positions [4 nrad], shape (n, dof).
         enabled: The drive had said "operation enabled" before this command, shape (n, dof).
         faulty: Answers said "fault" or "fault reaction", shape (n, dof).
@@ -218,7 +218,7 @@ def check_setpoints(trace: Trace, limits: Limits, report: Report) -> None:
 def check_orders(trace: Trace, arm_ticks: Sequence[int], motion_ticks: Sequence[int], report: Report) -> None:
     """I3. Only an order enables drives, and only a later order moves them."""
     patience = 4  # ticks between an order and its first effect on the bus
-    asked = np.isin(trace.control, (1, 2))
+    asked = np.isin(trace.control, (1, 2, 5))
     rising = np.flatnonzero(asked & ~np.concatenate([[False], asked[:-1]]))
     for i in rising:
         last_off = trace.tick[i - 1] if i else -1

@@ -180,6 +180,7 @@ def test_statusword_bits_tell_the_state(statusword, state, others):
         (2, [0x06, 0x00, 0x06, 0x0F, 0x0F, 0x02, 0x06, 0x06]),  # one that has dropped out stays where it is
         (3, [0x02] * 8),
         (4, [0x80] * 8),
+        (5, [0x06, 0x00, 0x06, 0x07, 0x07, 0x02, 0x06, 0x06]),
     ],
 )
 def test_controlword_walks_the_402_states(request_, words):

@@ -86,7 +86,13 @@ def test_what_a_drive_reports_is_told_in_its_words(cause, value, limit, said):
 
 def test_a_brake_has_no_numbers_to_tell():
     core = snapshot(cause=Cause.BRAKE, cause_joint=1, cause_value=0.0, cause_limit=1.0)
-    assert describe_cause(core, NAMES) == "joint 'joint2': a brake and its encoder contradict each other"
+    assert describe_cause(core, NAMES) == "joint 'joint2': a brake is not where its drive wants it"
+
+
+def test_an_arm_that_a_stop_leaves_under_power_is_to_be_supported():
+    text = why_not_moving(snapshot(ExecutorState.STOP1, Cause.BRAKE, cause_joint=1), NAMES, "")
+    assert "stays under power: joint 'joint2': a brake is not where its drive wants it. Support it" in text
+    assert "coming to a stop" in why_not_moving(snapshot(ExecutorState.STOP1, Cause.FOLLOWING), NAMES, "")
 
 
 def test_drives_that_have_never_answered_are_named_before_anything_else():
