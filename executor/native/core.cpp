@@ -8,6 +8,7 @@ namespace {
 
 constexpr std::uint32_t kNever = 65535;   // age of a joint that has not answered yet
 constexpr int kMaxFramesPerDrain = 1024;  // a babbling node must not hold the tick
+constexpr double kForeignMasterStays_s = 0.1;
 
 std::uint64_t ticks_per_second(std::int64_t tick_ns) noexcept {
   return static_cast<std::uint64_t>(1'000'000'000 / tick_ns);
@@ -89,13 +90,27 @@ void Core::receive() noexcept {
     if (result.kind == RxKind::kBusError && is_transmit_overflow(frame)) ++snapshot_.tx_failed;
     const bool foreign = result.kind == RxKind::kIgnored && result.joint < 0;
     if (foreign || result.kind == RxKind::kForeignMaster) foreign_.add(frame);
-    if (result.kind == RxKind::kForeignMaster) foreign_master_ = true;
-    if (result.kind == RxKind::kBusOff) bus_off_ = true;
+    if (result.kind == RxKind::kForeignMaster) hear_foreign_master();
+    if (result.kind == RxKind::kBusOff) hear_bus_off();
     if (result.kind == RxKind::kEmergency) {
       const std::uint16_t error = drives_[result.joint].error;  // 0: one is gone
       emit(EventKind::kDrive, {error != 0U ? Cause::kDriveFault : Cause::kNone, result.joint, double(error), 0.0});
     }
   }
+}
+
+// One that sends more rarely than every tick is there between its frames as well.
+void Core::hear_foreign_master() noexcept {
+  foreign_master_ = true;
+  foreign_until_tick_ = tick_ + static_cast<std::uint64_t>(std::ceil(kForeignMasterStays_s / dt_));
+}
+
+// While drives are on it is the cause of their stop. With none on nothing stops, but it is told.
+void Core::hear_bus_off() noexcept {
+  const bool told = bus_off_ || powered() || state_ == State::kArming;
+  bus_off_ = true;
+  bus_off_tick_ = tick_;
+  if (!told) emit(EventKind::kWatchdog, {Cause::kBusOff, -1, 1.0, 0.0});
 }
 
 bool Core::all_answered() const noexcept {

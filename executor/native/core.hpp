@@ -58,6 +58,8 @@ class Core {
   void write() noexcept;
   void publish(std::int64_t lateness_ns) noexcept;
 
+  void hear_foreign_master() noexcept;
+  void hear_bus_off() noexcept;
   void count_answers() noexcept;
   void listen_to_front_end() noexcept;
   void follow_measurement() noexcept;
@@ -71,6 +73,7 @@ class Core {
   void take_commands() noexcept;
   void take_command(const Command& command) noexcept;
   Refused arm() noexcept;
+  Cause unfit_bus() const noexcept;
   Refused disarm() noexcept;
   Refused reset() noexcept;
   Refused set_speed(double value) noexcept;
@@ -84,6 +87,7 @@ class Core {
 
   // core_stops.cpp: watchdogs, stops, transitions
   void watch() noexcept;
+  Observed observed() const noexcept;
   void warn_late_answers() noexcept;
   void watch_estop() noexcept;
   void watch_powered() noexcept;
@@ -95,9 +99,11 @@ class Core {
   void brake_stays_open(int joint) noexcept;
   Trip find_following_error() const noexcept;
   void watch_arming() noexcept;
+  void watch_disarmed() noexcept;
   void watch_reset() noexcept;
   void choose_request() noexcept;
-  void stop(const Trip& trip) noexcept;        // by the category of its cause
+  void stop(const Trip& trip) noexcept;  // by the category of its cause
+  void act_on(const Finding& finding) noexcept;
   void drives_off(const Trip& trip) noexcept;  // category 0 whatever the cause
   void stop_with(const Trip& trip, Trigger trigger) noexcept;
   void apply(Trigger trigger) noexcept;
@@ -190,7 +196,9 @@ class Core {
   bool clock_started_ = false;
   std::uint32_t tx_failed_in_a_row_ = 0;
   bool foreign_master_ = false;
+  std::uint64_t foreign_until_tick_ = 0;  // one that was heard counts as there until then
   bool bus_off_ = false;
+  std::uint64_t bus_off_tick_ = 0;
   bool bus_closed_ = false;
   double stop1_guard_s_ = 1.0;
   double front_end_silence_s_ = 0.0;

@@ -60,6 +60,8 @@ void Core::take_command(const Command& command) noexcept {
 Refused Core::arm() noexcept {
   if (state_ != State::kDisarmed || quit_ || !estop_.closed())
     return {Refusal::kState, -1, double(static_cast<int>(state_)), 1.0};
+  if (const Cause cause = unfit_bus(); cause != Cause::kNone)
+    return {Refusal::kState, -1, double(static_cast<std::uint16_t>(cause)), 0.0};
   const Silence silence = find_silence(config_, age_, torque_age_, config_.feedback_fault_ticks);
   if (silence.joint >= 0) return {Refusal::kState, silence.joint, silence.age, silence.limit};
   for (int joint = 0; joint < config_.dof; ++joint) {
@@ -72,6 +74,13 @@ Refused Core::arm() noexcept {
   ++epoch_;
   apply(Trigger::kArm);
   return {};
+}
+
+// What on the bus speaks against switching drives on. The front end tells it by this number.
+Cause Core::unfit_bus() const noexcept {
+  if (tick_ < foreign_until_tick_) return Cause::kForeignMaster;
+  if (bus_off_) return Cause::kBusOff;
+  return check_bus(config_, observed()).trip.cause;
 }
 
 Refused Core::disarm() noexcept {

@@ -24,7 +24,8 @@ void Core::watch() noexcept {
     stop(silence);
   }
   front_end_lost_ = silent;
-  if (foreign_master_ && front_end_lost_ && (state_ == State::kHold || !powered())) {
+  const bool off = !powered() && sent_.request == DriveRequest::kDisable;
+  if (foreign_master_ && front_end_lost_ && off) {
     quit_done_ = true;  // nobody commands this core any more and another one has taken over
     return;
   }
@@ -33,6 +34,8 @@ void Core::watch() noexcept {
     watch_powered();
   } else if (state_ == State::kArming) {
     watch_arming();
+  } else if (state_ == State::kDisarmed) {
+    watch_disarmed();
   }
   if (!powered()) (void)plausibility_.check(drives_, age_, sent_q_ref_, false);
   watch_warnings();
@@ -41,20 +44,18 @@ void Core::watch() noexcept {
   foreign_master_ = false;
 }
 
+Observed Core::observed() const noexcept {
+  return {drives_,         age_,     torque_age_,     tx_failed_in_a_row_,
+          foreign_master_, bus_off_, foreign_.load(), foreign_.limit()};
+}
+
 // Every finding is tried in this order; the first that leads to a harder stop than the one under way takes it.
 void Core::watch_powered() noexcept {
-  const Observed seen{drives_, age_, torque_age_, tx_failed_in_a_row_, foreign_master_, bus_off_};
   warn_late_answers();
-  if (foreign_.load() > foreign_.limit()) stop({Cause::kBusLoad, -1, foreign_.load(), foreign_.limit()});
-  for (const auto& check : {check_feedback, check_drives}) {
-    const Finding finding = check(config_, seen);
-    if (!finding.trip) continue;
+  for (const auto& check : {check_bus, check_feedback, check_drives}) {
+    const Finding finding = check(config_, observed());
     const bool on_purpose = finding.trip.cause == Cause::kDriveNotEnabled && (closing_brakes_ || reenabling_);
-    if (on_purpose) continue;
-    if (finding.drives_off)
-      drives_off(finding.trip);
-    else
-      stop(finding.trip);
+    if (!on_purpose) act_on(finding);
   }
   if (!closing_brakes_ && !reenabling_) stop(check_brakes(config_, drives_));
   stop(find_following_error());
@@ -173,6 +174,10 @@ void Core::warn_late_answers() noexcept {
 }
 
 void Core::watch_arming() noexcept {
+  if (const Finding bus = check_bus(config_, observed()); bus.trip) {
+    act_on(bus);
+    return;
+  }
   const Silence silence = find_silence(config_, age_, torque_age_, config_.feedback_fault_ticks);
   const int faulty = first_in_fault(), waiting = first_not_enabled();
   const Trip brake = check_brakes(config_, drives_);
@@ -188,6 +193,14 @@ void Core::watch_arming() noexcept {
     stop({Cause::kArmingTimeout, waiting, double(static_cast<int>(drives_[waiting].state)),
           double(static_cast<int>(DriveState::kOperationEnabled))});
   }
+}
+
+// A bus-off is over when every drive has answered to what left after it.
+void Core::watch_disarmed() noexcept {
+  bool answers = true;
+  for (int joint = 0; joint < config_.dof; ++joint)
+    answers &= drives_[joint].seen && drives_[joint].answered_tick >= bus_off_tick_;
+  if (answers) bus_off_ = false;
 }
 
 // A latch clears when every drive answers and none is in fault, and not by itself: only after a fresh RESET. One that
@@ -237,6 +250,13 @@ void Core::stop(const Trip& trip) noexcept {
     case StopCategory::kCat0: stop_with(trip, Trigger::kStopCat0); return;
     case StopCategory::kNone: return;
   }
+}
+
+void Core::act_on(const Finding& finding) noexcept {
+  if (finding.drives_off)
+    drives_off(finding.trip);
+  else
+    stop(finding.trip);
 }
 
 void Core::drives_off(const Trip& trip) noexcept { stop_with(trip, Trigger::kStopCat0); }

@@ -33,11 +33,17 @@ Finding check_feedback(const Config& config, const Observed& seen) noexcept {
   return {};
 }
 
-Finding check_drives(const Config& config, const Observed& seen) noexcept {
-  if (seen.bus_off) return {{Cause::kBusOff, -1, 1.0, 0.0}, true};
+Finding check_bus(const Config& config, const Observed& seen) noexcept {
+  if (seen.bus_off) return {{Cause::kBusOff, -1, 1.0, 0.0}, true};  // the hardest first: only one is told
+  if (seen.foreign_load > seen.foreign_load_limit)
+    return {{Cause::kBusLoad, -1, seen.foreign_load, seen.foreign_load_limit}, false};
   if (seen.foreign_master) return {{Cause::kForeignMaster, -1, 1.0, 0.0}, false};
   if (seen.tx_failed_in_a_row > static_cast<std::uint32_t>(config.drive_extrapolation_ticks))
     return {{Cause::kTxFailed, -1, double(seen.tx_failed_in_a_row), double(config.drive_extrapolation_ticks)}, false};
+  return {};
+}
+
+Finding check_drives(const Config& config, const Observed& seen) noexcept {
   for (int joint = 0; joint < config.dof; ++joint) {
     const JointFeedback& drive = seen.drives[joint];
     if (drive.state == DriveState::kFault || drive.state == DriveState::kFaultReaction)

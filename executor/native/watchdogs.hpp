@@ -13,6 +13,7 @@ struct Observed {
   std::uint32_t tx_failed_in_a_row;  // [ticks]
   bool foreign_master;
   bool bus_off;
+  double foreign_load, foreign_load_limit;  // share of the bus
 };
 
 struct Finding {
@@ -29,7 +30,9 @@ Silence find_silence(const Config& config, const Ages& age, const Ages& torque_a
 
 // Age of the newest answer of each joint while drives are powered; the worst joint counts.
 Finding check_feedback(const Config& config, const Observed& seen) noexcept;
-// Bus and drives while powered.
+// The bus, as soon as a drive is asked to switch on.
+Finding check_bus(const Config& config, const Observed& seen) noexcept;
+// Drives while powered.
 Finding check_drives(const Config& config, const Observed& seen) noexcept;
 
 // Late wake-ups within one second.

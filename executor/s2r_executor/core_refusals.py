@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from s2r_executor.core import CoreSnapshot
+from s2r_executor.fault_table import FAULTS
 from s2r_executor.plan import CommandRefusedError
-from s2r_executor.status import LOOK_AT, NEVER_TICKS
+from s2r_executor.status import LOOK_AT, NEVER_TICKS, known_cause
 from s2r_protocol.faults import ExecutorState, Refusal
 from s2r_protocol.proto import s2r_pb2 as pb
 
@@ -36,7 +37,8 @@ def refused_command(
         why_not_moving: What there is to say where no joint is the reason.
     """
     command = f"the core refused {pb.ControlKind.Name(kind)}"
-    told = _about_a_joint(kind, event) if 0 <= event["joint"] < len(joint_names) else None
+    about_a_joint = 0 <= event["joint"] < len(joint_names)
+    told = _about_a_joint(kind, event) if about_a_joint else _about_the_bus(kind, event)
     if told is None:
         state = ExecutorState(core.state).name
         return _refusal(event, joint_names, f"{command} in {state}. {why_not_moving}", "state")
@@ -72,6 +74,14 @@ def _about_a_joint(kind: int, event: np.void) -> tuple[str, str] | None:
             "brake",
         )
     return None
+
+
+def _about_the_bus(kind: int, event: np.void) -> tuple[str, str] | None:
+    """What is wrong with the bus, where that is why no drive is switched on: the value is its cause then."""
+    if kind != pb.ARM or event["limit"] != 0.0:
+        return None
+    cause = known_cause(int(event["value"]))
+    return f"{FAULTS[cause].meaning}; mend that, then 's2r arm' again", "bus"
 
 
 def _refusal(event: np.void, joint_names: tuple[str, ...], text: str, quantity: str) -> CommandRefusedError:

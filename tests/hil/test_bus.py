@@ -8,6 +8,7 @@ from hil_bench import (
     INFO,
     LATCH,
     LIMITS,
+    REJECTED,
     RESET,
     STOP_BEGUN,
     WATCHDOG,
@@ -239,6 +240,54 @@ def test_t39_a_second_master_on_the_classical_bus_stops_the_arm(make_bench, fram
     bench.step(3)
     assert bench.events(STOP_BEGUN)[0]["cause"] == Cause.FOREIGN_MASTER
     assert bench.events(STOP_BEGUN)[0]["tick"] - tick <= 2
+
+
+STRAY = CanFrame(0x000, b"\x01\x63")  # network management of a node that nobody is: a master speaks
+
+
+@pytest.mark.parametrize("packing", ["fd", "classic"])
+def test_t39_beside_a_second_master_no_arming_begins(make_bench, packing):
+    bench = make_bench(packing=packing)
+    bench.step(20)
+    other = bench.join()
+    bench.step(20, each=lambda: other.send(STRAY.pack()))
+    bench.command(ARM_)
+    bench.step(20, each=lambda: other.send(STRAY.pack()))
+    assert [e["value"] for e in bench.events(REJECTED)] == [Cause.FOREIGN_MASTER]
+    assert bench.now.state == ExecutorState.DISARMED
+    assert {d.state for d in bench.plant.drives} == {DriveState.SWITCH_ON_DISABLED}
+
+
+@pytest.mark.parametrize("packing", ["fd", "classic"])
+@pytest.mark.parametrize("cause", [Cause.FOREIGN_MASTER, Cause.BUS_OFF], ids=lambda cause: cause.name)
+def test_t39_the_bus_is_watched_while_the_drives_are_switched_on(make_bench, packing, cause):
+    bench = make_bench(packing=packing)
+    bench.step(20)
+    bench.plant.drives[3].brake_stuck = False  # opens late
+    bench.command(ARM_)
+    bench.until(lambda s: s.drive_state[0] == DriveState.OPERATION_ENABLED, 20)
+    assert bench.now.state == ExecutorState.ARMING
+    tick = bench.tick
+    if cause == Cause.FOREIGN_MASTER:
+        bench.join().send(STRAY.pack())
+    else:
+        bench.say(CanFrame(CAN_ERR_BUSOFF, bytes(8), is_error=True))
+    bench.step(3)
+    assert bench.now.state == ExecutorState.FAULT
+    bench.one_cause(cause)
+    assert bench.events(STOP_BEGUN)[0]["tick"] - tick <= 2
+
+
+@pytest.mark.parametrize("packing", ["fd", "classic"])
+def test_t38_a_bus_off_before_arming_does_not_come_back_at_it(make_bench, packing):
+    bench = make_bench(packing=packing)
+    bench.step(20)
+    bench.say(CanFrame(CAN_ERR_BUSOFF, bytes(8), is_error=True))
+    bench.step(100)
+    assert [e["cause"] for e in bench.events(WATCHDOG)] == [Cause.BUS_OFF]
+    bench.arm()
+    bench.step(20)
+    assert bench.now.state == ExecutorState.HOLD
 
 
 def test_t40_a_full_transmit_queue_blocks_nothing_and_is_counted(bench):

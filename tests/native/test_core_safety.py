@@ -330,12 +330,120 @@ def test_second_master_on_the_bus_stops_the_arm(moving):
     assert moving.state.cause == Cause.FOREIGN_MASTER
 
 
-def test_forgotten_core_gives_way_to_a_new_master(armed):
+FOREIGN_SET = ((0x080, bytes(64), True),)
+BUS_OFF_FRAME = ((0x2000_0040, bytes(8), False),)
+
+
+def test_forgotten_core_switches_its_drives_off_and_gives_way_to_a_new_master(armed):
     armed.beats = False
     armed.step(150)
-    assert not armed.core.finished
-    armed.step(extra=((0x080, bytes(64), True),))
+    armed.step(50, extra=FOREIGN_SET)
     assert armed.core.finished
+    assert armed.drives.setpoints[-1][1] == 0
+    assert armed.drives.state == [1] * 7
+
+
+def test_one_stray_frame_does_not_end_a_forgotten_core(armed):
+    armed.beats = False
+    armed.step(150)
+    armed.step(extra=((0x000, b"\x01\x00", False),))
+    armed.step(50)
+    assert not armed.core.finished
+    assert (armed.state.state, armed.state.cause) == (ExecutorState.FAULT, Cause.FOREIGN_MASTER)
+    assert armed.drives.state == [1] * 7
+
+
+def test_forgotten_core_does_not_leave_while_its_drives_still_brake(moving):
+    moving.step(5, extra=FOREIGN_SET)
+    moving.drives.silent.add(5)
+    moving.until(lambda s: s.state == ExecutorState.FAULT, 20)
+    assert moving.drives.ctrl == 3
+    moving.beats = False
+    moving.step(300, extra=FOREIGN_SET)
+    assert not moving.core.finished
+    moving.step(800, extra=FOREIGN_SET)
+    assert moving.core.finished
+    assert moving.drives.setpoints[-1][1] == 0
+
+
+def arming(cell):
+    """One drive takes its time."""
+    cell.step(3)
+    cell.drives.stuck[3] = 3
+    cell.command(ARM)
+    cell.step(5)
+    assert cell.state.state == ExecutorState.ARMING
+    return cell
+
+
+@pytest.mark.parametrize(
+    ("happens", "ticks", "cause"),
+    [
+        ({"extra": FOREIGN_SET}, 1, Cause.FOREIGN_MASTER),
+        ({"extra": BUS_OFF_FRAME}, 1, Cause.BUS_OFF),
+        ({"send_fails": True}, 5, Cause.TX_FAILED),
+        ({"extra": 8 * ((0x001, bytes(8), False),)}, 10, Cause.BUS_LOAD),
+    ],
+    ids=["second master", "bus-off", "setpoints do not leave", "flooded"],
+)
+def test_what_is_wrong_with_the_bus_ends_an_arming(cell, happens, ticks, cause):
+    arming(cell).step(ticks, **happens)
+    assert (cell.state.state, cell.state.cause) == (ExecutorState.FAULT, cause)
+    cell.step(2)
+    assert cell.drives.ctrl == 0
+
+
+def test_arming_is_refused_while_another_master_is_heard(cell):
+    cell.step(3)
+    cell.step(extra=FOREIGN_SET)
+    cell.step(95)
+    cell.command(ARM)
+    cell.step()
+    (refused,) = cell.events(REJECTED)
+    assert (refused["cause"], refused["value"], refused["limit"]) == (
+        Refusal.STATE,
+        Cause.FOREIGN_MASTER,
+        0,
+    )
+    assert {ctrl for _, ctrl, _ in cell.drives.setpoints} == {0}
+    cell.step(5)
+    cell.command(ARM)
+    cell.until(lambda s: s.state == ExecutorState.HOLD, 20)
+
+
+def test_arming_is_refused_while_setpoints_do_not_leave(cell):
+    cell.step(3)
+    cell.step(4, send_fails=True)
+    cell.command(ARM)
+    cell.step(send_fails=True)
+    assert [e["value"] for e in cell.events(REJECTED)] == [Cause.TX_FAILED]
+    assert cell.state.state == ExecutorState.DISARMED
+
+
+def test_a_bus_off_without_power_is_told_and_over_when_all_drives_answer_again(cell):
+    cell.step(3)
+    cell.step(extra=BUS_OFF_FRAME)
+    assert causes(cell, WATCHDOG) == [(Cause.BUS_OFF, -1)]
+    cell.step(3)
+    cell.arm()
+    cell.step(100)
+    assert cell.state.state == ExecutorState.HOLD
+    assert cell.events(STOP_BEGUN) == []
+
+
+def test_arming_is_refused_until_all_drives_have_answered_after_a_bus_off(cell):
+    cell.step(3)
+    cell.drives.silent.add(4)
+    cell.step(extra=BUS_OFF_FRAME)
+    cell.step(5, extra=BUS_OFF_FRAME)
+    cell.command(ARM)
+    cell.step()
+    assert [e["value"] for e in cell.events(REJECTED)] == [Cause.BUS_OFF]
+    assert causes(cell, WATCHDOG) == [(Cause.BUS_OFF, -1)]  # once
+    cell.drives.silent.clear()
+    cell.step(2)
+    cell.command(ARM)
+    cell.until(lambda s: s.state == ExecutorState.HOLD, 20)
 
 
 def test_bus_off_latches(armed):

@@ -751,6 +751,20 @@ def test_arming_with_a_drive_that_fell_silent_names_joint_age_and_limit(rig, mon
     assert error.value > error.limit == rig.front_end.config.core.feedback_fault_ticks
 
 
+def test_arming_beside_a_second_master_is_refused_for_it(rig):
+    rig.front_end.lease(address(rig), release=False)
+    rig.core.advance(5)
+    rig.core._answers.append((0x000, b"\x01\x63", False))
+    rig.core.advance()
+    with pytest.raises(CommandRefusedError) as refused:
+        rig.front_end.control(address(rig), pb.ARM, 0.0)
+    error = refused.value
+    assert str(error).startswith(
+        "the core refused ARM: somebody else sends setpoints or network commands on the bus; mend that"
+    )
+    assert (error.code, error.joint, error.quantity) == (Refusal.STATE, "", "bus")
+
+
 def test_arming_outside_a_position_limit_names_joint_place_and_limit(rig, arm):
     q = arm.limits.q_max[1] + 0.1
     rig.core._plant.q[1] = rig.core.drives[1]._q_brake = q
