@@ -172,6 +172,7 @@ void Core::evaluate() noexcept {
   motion_.advance();
   if (motion_.plan() == before) return;
   plan_id_ = motion_.plan()->id;  // a spliced plan has taken over
+  path_tolerance_ = motion_.plan()->path_tolerance;
   plan_done_ = false;
   emit(EventKind::kPlanStarted, {Cause::kNone, -1, motion_.plan()->duration(), 0.0});
   release_plans();

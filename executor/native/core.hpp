@@ -163,6 +163,7 @@ class Core {
   std::uint64_t next_plan_order_ = 1;
   std::uint64_t plan_id_ = 0;
   double plan_t_ = 0.0;
+  double path_tolerance_ = 0.0;  // of the plan that plays, or whose end is held; 0 = the configured one
   bool plan_done_ = false;
   std::uint64_t settling_ticks_ = 0;
 

@@ -71,6 +71,7 @@ Refused Core::arm() noexcept {
   }
   cause_ = {};
   speed_ = 1.0;
+  path_tolerance_ = 0.0;
   ++epoch_;
   apply(Trigger::kArm);
   return {};
@@ -165,6 +166,7 @@ void Core::take_plan() noexcept {
     cause_ = {};
     plan_id_ = plan.id;
     plan_t_ = 0.0;
+    path_tolerance_ = plan.path_tolerance;
     plan_done_ = false;
     settling_ticks_ = 0;
     motion_.start(plan, allowed_speed());

@@ -372,8 +372,7 @@ int Core::oldest_answer() const noexcept {
 }
 
 double Core::path_tolerance() const noexcept {
-  const double asked = motion_.has_plan() ? motion_.plan()->path_tolerance : 0.0;
-  return asked > 0.0 ? asked : config_.path_tolerance_rad;
+  return path_tolerance_ > 0.0 ? path_tolerance_ : config_.path_tolerance_rad;
 }
 
 double Core::goal_tolerance() const noexcept {

@@ -11,7 +11,7 @@ from s2r_executor.checks.bounds import check_bounds
 from s2r_executor.checks.collision import CollisionModel
 from s2r_executor.checks.dynamics import InverseDynamics, check_torque
 from s2r_executor.checks.form import check_form, check_start
-from s2r_executor.config import AdmissionConfig
+from s2r_executor.config import AdmissionConfig, CoreConfig
 from s2r_executor.plan import AdmittedPlan, CommandRefusedError, PlanRequest
 from s2r_executor.quintic import minimum_jerk, sample, spline_through
 from s2r_executor.stop_ramps import load_along, stop_durations
@@ -28,17 +28,10 @@ START_FADE_S = 0.2
 class Admission:
     """Checks plans for one arm. Keeps no state between plans; not thread-safe (scratch memory of the libraries)."""
 
-    def __init__(
-        self,
-        arm: ArmDescription,
-        config: AdmissionConfig,
-        path_tolerance_rad: float,
-        goal_tolerance_rad: float,
-    ) -> None:
+    def __init__(self, arm: ArmDescription, config: AdmissionConfig, core: CoreConfig) -> None:
         self._arm = arm
         self._config = config
-        self._path_tolerance_rad = path_tolerance_rad
-        self._goal_tolerance_rad = goal_tolerance_rad
+        self._core = core
         self._dynamics = InverseDynamics(arm)
         self._collision = CollisionModel(arm, config)
 
@@ -90,6 +83,7 @@ class Admission:
 
     def _check_motion(self, plan: PlanRequest) -> AdmittedPlan:
         names, config, limits = self._arm.joint_names, self._config, self._arm.limits
+        path_tolerance, goal_tolerance = _tolerances(plan, self._core)
         # Absurdly large numbers overflow to inf or NaN here; the checks refuse both, so no warning is needed.
         with np.errstate(over="ignore", invalid="ignore"):
             spline = spline_through(plan.t, plan.q, plan.dq, plan.ddq)
@@ -110,12 +104,29 @@ class Admission:
             dq=plan.dq,
             ddq=plan.ddq,
             stop_duration=stops,
-            path_tolerance=plan.path_tolerance or self._path_tolerance_rad,
-            goal_tolerance=plan.goal_tolerance or self._goal_tolerance_rad,
+            path_tolerance=path_tolerance,
+            goal_tolerance=goal_tolerance,
             tau_rest=tau_rest,
             tau_move=tau[np.searchsorted(grid.t, plan.t)],
             margins=margins,
         )
+
+
+def _tolerances(plan: PlanRequest, core: CoreConfig) -> tuple[float, float]:
+    """Of the path and at the goal [rad]. An arm at rest farther off than its following window allows is stopped."""
+    path = plan.path_tolerance or core.path_tolerance_rad
+    at_rest = core.following_rest_share * path
+    if plan.goal_tolerance > at_rest:
+        raise CommandRefusedError(
+            Refusal.POSITION,
+            f"goal_tolerance = {plan.goal_tolerance:g} rad: at rest a joint may be off by {at_rest:g} rad at most, a "
+            f"share of {core.following_rest_share:g} of the path tolerance; send a path_tolerance that is larger by as "
+            "much, or a smaller goal_tolerance",
+            quantity="goal_tolerance",
+            value=plan.goal_tolerance,
+            limit=at_rest,
+        )
+    return path, plan.goal_tolerance or min(core.goal_tolerance_rad, at_rest)
 
 
 def _meets(plan: PlanRequest, start: PathState) -> bool:

@@ -116,9 +116,7 @@ class FrontEnd:
         self._idle = idle
         self._speed_cap = speed_cap
         self._lease = Lease(config.effective_host_timeout_s)
-        self._admission = Admission(
-            arm, config.admission, config.core.path_tolerance_rad, config.core.goal_tolerance_rad
-        )
+        self._admission = Admission(arm, config.admission, config.core)
         self._command_lock = threading.Lock()  # one command at a time; STOP does not wait for it
         self._ring_lock = threading.Lock()  # the core's command rings have one producer
         self._lease_lock = threading.Lock()

@@ -24,7 +24,7 @@ class PlanRequest:
         splice_t: Plan time of the parent at which this one begins [s].
         payload_mass: At the tool frame [kg].
         payload_com: Its centre of mass in the tool frame [m].
-        path_tolerance: Largest following error [rad]; 0 = the executor's default.
+        path_tolerance: Largest following error [rad], also while its end is held; 0 = the executor's default.
         goal_tolerance: At the end [rad]; 0 = the executor's default.
         label: Free text for recordings.
     """

@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from s2r_executor.admission import Admission
-from s2r_executor.config import AdmissionConfig
+from s2r_executor.config import AdmissionConfig, CoreConfig
 from s2r_executor.plan import PlanRequest
 from s2r_protocol.arms import load_arm
 
@@ -31,7 +31,7 @@ def plan(knots: int, duration_s: float) -> PlanRequest:
 
 def main() -> None:
     arm = load_arm("xmate3pro")
-    admission = Admission(arm, AdmissionConfig(), 0.05, 0.02)
+    admission = Admission(arm, AdmissionConfig(), CoreConfig())
     found = {}
     for knots, duration_s in ((40, 2.0), (500, 5.0), (500, 10.0), (4000, 40.0)):
         request = plan(knots, duration_s)

@@ -183,6 +183,62 @@ def test_plan_may_ask_for_a_tighter_path_tolerance(armed, plan_from):
     assert armed.state.cause == Cause.FOLLOWING
 
 
+def pressed_away(cell, plan, error, **tolerances):
+    """Play a plan while contact holds the first joint back, in the end by ``error`` rad."""
+    cell.submit(plan, 1, **tolerances)
+    for i in range(500):
+        cell.drives.offset[0] = round(error * i / 500 / 4e-9)
+        cell.step()
+    return cell
+
+
+@pytest.mark.parametrize(
+    ("goal_tolerance", "stop", "cause"),
+    [(0.1, False, Cause.NONE), (0.02, False, Cause.GOAL_TOLERANCE), (0.1, True, Cause.STOP_REQUESTED)],
+    ids=["plan done", "goal missed", "stopped"],
+)
+def test_the_end_of_a_plan_is_held_within_its_own_path_tolerance(
+    armed, plan_from, goal_tolerance, stop, cause
+):
+    plan = plan_from(armed.state.q_ref)
+    pressed_away(armed, plan, 0.06, path_tolerance=0.2, goal_tolerance=goal_tolerance)
+    if stop:
+        armed.command(STOP)
+    armed.step(5000)
+    assert (armed.state.state, armed.state.cause) == (ExecutorState.HOLD, cause)
+    for i in range(500):
+        armed.drives.offset[0] = round((0.06 + 0.05 * i / 500) / 4e-9)
+        armed.step()
+    assert armed.state.cause == Cause.FOLLOWING
+    assert armed.state.cause_limit == pytest.approx(0.1, rel=1e-3)
+
+
+def test_an_arming_forgets_the_path_tolerance_of_the_last_plan(armed, plan_from):
+    pressed_away(armed, plan_from(armed.state.q_ref), 0.0, path_tolerance=0.2)
+    armed.until(lambda s: s.plan_done)
+    armed.step(500)
+    armed.command(DISARM)
+    armed.until(lambda s: s.state == ExecutorState.DISARMED, 50)
+    armed.arm()
+    for i in range(20):
+        armed.drives.offset[0] = round(0.03 * i / 20 / 4e-9)
+        armed.step()
+    assert armed.state.cause == Cause.FOLLOWING
+    assert armed.state.cause_limit == pytest.approx(0.025, rel=1e-3)
+
+
+def test_the_next_plan_brings_its_own_path_tolerance(armed, plan_from):
+    pressed_away(armed, plan_from(armed.state.q_ref), 0.0, path_tolerance=0.2)
+    armed.until(lambda s: s.plan_done)
+    armed.submit(plan_from(armed.state.q_ref, distance=0.01), 2)
+    armed.until(lambda s: s.plan_done and s.plan_id == 2)
+    armed.step(500)
+    for i in range(20):
+        armed.drives.offset[0] = round(0.03 * i / 20 / 4e-9)
+        armed.step()
+    assert armed.state.cause_limit == pytest.approx(0.025, rel=1e-3)
+
+
 def test_following_error_stop_is_anchored_on_the_reference(armed, plan_from, use_of_limits):
     armed.run_plan(plan_from(armed.state.q_ref))
     armed.step(600)

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from s2r_executor.admission import Admission
-from s2r_executor.config import AdmissionConfig
+from s2r_executor.config import AdmissionConfig, CoreConfig
 from s2r_executor.plan import CommandRefusedError, PlanRequest
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.collision import Clearance, CollisionChecker
@@ -16,7 +16,7 @@ from s2r_host.trajectory import time_law
 from s2r_protocol.arms import load_arm
 
 ARM = load_arm("xmate3pro")
-ADMISSION = Admission(ARM, AdmissionConfig(), path_tolerance_rad=0.05, goal_tolerance_rad=0.02)
+ADMISSION = Admission(ARM, AdmissionConfig(), CoreConfig())
 # S2R_PLANS=1000 is the full count; it takes minutes.
 PLANS = int(os.environ.get("S2R_PLANS", "25"))
 BATCH = 5

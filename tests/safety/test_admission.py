@@ -14,7 +14,7 @@ from s2r_executor.admission import Admission
 from s2r_executor.bridge_motion import PathState, bridge
 from s2r_executor.checks.bounds import check_bounds
 from s2r_executor.checks.collision import CollisionModel
-from s2r_executor.config import AdmissionConfig, BoxZone
+from s2r_executor.config import AdmissionConfig, BoxZone, CoreConfig
 from s2r_executor.plan import CommandRefusedError, PlanRequest
 from s2r_executor.quintic import sample, spline_through
 from s2r_protocol.arms import ArmDescription, load_arm
@@ -24,7 +24,7 @@ from s2r_protocol.faults import Refusal
 ARM = load_arm("xmate3pro")
 NAMES = ARM.joint_names
 Q = np.array([0.0, 0.3, 0.0, 1.2, 0.0, 0.6, 0.0])  # stretched out in front, far from the table and itself
-ADMISSION = Admission(ARM, AdmissionConfig(), path_tolerance_rad=0.05, goal_tolerance_rad=0.02)
+ADMISSION = Admission(ARM, AdmissionConfig(), CoreConfig())
 
 
 def move(delta, duration_s, q0=Q, knots=2):
@@ -126,7 +126,7 @@ def test_times_that_do_not_rise_from_zero_are_refused(times, quantity):
 
 def test_a_plan_longer_than_allowed_is_refused():
     config = AdmissionConfig(max_duration_s=5.0)
-    admission = Admission(ARM, config, 0.05, 0.02)
+    admission = Admission(ARM, config, CoreConfig())
     admission.admit(move(one_joint(0, 0.1), 5.0), Q)
     assert refused(move(one_joint(0, 0.1), 5.001), admission=admission).quantity == "duration"
 
@@ -138,7 +138,7 @@ def test_too_few_knots_are_refused(knots):
 
 
 def test_the_largest_number_of_knots_is_admitted_and_one_more_is_refused():
-    admission = Admission(ARM, AdmissionConfig(max_knots=50), 0.05, 0.02)
+    admission = Admission(ARM, AdmissionConfig(max_knots=50), CoreConfig())
     admission.admit(move(one_joint(0, 0.1), 2.0, knots=50), Q)
     error = refused(move(one_joint(0, 0.1), 2.0, knots=51), admission=admission)
     assert (error.code, error.value, error.limit) == (Refusal.SIZE, 51, 50)
@@ -268,12 +268,22 @@ def test_a_splice_too_far_from_the_running_plan_is_refused_with_its_numbers():
     ("field", "limit"), [("path_tolerance", 0.2), ("goal_tolerance", 0.1), ("payload_mass", 3.0)]
 )
 def test_tolerances_and_payload_have_bounds(field, limit):
-    plan = move(one_joint(0, 0.01), 3.0)
+    plan = replace(move(one_joint(0, 0.01), 3.0), path_tolerance=0.2)
     ADMISSION.admit(replace(plan, **{field: limit}), Q)
     assert refused(replace(plan, **{field: np.nextafter(limit, 9.0)})).quantity == field
     error = refused(replace(plan, **{field: -1e-9}))
     assert error.quantity == field
     assert f"or start the executor with another admission.max_{field.removesuffix('_mass')}" in str(error)
+
+
+@pytest.mark.parametrize("path", [0.0, 0.01, 0.1])
+def test_a_goal_tolerance_beyond_what_the_following_window_allows_at_rest_is_refused(path):
+    plan = replace(move(one_joint(0, 0.01), 3.0), path_tolerance=path)
+    limit = 0.5 * (path or 0.05)
+    assert ADMISSION.admit(replace(plan, goal_tolerance=limit), Q).goal_tolerance == limit
+    error = refused(replace(plan, goal_tolerance=np.nextafter(limit, 9.0)))
+    assert (error.code, error.quantity, error.limit) == (Refusal.POSITION, "goal_tolerance", limit)
+    assert ADMISSION.admit(plan, Q).goal_tolerance == min(0.02, limit)
 
 
 # -- limits -------------------------------------------------------------------------------------------
@@ -388,7 +398,7 @@ def test_the_whole_admission_refuses_what_the_bounds_refuse():
 
 
 def test_torque_is_refused_only_with_the_payload():
-    admission = Admission(ARM, AdmissionConfig(), 0.05, 0.02)
+    admission = Admission(ARM, AdmissionConfig(), CoreConfig())
     stretched = np.array([0.0, 1.35, 0.0, 0.05, 0.0, 0.1, 0.0])
     plan = move(one_joint(0, 0.2), 3.0, stretched)
     admission.admit(plan, stretched)
@@ -404,9 +414,9 @@ def test_torque_boundary_is_met_from_both_sides():
     stretched = np.array([0.0, 1.35, 0.0, 0.05, 0.0, 0.1, 0.0])
     plan = move(one_joint(0, 0.2), 3.0, stretched)
     share = ADMISSION.admit(plan, stretched).margins["torque"]
-    Admission(ARM, AdmissionConfig(torque_margin=1 - share * 1.001), 0.05, 0.02).admit(plan, stretched)
+    Admission(ARM, AdmissionConfig(torque_margin=1 - share * 1.001), CoreConfig()).admit(plan, stretched)
     error = refused(
-        plan, stretched, Admission(ARM, AdmissionConfig(torque_margin=1 - share * 0.999), 0.05, 0.02)
+        plan, stretched, Admission(ARM, AdmissionConfig(torque_margin=1 - share * 0.999), CoreConfig())
     )
     assert error.code is Refusal.TORQUE
 
@@ -416,7 +426,7 @@ def test_torque_boundary_is_met_from_both_sides():
 
 def test_self_collision_only_in_the_middle_of_a_segment_is_found():
     """Folded up, the hand swings past the upper arm: free at both ends of its only segment, not between."""
-    admission = Admission(ARM, AdmissionConfig(table_z_m=None), 0.05, 0.02)
+    admission = Admission(ARM, AdmissionConfig(table_z_m=None), CoreConfig())
     left = np.array([0.0, 0.9, 0.4, 1.9, -0.5, 1.9, 0.0])
     right = left + one_joint(4, 0.8)
     for end in (left, right):
@@ -483,7 +493,7 @@ def test_a_pedestal_on_the_base_may_reach_below_the_table():
         "shapes": (*source.shapes, box),
     }
     arm = ArmDescription(source.model_copy(update=update), ARM.directory)
-    admission = Admission(arm, AdmissionConfig(), path_tolerance_rad=0.05, goal_tolerance_rad=0.02)
+    admission = Admission(arm, AdmissionConfig(), CoreConfig())
     admission.admit(move(one_joint(0, 0.1), 1.0), Q)
     assert "table" in refused(move(one_joint(1, 1.2), 3.0), Q, admission).quantity
 
@@ -491,7 +501,7 @@ def test_a_pedestal_on_the_base_may_reach_below_the_table():
 def test_a_thin_keep_out_wall_is_not_jumped_over():
     """A fast swing through a wall thinner than the distance between two time samples."""
     wall = BoxZone(name="wall", lower_m=(0.3, 0.0, 0.5), upper_m=(0.9, 0.001, 1.0))
-    admission = Admission(ARM, AdmissionConfig(keep_out=(wall,)), 0.05, 0.02)
+    admission = Admission(ARM, AdmissionConfig(keep_out=(wall,)), CoreConfig())
     left = Q + one_joint(0, 0.7)
     admission.admit(move(np.zeros(7), 1.0, left), left)
     error = refused(move(one_joint(0, -1.4), 2.0, left), left, admission)

@@ -118,9 +118,7 @@ class ForkedFrontEnd:
         listen: str | None = None,
     ) -> None:
         """Fork. With ``listen`` the child also receives Zenoh messages there. No threads may run in this process."""
-        admission = Admission(
-            arm, config.admission, config.core.path_tolerance_rad, config.core.goal_tolerance_rad
-        )
+        admission = Admission(arm, config.admission, config.core)
         self.pid = os.fork()
         if self.pid == 0:
             code = 1

@@ -34,9 +34,7 @@ def admission_time(repeats: int = 20, knots: int = 500) -> dict[str, float]:
 
     arm = load_arm("xmate3pro")
     config = load_config()
-    admission = Admission(
-        arm, config.admission, config.core.path_tolerance_rad, config.core.goal_tolerance_rad
-    )
+    admission = Admission(arm, config.admission, config.core)
     step = np.array([0.5, 0.3, -0.3, -0.3, 0.4, 0.3, 0.5])[: arm.dof]
     plan = smooth_request(arm, arm.q_home, step, 10.0, knots)
     model = pinocchio.buildModelFromXML(arm.urdf)
@@ -134,9 +132,7 @@ class SteppedArm:
         self.config = config
         self.process = CoreProcess(config, arm)
         self.core: Core = self.process.core
-        self.admission = Admission(
-            arm, config.admission, config.core.path_tolerance_rad, config.core.goal_tolerance_rad
-        )
+        self.admission = Admission(arm, config.admission, config.core)
         self.plan_id = 0
         self.events: list[np.ndarray] = []
         self.records: list[np.ndarray] = []

@@ -256,9 +256,7 @@ def _stop(
     step = np.zeros(arm.dof)
     step[0] = np.sign(running["dq_ref"][-1, 0]) * 0.4
     q[0] = running["q_ref"][-1, 0]
-    admission = Admission(
-        arm, config.admission, config.core.path_tolerance_rad, config.core.goal_tolerance_rad
-    )
+    admission = Admission(arm, config.admission, config.core)
     q[0] = arm.q_home[0] if step[0] > 0 else arm.q_home[0] + 0.4
     plan = admission.admit(smooth_request(arm, q, step, DURATION_S, KNOTS), q)
     stop = stop_after_kill(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from s2r_executor.admission import Admission
-from s2r_executor.config import AdmissionConfig, load_config
+from s2r_executor.config import AdmissionConfig, CoreConfig, load_config
 from s2r_executor.core_process import core_settings
 from s2r_executor.plan import PlanRequest
 from s2r_protocol.arms import load_arm
@@ -151,7 +151,7 @@ def arm():
 
 @pytest.fixture(scope="session")
 def admission(arm):
-    return Admission(arm, AdmissionConfig(), path_tolerance_rad=0.05, goal_tolerance_rad=0.02)
+    return Admission(arm, AdmissionConfig(), CoreConfig())
 
 
 @pytest.fixture
