@@ -144,6 +144,7 @@ RxResult PackingClassic::unpack(const Frame& frame, const DriveCommand& sent,
   }
   if (is_node(frame.id, kEmergencyId, dof_)) {
     const int joint = static_cast<int>(frame.id - kEmergencyId) - 1;
+    if (frame.length != 8) return {RxKind::kCorrupt, joint};
     drives[joint].error = get<std::uint16_t>(frame.data, 0);
     return {RxKind::kEmergency, joint};
   }

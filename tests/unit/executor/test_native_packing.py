@@ -163,6 +163,14 @@ def test_classical_answer_is_read_and_gives_the_velocity_by_difference(classic):
     assert classic.decode(0x084, struct.pack("<HB5x", 0x8130, 0), False) == (EMERGENCY, 3)
 
 
+@pytest.mark.parametrize("length", [0, 2, 7])
+def test_an_emergency_of_another_length_changes_no_error(classic, length):
+    classic.encode(10, 0, 2, np.zeros(7), np.zeros(7))
+    assert classic.decode(0x081, struct.pack("<HB5x", 0x4210, 1), False) == (EMERGENCY, 0)
+    assert classic.decode(0x081, bytes(length), False) == (CORRUPT, 0)
+    assert classic.drive(0)["error"] == 0x4210
+
+
 @pytest.mark.parametrize(
     ("statusword", "state"),
     [(0x00, 0), (0x40, 1), (0x31, 2), (0x33, 3), (0x37, 4), (0x17, 5), (0x1F, 6), (0x18, 7)],
