@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
-from dataclasses import replace
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +39,14 @@ class StrandedError(NoMotionError):
         self.planned, self.executed = planned, executed
 
 
+@dataclass(frozen=True, eq=False)
+class _Played:
+    """A motion, and when it took over from the one before, in that one's time [s]; infinite: that one was at rest."""
+
+    trajectory: Trajectory
+    splice_t: float = math.inf
+
+
 def carry_out_reactively(
     session: Session, belief: Belief, planned: PlannedManipulation, view: Observation
 ) -> tuple[PlannedManipulation, tuple[Executed, ...]]:
@@ -62,16 +73,16 @@ def carry_out_reactively(
         session.journal.warn(
             "the part cannot be followed from the view before it moves: the plan is played unseen"
         )
-    played = [planned.motions[0]]
+    played = [_Played(planned.motions[0].trajectory)]
     report: ReactiveReport | None = None
 
     def play(sent: list[Sent]) -> None:
         nonlocal report
 
-        def note(trajectory: Trajectory, label: str, verdict: Verdict) -> None:
+        def note(trajectory: Trajectory, label: str, verdict: Verdict, splice_t: float) -> None:
             if sent:
                 _close(session, sent[-1])
-                played.append(Motion(trajectory, label))
+                played.append(_Played(trajectory, splice_t))
             sent.append(session.note_sent(Motion(trajectory, label), verdict, session.status().tick))
 
         def forget() -> None:
@@ -98,8 +109,7 @@ def carry_out_reactively(
             session.play(play)
     except ArmStoppedError as error:
         _tell_problem(session, feed)
-        way_in = np.vstack([motion.trajectory.q for motion in played])
-        back_off(session, error, way_in, f"{planned.motions[0].label}: backing off")
+        back_off(session, error, _way_in(played), f"{planned.motions[0].label}: backing off")
         # Once another motion has taken over, the first one is not all of what moved the part.
         planned = replace(planned, stopped=True, corrected=len(played) > 1)
         return planned, tuple(session.executed[begun:])
@@ -113,6 +123,18 @@ def carry_out_reactively(
         raise StrandedError(text, planned, tuple(session.executed[begun:])) from error
     session.move(home)
     return planned, tuple(session.executed[begun:])
+
+
+def _way_in(played: Sequence[_Played]) -> np.ndarray:
+    """The joint path that motions made one after another, (n, dof) [rad].
+
+    What lay behind a splice was never played. The arm was not there, and it may lead into what it was stopped by.
+    """
+    rows: list[np.ndarray] = []
+    for one, following in itertools.pairwise(played):
+        motion, until_t = one.trajectory, min(following.splice_t, one.trajectory.duration_s)
+        rows += [motion.q[motion.t <= until_t], motion.sample(until_t)[0][None]]
+    return np.vstack([*rows, played[-1].trajectory.q])
 
 
 def _close(session: Session, sent: Sent) -> None:

@@ -99,7 +99,7 @@ def follow_reactively(
     first: Trajectory,
     restarts: int = 3,
     label: str = "reactive",
-    sent: Callable[[Trajectory, str, Verdict], None] = lambda motion, label, verdict: None,
+    sent: Callable[[Trajectory, str, Verdict, float], None] = lambda motion, label, verdict, splice_t: None,
     given_up: Callable[[], None] = lambda: None,
 ) -> ReactiveReport:
     """Play ``first`` and replace it by what the planner finds better, until the arm rests and nothing is better.
@@ -114,7 +114,8 @@ def follow_reactively(
         first: Begins where the arm is.
         restarts: Motions that may follow after the arm has come to rest.
         label: Of the plans.
-        sent: Told of every plan that was admitted.
+        sent: Told of every plan that was admitted, and when it takes over from the one before, in that one's time [s];
+            infinite where that one has come to rest.
         given_up: Told where the last of them never took over: the one before it was played to its end.
 
     Raises:
@@ -146,7 +147,7 @@ class _Following:
     planner: ReactivePlanner
     restarts: int
     label: str
-    sent: Callable[[Trajectory, str, Verdict], None]
+    sent: Callable[[Trajectory, str, Verdict, float], None]
     given_up: Callable[[], None]
     lead_s: float
     playing: _Plan = field(init=False)
@@ -235,7 +236,7 @@ class _Following:
         else:
             verdict = self.link.send_plan(motion, name, running=running.verdict, splice_t=splice_t)
         self.report.played.append((motion, verdict, splice_t))
-        self.sent(motion, name, verdict)
+        self.sent(motion, name, verdict, splice_t)
         return _Plan(motion, verdict)
 
 

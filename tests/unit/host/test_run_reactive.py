@@ -1,5 +1,6 @@
 """A manipulation that was corrected on its way and then stopped."""
 
+import math
 from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,10 +11,11 @@ import pytest
 
 from s2r_host.errors import ArmStoppedError, NoMotionError
 from s2r_host.link import Verdict
-from s2r_host.run import reactive
+from s2r_host.run import back_off, reactive
 from s2r_host.run.planned import PlannedManipulation
 from s2r_host.run.reactive import StrandedError
 from s2r_host.run.session import Motion
+from s2r_host.trajectory import Trajectory
 from s2r_host.trajectory.reactive_run import ReactiveReport
 from s2r_protocol.faults import Cause
 
@@ -26,15 +28,25 @@ class Feed(nullcontext):
     known, problem = True, ""
 
 
-def planned() -> PlannedManipulation:
-    trajectory: Any = SimpleNamespace(q=np.zeros((2, 7)))
+def straight(q_from, q_to, duration_s=1.0) -> Trajectory:
+    """From joint posture to joint posture [rad], each (7,)."""
+    still = np.zeros((11, 7))
+    return Trajectory(np.linspace(0.0, duration_s, 11), np.linspace(q_from, q_to, 11), still, still)
+
+
+STAYING = straight(np.zeros(7), np.zeros(7))
+
+
+def planned(trajectory: Trajectory) -> PlannedManipulation:
     request: Any = SimpleNamespace(s_initial=0.0)
     result: Any = SimpleNamespace(hook=None)
     motions = (Motion(trajectory, "manipulation 1"),)
     return PlannedManipulation(1, request, result, NOT_USED, NOT_USED, motions, NOT_USED)
 
 
-def carried_out(monkeypatch, follow, executed=()) -> tuple[PlannedManipulation, list]:
+def carried_out(
+    monkeypatch, follow, executed=(), first=STAYING, backed_off=lambda *_: None
+) -> tuple[PlannedManipulation, list]:
     """What comes of a manipulation that is followed like this, and the motions whose recordings are kept."""
     sent: list = []
 
@@ -51,8 +63,8 @@ def carried_out(monkeypatch, follow, executed=()) -> tuple[PlannedManipulation, 
     monkeypatch.setattr(reactive, "ReactivePlanner", lambda *_: None)
     monkeypatch.setattr(reactive, "LiveJoint", lambda *_: Feed())
     monkeypatch.setattr(reactive, "follow_reactively", follow)
-    monkeypatch.setattr(reactive, "back_off", lambda *_: None)
-    return reactive.carry_out_reactively(session, NOT_USED, planned(), NOT_USED)[0], sent
+    monkeypatch.setattr(reactive, "back_off", backed_off)
+    return reactive.carry_out_reactively(session, NOT_USED, planned(first), NOT_USED)[0], sent
 
 
 @pytest.mark.parametrize("corrections", [0, 1])
@@ -61,7 +73,7 @@ def test_a_stopped_motion_is_known_to_be_corrected_where_another_had_taken_over(
 
     def follow(_link, _feed, _planner, first, label, sent, given_up):
         for k in range(1 + corrections):
-            sent(first, label, Verdict(k, 0, 1.0))
+            sent(first, label, Verdict(k, 0, 1.0), math.inf)
         raise ArmStoppedError("met something", Cause.COLLISION)
 
     done, _ = carried_out(monkeypatch, follow)
@@ -71,8 +83,8 @@ def test_a_stopped_motion_is_known_to_be_corrected_where_another_had_taken_over(
 
 def test_a_continuation_that_never_took_over_is_none_of_the_motions(monkeypatch):
     def follow(_link, _feed, _planner, first, label, sent, given_up):
-        sent(first, label, Verdict(1, 0, 1.0))
-        sent(first, label, Verdict(2, 0, 1.0))
+        sent(first, label, Verdict(1, 0, 1.0), math.inf)
+        sent(first, label, Verdict(2, 0, 1.0), 0.5)
         given_up()
         raise ArmStoppedError("met something", Cause.COLLISION)
 
@@ -82,12 +94,49 @@ def test_a_continuation_that_never_took_over_is_none_of_the_motions(monkeypatch)
     assert [entry.seq for entry in sent] == [1]
 
 
+FAR_IN, ASIDE = np.array([1.0, 0, 0, 0, 0, 0, 0]), np.array([0, 0.1, 0, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("splice_t", "furthest"), [(0.43, 0.43), (math.inf, 1.0)], ids=["on the way", "from rest"]
+)
+def test_the_way_back_leads_past_what_was_played_and_nothing_else(monkeypatch, splice_t, furthest):
+    """What lay behind a splice leads on into what the arm was stopped by."""
+    first = straight(np.zeros(7), FAR_IN)
+    correction = straight(furthest * FAR_IN, furthest * FAR_IN + ASIDE)
+    q_stopped, ways_back = correction.sample(0.8)[0], []
+
+    def follow(_link, _feed, _planner, first, label, sent, given_up):
+        sent(first, label, Verdict(1, 0, 1.0), math.inf)
+        sent(correction, label, Verdict(2, 0, 1.0), splice_t)
+        raise ArmStoppedError("met something", Cause.COLLISION)
+
+    def backed_off(_session, error, way_in, label):
+        cell: Any = SimpleNamespace(
+            status=lambda: SimpleNamespace(q_ref=q_stopped),
+            settings=SimpleNamespace(acknowledge_contact=True),
+            journal=SimpleNamespace(warn=lambda _text: None),
+            link=SimpleNamespace(
+                wait_at_rest=lambda: None, leased=nullcontext, reset=lambda: None, arm_drives=lambda: None
+            ),
+        )
+        monkeypatch.setattr(back_off, "_play", lambda _cell, q, _label: ways_back.append(q))
+        back_off.back_off(cell, error, way_in, label)
+
+    carried_out(monkeypatch, follow, first=first, backed_off=backed_off)
+    (way_back,) = ways_back
+    assert way_back[0] == pytest.approx(q_stopped)
+    assert way_back[-1] == pytest.approx(first.q[0])
+    assert way_back[:, 0].max() == pytest.approx(furthest)
+    assert (np.diff(way_back[:, 0]) < 1e-9).all()
+
+
 def test_a_corrected_motion_from_whose_end_there_is_no_way_home_is_handed_over(monkeypatch):
     """It went through: what it did is to be measured."""
 
     def follow(_link, _feed, _planner, first, label, sent, given_up):
-        sent(first, label, Verdict(1, 0, 1.0))
-        sent(first, label, Verdict(2, 0, 1.0))
+        sent(first, label, Verdict(1, 0, 1.0), math.inf)
+        sent(first, label, Verdict(2, 0, 1.0), 0.5)
         return ReactiveReport()
 
     def blocked(*_):
