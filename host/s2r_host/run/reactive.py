@@ -20,7 +20,7 @@ from s2r_host.run.observe import Observation
 from s2r_host.run.planned import ManipulationEnd, PlannedManipulation, way_home
 from s2r_host.run.session import Executed, Motion, Sent, Session
 from s2r_host.trajectory import Trajectory
-from s2r_host.trajectory.reactive import ReactivePlanner, ReactiveSettings
+from s2r_host.trajectory.reactive import ReactivePlanner
 from s2r_host.trajectory.reactive_run import ReactiveReport, follow_reactively
 
 logger = logging.getLogger(__name__)
@@ -67,7 +67,7 @@ def carry_out_reactively(
     """
     request, begun = planned.request, len(session.executed)
     scene = scene_of(request)
-    planner = ReactivePlanner(request, scene, planned.result.hook, ReactiveSettings())
+    planner = ReactivePlanner(request, scene, planned.result.hook, yields=planned.end.yields)
     feed = LiveJoint(session, belief, view, request.s_initial)
     if not feed.known:
         session.journal.warn(
@@ -114,7 +114,7 @@ def carry_out_reactively(
         planned = replace(planned, stopped=True, corrected=len(played) > 1)
         return planned, tuple(session.executed[begun:])
     assert report is not None
-    _tell(session, feed, report)
+    _tell(session, feed, report, planned.end.yields)
     planned = _as_played(planned, report)
     try:
         home = planned.motions[1:] if len(played) == 1 else _other_way_home(session, belief, planned, view)
@@ -162,11 +162,12 @@ def _as_played(planned: PlannedManipulation, report: ReactiveReport) -> PlannedM
     return replace(planned, delivery=replace(planned.delivery, replay=replay), corrected=True)
 
 
-def _tell(session: Session, feed: LiveJoint, report: ReactiveReport) -> None:
+def _tell(session: Session, feed: LiveJoint, report: ReactiveReport, yields: float) -> None:
+    """Say what the looks came to. A part that goes ``yields`` [m or rad] further than its model is not beside it."""
     unit, counts = session.settings.task.unit, feed.counts
     rate = f"{report.rate_hz:.1f} per second" if report.rate_hz is not None else "too few for a rate"
     frames = counts.seen + counts.lost + counts.undated
-    offset = report.outlooks[-1].offset if report.outlooks else 0.0
+    offset = report.outlooks[-1].offset - yields if report.outlooks else 0.0
     session.journal.say(
         f"looked ahead {len(report.outlooks)} times ({rate}), {frames} frames ({counts.lost} without the part, "
         f"{counts.undated} of an unknown moment): "

@@ -72,7 +72,8 @@ class Outlook:
         motion: A better continuation, or None: the running one stays.
         splice_t: Time of the running motion at which it takes over [s].
         new_end: Where the object's joint ends with it; as ``running_end`` without one.
-        offset: The object's joint less the model's, taken for a displacement of the object.
+        offset: The object's joint less the model's, taken for a displacement of the object and for what the servos of
+            the model lack.
         at_splice: State of the fine model there.
         cpu_s, wall_s: What it took.
     """
@@ -91,9 +92,23 @@ class ReactivePlanner:
     """Looks ahead from live states and offers continuations. Knows no executor; see ``reactive_run``."""
 
     def __init__(
-        self, request: PlanRequest, scene: Scene, hook: Hook, settings: ReactiveSettings | None = None
+        self,
+        request: PlanRequest,
+        scene: Scene,
+        hook: Hook,
+        settings: ReactiveSettings | None = None,
+        yields: float = 0.0,
     ) -> None:
-        """Args: the task; its scene; the place at the part (``PlanResult.hook``); how."""
+        """Watch over one task.
+
+        Args:
+            request: The task.
+            scene: Its scene.
+            hook: The place at the part (``PlanResult.hook``).
+            settings: How.
+            yields: How much further than in the model the part is to go with an arm that gets to where it is sent
+                [m or rad]; the first motion ends so much short of the target in the model.
+        """
         self.settings = settings or ReactiveSettings()
         self._request, self._scene = request, scene
         plan = request.settings
@@ -108,7 +123,8 @@ class ReactivePlanner:
         self._dynamics = InverseDynamics(request.arm, scene.gravity)
         self._lead = plan.servo.kd / plan.servo.kp
         self._shadow: tuple[Trajectory, float, np.ndarray] | None = None
-        self._offset = 0.0
+        self._yields = self._offset = yields
+        self._put = request.s_initial  # where the model's part was put; from there the fingertip pushes it
         lever = 1.0 if scene.prismatic else self._lever(hook)
         self._most_offset = self.settings.offset_m / lever
         self._still = _STILL_M_S / lever
@@ -163,7 +179,8 @@ class ReactivePlanner:
 
     def begin(self, first: Trajectory) -> None:
         """The first motion starts now, with arm and object as the task has them."""
-        self._shadow, self._offset = (first, 0.0, self._initial), 0.0
+        self._shadow = (first, 0.0, self._initial)
+        self._offset, self._put = self._yields, self._request.s_initial
 
     def accept(self, outlook: Outlook) -> None:
         """The continuation runs from its splice on."""
@@ -188,9 +205,11 @@ class ReactivePlanner:
         if abs(offset) <= self._most_offset:
             # A live value is older than it looks, by an unknown time: of a part that moves it always seems to fall
             # short. What is believed at once would push too far, and that cannot be taken back.
+            # And one that is not pushed yet does not show what the servos will lack.
             way = np.sign(self._request.s_target - self._request.s_initial)
             moving = abs(float(world.data.qvel[self._scene.s_dof])) > self._still
-            if not moving or way * offset > way * self._offset:
+            pushed = abs(world.s - self._put) > 0.5 * self.tolerance
+            if pushed and (not moving or way * offset > way * self._offset):
                 self._offset = offset
         else:  # somebody moved the object
             self._set(running, t_seen, s_live - self._offset)
@@ -206,7 +225,7 @@ class ReactivePlanner:
     def _set(self, running: Trajectory, t: float, s: float) -> None:
         world, dof = self._world, self._scene.dof
         q, dq, _ = running.sample(t)
-        data = world.data
+        data, self._put = world.data, s
         data.qpos[:dof], data.qvel[:dof] = q, dq
         data.qpos[self._scene.s_qpos], data.qvel[self._scene.s_dof] = s, 0.0
         data.qacc_warmstart[:] = 0.0

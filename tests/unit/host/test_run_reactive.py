@@ -12,6 +12,7 @@ import pytest
 from s2r_host.errors import ArmStoppedError, NoMotionError
 from s2r_host.link import Verdict
 from s2r_host.run import back_off, reactive
+from s2r_host.run.end import End
 from s2r_host.run.planned import PlannedManipulation
 from s2r_host.run.reactive import StrandedError
 from s2r_host.run.session import Motion
@@ -40,8 +41,8 @@ STAYING = straight(np.zeros(7), np.zeros(7))
 def planned(trajectory: Trajectory) -> PlannedManipulation:
     request: Any = SimpleNamespace(s_initial=0.0)
     result: Any = SimpleNamespace(hook=None)
-    motions = (Motion(trajectory, "manipulation 1"),)
-    return PlannedManipulation(1, request, result, NOT_USED, NOT_USED, motions, NOT_USED)
+    motions, end = (Motion(trajectory, "manipulation 1"),), End("front", np.zeros(3), 0.002, touching=True)
+    return PlannedManipulation(1, request, result, NOT_USED, NOT_USED, motions, end)
 
 
 def carried_out(
@@ -60,7 +61,7 @@ def carried_out(
         note_sent=lambda motion, verdict, tick: SimpleNamespace(seq=verdict.seq, begun_s=0.0, wall_s=0.0),
     )  # fmt: skip
     monkeypatch.setattr(reactive, "scene_of", lambda _request: None)
-    monkeypatch.setattr(reactive, "ReactivePlanner", lambda *_: None)
+    monkeypatch.setattr(reactive, "ReactivePlanner", lambda *_, yields: SimpleNamespace(yields=yields))
     monkeypatch.setattr(reactive, "LiveJoint", lambda *_: Feed())
     monkeypatch.setattr(reactive, "follow_reactively", follow)
     monkeypatch.setattr(reactive, "back_off", backed_off)
@@ -92,6 +93,18 @@ def test_a_continuation_that_never_took_over_is_none_of_the_motions(monkeypatch)
     assert done.stopped
     assert not done.corrected
     assert [entry.seq for entry in sent] == [1]
+
+
+def test_the_planner_is_told_what_the_servos_of_the_plan_lack(monkeypatch):
+    """The plan ends that much short of the target in the model, on purpose."""
+    told = []
+
+    def follow(_link, _feed, planner, first, label, sent, given_up):
+        told.append(planner.yields)
+        raise ArmStoppedError("met something", Cause.COLLISION)
+
+    carried_out(monkeypatch, follow)
+    assert told == [0.002]
 
 
 FAR_IN, ASIDE = np.array([1.0, 0, 0, 0, 0, 0, 0]), np.array([0, 0.1, 0, 0, 0, 0, 0])
