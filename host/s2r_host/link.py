@@ -77,6 +77,7 @@ __all__ = [
 
 R = TypeVar("R", bound=Message)
 
+_STALLED_S = 5.0  # of wall time without a new tick, however slow a stepped clock is
 _BUSY_LIMIT_S = 90.0
 """Lock-step on a busy machine: the executor counts only time in which the arm's clock goes on, for up to a minute."""
 
@@ -361,7 +362,7 @@ class ExecutorLink:
             CommandRefusedError: With the verdict's sentence: joint, time, quantity, value and limit.
             PeerUnreachableError: No answer, or the heartbeat has ended.
         """
-        self._require_heartbeat()
+        self.require_heartbeat()
         body = pb.Plan(
             joint_names=self._arm.joint_names,
             t=np.asarray(path.t, float),
@@ -377,7 +378,7 @@ class ExecutorLink:
             body.payload_com.extend(payload.com_m)
         return self._judged(self._keys.plan, body, f"plan '{label}'")
 
-    def wait_done(self, verdict: Verdict, stalled_s: float = 5.0) -> ExecutorStatus:
+    def wait_done(self, verdict: Verdict, stalled_s: float = _STALLED_S) -> ExecutorStatus:
         """Wait until an accepted plan has ended at rest inside its goal tolerance.
 
         There is no limit on the wall time of the plan (a stepped clock may be slow); there is one on the
@@ -395,7 +396,7 @@ class ExecutorLink:
         boot_id = self.identity.boot_id
 
         def done(now: SeenState) -> bool:
-            self._require_heartbeat()
+            self.require_heartbeat()
             if now.state in MOVING:
                 return False
             if now.plan_seq != verdict.seq:
@@ -418,9 +419,31 @@ class ExecutorLink:
 
         return self._wait(done, f"plan {verdict.seq}", stalled_s)
 
-    def wait_at_rest(self, stalled_s: float = 5.0) -> ExecutorStatus:
+    def wait_at_rest(self, stalled_s: float = _STALLED_S) -> ExecutorStatus:
         """Wait until nothing moves, whatever state that ends in."""
         return self._wait(lambda now: now.state not in MOVING, "coming to rest", stalled_s, latched_ok=True)
+
+    def require_heartbeat(self) -> None:
+        """Notice that the lease will be lost.
+
+        Raises:
+            PeerUnreachableError: The heartbeat has ended.
+        """
+        if self._heart is not None and self._heart.error is not None:
+            raise PeerUnreachableError(
+                f"the heartbeat to the executor at {self._endpoint} has ended ({self._heart.error}): "
+                "it will take the lease away; start again"
+            )
+
+    def watch(self, what: str, stalled_s: float = _STALLED_S, wall_limit_s: float | None = None) -> TickWatch:
+        """Notices that the executor's clock stands still.
+
+        Args:
+            what: Is waited for, for the text.
+            stalled_s: Largest wall time without a new tick [s].
+            wall_limit_s: Largest wall time in all [s], None for no limit.
+        """
+        return TickWatch(f"executor at {self._endpoint}", what, stalled_s, wall_limit_s)
 
     # -- plumbing -------------------------------------------------------------------------------------
 
@@ -435,13 +458,6 @@ class ExecutorLink:
         """Go on in the epoch that an own command began; a later one holds somebody else's stop and stays unknown."""
         if verdict.epoch == self._epoch + 1:
             self._epoch = verdict.epoch
-
-    def _require_heartbeat(self) -> None:
-        if self._heart is not None and self._heart.error is not None:
-            raise PeerUnreachableError(
-                f"the heartbeat to the executor at {self._endpoint} has ended ({self._heart.error}): "
-                "it will take the lease away; start again"
-            )
 
     def _rest_if_possible(self) -> None:
         try:
@@ -475,7 +491,7 @@ class ExecutorLink:
 
         What was published last may be older than the newest command: a fault that has just been reset is still in it.
         """
-        watch = TickWatch(f"executor at {self._endpoint}", what, stalled_s, wall_limit_s)
+        watch = self.watch(what, stalled_s, wall_limit_s)
         while True:
             now: SeenState = self._feed.state() or self.status()
             if condition(now):

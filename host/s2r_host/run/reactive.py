@@ -63,6 +63,7 @@ def carry_out_reactively(
 
     Raises:
         ArmStoppedError: As :func:`carry_out_manipulation`.
+        PeerUnreachableError: As :func:`follow_reactively`.
         StrandedError: No way home from where a corrected motion ended; the arm is at rest there.
     """
     request, begun = planned.request, len(session.executed)

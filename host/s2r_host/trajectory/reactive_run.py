@@ -121,7 +121,7 @@ def follow_reactively(
     Raises:
         CommandRefusedError: The first plan was refused.
         ArmStoppedError: A protection or a person stopped the arm.
-        PeerUnreachableError: The executor fell silent.
+        PeerUnreachableError: The executor fell silent, its clock stands still, or the heartbeat has ended.
     """
     following = _Following(link, feed, planner, restarts, label, sent, given_up, planner.settings.lead_s)
     following.play(first)
@@ -162,10 +162,13 @@ class _Following:
         self.began_s, report = time.monotonic(), self.report
         self.playing = self._send(first)
         self.planner.begin(first)
+        watch = self.link.watch(f"the end of '{self.label}'")
         while True:
             due_s = time.monotonic() + 1.0 / self.planner.settings.rate_hz
+            self.link.require_heartbeat()
             status = self.link.status()
             _check_going(status, (self.coming or self.playing).verdict)
+            watch.check(status)
             resting = self._keep_up(status)
             if self.coming is not None or status.plan_seq != self.playing.verdict.seq:
                 time.sleep(_POLL_S)

@@ -1,12 +1,13 @@
 """How motions follow one another in reactive mode: an executor, a planner and a clock of the test's own."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from s2r_host.errors import ArmStoppedError, CommandRefusedError
-from s2r_host.link_types import Verdict
+from s2r_host.errors import ArmStoppedError, CommandRefusedError, PeerUnreachableError
+from s2r_host.link_types import TickWatch, Verdict
 from s2r_host.trajectory import reactive_run
 from s2r_host.trajectory.reactive import Outlook, ReactiveSettings
 from s2r_host.trajectory.reactive_run import Seen, follow_reactively
@@ -42,6 +43,14 @@ class Executor:
     def __init__(self, clock):
         self.clock, self.plans, self.refuse, self.forget = clock, [], [], []
         self.seq, self.epoch, self.labels = 0, 1, []
+        self.heartbeat_ended, self.stands_at_s = False, math.inf
+
+    def require_heartbeat(self):
+        if self.heartbeat_ended:
+            raise PeerUnreachableError("the heartbeat has ended")
+
+    def watch(self, what):
+        return TickWatch("this executor", what, 5.0, None)
 
     def send_plan(self, path, label, running=None, splice_t=0.0):
         self.labels.append(label)
@@ -57,15 +66,17 @@ class Executor:
         return Verdict(self.seq, self.epoch, path.duration_s)
 
     def status(self):
-        begun = [plan for plan in self.plans if plan[1] <= self.clock.now]
+        now_s = min(self.clock.now, self.stands_at_s)
+        begun = [plan for plan in self.plans if plan[1] <= now_s]
         seq, begin, duration = begun[-1]
-        done = self.clock.now - begin >= duration
+        done = now_s - begin >= duration
         return SimpleNamespace(
             state=ExecutorState.HOLD if done else ExecutorState.RUN,
             plan_seq=seq,
-            plan_t=min(self.clock.now - begin, duration),
+            plan_t=min(now_s - begin, duration),
             plan_done=done,
             epoch=self.epoch,
+            tick=round(now_s / TICK_S),
             cause=Cause(0),
             why_not_moving="",
         )
@@ -208,3 +219,25 @@ def test_a_stop_ends_it(executor):
 
     with pytest.raises(ArmStoppedError):
         follow_reactively(executor, Stopping(), Planner(), motion(1.0))
+
+
+@pytest.mark.parametrize("offers", [[], [motion(1.0)]], ids=["playing", "about to be corrected"])
+def test_a_clock_that_stands_still_is_noticed(executor, offers):
+    """Such an arm never comes to rest, and no continuation ever takes over."""
+    executor.stands_at_s = 0.1
+    with pytest.raises(
+        PeerUnreachableError, match=r"at tick \d+ for 5 s while waiting for the end of 'push'"
+    ):
+        follow_reactively(executor, Always(), Planner(*offers), motion(1.0), label="push")
+    assert executor.clock.now < 6.0
+
+
+def test_a_heartbeat_that_ends_is_noticed(executor):
+    class Ending(Always):
+        def latest(self):
+            executor.heartbeat_ended = True
+            return super().latest()
+
+    with pytest.raises(PeerUnreachableError, match="heartbeat"):
+        follow_reactively(executor, Ending(), Planner(), motion(1.0))
+    assert executor.clock.now < 1.0
