@@ -26,7 +26,7 @@ from s2r_host.perception.view import noise_sigma
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
-MOST_POINTS = 500
+LEAST_POINTS, MOST_POINTS = 50, 500
 SEARCH_POINTS = 150
 SEARCH_STEP_M = 0.012  # of the part's farthest point
 MOST_SEARCHED, REFINED_MINIMA = 240, 3
@@ -91,8 +91,7 @@ class JointTracker:
         Raises:
             BadViewError: Too few points, or a range without values.
         """
-        if len(points) < 50:
-            raise BadViewError(f"the part has {len(points)} points with a surface, tracking needs 50 or more")
+        _require_surface(points)
         if not value_range[0] < value_range[1]:
             raise BadViewError(
                 f"value_range goes from {value_range[0]:g} to {value_range[1]:g}; the first must be the lower one"
@@ -112,12 +111,17 @@ class JointTracker:
     def of(
         cls, estimate: JointEstimate, value_range: tuple[float, float] | None = None, seed: int = 0
     ) -> JointTracker:
-        """Track the part of an estimate, seen in either of its views."""
+        """Track the part of an estimate, seen in either of its views.
+
+        Raises:
+            BadViewError: Too few points in both, or a range without values.
+        """
         X = estimate.motion.transform()
         a, b = estimate.view_before, estimate.view_after
         of_a, of_b = estimate.parts.before & a.normal_ok, estimate.parts.after & b.normal_ok
         p = np.concatenate([a.points[of_a], (b.points[of_b] - X[:3, 3]) @ X[:3, :3]])
         n = np.concatenate([a.normals[of_a], b.normals[of_b] @ X[:3, :3]])
+        _require_surface(p)
         chosen = np.random.default_rng(seed).permutation(len(p))[:MOST_POINTS]
         low, high = sorted((0.0, estimate.delta))
         reach = max(1.5 * (high - low), WIDE_TURN_RAD if estimate.joint_type == "revolute" else WIDE_SLIDE_M)
@@ -238,6 +242,14 @@ class JointTracker:
             return p, n, np.broadcast_to(motion.direction, p.shape)
         R = rotation(motion.direction, value)
         return p, n @ R.T, np.cross(motion.direction, p - motion.origin)
+
+
+def _require_surface(points: Array) -> None:
+    """Refuse a part with too few points (n, 3)."""
+    if len(points) < LEAST_POINTS:
+        raise BadViewError(
+            f"the part has {len(points)} points with a surface, tracking needs {LEAST_POINTS} or more"
+        )
 
 
 def _stands_alone(state: TrackedState) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.motion.robot_mask import robot_mask
+from s2r_host.perception.errors import BadViewError
 from s2r_host.perception.track import JointTracker
 from s2r_host.run.belief import Belief
 from s2r_host.run.observe import Observation
@@ -71,7 +72,13 @@ class LiveJoint(threading.Thread):
     """Follows the part in a thread of its own until closed. A context manager.
 
     The tracker's values are shifted so that its look at the view before the motion gives what that view was measured
-    to: a difference between two ways of looking is no motion.
+    to: a difference between two ways of looking is no motion. A part that is too small to be followed, or is not found
+    in that view, is never seen: the thread does not begin.
+
+    Attributes:
+        known: The part is found in the view before the motion.
+        counts: What was seen.
+        problem: Why nothing is seen any more, or ever, where that is known; else empty.
     """
 
     def __init__(self, session: Session, belief: Belief, view: Observation, s_initial: float) -> None:
@@ -81,13 +88,17 @@ class LiveJoint(threading.Thread):
         self._arm = ArmModel(session.arm.arm)  # its data is not to be shared between threads
         low, high = belief.model.range
         margin = 0.03 / belief.template.reach_m
-        self._tracker = JointTracker.of(belief.estimate, (low - margin, high + margin))
-        before = self._tracker.update(view.capture.frame, view.arm_mask).value
+        self.counts, self.problem = LiveCounts(), ""
+        before: float | None = None
+        try:
+            self._tracker = JointTracker.of(belief.estimate, (low - margin, high + margin))
+            before = self._tracker.update(view.capture.frame, view.arm_mask).value
+        except BadViewError as error:
+            self.problem = str(error)
         self.known = before is not None
         self._shift = s_initial - before if before is not None else 0.0
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._latest: Seen | None = None
-        self.counts, self.problem = LiveCounts(), ""
 
     def latest(self) -> Seen | None:
         """What the newest frame shows; None when that does not show the part, or before the first one."""
@@ -111,10 +122,12 @@ class LiveJoint(threading.Thread):
     def close(self) -> None:
         """End the thread; returns once it has ended."""
         self._ended.set()
-        self.join()
+        if self.is_alive():
+            self.join()
 
     def __enter__(self) -> LiveJoint:
-        self.start()
+        if self.known:
+            self.start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -137,7 +150,7 @@ class LiveJoint(threading.Thread):
             return
         found = self._tracker.update(capture.frame, robot_mask(self._arm, moment.q, capture.frame))
         seen = None
-        if found.value is not None and found.interval90 is not None and self.known:
+        if found.value is not None and found.interval90 is not None:
             low, high = found.interval90
             seen = Seen(found.value + self._shift, (high - low) / 2.0, moment.seq, moment.t)
         with self._lock:

@@ -71,8 +71,9 @@ def carry_out_reactively(
     planner = ReactivePlanner(request, scene, planned.result.hook, yields=planned.end.yields)
     feed = LiveJoint(session, belief, view, request.s_initial)
     if not feed.known:
+        why = f" ({feed.problem})" if feed.problem else ""
         session.journal.warn(
-            "the part cannot be followed from the view before it moves: the plan is played unseen"
+            f"the part cannot be followed from the view before it moves{why}: the plan is played unseen"
         )
     played = [_Played(planned.motions[0].trajectory)]
     report: ReactiveReport | None = None
@@ -198,7 +199,7 @@ def _tell(session: Session, feed: LiveJoint, report: ReactiveReport, yields: flo
 
 
 def _tell_problem(session: Session, feed: LiveJoint) -> None:
-    if feed.problem:
+    if feed.known and feed.problem:
         session.journal.warn(
             f"the part was not followed to the end, the plan was played on unseen: {feed.problem}"
         )

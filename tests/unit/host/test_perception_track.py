@@ -1,5 +1,8 @@
 """Live state: following a part through depth frames."""
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,6 +78,22 @@ def test_part_without_surface_is_refused(case):
     _, estimate, _ = case
     with pytest.raises(BadViewError, match="the part has 3 points"):
         JointTracker(np.zeros((3, 3)), np.zeros((3, 3)), estimate.motion, (0.0, 1.0))
+
+
+@pytest.mark.parametrize("count", [0, 40])
+def test_an_estimate_with_too_little_surface_is_refused(case, count):
+    _, estimate, _ = case
+    with pytest.raises(BadViewError, match=f"the part has {count} points with a surface, tracking needs 50"):
+        JointTracker.of(with_surface(estimate, count))
+
+
+def with_surface(estimate, count):
+    """An estimate of whose part so many points have a normal, all of them in the view before."""
+    normal_ok = estimate.view_before.normal_ok & estimate.parts.before
+    normal_ok[np.flatnonzero(normal_ok)[count:]] = False
+    before, after = copy(estimate.view_before), copy(estimate.view_after)
+    before.normal_ok, after.normal_ok = normal_ok, np.zeros_like(after.normal_ok)
+    return replace(estimate, view_before=before, view_after=after)
 
 
 def test_a_range_without_values_is_refused(case):

@@ -11,6 +11,7 @@ import pytest
 from s2r_host.errors import PeerUnreachableError
 from s2r_host.motion.arm_model import ArmModel
 from s2r_host.perception.errors import BadViewError
+from s2r_host.perception.motion import JointMotion
 from s2r_host.run import live_joint
 from s2r_host.run.live_joint import LiveJoint, PlanMoment, moment_of_frame
 from s2r_protocol.arms import load_arm
@@ -55,6 +56,19 @@ class Camera:
         raise self.trouble
 
 
+def seen_by(camera, estimate: Any = None) -> tuple[Any, Any, Any]:
+    """Just enough of a session, a belief and a view."""
+    plan = SimpleNamespace(plan_seq=3, plan_t=1.0, plan_done=False)
+    session = SimpleNamespace(
+        camera=camera, settings=SimpleNamespace(camera_name="front"), arm=ArmModel(load_arm("xmate3pro")),
+        link=SimpleNamespace(state=lambda: plan, joints=lambda: SimpleNamespace(q=np.zeros(7))),
+    )  # fmt: skip
+    belief = SimpleNamespace(
+        estimate=estimate, model=SimpleNamespace(range=(0.0, 0.3)), template=SimpleNamespace(reach_m=1.0)
+    )
+    return session, belief, SimpleNamespace(capture=SimpleNamespace(frame=None), arm_mask=None)
+
+
 @pytest.mark.parametrize(
     ("trouble", "said"),
     [
@@ -72,16 +86,7 @@ def test_whatever_ends_the_feed_is_told_and_nothing_is_seen_from_then_on(monkeyp
     monkeypatch.setattr(live_joint.JointTracker, "of", lambda *_: tracker)
     monkeypatch.setattr(live_joint, "robot_mask", lambda *_: None)
     camera = Camera(trouble)
-    plan = SimpleNamespace(plan_seq=3, plan_t=1.0, plan_done=False)
-    session: Any = SimpleNamespace(
-        camera=camera, settings=SimpleNamespace(camera_name="front"), arm=ArmModel(load_arm("xmate3pro")),
-        link=SimpleNamespace(state=lambda: plan, joints=lambda: SimpleNamespace(q=np.zeros(7))),
-    )  # fmt: skip
-    belief: Any = SimpleNamespace(
-        estimate=None, model=SimpleNamespace(range=(0.0, 0.3)), template=SimpleNamespace(reach_m=1.0)
-    )
-    view: Any = SimpleNamespace(capture=SimpleNamespace(frame=None), arm_mask=None)
-    with LiveJoint(session, belief, view, 0.1) as feed:
+    with LiveJoint(*seen_by(camera), 0.1) as feed:
         until_s = time.monotonic() + 5.0
         while feed.latest() is None and time.monotonic() < until_s:
             time.sleep(0.001)
@@ -90,3 +95,28 @@ def test_whatever_ends_the_feed_is_told_and_nothing_is_seen_from_then_on(monkeyp
         feed.join(5.0)
         assert feed.problem == said
         assert feed.latest() is None
+
+
+def test_a_part_with_too_little_surface_is_not_followed_and_the_camera_is_left_alone():
+    points, some = np.zeros((60, 3)), np.arange(60) < 20
+    surface: Any = SimpleNamespace(points=points, normals=points, normal_ok=some)
+    estimate: Any = SimpleNamespace(
+        motion=JointMotion("prismatic", np.array([1.0, 0, 0]), np.zeros(3), 0.1), delta=0.1,
+        view_before=surface, view_after=surface, parts=SimpleNamespace(before=some, after=some),
+    )  # fmt: skip
+    camera = Camera(PeerUnreachableError("no camera answered"))
+    with LiveJoint(*seen_by(camera, estimate), 0.1) as feed:
+        assert not feed.known
+        assert feed.problem == "the part has 40 points with a surface, tracking needs 50 or more"
+        assert not feed.is_alive()
+        assert feed.latest() is None
+    assert camera.sent == 0
+
+
+def test_a_part_that_is_not_found_before_it_moves_is_not_followed(monkeypatch):
+    tracker: Any = SimpleNamespace(update=lambda *_: SimpleNamespace(value=None, interval90=None))
+    monkeypatch.setattr(live_joint.JointTracker, "of", lambda *_: tracker)
+    with LiveJoint(*seen_by(Camera(ValueError())), 0.1) as feed:
+        assert not feed.known
+        assert not feed.is_alive()
+        assert not feed.problem

@@ -26,7 +26,9 @@ NOT_USED: Any = None
 class Feed(nullcontext):
     """Eyes on the part, which see nothing here."""
 
-    known, problem = True, ""
+    def __init__(self, known=True, problem=""):
+        super().__init__()
+        self.known, self.problem = known, problem
 
 
 def straight(q_from, q_to, duration_s=1.0) -> Trajectory:
@@ -46,23 +48,24 @@ def planned(trajectory: Trajectory) -> PlannedManipulation:
 
 
 def carried_out(
-    monkeypatch, follow, executed=(), first=STAYING, backed_off=lambda *_: None
+    monkeypatch, follow, executed=(), first=STAYING, backed_off=lambda *_: None, feed=None, warned=None
 ) -> tuple[PlannedManipulation, list]:
     """What comes of a manipulation that is followed like this, and the motions whose recordings are kept."""
     sent: list = []
+    warnings = [] if warned is None else warned
 
     def play(commands):
         commands(sent)
         session.executed += executed
 
     session: Any = SimpleNamespace(
-        executed=[], link=None, play=play, journal=SimpleNamespace(elapsed_s=0.0),
+        executed=[], link=None, play=play, journal=SimpleNamespace(elapsed_s=0.0, warn=warnings.append),
         status=lambda: SimpleNamespace(tick=0),
         note_sent=lambda motion, verdict, tick: SimpleNamespace(seq=verdict.seq, begun_s=0.0, wall_s=0.0),
     )  # fmt: skip
     monkeypatch.setattr(reactive, "scene_of", lambda _request: None)
     monkeypatch.setattr(reactive, "ReactivePlanner", lambda *_, yields: SimpleNamespace(yields=yields))
-    monkeypatch.setattr(reactive, "LiveJoint", lambda *_: Feed())
+    monkeypatch.setattr(reactive, "LiveJoint", lambda *_: feed or Feed())
     monkeypatch.setattr(reactive, "follow_reactively", follow)
     monkeypatch.setattr(reactive, "back_off", backed_off)
     return reactive.carry_out_reactively(session, NOT_USED, planned(first), NOT_USED)[0], sent
@@ -93,6 +96,20 @@ def test_a_continuation_that_never_took_over_is_none_of_the_motions(monkeypatch)
     assert done.stopped
     assert not done.corrected
     assert [entry.seq for entry in sent] == [1]
+
+
+def test_a_part_that_cannot_be_followed_is_moved_unseen_and_that_is_said_once(monkeypatch):
+    warned: list[str] = []
+
+    def follow(_link, _feed, _planner, first, label, sent, given_up):
+        sent(first, label, Verdict(1, 0, 1.0), math.inf)
+        raise ArmStoppedError("met something", Cause.COLLISION)
+
+    _, sent = carried_out(monkeypatch, follow, feed=Feed(known=False, problem="40 points"), warned=warned)
+    assert [entry.seq for entry in sent] == [1]
+    assert warned == [
+        "the part cannot be followed from the view before it moves (40 points): the plan is played unseen"
+    ]
 
 
 def test_the_planner_is_told_what_the_servos_of_the_plan_lack(monkeypatch):
