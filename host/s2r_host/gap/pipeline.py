@@ -28,7 +28,7 @@ from s2r_host.gap.recordings.holes import stretches
 from s2r_host.gap.regression.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.regression.friction_edge import find_edges
 from s2r_host.gap.regression.problem import Problem, build_problem
-from s2r_host.gap.regression.second_run import find_partner, no_partner
+from s2r_host.gap.regression.second_run import beside_first, find_partner, no_partner
 from s2r_host.gap.regression.seeds import fill_residuals
 from s2r_host.gap.regression.solution import Solution
 from s2r_host.gap.search.search import Search
@@ -148,6 +148,7 @@ def analyse(
         placed[len(fit) + len(hold) :],
     )
     notes += [why for twin in repeats if (why := no_partner(twin, fit)) is not None]
+    repeats = [beside_first(model, twin, fit) for twin in repeats]
     if not hold:
         notes.append(
             "no held-out recording given: the last 30 % of each fit recording is held out, of each of several strokes "

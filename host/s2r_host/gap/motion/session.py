@@ -17,6 +17,7 @@ from s2r_host.gap.recordings.leading_position import lead_of_position
 from s2r_host.gap.recordings.recording import Recording, resolution
 
 MAX_RATE_HZ = 500.0
+JITTER = 0.02  # of the step between rows: a log of 500 rows per second whose stamps jitter is no faster one
 # Share of the work grid's rate above which lines of faster logs are filtered out, and the order of that filter.
 ALIAS_SHARE, ALIAS_ORDER = 0.45, 8
 HUM = 30.0  # times the median of the power there, from which on something is a line
@@ -171,10 +172,10 @@ def make_session(model: RigidModel, rec: Recording, index: int) -> Session:
 
 
 def work_grid(rec: Recording) -> tuple[np.ndarray, float]:
-    """Even times at which a recording is compared [s], at most 500 per second, and their step."""
-    dt = rec.dt
-    if 1.0 / dt > MAX_RATE_HZ:
-        dt *= np.ceil(1.0 / (dt * MAX_RATE_HZ) - 1e-6)
+    """Even times at which a recording is compared [s], at most some 500 per second, and their step."""
+    dt = rec.dt if rec.step_s is None else rec.step_s
+    if rec.step_s is None and 1.0 / dt > MAX_RATE_HZ:
+        dt *= np.ceil(1.0 / (dt * MAX_RATE_HZ) - JITTER)
     t = np.arange(0.0, rec.t[-1] + 0.5 * dt, dt)
     return t[t <= rec.t[-1] + 1e-9], float(dt)
 

@@ -45,6 +45,7 @@ class Recording:
         warnings: What the file costs: missing columns, dropped samples, coarse steps.
         rows: The rows of the file, where a slow log was rebuilt between them (``motion/slow_log.py``);
             ``effort_doubt``: how far the rebuilt effort may be off, by joint, each of shape (time,) [N·m or N].
+        step_s: Step at which a second run is compared, that of the run it repeats [s]; None: its own.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Recording:
     position_sigma: dict[str, float] = field(default_factory=dict)
     rows: Recording | None = None
     effort_doubt: dict[str, np.ndarray] = field(default_factory=dict)
+    step_s: float | None = None
 
     @property
     def as_read(self) -> Recording:

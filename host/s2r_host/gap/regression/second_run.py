@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from s2r_host.gap.motion.session import Session
+from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.session import Session, make_session
 
-MOST_LONGER = 0.1  # of its rows that a second run may have more or less
+MOST_LONGER = 0.1  # of its time that a second run may last longer or shorter
+# Of the step between rows. Where stamps jitter by half of it, medians over 10 s differ by a few per cent.
+OTHER_RATE = 0.05
+SAME_STEP_S = 1e-6
 SMOOTH = 1e-6  # of the spread of the motion: steps below it are digits of the file
 LED = 0.002  # of the spread of the motion that two runs under one controller differ by at most, rms
 COPIED = 0.9  # of the rows in which an encoder steps
@@ -25,6 +31,17 @@ def find_partner(twin: Session, fit: list[Session]) -> Session | None:
     return (
         best if best is not None and apart <= MOST_APART * _spread(best) and not _copied(twin, best) else None
     )
+
+
+def beside_first(model: RigidModel, twin: Session, fit: list[Session]) -> Session:
+    """A second run at the steps of the run it repeats; itself where it has them, or repeats none of ``fit``.
+
+    Stamps that jitter give each recording a step of its own, and two runs are held against each other step by step.
+    """
+    first = find_partner(twin, fit)
+    if first is None or first.dt == twin.dt:
+        return twin
+    return make_session(model, replace(twin.rec, step_s=first.dt), twin.index)
 
 
 def led_by_hand(twin: Session, partner: Session | None) -> bool:
@@ -63,13 +80,19 @@ def _nearest(twin: Session, fit: list[Session]) -> tuple[Session | None, float]:
 
 
 def _as_long(twin: Session, s: Session) -> bool:
-    return abs(s.dt - twin.dt) <= 1e-6 and abs(len(s.t) - len(twin.t)) <= MOST_LONGER * len(s.t)
+    row_s = s.rec.as_read.dt
+    near = abs(row_s - twin.rec.as_read.dt) <= OTHER_RATE * row_s or abs(s.dt - twin.dt) <= SAME_STEP_S
+    return near and abs(len(s.t) - len(twin.t) * (twin.dt / s.dt)) <= MOST_LONGER * len(s.t)
 
 
 def _apart(twin: Session, s: Session) -> float:
-    """Difference of the positions row by row, rms over rows and joints [rad or m]."""
+    """Difference of the positions at the steps of one, rms over steps and joints [rad or m]."""
     n = min(len(s.t), len(twin.t))
-    return float(np.sqrt(np.mean((s.q[:n] - twin.q[:n]) ** 2)))
+    q = twin.q[:n]
+    if s.dt != twin.dt:
+        n = int(np.searchsorted(s.t, twin.t[-1], side="right"))
+        q = np.stack([np.interp(s.t[:n], twin.t, x) for x in twin.q.T], axis=1)
+    return float(np.sqrt(np.mean((s.q[:n] - q) ** 2)))
 
 
 def _copied(twin: Session, s: Session) -> bool:
