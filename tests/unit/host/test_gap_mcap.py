@@ -60,10 +60,23 @@ def test_a_gripper_on_the_same_topic_does_not_mix_with_the_arm(tmp_path):
 
 def test_without_stamps_the_recorders_time_counts_and_commands_are_set_on_it(tmp_path):
     rows = [("/arm/joint_states", t, message(t, ["a"], [np.sin(t)], stamped=False)) for t in T]
-    rows += [("/arm/joint_commands", t, message(t, ["a"], [t], stamped=False)) for t in T[::2]]
+    rows += [
+        ("/arm/joint_commands", t + 0.004, message(t, ["a"], [t + 0.004], stamped=False)) for t in T[:-1]
+    ]
     rec = read_recording(bag(tmp_path, sorted(rows, key=lambda row: row[1])))
     assert rec.t == pytest.approx(T, abs=1e-9)
-    assert rec.get("q_cmd", "a")[:199] == pytest.approx(T[:199], abs=1e-9)
+    assert rec.channels["q_cmd"]["a"][1:-1] == pytest.approx(T[1:-1], abs=1e-9)
+
+
+def test_commands_that_come_more_rarely_than_states_leave_the_rows_beside_them(tmp_path):
+    states = [("/joint_states", t, message(t, ["a"], [np.sin(3.0 * t)])) for t in T]
+    commands = [
+        ("/joint_commands", t, message(t, ["a"], [np.sin(3.0 * t)])) for t in np.arange(0.003, 1.99, 0.03)
+    ]
+    rec = read_recording(bag(tmp_path, sorted([*states, *commands], key=lambda row: row[1])))
+    assert rec.t == pytest.approx(T[:199:3], abs=1e-9)
+    assert rec.channels["q_cmd"]["a"][1:] == pytest.approx(np.sin(3.0 * rec.t[1:]), abs=2e-4)
+    assert any("column 'q_cmd.a' holds numbers in 67 of 200 rows, 33.3 per second" in w for w in rec.warnings)
 
 
 def test_a_bag_without_joint_states_is_refused(tmp_path):

@@ -11,14 +11,11 @@ import yaml
 
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.recordings import units as unit_tables
-from s2r_host.gap.recordings.holes import LONGEST_S, MOVING, unknown_rows
 from s2r_host.gap.recordings.recording import Controller, Recording, belongs
 from s2r_host.gap.recordings.tables import read_table
+from s2r_host.gap.recordings.usable_rows import usable_rows
 
 CONTROLLERS = ("pd", "pid", "position_servo", "none")
-MIN_SAMPLES = 50
-LEAST_RATE_HZ = 1.0  # below it nothing of a motion is seen: 't' has another unit
-BURST_STEP, BURST_SHARE = 0.1, 0.3  # of the mean step, of the rows: more that come closer are no jitter
 CONTROLLER_KEYS = {"type", "kp", "kd", "ki", "rate_hz"}
 SIDE_KEYS = {
     "controller",
@@ -79,8 +76,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
     if "t" not in table:
         raise GapRecordingError(f"{path.name}: no column 't'; columns are {', '.join(list(table)[:12])}")
     t = table["t"] * unit_tables.factor("t", unit_tables.declared_unit(declared, "t"), path.name)
-    keep = _usable_rows(path, t, warnings)
-    keep = _known_rows(path, t, table, keep, warnings)
+    rows = usable_rows(path, t, table, warnings)
     channels: dict[str, dict[str, np.ndarray]] = {}
     units: dict[str, str] = {}
     empty: list[str] = []
@@ -93,10 +89,10 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
             continue
         joint = names.get(joint, joint)
         unit = unit_tables.declared_unit(declared, column, f"{kind}.{joint}")
-        values = raw[keep] * unit_tables.factor(column, unit, path.name)
+        values = raw * unit_tables.factor(column, unit, path.name)
         if unit is not None:
             units[f"{kind}.{joint}"] = unit
-        values = _fill_gaps(column, t[keep], values, warnings)
+        values = rows.filled(column, values, warnings)
         if values is None:
             empty.append(column)
         elif joint in channels.setdefault(kind, {}):
@@ -116,7 +112,7 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
     columns = {*table, *(f"{kind}.{joint}" for kind, found in channels.items() for joint in found)}
     if idle := [key for key in declared if "." in key and key not in columns]:
         warnings.append(f"side file: units of {', '.join(idle)} are of no column and convert nothing")
-    t = t[keep]
+    t = t[rows.kept]
     _check_speed_units(path, t, channels)
     effort = _choice(side, "effort", ("commanded", "measured"), "commanded", path)
     has_command = bool(channels.get("q_cmd"))
@@ -176,90 +172,6 @@ def _choice(side: dict, key: str, allowed: tuple[str, ...], default: str, path: 
     if value not in allowed:
         raise GapRecordingError(f"{path.stem}.yaml: {key} = '{value}'; allowed: {', '.join(allowed)}")
     return str(value)
-
-
-def _usable_rows(path: Path, t: np.ndarray, warnings: list[str]) -> np.ndarray:
-    keep = np.isfinite(t)
-    if np.sum(~keep):
-        warnings.append(f"{int(np.sum(~keep))} rows without a time are dropped")
-    index = np.flatnonzero(keep)
-    step = np.diff(t[index])
-    if np.any(step < 0):
-        row = int(index[np.argmax(step < 0) + 1])
-        raise GapRecordingError(
-            f"{path.name}: time falls back at row {row + 2} (t = {t[row]:.6g} s); it must rise"
-        )
-    double = np.flatnonzero(step == 0)
-    if double.size:
-        warnings.append(f"{double.size} rows repeat a time stamp and are dropped")
-        index = np.delete(index, double + 1)
-    if index.size < MIN_SAMPLES:
-        raise GapRecordingError(f"{path.name}: {index.size} usable rows, at least {MIN_SAMPLES} are needed")
-    steps = np.diff(t[index])
-    _refuse_bursts(path, steps)
-    dropped = int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1, 0)))
-    if dropped:
-        warnings.append(f"{dropped} samples are missing between the time stamps")
-    rate_hz = round(1.0 / float(np.median(steps)), 3)
-    if rate_hz < LEAST_RATE_HZ:
-        raise GapRecordingError(
-            f"{path.name}: rows are {np.median(steps):.4g} s apart; is 't' in ms or ns? Declare it under 'units' in "
-            "the side file"
-        )
-    if rate_hz < 100.0:
-        warnings.append(
-            f"sampled at {rate_hz:.0f} Hz: effects faster than {rate_hz / 5:.0f} Hz cannot be seen"
-        )
-    return index
-
-
-def _refuse_bursts(path: Path, steps: np.ndarray) -> None:
-    """Refuse rows that come in bursts: stamped when they were read, the motion between them would be invented."""
-    near = steps[steps <= LONGEST_S]
-    usual = float(np.mean(near)) if near.size else 0.0
-    close = near < BURST_STEP * usual
-    share = float(np.sum(close)) / steps.size
-    if share > BURST_SHARE:
-        raise GapRecordingError(
-            f"{path.name}: {share:.0%} of its rows come {np.median(near[close]):.2g} s after the one before, "
-            f"at {usual:.2g} s from row to row on average; a driver that reads several frames at once stamps when it "
-            "read them: stamp each when it was measured, or keep the last of each burst"
-        )
-
-
-def _known_rows(
-    path: Path, t: np.ndarray, table: dict[str, np.ndarray], keep: np.ndarray, warnings: list[str]
-) -> np.ndarray:
-    """The usable rows without those in which a channel of the motion is empty for too long to be interpolated."""
-    unknown = np.zeros(len(keep), dtype=bool)
-    for column, raw in table.items():
-        kind, _, joint = column.partition(".")
-        present = np.isfinite(raw[keep])
-        if kind not in MOVING or not joint or present.all() or present.sum() < MIN_SAMPLES:
-            continue
-        rows = unknown_rows(t[keep], present)
-        if rows.any():
-            warnings.append(
-                f"column '{column}' is empty for long in {int(rows.sum())} rows, which are left out"
-            )
-            unknown |= rows
-    if np.sum(~unknown) < MIN_SAMPLES:
-        raise GapRecordingError(
-            f"{path.name}: the columns hold numbers together in {int(np.sum(~unknown))} rows, at least {MIN_SAMPLES} "
-            "are needed"
-        )
-    return keep[~unknown]
-
-
-def _fill_gaps(column: str, t: np.ndarray, values: np.ndarray, warnings: list[str]) -> np.ndarray | None:
-    bad = ~np.isfinite(values)
-    if not np.any(bad):
-        return values
-    if np.sum(~bad) < MIN_SAMPLES:
-        warnings.append(f"column '{column}' holds {int(np.sum(~bad))} numbers and is ignored")
-        return None
-    warnings.append(f"column '{column}': {int(np.sum(bad))} missing cells are interpolated")
-    return np.interp(t, t[~bad], values[~bad])
 
 
 def _check_speed_units(path: Path, t: np.ndarray, channels: dict[str, dict[str, np.ndarray]]) -> None:

@@ -11,6 +11,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from s2r_host.gap.errors import GapRecordingError
+from s2r_host.gap.recordings.coarse_columns import COARSE, between
 from s2r_protocol.ros2 import unpack
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -30,7 +31,8 @@ def read_mcap(path: Path) -> dict[str, np.ndarray]:
     """Columns of the contract from the topics ``.../joint_states`` and ``.../joint_commands``.
 
     Where several senders share a topic, as arm and gripper do in ROS, those of most values are taken: what the others
-    say belongs to other moments. Senders without a clock count by the recorder's.
+    say belongs to other moments. Senders without a clock count by the recorder's. Commands that come more rarely than
+    states stand in the row next to each.
 
     Raises:
         GapRecordingError: Not an MCAP, or no joint states in it.
@@ -55,10 +57,20 @@ def read_mcap(path: Path) -> dict[str, np.ndarray]:
     if len(tracks["joint_commands"]) > 1:
         at_cmd, commanded = _columns(tracks["joint_commands"], COMMANDED)
         t_cmd = 1e-9 * (at_cmd - at[0])
-        order = np.argsort(t_cmd)
+        t_cmd, order = np.unique(t_cmd, return_index=True)
         for name, values in commanded.items():
-            table[name] = np.interp(t, t_cmd[order], values[order])
+            table[name] = _beside_states(name, t_cmd, values[order], t)
     return table
+
+
+def _beside_states(column: str, t_cmd: np.ndarray, x: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Commands at the times of the states, shape (rows,); of rarer ones in the row next to each alone, else NaN."""
+    if len(t_cmd) < 2 or np.median(np.diff(t_cmd)) <= COARSE * np.median(np.diff(t)):
+        return np.interp(t, t_cmd, x)
+    rows = np.unique(np.searchsorted(0.5 * (t[1:] + t[:-1]), t_cmd))
+    found = np.full(len(t), np.nan)
+    found[rows] = between(column, t_cmd, x, t[rows])
+    return found
 
 
 def _columns(messages: list[_Message], names: dict[str, str]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
