@@ -1,7 +1,12 @@
 """MCAP files as ROS 2 writes them, packed by rosbags: other orders of joints, other senders, no stamps."""
 
+import random
+
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -82,4 +87,73 @@ def test_commands_that_come_more_rarely_than_states_leave_the_rows_beside_them(t
 def test_a_bag_without_joint_states_is_refused(tmp_path):
     path = bag(tmp_path, [("/other", t, message(t, ["a"], [t])) for t in T])
     with pytest.raises(GapRecordingError, match="no topic"):
+        read_recording(path)
+
+
+def whole(path, compression, chunked=True):
+    """An MCAP with the checksums that a writer may give it."""
+    with path.open("wb") as stream:
+        writer = McapWriter(
+            stream,
+            compression=compression,
+            chunk_size=4000,
+            use_chunking=chunked,
+            enable_data_crcs=not chunked,
+        )
+        writer.start()
+        schema = writer.register_schema(TYPE, "ros2msg", b"")
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        for t in T:
+            at = BEGUN_S * 10**9 + round(t * 1e9)
+            data = bytes(ROS.serialize_cdr(message(t, ["a"], [np.sin(t)]), TYPE))
+            writer.add_message(channel, at, data, at)
+        writer.finish()
+    return path.read_bytes()
+
+
+def held(path):
+    """What a recording holds, to the last bit; None where it is refused."""
+    try:
+        rec = read_recording(path)
+    except GapRecordingError:
+        return None
+    return [
+        rec.t.tobytes(),
+        *(x.tobytes() for _, table in sorted(rec.channels.items()) for x in table.values()),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("compression", "chunked"),
+    [
+        (CompressionType.ZSTD, True),
+        (CompressionType.LZ4, True),
+        (CompressionType.NONE, True),
+        (CompressionType.NONE, False),
+    ],
+)
+def test_a_damaged_file_is_refused_or_holds_what_it_held(tmp_path, compression, chunked):
+    path, rng = tmp_path / "r.mcap", random.Random(1)
+    good = whole(path, compression, chunked)
+    told = held(path)
+    assert told is not None
+    ends = (*range(300), *range(len(good) - 300, len(good)))
+    for where in [rng.randrange(len(good)) for _ in range(120)] + rng.sample(ends, 60):
+        damaged = bytearray(good)
+        damaged[where] ^= 1 << rng.randrange(8)
+        path.write_bytes(damaged)
+        assert held(path) in (None, told), f"byte {where}"
+
+
+def test_a_chunk_that_is_not_taken_for_one_is_missed(tmp_path):
+    path = tmp_path / "r.mcap"
+    damaged = bytearray(whole(path, CompressionType.ZSTD))
+    at, chunks = 8, []  # records follow the magic bytes: kind, length, content
+    while damaged[at] != Opcode.DATA_END:
+        if damaged[at] == Opcode.CHUNK:
+            chunks.append(at)
+        at += 9 + int.from_bytes(damaged[at + 1 : at + 9], "little")
+    damaged[chunks[-1]] |= 0x80
+    path.write_bytes(damaged)
+    with pytest.raises(GapRecordingError, match=r"messages can be read of 200"):
         read_recording(path)

@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+import os
+import struct
 from collections import defaultdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, SeekingReader
+from mcap.records import Message
 
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.recordings.coarse_columns import COARSE, between
 from s2r_protocol.ros2 import unpack
 
+try:
+    from zstandard import ZstdError
+except ImportError as error:  # mcap depends on it
+    raise ImportError("zstandard is missing; it comes with the package mcap") from error
+
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MEASURED = {"position": "q", "velocity": "dq", "effort": "tau"}
 COMMANDED = {"position": "q_cmd", "velocity": "dq_cmd", "effort": "tau_ff"}
+
+
+# What the readers of records, of compressed chunks and of CDR raise on bytes that are none. LZ4's errors are bare
+# RuntimeErrors; a damaged length asks for more than there is.
+DAMAGE = (
+    OSError, McapError, ZstdError, RuntimeError, ValueError, LookupError, EOFError, OverflowError, MemoryError,
+    struct.error,
+)  # fmt: skip
 
 
 class _Message(NamedTuple):
@@ -35,20 +51,20 @@ def read_mcap(path: Path) -> dict[str, np.ndarray]:
     states stand in the row next to each.
 
     Raises:
-        GapRecordingError: Not an MCAP, or no joint states in it.
+        GapRecordingError: Not an MCAP, a damaged one, or no joint states in it.
     """
     tracks: dict[str, list[_Message]] = {"joint_states": [], "joint_commands": []}
     try:
         with path.open("rb") as stream:
-            for schema, channel, message in make_reader(stream).iter_messages():
-                topic = channel.topic.rsplit("/", 1)[-1]
-                if schema is not None and schema.name == JOINT_STATE and topic in tracks:
+            for topic, message in _joint_states(stream):
+                if topic in tracks:
                     values = unpack(JOINT_STATE, message.data)
                     stamp = values["header"]["stamp"]
                     sent = stamp["sec"] * 10**9 + stamp["nanosec"]
                     tracks[topic].append(_Message(sent, message.log_time, values))
-    except (OSError, McapError, ValueError, KeyError, EOFError) as error:
-        raise GapRecordingError(f"{path.name}: no MCAP with joint states in CDR ({error})") from error
+    except DAMAGE as error:
+        why = str(error) or type(error).__name__
+        raise GapRecordingError(f"{path.name}: no MCAP with joint states in CDR ({why})") from error
     if not tracks["joint_states"]:
         raise GapRecordingError(f"{path.name}: no topic '.../joint_states' with {JOINT_STATE} messages")
     at, measured = _columns(tracks["joint_states"], MEASURED)
@@ -61,6 +77,32 @@ def read_mcap(path: Path) -> dict[str, np.ndarray]:
         for name, values in commanded.items():
             table[name] = _beside_states(name, t_cmd, values[order], t)
     return table
+
+
+def _joint_states(stream: BinaryIO) -> list[tuple[str, Message]]:
+    """All messages with joint states of a file that is whole, by the recorder's time, with the last part of the topic.
+
+    Raises:
+        ValueError: A checksum is wrong, or the file holds fewer or more messages than it says; others of ``DAMAGE``.
+    """
+    size = stream.seek(0, os.SEEK_END)
+    summary = SeekingReader(_from_start(stream), record_size_limit=size).get_summary()
+    reader = NonSeekingReader(_from_start(stream), validate_crcs=True, record_size_limit=size)
+    found, count = [], 0
+    for schema, channel, message in reader.iter_messages(log_time_order=False):
+        count += 1
+        if schema is not None and schema.name == JOINT_STATE:
+            found.append((channel.topic.rsplit("/", 1)[-1], message))
+    # A chunk whose first byte is wrong is one of an unknown kind to a reader, and would be skipped.
+    told = None if summary is None else summary.statistics
+    if told is not None and told.message_count != count:
+        raise ValueError(f"{count} messages can be read of {told.message_count}")
+    return sorted(found, key=lambda one: one[1].log_time)
+
+
+def _from_start(stream: BinaryIO) -> BinaryIO:
+    stream.seek(0)
+    return stream
 
 
 def _beside_states(column: str, t_cmd: np.ndarray, x: np.ndarray, t: np.ndarray) -> np.ndarray:
