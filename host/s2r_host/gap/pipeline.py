@@ -25,6 +25,7 @@ from s2r_host.gap.motion.slow_log import filled
 from s2r_host.gap.output.generic import fit_generic
 from s2r_host.gap.recordings.files import read_recording
 from s2r_host.gap.recordings.holes import stretches
+from s2r_host.gap.recordings.names import distinct_names
 from s2r_host.gap.regression.base_terms import PREFIX, BaseTerm
 from s2r_host.gap.regression.friction_edge import find_edges
 from s2r_host.gap.regression.problem import Problem, build_problem
@@ -78,11 +79,21 @@ class Analysis:
     started: float = field(default_factory=time.monotonic)
 
 
-def load_sessions(model: RigidModel, paths: list[Path], first: int, notes: list[str]) -> list[Session]:
-    """Read, check and resample recordings; their costs go to ``notes``."""
+def load_sessions(
+    model: RigidModel, paths: list[Path], first: int, notes: list[str], names: dict[Path, str] | None = None
+) -> list[Session]:
+    """Read, check and resample recordings; their costs go to ``notes``.
+
+    Args:
+        model: The nominal model.
+        paths: The recordings.
+        first: Number of the first of them.
+        notes: For people.
+        names: What they are called, beside others; None: by their files.
+    """
     sessions: list[Session] = []
     for path in paths:
-        whole = read_recording(path)
+        whole = read_recording(path, None if names is None else names[path])
         notes += check_joints(model, whole) + [f"{whole.name}: {w}" for w in whole.warnings]
         pieces, said = stretches(whole)
         notes += said
@@ -138,9 +149,10 @@ def analyse(
     notes = [*model.left_out, *model.inertia_replaced()]
     log(f"model {model.path.name}: joints {', '.join(model.joints)}")
     notes += _untie_what_is_pulled(model, [*fit_paths, *hold_paths, *repeat_paths])
-    fit = load_sessions(model, fit_paths, 0, notes)
-    hold = load_sessions(model, hold_paths, len(fit), notes)
-    repeats = load_sessions(model, repeat_paths, len(fit) + len(hold), notes)
+    names = distinct_names([*fit_paths, *hold_paths, *repeat_paths])
+    fit = load_sessions(model, fit_paths, 0, notes, names)
+    hold = load_sessions(model, hold_paths, len(fit), notes, names)
+    repeats = load_sessions(model, repeat_paths, len(fit) + len(hold), notes, names)
     placed = registered(model, fit + hold + repeats, notes)
     fit, hold, repeats = (
         placed[: len(fit)],

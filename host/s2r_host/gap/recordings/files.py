@@ -31,8 +31,12 @@ SIDE_KEYS = {
 }
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path, name: str | None = None) -> Recording:
     """Read one recording and its side file.
+
+    Args:
+        path: The recording.
+        name: What it is called, and its session where the side file names none; None: the file without its suffix.
 
     Raises:
         GapRecordingError: The file is missing, unreadable, or says something that cannot be used.
@@ -42,7 +46,7 @@ def read_recording(path: Path) -> Recording:
         raise GapRecordingError(f"recording '{path}': no such file")
     table = read_table(path)
     side = _read_side_file(path)
-    return _assemble(path, table, side)
+    return _assemble(path, path.stem if name is None else name, table, side)
 
 
 def _read_side_file(path: Path) -> dict:
@@ -60,7 +64,7 @@ def _read_side_file(path: Path) -> dict:
     return side
 
 
-def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording:
+def _assemble(path: Path, name: str, table: dict[str, np.ndarray], side: dict) -> Recording:
     warnings: list[str] = []
     _refuse_misspelt(side, SIDE_KEYS, f"{path.stem}.yaml")
     unknown = sorted(set(side) - SIDE_KEYS)
@@ -122,13 +126,13 @@ def _assemble(path: Path, table: dict[str, np.ndarray], side: dict) -> Recording
             warnings.append("neither effort nor command is recorded: nothing drives a simulation")
         driven_by = "q_cmd"
     return Recording(
-        name=path.stem,
+        name=name,
         t=t - t[0],
         channels=channels,
         controller=_controller(side, names, path),
         effort=effort,
         driven_by=driven_by,
-        session=path.stem if side.get("session") is None else str(side["session"]),
+        session=name if side.get("session") is None else str(side["session"]),
         notes=str(side.get("notes", "")),
         warnings=tuple(warnings),
         start_s=float(t[0]),
