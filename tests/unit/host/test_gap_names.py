@@ -63,17 +63,24 @@ def test_an_accuracy_of_an_unknown_joint_is_refused(model, tmp_path, key):
         ({"q": "deg"}, r"'q.rail' is declared in deg, and 'rail' slides"),
         ({"q": "mm"}, r"'q.elbow' is declared in mm, and 'elbow' turns"),
         ({"q_cmd.rail": "rev"}, r"'q_cmd.rail' is declared in rev, and 'rail' slides"),
+        ({"tau": "Nm"}, r"'tau.rail' is declared in Nm, and 'rail' slides"),
+        ({"tau.elbow": "kN"}, r"'tau.elbow' is declared in kN, and 'elbow' turns"),
+        ({"tau_ff.elbow": "N"}, r"'tau_ff.elbow' is declared in N, and 'elbow' turns"),
     ],
 )
 def test_a_unit_of_another_kind_of_joint_is_refused(model, tmp_path, units, said):
+    more = {"q_cmd.rail": 0.1 * np.sin(T), "tau.elbow": T, "tau.rail": T, "tau_ff.elbow": T}
     with pytest.raises(GapRecordingError, match=said):
-        checked(model, tmp_path, {"units": units}, **{"q_cmd.rail": 0.1 * np.sin(T)})
+        checked(model, tmp_path, {"units": units}, **more)
 
 
 def test_hinges_and_slides_each_have_their_unit(model, tmp_path):
-    rec = checked(model, tmp_path, {"units": {"q": "deg", "q.rail": "mm"}})
+    units = {"q": "deg", "q.rail": "mm", "tau": "Ncm", "tau.rail": "kN"}
+    rec = checked(model, tmp_path, {"units": units}, **{"tau.elbow": T, "tau.rail": T})
     assert rec.channels["q"]["elbow"] == pytest.approx(np.radians(np.sin(T)))
     assert rec.channels["q"]["rail"] == pytest.approx(1e-4 * np.sin(T))
+    assert rec.channels["tau"]["elbow"] == pytest.approx(1e-2 * T)
+    assert rec.channels["tau"]["rail"] == pytest.approx(1e3 * T)
 
 
 @pytest.mark.parametrize("name", ["j1", "elbow"])

@@ -72,10 +72,10 @@ def check_joints(model: RigidModel, rec: Recording) -> list[str]:
 
 
 def _check_dimensions(model: RigidModel, rec: Recording) -> None:
-    """No hinge moves in millimetres, and no slide in degrees."""
+    """No hinge moves in millimetres or is driven by newtons, and no slide in degrees or by newton metres."""
     for column, unit in rec.units.items():
         kind, _, joint = column.partition(".")
-        if kind in ("q", "dq", "q_cmd", "dq_cmd") and moves(unit) != model.unit(joint):
+        if kind in ("q", "dq", "q_cmd", "dq_cmd", "tau", "tau_ff") and moves(unit) != model.unit(joint):
             what = "turns" if model.unit(joint) == "rad" else "slides"
             raise GapRecordingError(
                 f"{rec.name}: '{column}' is declared in {unit}, and '{joint}' {what}; declare the unit of this column "

@@ -9,10 +9,9 @@ from s2r_host.gap.errors import GapRecordingError
 ANGLE = {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * math.pi, "turn": 2.0 * math.pi}
 LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254}
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-EFFORT = {
-    "Nm": 1.0, "N.m": 1.0, "N*m": 1.0, "N·m": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2,
-    "N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kip": 4448.2216152605,
-}  # fmt: skip
+TORQUE = {"Nm": 1.0, "N.m": 1.0, "N*m": 1.0, "N·m": 1.0, "mNm": 1e-3, "Nmm": 1e-3, "Ncm": 1e-2}
+FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kip": 4448.2216152605}
+EFFORT = TORQUE | FORCE
 EFFORT_OF = {"rad": "N·m", "m": "N"}
 """Unit of a joint's effort, by the unit of its position."""
 SPEED = {
@@ -68,5 +67,5 @@ def factor(column: str, unit: str | None, file_name: str) -> float:
 
 
 def moves(unit: str) -> str:
-    """What a unit of a position or speed measures: ``rad`` of a hinge, or ``m`` of a slide."""
-    return "m" if unit.removesuffix("/s") in LENGTH else "rad"
+    """What a unit of a position, speed or effort measures: ``rad`` of a hinge, or ``m`` of a slide."""
+    return "m" if unit.removesuffix("/s") in LENGTH or unit in FORCE else "rad"
