@@ -83,6 +83,14 @@ def test_hinges_and_slides_each_have_their_unit(model, tmp_path):
     assert rec.channels["tau"]["rail"] == pytest.approx(1e3 * T)
 
 
+@pytest.mark.parametrize("units", [{"q": "rad"}, {"q.elbow": "rad"}])
+def test_what_turns_on_and_on_is_believed_once_its_unit_is_declared(model, tmp_path, units):
+    wheel = {"q.elbow": 125.0 * T + 0.5 * np.sin(3.0 * T)}
+    with pytest.raises(GapRecordingError, match=r"'q.elbow' spans 24\d.* of what turns on and on, 'rad'"):
+        checked(model, tmp_path, {}, **wheel)
+    assert checked(model, tmp_path, {"units": {"q.rail": "m"} | units}, **wheel).joints == ("elbow", "rail")
+
+
 @pytest.mark.parametrize("name", ["j1", "elbow"])
 def test_a_unit_counts_under_either_name_of_a_joint(tmp_path, name):
     path = tmp_path / "rec.csv"

@@ -16,7 +16,7 @@ from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.recordings.units import moves
 
 RANGE_SLACK = 0.25
-MAX_TURNS_RAD = 200.0
+MAX_TURNS_RAD, MAX_SPEED_RAD_S = 200.0, 300.0  # more is taken for degrees, unless the unit is declared
 LAW_SHAPE, LAW_SCALE = 0.8, 5.0  # a law this far off in size, followed this well in shape
 CROSSED = 0.1  # of what a joint's own gains leave over: those of another joint leave less
 LEAST_TURNED = 0.85  # R² under positions read as degrees, and how many times less it leaves over
@@ -110,10 +110,11 @@ def _check_range(model: RigidModel, rec: Recording, joint: str) -> None:
             f"[{low:.4g}, {high:.4g}]{hint}; another robot, another zero, or other units"
         )
     speed = np.abs(np.diff(q)) / np.diff(rec.t)
-    if unit == "rad" and (highest - lowest > MAX_TURNS_RAD or float(np.percentile(speed, 90)) > 300.0):
+    turns = highest - lowest > MAX_TURNS_RAD or float(np.percentile(speed, 90)) > MAX_SPEED_RAD_S
+    if unit == "rad" and turns and f"q.{joint}" not in rec.units:  # a wheel that says so turns on and on
         raise GapRecordingError(
             f"{rec.name}: 'q.{joint}' spans {highest - lowest:.4g} rad at up to {np.max(speed):.3g} rad/s; "
-            "declare its unit under 'units' in the side file if it is in degrees"
+            "declare its unit under 'units' in the side file, 'deg' or, of what turns on and on, 'rad'"
         )
 
 
