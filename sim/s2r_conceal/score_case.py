@@ -79,7 +79,7 @@ def score_case(
         case: Its name.
         truth: Sealed entry.
         verdict: ``exit_code``, ``wall_s`` and ``gap`` (the tool's JSON or None).
-        tracks: Per role the columns of its CSV, for regimes stated as ranges of q and dq.
+        tracks: Per role the columns of its CSV, for regimes stated as ranges of q and dq, and the order of joints.
     """
     gap = verdict.get("gap") or {}
     answered = _answered(verdict, gap)
@@ -112,7 +112,7 @@ def score_case(
         all_named=_all_named(names, effects) if scored and len(effects) > 1 else None,
         all_named_exactly=set(true_names) <= set(names) if scored and len(effects) > 1 else None,
         extra=_extra(names, effects) if scored else None,
-        oracle_ratio=_oracle_ratio(truth, gap) if missing else None,
+        oracle_ratio=_oracle_ratio(truth, gap, tracks) if missing else None,
         probability=_probability(entries) if scored and names else None,
         wall_s=gap.get("wall_s", verdict.get("wall_s")),
         intervals=intervals(effects, entries) if scored else [],
@@ -183,14 +183,30 @@ def _probability(entries: list[dict[str, Any]]) -> float | None:
     return None if stated is None else float(stated)
 
 
-def _oracle_ratio(truth: dict[str, Any], gap: dict[str, Any]) -> float | None:
-    """(before − after) / (before − oracle) on the held-out recording; None where there is too little to gain."""
+def _oracle_ratio(
+    truth: dict[str, Any], gap: dict[str, Any], tracks: dict[str, dict[str, np.ndarray]]
+) -> float | None:
+    """(before − after) / (before − oracle) on the held-out recording, of the joint that was off most before.
+
+    The oracle is the true machine under its control law, so a prediction without one does not compare.
+
+    Returns:
+        None where nothing was predicted in closed loop, or there is too little to gain.
+    """
     fit = gap.get("fit") or {}
-    before, after = fit.get("holdout_before"), fit.get("holdout_after")
-    oracle = truth["holdout"]["oracle"]
-    if before is None or after is None or before < 1.5 * oracle:
+    columns = next(iter(tracks.values()), {})
+    joints = [column[2:] for column in columns if column.startswith("q.")]
+    oracles = truth["holdout"]["per_joint_oracle"]
+    stated = fit.get("per_joint") or ({joints[0]: fit} if len(joints) == 1 else {})
+    if not fit.get("closed_loop", True) or len(oracles) != len(joints):
         return None
-    return float((before - after) / (before - oracle))
+    found = []
+    for joint, oracle in zip(joints, oracles, strict=True):
+        before, after = (stated.get(joint, {}).get(f"holdout_{when}") for when in ("before", "after"))
+        if before is not None and after is not None:
+            found.append((before, after, oracle))
+    before, after, oracle = max(found, default=(0.0, 0.0, 0.0))
+    return float((before - after) / (before - oracle)) if before > 0.0 and before >= 1.5 * oracle else None
 
 
 # -- when and where -------------------------------------------------------------------------------------

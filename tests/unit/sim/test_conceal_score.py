@@ -31,7 +31,7 @@ def _truth(group="single", effects=None, variant="", expected=("physics_missing"
         "variant": variant,
         "expected": list(expected),
         "effects": [_effect()] if effects is None else effects,
-        "holdout": {"oracle": 1e-4, "believed": 1e-3},
+        "holdout": {"oracle": 1e-4, "believed": 1e-3, "per_joint_oracle": [1e-4]},
         "stable": True,
     }
 
@@ -171,6 +171,38 @@ def test_oracle_ratio_is_the_share_of_the_gain_that_was_reached():
 def test_oracle_ratio_is_left_out_where_there_is_nothing_to_gain():
     verdict = _named("backlash", fit={"holdout_before": 1.2e-4, "holdout_after": 1.1e-4})
     assert _score(_truth(), verdict).oracle_ratio is None
+
+
+def _arm(after, **fit):
+    """Seven joints, one of them 1 mrad off before; its noise is ten times that of the others."""
+    oracles = [2e-5] * 6 + [2e-4]
+    truth = _truth()
+    truth["holdout"] = {"oracle": max(oracles), "believed": 1e-3, "per_joint_oracle": oracles}
+    names = [f"joint{k}" for k in range(7)]
+    before, now = [*oracles[:6], 1e-3], [*oracles[:6], after]
+    stated = {
+        n: {"holdout_before": b, "holdout_after": a} for n, b, a in zip(names, before, now, strict=True)
+    }
+    rms = {
+        f"holdout_{when}": float(np.sqrt(np.mean(np.square(x))))
+        for when, x in (("before", before), ("after", now))
+    }
+    tracks = {"fit": {"t": T, **{f"q.{n}": T for n in names}}}
+    verdict = _named("backlash", fit=rms | {"closed_loop": True, "per_joint": stated} | fit)
+    return score_case("case-0001", truth, verdict, tracks).oracle_ratio
+
+
+def test_the_oracle_ratio_of_an_arm_is_that_of_the_joint_that_was_off_most():
+    assert _arm(after=2e-4) == pytest.approx(1.0)
+    assert _arm(after=5e-4) == pytest.approx(0.625)
+
+
+def test_predictions_without_the_loop_have_no_oracle_ratio():
+    assert _arm(after=2e-4, closed_loop=False) is None
+
+
+def test_a_mean_over_joints_alone_has_no_oracle_ratio():
+    assert _arm(after=2e-4, per_joint={}) is None
 
 
 def test_refusals_count_by_exit_code():
