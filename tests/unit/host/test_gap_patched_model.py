@@ -110,6 +110,57 @@ def test_it_moves_as_the_simulation_of_the_answer(ctx, name, tmp_path):
         assert off_by < 1e-4 + 0.05 * np.max(np.abs(wanted - plain)), (name, term.shape)
 
 
+NUMBERS = (
+    'damping=".2" frictionloss=".3" armature=".02" limited="true" range="-172 172" stiffness=".5" springref="20" '
+    'margin=".01" solreflimit=".03 1" solreffriction=".03 1" actuatorfrclimited="true" actuatorfrcrange="-9 9"'
+)
+TOLD = """<mujoco><option timestep="{step}" integrator="implicitfast"/><default>{defaults}</default><worldbody>
+<body name="link" {childclass}><joint name="{joint}" axis="0 1 0" {own}/>
+<inertial mass="1" pos="0 0 -.2" diaginertia=".02 .02 .002"/></body></worldbody></mujoco>"""
+
+
+def told(where, folder):
+    """Context of one joint whose numbers stand on it, in the main default class, or in one of its body."""
+    numbers = f"<joint {NUMBERS}/>"
+    path = folder / f"{where}.xml"
+    path.write_text(
+        TOLD.format(
+            step=STEP_S,
+            joint="hinge",
+            own=NUMBERS if where == "joint" else "",
+            defaults={"main": numbers, "class": f"<default class='arm'>{numbers}</default>"}.get(where, ""),
+            childclass='childclass="arm"' if where == "class" else "",
+        ),
+        encoding="utf-8",
+    )
+    model, t = RigidModel(path), np.arange(0, 6, 0.002)
+    channels = {"q": {"hinge": 0.5 * np.sin(1.3 * t)}, "tau": {"hinge": np.cos(3 * t)}}
+    rec = Recording("r", t, channels, Controller(), "commanded", "effort", "s", "", ())
+    return Context(model, [make_session(model, rec, 0)])
+
+
+@pytest.mark.parametrize("where", ["main", "class"])
+@pytest.mark.parametrize("name", ["joint_elasticity", "backlash"])
+def test_the_joint_behind_a_gear_takes_nothing_from_the_defaults_of_the_model(name, where, tmp_path):
+    def patched(x):
+        ctx = told(x, tmp_path)
+        twin = build_twin(ctx.model, ctx, [Live(name, 0, catalogue()[name].shapes(ctx, 0)[-1], np.zeros(0))])
+        folder = tmp_path / f"patched {x}"
+        folder.mkdir()
+        write_model(twin, folder)
+        return twin.model, mujoco.MjModel.from_xml_path(str(folder / "model_patched.xml"))
+
+    arrays = (
+        "dof_frictionloss", "dof_armature", "dof_damping", "dof_solref", "dof_solimp", "jnt_stiffness", "jnt_limited",
+        "jnt_range", "jnt_margin", "jnt_solref", "jnt_solimp", "jnt_actfrclimited", "qpos0", "qpos_spring",
+    )  # fmt: skip
+    for found, wanted in zip(patched(where), patched("joint"), strict=True):
+        assert wanted.nv == 2
+        assert wanted.dof_frictionloss[1] == 0.0
+        for array in arrays:
+            assert getattr(found, array) == pytest.approx(getattr(wanted, array), rel=1e-4), array
+
+
 FLAT_PLATE = """<mujoco><worldbody><body name="plate"><joint name="hinge" axis="0 0 1"/>
 <inertial mass="5.2" pos=".16 0 0" diaginertia=".03 .06 .09"/></body></worldbody></mujoco>"""
 

@@ -1,14 +1,19 @@
 """The baseline of mujoco.sysid: it finds a wrong number, stops at its limit, and says what it lacks."""
 
+from types import SimpleNamespace
+from typing import Any
+
+import mujoco
 import numpy as np
 import pytest
 from mujoco import sysid
 
 from s2r_host.gap.config import GapConfig
+from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.output import sysid as baseline
 from s2r_host.gap.output.extras import near_network
 from s2r_host.gap.pipeline import analyse
-from s2r_host.gap.rig import Drive, Secret, write_case
+from s2r_host.gap.rig import Drive, Secret, write_case, write_model
 from s2r_host.gap.simulation.forward import evaluate
 from s2r_host.gap.simulation.replay import build_twin
 
@@ -47,6 +52,22 @@ def test_what_is_cut_off_is_the_best_so_far_and_says_so(heavy):
     assert found.cut_off
     assert not np.any([x for _, x in found.moved])
     assert "cut off after 40 s of processor time" in found.as_json()["how"]
+
+
+def test_its_motors_pass_the_recorded_effort_on_whatever_the_defaults_say_of_motors(tmp_path):
+    own = '<general gear="50" ctrllimited="true" ctrlrange="-1 1" gainprm="3" forcelimited="true" forcerange="-2 2"/>'
+    path = write_model(tmp_path / "model.xml")
+    text = path.read_text(encoding="utf-8").replace("<worldbody>", f"<default>{own}</default><worldbody>")
+    motor = '<actuator><general joint="elbow"/></actuator>'
+    path.write_text(text.replace("</mujoco>", f"{motor}</mujoco>"), encoding="utf-8")
+    model = RigidModel(path)
+    session: Any = SimpleNamespace(lead=np.zeros(1))
+    driven = baseline._driven(model, session).compile()
+    data = mujoco.MjData(driven)
+    data.ctrl[0] = 7.0
+    mujoco.mj_forward(driven, data)
+    assert driven.nu == 1
+    assert data.qfrc_actuator[0] == pytest.approx(7.0)
 
 
 def test_a_toolbox_without_its_packages_is_told(heavy, monkeypatch):

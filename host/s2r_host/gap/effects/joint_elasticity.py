@@ -7,6 +7,7 @@ import numpy as np
 
 from s2r_host.gap.effects.base import IMPOSSIBLE, Columns, Context, Effect, Shape, Value, free_name
 from s2r_host.gap.effects.encoder_offset import load_bend, load_slope
+from s2r_host.gap.motion.neutral import coincident_joint
 from s2r_host.gap.motion.quantities import TRANSMITTED
 from s2r_host.gap.motion.servo import servo_of
 from s2r_host.gap.motion.session import Session
@@ -234,8 +235,7 @@ def second_joint(ctx: Context, spec: mujoco.MjSpec, joint: int, motor_inertia: f
     """Add a coincident joint behind ``joint``; returns it. Motor-side quantities stay on the first one."""
     name = ctx.model.joints[joint]
     first = spec.joint(name)
-    free = free_name(f"{name}_gap_flex", spec.joints)
-    flex = first.parent.add_joint(name=free, type=first.type, axis=first.axis, pos=first.pos)
+    flex = coincident_joint(first, free_name(f"{name}_gap_flex", spec.joints))
     known = float(ctx.model.model.dof_armature[joint])
     if known == 0.0:
         first.armature = max(motor_inertia, 0.01 * mean_inertia(ctx, joint))

@@ -17,6 +17,7 @@ import numpy as np
 from mujoco import sysid
 
 from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.motion.neutral import plain_motor
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.regression.base_terms import NEVER_NEGATIVE
 from s2r_host.gap.regression.nuisance import BaseParameter
@@ -224,7 +225,7 @@ def _driven(model: RigidModel, s: Session) -> mujoco.MjSpec:
         for one in list(kind):
             spec.delete(one)
     for j, name in enumerate(model.joints):
-        motor = spec.add_actuator(name=MOTOR + name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor = plain_motor(spec, MOTOR + name, name)
         motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         sensor = spec.add_sensor(name=MOTOR + name, type=mujoco.mjtSensor.mjSENS_JOINTPOS)
         sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_JOINT, name
