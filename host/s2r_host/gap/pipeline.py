@@ -41,7 +41,7 @@ from s2r_host.gap.verdict import insufficient
 from s2r_host.gap.verdict.decide import decide, restate, unnamed_force, unnamed_force_beside
 from s2r_host.gap.verdict.decision import LEFTOVER_LIMIT, Decision, doubt
 from s2r_host.gap.verdict.other_equations import BEHIND_THE_SENSOR
-from s2r_host.gap.verdict.where import Place, acting, contradicted, locate, narrowed, with_named
+from s2r_host.gap.verdict.where import Place, acting, contradicted, locate, narrowed, somewhere, with_named
 
 Log = Callable[[str], None]
 
@@ -360,6 +360,8 @@ def _places(problem: Problem, search: Search, decision: Decision) -> list[Place]
         return [contradicted(problem, c) for c in decision.contradictions]
     if decision.touched is not None:
         return [contradicted(problem, decision.touched)]
+    if decision.verdict == "unknown":
+        return somewhere(problem, rows, places)
     if decision.verdict != "physics_missing":
         return places
     found = []

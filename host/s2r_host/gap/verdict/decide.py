@@ -24,6 +24,7 @@ from s2r_host.gap.search.wrong_number import ALONE_SLACK, TIGHT, Looseness, base
 from s2r_host.gap.verdict.decision import (
     LEFTOVER_LIMIT,
     Decision,
+    Lasting,
     doubt,
     explained,
     explained_by_numbers,
@@ -223,7 +224,9 @@ def unnamed_force(problem: Problem, search: Search, decision: Decision) -> None:
         decision.touched = touched
         decision.reasons.append(touched.words)
     elif swings is not None:
-        decision.reasons.append(_swings(problem, *swings))
+        words = _swings(problem, *swings)
+        decision.touched = Lasting.along(problem.ctx.sessions[0], swings[0], words)
+        decision.reasons.append(words)
     else:
         return
     decision.verdict, decision.parameters_off = "unknown", []

@@ -8,6 +8,7 @@ import numpy as np
 
 from s2r_host.gap.motion.kinematics import Contradiction
 from s2r_host.gap.motion.law import LawFinding
+from s2r_host.gap.motion.session import Session
 from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.regression.solution import Solution
 from s2r_host.gap.regression.strokes import left_over, together
@@ -36,7 +37,27 @@ class Decision:
     explained: float = 0.0
     law: list[LawFinding] = field(default_factory=list)
     contradictions: list[Contradiction] = field(default_factory=list)
-    touched: Bursts | BreakAway | None = None
+    touched: Bursts | BreakAway | Lasting | None = None
+
+
+@dataclass(frozen=True)
+class Lasting:
+    """A force of one joint that is told from noise by what it is, and at no time more than at another.
+
+    Attributes:
+        joint: Joint index.
+        intervals: From the first to the last stamp of a recording [s].
+        words: What kind of force it is.
+    """
+
+    joint: int
+    intervals: list[list[float]]
+    words: str
+
+    @classmethod
+    def along(cls, s: Session, joint: int, words: str) -> Lasting:
+        """A force that is there throughout a recording."""
+        return cls(joint, [[round(float(s.rec.start_s + t), 3) for t in (s.t[0], s.t[-1])]], words)
 
 
 def too_much_left(problem: Problem, search: Search, decision: Decision) -> bool:

@@ -13,7 +13,7 @@ from s2r_host.gap.regression.solution import Term
 from s2r_host.gap.regression.unrepeated import Wander
 from s2r_host.gap.search.break_away import BreakAway
 from s2r_host.gap.search.search import Search
-from s2r_host.gap.verdict.decision import Decision
+from s2r_host.gap.verdict.decision import Decision, Lasting
 from s2r_host.gap.verdict.naming import CEILING, MODEL_ERROR, SET_LEAST, Z90, Named, cooling
 from s2r_host.gap.verdict.parameters_off import off_entry
 
@@ -95,8 +95,9 @@ def _play_between(found: Contradiction, decision: Decision) -> bool:
 def add_wander(problem: Problem, found: Wander, decision: Decision) -> None:
     """What passes for noise since no second run repeats it, and is none."""
     name = problem.ctx.model.joints[found.joint]
-    decision.verdict = "unknown"
-    decision.reasons.append(found.words(name, problem.ctx.model.effort_unit(name)))
+    words = found.words(name, problem.ctx.model.effort_unit(name))
+    decision.verdict, decision.touched = "unknown", Lasting.along(problem.ctx.sessions[0], found.joint, words)
+    decision.reasons.append(words)
 
 
 def add_break_away(problem: Problem, search: Search, found: BreakAway, decision: Decision) -> None:

@@ -13,7 +13,7 @@ from s2r_host.gap.regression.problem import Problem
 from s2r_host.gap.search.break_away import BreakAway
 from s2r_host.gap.search.bursts import Bursts
 from s2r_host.gap.search.search import Search
-from s2r_host.gap.verdict.decision import Decision
+from s2r_host.gap.verdict.decision import Decision, Lasting
 from s2r_host.gap.verdict.naming import Named
 
 ACTING, MERGE_S = 0.2, 0.06
@@ -76,11 +76,31 @@ def with_named(problem: Problem, rows: np.ndarray, places: list[Place], decision
     ]
 
 
-def contradicted(problem: Problem, found: Contradiction | Bursts | BreakAway) -> Place:
+def contradicted(problem: Problem, found: Contradiction | Bursts | BreakAway | Lasting) -> Place:
     """What is known by its times alone: two sensors that contradict each other, a push; the ranges are the motion's."""
     s, j = problem.ctx.sessions[0], found.joint
     box = [[round(float(x.min()), 5), round(float(x.max()), 5)] for x in (s.q[:, j], s.v[:, j])]
     return Place(problem.ctx.model.joints[j], 1.0, found.intervals, box[0], box[1], found.words)
+
+
+def somewhere(problem: Problem, rows: np.ndarray, places: list[Place]) -> list[Place]:
+    """Places of what is unknown, each with times: all of the motion where none stand out.
+
+    Where no joint stands above a floor that holds the force itself, it is the one that comes highest.
+    """
+
+    def floors(j: int) -> float:
+        power = [float(np.mean(rows[b.rows] ** 2)) for b in problem.blocks if b.joint == j]
+        return max(power, default=0.0) / max(problem.floor[j] ** 2, 1e-30)
+
+    def throughout(j: int) -> Place:
+        found = Lasting.along(problem.ctx.sessions[0], j, "throughout the motion")
+        return contradicted(problem, found)
+
+    if not places:
+        return [throughout(max(problem.joints, key=floors))]
+    index = problem.ctx.model.index
+    return [p if p.t else replace(p, t=throughout(index(p.joint)).t) for p in places]
 
 
 def _place(problem: Problem, rows: np.ndarray, j: int, share: float) -> Place:
