@@ -17,6 +17,7 @@ from s2r_host.gap.simulation.forward import Errors, evaluate
 from s2r_host.gap.simulation.replay import Twin, build_twin
 
 NETWORK_MARGIN = 0.1
+PREDICTIONS = ("sysid", "refitted_parameters", "residual_network")
 
 
 def add_extras(a: Analysis, config: GapConfig, seed: int, folder: Path, log: Callable[[str], None]) -> None:
@@ -29,7 +30,7 @@ def add_extras(a: Analysis, config: GapConfig, seed: int, folder: Path, log: Cal
     if config.baselines and config.simulate:
         log("baselines")
         a.baselines |= _baselines(a, a.problem, a.search, config.open_loop_window_s, seed)
-        if not a.baselines["residual_network"]["named_within_10_percent"]:
+        if a.baselines["residual_network"].get("named_within_10_percent") is False:
             a.notes.append(
                 "the small residual network predicts held-out motion by more than 10 % better than what is named: the "
                 "names do not explain all that can be learned"
@@ -43,7 +44,11 @@ def _baselines(a: Analysis, problem: Problem, search: Search, window_s: float, s
     """Three predictions of the held-out motion that name nothing, and whether what is named is near the network's."""
     from s2r_host.gap.output.sysid import identify  # loads plotting libraries
 
+    assert a.after is not None
     joints = list(problem.joints)
+    named = _held(a.after, joints)["holdout"]
+    if not np.isfinite(named):  # an effort or a law is missing, and so it is for any other model
+        return dict.fromkeys(PREDICTIONS, not_fitted("no forward simulation of these recordings is possible"))
 
     def predicted(twin: Twin) -> dict:
         return _held(evaluate(twin, a.fit, a.hold, joints, window_s), joints)
@@ -58,11 +63,8 @@ def _baselines(a: Analysis, problem: Problem, search: Search, window_s: float, s
     net = residual_network(problem, np.random.default_rng(seed))
     network = predicted(build_twin(a.model, problem.ctx, [], generic=net))
     network["how"] = "one hidden layer per joint, position, speed, direction and load to residual effort"
-    assert a.after is not None
-    network["named_within_10_percent"] = near_network(
-        _held(a.after, joints)["holdout"], network["holdout"], floor_json(a)["q_rmse"]
-    )
-    return {"sysid": sysid, "refitted_parameters": refitted, "residual_network": network}
+    network["named_within_10_percent"] = near_network(named, network["holdout"], floor_json(a)["q_rmse"])
+    return dict(zip(PREDICTIONS, (sysid, refitted, network), strict=True))
 
 
 def near_network(named: float, network: float, floor: float) -> bool:
