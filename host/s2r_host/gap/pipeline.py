@@ -404,7 +404,7 @@ def patched_twin(a: Analysis, solution: Solution, verdict: str) -> Twin:
     if verdict in ("nothing_missing", "insufficient"):
         return build_twin(a.model, problem.ctx, [])
     if verdict == "unknown":
-        return build_twin(a.model, problem.ctx, [], generic=fit_generic(problem))
+        return build_twin(a.model, problem.ctx, fit_generic(problem))
     geared = {
         c.joint for c in problem.contradictions if c.finding is not None
     }  # their transmission is known better

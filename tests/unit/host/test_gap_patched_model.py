@@ -14,8 +14,10 @@ from s2r_host.gap.motion.flat_bodies import thickened
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session
 from s2r_host.gap.output.answer import write_model
+from s2r_host.gap.pipeline import patched_twin
 from s2r_host.gap.recordings.recording import Controller, Recording
 from s2r_host.gap.regression.nuisance import body_parameters
+from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.simulation.replay import Live, build_twin, run
 
 STEP_S, ROWS = 0.00025, slice(100, 600)
@@ -190,6 +192,27 @@ def test_a_flat_or_thin_body_is_thickened_in_its_smallest_moments_alone(moments)
 @pytest.mark.parametrize("moments", [(0.05, 0.06, 0.09), (0.0, 0.0, 0.0)])
 def test_another_body_keeps_its_moments(moments):
     assert np.array_equal(thickened(np.array(moments), 1e-3), moments)
+
+
+def test_the_correction_of_what_has_no_name_moves_the_stock_model_as_the_simulation(ctx, tmp_path):
+    model, t = ctx.model, np.arange(0, 12, 0.002)
+    w, shift = np.array([1.7, 2.9]), np.array([0.0, 0.4])
+    q = 0.5 * np.sin(np.outer(t, w) + shift)
+    v, a = 0.5 * w * np.cos(np.outer(t, w) + shift), -(w**2) * q
+    u = model.inverse(q, v, a) + 0.05 * np.sign(v) + 0.4 * v * np.abs(q)
+    channels = {"q": dict(zip(JOINTS, q.T, strict=True)), "tau": dict(zip(JOINTS, u.T, strict=True))}
+    s = make_session(model, Recording("r", t, channels, Controller(), "commanded", "effort", "s", "", ()), 0)
+    found: Any = SimpleNamespace(model=model, problem=build_problem(model, [s], [], []))
+    solution: Any = None
+    twin = patched_twin(found, solution, "unknown")
+    assert {(t.effect, t.joint) for t in twin.live} == {("generic_correction", 0), ("generic_correction", 1)}
+    wanted = run(twin, s, ROWS.start, ROWS.stop, closed=False).q
+    plain = run(build_twin(model, twin.ctx, []), s, ROWS.start, ROWS.stop, closed=False).q
+    recorded = s.q[ROWS]
+    assert np.max(np.abs(wanted - recorded)) < 0.5 * np.max(np.abs(plain - recorded))
+    write_model(twin, tmp_path)
+    off_by = np.max(np.abs(stock(tmp_path, s, twin.at_link) - wanted))
+    assert off_by < 1e-4 + 0.05 * np.max(np.abs(wanted - plain))
 
 
 def test_what_has_a_stock_form_leaves_no_callback(ctx, tmp_path):

@@ -10,11 +10,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects import catalogue
 from s2r_host.gap.motion.flat_bodies import WRITTEN, thickened
 from s2r_host.gap.output.baselines import BASELINES, not_fitted
 from s2r_host.gap.pipeline import Analysis, floor_json
 from s2r_host.gap.simulation.forward import Errors, first_held
+from s2r_host.gap.simulation.generic import forms
 from s2r_host.gap.simulation.replay import HARD_SOLIMP, HARD_SOLREF, Twin
 from s2r_host.gap.verdict.rejected import without_answered
 from s2r_protocol.whole_file import write_whole
@@ -31,7 +31,7 @@ ANSWER_FILES = (
 )
 FITS = ("train", "holdout", "open_loop_holdout")
 RUNNING = "gap.json.part"  # from when files of a run are written until its answer is whole
-PATCH_TEXT = '''"""Effects found by `s2r gap` that stock MuJoCo has no attribute for.
+PATCH_TEXT = '''"""What `s2r gap` found and stock MuJoCo has no attribute for: effects, or a correction without a name.
 
     import mujoco, patch
     model = mujoco.MjModel.from_xml_path("model_patched.xml")
@@ -192,7 +192,7 @@ def write_model(twin: Twin, folder: Path) -> None:
     path = folder / "model_patched.xml"
     write_whole(path, twin.spec.to_xml())
     mujoco.MjModel.from_xml_path(str(path))
-    step, effects = float(twin.model.opt.timestep), catalogue()
+    step, effects = float(twin.model.opt.timestep), forms()
     terms = [
         {
             "effect": t.effect,

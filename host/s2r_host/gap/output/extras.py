@@ -61,7 +61,7 @@ def _baselines(a: Analysis, problem: Problem, search: Search, window_s: float, s
     refitted = predicted(refitted_parameters(problem, search))
     refitted["how"] = "the model's own parameters, least squares on the effort by this tool, no new physics"
     net = residual_network(problem, np.random.default_rng(seed))
-    network = predicted(build_twin(a.model, problem.ctx, [], generic=net))
+    network = predicted(build_twin(a.model, problem.ctx, [], learned=net))
     network["how"] = "one hidden layer per joint, position, speed, direction and load to residual effort"
     network["named_within_10_percent"] = near_network(named, network["holdout"], floor_json(a)["q_rmse"])
     return dict(zip(PREDICTIONS, (sysid, refitted, network), strict=True))

@@ -10,9 +10,9 @@ from typing import cast
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context, Runtime, StepState
 from s2r_host.gap.motion.model import RigidModel
+from s2r_host.gap.simulation.generic import forms
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def install_terms(model: mujoco.MjModel, terms: list[dict], joints: Sequence[str
     runtimes: list[tuple[int, Runtime]] = []
     for term in terms:
         ctx = Context(cast(RigidModel, installed), [], given=term["given"])
-        made = catalogue()[term["effect"]].runtime(
+        made = forms()[term["effect"]].runtime(
             ctx, term["joint"], term["shape"], np.array(term["theta"]), float(model.opt.timestep)
         )
         if made is not None:

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from s2r_host.gap.effects import catalogue
 from s2r_host.gap.effects.base import Context, Runtime, StepState
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.servo import servo_of, ticks_of
 from s2r_host.gap.motion.session import Session
 from s2r_host.gap.regression.nuisance import BaseParameter
+from s2r_host.gap.simulation.generic import forms
 from s2r_host.gap.simulation.polish import FRICTION_EFFECTS
 
 MAX_STEP_S = 0.00025
@@ -38,9 +38,10 @@ class Twin:
 
     Attributes:
         spec: Source with every stock attribute written; ``model`` its compilation.
-        live: Effects that need a callback.
+        live: Effects that need a callback, and the generic correction of what has no name.
         at_link: Joints whose encoder is behind their gear: it sees the joint and what an effect put behind it together.
         lag: Sensor lag per joint [s].
+        learned: Effort per joint that a baseline takes away; it is not part of what is written.
         friction_factor: All friction of a session over that of the fitted ones, by its label, shape (joint,).
     """
 
@@ -54,14 +55,14 @@ class Twin:
     at_link: set[int] = field(default_factory=set)
     lag: dict[int, float] = field(default_factory=dict)
     offset: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    generic: Callable[[StepState], np.ndarray] | None = None
+    learned: Callable[[StepState], np.ndarray] | None = None
     friction_factor: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def build_twin(
     rigid: RigidModel, ctx: Context, terms: list[Live],
     base: list[tuple[BaseParameter, float]] | None = None,
-    generic: Callable[[StepState], np.ndarray] | None = None,
+    learned: Callable[[StepState], np.ndarray] | None = None,
 ) -> Twin:  # fmt: skip
     """Write base parameters and effects into a copy of the model; what has no stock form stays live."""
     spec = rigid.spec.copy()
@@ -70,9 +71,9 @@ def build_twin(
         if parameter.name == "effort_offset":
             offset[rigid.index(parameter.place)] += value
         parameter.write(spec, value)
-    twin = Twin(rigid, ctx, spec, rigid.model, offset=offset, generic=generic)
+    twin = Twin(rigid, ctx, spec, rigid.model, offset=offset, learned=learned)
     for term in [*terms, *_mirrored(terms)]:
-        effect = catalogue().get(term.effect)
+        effect = forms().get(term.effect)
         if effect is None:
             continue
         sense = effect.sense(ctx, term.joint, term.shape, term.theta)
@@ -93,7 +94,7 @@ def build_twin(
 def _mirrored(terms: list[Live]) -> list[Live]:
     found = []
     for term in terms:
-        effect = catalogue().get(term.effect)
+        effect = forms().get(term.effect)
         other = None if effect is None else effect.mirror(term.joint, term.shape)
         if other is not None:
             found.append(Live(term.effect, *other, term.theta))
@@ -179,7 +180,7 @@ class _Plan:
         self.u_rec = np.repeat(np.nan_to_num(s.u), self.ticks, axis=0) - self.pushed
         self.limits = twin.rigid.effort_limits()
         h = m.opt.timestep
-        effects = catalogue()
+        effects = forms()
         self.h = h
         arrived = not closed and s.rec.effort == "measured"  # a measured effort has passed the drive
         self.make: Callable[[], list[tuple[int, Runtime]]] = lambda: [
@@ -250,7 +251,7 @@ class _Plan:
 
     def advance(self) -> None:
         """One tick of the law: its effort stays, what depends on the motion is looked at in every step."""
-        if self.runtimes or self.twin.generic is not None:
+        if self.runtimes or self.twin.learned is not None:
             for _ in range(self.substeps):
                 self.step()
             return
@@ -276,8 +277,8 @@ class _Plan:
                 force[joint] -= taken
                 dry[joint] += level
             self.dry[self.dof] = np.maximum(dry, 0.0)
-        if self.twin.generic is not None:
-            force = force - self.twin.generic(state)
+        if self.twin.learned is not None:
+            force = force - self.twin.learned(state)
         self.apply(force)
         mujoco.mj_step(self.model, self.data)
         self.load = force + self.constraint[self.dof]
