@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_host.gap.effects import catalogue
-from s2r_host.gap.effects.base import Context, StepState
+from s2r_host.gap.effects.base import IMPOSSIBLE, Context, StepState
 from s2r_host.gap.effects.cable_spring import NO_SPRING
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session
@@ -233,6 +233,18 @@ def test_a_ripple_shows_a_period(ctx):
     for periods, seen in ((0.6, False), (5.0, True)):
         odds = cogging.log_prior(ctx, 0, {"order": 2 * np.pi * periods / (high - low), "rub": 0.0})
         assert (odds > -100.0) is seen
+
+
+def test_a_friction_that_hardly_changes_along_the_travel_is_dry_friction(ctx):
+    """Of order zero it is the sign of the speed, and nothing else: it takes a good part of a period to change."""
+    cogging = catalogue()["cogging"]
+    low, high = ctx.span(0)
+    for periods, seen in ((0.0, False), (0.3, False), (0.5, True)):
+        odds = cogging.log_prior(ctx, 0, {"order": 2 * np.pi * periods / (high - low), "rub": 1.0})
+        assert (odds > IMPOSSIBLE) is seen
+    rubbing = [shape for shape in cogging.shapes(ctx, 0) if shape["rub"]]
+    assert rubbing
+    assert all(cogging.log_prior(ctx, 0, shape) > IMPOSSIBLE for shape in rubbing)
 
 
 def test_grams_on_a_long_stick_are_no_load(ctx):

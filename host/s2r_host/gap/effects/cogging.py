@@ -13,7 +13,7 @@ MIN_PERIODS = 1.2
 MAX_PERIODS = 2000
 SEEDS = 16
 TOGETHER = 4  # seeds from all recordings taken as one
-RUB_PERIODS = (0.5, 0.75, 1.0)
+RUB_PERIODS, MIN_RUB_PERIODS = (0.5, 0.75, 1.0), 0.4
 RUB_ODDS = -3.0
 
 
@@ -61,9 +61,13 @@ class Cogging(Effect):
         return found
 
     def log_prior(self, ctx: Context, joint: int, shape: Shape) -> float:
-        """A friction that changes along the travel is the rarer machine; less than a period is no ripple."""
+        """A friction that changes along the travel is the rarer machine; less than a period is no ripple.
+
+        A friction of a small part of a period hardly changes: of none at all it is dry friction itself.
+        """
         low, high = ctx.span(joint)
-        if not shape["rub"] and shape["order"] * (high - low) < 2.0 * np.pi * MIN_PERIODS:
+        least = MIN_RUB_PERIODS if shape["rub"] else MIN_PERIODS
+        if shape["order"] * (high - low) < 2.0 * np.pi * least:
             return IMPOSSIBLE
         return RUB_ODDS * shape["rub"]
 
