@@ -69,8 +69,32 @@ def compared(rows: Sequence[Row]) -> list[Row]:
     Medians of different objects must not be compared: what an object asks for differs more than what learning changes.
     """
     two = [row for row in rows if row["arm"] in ("as it is", "learnt")]
-    both = _objects(two, "as it is") & _objects(two, "learnt")
-    return [row for row in two if not both or (row["case"], row["number"]) in both]
+    if not _objects(two, "as it is") & _objects(two, "learnt"):
+        return two
+    return on_common_targets(two, ("as it is", "learnt"))
+
+
+def on_common_targets(rows: Sequence[Row], arms: Sequence[str]) -> list[Row]:
+    """Rows of the objects that were run in all these ways, with the later targets that every one of the runs reached.
+
+    A run that ended early has left out targets, the hard ones as a rule: the median of what it did reach is no better
+    for that. Objects without such a target are left out.
+    """
+    reached: dict[tuple[str, int], list[set[int]]] = {}
+    for row in rows:
+        if row["arm"] in arms:
+            later = {m["target"] for m in row.get("moves", []) if m["target"] >= len(LEARNING)}
+            reached.setdefault((row["case"], row["number"]), []).append(later)
+    common = {one: set.intersection(*sets) for one, sets in reached.items() if len(sets) == len(arms)}
+
+    def kept(move: Row, one: tuple[str, int]) -> bool:
+        return move["target"] < len(LEARNING) or move["target"] in common[one]
+
+    return [
+        {**row, "moves": [move for move in row["moves"] if kept(move, one)]}
+        for row in rows
+        if row["arm"] in arms and common.get(one := (row["case"], row["number"]))
+    ]
 
 
 def _objects(rows: Sequence[Row], arm: str) -> set[tuple[str, int]]:
@@ -171,7 +195,8 @@ def _lines(
         *_asked_for(rows, found, shifts),
         "## Relative error before and after",
         "",
-        "Medians of |δ_r| from the sealed truth, of objects that were run both ways. The difference is paired, target"
+        "Medians of |δ_r| from the sealed truth, of objects that were run both ways; of the later targets those"
+        " that both runs reached. The difference is paired, target"
         " by target, with a 90 % bootstrap interval; negative: learning helped.",
         *_matters_told(shifts),
         "",
@@ -239,6 +264,7 @@ def _asked_for(rows: Sequence[Row], found: Sequence[Summary], shifts: Sequence[R
     """The three demands on learning, each with what came of it."""
     asked = [one for one in found if one.asked]
     told = sum(one.right + one.wrong + one.open for one in asked)
+    run = len(_objects([row for row in rows if row["case"] not in NOT_ASKED], "learnt"))
     own = own_shifts(rows)
     demands = [("of what matters, the median falls to half", [row for row in rows if _strong(row, own)])]
     if shifts:
@@ -257,7 +283,7 @@ def _asked_for(rows: Sequence[Row], found: Sequence[Summary], shifts: Sequence[R
         (", no wrong name beside", sum(one.alone for one in asked)),
     ):
         share = f"{100 * count / told:.0f} %" if told else "–"
-        lines.append(f"| named as sealed in 90 %{text} |  | {count} of {told} answers, {share} | {told} |")
+        lines.append(f"| named as sealed in 90 %{text} |  | {count} of {told} answers, {share} | {run} |")
     return [*lines, ""]
 
 
@@ -310,10 +336,9 @@ def _groups(rows: Sequence[Row], shifts: Sequence[Row]) -> list[tuple[str, list[
 
 def _without_gap(rows: Sequence[Row], shifts: Sequence[Row]) -> list[str]:
     """What is left of learning without the gap tool, over the objects that were run all three ways."""
-    thrice = set.intersection(*(_objects(rows, way) for way in LEARNT))
-    if not thrice:
+    some = on_common_targets(rows, tuple(LEARNT))
+    if not some:
         return []
-    some = [row for row in rows if (row["case"], row["number"]) in thrice]
     lines = []
     for name, group in _groups(some, shifts):
         shares = (_percent(_shares(group, later=True, arm=way)) for way in LEARNT)

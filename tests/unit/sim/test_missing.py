@@ -202,8 +202,8 @@ def test_what_no_look_or_effort_has_in_it_is_not_asked_for(tmp_path):
     ]
     write_page([*ROWS, *play], tmp_path / "page.md", "the command")
     text = (tmp_path / "page.md").read_text()
-    assert "| named as sealed in 90 % |  | 1 of 1 answers, 100 % | 1 |" in text
-    assert "| named as sealed in 90 %, no wrong name beside |  | 1 of 1 answers, 100 % | 1 |" in text
+    assert "| named as sealed in 90 % |  | 1 of 1 answers, 100 % | 2 |" in text
+    assert "| named as sealed in 90 %, no wrong name beside |  | 1 of 1 answers, 100 % | 2 |" in text
     assert "- **drawer: rail play**: the joint's effort has nothing of it" in text
     assert "Named 0 times of 1; said: physics missing: stribeck" in text
 
@@ -277,6 +277,21 @@ def test_objects_without_a_control_count_for_names_and_not_for_errors(tmp_path):
     assert (stiction.objects, stiction.learnt, stiction.right) == (1, pytest.approx(0.015), 2)
     write_page([*ROWS, alone], tmp_path / "page.md", "the command")
     assert "| **all** |  | 1 | 5.0 % | 5.0 % | 1.5 % |" in (tmp_path / "page.md").read_text()
+
+
+def test_a_run_that_ended_early_is_compared_by_the_targets_it_reached(tmp_path):
+    """The hard ones are those it did not get to; the other run's must not count against it alone."""
+    early = [
+        _row("faucet: stiction", "as it is", (0.02,) * 3 + (0.01, 0.01, 0.2, 0.2, 0.2)),
+        _row("faucet: stiction", "learnt", (0.02,) * 3 + (0.01, 0.01)),
+        _row("faucet: detent", "as it is", (0.3,)),
+        _row("faucet: detent", "learnt", (0.3,)),
+    ]
+    detent, stiction = summaries(early)
+    assert (stiction.plain, stiction.learnt) == (pytest.approx(0.01), pytest.approx(0.01))
+    assert (detent.objects, detent.plain, detent.learnt) == (0, None, None)
+    write_page(early, tmp_path / "page.md", "the command")
+    assert "| **all** |  | 1 | 2.0 % | 1.0 % | 1.0 % |" in (tmp_path / "page.md").read_text()
 
 
 def test_what_the_gap_tool_adds_is_told_from_objects_run_all_three_ways(tmp_path):
