@@ -8,6 +8,7 @@ from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import make_session, work_grid
 from s2r_host.gap.pipeline import analyse
 from s2r_host.gap.recordings.recording import Controller, Recording
+from s2r_host.gap.regression import second_run
 from s2r_host.gap.regression.problem import build_problem
 from s2r_host.gap.regression.second_run import beside_first, find_partner, no_partner
 from s2r_host.gap.rig import write_model
@@ -15,7 +16,16 @@ from s2r_host.gap.rig import write_model
 QUICK = GapConfig(simulate=False, baselines=False, report=False, next_experiment=False)
 TONES = [(0.5, 0.43, 0.0), (0.3, 1.7, 1.0)]
 NOISE = 0.01
-JITTER = [(100, 5e-4), (100, 4e-3), (200, 5e-4), (500, 1e-5), (500, 1e-4), (1000, 1e-5), (50, 1e-3)]
+JITTER = [
+    (100, 5e-4),
+    (100, 4e-3),
+    (200, 5e-4),
+    (500, 1e-5),
+    (500, 1e-4),
+    (1000, 1e-5),
+    (50, 1e-3),
+    (20, 0.02),
+]
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +69,13 @@ def test_stamps_that_jitter_leave_a_second_run_one(model, rate_hz, jitter_s):
     n = min(len(first.t), len(twin.t))
     assert np.array_equal(twin.t[:n], first.t[:n])
     assert twin.q[10 : n - 10] == pytest.approx(first.q[10 : n - 10], abs=0.03)
+
+
+def test_the_mean_of_the_steps_tells_the_rate_where_their_middle_does_not(model):
+    first = make_session(model, recorded(model, stamps(10, 0.04, 0), 0), 0)
+    for seed in range(1, 20):
+        again = make_session(model, recorded(model, stamps(10, 0.04, seed), seed), seed)
+        assert second_run._as_long(again, first)
 
 
 @pytest.mark.parametrize(("rate_hz", "jitter_s"), [(500, 1e-5), (500, 1e-4), (1000, 1e-5)])

@@ -8,10 +8,10 @@ import numpy as np
 
 from s2r_host.gap.motion.model import RigidModel
 from s2r_host.gap.motion.session import Session, make_session
+from s2r_host.gap.recordings.recording import Recording
 
 MOST_LONGER = 0.1  # of its time that a second run may last longer or shorter
-# Of the step between rows. Where stamps jitter by half of it, medians over 10 s differ by a few per cent.
-OTHER_RATE = 0.05
+OTHER_RATE = 0.05  # of the step between rows
 SAME_STEP_S = 1e-6
 SMOOTH = 1e-6  # of the spread of the motion: steps below it are digits of the file
 LED = 0.002  # of the spread of the motion that two runs under one controller differ by at most, rms
@@ -80,9 +80,14 @@ def _nearest(twin: Session, fit: list[Session]) -> tuple[Session | None, float]:
 
 
 def _as_long(twin: Session, s: Session) -> bool:
-    row_s = s.rec.as_read.dt
-    near = abs(row_s - twin.rec.as_read.dt) <= OTHER_RATE * row_s or abs(s.dt - twin.dt) <= SAME_STEP_S
-    return near and abs(len(s.t) - len(twin.t) * (twin.dt / s.dt)) <= MOST_LONGER * len(s.t)
+    alike = abs(s.dt - twin.dt) <= SAME_STEP_S or _as_fast(twin.rec.as_read, s.rec.as_read)
+    return alike and abs(len(s.t) - len(twin.t) * (twin.dt / s.dt)) <= MOST_LONGER * len(s.t)
+
+
+def _as_fast(one: Recording, other: Recording) -> bool:
+    """Do rows come as fast, by the middle of their steps, which lost rows leave alone, or the mean, as jitter does?"""
+    means = (float(rec.t[-1]) / (len(rec.t) - 1) for rec in (one, other))
+    return any(abs(a - b) <= OTHER_RATE * b for a, b in ((one.dt, other.dt), means))
 
 
 def _apart(twin: Session, s: Session) -> float:
