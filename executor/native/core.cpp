@@ -192,6 +192,7 @@ void Core::follow_measurement() noexcept {
 void Core::build() noexcept {
   command_.tick = tick_;
   command_.request = request_;
+  command_.enables = state_ == State::kArming || reenabling_;
   const Reference rest{.q = setpoint_q_, .dq = {}, .ddq = {}};
   const Reference& reference = powered() ? motion_.next() : rest;
   for (int joint = 0; joint < config_.dof; ++joint)

@@ -73,6 +73,7 @@ struct DriveCommand {
   std::uint64_t tick = 0;
   std::uint8_t seq = 0;  // one more per command sent
   DriveRequest request = DriveRequest::kDisable;
+  bool enables = false;  // kEnable is meant for drives that are not enabled yet; without it they have dropped out
   EncodedSetpoint setpoint{};
 };
 

@@ -83,7 +83,10 @@ int PackingClassic::pack(const DriveCommand& command, const PerJoint<JointFeedba
   std::size_t n = 0;
   for (int joint = 0; joint < dof_; ++joint) {
     Frame& frame = out[n++] = make_frame(kRpdo1Id + static_cast<std::uint32_t>(joint + 1), 8);
-    put(frame.data, 0, classic::controlword(command.request, drives[joint].state));
+    const DriveState state = drives[joint].state;
+    const bool dropped_out = command.request == DriveRequest::kEnable && !command.enables;
+    const bool stays = dropped_out && state == DriveState::kSwitchedOn;
+    put(frame.data, 0, classic::controlword(stays ? DriveRequest::kDisableOperation : command.request, state));
     put(frame.data, 2, command.setpoint[joint].position);
     put(frame.data, 6, command.setpoint[joint].velocity);
   }

@@ -52,6 +52,20 @@ def test_t42_a_drive_that_silently_leaves_operation_enabled_is_noticed(make_benc
         bench.judge(Stop(tick, 2, STOP1_S, off=True))
 
 
+@pytest.mark.parametrize("packing", ["fd", "classic"])
+def test_t42_a_drive_that_falls_back_and_obeys_is_not_enabled_again(make_bench, packing):
+    bench = make_bench(packing=packing, brake_feedback=False)
+    bench.moving(150 if packing == "classic" else 600)
+    drive, states = bench.plant.drives[2], []
+    drive._enter(DriveState.SWITCHED_ON)
+    drive._walk = lambda: None
+    bench.step(3)  # a classical drive is sent "enable operation" until it has told
+    del drive._walk
+    bench.until(lambda s: s.state == ExecutorState.FAULT, 1500, lambda: states.append(drive.state))
+    assert set(states) == {DriveState.SWITCHED_ON}
+    bench.one_cause(Cause.DRIVE_NOT_ENABLED, 2)
+
+
 def jump(q):
     return q + 0.1
 

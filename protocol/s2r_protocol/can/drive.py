@@ -21,13 +21,13 @@ class DriveState(enum.IntEnum):
 class Control(enum.IntEnum):
     """Low nibble of SET's ctrl byte: what all drives are asked to become.
 
-    Only SWITCH_ON takes a drive up from where its power is off: under ENABLE one that has dropped out stays where it
-    is.
+    Only SWITCH_ON takes a drive up from where its power is off. Under a standing ENABLE one that has dropped out stays
+    where it is.
     """
 
     DISABLE = 0
     SWITCH_ON = 1  # one step at a time from where the power is off; down from OPERATION_ENABLED
-    ENABLE = 2  # from SWITCHED_ON alone
+    ENABLE = 2  # from SWITCHED_ON alone, on its rising edge
     QUICK_STOP = 3
     FAULT_RESET = 4  # acts on its rising edge
     DISABLE_OPERATION = 5  # down from OPERATION_ENABLED alone; the torque stays until the brake has closed

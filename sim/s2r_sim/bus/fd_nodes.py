@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from binascii import crc_hqx
+from itertools import product
 
 from s2r_protocol.can import fd
 from s2r_protocol.can.drive import (
@@ -29,15 +30,17 @@ _STAY = {
 }  # the command that leaves a drive where it is; DISABLE_VOLTAGE in the others
 
 
-def _command(control: Control, state: DriveState) -> DriveCommand:
-    """What a control asks of a drive in this state."""
+def _command(control: Control, rising: bool, state: DriveState) -> DriveCommand:
+    """What a control asks of a drive in this state; ``rising``: the SET before had another one."""
     match control:
         case Control.SWITCH_ON:  # includes the step that the state machine wants first
             off = state == DriveState.SWITCH_ON_DISABLED
             return DriveCommand.SHUTDOWN if off else DriveCommand.SWITCH_ON
-        case Control.ENABLE if state in _SWITCHED_ON:
+        case Control.ENABLE if state == DriveState.OPERATION_ENABLED or (
+            state == DriveState.SWITCHED_ON and rising
+        ):
             return DriveCommand.ENABLE_OPERATION
-        case Control.DISABLE_OPERATION if state in _SWITCHED_ON:
+        case Control.ENABLE | Control.DISABLE_OPERATION if state in _SWITCHED_ON:
             return DriveCommand.SWITCH_ON
         case Control.ENABLE | Control.DISABLE_OPERATION:
             return _STAY.get(state, DriveCommand.DISABLE_VOLTAGE)
@@ -47,7 +50,7 @@ def _command(control: Control, state: DriveState) -> DriveCommand:
             return DriveCommand.DISABLE_VOLTAGE
 
 
-_COMMANDS = {(control, state): _command(control, state) for control in Control for state in DriveState}
+_COMMANDS = {key: _command(*key) for key in product(Control, (False, True), DriveState)}
 
 
 class FdNodes:
@@ -69,6 +72,7 @@ class FdNodes:
         self.master_tick = 0  # unwrapped from the 16 bits on the wire
         self._seq: int | None = None
         self._tick = 0
+        self._control = Control.DISABLE
         self._answer_due = False
         self._headers = [
             _HEADER.pack(fd.STAT_ID + drive.node, fd.STAT.size, CANFD_FDF | CANFD_BRS, 0, 0)
@@ -93,8 +97,9 @@ class FdNodes:
         self.master_tick += (tick - self.master_tick) & 0xFFFF
         self._answer_due = True
         control = Control(ctrl)
+        rising, self._control = control != self._control, control
         for i, drive in enumerate(self.drives):
-            drive.command(_COMMANDS[control, drive.state], control == Control.FAULT_RESET)
+            drive.command(_COMMANDS[control, rising, drive.state], control == Control.FAULT_RESET)
             drive.set_point(
                 slots[3 * i] / COUNTS_PER_RAD,
                 slots[3 * i + 1] * VELOCITY_UNIT,

@@ -101,12 +101,13 @@ def test_damaged_or_repeated_set_is_ignored(stand_in, fd_master):
         assert bus.nodes.refused == 3
 
 
-@pytest.mark.parametrize("state", [s for s in DriveState if s != DriveState.SWITCHED_ON])
-def test_enable_takes_no_drive_up_that_is_not_switched_on(arm, state):
+@pytest.mark.parametrize("state", list(DriveState))
+def test_a_standing_enable_takes_no_drive_up(arm, state):
     drives = DrivesAlone(arm).drives
     nodes = FdNodes(drives)
-    drives[2].state = state
-    for seq in range(3):
+    for seq in range(4):
+        if seq == 1:
+            drives[2].state = state
         nodes.receive(fd.SET_ID, fd.set_frame(fd.pack_set(seq, Control.ENABLE, seq, [0.0] * 7)).pack())
         drives[2].period(1e-3)
     assert drives[2].state == state
