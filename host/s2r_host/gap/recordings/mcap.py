@@ -3,36 +3,22 @@
 from __future__ import annotations
 
 import os
-import struct
 from collections import defaultdict
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
-from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
 from mcap.records import Message
 
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.recordings.coarse_columns import COARSE, between
+from s2r_host.mcap_damage import DAMAGED
 from s2r_protocol.ros2 import unpack
-
-try:
-    from zstandard import ZstdError
-except ImportError as error:  # mcap depends on it
-    raise ImportError("zstandard is missing; it comes with the package mcap") from error
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MEASURED = {"position": "q", "velocity": "dq", "effort": "tau"}
 COMMANDED = {"position": "q_cmd", "velocity": "dq_cmd", "effort": "tau_ff"}
-
-
-# What the readers of records, of compressed chunks and of CDR raise on bytes that are none. LZ4's errors are bare
-# RuntimeErrors; a damaged length asks for more than there is.
-DAMAGE = (
-    OSError, McapError, ZstdError, RuntimeError, ValueError, LookupError, EOFError, OverflowError, MemoryError,
-    struct.error,
-)  # fmt: skip
 
 
 class _Message(NamedTuple):
@@ -62,7 +48,7 @@ def read_mcap(path: Path) -> dict[str, np.ndarray]:
                     stamp = values["header"]["stamp"]
                     sent = stamp["sec"] * 10**9 + stamp["nanosec"]
                     tracks[topic].append(_Message(sent, message.log_time, values))
-    except DAMAGE as error:
+    except (*DAMAGED, OSError, LookupError) as error:  # the last from CDR that is none
         why = str(error) or type(error).__name__
         raise GapRecordingError(f"{path.name}: no MCAP with joint states in CDR ({why})") from error
     if not tracks["joint_states"]:
@@ -83,7 +69,7 @@ def _joint_states(stream: BinaryIO) -> list[tuple[str, Message]]:
     """All messages with joint states of a file that is whole, by the recorder's time, with the last part of the topic.
 
     Raises:
-        ValueError: A checksum is wrong, or the file holds fewer or more messages than it says; others of ``DAMAGE``.
+        ValueError: A checksum is wrong, or the file holds fewer or more messages than it says; others of :data:`s2r_host.mcap_damage.DAMAGED`.
     """
     size = stream.seek(0, os.SEEK_END)
     summary = SeekingReader(_from_start(stream), record_size_limit=size).get_summary()
