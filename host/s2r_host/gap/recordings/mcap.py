@@ -69,7 +69,8 @@ def _joint_states(stream: BinaryIO) -> list[tuple[str, Message]]:
     """All messages with joint states of a file that is whole, by the recorder's time, with the last part of the topic.
 
     Raises:
-        ValueError: A checksum is wrong, or the file holds fewer or more messages than it says; others of :data:`s2r_host.mcap_damage.DAMAGED`.
+        ValueError: A checksum is wrong, or the file holds fewer or more messages than it says.
+        Others of :data:`s2r_host.mcap_damage.DAMAGED`.
     """
     size = stream.seek(0, os.SEEK_END)
     summary = SeekingReader(_from_start(stream), record_size_limit=size).get_summary()
