@@ -116,12 +116,12 @@ void Core::watch_brakes() noexcept {
   const int enabled = first_enabled(), unbraked = first_unbraked();
   const bool in_vain = tx_failed_in_a_row_ > static_cast<std::uint32_t>(config_.drive_extrapolation_ticks);
   const bool too_long = seconds_since(brakes_since_tick_) > config_.brake_timeout_s;
-  if (in_vain || (enabled < 0 && unbraked < 0))
+  const bool closed = enabled < 0 && unbraked < 0;
+  const bool disobeyed = too_long && state_ != State::kHold && unbraked < 0;  // stays enabled behind its closed brake
+  if (in_vain || closed || disobeyed)
     brakes_closed();
-  else if (too_long && (state_ == State::kHold || unbraked >= 0))
-    brake_stays_open(unbraked >= 0 ? unbraked : enabled);
   else if (too_long)
-    brakes_closed();  // a drive that stays enabled behind its closed brake
+    brake_stays_open(unbraked >= 0 ? unbraked : enabled);
 }
 
 void Core::brakes_closed() noexcept {
