@@ -56,17 +56,23 @@ def check(file: Path, as_json: bool) -> int:
 @click.option("--out", type=click.Path(path_type=Path), help="New file [default: FILE with .recovered.mcap].")
 @click.option("--json", "as_json", is_flag=True, help="Print what was saved on standard output.")
 def recover(file: Path, out: Path | None, as_json: bool) -> int:
-    """Write everything readable of FILE into a new, complete recording. Exit 4 if that is nothing."""
+    """Write everything readable of FILE into a new, complete recording. Exit 4 if no message of a damaged FILE is."""
     from s2r_host.log.recover import recover as mend
 
     source = recording_file(file)
     target = out or source.with_suffix(".recovered.mcap")
     check_new_file(target)
     saved = mend(source, target)
+    code = ExitCode.OK
+    if saved.damage.any and not saved.messages:
+        code = ExitCode.REFUSED
+        click.echo(
+            f"s2r log: no message of {source} could be saved; look for a copy of the recording", err=True
+        )
     if as_json:
         values = {**asdict(saved), "path": str(saved.path)}
         click.echo(json.dumps(values, indent=1))
-        return int(ExitCode.OK)
+        return int(code)
     span_s = (saved.last_ns - saved.first_ns) * 1e-9
     click.echo(
         f"{saved.messages} messages over {span_s:.2f} s and {saved.attachments} attachments saved in {saved.path}"
@@ -79,7 +85,7 @@ def recover(file: Path, out: Path | None, as_json: bool) -> int:
         )
     else:
         click.echo("the file was whole")
-    return int(ExitCode.OK)
+    return int(code)
 
 
 @log.command()

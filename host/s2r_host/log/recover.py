@@ -22,7 +22,8 @@ class Recovered:
         path: Of the new file.
         messages: In the new file.
         attachments: In the new file.
-        orphans: Messages whose channel was lost with a damaged chunk.
+        orphans: Messages whose channel was lost with a damaged chunk, and in the summary too: nobody can tell of what
+            they are, so they are not in the new file.
         first_ns, last_ns: Log times of the first and last message, 0 without one.
         damage: What could not be read.
     """
@@ -50,10 +51,9 @@ def recover(source: Path, target: Path) -> Recovered:
         with part.open("wb") as stream:
             found = _copy(scan, Writer(stream, compression=CompressionType.ZSTD), target)
         if found.damage.any and not found.messages and not found.attachments:
-            size = source.stat().st_size
             raise RecordingError(
-                f"nothing of {source} could be saved: no message and no attachment of its {size} bytes "
-                f"is readable ({found.damage.reason}), so {target} was not written; look for a copy of the recording"
+                f"nothing of {source} could be saved: {_what_is_lost(found, source.stat().st_size)} "
+                f"({found.damage.reason}), so {target} was not written; look for a copy of the recording"
             )
         if not found.messages and not found.attachments:
             raise RecordingError(f"{source} is whole and holds nothing to save, so {target} was not written")
@@ -63,6 +63,13 @@ def recover(source: Path, target: Path) -> Recovered:
             part.unlink()
         raise
     return found
+
+
+def _what_is_lost(found: Recovered, size: int) -> str:
+    """Why there is nothing to save in a damaged file of ``size`` bytes."""
+    if found.orphans:
+        return f"the names of the topics of its {found.orphans} messages are lost"
+    return f"no message and no attachment of its {size} bytes is readable"
 
 
 def _copy(scan: Scan, writer: Writer, target: Path) -> Recovered:

@@ -1,6 +1,7 @@
 """Reading an MCAP file that may end anywhere or be damaged inside: everything readable, and what was not.
 
-The file's own index is not used, so it need not be there. Format: https://mcap.dev/spec.
+The file's own index is not used, so it need not be there. Where a chunk is damaged, the names that may have been in it
+are taken from the summary at the file's end. Format: https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from s2r_host.errors import RecordingError
+from s2r_host.log.summary import repeated_names
 from s2r_host.mcap_damage import DAMAGED
 
 
@@ -71,6 +73,10 @@ class Scan:
     def records(self) -> Iterator[Schema | Channel | Message | Attachment | Metadata]:
         """Every readable record in the file's order, from where it was read to before.
 
+        In the place of the first damaged chunk come the schemas and channels of the file's summary: a recorder writes
+        them once, most of them into the first chunk, and a message without its channel is of no use. So they may come
+        again under a known id; the first of an id counts.
+
         Raises:
             RecordingError: The file cannot be opened or does not begin as an MCAP file.
         """
@@ -113,7 +119,9 @@ class Scan:
                 inner = breakup_chunk(record, validate_crc=True)
             except DAMAGED as error:
                 self.damage.chunks += 1
-                self._bad_chunk = self._bad_chunk or f"chunk: {error}"
+                if self.damage.chunks == 1:
+                    self._bad_chunk = f"chunk: {error}"
+                    yield from repeated_names(self.path)
                 return
             yield from (r for r in inner if isinstance(r, (Schema, Channel, Message)))
         elif isinstance(record, Header):

@@ -154,7 +154,7 @@ class Channels:
         """The topic of a message; None of one whose channel was lost, and of every other record."""
         match record:
             case Schema():
-                self._schemas[record.id] = record
+                self._schemas.setdefault(record.id, record)
             case Channel() if record.id not in self._by_id:
                 schema = self._schemas.get(record.schema_id)
                 fresh = Topic(record.topic, schema.name if schema else "", record.message_encoding)

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, IndexType, Writer
 
 from s2r_executor.observations import Encoder, Timeline
@@ -219,19 +221,70 @@ def test_a_page_that_finds_no_room_leaves_none_cut_off(whole, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_damaged_chunk_costs_only_itself(whole, tmp_path):
-    data = bytearray(whole.read_bytes())
+def overwritten(source: Path, target: Path, begin: int, count: int = 64) -> Path:
+    """A copy with ``count`` bytes from ``begin`` on set to 0."""
+    data = bytearray(source.read_bytes())
+    data[begin : begin + count] = bytes(count)
+    target.write_bytes(data)
+    return target
+
+
+def middle_of_chunk(recording: Path, number: int) -> int:
+    with recording.open("rb") as stream:
+        chunk = make_reader(stream).get_summary().chunk_indexes[number]
+    return chunk.chunk_start_offset + chunk.chunk_length // 2
+
+
+def summary_start(recording: Path) -> int:
+    *_, footer = StreamReader(str(recording)).records
+    return footer.summary_start
+
+
+def messages_in(recording: Path) -> int:
+    return sum(topic.messages for topic in check(recording).topics)
+
+
+@pytest.mark.parametrize("number", [0, 2])
+def test_a_damaged_chunk_costs_only_itself(whole, tmp_path, number):
+    """The first one, too, which holds the only schemas and channels but those of the summary."""
     with whole.open("rb") as stream:
-        chunk = make_reader(stream).get_summary().chunk_indexes[2]
-    middle = chunk.chunk_start_offset + chunk.chunk_length // 2
-    data[middle : middle + 64] = bytes(64)
-    broken = tmp_path / "broken.mcap"
-    broken.write_bytes(data)
+        stream.seek(make_reader(stream).get_summary().chunk_indexes[number].chunk_start_offset)
+        chunk = next(StreamReader(stream, skip_magic=True, emit_chunks=True).records)
+    lost = sum(isinstance(record, Message) for record in breakup_chunk(chunk))
+    broken = overwritten(whole, tmp_path / "broken.mcap", middle_of_chunk(whole, number))
     assert any("damaged chunk" in text for text in check(broken).problems)
     saved = recover(broken, tmp_path / "mended.mcap")
     assert saved.damage.chunks == 1
+    assert saved.orphans == 0
+    assert saved.messages == messages_in(broken) == messages_in(whole) - lost
+    assert 0 < lost < saved.messages / 5
     joints = read_recording(saved.path).joints()
     assert joints.stamp_ns[-1] == read_recording(whole).joints().stamp_ns[-1]
+    assert list(read_recording(broken).topics) == list(read_recording(whole).topics)
+
+
+@pytest.mark.parametrize("damage", ["cut off", "another checksum"])
+def test_messages_whose_names_are_lost_are_not_saved_under_others(whole, tmp_path, capsys, damage):
+    """Neither the first chunk nor the summary can be believed: it is told, and the attachments are all there is."""
+    broken = overwritten(whole, tmp_path / "broken.mcap", middle_of_chunk(whole, 0))
+    if damage == "cut off":
+        broken.write_bytes(broken.read_bytes()[: summary_start(whole) - 1])
+    else:
+        overwritten(broken, broken, summary_start(whole) + 30, 1)
+    assert exit_code("log", "recover", broken, "--out", tmp_path / "mended.mcap") == ExitCode.REFUSED
+    told = capsys.readouterr()
+    assert f"no message of {broken} could be saved" in told.err
+    assert re.search(
+        r"0 messages .* and \d attachments saved.*\n.*, [1-9]\d* messages without a channel", told.out
+    )
+    assert "plan.s2r" in read_recording(tmp_path / "mended.mcap").attachments
+
+
+def test_a_recording_of_nameless_messages_is_not_called_unreadable(tmp_path):
+    source = foreign(tmp_path / "bag.mcap", 200, chunk_size=1024, repeat_channels=False)
+    broken = overwritten(source, tmp_path / "broken.mcap", middle_of_chunk(source, 0))
+    with pytest.raises(RecordingError, match=r"the names of the topics of its \d+ messages are lost"):
+        recover(broken, tmp_path / "mended.mcap")
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
