@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -14,6 +15,10 @@ from s2r_host.log.recording_file import recording_file
 from s2r_protocol.cli.options import FiniteRange
 from s2r_protocol.cli.outputs import check_new_file, check_unused
 from s2r_protocol.exits import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from s2r_host.log.diff import MotionDifference
+    from s2r_host.log.tables import Recording
 
 _RECORDING = click.Path(path_type=Path, exists=True)
 EXPORTS = ("parquet", "csv", "rrd", "lerobot")
@@ -114,8 +119,7 @@ def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None, a
     elif kind == "lerobot" or out is not None:  # episodes of two exports in one folder would be one dataset
         check_unused(folder)
     recording = read_recording(source)
-    if recording.damage.any:
-        click.echo(f"s2r log: {source} is damaged; exporting what is readable", err=True)
+    _tell_damage(recording, "exporting")
     values: dict[str, Any] = {"format": kind, "damaged": recording.damage.any}
     if kind == "rrd":
         from s2r_host.log.export_rrd import export_rrd
@@ -139,6 +143,12 @@ def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None, a
     return int(ExitCode.OK)
 
 
+def _tell_damage(recording: Recording, doing: str) -> None:
+    """Say on stderr that a part of a recording is missing in what follows."""
+    if recording.damage.any:
+        click.echo(f"s2r log: {recording.path} is damaged; {doing} what is readable", err=True)
+
+
 def _check_goes_with(kind: str) -> None:
     """Refuse an option that the format would leave aside without a word."""
     context = click.get_current_context()
@@ -160,25 +170,38 @@ def _check_goes_with(kind: str) -> None:
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison on standard output.")
 def diff(first: Path, second: Path, tolerance_rad: float, as_json: bool) -> int:
-    """Compare the motions of two recordings on one time base. Exit 7 if they differ."""
+    """Compare the motions of two recordings on one time base. Exit 7 if they differ or one ends before the other."""
     from s2r_host.log.diff import diff as compare
     from s2r_host.log.tables import read_recording
 
-    found = compare(read_recording(recording_file(first)), read_recording(recording_file(second)))
+    recordings = [read_recording(recording_file(file)) for file in (first, second)]
+    for recording in recordings:
+        _tell_damage(recording, "comparing")
+    found = compare(*recordings)
     differs = found.exceeds(tolerance_rad)
     if as_json:
-        click.echo(json.dumps({**found.as_dict(), "differs": differs}, indent=1))
+        damaged = [recording.damage.any for recording in recordings]
+        click.echo(json.dumps({**found.as_dict(), "damaged": damaged, "differs": differs}, indent=1))
     else:
         for name, (a, b) in found.facts.items():
             click.echo(f"{name}: {a} | {b}")
         for m in found.motions:
-            joint, t_s, residual = m.worst
-            click.echo(
-                f"{m.label}: rms {1e3 * float(m.rms_rad.max()):.4f} mrad, worst {1e3 * residual:+.4f} mrad on "
-                f"{found.joint_names[joint]} at {t_s:.2f} s"
-            )
+            _tell_motion(m, found.joint_names)
         for which, labels in (("first", found.only_a), ("second", found.only_b)):
             if labels:
                 click.echo(f"only in the {which}: {', '.join(labels)}")
         click.echo("they differ" if differs else f"no difference above {tolerance_rad:g} rad")
     return int(ExitCode.DIFFERENCE if differs else ExitCode.OK)
+
+
+def _tell_motion(m: MotionDifference, joint_names: Sequence[str]) -> None:
+    joint, t_s, residual = m.worst
+    click.echo(
+        f"{m.label}: {m.duration_a_s:.2f} s and {m.duration_b_s:.2f} s, rms {1e3 * float(m.rms_rad.max()):.4f} mrad, "
+        f"worst {1e3 * residual:+.4f} mrad on {joint_names[joint]} at {t_s:.2f} s"
+    )
+    if m.one_is_shorter:
+        click.echo(
+            f"{m.label}: the first comes to {m.reached_a_s:.2f} s of it, the second to {m.reached_b_s:.2f} s; "
+            "what is in one only is not compared"
+        )

@@ -12,6 +12,7 @@ from s2r_host.log.segments import Segment, inside, segments
 from s2r_host.log.tables import Joints, Recording
 
 GRID_S = 0.01
+_SHORTER_S = 0.05  # five states of the executor: less may be missing at the end of a motion that is the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,9 @@ class MotionDifference:
         label: Of the plan.
         t: Time since the motion began [s], shape (n,).
         q_a, q_b: Measured positions [rad], shape (n, dof).
-        duration_a_s, duration_b_s: Of the whole motions.
+        duration_a_s, duration_b_s: Of the whole motions, with the rest behind them.
+        reached_a_s, reached_b_s: How far each comes [s]: in the plan's own time, or both durations where one recording
+            does not tell it. The rest is not in it: how long it is recorded is up to the plan that comes next.
     """
 
     label: str
@@ -31,6 +34,13 @@ class MotionDifference:
     q_b: np.ndarray
     duration_a_s: float
     duration_b_s: float
+    reached_a_s: float
+    reached_b_s: float
+
+    @property
+    def one_is_shorter(self) -> bool:
+        """Whether a part of the motion is in one recording only, so that nobody can say whether it is the same."""
+        return abs(self.reached_a_s - self.reached_b_s) > _SHORTER_S
 
     @property
     def residual(self) -> np.ndarray:
@@ -60,9 +70,9 @@ class Difference:
     facts: dict[str, tuple[str, str]]
 
     def exceeds(self, tolerance_rad: float) -> bool:
-        """Whether the recordings differ by more than a tolerance, or do not hold the same motions."""
+        """Whether the recordings differ by more than a tolerance, or do not hold the same motions to the same end."""
         return bool(self.only_a or self.only_b) or any(
-            abs(motion.worst[2]) > tolerance_rad for motion in self.motions
+            motion.one_is_shorter or abs(motion.worst[2]) > tolerance_rad for motion in self.motions
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -73,6 +83,8 @@ class Difference:
                     "label": m.label,
                     "duration_a_s": m.duration_a_s,
                     "duration_b_s": m.duration_b_s,
+                    "reached_a_s": m.reached_a_s,
+                    "reached_b_s": m.reached_b_s,
                     "rms_rad": dict(zip(self.joint_names, m.rms_rad.tolist(), strict=True)),
                     "worst": {
                         "joint": self.joint_names[m.worst[0]],
@@ -129,7 +141,11 @@ def _compare(joints_a: Joints, joints_b: Joints, one: Segment, other: Segment) -
     t_a, q_a = _part(joints_a, one)
     t_b, q_b = _part(joints_b, other)
     t = np.arange(0.0, min(t_a[-1], t_b[-1]) + 1e-9, GRID_S)
-    return MotionDifference(one.label, t, _at(t, t_a, q_a), _at(t, t_b, q_b), float(t_a[-1]), float(t_b[-1]))
+    durations = float(t_a[-1]), float(t_b[-1])
+    reached = durations
+    if one.reached_s is not None and other.reached_s is not None:
+        reached = one.reached_s, other.reached_s
+    return MotionDifference(one.label, t, _at(t, t_a, q_a), _at(t, t_b, q_b), *durations, *reached)
 
 
 def _part(joints: Joints, segment: Segment) -> tuple[np.ndarray, np.ndarray]:

@@ -24,6 +24,7 @@ class Segment:
         label: Its label, if known.
         begin_ns, end_ns: Its span.
         cut_ns: When a stop broke it off; None: it went to its end, or the recording ends before.
+        reached_s: How far in the plan's own time it was recorded to come; None: the recording does not tell.
     """
 
     seq: int
@@ -31,12 +32,14 @@ class Segment:
     begin_ns: int
     end_ns: int
     cut_ns: int | None = None
+    reached_s: float | None = None
 
 
 def segments(recording: Recording) -> list[Segment]:
     """Executed plans in the order of time; empty when the recording holds no executor states."""
     spans: dict[int, list[int]] = {}
     cuts: dict[int, int] = {}
+    reached: dict[int, float] = {}
     for topic in recording.of_type(EXECUTOR_STATE):
         for data in topic.messages:
             body = unpack(EXECUTOR_STATE, data)
@@ -45,11 +48,12 @@ def segments(recording: Recording) -> list[Segment]:
                 stamp = body["header"]["stamp"]
                 stamp_ns = int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
                 spans.setdefault(seq, []).append(stamp_ns)
+                reached[seq] = max(float(body["plan_t"]), reached.get(seq, 0.0))
                 if body["state"] in _STOPS and not body["plan_done"]:
                     cuts[seq] = min(stamp_ns, cuts.get(seq, stamp_ns))
     labels = plan_labels(recording)
     found = [
-        Segment(seq, labels.get(seq, f"plan {seq}"), min(s), max(s), cuts.get(seq))
+        Segment(seq, labels.get(seq, f"plan {seq}"), min(s), max(s), cuts.get(seq), reached[seq])
         for seq, s in spans.items()
     ]
     return sorted(found, key=lambda segment: segment.begin_ns)

@@ -35,8 +35,8 @@ def twin_difference(recording: Recording, arm: ArmDescription) -> Difference:
         t = np.arange(0.0, t_have[-1] + 1e-9, GRID_S)
         t_measured = (measured.stamp_ns - segment.begin_ns) * 1e-9
         q = _at(t, t_measured, measured.q)
-        duration = float(t_have[-1])
-        motions.append(MotionDifference(segment.label, t, q, _at(t, t_fine, q_twin), duration, duration))
+        durations = [float(t_have[-1])] * 4  # the twin does all that was recorded
+        motions.append(MotionDifference(segment.label, t, q, _at(t, t_fine, q_twin), *durations))
     if not motions:
         raise RecordingError(f"{recording.path} holds no executed plan with references")
     return Difference(measured.names, motions, [], [], {})

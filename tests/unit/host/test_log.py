@@ -28,7 +28,7 @@ from s2r_host.log.export_tables import export_tables, parquet_joints
 from s2r_host.log.recover import recover
 from s2r_host.log.scan import Scan
 from s2r_host.log.segments import segments
-from s2r_host.log.tables import read_recording
+from s2r_host.log.tables import EXECUTOR_STATE, read_recording
 from s2r_host.log.view import write_html
 from s2r_host.recording import JOINT_STATE, RunRecorder, stamp
 from s2r_host.report.arm_shapes import ArmShapes
@@ -565,6 +565,40 @@ def test_a_shifted_recording_differs_by_the_shift(whole, tmp_path):
     np.testing.assert_allclose(found.motions[0].rms_rad, 2e-3, rtol=1e-2)
     assert found.exceeds(1e-3)
     assert not found.exceeds(3e-3)
+
+
+def test_a_recording_that_is_cut_off_is_not_the_same_as_the_whole(whole, tmp_path, capsys):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: int(0.6 * whole.stat().st_size)])
+    for pair in ((whole, cut), (cut, whole)):
+        assert exit_code("log", "diff", *pair) == ExitCode.DIFFERENCE
+        told = capsys.readouterr()
+        assert f"{cut} is damaged" in told.err
+        assert str(whole) not in told.err
+        durations = [float(text) for text in re.search(r"push: (\S+) s and (\S+) s,", told.out).groups()]
+        assert sorted(durations) == [pytest.approx(1.0, abs=0.4), pytest.approx(1.7, abs=0.02)]
+        assert "what is in one only is not compared" in told.out
+        assert "they differ" in told.out
+    assert exit_code("log", "diff", whole, cut, "--json") == ExitCode.DIFFERENCE
+    found = json.loads(capsys.readouterr().out)
+    assert found["damaged"] == [False, True]
+    assert found["motions"][0]["reached_b_s"] < found["motions"][0]["reached_a_s"] - 0.1
+
+
+def test_a_longer_rest_behind_the_same_motion_is_no_difference(tmp_path, capsys):
+    """A plan that comes next ends the recording of the rest."""
+    long, short = (tmp_path / name for name in ("long.mcap", "short.mcap"))
+    for file, rest in ((long, 20), (short, 2)):
+        with RunRecorder(file, "/lab/a", ("a",)) as recorder:
+            for k in range(100 + rest):
+                at_ns = OFFSET_NS + k * 10_000_000
+                head = {"header": {"stamp": stamp(at_ns)}}
+                state = {**head, "plan_seq": 1, "plan_t": 0.01 * min(k, 100), "state": ExecutorState.HOLD}
+                recorder._put("executor_state", EXECUTOR_STATE, state, at_ns)
+                body = {**head, "name": ("a",), "position": [0.01 * min(k, 100)], "velocity": [0.0]}
+                recorder._put("joint_states", JOINT_STATE, body, at_ns)
+    assert exit_code("log", "diff", long, short) == ExitCode.OK
+    assert "1.19 s and 1.01 s" in capsys.readouterr().out
 
 
 def test_diff_and_check_end_with_the_documented_codes(whole, tmp_path, capsys):
