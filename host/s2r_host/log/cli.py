@@ -138,7 +138,7 @@ def export(file: Path, kind: str, out: Path | None, fps: int, arm: str | None, a
         tables, values["left_out"] = export_tables(recording, folder, kind)
         values["files"] = lines = [str(path) for path in tables]
         if values["left_out"]:
-            click.echo(f"not tables, left out: {', '.join(values['left_out'])}", err=True)
+            click.echo(f"no tables or columns, left out: {', '.join(values['left_out'])}", err=True)
     click.echo(json.dumps(values, indent=1) if as_json else "\n".join(lines))
     return int(ExitCode.OK)
 

@@ -11,7 +11,8 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from s2r_host.errors import RecordingError
-from s2r_host.log.tables import Recording, table_of
+from s2r_host.log.columns import table_of
+from s2r_host.log.tables import Recording
 from s2r_protocol.whole_file import write_whole
 
 LIST = "_export.json"
@@ -27,7 +28,8 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
         kind: ``parquet`` or ``csv``.
 
     Returns:
-        Files written, and names of topics that are no tables (images, unknown types).
+        Files written, and what is in none of them: names of topics that are no tables (images, unknown types), and of
+        arrays too long to be columns as ``topic: array``.
 
     Raises:
         RecordingError: A message cannot be decoded, or no topic is a table; then there is no folder either.
@@ -36,15 +38,16 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
     topics = [topic for topic in recording.topics.values() if topic.messages]
     stems = _file_stems([topic.name for topic in topics])
     for topic in topics:
-        columns = table_of(topic, str(recording.path))
-        if columns is None:
+        found = table_of(topic, str(recording.path))
+        if found is None:
             left_out.append(topic.name)
             continue
+        left_out += [f"{topic.name}: {name}" for name in found.left_out]
         if not written:
             folder.mkdir(parents=True, exist_ok=True)
             _take_away(folder)
         path = folder / f"{stems[topic.name]}.{kind}"
-        table = pa.table({name: pa.array(values) for name, values in columns.items()})
+        table = pa.table({name: pa.array(values) for name, values in found.columns.items()})
         if kind == "parquet":
             facts = {
                 "s2r.topic": topic.name,

@@ -1,4 +1,4 @@
-"""A recording as tables: one per topic, one row per message, columns of numbers and texts."""
+"""A recording in memory: topics with their messages, attachments and metadata."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 
 from s2r_host.errors import RecordingError
 from s2r_host.log.scan import Damage, Scan
-from s2r_protocol.ros2 import CdrError, JointStateEncoder, unpack
-from s2r_protocol.ros2.definitions import UnknownMessageTypeError, message_type
+from s2r_protocol.ros2 import JointStateEncoder, unpack
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 EXECUTOR_STATE = "s2r_msgs/msg/ExecutorState"
@@ -22,7 +21,6 @@ TEXT = "std_msgs/msg/String"
 LOG = "rcl_interfaces/msg/Log"
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
-_MAX_ARRAY = 64  # longer arrays are blobs (images, clouds), not columns
 
 
 @dataclass
@@ -182,60 +180,3 @@ def joints_of(topic: Topic, who: str) -> Joints:
     order = np.argsort(stamps, kind="stable")
     tau = rows["effort"][order].copy() if has_effort else None
     return Joints(names, stamps[order], rows["position"][order].copy(), rows["velocity"][order].copy(), tau)
-
-
-def table_of(topic: Topic, who: str) -> dict[str, np.ndarray | list[str]] | None:
-    """Columns of a topic; None when its messages are blobs (images) or of a type we have no definition of.
-
-    Raises:
-        RecordingError: A message cannot be decoded.
-    """
-    if topic.type_name == JOINT_STATE:
-        return _joint_columns(topic, who)
-    try:
-        message_type(topic.type_name)
-    except (UnknownMessageTypeError, ValueError):
-        return None
-    if topic.type_name == IMAGE:
-        return None
-    try:
-        rows = [_flat(unpack(topic.type_name, data)) for data in topic.messages]
-    except CdrError as error:
-        raise RecordingError(f"{who}: a message of {topic.name} cannot be decoded: {error}") from error
-    columns: dict[str, np.ndarray | list[str]] = {"log_time_ns": np.array(topic.stamp_ns, np.int64)}
-    for name in dict.fromkeys(key for row in rows for key in row):
-        values = [row.get(name) for row in rows]
-        if any(isinstance(v, str) for v in values):
-            columns[name] = ["" if v is None else str(v) for v in values]
-        else:
-            columns[name] = np.array([np.nan if v is None else v for v in values])
-    return columns
-
-
-def _joint_columns(topic: Topic, who: str) -> dict[str, np.ndarray | list[str]]:
-    joints = joints_of(topic, who)
-    columns: dict[str, np.ndarray | list[str]] = {"stamp_ns": joints.stamp_ns, "t_s": joints.t}
-    for label, values in (("q_rad", joints.q), ("dq_rad_s", joints.dq), ("tau_Nm", joints.tau)):
-        if values is not None:
-            for i, name in enumerate(joints.names):
-                columns[f"{label}.{name}"] = values[:, i]
-    return columns
-
-
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested values as dotted names; a stamp becomes nanoseconds; long arrays are left out."""
-    found: dict[str, Any] = {}
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            if set(value) == {"sec", "nanosec"}:
-                found[f"{name}_ns"] = int(value["sec"]) * 1_000_000_000 + int(value["nanosec"])
-            else:
-                found.update(_flat(value, f"{name}."))
-        elif isinstance(value, (str, int, float, bool, np.generic)):
-            found[name] = value
-        elif len(value) <= _MAX_ARRAY:
-            for i, item in enumerate(value):
-                label = f"{name}[{i}]"
-                found.update(_flat(item, f"{label}.") if isinstance(item, Mapping) else {label: item})
-    return found

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,7 +30,7 @@ from s2r_host.log.export_tables import export_tables, parquet_joints
 from s2r_host.log.recover import recover
 from s2r_host.log.scan import Scan
 from s2r_host.log.segments import segments
-from s2r_host.log.tables import EXECUTOR_STATE, read_recording
+from s2r_host.log.tables import EXECUTOR_STATE, TRAJECTORY, read_recording
 from s2r_host.log.view import write_html
 from s2r_host.recording import JOINT_STATE, RunRecorder, stamp
 from s2r_host.report.arm_shapes import ArmShapes
@@ -429,6 +431,94 @@ def test_parquet_and_csv_hold_every_tick_with_units_in_the_names(whole, tmp_path
     assert len(lines) == 1701
     assert '"tau_Nm.joint7"' in lines[0]
     assert len(written) == 3
+
+
+def exported(recording: Path, folder: Path) -> dict[str, dict[str, list[str]]]:
+    """The tables of an export to CSV: columns of texts by table and name."""
+    assert exit_code("log", "export", recording, "--to", "csv", "--out", folder) == ExitCode.OK
+    tables = {}
+    for path in folder.glob("*.csv"):
+        with path.open(newline="") as stream:
+            head, *rows = csv.reader(stream)
+        tables[path.stem] = {name: [row[i] for row in rows] for i, name in enumerate(head)}
+    return tables
+
+
+def test_a_plan_is_exported_knot_by_knot(tmp_path):
+    t = np.linspace(0.0, 2.0, 100)
+    paths = [
+        SimpleNamespace(
+            t=t, **{k: scale * np.sin(np.outer(t, [n, n + 1])) for n, k in enumerate(("q", "dq", "ddq"))}
+        )
+        for scale in (1.0, 0.5)
+    ]
+    with RunRecorder(tmp_path / "run.mcap", "/lab/a", ("pan", "lift")) as recorder:
+        for path in paths:
+            recorder.add_plan(path, "push", 1)
+    plan = {
+        name: np.array(values, float)
+        for name, values in exported(tmp_path / "run.mcap", tmp_path / "t")["plan"].items()
+    }
+    assert plan["plan"].tolist() == [1] * 100 + [2] * 100
+    np.testing.assert_allclose(plan["t_s"], np.tile(t, 2), atol=1e-9)
+    for label, key in (("q_rad", "q"), ("dq_rad_s", "dq"), ("ddq_rad_s2", "ddq")):
+        for i, joint in enumerate(("pan", "lift")):
+            wanted = np.concatenate([getattr(path, key)[:, i] for path in paths])
+            np.testing.assert_allclose(plan[f"{label}.{joint}"], wanted, atol=1e-12)
+    assert not any(name.startswith("tau_Nm") for name in plan)
+
+
+def trajectories(file: Path, *plans: tuple[tuple[str, ...], list[float], list[float]]) -> Path:
+    """A recording of plans of one knot each: joints, positions, velocities."""
+    with RunRecorder(file, "/lab/a", ()) as recorder:
+        for names, q, dq in plans:
+            point = {"positions": q, "velocities": dq, "time_from_start": stamp(0)}
+            body = {"header": {"stamp": stamp(OFFSET_NS)}, "joint_names": names, "points": [point]}
+            recorder._put("plan", TRAJECTORY, body, OFFSET_NS)
+    return file
+
+
+def test_plans_of_others_may_be_of_some_joints_and_without_speeds(tmp_path):
+    file = trajectories(tmp_path / "two.mcap", (("a", "b"), [1.0, 2.0], []), (("b",), [3.0], [4.0]))
+    plan = exported(file, tmp_path / "t")["plan"]
+    assert plan["q_rad.a"] == ["1", "nan"]
+    assert plan["q_rad.b"] == ["2", "3"]
+    assert plan["dq_rad_s.b"] == ["nan", "4"]
+
+
+def test_a_knot_that_is_not_of_the_plans_joints_is_refused(tmp_path, capsys):
+    file = trajectories(tmp_path / "bad.mcap", (("a", "b"), [1.0], []))
+    assert exit_code("log", "export", file, "--to", "csv") == ExitCode.REFUSED
+    assert "/lab/a/plan: a knot has 1 positions for 2 joints" in capsys.readouterr().err
+
+
+def test_a_recorded_state_has_no_columns_of_what_was_not_measured(whole, tmp_path):
+    columns = exported(whole, tmp_path / "t")["executor_state"]
+    assert {"tick", "state", "cause", "plan_seq", "plan_t", "epoch", "lease_holder", "speed_scale"} <= set(
+        columns
+    )
+    assert not {"plan_done", "realtime", "overruns", "missed", "tx_failed", "crc_errors", "bus_load"} & set(
+        columns
+    )
+
+
+def test_a_published_state_that_others_recorded_has_all_of_its_columns(tmp_path):
+    state = {"header": {"stamp": stamp(OFFSET_NS)}, "plan_done": True, "drive_state": [4, 4], "missed": 3}
+    with RunRecorder(tmp_path / "bag.mcap", "/lab/a", ("a", "b")) as recorder:
+        recorder._put("executor_state", EXECUTOR_STATE, state, OFFSET_NS)
+    columns = exported(tmp_path / "bag.mcap", tmp_path / "t")["executor_state"]
+    assert (columns["plan_done"], columns["missed"], columns["drive_state[1]"]) == (["true"], ["3"], ["4"])
+
+
+def test_an_array_too_long_for_columns_is_left_out_by_name(tmp_path, capsys):
+    long = {"edge_s": np.arange(65.0), "count": np.arange(3), "recording_problem": ""}
+    with RunRecorder(tmp_path / "run.mcap", "/lab/a", ("a",)) as recorder:
+        for _ in range(2):
+            recorder._put("timing", "s2r_msgs/msg/TickTiming", long, OFFSET_NS)
+    columns = exported(tmp_path / "run.mcap", tmp_path / "t")["timing"]
+    assert "count[2]" in columns
+    assert not any(name.startswith("edge_s") for name in columns)
+    assert "left out: /lab/a/timing: edge_s\n" in capsys.readouterr().err
 
 
 def two_arms(file: Path, of_right: float) -> Path:
