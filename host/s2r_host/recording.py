@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -23,6 +23,7 @@ from mcap.writer import CompressionType, Writer
 from s2r_host.errors import RecordingError
 from s2r_host.link_camera import Capture
 from s2r_host.link_types import TimedPath
+from s2r_host.log.segments import ARM_STAMP
 from s2r_host.mcap_damage import DAMAGED
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.ros2 import pack, unpack
@@ -72,6 +73,7 @@ class RunRecorder:
         joint_names: tuple[str, ...],
         arm: ArmDescription | None = None,
         facts: Mapping[str, str] | None = None,
+        arm_stamp_ns: Callable[[], int | None] = lambda: None,
     ) -> None:
         """Open the file.
 
@@ -81,12 +83,15 @@ class RunRecorder:
             joint_names: In the arm's order.
             arm: Its URDF, MJCF and limits are attached, its hashes noted.
             facts: Further named values: seeds, versions, arguments.
+            arm_stamp_ns: Stamp of the newest joint state, None when the executor is silent. Every note tells it: the
+                arm's clock is another than the host's, and in lock-step it runs at another pace.
         """
         self._file = path.open("wb")
         self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="s2r")
         self._namespace = namespace.rstrip("/")
         self._joint_names = joint_names
+        self._arm_stamp_ns = arm_stamp_ns
         self._channels: dict[tuple[str, str], int] = {}
         self._schemas: dict[str, int] = {}
         self._plans = 0
@@ -177,7 +182,9 @@ class RunRecorder:
         Raises:
             ValueError: A number is not finite, which JSON cannot say; None stands for what is not known.
         """
-        text = json.dumps({"kind": kind, **values}, sort_keys=True, allow_nan=False)
+        arm_ns = self._arm_stamp_ns()
+        on_arm = {} if arm_ns is None else {ARM_STAMP: arm_ns}
+        text = json.dumps({"kind": kind, **on_arm, **values}, sort_keys=True, allow_nan=False)
         self._put("run", TEXT, {"data": text}, now_ns or time.time_ns())
         self._writer.flush()  # a note is what somebody may be waiting for: the console follows the growing file
 

@@ -176,7 +176,10 @@ def test_stop_from_another_terminal_ends_the_run_with_six(paced_plant, arm):
     assert process.returncode == ExitCode.PROTECTION, stderr
     assert "STOP_REQUESTED" in ending(paced_plant)["exit"]["reason"]
     assert status(paced_plant, arm).state == ExecutorState.HOLD
-    assert "view" in [note["kind"] for note in read_notes(paced_plant["out"] / "run.mcap")]
+    recording = paced_plant["out"] / "run.mcap"
+    seen_ns = [note["arm_stamp_ns"] for note in read_notes(recording) if note["kind"] == "view"]
+    assert seen_ns  # on the arm's clock, so before it moved, whatever time the host took
+    assert max(seen_ns) <= joint_track(recording).stamp_ns[0]
 
 
 def test_a_stop_while_the_host_plans_ends_the_run_before_its_next_motion(paced_plant, arm):

@@ -31,8 +31,13 @@ class Table:
     left_out: list[str]
 
 
-def table_of(topic: Topic, who: str) -> Table | None:
+def table_of(topic: Topic, who: str, arm_time_ns: np.ndarray | None = None) -> Table | None:
     """A topic as a table; None when its messages are blobs (images) or of a type we have no definition of.
+
+    Args:
+        topic: With messages.
+        who: Named in errors.
+        arm_time_ns: Time of each message on the clock of the joint states [ns], a column of that name; None: not known.
 
     Raises:
         RecordingError: A message cannot be decoded, or a plan's knots are not of its joints.
@@ -46,21 +51,25 @@ def table_of(topic: Topic, who: str) -> Table | None:
     if topic.type_name == IMAGE:
         return None
     try:
-        bodies = [unpack(topic.type_name, data) for data in topic.messages]
+        bodies: list[Mapping[str, Any]] = [unpack(topic.type_name, data) for data in topic.messages]
     except CdrError as error:
         raise RecordingError(f"{who}: a message of {topic.name} cannot be decoded: {error}") from error
     if topic.type_name == TRAJECTORY:
-        return Table(_plan_columns(bodies, f"{who}: {topic.name}"), [])
+        return Table(_plan_columns(bodies, f"{who}: {topic.name}", arm_time_ns), [])
     if topic.type_name == EXECUTOR_STATE:
-        return _message_table(topic, [_told(body) for body in bodies])
-    return _message_table(topic, bodies)
+        bodies = [_told(body) for body in bodies]
+    return _message_table(topic, bodies, arm_time_ns)
 
 
-def _message_table(topic: Topic, bodies: Sequence[Mapping[str, Any]]) -> Table:
+def _message_table(
+    topic: Topic, bodies: Sequence[Mapping[str, Any]], arm_time_ns: np.ndarray | None
+) -> Table:
     """One row per message, whatever its type."""
     left_out: dict[str, None] = {}
     rows = [_flat(body, left_out) for body in bodies]
     columns: Columns = {"log_time_ns": np.array(topic.stamp_ns, np.int64)}
+    if arm_time_ns is not None:
+        columns["arm_time_ns"] = arm_time_ns
     for name in dict.fromkeys(key for row in rows for key in row):
         values = [row.get(name) for row in rows]
         if any(isinstance(v, str) for v in values):
@@ -80,7 +89,7 @@ def _joint_columns(topic: Topic, who: str) -> Columns:
     return columns
 
 
-def _plan_columns(bodies: Sequence[Mapping[str, Any]], who: str) -> Columns:
+def _plan_columns(bodies: Sequence[Mapping[str, Any]], who: str, arm_time_ns: np.ndarray | None) -> Columns:
     """One row per knot: ``plan`` counts from 1, ``stamp_ns`` is when the plan was sent, ``t_s`` the plan's own time.
 
     Raises:
@@ -94,6 +103,8 @@ def _plan_columns(bodies: Sequence[Mapping[str, Any]], who: str) -> Columns:
         "stamp_ns": np.repeat(np.array([_ns(body["header"]["stamp"]) for body in bodies], np.int64), knots),
         "t_s": np.array([_ns(point["time_from_start"]) * 1e-9 for point in points]),
     }
+    if arm_time_ns is not None:
+        columns["arm_time_ns"] = np.repeat(arm_time_ns, knots)
     own = [[names.index(name) for name in body["joint_names"]] for body in bodies for _ in body["points"]]
     for label, key in (
         ("q_rad", "positions"),

@@ -8,6 +8,7 @@ import numpy as np
 
 from s2r_host.errors import MissingPartError
 from s2r_host.log.arm_of import arm_of, in_arms_order
+from s2r_host.log.arm_time import arm_times
 from s2r_host.log.segments import notes
 from s2r_host.log.tables import EXECUTOR_STATE, IMAGE, LOG, Joints, Recording
 from s2r_host.report.arm_shapes import ArmShapes, quat_wxyz
@@ -136,10 +137,11 @@ def _log_views(rr, stream, recording: Recording) -> None:  # noqa: ANN001
     infos = [t for t in recording.topics.values() if t.name.endswith("/depth/camera_info")]
     if not (poses and depths and infos):
         return
+    stamps = np.asarray(arm_times(recording).get(depths[0].name, depths[0].stamp_ns)).astype("datetime64[ns]")
     for X, stamp, image, info in zip(
-        poses, depths[0].stamp_ns, recording.bodies(depths[0]), recording.bodies(infos[0]), strict=False
+        poses, stamps, recording.bodies(depths[0]), recording.bodies(infos[0]), strict=False
     ):
-        stream.set_time(TIMELINE, timestamp=np.datetime64(stamp, "ns"))
+        stream.set_time(TIMELINE, timestamp=stamp)
         stream.log("camera", rr.Transform3D(translation=X[:3, 3], mat3x3=X[:3, :3]))
         shape = (int(image["height"]), int(image["width"]))
         K = np.asarray(info["k"], float).reshape(3, 3)

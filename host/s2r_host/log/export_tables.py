@@ -11,6 +11,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from s2r_host.errors import RecordingError
+from s2r_host.log.arm_time import arm_times
 from s2r_host.log.columns import table_of
 from s2r_host.log.tables import Recording
 from s2r_protocol.whole_file import write_whole
@@ -37,8 +38,9 @@ def export_tables(recording: Recording, folder: Path, kind: str) -> tuple[list[P
     written, left_out = [], []
     topics = [topic for topic in recording.topics.values() if topic.messages]
     stems = _file_stems([topic.name for topic in topics])
+    on_arm = arm_times(recording)
     for topic in topics:
-        found = table_of(topic, str(recording.path))
+        found = table_of(topic, str(recording.path), on_arm.get(topic.name))
         if found is None:
             left_out.append(topic.name)
             continue

@@ -12,6 +12,7 @@ from s2r_protocol.faults import ExecutorState
 from s2r_protocol.ros2 import unpack
 
 NOTES = "run"  # last part of their topic's name
+ARM_STAMP = "arm_stamp_ns"  # in a note: stamp of the newest joint state when it was written
 _STOPS = (ExecutorState.STOPPING, ExecutorState.STOP1, ExecutorState.FAULT, ExecutorState.ESTOP)
 
 

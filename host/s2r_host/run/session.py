@@ -247,7 +247,14 @@ def open_session(settings: RunSettings, journal: Journal) -> Session:
             "software": link.identity.software,
         }
         recorder = opened.enter_context(
-            RunRecorder(settings.out / "run.mcap", f"/{keys.base}", arm.joint_names, arm, facts)
+            RunRecorder(
+                settings.out / "run.mcap",
+                f"/{keys.base}",
+                arm.joint_names,
+                arm,
+                facts,
+                arm_stamp_ns=lambda: sample.stamp_ns if (sample := link.joints()) else None,
+            )
         )
         camera = opened.enter_context(CameraLink(settings.camera, keys, tls=settings.tls))
         session = Session(

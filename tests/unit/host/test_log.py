@@ -22,6 +22,7 @@ from s2r_executor.observations import Encoder, Timeline
 from s2r_executor.recorder_files import FileSettings, RecordingFiles
 from s2r_executor.recorder_wire import Batch, PlanIdentity
 from s2r_host.errors import RecordingError
+from s2r_host.link_camera import Capture
 from s2r_host.log.check import _rate_hz, check
 from s2r_host.log.diff import diff
 from s2r_host.log.export_lerobot import export_lerobot
@@ -32,6 +33,7 @@ from s2r_host.log.scan import Scan
 from s2r_host.log.segments import segments
 from s2r_host.log.tables import EXECUTOR_STATE, TRAJECTORY, read_recording
 from s2r_host.log.view import write_html
+from s2r_host.perception.frames import DepthFrame
 from s2r_host.recording import JOINT_STATE, RunRecorder, stamp
 from s2r_host.report.arm_shapes import ArmShapes
 from s2r_protocol.arms import load_arm
@@ -519,6 +521,93 @@ def test_an_array_too_long_for_columns_is_left_out_by_name(tmp_path, capsys):
     assert "count[2]" in columns
     assert not any(name.startswith("edge_s") for name in columns)
     assert "left out: /lab/a/timing: edge_s\n" in capsys.readouterr().err
+
+
+SECOND_NS = 1_000_000_000
+
+
+def seen_and_moved(
+    file: Path, monkeypatch, host_s: tuple[float, float, float], arm_s: tuple = (None,) * 3
+) -> Path:
+    """View A, a motion at 1 to 2 s of the core's clock, view B; host's and arm's clock [s] at view, plan and view."""
+    host_ns, arm_ns = iter(host_s), iter(arm_s)
+    now = SimpleNamespace(host_s=0.0, arm_s=0.0)
+
+    def go_on() -> None:
+        now.host_s, now.arm_s = next(host_ns), next(arm_ns)
+
+    def at(t_s: float | None) -> int | None:
+        return None if t_s is None else OFFSET_NS + round(t_s * SECOND_NS)
+
+    monkeypatch.setattr("s2r_host.recording.time", SimpleNamespace(time_ns=lambda: at(now.host_s)))
+    frame = DepthFrame(np.full((20, 30), 0.5, np.float32), np.diag([9.0, 9.0, 1.0]), np.eye(4), None)
+    t = np.array([0.0, 1.0])
+    path = SimpleNamespace(t=t, **{key: np.zeros((2, 7)) for key in ("q", "dq", "ddq")})
+    with RunRecorder(
+        file, "/lab/xmate3pro", ARM.joint_names, ARM, arm_stamp_ns=lambda: at(now.arm_s)
+    ) as recorder:
+        go_on()
+        recorder.add_capture("A", Capture("front", 1, 0, frame))
+        go_on()
+        recorder.add_plan(path, "push 1", 3)
+        for t_s in np.linspace(1.0, 2.0, 11):
+            head = {"header": {"stamp": stamp(at(t_s))}}
+            recorder._put(
+                "executor_state", EXECUTOR_STATE, {**head, "plan_seq": 3, "plan_t": t_s - 1}, at(t_s)
+            )
+            body = {**head, "name": ARM.joint_names, "position": np.zeros(7), "velocity": np.zeros(7)}
+            recorder._put("joint_states", JOINT_STATE, body, at(t_s))
+        go_on()
+        recorder.add_capture("B", Capture("front", 2, 0, frame))
+    return file
+
+
+LOCK_STEP_S = (9.0, 9.5, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("host_s", "arm_s", "placed_s"),
+    [
+        (LOCK_STEP_S, (0.9, 0.9, 2.3), (0.9, 0.9, 2.3)),
+        (LOCK_STEP_S, (0.9, 0.9, None), (0.9, 0.9, 2.0)),
+        (LOCK_STEP_S, (None, None, None), (1.0, 1.0, 2.0)),
+        ((0.8, 0.95, 2.7), (None, None, None), (0.8, 0.95, 2.7)),
+    ],
+    ids=["told", "silent once", "older", "older, of one clock"],
+)
+def test_views_are_placed_before_and_behind_the_motion_between_them(
+    tmp_path, monkeypatch, host_s, arm_s, placed_s
+):
+    file = seen_and_moved(tmp_path / "run.mcap", monkeypatch, host_s, arm_s)
+    tables = exported(file, tmp_path / "t")
+
+    def column(table: str) -> list[float]:
+        return [round((int(text) - OFFSET_NS) / SECOND_NS, 3) for text in tables[table]["arm_time_ns"]]
+
+    assert column("run") == list(placed_s)
+    assert column("camera__front__depth__camera_info") == [placed_s[0], placed_s[2]]
+    assert column("plan") == [placed_s[1]] * 2
+    assert "arm_time_ns" not in tables["executor_state"]
+
+
+def test_a_view_in_rerun_is_where_the_arm_was(tmp_path, monkeypatch):
+    rerun = pytest.importorskip("rerun")
+    times, stream = [], rerun.RecordingStream
+
+    class Told(stream):
+        def log(self, entity: str, *what: object, **options: object) -> None:
+            if entity == "camera":
+                times.append(self.at_ns)
+            super().log(entity, *what, **options)
+
+        def set_time(self, timeline: str, **at: np.datetime64) -> None:
+            self.at_ns = at["timestamp"].astype(int)
+            super().set_time(timeline, **at)
+
+    monkeypatch.setattr(rerun, "RecordingStream", Told)
+    file = seen_and_moved(tmp_path / "run.mcap", monkeypatch, LOCK_STEP_S, (0.9, 0.9, 2.3))
+    export_rrd(read_recording(file), tmp_path / "run.rrd")
+    assert [round((at - OFFSET_NS) / SECOND_NS, 3) for at in times] == [0.9, 2.3]
 
 
 def two_arms(file: Path, of_right: float) -> Path:

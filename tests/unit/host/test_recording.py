@@ -104,6 +104,15 @@ def test_notes_keep_their_order_and_values(tmp_path):
     assert [n["kind"] for n in read_notes(tmp_path / "run.mcap")] == ["estimate", "state"]
 
 
+def test_a_note_tells_the_time_of_the_arm_where_it_is_known(tmp_path, path, capture):
+    stamps = iter([5, None, 7])
+    with RunRecorder(tmp_path / "run.mcap", "/lab/a", NAMES, arm_stamp_ns=lambda: next(stamps)) as recorder:
+        recorder.add_capture("A", capture)
+        recorder.add_stage("push", "begun")
+        recorder.add_plan(path, "push 1", 1)
+    assert [note.get("arm_stamp_ns") for note in read_notes(tmp_path / "run.mcap")] == [5, None, 7]
+
+
 def test_a_note_with_a_number_that_json_cannot_say_is_refused(tmp_path):
     with RunRecorder(tmp_path / "run.mcap", "/lab/arm", ("j1",)) as recorder:
         with pytest.raises(ValueError, match="not JSON compliant"):
