@@ -55,6 +55,7 @@ def run_jobs(
     Raises:
         UsageError: The results that are there were made with other conditions.
         WorkerLostError: A job's workers died again and again.
+        Exception: What a job raised, the first of those that did; the results of the jobs under way with it are kept.
         NotReadyError: Ray is asked for and not installed, or another process is at work on the same results.
     """
     todo = list(jobs)
@@ -144,42 +145,73 @@ def _said_when_interrupted(
 
 
 def _on_workers(work: Work, jobs: list[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
+    """Jobs with their results, as they end. What a job raises is raised when those under way with it have ended."""
     if workers <= 1:
         for job in jobs:
             yield job, work(*job)
         return
     queue, deaths = list(jobs), Counter[str]()
     while queue:
-        waiting: dict[Future[dict[str, Any]], Job] = {}
+        begun: dict[Future[dict[str, Any]], Job] = {}
         try:
-            context = multiprocessing.get_context("spawn")
-            with ProcessPoolExecutor(workers, context, initializer=batch_worker.listen) as pool:
-                try:
-                    while queue or waiting:
-                        while queue and len(waiting) < 2 * workers:
-                            # Taken from the queue once it is handed over: a pool that has just broken refuses it.
-                            waiting[pool.submit(batch_worker.call, work, queue[0])] = queue[0]
-                            del queue[0]
-                        finished, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                        for future in finished:
-                            result = future.result()
-                            yield waiting.pop(future), result
-                except (KeyboardInterrupt, GeneratorExit):
-                    for worker in multiprocessing.active_children():
-                        worker.terminate()  # a signal that only we got
-                    # Waited for: Python 3.11 may wake the pool's thread at exit while that closes its pipe.
-                    pool.shutdown(wait=True, cancel_futures=True)
-                    raise
+            yield from _in_one_pool(work, queue, begun, workers)
         except BrokenProcessPool:
             # Which of them killed its worker is not known: all that were begun are begun anew.
-            queue = [*waiting.values(), *queue]
-            deaths.update(_key(job) for job in waiting.values())
+            queue = [*begun.values(), *queue]
+            deaths.update(_key(job) for job in begun.values())
             job, count = deaths.most_common(1)[0]
             if count >= MOST_DEATHS:
                 raise WorkerLostError(
                     f"worker processes died {count} times with job {job} among those they worked on; "
                     "is the machine out of memory? what is done is kept, the same command goes on from there"
                 ) from None
+
+
+def _in_one_pool(
+    work: Work, queue: list[Job], begun: dict[Future[dict[str, Any]], Job], workers: int
+) -> Iterator[tuple[Job, dict[str, Any]]]:
+    """Jobs off the front of ``queue``, under way in ``begun``, with their results as they end.
+
+    No more is handed out than there are workers: what a pool has queued it works off, also after an error.
+
+    Raises:
+        BrokenProcessPool: A worker died.
+        BaseException: What the first job to fail raised; it is told at once, nothing more is begun then, and it is
+            raised when the jobs under way have ended.
+    """
+    failed: BaseException | None = None
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=batch_worker.listen) as pool:
+        try:
+            while begun or (queue and failed is None):
+                while queue and failed is None and len(begun) < workers:
+                    # Taken from the queue once it is handed over: a pool that has just broken refuses it.
+                    begun[pool.submit(batch_worker.call, work, queue[0])] = queue[0]
+                    del queue[0]
+                for future in wait(begun, return_when=FIRST_COMPLETED).done:
+                    error = future.exception()
+                    if isinstance(error, BrokenProcessPool):
+                        raise failed or error
+                    job = begun.pop(future)
+                    if error is None:
+                        yield job, future.result()
+                    elif failed is None:
+                        failed = error
+                        _say_failed(job, error, len(begun))
+        except (KeyboardInterrupt, GeneratorExit):
+            for worker in multiprocessing.active_children():
+                worker.terminate()  # a signal that only we got
+            # Waited for: Python 3.11 may wake the pool's thread at exit while that closes its pipe.
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+    if failed is not None:
+        raise failed
+
+
+def _say_failed(job: Job, error: BaseException, under_way: int) -> None:
+    """Tell of an error as soon as it is known: the jobs that are waited for may take hours."""
+    rest = f"; no more jobs are begun, waiting for {under_way} under way" if under_way else ""
+    click.echo(f"job {_key(job)} failed: {type(error).__name__}: {error}{rest}", err=True)
 
 
 def results_in(results: Path) -> list[dict[str, Any]]:

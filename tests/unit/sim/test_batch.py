@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from s2r_protocol.exits import ExitCode, NotReadyError, UsageError
+from s2r_sim import batch
 from s2r_sim.batch import run_jobs
 from s2r_sim.errors import WorkerLostError
 
@@ -43,6 +44,20 @@ def long(folder, number):
         time.sleep(0.0 if number == 0 else 60.0)
     finally:
         (Path(folder) / f"closed-{number}").touch()
+    return {"square": number**2}
+
+def fails_first(folder, number):
+    """Job 0 fails while job 1 is at work, and job 1 fails after it where job 2 is not to be begun."""
+    (Path(folder) / f"began-{number}").touch()
+    if number == 0:
+        while not (Path(folder) / "began-1").exists():
+            time.sleep(0.01)
+        raise LookupError("no lid")
+    time.sleep(1.0)
+    if (Path(folder) / "second too").exists():
+        raise ValueError("no hinge")
+    if (Path(folder) / "second dies").exists():
+        os.kill(os.getpid(), signal.SIGKILL)
     return {"square": number**2}
 
 def dies(number):
@@ -209,6 +224,39 @@ def test_a_job_that_kills_every_worker_is_named_and_what_is_done_is_kept(tmp_pat
     with pytest.raises(WorkerLostError, match=r"died 3 times with job \[\d\] among those"):
         run_jobs(work.dies, [(number,) for number in range(4)], results, 2, "jobs")
     assert len(results.read_text().splitlines()) <= 3
+
+
+def test_a_job_that_fails_costs_no_result_of_those_under_way_and_none_is_begun_after_it(
+    tmp_path, work, capsys
+):
+    results = tmp_path / "results.jsonl"
+    with pytest.raises(LookupError, match="no lid"):
+        run_jobs(work.fails_first, jobs(tmp_path, 8), results, 2, "jobs")
+    assert [json.loads(line)["job"][1] for line in results.read_text().splitlines()] == [1]
+    assert numbers(tmp_path, "began") == ["0", "1"]
+    told = (
+        f'job ["{tmp_path}", 0] failed: LookupError: no lid; no more jobs are begun, waiting for 1 under way'
+    )
+    assert told in capsys.readouterr().err.replace("\n", "")
+
+
+def test_the_error_of_a_job_is_told_while_the_others_are_waited_for(tmp_path, work, monkeypatch):
+    """They may take hours."""
+    told = []
+    monkeypatch.setattr(batch, "_say_failed", lambda job, *_: told.append((job, time.monotonic())))
+    with pytest.raises(LookupError):
+        run_jobs(work.fails_first, jobs(tmp_path, 2), tmp_path / "results.jsonl", 2, "jobs")
+    ((job, when),) = told
+    assert job[1] == 0
+    assert time.monotonic() - when > 0.8
+
+
+@pytest.mark.parametrize("how", ["second too", "second dies"])
+def test_of_several_errors_the_first_is_raised(tmp_path, work, how):
+    (tmp_path / how).touch()
+    with pytest.raises(LookupError, match="no lid"):
+        run_jobs(work.fails_first, jobs(tmp_path, 4), tmp_path / "results.jsonl", 2, "jobs")
+    assert numbers(tmp_path, "began") == ["0", "1"]
 
 
 def test_ray_is_asked_for_by_name_where_it_is_missing(tmp_path, work, monkeypatch):
