@@ -135,8 +135,7 @@ class RunReader:
             cloud,
             colours,
             axis_of(folder),
-            (folder / RUN_JSON).exists(),
-            _outcome(folder),
+            *_ending(folder),
         )
 
 
@@ -174,12 +173,20 @@ def sight_of(path: Path) -> RunSight:
     return reader.sight()
 
 
-def _outcome(run: Path) -> str:
+def _ending(run: Path) -> tuple[bool, str]:
+    """Whether a run has ended, and how, in a sentence; a run that asks for its target writes ``run.json`` before."""
     try:
-        ended = json.loads((run / RUN_JSON).read_text(encoding="utf-8"))["exit"]
-        return f"exit {ended['code']} {ended['name'].lower()}: {ended['reason']}"
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):  # not yet, or of another release
-        return ""
+        text = (run / RUN_JSON).read_text(encoding="utf-8")
+    except OSError:
+        return False, ""
+    try:
+        told = json.loads(text)
+        if not told.get("ended", True):
+            return False, ""
+        how = told["exit"]
+        return True, f"exit {how['code']} {how['name'].lower()}: {how['reason']}"
+    except (ValueError, LookupError, TypeError, AttributeError):  # of another release
+        return True, ""
 
 
 def seen_in(

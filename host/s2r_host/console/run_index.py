@@ -14,7 +14,8 @@ logger = logging.getLogger(__name__)
 
 DEPTH = 3
 INDEX_NAME = "index.sqlite"
-_VERSION = 2  # an index of another one is made anew
+NOT_ENDED = "not ended"
+_VERSION = 3  # an index of another one is made anew
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS runs (
     folder TEXT PRIMARY KEY, mtime REAL, ended REAL, task TEXT, arm TEXT, unit TEXT, target REAL, delta REAL,
@@ -27,8 +28,9 @@ CREATE TABLE IF NOT EXISTS runs (
 class RunEntry:
     """One run.
 
-    ``target`` and ``delta`` [``unit``: m or rad] are None if it did not get that far; ``ended`` is Unix time. ``name``
-    is its folder below the runs, for lists: two runs may be called alike, in folders of two days.
+    ``target`` and ``delta`` [``unit``: m or rad] are None if it did not get that far; ``ended`` is Unix time. ``code``
+    is None for a run that has told what it believes and not how it ended: it waits for a target, moves on, or was
+    killed then. ``name`` is its folder below the runs, for lists: two runs may be called alike, in folders of two days.
     """
 
     name: str
@@ -39,13 +41,19 @@ class RunEntry:
     unit: str
     target: float | None
     delta: float | None
-    code: int
+    code: int | None
     outcome: str
     reason: str
     plans: int
     wall_s: float
     seed: int
     arguments: tuple[str, ...]
+
+    @property
+    def exit(self) -> str:
+        """How it ended, in a word or two."""
+        word = self.outcome.lower()
+        return word if self.code is None else f"exit {self.code} {word}"
 
 
 class RunIndex:
@@ -142,7 +150,7 @@ def _run_files(root: Path) -> list[Path]:
 
 def _row(path: Path, mtime: float) -> tuple[Any, ...]:
     run = json.loads(path.read_text(encoding="utf-8"))
-    settings = run["inputs"]["settings"]
+    settings, ended = run["inputs"]["settings"], run.get("ended", True)
     return (
         str(path.parent),
         mtime,
@@ -152,8 +160,8 @@ def _row(path: Path, mtime: float) -> tuple[Any, ...]:
         str(run.get("unit", "m")),
         None if run["s_target"] is None else run["s_target"] - run.get("s_origin", 0.0),
         None if run["delta"] is None else float(run["delta"]),
-        int(run["exit"]["code"]),
-        str(run["exit"]["name"]),
+        int(run["exit"]["code"]) if ended else None,
+        str(run["exit"]["name"]) if ended else NOT_ENDED,
         str(run["exit"]["reason"]),
         len(run["verdicts"]),
         float(run["wall_s"]),

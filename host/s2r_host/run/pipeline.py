@@ -77,6 +77,7 @@ def run_task(
 
 def _keep(record: RunRecord) -> None:
     """Write ``run.json``; where the disk takes no more the record, which is told on the terminal, says so as well."""
+    record.ended = True
     try:
         write_run_json(record)
     except OSError as error:

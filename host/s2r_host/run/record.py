@@ -72,6 +72,7 @@ class RunRecord:
         s_found: Joint value measured just before the first planned manipulation [m or rad].
         goals: What was aimed at so far, with the manipulations carried out for it.
         world_commitment: Of the stand-in's sealed world, if it says one.
+        ended: Whether it has; :attr:`code` and :attr:`reason` tell how, and nothing before.
         code, reason: How the run ended.
     """
 
@@ -99,6 +100,7 @@ class RunRecord:
     s_found: float | None = None
     goals: list[Goal] = field(default_factory=list)
     world_commitment: str | None = None
+    ended: bool = False
     code: ExitCode = ExitCode.BUG
     reason: str = "the run did not end"
 

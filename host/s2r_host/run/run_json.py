@@ -56,6 +56,7 @@ def as_json(record: RunRecord) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "task": record.settings.task.name,
         "unit": "m" if record.settings.task.joint_type == "prismatic" else "rad",
+        "ended": record.ended,
         "exit": {"code": int(record.code), "name": record.code.name, "reason": record.reason},
         "s_target": aimed.target if aimed else asked,
         "s_initial": s_initial,

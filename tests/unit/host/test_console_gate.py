@@ -400,6 +400,32 @@ def test_a_run_that_has_ended_is_seen_to_have_ended_although_its_recording_grew_
     assert "exit 6 protection: &lt;b&gt;" in _stages(sight)
 
 
+def test_a_run_that_asks_for_its_target_has_not_ended(tmp_path):
+    """It has written what it believes by then, for whoever is asked."""
+    (tmp_path / "first").mkdir()
+    with RunRecorder(tmp_path / "first/run.mcap", "/lab/a", ("a",)) as recorder:
+        recorder.add_stage("build model", "ended")
+    asking = RUN | {
+        "ended": False, "s_target": None, "exit": {"code": 1, "name": "BUG", "reason": "the run did not end"}
+    }  # fmt: skip
+    (tmp_path / "first/run.json").write_text(json.dumps(asking))
+    sight = RunWatch(tmp_path).look()
+    assert (sight.ended, sight.outcome) == (False, "")
+    assert "Run first, under way" in _stages(sight)
+    index = RunIndex(tmp_path)
+    index.refresh()
+    (entry,) = index.find()
+    assert (entry.exit, entry.code) == ("not ended", None)
+    assert index.find("bug") == []
+    (tmp_path / "first/run.json").write_text(json.dumps(RUN | {"ended": True}))
+    os.utime(tmp_path / "first/run.json", (1, 1))
+    assert RunWatch(tmp_path).look().outcome == "exit 0 ok: "
+    index.refresh()
+    (entry,) = index.find()
+    assert (entry.exit, entry.code) == ("exit 0 ok", 0)
+    index.close()
+
+
 def test_nothing_of_an_executor_that_was_started_again_is_told_as_the_new_ones():
     """It has had no plan, and its clock begins anew."""
     now = [100.0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import time
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
@@ -178,6 +179,29 @@ def test_an_interrupt_before_anything_moved_says_so(tmp_path, monkeypatch, conne
     record = pipeline.run_task(RunSettings(task=DRAWER, target=0.1, out=tmp_path), Journal())
     assert record.code == ExitCode.INTERRUPTED
     assert record.reason == "interrupted by the operator; nothing was moved"
+
+
+def test_what_is_written_before_a_target_is_asked_for_says_that_the_run_goes_on(tmp_path, monkeypatch):
+    """Whoever looks on would take it for a run that ended with a bug."""
+    session, told = session_of(tmp_path, []), []
+    session.settings = RunSettings(task=DRAWER, target=None, out=tmp_path)
+
+    def ask(record):
+        told.append(json.loads((tmp_path / "run.json").read_text()))
+        return 0.1
+
+    monkeypatch.setattr(pipeline, "open_session", lambda *_: session)
+    monkeypatch.setattr(pipeline, "planned_where_it_stands", nullcontext)
+    for name in ("_introduce", "_home", "_believe", "_to_targets", "learn_from_push", "Feeling"):
+        monkeypatch.setattr(pipeline, name, lambda *_: None)
+    seen = SimpleNamespace(scene=SimpleNamespace(p_base=()))
+    monkeypatch.setattr(pipeline, "observe", lambda *_: seen)
+    monkeypatch.setattr(RunRecord, "add_view", lambda record, view: view)
+    monkeypatch.setattr(pipeline, "push_until_told", lambda *_: SimpleNamespace(after=seen))
+    record = pipeline.run_task(session.settings, Journal(), ask=ask)
+    told.append(json.loads((tmp_path / "run.json").read_text()))
+    assert [run["ended"] for run in told] == [False, True]
+    assert record.ended
 
 
 def test_a_disk_that_fills_up_during_a_run_is_no_bug_and_the_arms_rest_is_told(tmp_path, monkeypatch):

@@ -138,7 +138,7 @@ class RunsScreen:
             self._details.content = ""
             return
         rows = [
-            ("outcome", f"exit {found.code} {found.outcome.lower()}"),
+            ("outcome", found.exit),
             ("reason", found.reason),
             ("arm, seed", f"{found.arm}, {found.seed}"),
             ("plans", f"{found.plans} in {found.wall_s:.0f} s"),
