@@ -46,6 +46,7 @@ class Jobs:
             self._lines.append("$ s2r " + " ".join(arguments))
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "s2r_protocol", *arguments],
+                stdin=subprocess.DEVNULL,  # nobody sits there who could answer
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 text=True,

@@ -19,7 +19,8 @@ _VERSION = 3  # an index of another one is made anew
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS runs (
     folder TEXT PRIMARY KEY, mtime REAL, ended REAL, task TEXT, arm TEXT, unit TEXT, target REAL, delta REAL,
-    code INTEGER, outcome TEXT, reason TEXT, plans INTEGER, wall_s REAL, seed INTEGER, arguments TEXT
+    code INTEGER, outcome TEXT, reason TEXT, plans INTEGER, wall_s REAL, seed INTEGER, arguments TEXT,
+    told REAL
 )
 """
 
@@ -30,7 +31,8 @@ class RunEntry:
 
     ``target`` and ``delta`` [``unit``: m or rad] are None if it did not get that far; ``ended`` is Unix time. ``code``
     is None for a run that has told what it believes and not how it ended: it waits for a target, moves on, or was
-    killed then. ``name`` is its folder below the runs, for lists: two runs may be called alike, in folders of two days.
+    killed then. ``told`` [m or rad] is the first target of a run that asked for it, as ``--target`` counts, None before
+    the answer. ``name`` is its folder below the runs, for lists: two runs may be called alike, in folders of two days.
     """
 
     name: str
@@ -48,6 +50,7 @@ class RunEntry:
     wall_s: float
     seed: int
     arguments: tuple[str, ...]
+    told: float | None
 
     @property
     def exit(self) -> str:
@@ -151,6 +154,7 @@ def _run_files(root: Path) -> list[Path]:
 def _row(path: Path, mtime: float) -> tuple[Any, ...]:
     run = json.loads(path.read_text(encoding="utf-8"))
     settings, ended = run["inputs"]["settings"], run.get("ended", True)
+    target = None if run["s_target"] is None else float(run["s_target"] - run.get("s_origin", 0.0))
     return (
         str(path.parent),
         mtime,
@@ -158,7 +162,7 @@ def _row(path: Path, mtime: float) -> tuple[Any, ...]:
         str(run["task"]),
         str(run["arm"]["name"]),
         str(run.get("unit", "m")),
-        None if run["s_target"] is None else run["s_target"] - run.get("s_origin", 0.0),
+        target,
         None if run["delta"] is None else float(run["delta"]),
         int(run["exit"]["code"]) if ended else None,
         str(run["exit"]["name"]) if ended else NOT_ENDED,
@@ -167,12 +171,21 @@ def _row(path: Path, mtime: float) -> tuple[Any, ...]:
         float(run["wall_s"]),
         int(settings["seed"]),
         json.dumps([str(word) for word in run["inputs"]["arguments"]]),
+        _told(run, target),
     )
 
 
+def _told(run: dict[str, Any], target: float | None) -> float | None:
+    """What a run that asked for its first target was told; older ones do not keep it, it may be their only target."""
+    if "target_told" not in run:
+        return None if run["inputs"]["settings"].get("then") else target
+    return None if run["target_told"] is None else float(run["target_told"])
+
+
 def _entry(row: tuple[Any, ...], root: Path) -> RunEntry:
-    folder, _, ended, task, arm, unit, target, delta, code, outcome, reason, plans, wall_s, seed, told = row
+    folder, _, ended, task, arm, unit, target, delta = row[:8]
+    code, outcome, reason, plans, wall_s, seed, line, told = row[8:]
     return RunEntry(
         os.path.relpath(folder, root), Path(folder), ended, task, arm, unit, target, delta, code, outcome, reason,
-        plans, wall_s, seed, tuple(json.loads(told)),
+        plans, wall_s, seed, tuple(json.loads(line)), told,
     )  # fmt: skip

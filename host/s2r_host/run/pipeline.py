@@ -104,7 +104,7 @@ def _loop(session: Session, record: RunRecord, ask: Callable[[RunRecord], float]
     first = settings.target
     if first is None:
         write_run_json(record)  # what is believed so far, for whoever is asked
-        first = ask(record)
+        first = record.target_told = ask(record)
     _to_targets(session, record, feeling, told.after, (first, *settings.then))
 
 

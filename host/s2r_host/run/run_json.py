@@ -58,6 +58,7 @@ def as_json(record: RunRecord) -> dict[str, Any]:
         "unit": "m" if record.settings.task.joint_type == "prismatic" else "rad",
         "ended": record.ended,
         "exit": {"code": int(record.code), "name": record.code.name, "reason": record.reason},
+        "target_told": record.target_told,
         "s_target": aimed.target if aimed else asked,
         "s_initial": s_initial,
         "s_final": newest.last.measured.s if newest else record.s_found,

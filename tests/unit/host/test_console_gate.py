@@ -8,6 +8,7 @@ import socket
 import sqlite3
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ import zenoh
 
 from s2r_host.console.feed import Feed, Health
 from s2r_host.console.gate import Address, ConsoleAddressError, Gate, Request, judge
+from s2r_host.console.jobs import Jobs
 from s2r_host.console.live_run import RunWatch, cloud_of, sight_of
 from s2r_host.console.operator import NoControlError, Operator
 from s2r_host.console.run_index import RunIndex
@@ -263,6 +265,60 @@ def test_a_run_is_repeated_with_its_own_options_in_this_consoles_cell():
     assert "--tls" not in again(line, PLACES | {"--tls": None})
     with pytest.raises(RefusedError):
         again(("demo",), PLACES)
+
+
+@pytest.mark.parametrize("asks", [("--target", "ask"), ("--target=ask",)])
+def test_a_run_that_asked_for_its_target_is_repeated_with_the_one_it_was_told(asks):
+    """Nobody answers a job: it would push the object and wait, without end."""
+    line = ("run", "drawer", *asks, "--then", "50mm")
+    words = again(line, {"--out": "new"}, told=-0.15)
+    assert "=".join(words[2:-4]) == "--target=-0.15"
+    assert words[-4:] == ["--then", "50mm", "--out", "new"]
+    with pytest.raises(RefusedError, match=r"\(--target ask\) and was told none"):
+        again(line, {"--out": "new"})
+
+
+@pytest.mark.parametrize(
+    ("kept", "told"),
+    [
+        ({"target_told": 0.15}, 0.15),
+        ({"target_told": None}, None),
+        ({"s_origin": 0.05}, pytest.approx(0.05)),  # of an older release
+        (
+            {"inputs": {"settings": {"seed": 0, "then": [0.1]}, "arguments": []}},
+            None,
+        ),  # s_target is the last one
+    ],
+)
+def test_what_a_run_was_told_is_known_from_its_file(tmp_path, kept, told):
+    (tmp_path / "first").mkdir()
+    (tmp_path / "first/run.json").write_text(json.dumps(RUN | kept))
+    index = RunIndex(tmp_path)
+    index.refresh()
+    (entry,) = index.find()
+    index.close()
+    assert entry.told == told
+
+
+def test_a_job_that_reads_what_is_typed_finds_nothing(tmp_path, monkeypatch):
+    """Started from a terminal, it would share that with the console and wait for a line."""
+    command = tmp_path / "reads"
+    command.write_text('#!/bin/sh\nread line; echo "read: $line."\n')
+    command.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(command))
+    ended, jobs = threading.Event(), Jobs()
+    read, write = os.pipe()
+    own = os.dup(0)
+    os.dup2(read, 0)
+    try:
+        jobs.start("a job", ["run"], lambda code: ended.set())
+        assert ended.wait(10.0)
+    finally:
+        os.dup2(own, 0)
+        for end in (own, read, write):
+            os.close(end)
+        jobs.close()
+    assert jobs.lines[1:] == ["read: .", "exit 0"]
 
 
 def test_an_unreadable_run_is_left_out_and_a_removed_one_forgotten(tmp_path):

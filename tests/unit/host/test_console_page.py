@@ -19,6 +19,7 @@ from s2r_host.console.live_run import RunSight
 from s2r_host.console.playback import Opened
 from s2r_protocol.arms import load_arm
 from s2r_protocol.cli.peers import free_port
+from s2r_protocol.exits import RefusedError
 from s2r_protocol.keys import ArmKeys
 from s2r_protocol.session import Role, listen
 
@@ -154,7 +155,9 @@ def test_a_run_again_is_in_the_consoles_own_cell_with_its_own_places(opened, mon
     """The run was of another cell, with certificates that this console was not started with."""
     page = opened()
     line = ("run", "drawer", "--cell", "elsewhere", "--tls", "keys", "--executor=tcp/old:1")
-    monkeypatch.setattr(page._runs_screen, "entry", lambda: SimpleNamespace(name="old", arguments=line))
+    monkeypatch.setattr(
+        page._runs_screen, "entry", lambda: SimpleNamespace(name="old", arguments=line, told=None)
+    )
     monkeypatch.setattr(page._operator, "require", lambda browser: None)
     monkeypatch.setattr(page._operator, "lend_lease", lambda browser: None)
     started = []
@@ -162,6 +165,15 @@ def test_a_run_again_is_in_the_consoles_own_cell_with_its_own_places(opened, mon
     page._runs_screen._again(SimpleNamespace(client_id=1, client=None))
     assert started[:3] == ["run", "drawer", "--out"]
     assert started[4:] == ["--executor", "tcp/127.0.0.1:1", "--camera", "tcp/127.0.0.1:1", "--cell", "lab"]
+
+
+def test_a_run_that_was_told_no_target_is_refused_before_the_lease_is_lent(opened, monkeypatch):
+    page = opened()
+    entry = SimpleNamespace(name="old", arguments=("run", "drawer", "--target", "ask"), told=None)
+    monkeypatch.setattr(page._runs_screen, "entry", lambda: entry)
+    monkeypatch.setattr(page._operator, "require", lambda browser: None)
+    with pytest.raises(RefusedError, match="told none"):
+        page._runs_screen._again(SimpleNamespace(client_id=1, client=None))
 
 
 def test_an_answer_that_was_written_again_is_shown_anew(opened, tmp_path):

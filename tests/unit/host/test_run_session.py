@@ -202,6 +202,7 @@ def test_what_is_written_before_a_target_is_asked_for_says_that_the_run_goes_on(
     told.append(json.loads((tmp_path / "run.json").read_text()))
     assert [run["ended"] for run in told] == [False, True]
     assert record.ended
+    assert [run["target_told"] for run in told] == [None, 0.1]
 
 
 def test_a_disk_that_fills_up_during_a_run_is_no_bug_and_the_arms_rest_is_told(tmp_path, monkeypatch):

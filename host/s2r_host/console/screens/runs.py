@@ -181,7 +181,8 @@ class RunsScreen:
         self._context.operator.require(browser)
         entry = self.entry()
         out = self._context.runs_root / time.strftime("again-%Y%m%d-%H%M%S")
-        arguments = again(entry.arguments, {"--out": str(out), **self._context.cell_options})
+        places = {"--out": str(out), **self._context.cell_options}
+        arguments = again(entry.arguments, places, entry.told)
         self._context.operator.lend_lease(browser)  # the run takes the lease itself
         self._context.jobs.start(f"{entry.name} again", arguments)
         return f"The run writes to {out}; STOP ends its motion."
@@ -194,11 +195,18 @@ class RunsScreen:
         return "asked to end, as by Ctrl-C"
 
 
-def again(arguments: tuple[str, ...], places: Mapping[str, str | None]) -> list[str]:
-    """A run's command line with other places, by option; one that is None is left out.
+def again(
+    arguments: tuple[str, ...], places: Mapping[str, str | None], told: float | None = None
+) -> list[str]:
+    """A run's command line with other places, and with the target that it asked for: nobody answers a job.
+
+    Args:
+        arguments: The command line.
+        places: By option; one that is None is left out.
+        told: What the run was told where it asked for its target, counted as ``--target`` [m or rad].
 
     Raises:
-        RefusedError: It was not an ``s2r run``.
+        RefusedError: It was not an ``s2r run``, or it asks for a target and was told none.
     """
     if not arguments or arguments[0] != "run":
         raise RefusedError(
@@ -212,9 +220,24 @@ def again(arguments: tuple[str, ...], places: Mapping[str, str | None]) -> list[
             skip = True
         elif not word.startswith(tuple(f"{option}=" for option in places)):
             kept.append(word)
+    kept = _with_target(kept, told)
     for option, place in places.items():
         kept += [] if place is None else [option, place]
     return kept
+
+
+def _with_target(words: list[str], told: float | None) -> list[str]:
+    asks = [
+        k
+        for k, word in enumerate(words)
+        if word == "--target=ask" or words[k - 1 : k + 1] == ["--target", "ask"]
+    ]
+    if asks and told is None:
+        raise RefusedError(
+            "the run asked for its target (--target ask) and was told none, and nobody can answer a job of this page: "
+            "start it in a terminal, or with a number"
+        )
+    return [word.replace("ask", repr(told)) if k in asks else word for k, word in enumerate(words)]
 
 
 def _preformatted(text: str) -> str:
