@@ -1,7 +1,8 @@
 """Many runs of the tool: a spawn pool or a Ray cluster, resumable, with a summary over robots and dates.
 
-A job is one line of the batch file. Its answer stands in its own folder; a job whose ``gap.json`` exists is not
-run again, so a stopped batch goes on where it was. One that was refused or failed is: its file may be mended by then.
+A job is one line of the batch file. Its answer stands in its own folder, beside what it was made from; a job whose
+``gap.json`` exists is not run again, so a stopped batch goes on where it was. One that was refused or failed is: its
+file may be mended by then.
 """
 
 from __future__ import annotations
@@ -15,14 +16,17 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from s2r_host.gap.contents import contents
 from s2r_host.gap.errors import GapUsageError
 from s2r_host.gap.workers import each_done
 from s2r_host.gap.yaml_files import read_yaml
+from s2r_protocol.cli.conditions import keep_to
 from s2r_protocol.cli.outputs import has_key
 from s2r_protocol.exits import ExitCode, S2RError
 from s2r_protocol.ray_cluster import on_ray
 from s2r_protocol.whole_file import NO_ROOM, write_whole
 
+ANSWER = "gap.json"
 SUMMARIES = ("summary.json", "summary.html")
 KEYS = {"name", "model", "fit", "holdout", "repeat", "config", "robot", "date"}
 
@@ -111,6 +115,7 @@ def run_batch(
 
     Raises:
         GapUsageError: A file stands where the folder of a job goes.
+        UsageError: A job has an answer to other files or another seed, or nobody knows to which.
         NotReadyError: Ray is asked for and not installed, or nothing answers there.
         OSError: There is no room left on the disk.
     """
@@ -119,6 +124,8 @@ def run_batch(
             raise GapUsageError(
                 f"--out '{out}' holds a file '{job.name}', and a job is called so; name another folder"
             )
+        if answered(out / job.name):
+            keep_to(_question(job, seed), out / job.name / ANSWER, begun=True)
     out.mkdir(parents=True, exist_ok=True)
     todo = [j for j in jobs if not answered(out / j.name)]
     told(len(jobs) - len(todo))
@@ -143,9 +150,24 @@ def _absolute(job: Job) -> Job:
     return replace(job, model=job.model.absolute(), config=config, **lists)
 
 
+def _question(job: Job, seed: int) -> dict[str, Any]:
+    """What the answer depends on. Robot and date only label it."""
+    recordings = {
+        role: contents(file for path in getattr(job, role) for file in (path, *_beside(path)))
+        for role in ("fit", "holdout", "repeat")
+    }
+    config = [] if job.config is None else [job.config]
+    return {"model": contents([job.model]), **recordings, "config": contents(config), "--seed": seed}
+
+
+def _beside(recording: Path) -> list[Path]:
+    """What says more about a recording."""
+    return [side for suffix in (".yaml", ".yml") if (side := recording.with_suffix(suffix)).is_file()]
+
+
 def answered(folder: Path) -> bool:
     """Is there a whole answer from an earlier run?"""
-    return has_key(folder / "gap.json", ("verdict",))
+    return has_key(folder / ANSWER, ("verdict",))
 
 
 def run_job(job: Job, folder: Path, seed: int) -> None:
@@ -159,6 +181,7 @@ def run_job(job: Job, folder: Path, seed: int) -> None:
     for name in ("refused.json", "failed.json"):
         (folder / name).unlink(missing_ok=True)
     try:
+        keep_to(_question(job, seed), folder / ANSWER, begun=False)
         run_gap(
             job.model, list(job.fit), list(job.holdout), list(job.repeat), job.config, folder,
             seed=seed, quiet=True,
@@ -189,7 +212,7 @@ def _row(job: Job, folder: Path) -> dict:
         if left.is_file():
             reason = json.loads(left.read_text(encoding="utf-8"))["reason"]
             return head | {"verdict": verdict, "reason": reason.strip().splitlines()[-1], "effects": []}
-    gap = json.loads((folder / "gap.json").read_text(encoding="utf-8"))
+    gap = json.loads((folder / ANSWER).read_text(encoding="utf-8"))
     effects = [
         {"name": e["name"], "joint": e["joint"], "probability": e["probability"]} for e in gap["effects"]
     ]

@@ -2,6 +2,7 @@
 
 import errno
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from s2r_host.gap.cli import _batch, batch_code, run_gap
 from s2r_host.gap.config import read_config
 from s2r_host.gap.errors import GapRecordingError, GapUsageError
 from s2r_host.gap.output.answer import forget_answer, write_answer
+from s2r_protocol.cli.conditions import keep_to
 from s2r_protocol.cli.root import main
 from s2r_protocol.exits import S2RError, UsageError
 
@@ -77,8 +79,13 @@ def test_seconds_of_a_calibration_that_cannot_be_are_refused(tmp_path, seconds):
         read_config(_list(tmp_path, f"calibrate_s: {seconds}"))
 
 
-def _answer(folder, verdict, effects=()):
-    folder.mkdir(parents=True)
+A = Job("a", Path("m"), ())
+
+
+def _answer(folder, verdict, effects=(), to=A):
+    """As a job that was run with seed 0 leaves it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    keep_to(batch._question(to, 0), folder / "gap.json", begun=False)
     body = {"verdict": verdict, "effects": list(effects), "parameters_off": [], "wall_s": 1.0}
     (folder / "gap.json").write_text(json.dumps(body), encoding="utf-8")
 
@@ -99,8 +106,8 @@ def test_the_summary_tells_why_data_cannot_tell(tmp_path):
 
 def test_finished_jobs_are_not_run_again_and_the_summary_says_since_when(tmp_path, monkeypatch):
     jobs = [Job(n, tmp_path / "m", (), robot="r1", date=d) for n, d in (("a", "2026-02"), ("b", "2026-01"))]
-    _answer(tmp_path / "out" / "a", "physics_missing", [COGGING])
-    _answer(tmp_path / "out" / "b", "nothing_missing")
+    _answer(tmp_path / "out" / "a", "physics_missing", [COGGING], jobs[0])
+    _answer(tmp_path / "out" / "b", "nothing_missing", to=jobs[1])
     monkeypatch.setattr(batch, "run_job", lambda *_: pytest.fail("a finished job was run again"))
     told = []
     rows = run_batch(jobs, tmp_path / "out", 1, 0, told.append)
@@ -109,6 +116,92 @@ def test_finished_jobs_are_not_run_again_and_the_summary_says_since_when(tmp_pat
     since = {"robot": "r1", "place": "j1", "kind": "effect", "name": "cogging", "since": "2026-02", "runs": 1}
     assert since_when(rows) == [since]
     assert "2026-02" in (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def job(tmp_path):
+    """A job whose files are there."""
+    for name in ("m.xml", "r.csv", "r.yaml", "held.csv", "gap.yaml"):
+        (tmp_path / name).write_text(name)
+    return Job(
+        "a", tmp_path / "m.xml", (tmp_path / "r.csv",), (tmp_path / "held.csv",), config=tmp_path / "gap.yaml"
+    )
+
+
+@pytest.fixture
+def runs(tmp_path, monkeypatch):
+    """The names of the jobs that were run; each finds nothing missing."""
+    begun = []
+
+    def tool(model, fit, holdout, repeat, config, out, seed, quiet):
+        begun.append(out.name)
+        (out / "gap.json").write_text(
+            json.dumps({"verdict": "nothing_missing", "effects": [], "parameters_off": [], "wall_s": 1.0})
+        )
+
+    monkeypatch.setattr("s2r_host.gap.cli.run_gap", tool)
+    monkeypatch.setattr(batch, "each_done", lambda work, jobs, workers, lost: [work(*job) for job in jobs])
+    return begun
+
+
+@pytest.mark.parametrize("changed", ["m.xml", "r.csv", "r.yaml", "held.csv", "gap.yaml"])
+@pytest.mark.parametrize("how", ["other", "gone"])
+def test_an_answer_to_other_files_is_not_taken_for_the_jobs(tmp_path, runs, job, changed, how):
+    run_batch([job], tmp_path / "out", 1, 0)
+    before = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.*")}
+    (tmp_path / changed).unlink() if how == "gone" else (tmp_path / changed).write_text("other")
+    told = {"m.xml": "model", "r.csv": "fit", "r.yaml": "fit", "held.csv": "holdout", "gap.yaml": "config"}[
+        changed
+    ]
+    with pytest.raises(
+        UsageError, match=rf"a/gap\.json holds results with {told} .*{changed}.*another --out"
+    ):
+        run_batch([job], tmp_path / "out", 1, 0)
+    assert runs == ["a"]
+    assert {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.*")} == before
+
+
+def test_an_answer_with_another_seed_or_of_unknown_files_is_not_taken(tmp_path, runs, job):
+    run_batch([job], tmp_path / "out", 1, 0)
+    with pytest.raises(UsageError, match="holds results with --seed 0, not 7"):
+        run_batch([job], tmp_path / "out", 1, 7)
+    (tmp_path / "out/a/gap.conditions.json").unlink()
+    with pytest.raises(UsageError, match=r"no gap\.conditions\.json that says what they were made with"):
+        run_batch([job], tmp_path / "out", 1, 0)
+
+
+def test_the_same_files_elsewhere_have_their_answer_and_new_labels(tmp_path, runs, job):
+    """As where a batch was moved, or its inputs were copied anew."""
+    run_batch([job], tmp_path / "out", 1, 0)
+    (tmp_path / "moved").mkdir()
+    for name in ("m.xml", "r.csv", "r.yaml", "held.csv", "gap.yaml"):
+        (tmp_path / name).rename(tmp_path / "moved" / name)
+    moved = {
+        role: tuple(tmp_path / "moved" / p.name for p in getattr(job, role)) for role in ("fit", "holdout")
+    }
+    there = replace(
+        job,
+        model=tmp_path / "moved/m.xml",
+        config=tmp_path / "moved/gap.yaml",
+        robot="r2",
+        date="2026-02",
+        **moved,
+    )
+    (row,) = run_batch([there], tmp_path / "out", 1, 0)
+    assert runs == ["a"]
+    assert (row["robot"], row["date"], row["verdict"]) == ("r2", "2026-02", "nothing_missing")
+
+
+def test_a_job_that_was_refused_may_be_mended(tmp_path, runs, job):
+    folder = tmp_path / "out/a"
+    folder.mkdir(parents=True)
+    keep_to(batch._question(job, 0), folder / "gap.json", begun=False)
+    batch._leave(folder / "refused.json", "no such column", 4)
+    (tmp_path / "r.csv").write_text("mended")
+    for _ in range(2):
+        (row,) = run_batch([job], tmp_path / "out", 1, 0)
+        assert row["verdict"] == "nothing_missing"
+    assert runs == ["a"]
 
 
 def test_numbers_that_are_off_are_told_with_since_when():
@@ -172,7 +265,7 @@ def test_the_summary_names_parameters_beside_effects_and_links_any_folder():
 
 def test_an_interrupted_batch_says_how_far_it_is_and_how_to_go_on(tmp_path, monkeypatch, capsys):
     path = _list(tmp_path, "- {name: a, model: m.xml, fit: r.csv}\n- {name: b, model: m.xml, fit: r.csv}")
-    _answer(tmp_path / "out" / "a", "nothing_missing")
+    _answer(tmp_path / "out" / "a", "nothing_missing", to=read_jobs(path)[0])
 
     def interrupted(*_):
         raise KeyboardInterrupt
