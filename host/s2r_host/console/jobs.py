@@ -27,13 +27,18 @@ class Jobs:
         self._lines: deque[str] = deque(maxlen=_KEPT_LINES)
         self.title = ""
 
-    def start(self, title: str, arguments: list[str], done: Callable[[int], None] | None = None) -> None:
+    def start(
+        self, title: str, arguments: list[str], done: Callable[[int], None] | None = None
+    ) -> Callable[[], bool]:
         """Start ``s2r ARGUMENTS``.
 
         Args:
             title: For the page.
             arguments: Of the command.
             done: Called with the exit code, in another thread.
+
+        Returns:
+            Whether this job is still under way.
 
         Raises:
             JobBusyError: One is running.
@@ -44,7 +49,7 @@ class Jobs:
             self.title = title
             self._lines.clear()
             self._lines.append("$ s2r " + " ".join(arguments))
-            self._process = subprocess.Popen(
+            process = self._process = subprocess.Popen(
                 [sys.executable, "-m", "s2r_protocol", *arguments],
                 stdin=subprocess.DEVNULL,  # nobody sits there who could answer
                 stdout=subprocess.PIPE,
@@ -53,7 +58,8 @@ class Jobs:
                 errors="replace",
                 start_new_session=True,
             )
-        threading.Thread(target=self._follow, args=(self._process, done), name="s2r-job", daemon=True).start()
+        threading.Thread(target=self._follow, args=(process, done), name="s2r-job", daemon=True).start()
+        return lambda: process.poll() is None
 
     def _follow(self, process: subprocess.Popen[str], done: Callable[[int], None] | None) -> None:
         assert process.stdout is not None

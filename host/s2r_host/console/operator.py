@@ -49,6 +49,7 @@ class Operator:
         self._link: ExecutorLink | None = None
         self._controller: int | None = None
         self._leased = False
+        self._borrower_runs: Callable[[], bool] = lambda: False
 
     @property
     def can_stop(self) -> bool:
@@ -64,6 +65,11 @@ class Operator:
     def has_lease(self) -> bool:
         """The console holds the executor's lease now."""
         return self._leased
+
+    @property
+    def lent(self) -> bool:
+        """A job that the lease was lent to is under way: it takes it for each of its motions."""
+        return self._borrower_runs()
 
     def connect(self) -> None:
         """Open the link ahead of time, so that a stop need not.
@@ -110,7 +116,7 @@ class Operator:
         return f"stop accepted (epoch {verdict.epoch})"
 
     def take_control(self, browser: int) -> None:
-        """Take the lease for a browser.
+        """Take the lease for a browser; while it is lent, only the control.
 
         Raises:
             NoControlError: Another browser has control, or the console was started view-only.
@@ -123,9 +129,10 @@ class Operator:
                 )
             if self._controller not in (None, browser):
                 raise NoControlError(f"browser {self._controller} has control; it has to give it back first")
-            if not self._leased:
+            if not (self._leased or self.lent):
                 self._on_link(_take_lease)
-            self._controller, self._leased = browser, True
+                self._leased = True
+            self._controller = browser
 
     def give_back(self, browser: int) -> None:
         """Return the lease if this browser has control; harmless otherwise."""
@@ -135,8 +142,14 @@ class Operator:
             self._controller = None
             self._return_lease()
 
-    def lend_lease(self, browser: int) -> None:
-        """Return the lease but keep control: a job of this browser's is about to take it.
+    def lend_lease(self, browser: int, start: Callable[[], Callable[[], bool]]) -> None:
+        """Return the lease but keep control, and start a job of this browser's that takes it.
+
+        The job plans between its motions, with the lease free: whoever takes it then ends the run.
+
+        Args:
+            browser: Its number.
+            start: Starts the job; returns what tells whether it is still under way.
 
         Raises:
             NoControlError: This browser has no control.
@@ -144,6 +157,7 @@ class Operator:
         with self._lock:
             self._require(browser)
             self._return_lease()
+            self._borrower_runs = start()
 
     def _return_lease(self) -> None:
         if self._leased and self._link is not None:
@@ -158,11 +172,16 @@ class Operator:
         """Carry out a command of the browser in control, holding the lease.
 
         Raises:
-            NoControlError: It has no control.
+            NoControlError: It has no control, or the lease is lent.
             S2RError: The executor refused, or does not answer.
         """
         with self._lock:
             self._require(browser)
+            if self.lent:
+                raise NoControlError(
+                    "the run that this console started has the lease until it ends: STOP its motion, or cancel the "
+                    "job on screen Runs"
+                )
             if self._leased:
                 self._on_link(lambda link: link.meet())  # a button pressed after a stop is the wish to go on
             else:

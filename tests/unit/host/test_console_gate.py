@@ -218,7 +218,7 @@ def test_without_control_no_command_is_even_tried(operator):
     with pytest.raises(NoControlError, match="Take control"):
         operator.command(3, lambda link: pytest.fail("it was carried out"))
     with pytest.raises(NoControlError):
-        operator.lend_lease(3)
+        operator.lend_lease(3, lambda: pytest.fail("it was started"))
 
 
 def test_a_view_only_console_never_takes_control():
@@ -319,6 +319,21 @@ def test_a_job_that_reads_what_is_typed_finds_nothing(tmp_path, monkeypatch):
             os.close(end)
         jobs.close()
     assert jobs.lines[1:] == ["read: .", "exit 0"]
+
+
+def test_a_job_tells_of_itself_whether_it_is_under_way(tmp_path, monkeypatch):
+    """Also while another one runs after it."""
+    command = tmp_path / "waits"
+    command.write_text("#!/bin/sh\ntest $3 = first || sleep 60\n")
+    command.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(command))
+    ended, jobs = threading.Event(), Jobs()
+    first = jobs.start("a job", ["first"], lambda code: ended.set())
+    assert ended.wait(10.0)
+    second = jobs.start("a job", ["second"])
+    assert (first(), second()) == (False, True)
+    jobs.close()
+    assert not second()
 
 
 def test_an_unreadable_run_is_left_out_and_a_removed_one_forgotten(tmp_path):

@@ -159,7 +159,7 @@ def test_a_run_again_is_in_the_consoles_own_cell_with_its_own_places(opened, mon
         page._runs_screen, "entry", lambda: SimpleNamespace(name="old", arguments=line, told=None)
     )
     monkeypatch.setattr(page._operator, "require", lambda browser: None)
-    monkeypatch.setattr(page._operator, "lend_lease", lambda browser: None)
+    monkeypatch.setattr(page._operator, "lend_lease", lambda browser, start: start())
     started = []
     monkeypatch.setattr(page._context.jobs, "start", lambda title, arguments: started.extend(arguments))
     page._runs_screen._again(SimpleNamespace(client_id=1, client=None))
@@ -174,6 +174,18 @@ def test_a_run_that_was_told_no_target_is_refused_before_the_lease_is_lent(opene
     monkeypatch.setattr(page._operator, "require", lambda browser: None)
     with pytest.raises(RefusedError, match="told none"):
         page._runs_screen._again(SimpleNamespace(client_id=1, client=None))
+
+
+def test_while_a_run_that_was_started_here_goes_on_nothing_else_can_be_asked_of_the_arm(opened):
+    page = opened()
+    operator, screen = page._operator, page._run
+    operator._controller, operator._borrower_runs = 1, lambda: True
+    screen.refresh(None)
+    assert "Browser 1 has control; a run started here has the lease." in screen._control.content
+    assert all(handle.disabled for handle in (*screen._moving, screen._speed))
+    operator._borrower_runs = lambda: False
+    screen.refresh(None)
+    assert not any(handle.disabled for handle in (*screen._moving, screen._speed))
 
 
 def test_an_answer_that_was_written_again_is_shown_anew(opened, tmp_path):

@@ -14,7 +14,8 @@ import zenoh
 from click.testing import CliRunner
 
 from s2r_host.cli_stop import send_stop, stop
-from s2r_host.console.operator import Operator
+from s2r_host.console.jobs import JobBusyError
+from s2r_host.console.operator import NoControlError, Operator
 from s2r_host.errors import (
     ArmMismatchError,
     ArmStoppedError,
@@ -666,6 +667,40 @@ def test_a_console_whose_lease_ended_by_silence_takes_it_anew(executor, arm):
         executor.status.lease_holder = ""
         operator.take_control(1)
         assert executor.status.lease_holder != ""
+        operator.command(1, lambda link: link.pause())
+
+
+def test_a_console_leaves_the_lease_to_the_run_it_started_until_that_has_ended(executor, arm):
+    """A run plans between its motions with the lease free: taken then, the next motion is refused and the run ends."""
+    under_way = [True]
+    operator = Operator(executor.endpoint, arm, ArmKeys())
+    with contextlib.closing(operator):
+        operator.take_control(1)
+        assert executor.status.lease_holder != ""
+        operator.lend_lease(1, lambda: lambda: under_way[0])
+        assert executor.status.lease_holder == ""
+        for act in (ExecutorLink.arm_drives, lambda link: link.set_speed(0.5)):
+            with pytest.raises(NoControlError, match="the run that this console started has the lease"):
+                operator.command(1, act)
+        operator.take_control(1)
+        operator.give_back(1)
+        operator.take_control(2)  # to cancel the run, from another page
+        assert (executor.status.lease_holder, operator.has_lease) == ("", False)
+        assert operator.stop().startswith("stop accepted")
+        under_way[0] = False
+        operator.command(2, lambda link: link.pause())
+        assert operator.has_lease
+
+
+def test_a_job_that_cannot_be_started_has_borrowed_nothing(executor, arm):
+    def busy():
+        raise JobBusyError("another is still running")
+
+    operator = Operator(executor.endpoint, arm, ArmKeys())
+    with contextlib.closing(operator):
+        operator.take_control(1)
+        with pytest.raises(JobBusyError):
+            operator.lend_lease(1, busy)
         operator.command(1, lambda link: link.pause())
 
 

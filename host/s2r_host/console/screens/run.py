@@ -61,14 +61,16 @@ class RunScreen:
         elif mine is None:
             text = "Viewing. Nobody in this console has control; STOP works without."
         else:
-            text = f"Browser {mine} has control{' and the lease' if operator.has_lease else ''}."
+            lease = " and the lease" if operator.has_lease else ""
+            lease = "; a run started here has the lease" if operator.lent else lease
+            text = f"Browser {mine} has control{lease}."
         _put(self._control, ui.block(ui.line(text, ui.INK)))
+        idle = mine is None or operator.lent
         for button in self._moving:
-            wanted = mine is None
-            if button.disabled != wanted:
-                button.disabled = wanted
-        if self._speed.disabled != (mine is None):
-            self._speed.disabled = mine is None
+            if button.disabled != idle:
+                button.disabled = idle
+        if self._speed.disabled != idle:
+            self._speed.disabled = idle
         _put(self._stages, _stages(sight))
         _put(self._events, self._event_lines())
 
@@ -82,6 +84,8 @@ class RunScreen:
 
     def _take(self, event: Event) -> str:
         self._context.operator.take_control(browser_of(event))
+        if self._context.operator.lent:
+            return "This page may cancel the run that was started here, and move the arm when that has ended."
         return "This page may move the arm now. It stops by itself when the page closes."
 
     def _give_back(self, event: Event) -> str:

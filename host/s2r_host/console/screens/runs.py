@@ -183,8 +183,9 @@ class RunsScreen:
         out = self._context.runs_root / time.strftime("again-%Y%m%d-%H%M%S")
         places = {"--out": str(out), **self._context.cell_options}
         arguments = again(entry.arguments, places, entry.told)
-        self._context.operator.lend_lease(browser)  # the run takes the lease itself
-        self._context.jobs.start(f"{entry.name} again", arguments)
+        self._context.operator.lend_lease(  # the run takes the lease itself
+            browser, lambda: self._context.jobs.start(f"{entry.name} again", arguments)
+        )
         return f"The run writes to {out}; STOP ends its motion."
 
     def _cancel(self, event: Event) -> str:
