@@ -140,8 +140,8 @@ def test_the_answer_follows_the_contract(named):
     assert "https://" not in report
     assert (out / "predictions.parquet").exists()
     following = answer["next_experiment"]
-    # Friction that changes along the travel is dry friction where it does not change.
-    assert "no motion within the limits splits coulomb_friction from cogging" in following["why"]
+    # Friction that falls with speed is dry friction where it does not fall.
+    assert "no motion within the limits splits coulomb_friction from stribeck" in following["why"]
     assert following["trajectory"] is None
     assert not list(out.glob("next_experiment*"))
 
