@@ -224,7 +224,9 @@ def test_an_executor_that_no_drive_ever_answered_ends_at_once(tmp_path):
         began = time.monotonic()
         started.executor.send_signal(signal.SIGINT)
         assert started.executor.wait(60) == 0
-        assert time.monotonic() - began < 12.0  # 2 s on a quiet machine; each of the last ticks used to wait 5 s
+        assert (
+            time.monotonic() - began < 12.0
+        )  # 2 s on a quiet machine; each of the last ticks used to wait 5 s
     assert "real-time core ended (exit 0)" in (tmp_path / "executor.log").read_text()
 
 
