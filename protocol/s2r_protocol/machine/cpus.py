@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-import threading
 from pathlib import Path
+
+from s2r_protocol.machine import permission
 
 _FOLDER = "sys/devices/system/cpu"
 
@@ -34,20 +35,8 @@ def first_isolated(root: Path = Path("/")) -> int | None:
 
 
 def refusal(cpu: int) -> str:
-    """Run on that CPU alone in a thread that ends at once; empty if granted, else the kernel's reason."""
-    answer: list[str] = []
-
-    def attempt() -> None:
-        try:
-            os.sched_setaffinity(0, {cpu})  # 0: this very thread
-            answer.append("")
-        except OSError as error:
-            answer.append(error.strerror or str(error))
-
-    thread = threading.Thread(target=attempt)
-    thread.start()
-    thread.join()
-    return answer[0]
+    """Whether this process may run on that CPU alone; empty if so, else the kernel's reason."""
+    return permission.refusal(lambda: os.sched_setaffinity(0, {cpu}))  # 0: this very thread
 
 
 def _listed(path: Path) -> tuple[int, ...]:

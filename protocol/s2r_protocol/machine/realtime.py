@@ -12,11 +12,10 @@ import mmap
 import os
 import platform
 import re
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 
-from s2r_protocol.machine import cpus
+from s2r_protocol.machine import cpus, permission
 
 PRIORITY = 80
 MIN_TX_QUEUE = 64  # frames; SocketCAN's default of 10 holds one classical cycle of eight
@@ -214,20 +213,9 @@ def _judge_queue(queue: int, interface: str) -> Check:
 
 
 def _try_fifo(priority: int) -> str:
-    """Ask for the priority in a thread that ends at once; empty if granted, else why not."""
-    answer: list[str] = []
-
-    def attempt() -> None:
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))  # 0: this very thread
-            answer.append("")
-        except OSError as error:
-            answer.append(error.strerror or str(error))
-
-    thread = threading.Thread(target=attempt)
-    thread.start()
-    thread.join()
-    return answer[0]
+    """Whether the priority is granted; empty if so, else why not."""
+    wanted = os.sched_param(priority)
+    return permission.refusal(lambda: os.sched_setscheduler(0, os.SCHED_FIFO, wanted))  # 0: this very thread
 
 
 def _try_lock() -> str:
