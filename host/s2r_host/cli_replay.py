@@ -7,7 +7,6 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,9 +143,10 @@ def replay(
     folder = out or _unused((source if source.is_dir() else source.parent) / f"replay-{plan.number}")
     keys = ArmKeys(cell, description.name)
     model = ArmModel(description)
-    done: list[Replayed] = []
-    where = "real" if real else "stand-in"
-    report = partial(_report, done, description, source, folder, as_json, where, speed)
+
+    def report(done: Sequence[Replayed]) -> int:
+        return _report(done, description, source, folder, as_json, "real" if real else "stand-in", speed)
+
     if real:
         endpoint = executor or DEFAULT_EXECUTOR
         with _linked(endpoint, description, keys, tls) as link:
@@ -158,33 +158,29 @@ def replay(
                 obstacles = _seen(camera, keys, tls, model, link.status().q_meas)
                 return replay_plan(link, model, plan, settings, obstacles, plans)
 
-            with _reported_if_cut_short(done, loops, report):
-                _replays(loops, on_the_arm, done, folder)
-    else:
-        from s2r_protocol.cli.peers import stand_in_cell
+            return _replays(loops, on_the_arm, folder, report)
+    from s2r_protocol.cli.peers import stand_in_cell
 
-        drawn = world or _own_world(source)
-        if drawn is None:
-            click.echo(
-                f"s2r replay: no world file beside {source}: the stand-in shows the drawer of seed 1. If the plan was "
-                "made for another, draw that with 's2r world draw --seed N --out FILE' and give --world FILE",
-                err=True,
-            )
-        shown = ("--world", drawn) if drawn else ("--seed", "1")
-        cell_options = ("--cell", cell, "--arm", arm)
+    drawn = world or _own_world(source)
+    if drawn is None:
+        click.echo(
+            f"s2r replay: no world file beside {source}: the stand-in shows the drawer of seed 1. If the plan was "
+            "made for another, draw that with 's2r world draw --seed N --out FILE' and give --world FILE",
+            err=True,
+        )
+    shown = ("--world", drawn) if drawn else ("--seed", "1")
+    cell_options = ("--cell", cell, "--arm", arm)
 
-        def on_a_stand_in(number: int) -> Replayed:
-            """On a stand-in of its own: the one before has moved the object, and may still hold it."""
-            place = folder / ("stand-in" if loops == 1 else f"stand-in-{number}")
-            with (
-                stand_in_cell(place, shown, stand_in=cell_options, executor=cell_options) as started,
-                _linked(started.executor, description, keys, None) as link,
-            ):
-                return replay_plan(link, model, plan, settings, (), plans, as_found=True)
+    def on_a_stand_in(number: int) -> Replayed:
+        """On a stand-in of its own: the one before has moved the object, and may still hold it."""
+        place = folder / ("stand-in" if loops == 1 else f"stand-in-{number}")
+        with (
+            stand_in_cell(place, shown, stand_in=cell_options, executor=cell_options) as started,
+            _linked(started.executor, description, keys, None) as link,
+        ):
+            return replay_plan(link, model, plan, settings, (), plans, as_found=True)
 
-        with _reported_if_cut_short(done, loops, report):
-            _replays(loops, on_a_stand_in, done, folder)
-    return report()
+    return _replays(loops, on_a_stand_in, folder, report)
 
 
 def _unused(folder: Path) -> Path:
@@ -195,8 +191,25 @@ def _unused(folder: Path) -> Path:
     return next(one for one in candidates if not one.exists())
 
 
-def _replays(loops: int, once: Callable[[int], Replayed], done: list[Replayed], folder: Path) -> None:
-    """``once`` for the numbers from 1 on, appended to ``done``; each one's recording is written at once."""
+def _replays(
+    loops: int, once: Callable[[int], Replayed], folder: Path, report: Callable[[Sequence[Replayed]], int]
+) -> int:
+    """``once`` for the numbers from 1 on, and what ``report`` makes of them; each one's recording is written at once.
+
+    Whatever ends the row of them, those that were made are reported.
+    """
+    done: list[Replayed] = []
+    try:
+        _one_by_one(loops, once, folder, done)
+    except BaseException:
+        if done:
+            click.echo(f"s2r replay: {len(done)} of {loops} replays were made before it ended:", err=True)
+            report(done)
+        raise
+    return report(done)
+
+
+def _one_by_one(loops: int, once: Callable[[int], Replayed], folder: Path, done: list[Replayed]) -> None:
     with click.progressbar(length=loops, label="replays", file=sys.stderr, hidden=loops == 1) as bar:
         for number in range(1, loops + 1):
             done.append(once(number))
@@ -206,20 +219,8 @@ def _replays(loops: int, once: Callable[[int], Replayed], done: list[Replayed], 
             bar.update(1)
 
 
-@contextmanager
-def _reported_if_cut_short(done: Sequence[Replayed], loops: int, report: Callable[[], int]) -> Iterator[None]:
-    """Whatever ends a row of replays, those that were made are reported."""
-    try:
-        yield
-    except BaseException:
-        if done:
-            click.echo(f"s2r replay: {len(done)} of {loops} replays were made before it ended:", err=True)
-            report()
-        raise
-
-
 def _report(
-    done: list[Replayed],
+    done: Sequence[Replayed],
     arm: ArmDescription,
     source: Path,
     folder: Path,

@@ -186,10 +186,15 @@ def test_plan_may_ask_for_a_tighter_path_tolerance(armed, plan_from):
 def pressed_away(cell, plan, error, **tolerances):
     """Play a plan while contact holds the first joint back, in the end by ``error`` rad."""
     cell.submit(plan, 1, **tolerances)
-    for i in range(500):
-        cell.drives.offset[0] = round(error * i / 500 / 4e-9)
-        cell.step()
+    drift(cell, 0.0, error)
     return cell
+
+
+def drift(cell, begin, end, ticks=500):
+    """The first joint's measured position moves aside, from one offset [rad] to another."""
+    for i in range(ticks):
+        cell.drives.offset[0] = round((begin + (end - begin) * i / ticks) / 4e-9)
+        cell.step()
 
 
 @pytest.mark.parametrize(
@@ -206,9 +211,7 @@ def test_the_end_of_a_plan_is_held_within_its_own_path_tolerance(
         armed.command(STOP)
     armed.step(5000)
     assert (armed.state.state, armed.state.cause) == (ExecutorState.HOLD, cause)
-    for i in range(500):
-        armed.drives.offset[0] = round((0.06 + 0.05 * i / 500) / 4e-9)
-        armed.step()
+    drift(armed, 0.06, 0.11)
     assert armed.state.cause == Cause.FOLLOWING
     assert armed.state.cause_limit == pytest.approx(0.1, rel=1e-3)
 
@@ -220,9 +223,7 @@ def test_an_arming_forgets_the_path_tolerance_of_the_last_plan(armed, plan_from)
     armed.command(DISARM)
     armed.until(lambda s: s.state == ExecutorState.DISARMED, 50)
     armed.arm()
-    for i in range(20):
-        armed.drives.offset[0] = round(0.03 * i / 20 / 4e-9)
-        armed.step()
+    drift(armed, 0.0, 0.03, ticks=20)
     assert armed.state.cause == Cause.FOLLOWING
     assert armed.state.cause_limit == pytest.approx(0.025, rel=1e-3)
 
@@ -233,9 +234,7 @@ def test_the_next_plan_brings_its_own_path_tolerance(armed, plan_from):
     armed.submit(plan_from(armed.state.q_ref, distance=0.01), 2)
     armed.until(lambda s: s.plan_done and s.plan_id == 2)
     armed.step(500)
-    for i in range(20):
-        armed.drives.offset[0] = round(0.03 * i / 20 / 4e-9)
-        armed.step()
+    drift(armed, 0.0, 0.03, ticks=20)
     assert armed.state.cause_limit == pytest.approx(0.025, rel=1e-3)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import product
@@ -13,6 +12,7 @@ import numpy as np
 from s2r_host.errors import TargetError
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.out_of_reach import OutOfReachError
+from s2r_host.planning.patience import Patience, TimeIsUpError
 from s2r_host.planning.planner import scene_of
 from s2r_host.planning.reach import stops_on_the_way
 from s2r_host.run.belief import Belief
@@ -114,12 +114,12 @@ class _Plans:
         self._hits = False
         self._out_of_reach: set[tuple[float, float, bool]] = set()
         self._plan, self._number, self._journal = plan, number, session.journal
-        self._time_s, self._until_s = session.settings.plan_time_s, 0.0
+        self._time_s = session.settings.plan_time_s
         self.allow_time()
 
     def allow_time(self) -> None:
         """From now on tries may be begun for as long as the settings say."""
-        self._until_s = time.monotonic() + self._time_s
+        self._patience = Patience(self._time_s, self._journal.doing)
 
     def first(self, tries: Iterable[Try], *, off_edges: bool = False) -> PlannedManipulation | None:
         """Plan one try after the other until every believable object survives; what fails is kept.
@@ -133,10 +133,11 @@ class _Plans:
             places = (one.s_target, one.doubt, one.apart)
             if places in self._out_of_reach:
                 continue
-            if self.failed and time.monotonic() > self._until_s:
-                logger.info("no further try is begun after %g s", self._time_s)
+            try:
+                self._patience.check(f"try {len(self.failed) + 1}")
+            except TimeIsUpError as error:
+                logger.info("%s", error)
                 return None
-            self._journal.doing(f"try {len(self.failed) + 1}")
             try:
                 planned = self._plan(one)
             except RefusedError as error:

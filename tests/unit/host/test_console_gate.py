@@ -300,12 +300,16 @@ def test_what_a_run_was_told_is_known_from_its_file(tmp_path, kept, told):
     assert entry.told == told
 
 
-def test_a_job_that_reads_what_is_typed_finds_nothing(tmp_path, monkeypatch):
-    """Started from a terminal, it would share that with the console and wait for a line."""
-    command = tmp_path / "reads"
-    command.write_text('#!/bin/sh\nread line; echo "read: $line."\n')
+def jobs_are(monkeypatch, command, script):
+    """What a job of the console runs instead of ``s2r``."""
+    command.write_text(script)
     command.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(command))
+
+
+def test_a_job_that_reads_what_is_typed_finds_nothing(tmp_path, monkeypatch):
+    """Started from a terminal, it would share that with the console and wait for a line."""
+    jobs_are(monkeypatch, tmp_path / "reads", '#!/bin/sh\nread line; echo "read: $line."\n')
     ended, jobs = threading.Event(), Jobs()
     read, write = os.pipe()
     own = os.dup(0)
@@ -323,10 +327,7 @@ def test_a_job_that_reads_what_is_typed_finds_nothing(tmp_path, monkeypatch):
 
 def test_a_job_tells_of_itself_whether_it_is_under_way(tmp_path, monkeypatch):
     """Also while another one runs after it."""
-    command = tmp_path / "waits"
-    command.write_text("#!/bin/sh\ntest $3 = first || sleep 60\n")
-    command.chmod(0o700)
-    monkeypatch.setattr(sys, "executable", str(command))
+    jobs_are(monkeypatch, tmp_path / "waits", "#!/bin/sh\ntest $3 = first || sleep 60\n")
     ended, jobs = threading.Event(), Jobs()
     first = jobs.start("a job", ["first"], lambda code: ended.set())
     assert ended.wait(10.0)

@@ -11,7 +11,6 @@ from s2r_protocol.faults import Cause
 
 
 def test_a_stop_in_the_third_replay_loses_neither_of_the_two_before_it(tmp_path, capsys):
-    done: list[Any] = []
     told: list[int] = []
 
     def once(number: int) -> Any:
@@ -20,11 +19,8 @@ def test_a_stop_in_the_third_replay_loses_neither_of_the_two_before_it(tmp_path,
         return SimpleNamespace(recording=f"replay {number}".encode())
 
     folder = tmp_path / "replay-1"
-    with (
-        pytest.raises(ArmStoppedError, match="met something"),
-        cli_replay._reported_if_cut_short(done, 5, lambda: told.append(len(done)) or 0),
-    ):
-        cli_replay._replays(5, once, done, folder)
+    with pytest.raises(ArmStoppedError, match="met something"):
+        cli_replay._replays(5, once, folder, lambda done: told.append(len(done)) or 0)
     assert {path.name: path.read_text() for path in folder.iterdir()} == {
         "replay-1.mcap": "replay 1",
         "replay-2.mcap": "replay 2",
@@ -34,8 +30,8 @@ def test_a_stop_in_the_third_replay_loses_neither_of_the_two_before_it(tmp_path,
 
 
 def test_nothing_is_reported_where_the_first_replay_failed(tmp_path):
-    with (
-        pytest.raises(RuntimeError, match="first"),
-        cli_replay._reported_if_cut_short([], 5, lambda: pytest.fail("reported")),
-    ):
+    def once(_: int) -> Any:
         raise RuntimeError("first")
+
+    with pytest.raises(RuntimeError, match="first"):
+        cli_replay._replays(5, once, tmp_path, lambda _: pytest.fail("reported"))

@@ -8,7 +8,8 @@ import pytest
 
 from s2r_host.errors import TargetError
 from s2r_host.motion.arm_model import ArmModel
-from s2r_host.planning import OutOfReachError
+from s2r_host.planning import OutOfReachError, patience
+from s2r_host.planning.patience import Patience
 from s2r_host.run import prepare
 from s2r_host.run.planned import keep_links_apart
 from s2r_host.run.task import FAUCET
@@ -112,7 +113,8 @@ def test_no_further_try_is_begun_once_the_time_for_them_is_up(monkeypatch):
         now[0] += 120.0
         return tolerance is not None
 
-    monkeypatch.setattr(prepare, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(patience, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+    monkeypatch.setattr(prepare, "Patience", lambda *told: Patience(*told, started_s=now[0]))
     trial = Trial(monkeypatch, finds)
     monkeypatch.setattr(prepare, "_stops", lambda *_: [])
     assert trial.prepare().foreseen == pytest.approx(TARGET - 0.01)
