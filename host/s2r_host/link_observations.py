@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from s2r_protocol.faults import Cause, ExecutorState
-from s2r_protocol.ros2 import CdrError, topic_key, unpack
+from s2r_protocol.ros2 import CdrError, nanoseconds, topic_key, unpack
 
 if TYPE_CHECKING:
     import zenoh
@@ -90,8 +90,7 @@ class ObservationFeed:
         body = self._body(topic, JOINTS)
         if body is None:
             return None
-        stamp = body["header"]["stamp"]
-        stamp_ns = int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
+        stamp_ns = nanoseconds(body["header"]["stamp"])
         return JointSample(stamp_ns, np.asarray(body["position"]), np.asarray(body["velocity"]))
 
     def heard_within(self, seconds: float) -> bool:

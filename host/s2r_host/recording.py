@@ -26,7 +26,7 @@ from s2r_host.link_types import TimedPath
 from s2r_host.log.segments import ARM_STAMP
 from s2r_host.mcap_damage import DAMAGED
 from s2r_protocol.arms import ArmDescription
-from s2r_protocol.ros2 import pack, unpack
+from s2r_protocol.ros2 import nanoseconds, pack, unpack
 from s2r_protocol.ros2.definitions import schema_text
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -383,8 +383,7 @@ def _plan_times(messages: Sequence[_Found], plan_seq: int) -> list[tuple[int, fl
 
 
 def _stamp_ns(body: Mapping[str, Any]) -> int:
-    time_of = body["header"]["stamp"]
-    return int(time_of["sec"]) * 1_000_000_000 + int(time_of["nanosec"])
+    return nanoseconds(body["header"]["stamp"])
 
 
 def _read(recording: Path | bytes, *type_names: str) -> list[_Found]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from s2r_host.errors import RecordingError
 from s2r_host.log.tables import EXECUTOR_STATE, IMAGE, JOINT_STATE, TRAJECTORY, Topic, joints_of
-from s2r_protocol.ros2 import CdrError, unpack
+from s2r_protocol.ros2 import CdrError, nanoseconds, unpack
 from s2r_protocol.ros2.definitions import UnknownMessageTypeError, message_type
 
 Columns = dict[str, np.ndarray | list[str]]
@@ -100,8 +100,10 @@ def _plan_columns(bodies: Sequence[Mapping[str, Any]], who: str, arm_time_ns: np
     knots = [len(body["points"]) for body in bodies]
     columns: Columns = {
         "plan": np.repeat(np.arange(1, len(bodies) + 1), knots),
-        "stamp_ns": np.repeat(np.array([_ns(body["header"]["stamp"]) for body in bodies], np.int64), knots),
-        "t_s": np.array([_ns(point["time_from_start"]) * 1e-9 for point in points]),
+        "stamp_ns": np.repeat(
+            np.array([nanoseconds(body["header"]["stamp"]) for body in bodies], np.int64), knots
+        ),
+        "t_s": np.array([nanoseconds(point["time_from_start"]) * 1e-9 for point in points]),
     }
     if arm_time_ns is not None:
         columns["arm_time_ns"] = np.repeat(arm_time_ns, knots)
@@ -138,7 +140,7 @@ def _flat(values: Mapping[str, Any], left_out: dict[str, None], prefix: str = ""
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
             if set(value) == {"sec", "nanosec"}:
-                found[f"{name}_ns"] = _ns(value)
+                found[f"{name}_ns"] = nanoseconds(value)
             else:
                 found.update(_flat(value, left_out, f"{name}."))
         elif isinstance(value, (str, int, float, bool, np.generic)):
@@ -152,8 +154,3 @@ def _flat(values: Mapping[str, Any], left_out: dict[str, None], prefix: str = ""
                     _flat(item, left_out, f"{label}.") if isinstance(item, Mapping) else {label: item}
                 )
     return found
-
-
-def _ns(time: Mapping[str, Any]) -> int:
-    """A ROS time or duration in nanoseconds."""
-    return int(time["sec"]) * 1_000_000_000 + int(time["nanosec"])

@@ -9,7 +9,7 @@ import numpy as np
 
 from s2r_host.log.tables import EXECUTOR_STATE, TEXT, Recording
 from s2r_protocol.faults import ExecutorState
-from s2r_protocol.ros2 import unpack
+from s2r_protocol.ros2 import nanoseconds, unpack
 
 NOTES = "run"  # last part of their topic's name
 ARM_STAMP = "arm_stamp_ns"  # in a note: stamp of the newest joint state when it was written
@@ -46,8 +46,7 @@ def segments(recording: Recording) -> list[Segment]:
             body = unpack(EXECUTOR_STATE, data)
             seq = int(body["plan_seq"])
             if seq:
-                stamp = body["header"]["stamp"]
-                stamp_ns = int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
+                stamp_ns = nanoseconds(body["header"]["stamp"])
                 spans.setdefault(seq, []).append(stamp_ns)
                 reached[seq] = max(float(body["plan_t"]), reached.get(seq, 0.0))
                 if body["state"] in _STOPS and not body["plan_done"]:

@@ -22,6 +22,7 @@ from s2r_host.replay.table import KNOT_S, read_table
 from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
 from s2r_protocol.arms import ArmDescription
 from s2r_protocol.exits import UsageError
+from s2r_protocol.ros2 import nanoseconds
 
 DEFAULT_LABEL = "manipulation"
 SESSION = "session-"
@@ -125,8 +126,7 @@ class _Tracks:
         states: dict[int, list[tuple[int, float]]] = {}
         for topic in recording.of_type(EXECUTOR_STATE):
             for body in recording.bodies(topic):
-                stamp = body["header"]["stamp"]
-                seen = int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"]), float(body["plan_t"])
+                seen = nanoseconds(body["header"]["stamp"]), float(body["plan_t"])
                 states.setdefault(int(body["plan_seq"]), []).append(seen)
         self._states = {seq: sorted(seen) for seq, seen in states.items()}
         self._joints = recording.joints() if states else None

@@ -14,7 +14,7 @@ from mcap.records import Message
 from s2r_host.gap.errors import GapRecordingError
 from s2r_host.gap.recordings.coarse_columns import COARSE, between
 from s2r_host.mcap_damage import DAMAGED
-from s2r_protocol.ros2 import unpack
+from s2r_protocol.ros2 import nanoseconds, unpack
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MEASURED = {"position": "q", "velocity": "dq", "effort": "tau"}
@@ -45,8 +45,7 @@ def read_mcap(path: Path) -> dict[str, np.ndarray]:
             for topic, message in _joint_states(stream):
                 if topic in tracks:
                     values = unpack(JOINT_STATE, message.data)
-                    stamp = values["header"]["stamp"]
-                    sent = stamp["sec"] * 10**9 + stamp["nanosec"]
+                    sent = nanoseconds(values["header"]["stamp"])
                     tracks[topic].append(_Message(sent, message.log_time, values))
     except (*DAMAGED, OSError, LookupError) as error:  # the last from CDR that is none
         why = str(error) or type(error).__name__
