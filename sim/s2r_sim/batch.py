@@ -159,12 +159,12 @@ def _on_workers(work: Work, jobs: list[Job], workers: int) -> Iterator[tuple[Job
             # Which of them killed its worker is not known: all that were begun are begun anew.
             queue = [*begun.values(), *queue]
             deaths.update(_key(job) for job in begun.values())
-            job, count = deaths.most_common(1)[0]
-            if count >= MOST_DEATHS:
-                raise WorkerLostError(
-                    f"worker processes died {count} times with job {job} among those they worked on; "
-                    "is the machine out of memory? what is done is kept, the same command goes on from there"
-                ) from None
+            for job, count in deaths.most_common(1):  # none where a worker died between two jobs
+                if count >= MOST_DEATHS:
+                    raise WorkerLostError(
+                        f"worker processes died {count} times with job {job} among those they worked on; "
+                        "is the machine out of memory? what is done is kept, the same command goes on from there"
+                    ) from None
 
 
 def _in_one_pool(

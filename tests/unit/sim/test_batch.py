@@ -204,17 +204,21 @@ def test_a_killed_worker_costs_time_only(tmp_path, work):
     assert sorted(written) == list(range(6))
 
 
-def test_a_job_refused_by_a_pool_that_has_just_broken_is_not_lost(tmp_path, work, monkeypatch):
-    """A worker may die between two submissions: the pool then refuses the next job instead of failing a running one."""
+@pytest.mark.parametrize("refused", [1, 3])
+def test_a_job_refused_by_a_pool_that_has_just_broken_is_not_lost(tmp_path, work, monkeypatch, refused):
+    """A worker may die between two submissions: the pool then refuses the next job instead of failing a running one.
+
+    At the first no job is under way that could be blamed.
+    """
     submit, calls = ProcessPoolExecutor.submit, []
 
-    def refuses_the_third(pool, *call):
+    def refuses_one(pool, *call):
         calls.append(call)
-        if len(calls) == 3:
+        if len(calls) == refused:
             raise BrokenProcessPool("a worker died")
         return submit(pool, *call)
 
-    monkeypatch.setattr(ProcessPoolExecutor, "submit", refuses_the_third)
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", refuses_one)
     rows = run_jobs(work.noted, jobs(tmp_path, 6), tmp_path / "results.jsonl", 2, "jobs")
     assert squares(rows) == [0, 1, 4, 9, 16, 25]
 
