@@ -32,8 +32,10 @@ def joints_figure(
 ) -> Figure:
     """One column per joint: planned and executed above, their difference below, as :func:`tracking_error` has it."""
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(12.5, 4.2), layout="constrained")
-        grid = figure.subplots(2, len(joint_names), sharex=True, height_ratios=[2.2, 1.0])
+        figure = Figure(figsize=(12.5, 4.2))
+        # Set by hand: to measure the labels of so many axes takes as long as to draw them.
+        space = {"left": 0.07, "right": 0.995, "bottom": 0.1, "top": 0.88, "wspace": 0.36, "hspace": 0.1}
+        grid = figure.subplots(2, len(joint_names), sharex=True, height_ratios=[2.2, 1.0], gridspec_kw=space)
         t = np.linspace(0.0, executed.trajectory.duration_s, 300)
         q_planned = executed.trajectory.sample(t)[0]
         for i, name in enumerate(joint_names):
@@ -52,7 +54,7 @@ def joints_figure(
             for lower in grid[1]:
                 lower.set_ylim(-reach, reach)
         # Above all axes: a small one has no corner that every curve leaves free.
-        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=8)
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left", ncols=2, fontsize=8)
         return figure
 
 
