@@ -13,9 +13,17 @@ int parts_of(double step, double fastest, double phase) {
   return std::clamp(static_cast<int>(std::ceil(fastest * step / phase)), 1, kMostParts);
 }
 
-double at(const double* x, int row, int rows, double share) {
-  const double here = x[row];
-  return row + 1 < rows ? here + share * (x[row + 1] - here) : here;
+// What changes evenly between two rows, from a place between them on.
+struct Even {
+  double here, rate;
+  Even(double first, double next, double share) : here(first + share * (next - first)), rate(next - first) {}
+  Even(const double* x, int row, int rows, double share) : Even(x[row], x[std::min(row + 1, rows - 1)], share) {}
+  double at(double later) const noexcept { return here + later * rate; }  // `later`: share of a row
+};
+
+// One over the inertia, which changes as evenly: a division in every part would take longest of all.
+Even lightness_of(const Link& link, int row, int rows, double share) {
+  return {1.0 / link.inertia[row], 1.0 / link.inertia[std::min(row + 1, rows - 1)], share};
 }
 
 }  // namespace
@@ -36,13 +44,14 @@ std::vector<double> behind_recorded_motor(int rows, double dt, const Link& link,
   // The link hangs on the flank that its load at the beginning presses; windup is motor minus link.
   double windup = std::copysign(gear.gap, link.load[0]) + link.load[0] / gear.stiffness, rate = 0.0;
   for (int i = 0; i < rows; ++i) {
+    const int from = std::max(i - 1, 0);
+    const double share = i == 0 ? 0.0 : 1.0 / parts;  // from the row before to this one, a part
+    const Even load{link.load, from, rows, 0.0}, slope{link.slope, from, rows, 0.0}, bend{link.bend, from, rows, 0.0};
+    const Even lightness = lightness_of(link, from, rows, 0.0);
     for (int part = 0; part < parts; ++part) {
-      const double share = (part + 0.5) / parts - 1.0;  // between the row before and this one
-      const int from = std::max(i - 1, 0);
-      const double within = i == 0 ? 0.0 : 1.0 + share;
-      const double slope = at(link.slope, from, rows, within) - 0.5 * at(link.bend, from, rows, within) * windup;
-      const double pull = at(link.load, from, rows, within) - slope * windup;
-      rate += h * (pull - gear.effort(windup, rate)) / at(link.inertia, from, rows, within);
+      const double later = (part + 0.5) * share;
+      const double pull = load.at(later) - (slope.at(later) - 0.5 * bend.at(later) * windup) * windup;
+      rate += h * (pull - gear.effort(windup, rate)) * lightness.at(later);
       windup += h * rate;
     }
     found[static_cast<std::size_t>(i)] = gear.effort(windup, rate);
@@ -74,7 +83,8 @@ Driven under_servo(int rows, double dt, const Link& link, const Gear& gear, cons
                                    std::sqrt(servo.kp / motor.inertia), servo.kd / motor.inertia});
   const double tick = dt / servo.ticks;
   const int parts = parts_of(tick, fastest, phase);
-  const double h = tick / parts, most_dry = h / motor.inertia * motor.friction;
+  const double h = tick / parts, h_motor = h / motor.inertia, most_dry = h_motor * motor.friction;
+  const double share = 1.0 / (static_cast<double>(parts) * servo.ticks);  // of a row, a part
   const double windup = std::copysign(gear.gap, link.load[0]) + link.load[0] / gear.stiffness;
   double q = motor.q[0] + (servo.reads_link ? windup : 0.0), q_link = q - windup;
   double v = motor.speed, v_link = v, integral = servo.integral, beside = 0.0;
@@ -86,25 +96,27 @@ Driven under_servo(int rows, double dt, const Link& link, const Gear& gear, cons
       const double wanted =
           servo.kp * (servo.q_cmd[row] - seen) + servo.kd * (servo.dq_cmd[row] - speed) + servo.ahead[row];
       const double asked = std::clamp(wanted + servo.ki * integral, servo.low, servo.high);
-      const double recorded = at(motor.q, i, rows, static_cast<double>(k) / servo.ticks);
-      beside += servo.follow * servo.kp * (recorded - seen) * tick;
+      const double within = static_cast<double>(k) / servo.ticks;
+      const Even recorded{motor.q, i, rows, within}, load{link.load, i, rows, within};
+      const Even slope{link.slope, i, rows, within}, bend{link.bend, i, rows, within};
+      const Even lightness = lightness_of(link, i, rows, within);
+      beside += servo.follow * servo.kp * (recorded.here - seen) * tick;
       for (int part = 0; part < parts; ++part) {
-        const double within = (k + static_cast<double>(part) / parts) / servo.ticks;
-        const double behind = q_link - at(motor.q, i, rows, within);  // of the recorded place, where the load is known
-        const double pull = at(link.load, i, rows, within) +
-                            (at(link.slope, i, rows, within) + 0.5 * at(link.bend, i, rows, within) * behind) * behind;
+        const double later = part * share;
+        const double behind = q_link - recorded.at(later);  // of the recorded place, where the load is known
+        const double pull = load.at(later) + (slope.at(later) + 0.5 * bend.at(later) * behind) * behind;
         const double through = gear.effort(q - q_link, v - v_link);
         const double drive = asked + beside - motor.damping * v;
-        const double free = v + h / motor.inertia * (drive - through);
+        const double free = v + h_motor * (drive - through);
         const double dry = std::clamp(free, -most_dry, most_dry);
         if (k == 0 && part == 0) {
           const std::size_t here = static_cast<std::size_t>(i);
           found.q[here] = seen;
-          found.effort[here] = drive - dry * motor.inertia / h;
+          found.effort[here] = drive - dry / h_motor;
           found.speed[here] = v;
         }
         v = free - dry;
-        v_link += h * (through - pull) / at(link.inertia, i, rows, within);
+        v_link += h * (through - pull) * lightness.at(later);
         q += h * v;
         q_link += h * v_link;
       }
