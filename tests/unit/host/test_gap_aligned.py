@@ -47,7 +47,7 @@ def late_run(folder, model, name, seed, phase, push=0.0, of="motion", effort="me
     ``push``: amplitude of an effort that depends on the time alone [N·m].
     """
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 16.0, DT)
+    t = np.arange(0.0, 10.0, DT)
     q = 0.8 * np.sin(1.7 * t + phase) + 0.3 * np.sin(5.3 * t) + 0.1 * np.sin(11.0 * t + phase)
     v = np.gradient(q, DT)
     a = np.gradient(v, DT)

@@ -68,7 +68,7 @@ def answered(folder: Path, rows: np.ndarray):
     return analyse(folder / "table.xml", [folder / "rec.csv"], [], [], QUICK, lambda _: None)
 
 
-FAR = (0.0, 3.0, -1.0, 5.0, 1.0, 2.0, 0.0, -3.0, 0.0)
+FAR = (0.0, 3.0, -1.0, 2.0, 0.0)
 
 
 def test_an_effect_finer_than_the_generic_correction_is_not_taken_for_noise(tmp_path):
