@@ -88,6 +88,14 @@ def state_in(belief: Belief, view: Observation, zero: Observation) -> float:
     return 0.0 if view is zero else measure_in(belief, view, 0.0, nearest=False).s
 
 
+def state_if_seen(belief: Belief, view: Observation, zero: Observation) -> float | None:
+    """The same, None where the part is not seen."""
+    try:
+        return state_in(belief, view, zero)
+    except SceneError:
+        return None
+
+
 def _with_colour(belief: Belief, now: DepthView, found: Measurement, since_told: bool) -> Measurement:
     """With what edges in colour tell of the turn since one of the views that told the joint."""
     told = belief.estimate

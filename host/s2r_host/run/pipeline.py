@@ -16,7 +16,7 @@ from s2r_host.run.dry_run import planned_where_it_stands, stay
 from s2r_host.run.feeling import Feeling
 from s2r_host.run.journal import Journal
 from s2r_host.run.lessons import learn_from_push
-from s2r_host.run.measure_view import state_in
+from s2r_host.run.measure_view import state_if_seen, state_in
 from s2r_host.run.observe import Observation, observe
 from s2r_host.run.push_until_told import Told, push_until_told
 from s2r_host.run.reach import reach
@@ -117,11 +117,12 @@ def _believe(session: Session, record: RunRecord, first: Observation, told: Told
         model = record.belief.model
         record.zero_view, record.s_found = told.before.name, float(told.estimate.delta)
         record.told_view = record.found_view = told.after.name
-        record.origin_view, record.origin = (
-            (told.after.name, record.s_found)
-            if settings.from_pushed
-            else (first.name, state_in(record.belief, first, told.before))
-        )
+        if settings.from_pushed:
+            record.s_first = state_if_seen(record.belief, first, told.before)
+            record.origin_view, record.origin = told.after.name, record.s_found
+        else:
+            record.s_first = record.origin = state_in(record.belief, first, told.before)
+            record.origin_view = first.name
         low, high = (record.show(limit, 0) for limit in model.range)
         stage.note = f"{len(model.pieces)} pieces, range {low} to {high}"
         for text in model.warnings:

@@ -69,6 +69,7 @@ class RunRecord:
         origin_view, found_view: Names of the view with the state from which targets count, and of the newest one before
             the first planned manipulation.
         origin: Joint value from which targets count [m or rad].
+        s_first: Joint value in the first view [m or rad]; None where the part is not seen there, or none is believed.
         target_told: What was answered where the first target was asked for, counted as ``--target`` [m or rad].
         s_found: Joint value measured just before the first planned manipulation [m or rad].
         goals: What was aimed at so far, with the manipulations carried out for it.
@@ -98,6 +99,7 @@ class RunRecord:
     origin_view: str = "A"
     found_view: str = "A"
     origin: float = 0.0
+    s_first: float | None = None
     target_told: float | None = None
     s_found: float | None = None
     goals: list[Goal] = field(default_factory=list)

@@ -74,6 +74,7 @@ def as_json(record: RunRecord) -> dict[str, Any]:
         "told_view": record.told_view,
         "origin_view": record.origin_view,
         "s_origin": record.origin,
+        "s_first": record.s_first,
         "joint_by_push": _told(record.told_by_push) if record.told_by_push else None,
         "push_seen_from": record.push_seen_from,
         "joint": _joint(record.belief) if record.belief else None,
@@ -155,6 +156,7 @@ def _push(done: DonePush) -> dict[str, Any]:
         "contact_m": motion.proposal.p_contact,
         "depth_m": float(np.linalg.norm(motion.proposal.p_end - motion.proposal.p_contact)),
         "proposals_tried": motion.tried,
+        "tick_start": done.executed[0].tick_start if done.executed else None,
         "plan_seqs": [executed.seq for executed in done.executed],
     }
 

@@ -18,7 +18,7 @@ from s2r_host.perception.intervals import Z90
 from s2r_host.perception.motion import line_distance
 from s2r_host.run.belief import Belief, build_belief, estimate_part
 from s2r_host.run.measure import Measurement
-from s2r_host.run.measure_view import state_in
+from s2r_host.run.measure_view import state_if_seen, state_in
 from s2r_host.run.observe import Observation
 from s2r_host.run.record import RunRecord
 from s2r_host.run.session import Session
@@ -124,7 +124,9 @@ def _count_anew(
     Raises:
         SceneError: The part is not seen in one of the views.
     """
+    first = record.views[0]
     origin = state_in(belief, record.view(record.origin_view), zero)
+    s_first = origin if record.origin_view == first.name else state_if_seen(belief, first, zero)
     s = s_found = state_in(belief, record.view(record.found_view), zero)
     goals = []
     for goal in record.goals:
@@ -136,6 +138,7 @@ def _count_anew(
             s = measured.s
         goals.append(replace(goal, target=target, attempts=attempts, s_before=s_before))
     record.belief, record.origin, record.s_found, record.goals = belief, origin, s_found, goals
+    record.s_first = s_first
     record.lessons = [replace(lesson, law=None) for lesson in record.lessons]
     record.zero_view, record.told_view = zero.name, told.name
     session.target = goals[-1].target

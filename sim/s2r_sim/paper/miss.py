@@ -41,7 +41,9 @@ _ENDED_BY = {
 _BY_TERM = {"plan": "plan", "state": "perceive", "motion": "execute"}
 
 
-def terms_of_error(world: WorldSpec, run: Row, begun: list[float], s_end: float, change: float) -> Row:
+def terms_of_error(
+    world: WorldSpec, run: Row, begun: list[float], s_end: float, change: float, s_touched: float
+) -> Row:
     """The terms of the last manipulation's δ and what hides it [m or rad], as the module says.
 
     ``corrections_left`` tells whether the host might have gone on, ``no_correction`` whether it looked for a plan to do
@@ -53,6 +55,7 @@ def terms_of_error(world: WorldSpec, run: Row, begun: list[float], s_end: float,
         begun: True joint value at the start of each manipulation [m or rad], at least one.
         s_end: True joint value at the end.
         change: What was asked for, counted as the host's joint.
+        s_touched: True joint value when the push began whose contact ``run.json`` tells.
     """
     last, way = [entry for entry in run["attempts"] if entry["tick_start"] is not None][-1], sense(world, run)
     target_true = begun[0] + way * change
@@ -66,14 +69,17 @@ def terms_of_error(world: WorldSpec, run: Row, begun: list[float], s_end: float,
         "state": last["s_initial"] - stood,
         "motion": last["s_planned"] - last["s_initial"] - (left - stood),
         "look": last["s_final"] - left,
-        "joint": _misread(world, run, begun[0], s_end) if run["push"] else 0.0,
+        "joint": _misread(world, run, s_touched, begun[0], s_end) if run["push"] else 0.0,
         "corrections_left": len(begun) < int(run["inputs"]["settings"]["attempts"]),
         "no_correction": run["stages"][-1]["failed"] and run["stages"][-1]["name"].startswith("plan"),
     }
 
 
-def _misread(world: WorldSpec, run: Row, s_from: float, s_to: float) -> float:
-    """What the joint as told makes of a true motion of the touched point, less that motion [m or rad]."""
+def _misread(world: WorldSpec, run: Row, s_touched: float, s_from: float, s_to: float) -> float:
+    """What the joint as told makes of a true motion of the touched point, less that motion [m or rad].
+
+    The point is where ``run.json`` says while the part stands at ``s_touched``.
+    """
     origin, direction = true_joint(world)
     said, along = np.array(run["joint"]["axis_origin_m"]), np.array(run["joint"]["axis_direction"])
     moved = sense(world, run) * (s_to - s_from)
@@ -81,7 +87,7 @@ def _misread(world: WorldSpec, run: Row, s_from: float, s_to: float) -> float:
     if run["joint"]["joint_type"] == "prismatic":
         return float((s_to - s_from) * (direction @ along)) - moved
     before, after = (
-        origin + rotation_from_vector((direction * (s - world.object.q_start)).tolist()) @ (touched - origin)
+        origin + rotation_from_vector((direction * (s - s_touched)).tolist()) @ (touched - origin)
         for s in (s_from, s_to)
     )
     a, b = (p - said - ((p - said) @ along) * along for p in (before, after))

@@ -68,8 +68,8 @@ def _lines(
         " told of; they are opened when all processes of the trial have ended. " + _seals(rows),
         "The amount is told once the host has built the object: as drawn before the run, or as far the other way where"
         " the pushes have left less room than that before a stop. Where they have left the part is taken from what the"
-        " host itself says of them: what it misjudges there can put the target nearer to a stop, or beyond it, and is"
-        " to its own disadvantage.",
+        " host itself says of them, counted from its first view: what it misjudges there can put the target nearer to a"
+        " stop, or beyond it, and is to its own disadvantage.",
         "",
         *([*ran, ""] if ran else []),
         f"Written by `{command}`.",

@@ -61,8 +61,16 @@ def score_trial(trial: Trial, folder: Path, change: float) -> Row:
         row["s_pushed"] = begun[0]
         row["delta"] = target - float(truth.s[-1])
         row["delta_first"] = target - (begun[1] if len(begun) > 1 else float(truth.s[-1]))
-        row["terms"] = terms_of_error(trial.world, run, begun, float(truth.s[-1]), change)
+        row["terms"] = terms_of_error(
+            trial.world, run, begun, float(truth.s[-1]), change, _touched_at(truth, run)
+        )
     return row
+
+
+def _touched_at(truth: Truth, run: Row) -> float:
+    """True joint value when the newest push began; as found where a run of earlier code does not say when that was."""
+    tick = (run["push"] or {}).get("tick_start")
+    return float(truth.s[0]) if tick is None else truth.s_at_tick(tick)
 
 
 def _seal_holds(trial: Trial, folder: Path, run: Row) -> bool:

@@ -129,7 +129,8 @@ def amount_to_ask_for(trial: Trial, run: Row) -> float:
     """The change to ask for, by what was drawn before the run and what the host itself says of its pushes.
 
     The truth log is not read for it. What the host misjudges of its pushes is to its own disadvantage: the target may
-    then lie nearer to a stop than the margin, or beyond it.
+    then lie nearer to a stop than the margin, or beyond it. So it may where the host does not see the part in its first
+    view and says nothing of what the pushes moved: the change is then as drawn.
 
     Args:
         trial: Whose part was drawn to stand at ``q_start``.
@@ -138,8 +139,10 @@ def amount_to_ask_for(trial: Trial, run: Row) -> float:
     Returns:
         Counted as the host's joint [m or rad].
     """
-    way = sense(trial.world, run)
-    return trial.asked(trial.world.object.q_start + way * float(run["s_origin"]), way)
+    if run["s_first"] is None:
+        return trial.change
+    way, pushed = sense(trial.world, run), float(run["s_origin"]) - float(run["s_first"])
+    return trial.asked(trial.world.object.q_start + way * pushed, way)
 
 
 def _no_result(change: float, reason: str, code: ExitCode) -> Row:

@@ -109,6 +109,7 @@ def test_a_hinge_told_wrongly_is_told_anew_and_everything_counts_in_its_values(v
     assert record.lessons[0].verdict == "physics_missing"
     assert off_m(record.belief) < 0.006
     assert record.s_found == record.origin == pytest.approx(PUSHED_RAD, abs=0.03)
+    assert record.s_first == 0.0
     done = record.goals[-1].last
     assert done.measured.s == pytest.approx(NOW_RAD, abs=0.03)
     assert done.s_initial == record.s_found
@@ -132,6 +133,7 @@ def test_a_motion_back_is_told_from_where_the_push_left_the_part(views, estimate
     assert (record.zero_view, record.told_view) == ("B", "C1")
     assert off_m(record.belief) < 0.006
     assert record.s_found == record.origin == 0.0
+    assert record.s_first == pytest.approx(-PUSHED_RAD, abs=0.03)
     assert record.goals[-1].last.measured.s == pytest.approx(-NOW_RAD, abs=0.03)
     assert session.target == pytest.approx(ASKED_RAD)
 

@@ -1,5 +1,6 @@
 """The accuracy campaign: random but repeatable trials inside the joints' limits, and figures that count failures."""
 
+import itertools
 import json
 import math
 import sys
@@ -68,7 +69,8 @@ def test_both_directions_are_asked_for_and_the_same_number_is_the_same_trial(kin
 def pushed(trial, s, along=1.0):
     """``run.json`` before the host asks: by it the pushes took the part to ``s``, on an axis ``along`` the true one."""
     axis = (along * true_joint(trial.world)[1]).tolist()
-    return {"joint": {"axis_direction": axis}, "s_origin": along * (s - trial.world.object.q_start)}
+    origin = along * (s - trial.world.object.q_start)
+    return {"joint": {"axis_direction": axis}, "s_origin": origin, "s_first": 0.0}
 
 
 @pytest.mark.parametrize("along", [1.0, -1.0])
@@ -80,6 +82,26 @@ def test_the_amount_asked_for_goes_by_what_the_host_says_of_its_pushes(along):
         assert change == pytest.approx(trial.asked(share * q_max, along))
     near_the_end = amount_to_ask_for(trial, pushed(trial, 0.95 * q_max, along))
     assert along * near_the_end < 0.0
+
+
+def test_what_pushes_moved_before_the_one_that_told_the_joint_counts_as_well():
+    """Two pushes of 20 degrees, seen without an error; the joint is told from the view between them."""
+    told = 0
+    for number, push in itertools.product(range(60), np.radians([20.0, -20.0])):
+        trial = draw_trial("faucet", number)
+        s = trial.world.object.q_start + 2 * push
+        if not 0.0 < s < trial.world.object.q_max:
+            continue
+        run = pushed(trial, s) | {"s_origin": push, "s_first": -push}
+        assert amount_to_ask_for(trial, run) == pytest.approx(trial.asked(s, 1.0))
+        told += 1
+    assert told > 50
+
+
+def test_where_the_host_says_nothing_of_its_pushes_the_amount_is_as_drawn():
+    trial = draw_trial("faucet", 5350)
+    near_the_end = pushed(trial, 0.95 * trial.world.object.q_max)
+    assert amount_to_ask_for(trial, near_the_end | {"s_first": None}) == trial.change
 
 
 HOST = """

@@ -120,7 +120,7 @@ def test_the_terms_of_delta_sum_up_to_it(way):
     trial, s = draw_trial("drawer", 5350), 0.2
     attempts = [(10, 5.0, 5.1, 5.1, 5.07), (20, 5.07, 5.1, 5.09, 5.095)]
     begun, end = [s, s + way * 0.06], s + way * 0.08
-    terms = terms_of_error(trial.world, run_of(trial, attempts, way), begun, end, 0.1)
+    terms = terms_of_error(trial.world, run_of(trial, attempts, way), begun, end, 0.1, s)
     assert terms["plan"] == pytest.approx(0.01)  # 5.10 asked for, 5.09 foreseen
     assert terms["state"] == pytest.approx(0.01)  # 5.07 seen, 5.06 true
     assert terms["motion"] == pytest.approx(0.0)  # 0.02 foreseen and done
@@ -137,11 +137,12 @@ def test_a_hinge_told_on_the_circle_of_the_touched_point_reads_half_of_every_tur
     trial = draw_trial("faucet", 5350)
     origin, direction = true_joint(trial.world)
     arm = 0.06 * np.cross(direction, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(direction, [1.0, 0.0, 0.0]))
-    start = trial.world.object.q_start
+    # By the second push, which came to the part where the first had left it.
+    touched = trial.world.object.q_start + 0.4
     attempts = [(10, 5.0, 5.1, 5.1, 5.07)]
     for off, share in ((np.zeros(3), 0.0), (0.03 * direction, 0.0), (-arm, -0.5)):
         run = run_of(trial, attempts, way, off, origin + arm)
-        terms = terms_of_error(trial.world, run, [start], start + 0.2, 0.3)
+        terms = terms_of_error(trial.world, run, [touched], touched + 0.2, 0.3, touched)
         assert terms["joint"] == pytest.approx(share * way * 0.2, abs=1e-9)
 
 
@@ -150,7 +151,7 @@ def test_a_plan_for_a_correction_that_was_not_found_is_told():
     run = run_of(trial, [(10, 5.0, 5.1, 5.1, 5.07)])
     run["stages"] += [{"name": "plan 2", "failed": True}]
     run["inputs"]["settings"]["attempts"] = 1
-    terms = terms_of_error(trial.world, run, [0.2], 0.26, 0.1)
+    terms = terms_of_error(trial.world, run, [0.2], 0.26, 0.1, 0.2)
     assert terms["no_correction"]
     assert not terms["corrections_left"]
     assert json.loads(json.dumps(terms)) == terms
