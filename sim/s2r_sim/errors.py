@@ -25,5 +25,9 @@ class StandInError(NotReadyError):
     """The stand-in cannot start or go on on this machine."""
 
 
+class UnstableError(StandInError):
+    """A world cannot be simulated any further."""
+
+
 class WorkerLostError(NotReadyError):
     """Worker processes of a batch of jobs die again and again."""

@@ -13,6 +13,7 @@ from s2r_sim.objects.catalogue import add_object, states_as_found
 from s2r_sim.objects.effects import JointEffects
 from s2r_sim.objects.naming import BASE_BODY, FAR_BODY, JOINT, PART_BODY
 from s2r_sim.objects.scene import add_table
+from s2r_sim.stability import StabilityWatch
 from s2r_sim.world import ArmTruth, WorldSpec
 
 STEP_NS = 1_000_000
@@ -120,6 +121,7 @@ class Physics:
         self.model = build_world(arm, world)
         self.data = mujoco.MjData(self.model)
         self.dof = arm.dof
+        self._stability = StabilityWatch(self.data)
         self._q_index = np.array([self.model.joint(name).qposadr[0] for name in arm.joint_names])
         self._v_index = np.array([self.model.joint(name).dofadr[0] for name in arm.joint_names])
         elastic = world.arm.gears is not None
@@ -202,11 +204,16 @@ class Physics:
         return (self._torque + self._rotor * data.qacc).tolist()
 
     def step(self, tau: list[float]) -> None:
-        """Advance by one step under joint torques [N·m]."""
+        """Advance by one step under joint torques [N·m].
+
+        Raises:
+            UnstableError: The world cannot be simulated any further.
+        """
         self.data.qfrc_applied[self._v_index] = tau
         if self._effects is not None:
             self._apply(self._effects)
         mujoco.mj_step(self.model, self.data)
+        self._stability.check()
 
     def _apply(self, effects: JointEffects) -> None:
         s, v = float(self.data.qpos[self._object_q]), float(self.data.qvel[self._object_v])

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from s2r_sim.objects.effects import JointEffects
+from s2r_sim.stability import StabilityWatch
 
 Force = Callable[[float, float, float], tuple[float, float]]
 """(joint value, its speed, dry friction without the effect) -> (force on the joint, dry friction)."""
@@ -44,10 +45,14 @@ def played(
         targets: One row per step of the model.
         servo: Takes them.
         force: The effect.
+
+    Raises:
+        UnstableError: The model cannot be simulated any further.
     """
     q, v = int(model.joint(joint).qposadr[0]), int(model.joint(joint).dofadr[0])
     without = float(model.dof_frictionloss[v])
     contacts = model.geom_contype[arm].copy(), model.geom_conaffinity[arm].copy()
+    stability = StabilityWatch(data)
     released = math.ceil(RELEASE_S / model.opt.timestep)
     try:
         for k, row in enumerate(np.concatenate([targets, np.repeat(targets[-1:], released, axis=0)])):
@@ -58,6 +63,7 @@ def played(
             )
             servo(data, row)
             mujoco.mj_step(model, data)
+            stability.check()
     finally:
         model.dof_frictionloss[v] = without
         model.geom_contype[arm], model.geom_conaffinity[arm] = contacts

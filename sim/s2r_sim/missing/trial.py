@@ -8,7 +8,7 @@ from pathlib import Path
 
 from s2r_protocol.cli.peers import PeerFailedError, s2r_command, stand_in_cell
 from s2r_protocol.exits import ExitCode
-from s2r_sim.errors import RunFileError, TruthFileError
+from s2r_sim.errors import RunFileError, TruthFileError, UnstableError
 from s2r_sim.missing.cases import LATER, LEARNING, draw_case
 from s2r_sim.missing.score import Row, score_run
 from s2r_sim.missing.shift import largest, shifts
@@ -50,7 +50,7 @@ def run_case(out: Path, label: str, number: int, arm: str, later: int) -> Row:
         return {**row, "exit": int(ExitCode.UNREACHABLE), "reason": f"no end within {TIMEOUT_S:.0f} s"}
     except PeerFailedError as error:
         return {**row, "exit": int(ExitCode.UNREACHABLE), "reason": str(error)}
-    except (TruthFileError, RunFileError, FileNotFoundError) as error:
+    except (TruthFileError, RunFileError, UnstableError, FileNotFoundError) as error:
         return {**row, "exit": int(ExitCode.BUG), "reason": f"{type(error).__name__}: {error}"}
 
 

@@ -13,7 +13,7 @@ from mcap.writer import Writer
 
 from s2r_protocol.exits import ExitCode
 from s2r_protocol.ros2.cdr import pack
-from s2r_sim.errors import RunFileError
+from s2r_sim.errors import RunFileError, UnstableError
 from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
 from s2r_sim.missing.cli import missing
 from s2r_sim.missing.page import compared, likened, own_shifts, summaries, write_page
@@ -340,7 +340,7 @@ def test_what_matters_is_told_object_by_object_by_its_own_shift_and_not_by_the_r
     assert "| named as sealed in 90 % |  | 2 of 2 answers, 100 % | 2 |" in text
 
 
-def test_an_effect_is_played_in_a_model_and_leaves_it_as_it_was():
+def test_an_effect_is_played_in_a_model_and_leaves_it_as_it_was(tmp_path, monkeypatch):
     model = mujoco.MjModel.from_xml_string(SLED)
     data, robot = mujoco.MjData(model), np.array([True, False])
     targets = np.linspace(0.0, 0.2, 400)[:, None]
@@ -355,6 +355,9 @@ def test_an_effect_is_played_in_a_model_and_leaves_it_as_it_was():
     assert 0.19 < plain < 0.25  # pushed to the end, and let go
     assert end(force_of(JointEffects(profile=2.0))) < plain - 1e-4  # held earlier once it is let go
     assert end(lambda s, v, dry: (-3.0 * dry, dry)) < 0.1  # pulled back, past where the arm was
+    monkeypatch.chdir(tmp_path)  # MuJoCo leaves its own log
+    with pytest.raises(UnstableError, match="became unstable"):
+        end(lambda s, v, dry: (1e13, dry))
     assert model.dof_frictionloss[model.joint("sled").dofadr[0]] == 1.0
     assert model.geom_contype.tolist() == [1, 1]
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from s2r_protocol.can.drive import DriveCommand
-from s2r_sim.errors import WorldFileError
+from s2r_sim.errors import StandInError, WorldFileError
 from s2r_sim.physics import Physics
 from s2r_sim.plant import Plant
 from s2r_sim.score import read_truth
@@ -162,6 +162,31 @@ def test_gears_of_another_joint_count_are_refused(arm, world):
     short = world.model_copy(update={"arm": world.arm.model_copy(update={"gears": gears})})
     with pytest.raises(WorldFileError, match=r"arm\.gears\.stiffness_Nm_rad has 6 entries, .* has 7 joints"):
         Physics(arm, short)
+
+
+def test_a_world_that_cannot_be_simulated_ends_the_stand_in_before_its_truth_log_tells_what_is_not_so(
+    arm, world, tmp_path
+):
+    """Gears of a hundred times the stiffness that steps of a millisecond bear; MuJoCo would go on with all at zero."""
+    gears = Gears(stiffness_Nm_rad=(1e6,) * 7, relaxation_s=0.0003)
+    stiff = world.model_copy(update={"arm": world.arm.model_copy(update={"gears": gears})})
+    plant = Plant(arm, stiff)
+    log = TruthLog(tmp_path / "truth.csv", plant)
+    plant.observers.append(log)
+    q, found = plant.physics.q, plant.physics.object_value
+    commands = (DriveCommand.SHUTDOWN, DriveCommand.SWITCH_ON, *[DriveCommand.ENABLE_OPERATION] * 200)
+
+    def hold():
+        for command in commands:
+            for drive, position in zip(plant.drives, q, strict=True):
+                drive.command(command)
+                drive.set_point(position, 0.0, 0.0)
+            plant.advance(1_000_000)
+
+    with pytest.raises(StandInError, match="became unstable"):
+        hold()
+    log.close()
+    assert read_truth(tmp_path / "truth.csv").s == pytest.approx(found, abs=1e-3)
 
 
 def test_rigid_gears_are_written_and_sealed_as_before_gears_could_give(arm, world, tmp_path):
