@@ -23,6 +23,7 @@ from s2r_sim.objects.mobility_shapes import MeshPlace, Shape, shapes_of
 
 URDF, SEMANTICS = "mobility.urdf", "semantics.txt"
 ATTRIBUTES, PARTS = "motion_attributes.json", "part_objs"
+WIDEST_TURN_RAD = 4 * np.pi  # of a hinge; numbers of degrees are larger
 UNLIMITED = {"revolute": (-np.pi, np.pi), "prismatic": (0.0, 0.3)}  # [rad], [folder's units]
 
 
@@ -89,7 +90,7 @@ def _read_urdf(file: Path) -> list[MobileLink]:
     folder = file.parent
     try:
         robot = ET.parse(file).getroot()
-    except ET.ParseError as error:
+    except (ET.ParseError, LookupError, ValueError) as error:  # the latter two: an encoding that nobody knows
         raise WorldFileError(f"{file}: {error}") from error
     names = [link.get("name", "") for link in robot.findall("link")]
     if robot.tag != "robot" or not names:
@@ -190,6 +191,11 @@ def _limits(joint: ET.Element, kind: str, who: str) -> tuple[float, float]:
         raise WorldFileError(
             f"{who}: its limits go from {low:g} to {high:g}; lower must not be above upper, both finite"
         )
+    if kind == "revolute" and high - low > WIDEST_TURN_RAD:
+        raise WorldFileError(
+            f"{who}: its limits go from {low:g} to {high:g}, that is {(high - low) / (2 * np.pi):.1f} times around; a "
+            "URDF counts radians: are these degrees?"
+        )
     return low, high
 
 
@@ -226,7 +232,10 @@ def _add_parts(
     limits = UNLIMITED[kind] if kind != "fixed" else (0.0, 0.0)
     file = folder / PARTS / f"{'none_motion' if parent is None else name}.obj"
     links.append(MobileLink(name, name, parent, kind, offset, axis, limits, (MeshPlace(file, mesh),)))
-    for child in node.get("children") or []:
+    children = node.get("children") or []
+    if not isinstance(children, list):
+        raise WorldFileError(f"{who}: its children are {children!r}; they must be a list of parts")
+    for child in children:
         _add_parts(child, name, p, folder, links)
 
 

@@ -284,6 +284,21 @@ def test_a_shape_that_cannot_be_read_is_refused_by_its_link(own, old, new, reaso
         mobility_scene(own)
 
 
+def test_an_encoding_that_nobody_knows_is_refused(own):
+    (own / "box_with_drawer.urdf").write_text('<?xml version="1.0" encoding="latin-9x"?>' + OWN)
+    with pytest.raises(WorldFileError, match=r"box_with_drawer\.urdf: unknown encoding: latin-9x"):
+        mobility_scene(own)
+
+
+def test_a_hinge_in_degrees_is_refused(own):
+    hinge = OWN.replace("prismatic", "revolute").replace('upper="0.2"', 'upper="90"')
+    (own / "box_with_drawer.urdf").write_text(hinge)
+    with pytest.raises(
+        WorldFileError, match=r"from 0 to 90, that is 14\.3 times around; a URDF counts radians"
+    ):
+        mobility_scene(own)
+
+
 def test_a_limit_that_is_left_out_is_zero_as_in_every_urdf(own):
     (own / "box_with_drawer.urdf").write_text(OWN.replace('lower="0" upper="0.2"', 'upper="0.15"'))
     assert mobility_scene(own, place=MobilityPlace(height_m=0.2)).compile().joint(0).range.tolist() == [
@@ -362,6 +377,7 @@ def test_an_object_that_lies_flat_as_a_whole_has_no_height_to_scale(own):
         ({"direction": [0.0, 1.0]}, r"direction \[0.0, 1.0\]; each must be three finite numbers"),
         ({"motion_type": "X"}, "misstates 'X'"),
         ({"children": None}, None),
+        ({"children": 5}, "'dof_rootd_Aa001_r': its children are 5; they must be a list of parts"),
     ],
 )
 def test_a_part_of_shape2motion_that_is_misstated_is_refused_by_name(shape2motion, change, reason):
