@@ -141,4 +141,7 @@ def import_(folder: Path, part: str | None, height: float, out: Path) -> None:
         click.echo(
             f"bounding no solid, weighed as their convex hulls: {', '.join(made.hulled)} (link_number of its shape)"
         )
-    click.echo(f"{truth.joint_type} joint, found at {truth.q_start:.3f} of {truth.q_max:.3f}; in {out}")
+    click.echo(
+        f"{truth.joint_type} joint, found at {truth.q_start:.3f}, goes from {truth.q_min:.3f} to {truth.q_max:.3f}; in"
+        f" {out}"
+    )

@@ -8,18 +8,20 @@ meshes weigh; a mesh that bounds none weighs as its convex hull.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from s2r_sim.errors import ShapelessError, WorldFileError
+from s2r_sim.objects.holding import holding_friction
 from s2r_sim.objects.mobility import MobileLink, read_mobility, urdf_of
 from s2r_sim.objects.mobility_shapes import SOLIDS, MeshPlace, Shape, SolidPlace
 from s2r_sim.objects.naming import BASE_BODY, JOINT, PART_BODY
 from s2r_sim.objects.scene import JointTruth, add_table
 from s2r_sim.objects.sheets import is_flat, thickened
+from s2r_sim.objects.solids import HARD, STIFF
 from s2r_sim.objects.wavefront import triangles_of, vertices_of
 from s2r_sim.objects.weight import weigh
 
@@ -28,6 +30,7 @@ GEOMS = {
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
 }
+FOUND = "as_found"  # the scene's key with the joint as found
 GREY = (0.62, 0.6, 0.58, 1.0)
 # Shape2Motion: y up, front z  ->  z up, front -x (towards the arm), as PartNet-Mobility's first joint does it.
 Y_UP = np.array([[0.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -40,7 +43,8 @@ class MobilityPlace:
     Attributes:
         height_m: Its height on the table; the data sets have no unit of length.
         x_m, y_m, yaw_rad: Place of its middle, and turn.
-        damping, coulomb: Of the moving joint [N·m·s/rad, N·m or N·s/m, N].
+        damping, coulomb: Of the moving joint [N·m·s/rad, N·m or N·s/m, N]; None: so much that the part stays where it
+            is put.
         share: Joint value as found, as a share of its range.
     """
 
@@ -49,7 +53,7 @@ class MobilityPlace:
     y_m: float = 0.0
     yaw_rad: float = 0.0
     damping: float = 0.2
-    coulomb: float = 0.5
+    coulomb: float | None = None
     share: float = 0.3
 
 
@@ -85,6 +89,8 @@ def weighed_scene(
 ) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
     """A table with the object; bodies and joint carry the names all objects of the stand-in have.
 
+    Its one key has the joint as found.
+
     Args:
         folder: Of one object.
         part: Name or meaning of the link that moves; may be left out if there is one only.
@@ -119,35 +125,41 @@ def weighed_scene(
             scene, body if link.name in with_part else base, link, X_W @ _scaled(X[link.name], scale), scale
         )
     X_joint = X_W @ _scaled(X[chosen.name], scale)
-    low, high = (np.array(chosen.limits) * (scale if chosen.joint == "prismatic" else 1.0)).tolist()
+    slides = chosen.joint == "prismatic"
+    anchor, axis = X_joint[:3, 3], X_joint[:3, :3] @ chosen.axis
+    low, high = (np.array(chosen.limits) * (scale if slides else 1.0)).tolist()
+    hulled = weigh(scene, body)
+    coulomb = holding_friction(body, anchor, axis, slides) if place.coulomb is None else place.coulomb
     body.add_joint(
         name=JOINT,
-        type=mujoco.mjtJoint.mjJNT_SLIDE if chosen.joint == "prismatic" else mujoco.mjtJoint.mjJNT_HINGE,
-        pos=X_joint[:3, 3],
-        axis=X_joint[:3, :3] @ chosen.axis,
+        type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
+        pos=anchor,
+        axis=axis,
         range=[low, high],
         limited=True,
         damping=[place.damping, 0, 0],
-        frictionloss=place.coulomb,
+        frictionloss=coulomb,
         armature=0.001,
+        solref_friction=STIFF,
+        solimp_friction=HARD,
     )
     scene.add_exclude(bodyname1=BASE_BODY, bodyname2=PART_BODY)
-    return scene, weigh(scene, body)
+    scene.add_key(name=FOUND, qpos=[low + place.share * (high - low)])
+    return scene, hulled
 
 
-def mobility_truth(model: mujoco.MjModel, place: MobilityPlace | None = None) -> JointTruth:
+def mobility_truth(model: mujoco.MjModel) -> JointTruth:
     """The joint of a compiled `mobility_scene`, as found."""
-    place = place or MobilityPlace()
     data = mujoco.MjData(model)
     joint = model.joint(JOINT).id
-    low, high = model.jnt_range[joint]
-    q = float(low + place.share * (high - low))
-    data.qpos[model.jnt_qposadr[joint]] = q
+    low, high = model.jnt_range[joint].tolist()
+    data.qpos[:] = model.key(FOUND).qpos
+    q = float(data.qpos[model.jnt_qposadr[joint]])
     mujoco.mj_kinematics(model, data)
     x, y, z = data.xanchor[joint].tolist()
     a, b, c = data.xaxis[joint].tolist()
     slides = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
-    return JointTruth("prismatic" if slides else "revolute", (x, y, z), (a, b, c), q, float(high))
+    return JointTruth("prismatic" if slides else "revolute", (x, y, z), (a, b, c), q, high, low)
 
 
 def write_mobility(folder: Path, out: Path, part: str | None, place: MobilityPlace) -> Imported:
@@ -166,7 +178,8 @@ def write_mobility(folder: Path, out: Path, part: str | None, place: MobilityPla
         raise WorldFileError(
             f"{folder}: MuJoCo takes no such object: {reason}; mend it, or leave that shape out"
         ) from error
-    truth = mobility_truth(model, place)
+    truth = mobility_truth(model)
+    place = replace(place, coulomb=float(model.joint(JOINT).frictionloss[0]))
     flat = [mesh.name for mesh in scene.meshes if not mesh.file]
     out.mkdir(parents=True, exist_ok=True)
     (out / "scene.xml").write_text(scene.to_xml())

@@ -24,7 +24,7 @@ class JointTruth:
         joint_type: "revolute" or "prismatic".
         origin_m: A point on the axis, arm base frame.
         direction: Unit vector; positive joint values move along or about it.
-        q_start, q_max: As found, and upper stop (the lower one is 0) [m or rad].
+        q_start, q_max, q_min: As found, upper and lower stop [m or rad].
     """
 
     joint_type: Literal["revolute", "prismatic"]
@@ -32,6 +32,7 @@ class JointTruth:
     direction: tuple[float, float, float]
     q_start: float
     q_max: float
+    q_min: float = 0.0
 
 
 def table_scene(spec: ObjectSpec) -> mujoco.MjSpec:

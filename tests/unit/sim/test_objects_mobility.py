@@ -96,7 +96,7 @@ def test_partnet_links_come_with_meanings_limits_and_parents_first(partnet):
 def test_partnet_drawer_slides_out_of_its_front_in_real_size(partnet):
     place = MobilityPlace(height_m=0.5, x_m=0.7, y_m=0.1)
     model = mobility_scene(partnet, "drawer", place).compile()
-    truth = mobility_truth(model, place)
+    truth = mobility_truth(model)
     assert truth.joint_type == "prismatic"
     np.testing.assert_allclose(np.abs(truth.direction), [1.0, 0.0, 0.0], atol=1e-6)
     assert truth.q_max == pytest.approx(0.4 * 0.5 / 2.0)
@@ -121,7 +121,7 @@ def test_partnet_object_stands_on_the_table_at_its_place(partnet):
 
 def test_shape2motion_lever_turns_about_its_centre_upright(shape2motion):
     model = mobility_scene(shape2motion, place=MobilityPlace(height_m=0.25)).compile()
-    truth = mobility_truth(model, MobilityPlace(height_m=0.25))
+    truth = mobility_truth(model)
     assert truth.joint_type == "revolute"
     np.testing.assert_allclose(truth.direction, [0.0, 0.0, 1.0], atol=1e-6)
     part = model.body(PART_BODY).id
@@ -419,6 +419,57 @@ def test_import_command_writes_a_scene_that_loads(partnet, tmp_path):
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "o" / "scene.xml"))
     assert model.site("arm_base").pos.tolist() == [0.0, 0.0, 0.0]  # s2r plan puts the arm there
     assert json.loads((tmp_path / "o" / "object.json").read_text())["joint"]["joint_type"] == "prismatic"
+
+
+LID = """<robot name="lid">
+  <link name="base"><visual><origin xyz="0.12 0 0.01"/><geometry><box size="0.24 0.34 0.02"/></geometry></visual></link>
+  <link name="lid"><visual><origin xyz="0.12 0 0.004"/><geometry><box size="0.24 0.34 0.008"/></geometry></visual></link>
+  <joint name="hinge" type="revolute"><parent link="base"/><child link="lid"/>
+    <origin xyz="0 0 0.02"/><axis xyz="0 -1 0"/><limit lower="0" upper="2.3"/></joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def lid(tmp_path):
+    """Of 0.65 kg, its weight 0.77 N·m about the hinge where it lies."""
+    folder = tmp_path / "lid"
+    folder.mkdir()
+    (folder / "lid.urdf").write_text(LID)
+    return folder
+
+
+def test_a_lid_stays_where_it_was_found(lid, tmp_path):
+    written = CliRunner().invoke(
+        data, ["import", str(lid), "--height", "0.028", "--out", str(tmp_path / "o")]
+    )
+    assert "revolute joint, found at 0.690, goes from 0.000 to 2.300" in written.output
+    told = json.loads((tmp_path / "o" / "object.json").read_text())
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "o" / "scene.xml"))
+    state = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, state, 0)
+    assert state.qpos[0] == pytest.approx(told["joint"]["q_start"])
+    assert told["place"]["coulomb"] == pytest.approx(1.3 * 0.6528 * 9.81 * np.hypot(0.12, 0.004), rel=1e-4)
+    for _ in range(1000):
+        mujoco.mj_step(model, state)
+    assert state.qpos[0] == pytest.approx(told["joint"]["q_start"], abs=np.deg2rad(0.05))
+
+
+def test_below_its_dry_friction_an_imported_joint_does_not_creep(lid):
+    model = mobility_scene(lid, place=MobilityPlace(height_m=0.028, coulomb=0.5)).compile()
+    model.opt.gravity[:] = 0.0
+    state = mujoco.MjData(model)
+    state.qpos[0], state.qfrc_applied[0] = 1.0, 0.45
+    for _ in range(1000):
+        mujoco.mj_step(model, state)
+    assert state.qpos[0] == pytest.approx(1.0, abs=np.deg2rad(0.1))
+
+
+def test_what_has_no_stop_is_told_with_the_lower_limit_it_gets(lid, tmp_path):
+    (lid / "lid.urdf").write_text(LID.replace('"revolute"', '"continuous"'))
+    written = CliRunner().invoke(data, ["import", str(lid), "--out", str(tmp_path / "o")])
+    assert "found at -1.257, goes from -3.142 to 3.142" in written.output
+    assert json.loads((tmp_path / "o" / "object.json").read_text())["joint"]["q_min"] == pytest.approx(-np.pi)
 
 
 def mass_of_part(out: Path) -> float:
