@@ -99,7 +99,7 @@ def paper(
             raise UsageError(f"unknown kind {name!r}; there are {', '.join(KINDS)}")
     if also and not page_only:
         raise UsageError("--also joins campaigns that were run: give --page-only, too")
-    others = _others(compare)  # refused before the hours of work
+    others = _others(compare)
     words = _words(run_options)
     conditions = {"--run-options": run_options, "--pace": pace, "--arm": arm}
     options = f" --arm {arm}" if arm != "xmate3pro" else ""
@@ -112,8 +112,10 @@ def paper(
             f"s2r bench paper --page-only --kinds {','.join(names)} --attempts {attempts}{options} --out DIR"
         )
         command += " --also DIR" * len(also)
+        _refuse_strangers(others, {(row["kind"], row["number"]) for one in campaigns for row in one.rows})
     else:
         todo = [(name, number, attempts) for number in range(first, first + trials) for name in names]
+        _refuse_strangers(others, {(name, number) for name, number, _ in todo})  # before the hours of work
         command = f"s2r bench paper --kinds {','.join(names)} --trials {trials} --first {first} --attempts {attempts}"
         command += f" --jobs {jobs}{f' --ray {ray}' if ray else ''}{options} --out DIR"
         work = partial(run_trial, out, words, pace, arm)
@@ -190,3 +192,17 @@ def _others(compare: tuple[str, ...]) -> dict[str, list[dict[str, Any]]]:
             raise UsageError(f"--compare {entry!r}: give LABEL=DIR with a results.jsonl in DIR")
         found[label] = campaign_in(results)
     return found
+
+
+def _refuse_strangers(others: dict[str, list[dict[str, Any]]], trials: set[tuple[str, int]]) -> None:
+    """Refuse campaigns to compare with that hold none of these trials (kind, number).
+
+    Raises:
+        UsageError: One does; there is nothing to compare.
+    """
+    for label, rows in others.items():
+        if trials.isdisjoint((row["kind"], row["number"]) for row in rows):
+            raise UsageError(
+                f"--compare {label!r}: that campaign shares no trial with this one; compare campaigns of the same "
+                "numbers (--first) and kinds (--kinds)"
+            )

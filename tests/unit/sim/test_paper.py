@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from s2r_protocol.exits import UsageError
+from s2r_sim import batch
 from s2r_sim.paper import trial as trial_module
 from s2r_sim.paper.ablations import ablations, uncorrected
 from s2r_sim.paper.calls import calls_of, commit, noted
@@ -321,6 +322,22 @@ def write_campaign(folder, *attempts):
     jobs = [([row["kind"], row["number"], count], row) for count in attempts for row in ROWS]
     lines = [json.dumps({"job": job, "result": row}) for job, row in jobs]
     (folder / "results.jsonl").write_text("\n".join(lines) + "\n")
+
+
+def test_a_campaign_that_shares_no_trial_is_refused_before_anything_is_run_or_written(tmp_path, monkeypatch):
+    write_campaign(tmp_path / "base", 3)
+    write_campaign(tmp_path / "other", 3)
+    monkeypatch.setattr(batch, "run_jobs", lambda *_, **__: pytest.fail("hours of work"))
+    compared = ["--compare", f"x={tmp_path / 'other'}", "--kinds", "drawer"]
+    alone = CliRunner().invoke(paper, ["--out", str(tmp_path / "new"), "--first", "50", *compared])
+    (tmp_path / "other" / "results.jsonl").write_text(
+        json.dumps({"job": ["drawer", 77, 3], "result": _row("drawer", 77, 0.1, 0.0)}) + "\n"
+    )
+    page = CliRunner().invoke(paper, ["--out", str(tmp_path / "base"), "--page-only", *compared])
+    for refused in (alone, page):
+        assert isinstance(refused.exception, UsageError)
+        assert "--compare 'x': that campaign shares no trial with this one" in str(refused.exception)
+    assert not (tmp_path / "base" / "results.png").exists()
 
 
 @pytest.mark.parametrize("there", ["base", "other", "compare"])
