@@ -19,10 +19,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from s2r_protocol.cli.conditions import conditions_of, keep_to
-from s2r_protocol.exits import NotReadyError, UsageError
+from s2r_protocol.exits import UsageError
 from s2r_protocol.ray_cluster import on_ray
 from s2r_sim import batch_worker
-from s2r_sim.errors import WorkerLostError
+from s2r_sim.errors import ResultsTakenError, WorkerLostError
 
 Job = tuple[Any, ...]
 Work = Callable[..., dict[str, Any]]
@@ -56,7 +56,8 @@ def run_jobs(
         UsageError: The results that are there were made with other conditions.
         WorkerLostError: A job's workers died again and again.
         Exception: What a job raised, the first of those that did; the results of the jobs under way with it are kept.
-        NotReadyError: Ray is asked for and not installed, or another process is at work on the same results.
+        ResultsTakenError: Another process is at work on the same results.
+        NotReadyError: Ray is asked for and not installed.
     """
     todo = list(jobs)
     results.parent.mkdir(parents=True, exist_ok=True)
@@ -77,7 +78,7 @@ def _take(file: TextIO, results: Path) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise NotReadyError(
+        raise ResultsTakenError(
             f"another process is at work on {results}, and both would do the same jobs in the same folders: wait "
             "until it has ended, or give another --out"
         ) from error

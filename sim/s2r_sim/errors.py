@@ -29,5 +29,9 @@ class UnstableError(StandInError):
     """A world cannot be simulated any further."""
 
 
+class ResultsTakenError(NotReadyError):
+    """Another process is at work on the same results."""
+
+
 class WorkerLostError(NotReadyError):
     """Worker processes of a batch of jobs die again and again."""

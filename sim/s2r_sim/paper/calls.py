@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from s2r_protocol.exits import NotReadyError, UsageError
 from s2r_sim.batch import jobs_in
+from s2r_sim.errors import ResultsTakenError
 from s2r_sim.paper.score import Row
 
 CORES, GOAL_H = 2, 8.0  # of the machine that a whole campaign is to be done on, and in how long
@@ -61,7 +61,7 @@ def campaign_of(rows: Sequence[Row], attempts: int, results: Path) -> Campaign:
 
 @contextmanager
 def noted(results: Path, command: str, jobs: int) -> Iterator[None]:
-    """Add a line beside the results for what the block adds to them, also where it is interrupted."""
+    """Add a line beside the results for what the block adds to them, however it ends."""
     before, began_s, code = jobs_in(results), time.monotonic(), commit()
 
     def note() -> None:
@@ -73,7 +73,7 @@ def noted(results: Path, command: str, jobs: int) -> Iterator[None]:
 
     try:
         yield
-    except (UsageError, NotReadyError):
+    except ResultsTakenError:
         raise  # what is there now, another process added
     except BaseException:
         note()

@@ -423,7 +423,8 @@ def test_import_command_writes_a_scene_that_loads(partnet, tmp_path):
 
 LID = """<robot name="lid">
   <link name="base"><visual><origin xyz="0.12 0 0.01"/><geometry><box size="0.24 0.34 0.02"/></geometry></visual></link>
-  <link name="lid"><visual><origin xyz="0.12 0 0.004"/><geometry><box size="0.24 0.34 0.008"/></geometry></visual></link>
+  <link name="lid">
+    <visual><origin xyz="0.12 0 0.004"/><geometry><box size="0.24 0.34 0.008"/></geometry></visual></link>
   <joint name="hinge" type="revolute"><parent link="base"/><child link="lid"/>
     <origin xyz="0 0 0.02"/><axis xyz="0 -1 0"/><limit lower="0" upper="2.3"/></joint>
 </robot>

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from s2r_protocol.exits import UsageError
 from s2r_sim import batch
+from s2r_sim.errors import ResultsTakenError, WorkerLostError
 from s2r_sim.paper import trial as trial_module
 from s2r_sim.paper.ablations import ablations, uncorrected
 from s2r_sim.paper.calls import calls_of, commit, noted
@@ -520,22 +521,35 @@ def test_a_campaign_that_was_continued_is_one_line_and_what_nobody_noted_is_told
     assert "- 2 trials (laptop 0 to 3): their command was not noted" in text
 
 
-def test_what_an_interrupted_call_added_is_noted_and_a_call_that_added_nothing_is_not(tmp_path):
+def adding(results, error):
+    """A call that adds a trial and ends with an error."""
+    with noted(results, "the command", jobs=2):
+        results.write_text(json.dumps({"job": ["drawer", 7, 3], "result": ROWS[0]}) + "\n")
+        raise error
+
+
+@pytest.mark.parametrize(
+    ("error", "calls"),
+    [
+        (KeyboardInterrupt(), 1),
+        (WorkerLostError("out of memory"), 1),
+        (UsageError("s2r run refused its options"), 1),
+        (ResultsTakenError("another process added them"), 0),
+    ],
+)
+def test_what_a_call_added_is_noted_however_it_ended(tmp_path, error, calls):
+    results = tmp_path / "results.jsonl"
+    with pytest.raises(type(error)):
+        adding(results, error)
+    lines = calls_of(results).read_text().splitlines() if calls_of(results).exists() else []
+    assert [json.loads(line)["added"] for line in lines] == [[["drawer", 7, 3]]] * calls
+
+
+def test_a_call_that_added_nothing_is_not_noted(tmp_path):
     results = tmp_path / "results.jsonl"
     with noted(results, "nothing to do", jobs=1):
         pass
     assert not calls_of(results).exists()
-
-    def interrupted():
-        with noted(results, "interrupted", jobs=2):
-            results.write_text(json.dumps({"job": ["drawer", 7, 3], "result": ROWS[0]}) + "\n")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    (line,) = calls_of(results).read_text().splitlines()
-    call = json.loads(line)
-    assert (call["command"], call["jobs"], call["added"]) == ("interrupted", 2, [["drawer", 7, 3]])
 
 
 def test_campaigns_that_share_a_trial_or_were_run_otherwise_are_not_joined(tmp_path):
