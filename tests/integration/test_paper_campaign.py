@@ -59,7 +59,8 @@ def test_six_manipulations_go_through_or_name_the_stage_that_failed(campaign):
         assert row["commitment_holds"], row
         assert row["manipulations"] == 1 if row["stage"] is None else row["stage"], row
     assert [entry["n"] for entry in campaign.said["last"]] == [2, 2, 2]
-    assert campaign.said["last"] == campaign.said["first"]  # nothing was corrected
+    first = campaign.said["first"]  # nothing was corrected
+    assert [{name: one[name] for name in first[0]} for one in campaign.said["last"]] == first
 
 
 @pytest.mark.parametrize("kind", ["drawer", "laptop"])

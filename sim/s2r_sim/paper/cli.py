@@ -89,7 +89,7 @@ def paper(
     from s2r_sim.batch import run_jobs
     from s2r_sim.paper.calls import campaign_of, noted, told
     from s2r_sim.paper.page import write_page
-    from s2r_sim.paper.summary import merit
+    from s2r_sim.paper.summary import causes, merit
     from s2r_sim.paper.trial import run_trial
     from s2r_sim.paper.trials import KINDS
 
@@ -124,11 +124,12 @@ def paper(
         campaigns = [campaign_of(rows, attempts, results)]
     rows = [row for campaign in campaigns for row in campaign.rows]
     write_page(rows, page or out / "results.md", command, attempts, note, others, told(campaigns))
-    merits = {key: [asdict(merit(rows, name, key)) for name in names] for key in ("delta", "delta_first")}
+    last = [asdict(merit(rows, name)) | asdict(causes(rows, name)) for name in names]
     if as_json:
-        click.echo(json.dumps({"last": merits["delta"], "first": merits["delta_first"]}, indent=1))
+        first_done = [asdict(merit(rows, name, "delta_first")) for name in names]
+        click.echo(json.dumps({"last": last, "first": first_done}, indent=1))
         return
-    for entry in merits["delta"]:
+    for entry in last:
         ten, thirty, fifty = entry["below"]
         click.echo(
             f"{entry['kind']:<8} n {entry['n']:>3}  manipulated {entry['done']:>3}  "

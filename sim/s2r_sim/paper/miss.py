@@ -28,12 +28,15 @@ Row = dict[str, Any]
 STAGES = ("perceive", "plan", "execute", "measure", "processes")
 MISS = 0.10  # of what was asked for
 HALF = 0.5  # of the miss: what hides this much of it explains that it stayed
-_ENDED_BY = {
+_ENDED_BY = {  # what begins with none of these is between the host's stages, or a process of the trial
+    "home": "execute",
     "view": "perceive",
     "first push": "perceive",
     "estimate joint": "perceive",
     "build model": "perceive",
     "tell joint": "perceive",
+    "physics": "perceive",
+    "lost motion": "perceive",
     "plan": "plan",
     "manipulation": "execute",
     "measure": "measure",

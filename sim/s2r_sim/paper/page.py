@@ -13,7 +13,7 @@ from s2r_sim.paper.miss import STAGES, stage_of_miss
 from s2r_sim.paper.picture import picture_link, picture_of
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import Row
-from s2r_sim.paper.summary import LIMITS, PAPER, UNITS, UNTOLD, Merit, merit, wilson
+from s2r_sim.paper.summary import LIMITS, PAPER, UNITS, UNTOLD, Merit, causes, merit, wilson
 from s2r_sim.paper.trials import KINDS
 
 
@@ -101,7 +101,7 @@ def _lines(
         "|---|---|---|",
     ]
     for kind in kinds:
-        for stage, count in merit(rows, kind).failures.items():
+        for stage, count in causes(rows, kind).failures.items():
             lines.append(f"| {kind} | {stage} | {count} |")
     lines += ["", "## Misses by cause", "", *_misses(rows, kinds)]
     if others:
@@ -176,12 +176,13 @@ def _paper_line(kind: str) -> str:
 
 def _misses(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:
     """To which stage every trial is owed that ended a tenth or more of what was asked for off."""
-    merits = [merit(rows, kind) for kind in kinds]
-    causes = [*STAGES, *([UNTOLD] if any(UNTOLD in m.misses for m in merits) else [])]
+    misses = {kind: causes(rows, kind).misses for kind in kinds}
+    stages = [*STAGES, *([UNTOLD] if any(UNTOLD in counts for counts in misses.values()) else [])]
     lines = [
         "Trials that ended 10 % or more off, or without a manipulation, by the first of these that holds:",
         "",
-        "- The stage that ended the trial: looks, pushes and the joint are *perceive*.",
+        "- The stage that ended the trial: looks, pushes, the joint and what is learnt are *perceive*, the way home is"
+        " *execute*, a process that fell silent is *processes*.",
         "- *perceive*: the joint as told, by itself, hides half of the miss or more: even a look without noise at the"
         " point that was pushed would misread the way by that.",
         "- *measure*: the last look hid half of the miss or more, and a correction was left.",
@@ -189,12 +190,12 @@ def _misses(rows: Sequence[Row], kinds: Sequence[str]) -> list[str]:
         "- The largest part of the last manipulation's δ: target minus end foreseen (*plan*), state seen minus true"
         " state before it (*perceive*), motion foreseen minus true motion (*execute*).",
         "",
-        f"| object | misses | {' | '.join(causes)} |",
-        f"|---|---|{'---|' * len(causes)}",
+        f"| object | misses | {' | '.join(stages)} |",
+        f"|---|---|{'---|' * len(stages)}",
     ]
-    for m in merits:
-        counts = " | ".join(str(m.misses.get(cause, 0)) for cause in causes)
-        lines.append(f"| {m.kind} | {sum(m.misses.values())} | {counts} |")
+    for kind, counts in misses.items():
+        cells = " | ".join(str(counts.get(stage, 0)) for stage in stages)
+        lines.append(f"| {kind} | {sum(counts.values())} | {cells} |")
     return lines
 
 

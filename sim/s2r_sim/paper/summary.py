@@ -38,8 +38,6 @@ class Merit:
         delta, delta_r: Means of |δ| [m or rad] and |δ_r| over ``done``; None without any.
         median_r: Median |δ_r| over ``done``.
         delta_90, delta_r_90: 90 % bootstrap intervals of the two means.
-        failures: Stage that ended a trial -> how often.
-        misses: Stage to which a miss is owed -> how often; see :mod:`s2r_sim.paper.miss`.
     """
 
     kind: str
@@ -51,6 +49,17 @@ class Merit:
     median_r: float | None
     delta_90: tuple[float, float] | None
     delta_r_90: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Causes:
+    """Why trials of one kind of object ended as they did, after the last manipulation.
+
+    Attributes:
+        failures: Stage that ended a trial -> how often.
+        misses: Stage to which a miss is owed -> how often; see :mod:`s2r_sim.paper.miss`.
+    """
+
     failures: dict[str, int]
     misses: dict[str, int]
 
@@ -65,7 +74,6 @@ def merit(rows: Sequence[Row], kind: str, key: str = "delta") -> Merit:
     mine = [row for row in rows if row["kind"] == kind]
     errors = relative_errors(mine, key)
     absolute = np.array([abs(row[key]) for row in mine if row.get(key) is not None])
-    failures = Counter(row["stage"] for row in mine if row["stage"] is not None)
     return Merit(
         kind=kind,
         n=len(mine),
@@ -76,9 +84,15 @@ def merit(rows: Sequence[Row], kind: str, key: str = "delta") -> Merit:
         median_r=float(np.median(errors)) if len(errors) else None,
         delta_90=interval(absolute, "mean")[1:] if len(absolute) else None,
         delta_r_90=interval(errors, "mean")[1:] if len(errors) else None,
-        failures=dict(failures.most_common()),
-        misses=dict(Counter(stage_of_miss(row) or UNTOLD for row in mine if missed(row))),
     )
+
+
+def causes(rows: Sequence[Row], kind: str) -> Causes:
+    """Why trials of one kind ended as they did."""
+    mine = [row for row in rows if row["kind"] == kind]
+    failures = Counter(row["stage"] for row in mine if row["stage"] is not None)
+    misses = Counter(stage_of_miss(row) or UNTOLD for row in mine if missed(row))
+    return Causes(dict(failures.most_common()), dict(misses))
 
 
 def wilson(k: int, n: int, z: float = 1.645) -> tuple[float, float]:

@@ -24,7 +24,7 @@ from s2r_sim.paper.distribution import shares_below
 from s2r_sim.paper.page import write_page
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import failed_stage, score_trial
-from s2r_sim.paper.summary import interval, merit, wilson
+from s2r_sim.paper.summary import causes, interval, merit, wilson
 from s2r_sim.paper.trial import amount_to_ask_for, run_trial
 from s2r_sim.paper.trials import KINDS, draw_simple_trial, draw_trial
 from s2r_sim.score import true_joint
@@ -236,7 +236,7 @@ def test_a_trial_without_a_manipulation_is_a_miss_but_has_no_error():
     assert (m.n, m.done, m.below) == (5, 4, (1, 2, 3))
     assert m.delta == pytest.approx((0.005 + 0.02 + 0.045 + 0.2) / 4)
     assert m.delta_r == pytest.approx((0.05 + 0.2 + 0.45 + 2.0) / 4)
-    assert m.failures == {"plan": 1}
+    assert causes(ROWS, "drawer").failures == {"plan": 1}
 
 
 def test_the_interval_of_a_share_holds_the_share():
@@ -391,6 +391,15 @@ def test_a_page_from_results_alone_tells_no_other_options_than_they_were_made_wi
     told = CliRunner().invoke(paper, [*options, "--run-options", "--reactive", "--pace", "1"])
     assert told.exit_code == 0, told.output
     assert "--run-options '--reactive' --pace 1 --out DIR" in (tmp_path / "results.md").read_text()
+
+
+def test_causes_are_told_of_the_last_manipulation_alone(tmp_path):
+    write_campaign(tmp_path / "base", 3)
+    told = CliRunner().invoke(paper, ["--out", str(tmp_path / "base"), "--page-only", "--json"])
+    said = json.loads(told.stdout)
+    assert said["last"][0]["failures"] == {"plan": 1}
+    assert said["last"][0]["misses"] == {"not told": 3, "plan": 1}
+    assert not {"failures", "misses"} & said["first"][0].keys()
 
 
 def test_the_page_has_every_trial_the_failures_and_a_picture(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 
 from s2r_sim.paper.miss import stage_of_miss, terms_of_error
 from s2r_sim.paper.page import write_page
-from s2r_sim.paper.summary import merit
+from s2r_sim.paper.summary import causes, merit
 from s2r_sim.paper.trials import draw_trial
 from s2r_sim.score import true_joint
 
@@ -58,6 +58,10 @@ def row(delta: float | None = 0.03, stage: str | None = None, number: int = 0, *
         (row(None, "first push not reachable"), "perceive"),
         (row(None, "estimate joint"), "perceive"),
         (row(None, "view B"), "perceive"),
+        (row(None, "physics after targets"), "perceive"),
+        (row(0.03, "lost motion after target"), "perceive"),
+        (row(None, "home"), "execute"),
+        (row(None, "connect"), "processes"),
         (row(0.03, "manipulation"), "execute"),
         (row(0.03, "measure"), "measure"),
         (row(None, "processes"), "processes"),
@@ -72,7 +76,7 @@ def test_a_miss_is_owed_to_the_first_rule_that_holds(trial, owed_to):
 def test_misses_of_rows_without_terms_are_counted_as_not_told(tmp_path):
     old = {key: value for key, value in row().items() if key != "terms"}
     rows = [row(0.001), row(number=1), row(plan=0.02, number=2), old, row(None, "plan", number=4)]
-    assert merit(rows, "drawer").misses == {"execute": 1, "plan": 2, "not told": 1}
+    assert causes(rows, "drawer").misses == {"execute": 1, "plan": 2, "not told": 1}
     write_page(rows, tmp_path / "page.md", "s2r bench paper", attempts=3)
     text = (tmp_path / "page.md").read_text()
     assert "| object | misses | perceive | plan | execute | measure | processes | not told |" in text
