@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, tls_option
+from s2r_protocol.cli.outputs import check_new_file
 from s2r_protocol.exits import UsageError
 
 PACKINGS = ("fd", "classic")
@@ -53,7 +54,10 @@ SPLITS = ("train", "validation", "test")
 )
 @tls_option
 @click.option(
-    "--truth", "truth_file", type=click.Path(path_type=Path), help="Log what really happens here (CSV)."
+    "--truth",
+    "truth_file",
+    type=click.Path(path_type=Path),
+    help="New file to log what really happens in (CSV).",
 )
 @click.option("--cell", default="lab", show_default=True, help="Name of the cell in the key space.")
 @click.option("--arm", "arm_name", default="xmate3pro", show_default=True, help="Name or folder of an arm.")
@@ -93,6 +97,8 @@ def sim_arm(
 
     if (world_file is None) == (seed is None):
         raise UsageError("give either --world FILE or --seed N")
+    if truth_file is not None:
+        check_new_file(truth_file)
     if world_file is not None:
         world = load_world(world_file)
     else:

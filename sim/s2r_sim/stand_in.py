@@ -80,10 +80,6 @@ def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
     wire = Wire(nodes.tick_ns, rate, injections)
     click.echo(f"world {world.commitment}")
     with ExitStack() as stack:
-        if config.truth_file is not None:
-            truth = TruthLog(config.truth_file, plant)
-            stack.callback(truth.close)
-            plant.observers.append(truth)
         snapshot = Snapshot(plant.physics.model.nq)
         snapshot(plant)
         plant.observers.append(snapshot)
@@ -91,6 +87,10 @@ def run_stand_in(world: WorldSpec, config: StandInConfig) -> None:
         stack.callback(hub.close)
         camera = CameraProcess(arm.directory, world, snapshot, config.listen, keys, config.tls)
         stack.callback(camera.close)
+        if config.truth_file is not None:  # no log of a stand-in that does not start
+            truth = TruthLog(config.truth_file, plant)
+            stack.callback(truth.close)
+            plant.observers.append(truth)
         bus = Bus(hub, wire, nodes, plant)
         bus.responders.append(SdoServers(plant.drives, arm, nodes.tick_ns, nodes.is_stopped).answer)
         stack.enter_context(_stopped_by_signals(bus))

@@ -76,12 +76,15 @@ def missing(
     from s2r_sim.missing.page import summaries, write_page
     from s2r_sim.missing.trial import run_case
     from s2r_sim.missing.what_if import read_what_if
+    from s2r_sim.paper.own_page import check_page
 
     labels = list(HIDDEN) if cases == "all" else [label.strip() for label in cases.split(",")]
     for label in labels:
         if label not in HIDDEN:
             raise UsageError(f"unknown case {label!r}; there are {', '.join(HIDDEN)}")
     shifts = read_what_if(what_if) if what_if is not None else []  # refused before the hours of work
+    page = page or out / "physics-left-out.md"
+    check_page(page, "s2r bench missing")
     arms = ["learnt"]
     arms += [] if no_control else ["as it is"]
     arms += ["lost motion alone"] if lost_motion_alone else []
@@ -106,7 +109,7 @@ def missing(
     command = (
         f"s2r bench missing{chosen} --objects {objects} --first {first} --later {later}{alone} --out DIR"
     )
-    write_page(rows, page or out / "physics-left-out.md", command, note, shifts)
+    write_page(rows, page, command, note, shifts)
     found = summaries(rows)
     if as_json:
         click.echo(json.dumps([one.as_json() for one in found], indent=1))
@@ -117,7 +120,7 @@ def missing(
             f"learnt {_percent(one.learnt)}  named {one.right} of {one.right + one.wrong}, alone {one.alone}, "
             f"open {one.open}"
         )
-    click.echo(f"page: {page or out / 'physics-left-out.md'}")
+    click.echo(f"page: {page}")
 
 
 def _percent(value: float | None) -> str:

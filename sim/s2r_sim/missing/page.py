@@ -160,10 +160,9 @@ def write_page(
         note: A remark for the reader.
         shifts: What each effect could change at all, see :mod:`s2r_sim.missing.what_if`.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     found = summaries(rows)
-    draw(rows, found, picture_of(path))
     path.write_text("\n".join(_lines(rows, found, command, note, shifts, path)) + "\n")
+    draw(rows, found, picture_of(path))
 
 
 def _lines(

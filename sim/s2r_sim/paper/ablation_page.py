@@ -25,8 +25,6 @@ def write_page(comparisons: Sequence[Sequence[Pairs]], path: Path, command: str,
         command: That wrote it.
         remarks: Markdown that goes before the tables.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draw(comparisons, picture_of(path))
     lines = [
         "# Ablations",
         "",
@@ -52,6 +50,7 @@ def write_page(comparisons: Sequence[Sequence[Pairs]], path: Path, command: str,
         *_trials(comparisons),
     ]
     path.write_text("\n".join(lines) + "\n")
+    draw(comparisons, picture_of(path))
 
 
 def _trials(comparisons: Sequence[Sequence[Pairs]]) -> list[str]:

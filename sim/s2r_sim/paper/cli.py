@@ -88,6 +88,7 @@ def paper(
     """
     from s2r_sim.batch import run_jobs
     from s2r_sim.paper.calls import campaign_of, noted, told
+    from s2r_sim.paper.own_page import check_page
     from s2r_sim.paper.page import write_page
     from s2r_sim.paper.summary import causes, merit
     from s2r_sim.paper.trial import run_trial
@@ -101,6 +102,8 @@ def paper(
         raise UsageError("--also joins campaigns that were run: give --page-only, too")
     others = _others(compare)
     words = _words(run_options)
+    page = page or out / "results.md"
+    check_page(page, "s2r bench paper")
     conditions = {"--run-options": run_options, "--pace": pace, "--arm": arm}
     options = f" --arm {arm}" if arm != "xmate3pro" else ""
     options += f" --run-options '{run_options}'" if run_options else ""
@@ -123,7 +126,7 @@ def paper(
             rows = run_jobs(work, todo, results, jobs, "manipulations", ray, conditions)
         campaigns = [campaign_of(rows, attempts, results)]
     rows = [row for campaign in campaigns for row in campaign.rows]
-    write_page(rows, page or out / "results.md", command, attempts, note, others, told(campaigns))
+    write_page(rows, page, command, attempts, note, others, told(campaigns))
     last = [asdict(merit(rows, name)) | asdict(causes(rows, name)) for name in names]
     if as_json:
         first_done = [asdict(merit(rows, name, "delta_first")) for name in names]
@@ -135,7 +138,7 @@ def paper(
             f"{entry['kind']:<8} n {entry['n']:>3}  manipulated {entry['done']:>3}  "
             f"below 10 / 30 / 50 %: {ten} / {thirty} / {fifty}  failures {entry['failures'] or '-'}"
         )
-    click.echo(f"page: {page or out / 'results.md'}")
+    click.echo(f"page: {page}")
 
 
 def _campaigns(

@@ -33,6 +33,7 @@ def ablations(pairs: tuple[str, ...], page: Path, remarks: Path | None) -> None:
     """
     from s2r_sim.paper.ablation_page import write_page
     from s2r_sim.paper.ablations import FIRST, Pairs, campaign_in, pairs_of, relative, uncorrected
+    from s2r_sim.paper.own_page import check_page
     from s2r_sim.paper.trials import KINDS
 
     comparisons: list[list[Pairs]] = []
@@ -50,6 +51,7 @@ def ablations(pairs: tuple[str, ...], page: Path, remarks: Path | None) -> None:
         comparisons.append(found)
     comparisons = [*corrected.values(), *comparisons]
     told = " ".join(f"--pair '{entry.partition('=')[0]}=BASE,DIR'" for entry in pairs)
+    check_page(page, "s2r bench ablations")
     text = remarks.read_text() if remarks is not None else ""
     write_page(comparisons, page, f"s2r bench ablations {told} --page {page}", text)
     for found in comparisons:

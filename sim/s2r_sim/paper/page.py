@@ -37,10 +37,9 @@ def write_page(
         others: Campaigns of the same trials with other options, by label.
         ran: Markdown lines: which commands ran the trials, see :func:`s2r_sim.paper.calls.told`.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     kinds = [kind for kind in KINDS if any(row["kind"] == kind for row in rows)]
-    draw_distribution(rows, kinds, picture_of(path))
     path.write_text("\n".join(_lines(rows, kinds, command, attempts, note, others or {}, path, ran)) + "\n")
+    draw_distribution(rows, kinds, picture_of(path))
 
 
 def _lines(

@@ -6,6 +6,7 @@ import math
 import sys
 import warnings
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,6 +22,7 @@ from s2r_sim.paper.calls import calls_of, commit, noted
 from s2r_sim.paper.cli import paper
 from s2r_sim.paper.cli_ablations import ablations as ablation_command
 from s2r_sim.paper.distribution import shares_below
+from s2r_sim.paper.own_page import check_page
 from s2r_sim.paper.page import write_page
 from s2r_sim.paper.projection import projection
 from s2r_sim.paper.score import failed_stage, score_trial
@@ -301,6 +303,39 @@ def test_the_page_of_ablations_has_tables_picture_remarks_and_every_trial(tmp_pa
     assert "| without correction (base) | drawer | 5 |" in text
     assert "| no eyes | drawer | 4 | –, – | +90.0 %, – |" in text
     assert page.with_name("ablations.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize("taken", ["page.md", "page.png"])
+def test_a_page_replaces_none_but_an_earlier_one_of_its_command_and_its_picture(tmp_path, taken):
+    write_campaign(tmp_path / "base", 3)
+    options = ["--out", str(tmp_path / "base"), "--page-only", "--page", str(tmp_path / "page.md")]
+    (tmp_path / taken).write_text("# Results\n\nmy own\n")
+    refused = CliRunner().invoke(paper, options)
+    assert isinstance(refused.exception, UsageError)
+    assert f"{taken} exists and would be replaced, and no page of 's2r bench paper' is there" in str(
+        refused.exception
+    )
+    assert (tmp_path / taken).read_text() == "# Results\n\nmy own\n"
+    (tmp_path / taken).unlink()
+    for _ in range(2):
+        assert CliRunner().invoke(paper, options).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [("results", "paper"), ("ablations", "ablations"), ("physics-left-out", "missing")],
+)
+def test_the_pages_of_this_project_are_made_again_in_their_places(name, command):
+    check_page(Path(__file__).parents[3] / "docs" / f"{name}.md", f"s2r bench {command}")
+
+
+def test_a_place_for_a_page_that_cannot_be_is_told_before_the_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(batch, "run_jobs", lambda *_, **__: pytest.fail("hours of work"))
+    (tmp_path / "file").write_text("")
+    page = tmp_path / "file" / "page.md"
+    refused = CliRunner().invoke(paper, ["--out", str(tmp_path / "new"), "--page", str(page)])
+    assert isinstance(refused.exception, UsageError)
+    assert "its folder cannot be made" in str(refused.exception)
 
 
 @pytest.mark.parametrize(

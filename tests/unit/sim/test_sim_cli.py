@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from s2r_protocol.can import fd
 from s2r_protocol.can.frames import CanFrame, connect_unix
-from s2r_protocol.exits import UsageError
+from s2r_protocol.exits import S2RError, UsageError
 from s2r_sim.cli import sim_arm, world
 from s2r_sim.score import final_state
 from s2r_sim.stand_in import StandInConfig
@@ -52,6 +52,21 @@ def test_malformed_injection_ends_before_anything_listens(tmp_path):
     result = run(sim_arm, "--seed", 1, "--inject", "burn:it", "--bus", f"unix:{tmp_path}/b.sock")
     assert isinstance(result.exception, UsageError)
     assert not (tmp_path / "b.sock").exists()
+
+
+def test_a_truth_log_replaces_nothing(tmp_path):
+    (tmp_path / "mine.csv").write_text("keep me")
+    result = run(sim_arm, "--seed", 1, "--truth", tmp_path / "mine.csv", "--bus", f"unix:{tmp_path}/b.sock")
+    assert isinstance(result.exception, UsageError)
+    assert "mine.csv exists and would be replaced" in str(result.exception)
+    assert (tmp_path / "mine.csv").read_text() == "keep me"
+
+
+def test_a_stand_in_that_does_not_start_leaves_no_truth_log(tmp_path):
+    (tmp_path / "taken").write_text("no socket")
+    result = run(sim_arm, "--seed", 1, "--truth", tmp_path / "t.csv", "--bus", f"unix:{tmp_path}/taken")
+    assert isinstance(result.exception, S2RError)
+    assert not (tmp_path / "t.csv").exists()
 
 
 def test_stand_in_serves_a_master_hides_its_world_and_ends_on_ctrl_c(tmp_path):
