@@ -58,6 +58,7 @@ from s2r_sim.paper.trial import amount_to_ask_for
 from s2r_sim.paper.trials import Trial, draw_trial
 from s2r_sim.physics import build_world
 from s2r_sim.plant import Plant
+from s2r_sim.sealed import host_seed
 from s2r_sim.truth import TruthLog
 
 TICK_NS = 1_000_000
@@ -261,7 +262,7 @@ def run_trial(out: Path, chosen: dict[str, Any], kind: str, number: int, attempt
         change = amount_to_ask_for(trial, as_json(record))
         return change
 
-    usual = {"seed": number, "attempts": attempts, "acknowledge_contact": True, "settle_s": 0.0}
+    usual = {"seed": host_seed(number), "attempts": attempts, "acknowledge_contact": True, "settle_s": 0.0}
     settings = RunSettings(
         target=None, task=TASKS[kind], from_pushed=True, out=folder / "run", **(usual | chosen)
     )

@@ -249,5 +249,5 @@ def _last_resort(value: object) -> Any:
     if isinstance(value, np.generic):
         return _plain(value.item())
     if isinstance(value, Path):
-        return str(value)
+        return str(value.resolve())  # whoever reads it is elsewhere
     raise TypeError(f"{type(value).__name__} does not belong into run.json")

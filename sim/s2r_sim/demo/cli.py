@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="CAN FD at 1 kHz or classical CAN at 250 Hz.",
 )
-@click.option("--out", type=UNUSED_FOLDER, help="Folder, new or empty [default: runs/demo-<seed>-<time>].")
+@click.option("--out", type=UNUSED_FOLDER, help="Folder, new or empty [default: runs/demo-<object>-<time>].")
 @click.option("--json", "as_json", is_flag=True, help="Print the verdict on standard output.")
 def demo(
     seed: int,
@@ -88,6 +88,7 @@ def demo(
     from s2r_sim.demo.goals import GOALS
     from s2r_sim.demo.processes import free_port, peer, s2r_command
     from s2r_sim.demo.verdict import draw_truth, open_truth
+    from s2r_sim.sealed import TRUTH, WORLD, host_seed, out_of_sight
 
     goal, asked = GOALS[kind], target or GOALS[kind].target
     # What is no arm, no number or no angle of this kind is refused before anything starts.
@@ -95,31 +96,29 @@ def demo(
     goal.targets.read(asked)
     for one in further:
         goal.targets.read(one, "--then")
-    folder = out or Path("runs") / f"demo-{seed}-{time.strftime('%Y%m%d-%H%M%S')}"
+    folder = out or Path("runs") / f"demo-{kind}-{time.strftime('%Y%m%d-%H%M%S')}"
     folder.mkdir(parents=True, exist_ok=True)
-    world = folder / "world.json"
-    _say(f"drawing hidden {kind} {seed}")
-    drawn = subprocess.run(
-        s2r_command("world", "draw", "--kind", kind, "--seed", str(seed), "--arm", arm, "--out", world),
-        stdout=subprocess.PIPE,
-        text=True,
-        check=False,
-    )
-    if drawn.returncode != ExitCode.OK:
-        return drawn.returncode  # it has said why
-    published = drawn.stdout.strip()
-    _say(f"commitment to the hidden world: {published}")
-
     camera, executor = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
     both = ("--arm", arm, "--clock", clock, "--pace", str(pace), "--packing", packing)
-    with tempfile.TemporaryDirectory(prefix="s2r-") as sockets:
-        bus = f"unix:{sockets}/bus.sock"
+    with out_of_sight(folder) as hidden, tempfile.TemporaryDirectory(prefix="s2r-") as sockets:
+        world, truth, bus = hidden / WORLD, hidden / TRUTH, f"unix:{sockets}/bus.sock"
+        _say(f"drawing hidden {kind} {seed}")
+        drawn = subprocess.run(
+            s2r_command("world", "draw", "--kind", kind, "--seed", str(seed), "--arm", arm, "--out", world),
+            stdout=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+        if drawn.returncode != ExitCode.OK:
+            return drawn.returncode  # it has said why
+        published = drawn.stdout.strip()
+        _say(f"commitment to the hidden world: {published}")
         stand_in = (
             "sim-arm",
             "--world",
             world,
             "--truth",
-            folder / "truth.csv",
+            truth,
             "--bus",
             bus,
             "--listen",
@@ -136,7 +135,7 @@ def demo(
             str(attempts),
             "--acknowledge-contact",
             "--seed",
-            str(seed),
+            str(host_seed(seed)),
             "--arm",
             arm,
             *(["--reactive"] if reactive else []),

@@ -13,7 +13,7 @@ from s2r_sim.missing.cases import LATER, LEARNING, draw_case
 from s2r_sim.missing.score import Row, score_run
 from s2r_sim.missing.shift import largest, shifts
 from s2r_sim.paper.trials import Trial
-from s2r_sim.sealed import TRUTH, WORLD, sealed
+from s2r_sim.sealed import TRUTH, WORLD, host_seed, nameless, sealed
 
 TIMEOUT_S = 2400.0
 ARMS = {
@@ -64,12 +64,13 @@ def _play(trial: Trial, folder: Path, targets: list[float], options: tuple[str, 
     with (
         sealed(trial.world, folder) as hidden,
         stand_in_cell(folder, ("--world", hidden / WORLD), stand_in=("--truth", hidden / TRUTH)) as cell,
+        nameless(folder) as unnamed,
         (folder / "host.log").open("w") as log,
     ):
         command = s2r_command(
             "run", trial.kind, f"--target={first!r}", *(f"--then={one!r}" for one in further), "--from", "pushed",
-            "--attempts", "1", "--go-on", "--acknowledge-contact", "--seed", str(trial.number),
-            "--executor", cell.executor, "--camera", cell.camera, "--out", folder / "run", *options,
+            "--attempts", "1", "--go-on", "--acknowledge-contact", "--seed", str(host_seed(trial.number)),
+            "--executor", cell.executor, "--camera", cell.camera, "--out", unnamed / "run", *options,
         )  # fmt: skip
         ended = subprocess.run(command, stdout=log, stderr=subprocess.STDOUT, timeout=TIMEOUT_S, check=False)
     if ended.returncode == ExitCode.INTERRUPTED:

@@ -17,7 +17,7 @@ from s2r_sim.errors import TruthFileError
 from s2r_sim.paper.score import Row, score_trial
 from s2r_sim.paper.trials import Trial, draw_trial
 from s2r_sim.score import sense
-from s2r_sim.sealed import TRUTH, WORLD, sealed
+from s2r_sim.sealed import TRUTH, WORLD, host_seed, nameless, sealed
 
 TIMEOUT_S = 1200.0
 MOST_TRIES = 3
@@ -77,12 +77,13 @@ def _try(trial: Trial, attempts: int, options: tuple[str, ...], pace: float, arm
                 stand_in=("--truth", hidden / TRUTH, "--arm", arm),
                 executor=("--arm", arm),
             ) as cell,
+            nameless(folder) as unnamed,
             (folder / "host.log").open("w") as log,
         ):
             command = s2r_command(
                 "run", trial.kind, "--target", "ask", "--from", "pushed", "--attempts", str(attempts),
-                "--acknowledge-contact", "--seed", str(trial.number), "--arm", arm, "--executor", cell.executor,
-                "--camera", cell.camera, "--out", folder / "run", *options,
+                "--acknowledge-contact", "--seed", str(host_seed(trial.number)), "--arm", arm,
+                "--executor", cell.executor, "--camera", cell.camera, "--out", unnamed / "run", *options,
             )  # fmt: skip
             change, code = _run_and_answer(command, log, trial, folder)
         if code == ExitCode.INTERRUPTED:

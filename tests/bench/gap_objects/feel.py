@@ -34,6 +34,7 @@ from s2r_protocol.exits import ExitCode
 from s2r_sim.missing.cases import LEARNING
 from s2r_sim.paper.trials import Trial
 from s2r_sim.plant import Plant
+from s2r_sim.sealed import host_seed
 
 ARM = "xmate3pro"
 KEPT = "run.pickle"
@@ -153,7 +154,8 @@ def _run(trial: Trial, folder: Path) -> Run:
     first, *then = (share * trial.change for share in LEARNING)
     settings = RunSettings(
         target=first, then=tuple(then), task=TASKS[trial.kind], from_pushed=True, out=folder / "run",
-        attempts=1, go_on=True, acknowledge_contact=True, learn_physics=True, seed=trial.number, settle_s=0.0,
+        attempts=1, go_on=True, acknowledge_contact=True, learn_physics=True, settle_s=0.0,
+        seed=host_seed(trial.number),
     )  # fmt: skip
     pipeline, s2r_host.run.feeling.samples_in = s2r_host.run.pipeline, samples_in
     pipeline.open_session, pipeline.Feeling = direct, watched  # type: ignore[assignment]

@@ -25,6 +25,7 @@ from s2r_sim.objects.effects import JointEffects
 from s2r_sim.paper.trials import Trial
 from s2r_sim.physics import build_world
 from s2r_sim.score import true_joint
+from s2r_sim.sealed import host_seed
 from s2r_sim.truth import CONTACT_COLUMNS
 from s2r_sim.world import load_world
 
@@ -140,9 +141,12 @@ def test_the_world_is_out_of_the_runs_folder_while_the_host_is_at_work(tmp_path,
         seen.extend(path.name for path in folder.rglob("*"))
 
     monkeypatch.setattr("s2r_sim.missing.trial.stand_in_cell", cell)
-    monkeypatch.setattr("s2r_sim.missing.trial.s2r_command", lambda *_: ["true"])
+    told = []
+    monkeypatch.setattr("s2r_sim.missing.trial.s2r_command", lambda *words: told.extend(words) or ["true"])
     run_case(tmp_path, "faucet: nothing", 0, "learnt", 1)
     assert seen == ["host.log"]
+    assert told[told.index("--seed") + 1] == str(host_seed(draw_case("faucet: nothing", 0).number))
+    assert not [word for word in told if "nothing" in str(word)]  # what the case hides is its folder's name
     (world,) = tmp_path.rglob("world.json")
     assert load_world(world) == draw_case("faucet: nothing", 0, load_world(world).salt).world
 

@@ -30,6 +30,7 @@ from s2r_sim.paper.summary import causes, interval, merit, wilson
 from s2r_sim.paper.trial import amount_to_ask_for, run_trial
 from s2r_sim.paper.trials import KINDS, draw_simple_trial, draw_trial
 from s2r_sim.score import true_joint
+from s2r_sim.sealed import host_seed
 from s2r_sim.truth import CONTACT_COLUMNS
 
 PUSH = {"drawer": (-0.045, 0.0), "laptop": (-math.radians(25), math.radians(25))}
@@ -135,6 +136,7 @@ def test_world_and_truth_are_out_of_the_trials_folder_until_its_processes_have_e
         return {"exit": 0, "change": change, **json.loads((folder / "run/run.json").read_text())}
 
     def host(*arguments):
+        running["told"] = [str(word) for word in arguments]
         return [sys.executable, "-c", HOST, str(arguments[arguments.index("--out") + 1])]
 
     monkeypatch.setattr(trial_module, "stand_in_cell", cell)
@@ -143,6 +145,8 @@ def test_world_and_truth_are_out_of_the_trials_folder_until_its_processes_have_e
     row = run_trial(tmp_path, (), 0.0, "xmate3pro", "drawer", 5350, 1)
     assert row["told"] == draw_trial("drawer", 5350).change
     assert row["there"] == ["host.log", "run", "run.json"]
+    assert not [word for word in running["told"] if "5350" in word]
+    assert running["told"][running["told"].index("--seed") + 1] == str(host_seed(5350))
     for hidden in (running["world"], running["truth"]):
         assert running["folder"] not in hidden.parents
         assert not hidden.exists()
