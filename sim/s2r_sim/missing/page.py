@@ -29,7 +29,8 @@ class Summary:
         first: Median |δ_r| of the targets that the physics is learnt from; None without any.
         plain, learnt: Of the later targets, without and with what was learnt.
         moves: Later targets that both runs manipulated towards.
-        difference: Median of learnt minus plain over those, with a 90 % bootstrap interval.
+        difference: Median of learnt minus plain over those; None without any.
+        difference_90: Its interval, see :func:`interval_over_objects`.
         said: The answer of the gap tool that counts, per object.
         right, wrong, open: How often that names what is hidden, does not, or is open.
         alone: How often it names what is hidden and no effect besides.
@@ -41,7 +42,8 @@ class Summary:
     plain: float | None
     learnt: float | None
     moves: int
-    difference: tuple[float, float, float] | None
+    difference: float | None
+    difference_90: tuple[float, float] | None
     said: tuple[str, ...]
     right: int
     wrong: int
@@ -106,7 +108,7 @@ def _summary(label: str, rows: Sequence[Row]) -> Summary:
     counted = compared(list(by.values()))
     learnt = [row for (arm, _), row in by.items() if arm == "learnt"]
     pairs = [(row, by["as it is", row["number"]]) for row in learnt if ("as it is", row["number"]) in by]
-    differences = np.concatenate([np.zeros(0), *(paired(one, other) for one, other in pairs)])
+    differences = [paired(one, other) for one, other in pairs]
     answers = [one for row in learnt if (one := answer_of(label, row.get("answers", []))) is not None]
     right = [named(label, answer) for answer in answers]
     return Summary(
@@ -115,8 +117,9 @@ def _summary(label: str, rows: Sequence[Row]) -> Summary:
         first=_shares(counted, later=False),
         plain=_shares(counted, later=True, arm="as it is"),
         learnt=_shares(counted, later=True, arm="learnt"),
-        moves=len(differences),
-        difference=_interval(differences),
+        moves=sum(map(len, differences)),
+        difference=_median(differences),
+        difference_90=interval_over_objects(differences),
         said=tuple(_said(answer) for answer in answers),
         right=right.count(True),
         wrong=right.count(False),
@@ -127,18 +130,30 @@ def _summary(label: str, rows: Sequence[Row]) -> Summary:
 
 def _shares(rows: Sequence[Row], *, later: bool, arm: str | None = None) -> float | None:
     """Median |δ_r| of the first or the later targets of rows, of one arm or of both."""
-    values = [relative(row, later) for row in rows if arm in (None, row["arm"])]
+    return _median([relative(row, later) for row in rows if arm in (None, row["arm"])])
+
+
+def _median(values: Sequence[np.ndarray]) -> float | None:
     joined = np.concatenate([np.zeros(0), *values])
     return float(np.median(joined)) if len(joined) else None
 
 
-def _interval(values: np.ndarray) -> tuple[float, float, float] | None:
-    if len(values) < 2:
+def interval_over_objects(values: Sequence[np.ndarray]) -> tuple[float, float] | None:
+    """The 90 % bootstrap interval of the median of several objects' values: objects are drawn, then values of each.
+
+    The targets of one object have its effect and what was learnt of it in common. Drawn as if each stood for itself,
+    they would make one object look like many; of one object alone there is no interval.
+    """
+    objects = [one for one in values if len(one)]
+    if len(objects) < 2:
         return None
     rng = np.random.default_rng(0)
-    medians = np.median(rng.choice(values, (RESAMPLES, len(values))), axis=1)
+    medians = []
+    for _ in range(RESAMPLES):
+        drawn = (objects[k] for k in rng.integers(len(objects), size=len(objects)))
+        medians.append(np.median(np.concatenate([rng.choice(one, len(one)) for one in drawn])))
     low, high = np.percentile(medians, [5, 95])
-    return float(np.median(values)), float(low), float(high)
+    return float(low), float(high)
 
 
 def _said(answer: Row) -> str:
@@ -196,7 +211,8 @@ def _lines(
         "",
         "Medians of |δ_r| from the sealed truth, of objects that were run both ways; of the later targets those"
         " that both runs reached. The difference is paired, target"
-        " by target, with a 90 % bootstrap interval; negative: learning helped.",
+        " by target; negative: learning helped. Its 90 % interval is by bootstrap over objects, and over the targets of"
+        " each: those of one object are no independent ones, and one object alone has no interval.",
         *_matters_told(shifts),
         "",
         "| hidden | matters to (median shift) | objects | first three targets | later, as it is | later, learnt"
@@ -361,11 +377,11 @@ def _group(name: str, rows: Sequence[Row]) -> str:
     pairs = [
         (row, other[row["case"], row["number"]]) for row in learnt if (row["case"], row["number"]) in other
     ]
-    joined = np.concatenate([np.zeros(0), *(paired(row, plain) for row, plain in pairs)])
+    differences = [paired(row, plain) for row, plain in pairs]
     return _cells(
         f"**{name}**", "", len({(row["case"], row["number"]) for row in counted}), _shares(counted, later=False),
         _shares(counted, later=True, arm="as it is") if pairs else None, _shares(counted, later=True, arm="learnt"),
-        _interval(joined),
+        _median(differences), interval_over_objects(differences),
     )  # fmt: skip
 
 
@@ -373,17 +389,19 @@ def _row(one: Summary, own: dict[tuple[str, int], float]) -> str:
     shift = [shift for (case, _), shift in own.items() if case == one.case]
     strong = sum(one >= MATTERS for one in shift)
     said = f"{strong} of {len(shift)} ({_percent(float(np.median(shift)))})" if shift else "–"
-    return _cells(one.case, said, one.objects, one.first, one.plain, one.learnt, one.difference)
+    return _cells(
+        one.case, said, one.objects, one.first, one.plain, one.learnt, one.difference, one.difference_90
+    )
 
 
 def _cells(
     label: str, matter: str, objects: int, first: float | None, plain: float | None, learnt: float | None,
-    difference: tuple[float, float, float] | None,
+    difference: float | None, difference_90: tuple[float, float] | None,
 ) -> str:  # fmt: skip
     ratios = " | ".join("–" if not one or not learnt else f"{one / learnt:.1f} ×" for one in (first, plain))
-    shown = (
-        "–" if difference is None else "{:+.1f} % ({:+.1f} to {:+.1f})".format(*(100 * d for d in difference))
-    )
+    shown = "–" if difference is None else f"{100 * difference:+.1f} %"
+    if difference_90 is not None:
+        shown += " ({:+.1f} to {:+.1f})".format(*(100 * end for end in difference_90))
     cells = f"| {label} | {matter} | {objects} | {_percent(first)} | {_percent(plain)} | {_percent(learnt)} |"
     return f"{cells} {ratios} | {shown} |"
 

@@ -16,7 +16,7 @@ from s2r_protocol.ros2.cdr import pack
 from s2r_sim.errors import RunFileError, UnstableError
 from s2r_sim.missing.cases import HIDDEN, LATER, LEARNING, draw_case
 from s2r_sim.missing.cli import missing
-from s2r_sim.missing.page import compared, likened, own_shifts, summaries, write_page
+from s2r_sim.missing.page import compared, interval_over_objects, likened, own_shifts, summaries, write_page
 from s2r_sim.missing.play import force_of, no_effect, played
 from s2r_sim.missing.score import answer_of, named, named_alone, paired, relative, score_run, told
 from s2r_sim.missing.shift import largest, shifts
@@ -472,6 +472,18 @@ def test_every_case_is_likened_to_an_effect_that_the_bench_has():
         assert hidden.like is None or f'"{hidden.like}": ' in bench, hidden.label
 
 
+def test_targets_of_one_object_are_no_independent_ones():
+    """Four objects that differ by far more than their targets do: the interval is that of four values."""
+    values = [np.full(10, middle) + np.linspace(-0.001, 0.001, 10) for middle in (-0.05, -0.01, 0.01, 0.05)]
+    interval = interval_over_objects(values)
+    assert interval is not None
+    low, high = interval
+    assert low < -0.03
+    assert high > 0.03
+    assert interval_over_objects(values[:1]) is None
+    assert interval_over_objects([*values[:1], np.zeros(0)]) is None
+
+
 def test_the_page_is_written_from_results_alone_and_unknown_cases_are_refused(tmp_path):
     jobs = [[row["case"], row["number"], row["arm"]] for row in ROWS]
     lines = [json.dumps({"job": [*job, 10], "result": row}) for job, row in zip(jobs, ROWS, strict=True)]
@@ -486,6 +498,6 @@ def test_the_page_is_written_from_results_alone_and_unknown_cases_are_refused(tm
     assert [one["case"] for one in json.loads(done.stdout)] == ["drawer: stiction", "laptop: nothing"]
     refused = CliRunner().invoke(missing, ["--out", str(tmp_path), "--cases", "door: magic"])
     assert "unknown case 'door: magic'" in str(refused.exception or refused.output)
-    difference = summaries(ROWS)[0].difference
-    assert difference is not None
-    assert np.isfinite(difference).all()
+    one = summaries(ROWS)[0]
+    assert one.difference is not None
+    assert one.difference_90 is None  # one object says nothing of the next
