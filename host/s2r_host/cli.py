@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from s2r_protocol.cli.no_rendering import without_rendering
 from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, FiniteRange, attempts_option, tls_option
 from s2r_protocol.exits import UsageError
 
@@ -134,6 +135,7 @@ def run(
     Ctrl-C stops the arm on its path, waits for rest and still writes the recording. This is software, not an
     emergency stop.
     """
+    without_rendering()
     from s2r_host.run.task import TASKS, parse_point
 
     task = TASKS[object_kind]

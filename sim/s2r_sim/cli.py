@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from s2r_protocol.cli.no_rendering import without_rendering
 from s2r_protocol.cli.options import SEED, UNUSED_FOLDER, tls_option
 from s2r_protocol.cli.outputs import check_new_file
 from s2r_protocol.exits import UsageError
@@ -91,14 +92,16 @@ def sim_arm(
 
     Prints the commitment (salted hash) of the world, never its contents.
     """
-    from s2r_protocol.arms import load_arm
-    from s2r_sim.stand_in import StandInConfig, run_stand_in
-    from s2r_sim.world import draw_world, load_world
-
     if (world_file is None) == (seed is None):
         raise UsageError("give either --world FILE or --seed N")
     if truth_file is not None:
         check_new_file(truth_file)
+    without_rendering()
+
+    from s2r_protocol.arms import load_arm
+    from s2r_sim.stand_in import StandInConfig, run_stand_in
+    from s2r_sim.world import draw_world, load_world
+
     if world_file is not None:
         world = load_world(world_file)
     else:
