@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from s2r_sim.errors import StandInError
 from s2r_sim.world import WorldSpec
 
 WORLD, TRUTH = "world.json", "truth.csv"
@@ -36,9 +37,11 @@ def out_of_sight(folder: Path) -> Iterator[Path]:
     """A folder for the world and the truth log, away from the trial's own while the block goes on.
 
     At its end, when no process of the trial is left, both are put into the trial's folder: they are opened there.
+
+    Raises:
+        StandInError: No folder for temporary files takes one.
     """
-    with tempfile.TemporaryDirectory(prefix="s2r-sealed-") as name:
-        hidden = Path(name)
+    with _temporary("s2r-sealed-") as hidden:
         try:
             yield hidden
         finally:
@@ -50,7 +53,20 @@ def out_of_sight(folder: Path) -> Iterator[Path]:
 @contextmanager
 def nameless(folder: Path) -> Iterator[Path]:
     """The trial's folder by a path that does not name the trial, while the block goes on."""
-    with tempfile.TemporaryDirectory(prefix="s2r-trial-") as name:
-        link = Path(name) / "trial"
+    with _temporary("s2r-trial-") as place:
+        link = place / "trial"
         link.symlink_to(folder.resolve(), target_is_directory=True)
         yield link
+
+
+@contextmanager
+def _temporary(prefix: str) -> Iterator[Path]:
+    try:
+        made = tempfile.TemporaryDirectory(prefix=prefix)
+    except FileNotFoundError as error:  # as Python says that it could write to none of them
+        raise StandInError(
+            f"{error.strerror}: nothing can be written there; make room, raise the limit of this shell (ulimit -f), or "
+            "name another place with TMPDIR"
+        ) from error
+    with made as name:
+        yield Path(name)

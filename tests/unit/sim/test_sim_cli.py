@@ -117,6 +117,6 @@ def test_a_demo_whose_world_finds_no_place_says_so_with_its_code_and_leaves_no_h
     limited = ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh", *demo]
     ended = subprocess.run(limited, capture_output=True, text=True, timeout=300, check=False)
     assert ended.returncode == 3, ended.stderr
-    assert "world.json: File too large; raise the limit" in ended.stderr
+    assert "nothing can be written there; make room, raise the limit" in ended.stderr
     assert "Traceback" not in ended.stderr
     assert list((tmp_path / "d").iterdir()) == []
