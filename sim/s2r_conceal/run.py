@@ -134,7 +134,7 @@ def run_batched(
     for case in todo:
         verdict = _batch_verdict(work / "out" / case)
         if verdict is None:
-            said_last = (work / "stderr.txt").read_text()[-500:]
+            said_last = (work / "stderr.txt").read_text(encoding="utf-8", errors="replace")[-500:]
             raise ConcealError(f"the tool left {case} without an answer: {said_last}; start again to go on")
         verdicts.write(folder, case, {**verdict, **question})
     verdicts.check_answered(folder, cases)
@@ -188,8 +188,8 @@ def _run(place: Path, words: list[str], timeout_s: float) -> dict[str, Any]:
     try:
         with without_concealment() as surroundings:
             ended = subprocess.run(
-                words, cwd=place, capture_output=True, text=True, timeout=timeout_s, check=False,
-                env=surroundings,
+                words, cwd=place, capture_output=True, encoding="utf-8", errors="replace", timeout=timeout_s,
+                check=False, env=surroundings,
             )  # fmt: skip
         code, said = ended.returncode, ended.stderr
         if code in INTERRUPTED:

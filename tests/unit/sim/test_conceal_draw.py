@@ -22,7 +22,7 @@ from s2r_conceal.masks import Mask, rows
 from s2r_conceal.plans import CLEAN_VARIANTS, GROUPS, possible
 from s2r_conceal.record import active_mask, record
 from s2r_conceal.rigs import rig_named
-from s2r_conceal.run import run_all
+from s2r_conceal.run import run_all, run_batched
 from s2r_conceal.score_files import read_track, score_folder
 from s2r_conceal.seal import Key, read_manifest, unseal
 from s2r_conceal.write import model_file, sidecar
@@ -520,6 +520,24 @@ for job in json.loads(pathlib.Path('jobs.json').read_text()):
         gap.parent.mkdir(parents=True)
         gap.write_text(json.dumps({'verdict': 'nothing_missing', 'by': sys.argv[1]}))
 """
+
+
+def test_a_tool_may_say_what_is_not_utf_8(unasked, tmp_path):
+    folder, _ = unasked
+    tool = tmp_path / "latin.py"
+    said = "import sys\nfor out in (sys.stdout, sys.stderr):\n    out.buffer.write('größer\\n'.encode('latin-1'))\n"
+    tool.write_text(said + ANSWERS)
+    run_all(folder, f"{sys.executable} {tool} a", 2, 60.0, _Bar())
+    verdict = json.loads((folder / "verdicts" / "case-0001.json").read_text())
+    assert verdict["stderr_tail"] == "gr\ufffd\ufffder\n"
+
+
+def test_a_batch_may_say_what_is_not_utf_8(unasked, tmp_path):
+    folder, _ = unasked
+    tool = tmp_path / "latin.py"
+    tool.write_text("import sys\nsys.stderr.buffer.write('größer'.encode('latin-1'))\n")
+    with pytest.raises(ConcealError, match="left case-0001 without an answer: gr\ufffd\ufffder; start again"):
+        run_batched(folder, f"{sys.executable} {tool}", 1, 60.0, _Bar())
 
 
 def test_answers_of_one_command_are_not_taken_for_those_of_another(unasked):
