@@ -71,13 +71,24 @@ def table(scores: Sequence[CaseScore]) -> list[Line]:
             lambda s: s.right_verdict,
             "≥ 0.95",
         ),
+        _rate(
+            "masked, no effort, positions cannot tell: right verdict",
+            [s for s in _variant(scores, "no_effort") if "insufficient" in s.expected],
+            lambda s: s.right_verdict,
+        ),
+        _rate(
+            "masked, no effort, positions tell: first name right",
+            [s for s in _variant(scores, "no_effort") if tuple(s.expected) == ("physics_missing",)],
+            lambda s: s.top1,
+        ),
         _rate("insufficient: right verdict", _group(scores, "insufficient"), lambda s: s.right_verdict),
         _rate("wrong log: refused", _group(scores, "wrong_log"), lambda s: s.right_verdict),
         _median("oracle ratio, median", scores, lambda s: s.oracle_ratio, "≥ 0.95"),
         _percentile("oracle ratio, 10th percentile", scores, lambda s: s.oracle_ratio, 10.0, "≥ 0.80"),
         coverage(scores),
         _parameter_error(scores),
-        calibration_error(scores),
+        calibration_error("calibration error of every stated first name", every_stated(scores), "≤ 0.05"),
+        calibration_error("calibration error where a catalogue effect is to be named", where_asked(scores)),
         _median("wall time, median [s]", scores, lambda s: s.wall_s, "≤ 60 (one joint)"),
         _percentile("wall time, 95th percentile [s]", scores, lambda s: s.wall_s, 95.0),
         _rate("no answer at all", list(scores), lambda s: s.answered == "none", "0"),
@@ -151,13 +162,28 @@ def _parameter_error(scores: Sequence[CaseScore]) -> Line:
     return Line("relative parameter error, median", _statistic(errors, np.median), errors.size, "≤ 0.05")
 
 
-def reliability(scores: Sequence[CaseScore], bins: int = 10) -> list[tuple[float, float, int]]:
+Stated = list[tuple[float, bool]]  # probability of a first name, and whether naming it was right
+
+
+def every_stated(scores: Sequence[CaseScore]) -> Stated:
+    """Every first name that came with a probability: where nothing is to be named it is wrong."""
+    return [
+        (s.probability, s.name_right)
+        for s in scores
+        if s.probability is not None and s.name_right is not None
+    ]
+
+
+def where_asked(scores: Sequence[CaseScore]) -> Stated:
+    """First names in cases that hide an effect of the catalogue which can be seen."""
+    return [(s.probability, s.top1) for s in scores if s.probability is not None and s.top1 is not None]
+
+
+def reliability(stated: Stated, bins: int = 10) -> list[tuple[float, float, int]]:
     """(mean stated probability, share right, count) per equal-width bin that holds a case."""
-    pairs = np.array(
-        [(s.probability, float(s.top1)) for s in scores if s.probability is not None and s.top1 is not None]
-    )
-    if not pairs.size:
+    if not stated:
         return []
+    pairs = np.array(stated, float)
     which = np.minimum((pairs[:, 0] * bins).astype(int), bins - 1)
     return [
         (float(pairs[which == b, 0].mean()), float(pairs[which == b, 1].mean()), int((which == b).sum()))
@@ -166,12 +192,12 @@ def reliability(scores: Sequence[CaseScore], bins: int = 10) -> list[tuple[float
     ]
 
 
-def calibration_error(scores: Sequence[CaseScore]) -> Line:
-    """Expected calibration error: mean over cases of |stated − observed| per bin (Naeini et al., AAAI 2015)."""
-    found = reliability(scores)
+def calibration_error(name: str, stated: Stated, goal: str = "") -> Line:
+    """Expected calibration error: mean over names of |stated − observed| per bin (Naeini et al., AAAI 2015)."""
+    found = reliability(stated)
     total = sum(n for _, _, n in found)
     value = sum(n * abs(p - right) for p, right, n in found) / total if total else None
-    return Line("expected calibration error of the first name", value, total, "≤ 0.05")
+    return Line(name, value, total, goal)
 
 
 def confusion(scores: Sequence[CaseScore]) -> dict[str, dict[str, int]]:

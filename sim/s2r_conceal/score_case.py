@@ -19,6 +19,9 @@ EITHER_LIST: dict[str, tuple[str, ...]] = {
     "gravity_tilt": ("gravity_tilt", "gravity"),
 }
 
+# Wrong values that these names state as well: a body's inertia about its own joint is one with the motor's.
+VALUES_OF: dict[str, tuple[str, ...]] = {"payload": ("mass",), "armature": ("armature", "inertia")}
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -42,6 +45,10 @@ class CaseScore:
         in_set: First name or its ``could_also_be`` holds a true name; ``set_size`` counts that set.
         all_named: Every true effect is among the names (or its class is); ``extra`` counts invented ones.
         all_named_exactly: Every true effect is among the names itself; None in scores of older versions.
+        expected: Verdicts that were right; none in scores of older versions.
+        probability: What the tool stated of its first name, whatever the case hides.
+        name_right: Naming was right and the first name is a true one; None where no probability is stated, and in
+            scores of older versions.
     """
 
     case: str
@@ -65,7 +72,9 @@ class CaseScore:
     all_named_exactly: bool | None = None
     extra: int | None = None
     oracle_ratio: float | None = None
+    expected: tuple[str, ...] = ()
     probability: float | None = None
+    name_right: bool | None = None
     wall_s: float | None = None
     intervals: list[Interval] = field(default_factory=list)
 
@@ -90,6 +99,8 @@ def score_case(
     missing = bool(effects) and truth["group"] in ("single", "masked", "pairs", "triples", "unknown")
     scored = missing and "physics_missing" in truth["expected"] and truth["group"] != "unknown"
     true_names = tuple(e["name"] for e in effects)
+    off = truth.get("parameters_off") or []
+    probability = _probability(entries)
     right = right or (scored and answered == "parameter_off" and bool(names) and names[0] in true_names)
     return CaseScore(
         case=case,
@@ -111,9 +122,13 @@ def score_case(
         wrong_name=answered == "physics_missing" and bool(names) if truth["group"] == "unknown" else None,
         all_named=_all_named(names, effects) if scored and len(effects) > 1 else None,
         all_named_exactly=set(true_names) <= set(names) if scored and len(effects) > 1 else None,
-        extra=_extra(names, effects) if scored else None,
+        extra=_extra(names, effects, off) if scored else None,
         oracle_ratio=_oracle_ratio(truth, gap, tracks) if missing else None,
-        probability=_probability(entries) if scored and names else None,
+        expected=tuple(truth["expected"]),
+        probability=probability,
+        name_right=_name_right(names[0], true_names if scored else (), off)
+        if probability is not None
+        else None,
         wall_s=gap.get("wall_s", verdict.get("wall_s")),
         intervals=intervals(effects, entries) if scored else [],
     )
@@ -174,8 +189,17 @@ def _all_named(names: tuple[str, ...], effects: list[dict[str, Any]]) -> bool:
     return all(any(_alike(n, e) for n in names) for e in effects)
 
 
-def _extra(names: tuple[str, ...], effects: list[dict[str, Any]]) -> int:
-    return sum(not any(_alike(n, e) for e in effects) for n in names)
+def _extra(names: tuple[str, ...], effects: list[dict[str, Any]], off: list[dict[str, Any]]) -> int:
+    return sum(not any(_alike(n, e) for e in effects) and not _stands_for(n, off) for n in names)
+
+
+def _name_right(name: str, askable: tuple[str, ...], off: list[dict[str, Any]]) -> bool:
+    return name in askable or _stands_for(name, off)
+
+
+def _stands_for(name: str, off: list[dict[str, Any]]) -> bool:
+    """Whether a name is that of a value which is wrong in the model file: right under either list."""
+    return any(entry["name"] in VALUES_OF.get(name, ()) for entry in off)
 
 
 def _probability(entries: list[dict[str, Any]]) -> float | None:

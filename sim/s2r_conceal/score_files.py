@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from s2r_conceal.score import Line, confusion, reliability, table
+from s2r_conceal.score import Line, confusion, every_stated, reliability, table, where_asked
 from s2r_conceal.score_case import CaseScore, score_case
 from s2r_conceal.seal import open_answers
 
@@ -32,7 +32,8 @@ def score_folder(folder: Path, key_file: Path, out: Path) -> str:
         "schema": 1,
         "table": [asdict(line) for line in lines],
         "confusion": confusion(scores),
-        "reliability": reliability(scores),
+        "reliability": reliability(every_stated(scores)),
+        "reliability_where_asked": reliability(where_asked(scores)),
         "cases": [asdict(s) for s in scores],
     }
     (out / "score.json").write_text(json.dumps(body, indent=1) + "\n")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_conceal.score import STRENGTH_BINS, confusion, reliability
+from s2r_conceal.score import STRENGTH_BINS, confusion, every_stated, reliability, where_asked
 from s2r_conceal.score_case import CaseScore
 
 
@@ -44,10 +44,17 @@ def _by_strength(axes, scores: Sequence[CaseScore]) -> None:  # noqa: ANN001 - m
 
 def _reliability(axes, scores: Sequence[CaseScore]) -> None:  # noqa: ANN001 - matplotlib axes
     axes.plot([0, 1], [0, 1], color="0.7")
-    for stated, right, count in reliability(scores):
-        axes.plot(stated, right, "o", color="tab:blue", markersize=4 + np.sqrt(count))
+    for stated, face, edge, label in (
+        (every_stated(scores), "tab:blue", "tab:blue", "every stated name"),
+        (where_asked(scores), "none", "tab:orange", "where an effect is to be named"),
+    ):
+        found = reliability(stated)
+        said, right, counts = zip(*found, strict=True) if found else ((), (), ())
+        label = f"{label} (n = {sum(counts)})"
+        axes.scatter(said, right, (4 + np.sqrt(counts)) ** 2, facecolor=face, edgecolor=edge, label=label)
     axes.set(xlabel="stated probability", ylabel="share right", title="calibration of the first name")
     axes.set(xlim=(0, 1), ylim=(-0.02, 1.02))
+    axes.legend(loc="upper left", fontsize=8)
 
 
 def _distributions(axes, scores: Sequence[CaseScore]) -> None:  # noqa: ANN001 - matplotlib axes

@@ -12,7 +12,8 @@ stands only in the key file. It may be stopped and started again, with the same 
 commit is written beside the table, and every other one with which the set was gone on with. Without ``--full`` the tool
 gives names, places and parameters only, without forward simulations, baselines, next experiments and reports, at a few
 seconds per case. ``calibrate`` reads the temperatures and the ceiling of the stated probabilities from scored tuning
-sets; ``shuffled`` scores the same verdicts with the true names dealt out anew: the accuracy must fall to chance;
+sets, on cases that hide an effect of the catalogue and were answered with one: what is stated supposes that there is
+one. ``shuffled`` scores the same verdicts with the true names dealt out anew: the accuracy must fall to chance;
 ``ablate`` runs the single cases of three floors and more that were named rightly once more without the true effect in
 the catalogue: the answer must turn to "unknown" at the same joint; ``alone`` runs the clean and unknown cases and the
 single ones of three floors and more without their second runs of the motion, as most logs are; ``pooled`` is the table
@@ -96,7 +97,7 @@ def note_commit(path: Path) -> None:
 
 
 def named_cases(score: Path) -> list[dict]:
-    """Cases of a score in which an effect was named although one was hidden."""
+    """Cases of a score in which an effect of the catalogue was to be named, and one was named."""
     cases = json.loads((score / "score.json").read_text(encoding="utf-8"))["cases"]
     return [c for c in cases if c["top1"] is not None and c["named"]]
 

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from s2r_conceal.score import calibration_error, confusion, coverage, reliability, table, wilson
+from s2r_conceal.score import (
+    calibration_error,
+    confusion,
+    coverage,
+    every_stated,
+    reliability,
+    table,
+    where_asked,
+    wilson,
+)
 from s2r_conceal.score_case import score_case
 from s2r_conceal.score_files import left_out, markdown
 from s2r_conceal.score_parameters import true_values
@@ -249,8 +258,53 @@ def test_converted_parameters_mean_the_same_quantity():
 
 def test_calibration_error_of_a_boastful_tool():
     scores = [_score(_truth(), _named(name)) for name in ("backlash", "cogging", "cogging", "cogging")]
-    assert reliability(scores) == [(pytest.approx(0.9), 0.25, 4)]
-    assert calibration_error(scores).value == pytest.approx(0.65)
+    assert reliability(every_stated(scores)) == [(pytest.approx(0.9), 0.25, 4)]
+    assert calibration_error("", every_stated(scores)).value == pytest.approx(0.65)
+
+
+def test_a_name_stated_where_nothing_is_to_be_named_counts_as_wrong():
+    hidden = [_score(_truth(), _named("backlash"))] * 2
+    wrong = [
+        _score(_truth("clean", [], "plain", ["nothing_missing"]), _named("backlash")),
+        _score(_truth("unknown", [_effect("vibration")], "", ["unknown"]), _named("backlash")),
+        _score(_truth("insufficient", [_effect()], "still", ["insufficient"]), _named("backlash")),
+        _score(_truth("wrong_log", [], "degrees", ["refused", "unknown"]), _named("backlash")),
+    ]
+    silent = [_score(_truth("clean", [], "plain", ["nothing_missing"]), _named(verdict="nothing_missing"))]
+    lines = {line.name: line for line in table([*hidden, *wrong, *silent])}
+    every = lines["calibration error of every stated first name"]
+    asked = lines["calibration error where a catalogue effect is to be named"]
+    assert (every.value, every.count) == (pytest.approx(0.9 - 2 / 6), 6)
+    assert (asked.value, asked.count) == (pytest.approx(0.1), 2)
+    assert [len(where_asked(some)) for some in (hidden, wrong)] == [2, 0]
+
+
+def test_a_wrong_value_named_as_one_of_both_lists_is_neither_invented_nor_badly_stated():
+    off = [{"name": "mass", "joint": "elbow", "relative": 0.1}]
+    clean = _truth("clean", [], "parameter_off", ["parameter_off"]) | {"parameters_off": off}
+    assert _score(clean, _named("payload")).name_right is True
+    assert _score(clean, _named("backlash")).name_right is False
+    found = _named("backlash", parameters_off=[{"name": "mass", "body": "link"}])
+    assert _score(_truth() | {"parameters_off": off}, found).extra == 0
+    assert _score(_truth(), found).extra == 1
+
+
+def test_answers_without_effort_are_told_apart_by_what_positions_tell():
+    def score(expected, verdict):
+        return _score(_truth("masked", None, "no_effort", expected), verdict)
+
+    scores = [
+        score(["insufficient"], _named(verdict="insufficient")),
+        score(["physics_missing"], _named(verdict="insufficient")),
+        score(["physics_missing"], _named("backlash")),
+    ]
+    lines = {line.name: line for line in table(scores)}
+    for name, value, count in (
+        ("masked, no effort: right verdict", 2 / 3, 3),
+        ("masked, no effort, positions cannot tell: right verdict", 1.0, 1),
+        ("masked, no effort, positions tell: first name right", 0.5, 2),
+    ):
+        assert (lines[name].value, lines[name].count) == (pytest.approx(value), count)
 
 
 def test_the_table_counts_cases_and_shows_goals():
