@@ -20,6 +20,7 @@ from s2r_conceal.cases import Case, feed_forward_of_the_file, with_parameters_of
 from s2r_conceal.effects.table import EFFECTS, finish_log
 from s2r_conceal.parameters import Controller, Machine
 from s2r_conceal.plant import Active, Column, Trace, simulate
+from s2r_conceal.streams import Purpose, words
 
 COARSE_SUBSTEPS = 2  # 2 kHz while searching; the recordings themselves run at 10 kHz
 ITERATIONS = 7
@@ -105,7 +106,9 @@ def _simulate(case: Case, columns: list[Column]) -> list[Trace]:
 
 
 def _floors(cases: Sequence[Case]) -> list[Floor]:
-    columns = [_column(c, "fit", (), (*c.seed, 900 + run)) for c in cases for run in (0, 1)]
+    columns = [
+        _column(c, "fit", (), words(Purpose.FLOOR_NOISE, c.seed, run)) for c in cases for run in (0, 1)
+    ]
     traces = _simulate(cases[0], columns)
     floors = []
     for case, one, two in zip(cases, traces[::2], traces[1::2], strict=True):

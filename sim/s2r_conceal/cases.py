@@ -26,6 +26,7 @@ from s2r_conceal.setting import (
     motion_along,
     scales_of,
 )
+from s2r_conceal.streams import Purpose, stream
 
 ROLES = ("fit", "repeat", "holdout")
 PARAMETERS = ("mass", "com", "inertia", "armature", "viscous", "coulomb", "controller_gain")
@@ -36,7 +37,7 @@ class Case:
     """One case before and while its strengths are set.
 
     Attributes:
-        seed: What its noise and row choice derive from.
+        seed: Seed of the set, number of the case and attempt: what all its streams derive from.
         machine: The true machine without effects; ``told`` the one in the model file.
         effects: Hidden effects, sizes still open until calibration.
         in_model: Effects that are in the machine and in the model file alike.
@@ -45,7 +46,7 @@ class Case:
         feed_forward: Share of the stated model's effort that the controller adds.
     """
 
-    seed: tuple[int, ...]
+    seed: tuple[int, int, int]
     rig: Rig
     group: str
     variant: str
@@ -95,27 +96,26 @@ def draw_cases(
     for group, count in counts.items():
         if group not in GROUPS or count < 0:
             raise DrawError(f"cases '{group}={count}': the groups are {', '.join(GROUPS)}, numbers from 0")
-    rng = np.random.default_rng([seed, 11])
+    rng = stream(Purpose.PLANS, (seed,))
     plans = [(group, plan) for group in GROUPS for plan in plans_of(rng, rig, group, counts.get(group, 0))]
     order = rng.permutation(len(plans))
-    seeds = [(seed, 23, int(k)) for k in order]
-    return [_draw(rig, s, plans[s[2]][0], plans[s[2]][1], duration_s) for s in seeds]
+    return [_draw(rig, (seed, k, 0), plans[k][0], plans[k][1], duration_s) for k in order.tolist()]
 
 
 def redraw(case: Case, attempt: int) -> Case:
     """Another machine, motion and shape for the same plan: the first could not carry the wanted strength."""
-    return _draw(case.rig, (*case.seed[:3], attempt), case.group, case.plan, case.scales[0].duration_s)
+    return _draw(case.rig, (*case.seed[:2], attempt), case.group, case.plan, case.scales[0].duration_s)
 
 
 # -- one case ------------------------------------------------------------------------------------------
 
 
-def _draw(rig: Rig, seed: tuple[int, ...], group: str, plan: Plan, duration_s: float) -> Case:
+def _draw(rig: Rig, seed: tuple[int, int, int], group: str, plan: Plan, duration_s: float) -> Case:
     variant, names, strength = plan
-    rng = np.random.default_rng(seed)
+    rng = stream(Purpose.CASE, seed)
     mask = mask_for(rng, group, variant, names)
     if rig.joints > 1:
-        mask = for_arm(np.random.default_rng((*seed, 7)), mask)
+        mask = for_arm(stream(Purpose.ARM_LOG, seed), mask)
     if variant == "parameter_off" or group == "wrong_log":
         mask = replace(mask, no_law=False)
     machine = friction_or_none(rng, rig.draw(rng), names)

@@ -14,6 +14,7 @@ from s2r_conceal.effects.table import EFFECTS, finish_log
 from s2r_conceal.masks import rows
 from s2r_conceal.motions import RATE_HZ
 from s2r_conceal.plant import Column, Trace, simulate
+from s2r_conceal.streams import Purpose, stream, words
 
 ACTIVE_SHARE = 0.2  # an effect is at work where its contribution exceeds this share of its 98th percentile
 MERGE_S = 0.06  # intervals closer than this are one, as each is widened by half of it; below a sixth they are dropped
@@ -67,7 +68,7 @@ def _columns(case: Case) -> list[Column]:
         )
 
     told, told_controller = with_parameters_off(case)
-    noisy = [column(role, (*case.seed, k)) for k, role in enumerate(ROLES)]
+    noisy = [column(role, words(Purpose.NOISE, case.seed, k)) for k, role in enumerate(ROLES)]
     oracle = column("holdout", None)
     believed = replace(oracle, machine=told, controller=told_controller, effects=tuple(case.in_model))
     return [*noisy, oracle, believed]
@@ -76,7 +77,7 @@ def _columns(case: Case) -> list[Column]:
 def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
     recordings, shown = {}, {}
     for k, (role, trace) in enumerate(zip(ROLES, traces[:3], strict=True)):
-        chosen, t = rows(case.mask, len(trace.q), RATE_HZ, np.random.default_rng((*case.seed, 50 + k)))
+        chosen, t = rows(case.mask, len(trace.q), RATE_HZ, stream(Purpose.ROWS, case.seed, k))
         recordings[role] = _table(case, role, trace, chosen, t)
         shown[role] = _Shown(role, trace, chosen, t)
     fit, repeat, holdout, oracle, believed = traces

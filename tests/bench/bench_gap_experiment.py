@@ -79,7 +79,7 @@ def played(case: Case, measured: Measured, proposed: Path, place: Path) -> list[
     t = np.arange(round(table["t"][-1] * RATE_HZ)) / RATE_HZ
     q = np.stack([np.interp(t, table["t"], table[f"q_cmd.{n}"]) for n in case.rig.joint_names], axis=1)
     motion = motion_along(case.rig, case.told, q, case.feed_forward)
-    again = replace(case, seed=(*case.seed, 77), motions=dict.fromkeys(case.motions, motion))
+    again = replace(case, seed=(*case.seed[:2], 77), motions=dict.fromkeys(case.motions, motion))
     names = ["experiment", "experiment-again"]
     if not all((place / f"{n}.csv").is_file() for n in names):
         (made,) = record([again], [measured])

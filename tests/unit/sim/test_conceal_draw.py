@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from s2r_conceal import draw
 from s2r_conceal.calibrate import calibrate
-from s2r_conceal.cases import draw_cases
+from s2r_conceal.cases import draw_cases, redraw
 from s2r_conceal.cli import conceal
 from s2r_conceal.effects.table import EFFECTS
 from s2r_conceal.errors import ConcealError, DrawError, SealError, ToolFailedError
@@ -25,6 +25,7 @@ from s2r_conceal.rigs import rig_named
 from s2r_conceal.run import run_all, run_batched
 from s2r_conceal.score_files import read_track, score_folder
 from s2r_conceal.seal import Key, read_manifest, unseal
+from s2r_conceal.streams import Purpose, words
 from s2r_conceal.write import model_file, sidecar
 
 COUNTS = {"single": 2, "clean": 3, "masked": 2, "insufficient": 1}
@@ -196,6 +197,19 @@ def test_what_is_fed_forward_is_the_effort_of_the_model_file_in_every_group():
             data.qpos, data.qvel, data.qacc = motion.q_cmd[k], motion.dq_cmd[k], ddq[k]
             mujoco.mj_inverse(model, data)
             assert data.qfrc_inverse == pytest.approx(motion.tau_ff[k], rel=1e-3, abs=1e-3), case.variant
+
+
+def test_no_noise_comes_from_the_stream_that_its_case_was_drawn_from():
+    case = draw_cases(20, "one_joint", {"clean": 1}, 0.2)[0]
+    again = redraw(case, 1)
+    seeds = [words(Purpose.CASE, c.seed) for c in (case, again)]
+    seeds += [words(Purpose.NOISE, c.seed, k) for c in (case, again) for k in range(3)]
+    seeds += [words(Purpose.FLOOR_NOISE, c.seed, k) for c in (case, again) for k in range(2)]
+    first = [tuple(np.random.default_rng(seed).random(3)) for seed in seeds]
+    assert len(set(first)) == len(first)
+    assert (
+        np.random.default_rng((20, 23, 5)).random() == np.random.default_rng((20, 23, 5, 0)).random()
+    )  # why
 
 
 def test_the_key_opens_the_drawn_answers(drawn):
